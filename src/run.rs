@@ -108,7 +108,7 @@ fn conduct(
 ) -> Result<ExitCode, Report> {
     let done = show(composition, folder, extras, json, ctl, controls)?;
     Ok(match &done.overload {
-        _ if !in_order(&done.end) => ExitCode::FAILURE,
+        _ if !in_order(&done.end) || !done.end.counts.down.is_empty() => ExitCode::FAILURE,
         Some((_, true)) => ExitCode::from(OVERLOADED),
         _ => ExitCode::SUCCESS,
     })

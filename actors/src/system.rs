@@ -223,6 +223,14 @@ pub enum RunError {
         /// Why.
         fault: String,
     },
+    /// A service can't serve.
+    #[error("{name}: {why}")]
+    Service {
+        /// The service.
+        name: String,
+        /// Why, with the remedy.
+        why: String,
+    },
     /// A service talks to the world outside, which has no virtual time.
     #[error("the service {0} can't run in virtual time; set clock = \"real\", or run without it")]
     VirtualService(String),

@@ -187,16 +187,9 @@ impl YarpHardware {
         }
     }
 
-    fn started(&self) -> MutexGuard<'_, Option<Started>> {
-        self.started.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Hardware for YarpHardware {
-    fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
-        let (reach, again) = self.reach()?;
-        let known_before = again || reach.cell.lock().board.is_some();
-        // the first connection waits for the boards; later ones must not keep a running system waiting
+    /// A driver of the boards as they are. The first connection waits for them; later ones must not keep a running system
+    /// waiting.
+    fn driver(&self, reach: &Reach, known_before: bool) -> Result<Box<dyn Driver>, DriverFault> {
         let patience = if known_before { Duration::ZERO } else { self.settings.patience() };
         let inner = reach.cell.wait(patience);
         match (inner.trouble(), &inner.board) {
@@ -208,6 +201,23 @@ impl Hardware for YarpHardware {
             }
             (None, _) => Err(DriverFault::Hardware("it sends no states".into())),
         }
+    }
+
+    fn started(&self) -> MutexGuard<'_, Option<Started>> {
+        self.started.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Hardware for YarpHardware {
+    fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
+        let (reach, again) = self.reach()?;
+        let begins = reach.cell.take();
+        let known_before = again || (!begins && reach.cell.lock().board.is_some());
+        self.driver(&reach, known_before)
+    }
+
+    fn look(&self) -> Option<Result<Box<dyn Driver>, DriverFault>> {
+        Some(self.reach().and_then(|(reach, _)| self.driver(&reach, false)))
     }
 
     fn let_go(&self) {

@@ -125,6 +125,7 @@ impl Config {
                 c.range(&at("controller.stall_deg"), deg, k.tolerance_deg.clamp(0.05, 45.0), 45.0, "deg");
             }
             c.range(&at("controller.tolerance_deg"), k.tolerance_deg, 1e-3, 10.0, "deg");
+            c.range(&at("controller.undo_s"), k.undo_s, 0.0, 3600.0, "s");
             if let Some(ms) = k.stale_ms {
                 c.range(&at("controller.stale_ms"), ms, 2.0 * k.period_ms, 10_000.0, "ms");
             }

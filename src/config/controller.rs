@@ -34,6 +34,11 @@ pub struct Controller {
     /// A pose counts as reached within this, degrees per motor.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
+    /// By how much a stream of set-points is undone that is stopped by something, seconds: the robot goes back to where it was
+    /// so long before, or farther, to where it touches nothing. With 0 it stops in front of what it met, which `reserve_mm`
+    /// makes safe. Moves to a target are undone whole.
+    #[serde(default = "undo", skip_serializing_if = "is_usual")]
+    pub undo_s: f64,
     /// A reading older than this, milliseconds, is stale and closes the filter. Default: five control periods. A longer
     /// time tolerates a slow network or a busy machine, but a board may go on with its last command, unwatched, for that
     /// long.
@@ -47,7 +52,7 @@ pub struct Controller {
 
 /// The settings that all kinds have.
 pub(super) const SHARED: &[&str] =
-    &["period_ms", "history", "margin_mm", "reserve_mm", "stall_deg", "tolerance_deg", "stale_ms"];
+    &["period_ms", "history", "margin_mm", "reserve_mm", "stall_deg", "tolerance_deg", "undo_s", "stale_ms"];
 
 fn kind() -> String {
     DEFAULT_KIND.into()
@@ -57,6 +62,14 @@ fn margin() -> f64 {
 }
 fn tolerance() -> f64 {
     0.1
+}
+
+fn undo() -> f64 {
+    ControllerSettings::default().undo_s
+}
+/// Journals tell what a file sets.
+fn is_usual(undo_s: &f64) -> bool {
+    *undo_s == undo()
 }
 
 fn find(name: &str) -> Option<&'static Kind<Drive>> {
@@ -114,6 +127,7 @@ impl Controller {
             reserve_m: self.reserve_mm.map(|mm| mm * 1e-3),
             stall_deg: self.stall_deg,
             tolerance_deg: self.tolerance_deg,
+            undo_s: self.undo_s,
             stale_s: self.stale_ms.map(|ms| ms * 1e-3),
             drive: self.drive()?,
             ..ControllerSettings::default()

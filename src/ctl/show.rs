@@ -71,6 +71,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         c.contacts,
         c.restarts
     ));
+    lines.extend(c.down.iter().map(|(service, why)| format!("the service {service} does not serve: {why}")));
     if c.displaced > 0 {
         let times = c.displaced;
         lines.push(format!(

@@ -8,14 +8,14 @@ use mobee_actors::runtime::clock::{Clock, ClockKind};
 use mobee_actors::system::{LocatorSetup, WorldGate};
 use mobee_bridge::yarp::seen::SeenRegions;
 use mobee_contract::{Admission, BodyState, Located, Locator, Sighting, Time};
-use mobee_yarp::{Bottle, Carrier, Dialect, InputPort, Message, Network, Queue, RpcClient, Value};
+use mobee_yarp::{Bottle, Carrier, Dialect, InputPort, Message, Network, Queue, RpcClient, Source, Value};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
-use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tokio::time::{MissedTickBehavior, interval, sleep};
 
 /// How many messages of detectors may wait; more are left out.
 const WAITING: usize = 16;
@@ -24,6 +24,9 @@ const SOON: Duration = Duration::from_millis(5);
 const TIMES: u32 = 100;
 /// How often what the world did not take is told it again, and is looked for what has not been seen.
 const LOOK: Duration = Duration::from_millis(200);
+
+/// How long a detector may be silent before its port is asked to connect again: detectors report every picture.
+const SILENCE: Duration = Duration::from_secs(2);
 
 /// The arguments of `mobee locator run`.
 #[derive(clap::Args, Clone, Debug)]
@@ -114,7 +117,7 @@ impl Ear {
         loop {
             match self.connected().await {
                 Ok(mut port) => {
-                    self.hear(&mut port).await;
+                    self.hear(&mut port, &mut said).await;
                     port.close().await;
                 }
                 Err(why) => said.warn(format!("nothing from {}: {why}; it is asked again", self.theirs)),
@@ -134,14 +137,14 @@ impl Ear {
         }
     }
 
-    /// Until nobody is connected any more. What comes while too much waits is left out: newer comes soon.
-    async fn hear(&self, port: &mut InputPort) {
+    /// For as long as the port is open. What comes while too much waits is left out: newer comes soon.
+    async fn hear(&self, port: &mut InputPort, said: &mut Said) {
+        let mut source = Source::new(&self.theirs, Carrier::Tcp, SILENCE);
         loop {
-            match timeout(AGAIN, port.recv()).await {
+            match source.recv(port).await {
                 Ok(Some(message)) => drop(self.send.try_send((self.name.clone(), message))),
                 Ok(None) => return,
-                Err(_) if port.peers().is_empty() => return,
-                Err(_) => {}
+                Err(why) => said.warn(format!("nothing from {}: {why}; it is asked again", self.theirs)),
             }
         }
     }

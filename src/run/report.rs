@@ -55,6 +55,9 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
         }
     }
     row("journal", done.hash.clone());
+    for (service, why) in &done.end.counts.down {
+        row("attention", format!("the service {service} did not serve at the end: {why}"));
+    }
     for c in &done.complaints {
         row("attention", c.clone());
     }

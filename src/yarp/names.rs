@@ -1,7 +1,7 @@
 //! The commands that ask the name server, or ports as a third program.
 
 use super::{Failure, because, info};
-use mobee_yarp::remote::{self, RemoteError};
+use mobee_yarp::remote::{self, Holder, RemoteError};
 use mobee_yarp::{Bottle, Contact, Network};
 use std::time::Duration;
 
@@ -159,9 +159,13 @@ pub(super) async fn clean(network: &Network) -> Result<(), Failure> {
             println!("Skipping mcast port {name}...");
         } else {
             println!("Testing {name} at {port}");
-            if network.connect_tcp(&port.host, port.port).await.is_err() {
-                println!("* No response, removing port {name}");
-                network.unregister(name).await.map_err(because)?;
+            match remote::holder(network, &port).await {
+                Holder::Port => {}
+                Holder::Silent => println!("* A program accepts connections there and does not answer: not removed"),
+                Holder::Gone => {
+                    println!("* No response, removing port {name}");
+                    network.unregister(name).await.map_err(because)?;
+                }
             }
         }
     }

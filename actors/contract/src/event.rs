@@ -130,6 +130,9 @@ pub enum Event {
         kind: String,
         /// Whether the reflex stops and rolls back motions that come too near. If not, contacts are recorded but stop nothing.
         reflex: bool,
+        /// By how much it undoes streams, s; half a second if absent.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        undo: Option<f64>,
     },
     /// The filter opened: commands of agents pass from now on, under this token.
     Enabled {
@@ -167,8 +170,9 @@ pub enum Event {
         /// Whether it is known to be free of contact; always false under a controller without a reflex.
         free: bool,
     },
-    /// The safe pose of a motion moved: to the oldest recorded free pose, if the motion outlasted the history; or to an earlier
-    /// rest, if during the retreat another robot has to pass where it would stand.
+    /// The safe pose of a motion moved: to the oldest recorded free pose, if the motion outlasted the history; to an earlier
+    /// rest, if during the retreat another robot has to pass where it would stand; or, before the retreat of a stream, to where
+    /// the robot was as long before it was stopped as the controller's `undo_s` says.
     SafePoseMoved {
         /// Robot.
         robot: String,
@@ -176,6 +180,9 @@ pub enum Event {
         id: CommitId,
         /// The pose, rad.
         q: Pose,
+        /// When that pose of a stream was recorded; only a stream's tells.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        recorded: Option<Time>,
     },
     /// A commit was accepted.
     Commit {
@@ -193,6 +200,9 @@ pub enum Event {
         /// empty in journals older than version 2.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<(usize, f64)>,
+        /// Whether it is a stream of set-points and not a move to the target.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        stream: bool,
     },
     /// A command in mid-motion changed the open commit's target, or more motors joined its stream.
     Amended {
@@ -206,6 +216,9 @@ pub enum Event {
         /// theirs.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<(usize, f64)>,
+        /// Whether set-points did that, and not a move.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        stream: bool,
     },
     /// A commit was refused and changed nothing.
     Refused {

@@ -101,6 +101,13 @@ pub trait Hardware: Send + Sync {
     /// [`DriverFault::Lost`] if the board can't be reached now; asking again later may help.
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault>;
 
+    /// A driver that only reads: its board is described, its readings come, and nothing is sent to the robot until the next
+    /// [`Hardware::connect`]. A run looks first, and connects once nothing stands against it. `None`: connecting sends nothing
+    /// either.
+    fn look(&self) -> Option<Result<Box<dyn Driver>, DriverFault>> {
+        None
+    }
+
     /// Whether it may run in virtual time: it knows no time but the one that its driver is told, and nothing outside of the run. What
     /// may not is not connected to before the run, either.
     fn runs_in_virtual_time(&self) -> bool {

@@ -226,7 +226,7 @@ pub enum Refusal {
     #[error("another agent's motion is under way, or commands come too quickly")]
     Busy,
     /// The agent's last stream ran into something, and it has not been silent for [`SILENCE`] since the filter is open again.
-    #[error("the last stream ran into something, and has not been silent since")]
+    #[error("the last stream ran into something, and its program has not been silent for half a second since")]
     Pushing,
     /// The motion that it would change has ended.
     #[error("the motion that it would change has ended")]

@@ -107,6 +107,15 @@ pub trait Service: Send + Sync {
         false
     }
 
+    /// Checks, before anything of a run moves, that it can serve these robots: that what it needs of the outside, such as the
+    /// names of its ports, is free.
+    ///
+    /// # Errors
+    /// Why it can't serve, as a sentence with its remedy. The run does not begin then.
+    fn prepare(self: Arc<Self>, _robots: Vec<Arc<Robot>>) -> Answer<Result<(), String>> {
+        Box::pin(std::future::ready(Ok(())))
+    }
+
     /// One life: serves until `until` is ready, then leaves in order. Called within a tokio runtime with network and timers. Who has no more
     /// to do may leave before, and is not served again.
     ///

@@ -20,9 +20,9 @@ mod plan;
 pub use plan::{Participant, Plan, RetreatPath};
 
 use crate::history::{HistoryCore, HistoryTooShort};
-use crate::ledger::{Places, SafePose};
+use crate::ledger::{Extent, Places, SafePose};
 use crate::{RELEASE, Rules};
-use mobee_contract::Time;
+use mobee_contract::{Pose, Time};
 use mobee_model::Scene;
 use party::{Member, Party};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -65,10 +65,13 @@ pub struct Asked {
     pub named: Arc<[usize]>,
     /// Where its motors had been sent when the motion began.
     pub places: Places,
+    /// How far back the motion is taken.
+    pub extent: Extent,
 }
 
 impl Asked {
-    /// The robot with what it recorded, as it is now: the history goes on while others are waited for.
+    /// The robot with what it recorded, as it is now: the history goes on while others are waited for. `poses`: where all
+    /// robots are now.
     ///
     /// # Errors
     /// If the history does not reach back to the safe pose.
@@ -77,10 +80,18 @@ impl Asked {
         rules: Arc<Rules>,
         history: &HistoryCore,
         scene: Arc<Scene>,
+        poses: Vec<Pose>,
     ) -> Result<Participant, HistoryTooShort> {
-        let Asked { robot, safe: SafePose { since, q: safe }, again, named, places } = self;
+        let Asked { robot, safe: SafePose { since, q: safe }, again, named, places, extent } = self;
         let (past, start) = history.past(since)?;
-        let mut participant = Participant { robot, rules, past, start, safe, again, named, places, scene };
+        let end = match extent {
+            Extent::Whole | Extent::Stream => start,
+            Extent::Stopped(at) => {
+                let until = at - rules.undo;
+                past.partition_point(|r| r.at <= until).saturating_sub(1).max(start)
+            }
+        };
+        let mut participant = Participant { robot, rules, past, start, end, safe, again, named, places, scene, poses };
         if again {
             participant.without_detour();
         }

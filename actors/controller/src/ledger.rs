@@ -6,7 +6,7 @@
 
 mod transaction;
 
-pub use transaction::{Ended, Motion, Open, Places, SafePose, Underway, home};
+pub use transaction::{Ended, Extent, Motion, Open, Places, SafePose, Underway, home};
 
 use crate::history::HistoryCore;
 use mobee_contract::{Cause, CommitId, MotionEnd, Outcome, Pose, Status};
@@ -72,7 +72,7 @@ impl TransactionState {
     pub fn motion(&self) -> Option<Underway> {
         let open = self.open.as_ref()?;
         let (safe, named, places) = (open.safe.clone(), open.named.clone(), self.places.clone());
-        Some(Underway { id: open.id, safe, named, places })
+        Some(Underway { id: open.id, safe, named, places, extent: open.extent })
     }
 
     /// A motion whose outcome was given before has been taken back after all.

@@ -87,12 +87,15 @@ pub enum ReflexOut {
 pub enum ReflexReport {
     /// The retreat begins.
     Retreating,
-    /// It leads beyond the safe pose, to this earlier rest, and moves these motors: another robot has to pass there.
-    Farther {
-        /// The earlier rest.
+    /// It leads to this pose and not to the safe pose, and moves these motors: to an earlier rest, since another robot has to
+    /// pass where it would stand; or to a later pose of a stream, which is not undone whole.
+    EndsAt {
+        /// The pose.
         to: SafePose,
         /// The motors, in order.
         motors: Arc<[usize]>,
+        /// Whether it is the latter.
+        stream: bool,
     },
     /// The last pose was written.
     Settling,
@@ -407,6 +410,7 @@ impl ReflexCore {
         // at rest there is nothing to be taken back: supervise holds, and an escape is the way out
         let Some(motion) = motion else { return };
         self.stopped = motion.named.clone();
+        let motion = &Underway { extent: motion.extent.stopped(pulse.sample.at), ..motion.clone() };
         let back = |safe| Then::Retreat(Back { motion: motion.clone(), safe, again: false });
         let then = motion.safe.clone().map_or(Then::Say(ReflexReport::Stopped), back);
         // the stop takes effect from now on: a reading that was held up does not show it

@@ -52,6 +52,8 @@ pub struct Rules {
     pub escape_speed: f64,
     /// For how long a stream may be quiet.
     pub stream_quiet: Duration,
+    /// By how much a stream that was stopped is undone.
+    pub undo: Duration,
     /// The kind of the controller.
     pub kind: &'static str,
     /// Whether the reflex acts. If not, contacts are told and counted, and stop nothing but a retreat.
@@ -80,6 +82,7 @@ impl Rules {
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,
             stream_quiet: Duration::from_secs_f64(controller.stream_quiet_s.clamp(1e-2, 1e2)),
+            undo: Duration::from_secs_f64(controller.undo_s.clamp(0.0, 1e5)),
             kind: controller.drive.kind(),
             reflex: controller.drive.has_reflex(),
             fields: None,
@@ -117,7 +120,9 @@ impl Rules {
             constraints,
         };
         let (name, kind) = (self.robot.clone(), self.kind.to_owned());
-        [robot, Event::Controller { robot: name, kind, reflex: self.reflex }]
+        let usual = Duration::from_secs_f64(ControllerSettings::default().undo_s);
+        let undo = Some(self.undo).filter(|undo| *undo != usual).map(|undo| undo.as_secs_f64());
+        [robot, Event::Controller { robot: name, kind, reflex: self.reflex, undo }]
     }
 
     /// How far the motors are behind a stream of set-points: that of the board, and a period, in which they go from one to the next.

@@ -35,6 +35,10 @@ pub struct ControllerSettings {
     /// A stream of set-points that is quiet for so long, seconds, has ended: the robot brakes, and rests where it is.
     #[serde(default = "stream_quiet")]
     pub stream_quiet_s: f64,
+    /// By how much a stream of set-points is undone that is stopped by something, seconds: the robot goes back to where it was
+    /// so long before. With 0 it stops where it is, which only a braking clearance makes safe.
+    #[serde(default = "undo")]
+    pub undo_s: f64,
     /// Age at which a reading is stale, and the length of a lease, seconds; five control periods if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stale_s: Option<f64>,
@@ -101,6 +105,10 @@ fn stream_quiet() -> f64 {
     0.1
 }
 
+fn undo() -> f64 {
+    0.5
+}
+
 impl Default for ControllerSettings {
     fn default() -> ControllerSettings {
         ControllerSettings {
@@ -113,6 +121,7 @@ impl Default for ControllerSettings {
             rest_speed_deg: rest_speed(),
             escape_speed: escape_speed(),
             stream_quiet_s: stream_quiet(),
+            undo_s: undo(),
             stale_s: None,
             drive: Drive::default(),
         }

@@ -433,6 +433,7 @@ impl SuperviseCore {
     /// Closes the filter and stops the robot: all motors, whatever mode they are in. In this order: what an agent wrote
     /// before the stop can't pass after it (I1).
     fn close(&mut self, cause: Cause, step: &mut Step) {
+        self.note_stop(step);
         self.motion = MotionState::default();
         self.token = step.gate.close();
         let (robot, token) = (step.robot(), self.token);

@@ -165,7 +165,7 @@ impl Actor<'_> {
         self.note(Note::Plan { path: vec![edge.0, edge.1] })?;
         let target: Pose = goal.into();
         let (agent, motors) = ("explorer".into(), Vec::new());
-        self.event(Event::Commit { robot: robot.clone(), id, agent, target, escape: false, motors })?;
+        self.event(Event::Commit { robot: robot.clone(), id, agent, target, escape: false, motors, stream: false })?;
         self.state(Status::Moving)?;
         let way = start.iter().zip(goal).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let steps = (way / 0.02).ceil().max(1.0) as usize;

@@ -45,7 +45,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         ),
         Event::Displaced { robot, motor, by, motion } => (robot, Warn, displaced(motor, &motion.told(*by, 2))),
         Event::Found { robot, motors } => (robot, Debug, format!("{} motors as they were found", motors.len())),
-        Event::Controller { robot, kind, reflex } => {
+        Event::Controller { robot, kind, reflex, .. } => {
             let reflex = if *reflex { "" } else { ", without a reflex" };
             (robot, Info, format!("controller: {kind}{reflex}"))
         }
@@ -57,6 +57,9 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::State { robot, status: Status::Holding(reason) } => (robot, Error, format!("holds: {reason}")),
         Event::State { .. } | Event::SafePose { .. } | Event::Command { .. } | Event::Streamed { .. } => return None,
         Event::Told { .. } => return None,
+        Event::SafePoseMoved { robot, id, recorded: Some(at), .. } => {
+            (robot, Info, format!("#{}: the stream is taken back to where the robot was at {at}", id.0))
+        }
         Event::SafePoseMoved { robot, id, .. } => {
             (robot, Warn, format!("#{}: its safe pose moved (a long motion, or another robot has to pass there)", id.0))
         }

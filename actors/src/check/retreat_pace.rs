@@ -97,6 +97,11 @@ impl RetreatPace {
         self.back = Some(Back { began: at, here: self.there.len().saturating_sub(1), newest, streamed: true });
     }
 
+    /// Where the robot was on the way there, at the instant of one of its readings.
+    pub fn was_at(&self, at: Time) -> Option<&Pose> {
+        self.there.iter().find(|passed| passed.at == at).map(|passed| &passed.q)
+    }
+
     /// It is driven by moves from way-point to way-point, each of which the board starts and ends.
     pub fn is_moved(&mut self) {
         self.back.iter_mut().for_each(|back| back.streamed = false);

@@ -11,6 +11,9 @@ use mobee_contract::{Cause, CommandKind, Event, Hold, MotorUnits, Outcome, Pose,
 use mobee_controller::distance;
 use std::collections::BTreeMap;
 
+/// By how much a stream is undone unless the journal tells otherwise, s.
+const UNDO: f64 = 0.5;
+
 #[derive(Default)]
 pub(super) struct TakenBack {
     robots: BTreeMap<String, Robot>,
@@ -28,6 +31,8 @@ struct Robot {
     motion: Motion,
     /// The way of the open motion, if it has a safe pose and tells its motors.
     way: Option<RetreatPace>,
+    fresh: f64,
+    undo: f64,
 }
 
 #[derive(Default)]
@@ -45,6 +50,10 @@ struct Motion {
     excused: bool,
     /// How often the reflex has told it to stop.
     stops: u32,
+    /// When it was accepted, if it consists of set-points alone.
+    stream: Option<Time>,
+    /// When the filter closed.
+    closed: Option<Time>,
 }
 
 fn in_words(cause: &Cause) -> Option<&'static str> {
@@ -60,8 +69,8 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
 }
 
 impl Robot {
-    fn set_out(&mut self, escape: bool, motors: &[(usize, f64)]) {
-        self.motion = Motion { open: !escape, ..Motion::default() };
+    fn set_out(&mut self, escape: bool, motors: &[(usize, f64)], stream: Option<Time>) {
+        self.motion = Motion { open: !escape, stream, ..Motion::default() };
         let way = (!escape && !motors.is_empty())
             .then(|| RetreatPace::new(motors, self.rest_speed, self.period, &self.units));
         self.way = way.map(|mut way| {
@@ -79,6 +88,25 @@ impl Robot {
     fn stopped(&mut self, reason: Hold) {
         self.motion.missed = reason == Hold::RetreatMissed && self.motion.settling && !self.motion.excused;
         self.excuse();
+    }
+
+    /// It is a stream that is taken back to where it was at that time: not farther than to its beginning, and by no less than
+    /// its controller's setting. A move is taken back whole.
+    fn undone_to(&mut self, q: &Pose, recorded: Time) -> Option<String> {
+        self.safe = Some(q.clone());
+        let (Some(begun), Some(closed)) = (self.motion.stream, self.motion.closed) else {
+            return Some("is taken back to where it was on its way, though a move is taken back whole".into());
+        };
+        let secs = closed.secs() - recorded.secs();
+        if secs + 1e-6 < self.undo {
+            return Some(format!("is taken back to where it was {secs:.3} s before, and not {} s", self.undo));
+        }
+        if recorded.secs() + self.fresh < begun.secs() {
+            return Some("is taken back to where it was before its stream began".into());
+        }
+        let was = self.way.as_ref().and_then(|way| way.was_at(recorded))?;
+        let away = distance(was, q);
+        (away > self.tolerance).then(|| format!("was {} from where it is taken back to", self.units.told(away, 2)))
     }
 
     /// What was written last during a retreat that missed its end, if that is not its end.
@@ -105,24 +133,31 @@ impl Robot {
 impl Invariant for TakenBack {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let wrong = match &line.event {
-            Event::Robot { robot, motors, sliding, period, tolerance, rest_speed, .. } => {
+            Event::Controller { robot, undo, .. } => self.of(robot, |r| r.undo = undo.unwrap_or(UNDO)),
+            Event::Robot { robot, motors, sliding, period, tolerance, rest_speed, fresh, .. } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
+                robot.fresh = *fresh;
                 (robot.period, robot.tolerance, robot.rest_speed) = (*period, *tolerance, *rest_speed);
                 robot.units = MotorUnits::new(motors.len(), sliding);
                 None
             }
             Event::SafePose { robot, q, .. } => self.of(robot, |r| r.safe = Some(q.clone())),
+            Event::SafePoseMoved { robot, q, recorded: Some(at), .. } => self.with(robot, |r| r.undone_to(q, *at)),
             Event::SafePoseMoved { robot, q, .. } => self.moved(robot, q),
-            Event::Commit { robot, escape, motors, .. } => self.of(robot, |r| r.set_out(*escape, motors)),
-            Event::Amended { robot, motors, .. } => {
-                self.of(robot, |r| r.way.iter_mut().for_each(|way| way.join(motors)))
+            Event::Commit { robot, escape, motors, stream, .. } => {
+                self.of(robot, |r| r.set_out(*escape, motors, stream.then_some(line.at)))
             }
+            Event::Amended { robot, motors, stream, .. } => self.of(robot, |r| {
+                r.motion.stream = r.motion.stream.filter(|_| *stream || motors.is_empty());
+                r.way.iter_mut().for_each(|way| way.join(motors));
+            }),
             Event::Disabled { robot, cause, .. } => self.of(robot, |r| {
                 // anything else, or a second closing, ends the retreat
                 if r.motion.cause.is_some() || in_words(cause).is_none() {
                     r.excuse();
                 }
                 r.motion.cause = r.motion.cause.or(in_words(cause));
+                r.motion.closed = r.motion.closed.or(Some(line.at));
             }),
             Event::RetreatBegan { robot, .. } => self.of(robot, |r| {
                 (r.motion.driven, r.motion.settling) = (true, false);

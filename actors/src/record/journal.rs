@@ -21,7 +21,7 @@ pub use read::{JournalError, JournalLine, JournalLines, read};
 use mobee_contract::{Before, Entry, Event, Sink, Time, create_private};
 use seal::{Seal, Sealed};
 use sha2::{Digest, Sha256};
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -84,6 +84,7 @@ impl Journal {
         let mut gathered = serde_json::json!({ "aside": aside, "version": VERSION }).to_string().into_bytes();
         gathered.push(b'\n');
         let begin = || -> std::io::Result<TransactionState> {
+            claim(&file)?;
             let seal = Sealed::open(&path)?;
             let mut book = TransactionState { file, seal, len: 0, gathered, n: 0, chain: Chain::default() };
             book.spill(true)?;
@@ -104,6 +105,21 @@ impl Journal {
     /// If it can't be read, is not as it was written, or can't be written on.
     pub fn resume(dir: &Path, mut past: impl FnMut(&JournalLine)) -> Result<Journal, JournalError> {
         let path = dir.join(FILE);
+        let refused = |e: std::io::Error| JournalError {
+            file: path.clone(),
+            line: 0,
+            column: 0,
+            what: e.to_string(),
+            help: "see that the run's folder can be written, and that no other process uses it".into(),
+            truncated: false,
+        };
+        let file = OpenOptions::new().write(true).open(&path);
+        if let Ok(file) = &file {
+            claim(file).map_err(|e| JournalError {
+                help: "wait for its end, or end it: mobee ctl stop".into(),
+                ..refused(e)
+            })?;
+        }
         let mut lines = read(&path)?;
         let mut n = 0;
         for line in lines.by_ref() {
@@ -117,15 +133,7 @@ impl Journal {
             }
         }
         let (len, chain) = lines.good();
-        let refused = |e: std::io::Error| JournalError {
-            file: path.clone(),
-            line: 0,
-            column: 0,
-            what: e.to_string(),
-            help: "see that the run's folder can be written, and that no other process uses it".into(),
-            truncated: false,
-        };
-        let file = OpenOptions::new().write(true).open(&path).map_err(refused)?;
+        let file = file.map_err(refused)?;
         file.set_len(len).map_err(refused)?;
         let seal = Sealed::open(&path).map_err(refused)?;
         let book = TransactionState { file, seal, len, gathered: Vec::new(), n, chain };
@@ -163,6 +171,16 @@ impl Journal {
 
     fn explain(&self, error: std::io::Error) -> String {
         refused(&self.path, &error)
+    }
+}
+
+/// Locks the journal for as long as its file is open: one process writes it. A file system without locks has none.
+fn claim(file: &File) -> std::io::Result<()> {
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            Err(std::io::Error::other("the run goes on: another process writes its journal"))
+        }
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
     }
 }
 

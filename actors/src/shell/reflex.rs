@@ -79,7 +79,8 @@ impl Reflex {
                 }
                 ReflexOut::Bring(asked) => {
                     let scene = self.shared.scene.lock().clone();
-                    let who = asked.participant(self.rules.clone(), &self.context.ledger.book().history, scene);
+                    let poses = self.shared.robots.iter().map(|robot| robot.latest.lock().q.clone()).collect();
+                    let who = asked.participant(self.rules.clone(), &self.context.ledger.book().history, scene, poses);
                     let enroll = |who| self.shared.joint_retreat.enroll(who, self.shared.clock.now());
                     self.on(ReflexIn::Brought(who.map(enroll)));
                 }

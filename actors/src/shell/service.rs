@@ -26,6 +26,8 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// measured, so that a machine that slept kills nobody.
 const BEAT: Duration = Duration::from_secs(1);
 const MISSES: u32 = 10;
+/// After so many of them a life that follows a failed one counts as serving: it has had the time to open what it needs.
+const SERVES: u64 = 4;
 
 /// How long its supervisor waits for a service's end: longer than the service may take.
 pub const GRACE: Duration = Duration::from_secs(6);
@@ -85,6 +87,11 @@ impl Post {
     /// A life has failed: what it had under way is taken back, and on probation the service before is served again.
     pub fn fell(&self, shared: &SharedContext, why: &str) {
         self.vacate(why);
+        let news = shared.counts.lock().down.insert(self.name.clone(), why.to_owned());
+        if shared.clock.kind() == ClockKind::Real && news.as_deref() != Some(why) {
+            let text = format!("service {} failed: {why}; it is started again", self.name);
+            shared.tell(Event::Warning { text });
+        }
         if self.seat.broke(shared.clock.now()) {
             self.begin_anew();
             shared.tell_beside(&self.name, SwapPart::Bridge, SwapStep::Reverted { why: why.into() });
@@ -173,6 +180,7 @@ impl Actor for ServiceActor {
             ServiceMsg::Ended(Ok(())) => {
                 serving.post.seat.answered(serving.shared.clock.now());
                 serving.post.done.store(true, Ordering::SeqCst);
+                serving.shared.counts.lock().down.remove(serving.post.name());
                 myself.stop(None);
             }
             ServiceMsg::Ended(Err(why)) => return Err(why.into()),
@@ -183,6 +191,9 @@ impl Actor for ServiceActor {
                 serving.seen = beats;
                 if moves {
                     serving.post.seat.answered(serving.shared.clock.now());
+                }
+                if beats >= SERVES {
+                    serving.shared.counts.lock().down.remove(serving.post.name());
                 }
                 // one on probation has its budget, and a beat before and after
                 let beats = |budget: Duration| u32::try_from(budget.as_secs()).unwrap_or(MISSES).saturating_add(2);

@@ -215,11 +215,15 @@ impl Exchange {
                 self.would_touch(old.rules.margin, new.rules.margin).map(|()| new)
             }
             NewPart::Driver(hardware) => {
+                // only readings are asked for until it is certain that this is the robot: others are sent nothing
                 let asked = hardware.clone();
-                let connect = move || Given { value: asked.connect(), cost: Duration::ZERO };
-                let driver = attempt(&self.shared.clock, CONNECT, connect).await?.map_err(|fault| fault.to_string());
-                let driver =
-                    driver.map_err(|fault| format!("{fault}; see that the board is switched on and connected"))?;
+                let look = move || Given { value: asked.look(), cost: Duration::ZERO };
+                let looked = attempt(&self.shared.clock, CONNECT, look).await?;
+                let looked_at = looked.is_some();
+                let driver = match looked {
+                    Some(driver) => driver.map_err(unconnected)?,
+                    None => self.connect(&hardware).await?,
+                };
                 let board = driver.board().clone();
                 same_board(&old.board, &board, old.rules.tolerance)?;
                 let q = self.first_reading(driver, begun).await?;
@@ -229,6 +233,9 @@ impl Exchange {
                     return Err(format!(
                         "the pose that it reads is {away} from the robot's, more than {most}; it drives another robot"
                     ));
+                }
+                if looked_at {
+                    self.connect(&hardware).await?;
                 }
                 Ok(old.with_driver(HardwareHandle(hardware), board))
             }
@@ -248,6 +255,12 @@ impl Exchange {
         Err(format!(
             "{a} is {distance:.1} mm from {b} where the robot rests, nearer than the new margin of {margin} mm"
         ))
+    }
+
+    async fn connect(&self, hardware: &Arc<dyn Hardware>) -> Result<Box<dyn Driver>, String> {
+        let asked = hardware.clone();
+        let connect = move || Given { value: asked.connect(), cost: Duration::ZERO };
+        attempt(&self.shared.clock, CONNECT, connect).await?.map_err(unconnected)
     }
 
     /// The first reading that is newer than the boundary.
@@ -345,6 +358,10 @@ impl Exchange {
 
 fn word(status: Status) -> String {
     if let Status::Holding(hold) = status { hold.to_string() } else { status.word().into() }
+}
+
+fn unconnected(fault: DriverFault) -> String {
+    format!("{fault}; see that the board is switched on and connected")
 }
 
 /// Whether two drivers speak of one board.

@@ -4,7 +4,7 @@ use super::RunCounts;
 use crate::record::journal::JournalLine;
 use mobee_contract::{AsFound, Cause, CommitId, EdgeState, Event, Note, Pose, Status, Time};
 use mobee_controller::gate::Gate;
-use mobee_controller::ledger::{Ledger, Motion, Open, Places, SafePose};
+use mobee_controller::ledger::{Extent, Ledger, Motion, Open, Places, SafePose};
 use mobee_model::{Edit, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -80,14 +80,14 @@ impl Past {
                 );
                 self.of(robot).safe = Some(SafePose { since, q: q.clone() });
             }
-            Event::SafePoseMoved { robot, q, .. } => {
+            Event::SafePoseMoved { robot, q, recorded, .. } => {
                 if let Some(open) = &mut self.of(robot).open {
-                    open.safe = Some(SafePose { since: line.at, q: q.clone() });
+                    open.safe = Some(SafePose { since: recorded.unwrap_or(line.at), q: q.clone() });
                 }
             }
             Event::Found { robot, motors } => self.of(robot).found = motors.clone(),
             Event::Robot { robot, tolerance, .. } => self.of(robot).tolerance = *tolerance,
-            Event::Commit { robot, id: CommitId(id), agent, target, escape, motors } => {
+            Event::Commit { robot, id: CommitId(id), agent, target, escape, motors, stream } => {
                 let past = self.of(robot);
                 let named = |motors: &[(usize, f64)]| motors.iter().map(|(m, _)| *m).collect();
                 // an old journal does not tell
@@ -103,13 +103,17 @@ impl Past {
                     motion: if *escape { Motion::Escape { due: line.at } } else { Motion::Move { due: line.at } },
                     cause: Some(Cause::Crashed),
                     retreated: false,
+                    extent: if *stream { Extent::Stream } else { Extent::Whole },
                 });
             }
             Event::State { robot, status: Status::Retreating } => {
                 self.of(robot).open.iter_mut().for_each(|open| open.retreated = true);
             }
-            Event::Amended { robot, target, motors, .. } => {
+            Event::Amended { robot, target, motors, stream, .. } => {
                 if let Some(open) = &mut self.of(robot).open {
+                    if !stream && !motors.is_empty() {
+                        open.extent = Extent::Whole;
+                    }
                     open.target = target.clone();
                     open.name(&motors.iter().map(|(m, _)| *m).collect::<Vec<_>>());
                 }
@@ -278,6 +282,7 @@ mod tests {
                 target,
                 escape: false,
                 motors: vec![(1, 0.3)],
+                stream: false,
             }
         };
         let safe = |q: f64| {

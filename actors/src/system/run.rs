@@ -2,7 +2,7 @@
 
 use super::exchange::{Beside, Exchanges};
 use super::inject::inject;
-use super::{Control, Cues, Reason, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
+use super::{Control, Cues, Reason, RobotSetup, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::load::Loads;
 use crate::runtime::stream::Stream;
@@ -12,7 +12,7 @@ use crate::wiring::{
     ActorLink, AgentMsg, HardwareHandle, LatestCell, Maker, ModelMsg, Parts, PlannerSlot, RobotContext, SharedContext,
     SuperviseMsg, SwapRequest,
 };
-use mobee_contract::{Board, Event, Latest, Status, Time};
+use mobee_contract::{Board, DriverFault, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
 use mobee_controller::joint_retreat::JointRetreat;
 use mobee_model::Contact;
@@ -59,17 +59,7 @@ pub fn run_under(
     progress: impl FnMut(&RunProgress),
 ) -> Result<RunEnd, RunError> {
     let start = |e: std::io::Error| RunError::Start(e.to_string());
-    let boards = setup.robots.iter().zip(setup.scene.robots()).map(|(robot, model)| {
-        let name = robot.name.clone();
-        let fault = |f: mobee_contract::DriverFault| RunError::Connect { robot: name.clone(), fault: f.to_string() };
-        if let Some(past) = &setup.past {
-            robot.hardware.was_found(&past.robot(&name).found);
-        }
-        let board = robot.hardware.connect().map_err(fault)?.board().clone();
-        let (n, m) = (board.axes.len(), model.motors.len());
-        if n == m { Ok(board) } else { Err(RunError::Board { robot: robot.name.clone(), board: n, model: m }) }
-    });
-    let boards: Vec<Board> = boards.collect::<Result<_, _>>()?;
+    let (boards, looked_at) = look(&setup)?;
     let (in_scene, in_setup) = (setup.scene.robots().len(), setup.robots.len());
     if in_scene != in_setup {
         return Err(RunError::Robots { scene: in_scene, setup: in_setup });
@@ -81,6 +71,14 @@ pub fn run_under(
         return Err(RunError::VirtualService(service.name()));
     }
     let main = runtime(kind).map_err(start)?;
+    for service in &setup.services {
+        let models = setup.scene.robots().to_vec();
+        let failed = |why| RunError::Service { name: service.name(), why };
+        main.block_on(service.clone().prepare(models)).map_err(failed)?;
+    }
+    for robot in setup.robots.iter().zip(looked_at).filter_map(|(robot, looked_at)| looked_at.then_some(robot)) {
+        robot.hardware.connect().map_err(|fault| unreached(robot, &fault))?;
+    }
     if kind == ClockKind::Virtual {
         return main.block_on(conduct((setup, faults), boards, None, controls, limit, progress));
     }
@@ -95,6 +93,31 @@ pub fn run_under(
     drop(end);
     let _ = thread.join();
     result
+}
+
+/// Describes the boards of all robots, and says of which nothing but readings was asked yet: nothing is sent to a robot
+/// before all that its run needs is there, since until then another program may move it.
+fn look(setup: &Setup) -> Result<(Vec<Board>, Vec<bool>), RunError> {
+    let boards = setup.robots.iter().zip(setup.scene.robots()).map(|(robot, model)| {
+        if let Some(past) = &setup.past {
+            robot.hardware.was_found(&past.robot(&robot.name).found);
+        }
+        let looked = robot.hardware.look();
+        let looked_at = looked.is_some();
+        let driver = looked.unwrap_or_else(|| robot.hardware.connect()).map_err(|fault| unreached(robot, &fault))?;
+        let board = driver.board().clone();
+        let (n, m) = (board.axes.len(), model.motors.len());
+        if n == m {
+            Ok((board, looked_at))
+        } else {
+            Err(RunError::Board { robot: robot.name.clone(), board: n, model: m })
+        }
+    });
+    boards.collect::<Result<Vec<_>, _>>().map(|boards| boards.into_iter().unzip())
+}
+
+fn unreached(robot: &RobotSetup, fault: &DriverFault) -> RunError {
+    RunError::Connect { robot: robot.name.clone(), fault: fault.to_string() }
 }
 
 /// Starts a group, on the safety chain's runtime if it has one.

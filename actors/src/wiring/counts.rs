@@ -43,6 +43,9 @@ pub struct RunCounts {
     pub late: Late,
     /// The filters' states, by robot.
     pub status: BTreeMap<String, Status>,
+    /// The services that do not serve, such as bridges without their ports, and why.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub down: BTreeMap<String, String>,
     /// What the agents said at their end, by robot.
     pub done: BTreeMap<String, Summary>,
 }

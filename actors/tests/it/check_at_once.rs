@@ -12,7 +12,7 @@ fn robot() -> Event {
 
 fn commit(escape: bool) -> Event {
     let (robot, agent, target) = (R.into(), "jog".into(), vec![0.0, 1.0].into());
-    Event::Commit { robot, id: CommitId(1), agent, target, escape, motors: vec![(0, 0.5), (1, 0.5)] }
+    Event::Commit { robot, id: CommitId(1), agent, target, escape, motors: vec![(0, 0.5), (1, 0.5)], stream: false }
 }
 fn command(writer: Writer, kind: CommandKind, motors: &[usize]) -> Event {
     let (robot, motors) = (R.into(), motors.to_vec());
@@ -80,7 +80,7 @@ fn i25_a_violated_constraint_closes_the_filter_at_rest_and_in_motion() {
         assert_eq!(broken("I25", &[&begin[..], more].concat(), |_| [0.1, 0.0]), 0, "it holds");
     }
     // a controller without a reflex promises nothing
-    let without = Event::Controller { robot: R.into(), kind: "fields".into(), reflex: false };
+    let without = Event::Controller { robot: R.into(), kind: "fields".into(), reflex: false, undo: None };
     assert_eq!(broken("I25", &[&begin[..], &[(0.1, without)]].concat(), violating), 0);
 }
 

@@ -28,7 +28,7 @@ fn commit(id: u64, q: &[f64]) -> Event {
 /// A commit that names these motors, each with its greatest speed.
 fn commit_of(id: u64, q: &[f64], motors: &[(usize, f64)]) -> Event {
     let (robot, agent, target) = (R.into(), "explorer".into(), pose(q));
-    Event::Commit { robot, id: CommitId(id), agent, target, escape: false, motors: motors.to_vec() }
+    Event::Commit { robot, id: CommitId(id), agent, target, escape: false, motors: motors.to_vec(), stream: false }
 }
 fn outcome(id: u64, outcome: Outcome, q: &[f64], safe: &[f64]) -> Event {
     Event::Outcome { robot: R.into(), id: CommitId(id), outcome, q: pose(q), safe: Some(pose(safe)), cause: None }
@@ -129,6 +129,7 @@ fn good() -> Run {
                 target: pose(&[0.04, 0.04]),
                 escape: true,
                 motors: vec![(0, 0.5), (1, 0.5)],
+                stream: false,
             },
         ),
         (3.0, command(Writer::Agent, 5, CommandKind::Move, &[0.04, 0.04])),
@@ -265,7 +266,8 @@ fn i2_a_commit_that_is_open_at_the_end_is_no_fault_of_a_run_that_was_cut_off() {
 
 #[test]
 fn i2_an_amendment_of_a_commit_that_is_not_open() {
-    let bad = Event::Amended { robot: R.into(), id: CommitId(4), target: pose(&[0.0, 0.0]), motors: vec![] };
+    let bad =
+        Event::Amended { robot: R.into(), id: CommitId(4), target: pose(&[0.0, 0.0]), motors: vec![], stream: false };
     broken("I2", with(&disabled(6), std::slice::from_ref(&bad)), Some(&bad), "not open");
 }
 
@@ -285,7 +287,7 @@ fn rollback(moved: bool, on_map: bool, home: &[f64]) -> Run {
     run.extend([(0.3, commit(1, &first)), (1.0, outcome(1, Outcome::Committed, &first, &[0.2, 0.2]))]);
     run.extend([(1.0, safe(if moved { &first } else { home })), (1.1, commit(2, &[0.5, 0.5]))]);
     if moved {
-        run.push((1.2, Event::SafePoseMoved { robot: R.into(), id: CommitId(2), q: pose(home) }));
+        run.push((1.2, Event::SafePoseMoved { robot: R.into(), id: CommitId(2), q: pose(home), recorded: None }));
     }
     run.extend([(2.0, outcome(2, Outcome::RolledBack, home, home)), (2.0, ended())]);
     run
@@ -351,14 +353,14 @@ fn i17_an_outcome_is_judged_by_the_reading_that_it_was_given_by() {
 
 #[test]
 fn i4_a_controller_without_a_reflex_calls_no_pose_free() {
-    let told = Event::Controller { robot: R.into(), kind: "fields".into(), reflex: false };
+    let told = Event::Controller { robot: R.into(), kind: "fields".into(), reflex: false, undo: None };
     let touching = Event::SafePose { robot: R.into(), q: pose(&[0.04, 0.04]), age: 0.01, speed: 0.0, free: false };
     let mut events = instead(&safe(&[0.04, 0.04]), touching.clone());
     broken("I4", events.clone(), Some(&touching), "in contact");
     events.insert(2, (0.0, told));
     assert_eq!(run(events.clone()), []);
     // once it has one again, so has the promise
-    events.insert(3, (0.0, Event::Controller { robot: R.into(), kind: "rollback".into(), reflex: true }));
+    events.insert(3, (0.0, Event::Controller { robot: R.into(), kind: "rollback".into(), reflex: true, undo: None }));
     broken("I4", events, Some(&touching), "in contact");
 }
 
@@ -396,7 +398,13 @@ fn i5_values_beyond_the_limits() {
     let sags = commit_of(2, &[0.5, 1.1], &[(0, 0.5)]);
     let found = run(instead(&commit(2, &[0.5, 0.5]), sags));
     assert!(found.iter().all(|found| found.invariant != "I5"), "{found:?}");
-    let ended = Event::Amended { robot: R.into(), id: CommitId(2), target: pose(&[0.5, 1.1]), motors: Vec::new() };
+    let ended = Event::Amended {
+        robot: R.into(),
+        id: CommitId(2),
+        target: pose(&[0.5, 1.1]),
+        motors: Vec::new(),
+        stream: true,
+    };
     let found = run(with(&commit(2, &[0.5, 0.5]), std::slice::from_ref(&ended)));
     assert!(found.iter().any(|found| found.invariant == "I5" && found.what.contains("motor b")), "{found:?}");
     let short = commit(2, &[0.5]);

@@ -31,7 +31,7 @@ fn found(back: impl Fn(f64) -> [f64; 2], end: f64, outcome: Outcome, more: Vec<(
         (0.0, robot(1.0, Vec::new())),
         (0.9, Event::SafePose { robot: name(), q: home(), age: 0.01, speed: 0.0, free: true }),
         (0.9, Event::Enabled { robot: name(), token: 1 }),
-        (COMMIT, Event::Commit { robot: name(), id, agent, target, escape: false, motors }),
+        (COMMIT, Event::Commit { robot: name(), id, agent, target, escape: false, motors, stream: false }),
         (STOP, Event::Disabled { robot: name(), token: 2, cause: Cause::Contact(vec![]) }),
         (BACK, Event::RetreatBegan { robot: name(), id, poses: 200, secs: 2.0, near: vec![] }),
         (end, Event::Outcome { robot: name(), id, outcome, q, safe: Some(home()), cause: None }),
@@ -169,7 +169,8 @@ fn a_retreat_that_missed_its_end_was_written_to_it() {
 
 #[test]
 fn only_to_let_another_pass_does_it_go_beyond_its_safe_pose() {
-    let farther = Event::SafePoseMoved { robot: R.into(), id: CommitId(1), q: [-0.2, 0.0].into() };
+    let q = [-0.2, 0.0].into();
+    let farther = Event::SafePoseMoved { robot: R.into(), id: CommitId(1), q, recorded: None };
     let alone = found(backwards(1.0), 5.5, Outcome::RolledBack, vec![(BACK, farther.clone())]);
     assert!(alone.len() == 1 && alone[0].what.contains("lets nobody pass"), "{alone:?}");
     let (robot, agent, target) = ("other".to_string(), "explorer".to_string(), Pose::from([0.0, 0.0]));
@@ -177,7 +178,15 @@ fn only_to_let_another_pass_does_it_go_beyond_its_safe_pose() {
         vec![
             (
                 2.0,
-                Event::Commit { robot: robot.clone(), id: CommitId(1), agent, target, escape: false, motors: vec![] },
+                Event::Commit {
+                    robot: robot.clone(),
+                    id: CommitId(1),
+                    agent,
+                    target,
+                    escape: false,
+                    motors: vec![],
+                    stream: false,
+                },
             ),
             (3.0, Event::Disabled { robot, token: 2, cause: Cause::Contact(vec![]) }),
             (BACK, farther),

@@ -163,6 +163,12 @@ impl FilterCore {
         }
     }
 
+    /// Whether a motion of this client has failed, and it has yet to learn of that.
+    pub fn has_failed(&mut self, client: &Client, seen: &Seen) -> bool {
+        self.lines.hear(client, seen);
+        self.lines.failed(client)
+    }
+
     /// A streamed command has arrived; `None` if nothing is to be done.
     pub fn streamed(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
         self.lines.hear(client, seen);

@@ -8,6 +8,7 @@
 //! ```
 
 mod boards;
+mod held;
 mod network;
 mod parts;
 mod settings;
@@ -70,13 +71,34 @@ impl Service for YarpServices {
         "yarp".into()
     }
 
+    /// Every port name is free, or another program has it.
+    fn prepare(self: Arc<Self>, robots: Vec<Arc<Robot>>) -> Answer<Result<(), String>> {
+        Box::pin(async move {
+            let (network, server) = network::open(&self.settings).await?;
+            if let Some(server) = server {
+                // it begins with the service: nothing is registered at one that has just started
+                server.close().await;
+                return Ok(());
+            }
+            for name in self.settings.port_names(&robots) {
+                mobee_yarp::check_free(&network, &network.full_name(&name)).await.map_err(|e| held::refusal(&e))?;
+            }
+            Ok(())
+        })
+    }
+
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
             let (network, server) = network::open(&self.settings).await?;
             let mut open = Open::new(server);
-            let result = open.all(&self.settings, &network, &running).await;
+            let mut result = open.all(&self.settings, &network, &running).await;
             if result.is_ok() {
-                until.await;
+                let names = self.settings.port_names(&running.models());
+                result = tokio::select! {
+                    biased;
+                    () = until => Ok(()),
+                    lost = held::lost(&network, &names) => Err(lost),
+                };
             }
             open.close().await;
             result

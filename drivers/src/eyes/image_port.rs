@@ -11,14 +11,14 @@ use crate::yarp::{instant, network_of};
 use mobee_contract::{
     Camera, CameraContext, CameraMount, Frame, Intrinsics, Kind, KindError, Registered, Time, settings,
 };
-use mobee_yarp::{Carrier, Dialect, Image, InputPort, Message, Network, PixelCode, Queue};
+use mobee_yarp::{Carrier, Dialect, Image, InputPort, Message, Network, PixelCode, Queue, Source};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, sleep};
 
 /// A camera behind a YARP image port.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -65,8 +65,11 @@ fn carrier() -> String {
     "tcp".into()
 }
 
-/// How long is waited before a port that can't be reached, or sends nothing, is asked again.
+/// How long is waited before a port that can't be reached is asked again.
 const AGAIN: Duration = Duration::from_millis(500);
+/// A camera that sends nothing for so many periods, and for so long, is asked to connect again.
+const PERIODS: u32 = 10;
+const SILENCE: Duration = Duration::from_secs(2);
 
 /// What the thread has heard.
 #[derive(Default)]
@@ -160,6 +163,7 @@ impl YarpCamera {
             theirs: self.settings.port.clone(),
             carrier: self.carrier,
             size: self.settings.size,
+            patience: SILENCE.max(PERIODS * self.period()),
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let runtime = runtime.map_err(|e| format!("no thread for the camera's network: {e}"))?;
@@ -211,6 +215,8 @@ struct Ear {
     theirs: String,
     carrier: Carrier,
     size: [u32; 2],
+    /// How long the camera may be silent before it is asked to connect again.
+    patience: Duration,
 }
 
 impl Ear {
@@ -221,16 +227,20 @@ impl Ear {
             match self.connected().await {
                 Ok(mut port) => {
                     said.clear();
-                    self.hear(&mut port).await;
+                    self.hear(&mut port, &mut said).await;
                     port.close().await;
                 }
-                Err(why) if why != said => {
-                    tracing::warn!(camera = self.theirs, why, "no pictures from this camera; it is asked again");
-                    said = why;
-                }
-                Err(_) => {}
+                Err(why) => self.warn(why, &mut said),
             }
             sleep(AGAIN).await;
+        }
+    }
+
+    /// Each reason once.
+    fn warn(&self, why: String, said: &mut String) {
+        if why != *said {
+            tracing::warn!(camera = self.theirs, why, "no pictures from this camera; it is asked again");
+            *said = why;
         }
     }
 
@@ -245,12 +255,14 @@ impl Ear {
         }
     }
 
-    /// Takes pictures until nobody is connected any more.
-    async fn hear(&self, port: &mut InputPort) {
+    /// Takes pictures for as long as the port is open.
+    async fn hear(&self, port: &mut InputPort, said: &mut String) {
+        let mut source = Source::new(&self.theirs, self.carrier, self.patience);
         let mut dropped = 0;
         loop {
-            match timeout(AGAIN, port.recv()).await {
+            match source.recv(port).await {
                 Ok(Some(message)) => {
+                    said.clear();
                     let picture = pixels(&message, self.network.dialect(), self.size);
                     let mut heard = lock(&self.cell);
                     heard.dropped += port.dropped() - dropped;
@@ -263,8 +275,7 @@ impl Ear {
                     }
                 }
                 Ok(None) => return,
-                Err(_) if port.peers().is_empty() => return,
-                Err(_) => {}
+                Err(why) => self.warn(why.to_string(), said),
             }
         }
     }

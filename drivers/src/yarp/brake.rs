@@ -74,9 +74,9 @@ impl Brake {
         self.cell.secs(instant())
     }
 
-    /// Whether the board is ours to stop: another program that drives it under our names is not disturbed (F13).
+    /// Whether the board is ours to stop: another program that drives it is not disturbed (F13).
     fn is_ours(&self) -> bool {
-        !self.cell.is_let_go() && self.cell.lock().boards.get(self.index).is_some_and(|known| known.reached)
+        self.cell.is_ours(self.index)
     }
 
     /// Whether the line has to show anew that it is good.

@@ -12,6 +12,7 @@ use mobee_yarp::{Bottle, Vocab};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use tokio::sync::watch;
 use tokio::time::Instant;
 
 /// Everything shared.
@@ -23,6 +24,8 @@ pub struct SharedBoards {
     pub base: Instant,
     /// Whether another drives the boards now.
     let_go: AtomicBool,
+    /// Whether a run drives the robot: before that, it is only looked at, and nothing is sent to it.
+    taken: watch::Sender<bool>,
 }
 
 /// What is known now.
@@ -30,6 +33,8 @@ pub struct SharedBoards {
 pub struct Inner {
     /// The boards.
     pub boards: Vec<BoardFacts>,
+    /// See [`SharedBoards::take`].
+    pub taken: bool,
     /// What the robot can do; known once all boards have been reached, and the same ever after.
     pub board: Option<Board>,
     /// Why the robot can't be used at all.
@@ -157,6 +162,7 @@ impl SharedBoards {
         };
         let inner = Inner {
             boards: layout.patches.iter().map(known).collect(),
+            taken: false,
             board: None,
             misfit: None,
             joined: None,
@@ -170,6 +176,7 @@ impl SharedBoards {
             changed: Condvar::new(),
             base: instant(),
             let_go: AtomicBool::new(false),
+            taken: watch::Sender::new(false),
         }
     }
 
@@ -186,6 +193,33 @@ impl SharedBoards {
     /// Whether another drives the boards now.
     pub fn is_let_go(&self) -> bool {
         self.let_go.load(Ordering::SeqCst)
+    }
+
+    /// The robot is driven from now on: each board is stopped, and used once it has answered. Returns whether that begins now.
+    pub fn take(&self) -> bool {
+        let mut inner = self.lock();
+        let begins = !std::mem::replace(&mut inner.taken, true);
+        if begins {
+            let is_there = |b: &&mut BoardFacts| b.trouble.is_none();
+            for board in inner.boards.iter_mut().filter(is_there) {
+                board.trouble = Some(Trouble::Lost("it has not answered to a stop yet".into()));
+            }
+            (inner.joined, inner.unread) = (None, false);
+        }
+        drop(inner);
+        self.taken.send_replace(true);
+        begins
+    }
+
+    /// See [`SharedBoards::take`], as it changes.
+    pub fn taking(&self) -> watch::Receiver<bool> {
+        self.taken.subscribe()
+    }
+
+    /// Whether this program may write to a board: it drives the robot, has reached the board, and no other program drives it.
+    pub fn is_ours(&self, board: usize) -> bool {
+        let inner = self.lock();
+        !self.is_let_go() && inner.taken && inner.boards.get(board).is_some_and(|known| known.reached)
     }
 
     /// Tells those who wait that something changed.
@@ -232,7 +266,8 @@ impl Inner {
     pub fn trouble(&self) -> Option<Trouble> {
         let all = || self.boards.iter().filter_map(|b| b.trouble.as_ref());
         let forbidden = || all().find(|t| matches!(t, Trouble::Forbidden(_)));
-        let brake = || self.boards.iter().find_map(|b| b.brake.clone()).map(Trouble::Lost);
+        let taken = Some(()).filter(|()| self.taken);
+        let brake = || taken.and_then(|()| self.boards.iter().find_map(|b| b.brake.clone())).map(Trouble::Lost);
         self.misfit.as_ref().or_else(forbidden).or_else(|| all().next()).cloned().or_else(brake)
     }
 

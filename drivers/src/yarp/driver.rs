@@ -146,6 +146,9 @@ impl Driver for YarpDriver {
         let reach = self.reach.clone();
         let mut inner = reach.cell.lock();
         usable(&inner, &reach.layout)?;
+        if !inner.taken {
+            return Err(DriverFault::Refused("this driver only reads: the robot has not been connected to".into()));
+        }
         let q = inner.joined.as_ref().map(|j| j.q.clone()).ok_or(DriverFault::Lost)?;
         let driven: Vec<bool> = (0..reach.layout.motors()).map(|m| reach.layout.joint(m).is_some()).collect();
         let known = CheckedAgainst { axes: &self.board.axes, driven: &driven, q: &q, modes: &inner.expected };

@@ -122,6 +122,7 @@ impl Hand {
         let orders = self.orders.clone();
         let mut orders = orders.lock().await;
         let mut link = self.board.link();
+        let mut taking = self.cell.taking();
         let mut asking = interval(ASKING);
         let mut refresh = interval(REFRESH);
         asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -132,6 +133,7 @@ impl Hand {
                 biased;
                 _ = end.changed() => break,
                 _ = self.halt.changed() => self.halt_if_told().await,
+                Ok(()) = taking.changed() => link.mark_changed(),
                 _ = link.changed() => {
                     let now = link.borrow_and_update().clone();
                     if let LinkState::Up(_) = now {
@@ -168,10 +170,10 @@ impl Hand {
         self.layout.patches.get(self.index)
     }
 
-    /// Whether somebody is there to be asked, and no other process asks him.
+    /// Whether the board is there, and this program drives it.
     fn is_usable(&self) -> bool {
         let is_there = self.cell.lock().boards.get(self.index).is_some_and(|known| known.trouble.is_none());
-        is_there && !self.cell.is_let_go()
+        is_there && self.cell.is_ours(self.index)
     }
 
     fn motors(&self, joints: &[usize]) -> Vec<usize> {
@@ -192,6 +194,8 @@ impl Hand {
         let trouble = match &link {
             LinkState::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
             LinkState::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
+            // a robot that is only looked at is not stopped: another program may be moving it
+            LinkState::Up(_) if !self.cell.lock().taken => None,
             LinkState::Up(_) => {
                 self.speeds.clear();
                 match self.take_over().await {
@@ -241,10 +245,11 @@ impl Hand {
         }
     }
 
-    /// Stops all joints; whether the board says that it did.
+    /// Stops all joints; whether the board says that it did. A board that is not ours is left alone: even to connect to it
+    /// under a name that another run has would take that run's connection away.
     async fn stop_all(&mut self) -> bool {
         self.speeds.clear();
-        if self.cell.is_let_go() {
+        if !self.cell.is_ours(self.index) {
             return true;
         }
         self.board.hush();
@@ -417,7 +422,7 @@ impl Hand {
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         match answer.get(2).and_then(mobee_yarp::Value::as_i64) {
             Some(done) => known.motions.answered(&joints, ticket, done != 0),
-            None if answer == reply::fail() => known.motions.board_cannot_tell(),
+            None if reply::is_fail(&answer) => known.motions.board_cannot_tell(),
             None => {}
         }
     }

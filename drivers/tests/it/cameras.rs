@@ -6,7 +6,7 @@
 use mobee_contract::{Camera, Time};
 use mobee_drivers::eyes::{FolderCamera, FolderCameraSettings, LensSettings, YarpCamera, YarpCameraSettings};
 use mobee_yarp::name::{NameServer, ServerOptions};
-use mobee_yarp::{Delivery, Image, Network, OutputPort, PixelCode};
+use mobee_yarp::{Carrier, Delivery, Image, Network, OutputPort, PixelCode};
 use serde_json::json;
 use std::io::Write;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -143,6 +143,31 @@ fn a_yarp_camera_gives_the_newest_picture_counts_the_others_and_tells_what_is_no
     assert!(told.contains("/cam/left: its pictures are 1x1 pixels, not 3x2: set `size`"), "{told}");
     drop(camera);
     wait("the camera to let go", &mut || port.peers().is_empty());
+}
+
+/// A program that is connected and says nothing does not keep a camera that was started again from being connected to.
+#[test]
+fn a_yarp_camera_that_falls_silent_is_asked_again_whoever_else_is_connected() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let server = NameServer::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), ServerOptions::default());
+    let server = runtime.block_on(server).unwrap();
+    let network = Network::at(server.address());
+    let open = |name: &str| runtime.block_on(OutputPort::open(&network, name, Delivery::Newest)).unwrap();
+    let mut camera = YarpCamera::new(&yarp_named("/cam/left"), "icub").unwrap().on(&network);
+    let stranger = open("/stranger");
+    for life in 1..=2 {
+        let port = open("/cam/left");
+        let begun = Instant::now();
+        while camera.frame(Time::from_secs(1.0)).unwrap().is_none() {
+            assert!(begun.elapsed() < PATIENCE, "no picture in life {life}");
+            port.write(Image::new(PixelCode::MONO, 3, 2, &[life; 6]).unwrap().encode(), None);
+            runtime.block_on(async { tokio::time::sleep(Duration::from_millis(1)).await });
+        }
+        if life == 1 {
+            runtime.block_on(stranger.connect("/MoBeE/icub/cam/left", Carrier::Tcp)).unwrap();
+        }
+        runtime.block_on(port.close());
+    }
 }
 
 /// The real YARP 3.5 writes a picture that was typed as text.

@@ -22,17 +22,20 @@ mod relay;
 mod rpc;
 mod sender;
 mod slot;
+mod source;
 mod writer;
 
 pub(crate) use self::core::Core;
 pub use client::{CallError, RpcClient};
 pub use inbox::Queue;
+pub use listen::check_free;
 pub use message::{Message, Payload, PayloadError};
 pub use reader::InputPort;
 pub use relay::Relay;
 pub use rpc::{Handler, RpcServer};
 pub use sender::{SendError, Sender};
 pub use slot::Delivery;
+pub use source::Source;
 pub use writer::OutputPort;
 
 use crate::{NameError, remote::RemoteError};
@@ -91,6 +94,13 @@ pub enum PortError {
     /// Another port has the name, and answers.
     #[error("another program holds the port name {} (at {}:{}); end it, or choose another name", .0.name, .0.host, .0.port)]
     Taken(crate::Contact),
+    /// A program listens where the name is registered, and does not answer.
+    #[error(
+        "the port name {name} belongs to a program at {host}:{port} that does not answer: it may be suspended; end it, or \
+         choose another name (`mobee yarp name unregister {name}` if that program is not the port's)",
+        name = .0.name, host = .0.host, port = .0.port
+    )]
+    Silent(crate::Contact),
     /// No socket.
     #[error("can't listen for port {name} on {address}: {source}")]
     Listen {

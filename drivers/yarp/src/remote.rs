@@ -94,18 +94,43 @@ pub async fn connection(network: &Network, src: &str, dest: &str) -> Result<Opti
     listed(network, &source, &dest.name).await
 }
 
-/// Whether a port is registered and answers.
+/// Whether a port is registered and answers to its name.
 ///
 /// # Errors
 /// The name server can't be asked.
 pub async fn exists(network: &Network, name: &str) -> Result<bool, RemoteError> {
     let Some(contact) = find(network, &Contact::parse(name)).await? else { return Ok(false) };
-    Ok(answers(network, &contact).await)
+    if contact.name.is_empty() {
+        return Ok(admin(network, &contact, &command("ver")).await.is_ok());
+    }
+    Ok(holder(network, &contact).await == Holder::Port)
 }
 
-/// Whether a port answers there.
-pub(crate) async fn answers(network: &Network, contact: &Contact) -> bool {
-    admin(network, contact, &command("ver")).await.is_ok()
+/// What listens at the address that a port name is registered at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Holder {
+    /// Nothing, or something else: its port has died, and another one may have got its number since.
+    Gone,
+    /// The port of that name.
+    Port,
+    /// A program that accepts connections and does not answer: it may be the port's, suspended.
+    Silent,
+}
+
+/// Determines whether the port of this name still listens at its registered address. A name server lists what died without
+/// a word, too, and the system gives the number of a dead port to others: only the port's own name counts.
+pub async fn holder(network: &Network, contact: &Contact) -> Holder {
+    let Ok(stream) = network.connect_tcp(&contact.host, contact.port).await else { return Holder::Gone };
+    match timeout(network.timeout(), exchange(stream, "<ping>", b"*\r\n")).await {
+        Err(_) => Holder::Silent,
+        Ok(Ok(lines)) if lines.iter().any(|line| is_of(line, &contact.name)) => Holder::Port,
+        Ok(_) => Holder::Gone,
+    }
+}
+
+/// Whether a line of a port's description says that it has this name: `This is /NAME at tcp://...`.
+fn is_of(line: &str, name: &str) -> bool {
+    line.strip_prefix("This is ").and_then(|rest| rest.strip_prefix(name)).is_some_and(|rest| rest.starts_with(" at "))
 }
 
 /// What a port tells of itself and its connections, a line each.

@@ -143,7 +143,7 @@ async fn recorded_sessions_get_the_boards_own_replies_through_the_filter() {
         board: line(&network, "/b", "/icubSim/right_arm/rpc:i").await,
         filter: line(&network, "/c", "/MoBeE/icub/right_arm/rpc:i").await,
     };
-    while lines.filter.call(&bottle("[get] [axes]")).await.expect("an answer").to_string() == "[fail]" {
+    while lines.filter.call(&bottle("[get] [axes]")).await.expect("an answer").to_string().starts_with("[fail]") {
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
     let (mut equal, mut refused) = (0, Vec::new());

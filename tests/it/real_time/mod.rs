@@ -8,6 +8,7 @@ mod doctor;
 mod filter_transparency;
 mod old_program;
 mod process_faults;
+mod second_run;
 mod slides_over_yarp;
 mod swap_over_yarp;
 mod through_the_filter;

@@ -30,7 +30,7 @@ impl Line {
     async fn wait(&mut self) -> bool {
         loop {
             let said = self.say("[get] [dons]").await;
-            if said == "[fail]" {
+            if said.starts_with("[fail]") {
                 return false;
             }
             if said.starts_with("[is] [dons] 1") {
@@ -42,7 +42,7 @@ impl Line {
 
     /// Waits until the filter is open again.
     async fn open(&mut self) {
-        while self.say("[get] [axes]").await == "[fail]" {
+        while self.say("[get] [axes]").await.starts_with("[fail]") {
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     }

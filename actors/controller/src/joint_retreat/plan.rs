@@ -14,7 +14,7 @@ use crate::history::Recorded;
 use crate::ledger::{Places, SafePose, home};
 use crate::{RELEASE, Rules, distance};
 use mobee_contract::{Axis, Pose, Time};
-use mobee_model::{Scene, ShapeId, Sweep};
+use mobee_model::{Robot, Scene, ShapeId, Sweep};
 use std::sync::Arc;
 
 /// Share of a motor's greatest speed that a set-point may ask for: what is left is for catching up.
@@ -22,6 +22,8 @@ const SHARE: f64 = 0.95;
 /// How far thinned way-points may be off the recorded path, rad: at an arm's length of a meter 4 mm, less than half of
 /// the usual margin.
 const THIN: f64 = 0.004;
+/// How many poses of a sweep cost as much as to see whether a robot may rest where it ends.
+const AT_ONCE: usize = 8;
 
 /// A robot that is to be taken back.
 #[derive(Clone, Debug)]
@@ -34,6 +36,8 @@ pub struct Participant {
     pub past: Vec<Recorded>,
     /// Which of these the safe pose was taken from.
     pub start: usize,
+    /// Which of these it goes back to: that one, or a later one of a stream that is not undone whole.
+    pub end: usize,
     /// The safe pose.
     pub safe: Pose,
     /// Whether it is another try after a failed one: it goes by itself.
@@ -44,6 +48,8 @@ pub struct Participant {
     pub places: Places,
     /// What is where.
     pub scene: Arc<Scene>,
+    /// Where all robots of the scene are, rad.
+    pub poses: Vec<Pose>,
 }
 
 impl Participant {
@@ -58,13 +64,36 @@ impl Participant {
             let passed = passing(a, b, &here);
             (distance(&passed.q, &here) <= near).then_some((i, passed))
         };
-        let first = self.past.windows(2).enumerate().skip(self.start).find_map(passed);
+        let first = self.past.windows(2).enumerate().skip(self.end).find_map(passed);
         if let Some((before, passed)) = first {
             self.past.truncate(before + 1);
             if self.past.last().is_some_and(|last| last.at < passed.at) {
                 self.past.push(passed);
             }
         }
+    }
+
+    /// Whether the robot may rest in this recorded pose, with the other robots at `poses`: nothing is nearer than where a
+    /// contact ends, but what was as near at the safe pose and does not touch, and no constraint is violated.
+    fn is_free(&self, index: usize, poses: &[Pose]) -> bool {
+        let Some(recorded) = self.past.get(index) else { return false };
+        let mut poses = poses.to_vec();
+        let mut near = |q: &Pose| {
+            poses.get_mut(self.robot).into_iter().for_each(|own| *own = q.clone());
+            let own = |shape: ShapeId| shape.robot() == Some(self.robot);
+            let mut all = self.scene.contacts(&poses, self.rules.margin + RELEASE);
+            all.retain(|c| own(c.pair.0) || own(c.pair.1));
+            all
+        };
+        let there = near(&recorded.q);
+        let bears = |robot: &Arc<Robot>| robot.violated(&recorded.q).next().is_none();
+        if there.iter().any(|c| c.distance < self.rules.margin)
+            || !self.scene.robots().get(self.robot).is_none_or(bears)
+        {
+            return false;
+        }
+        let safe = if there.is_empty() { Vec::new() } else { near(&self.safe) };
+        there.iter().all(|c| safe.iter().any(|s| s.pair == c.pair))
     }
 }
 
@@ -140,6 +169,8 @@ struct Leg {
     rested: Time,
     /// Whether it ends too early, since another stands in its way.
     blocked: bool,
+    /// Whether it is yet to be seen that the robot may rest where it ends: at its safe pose it may.
+    unproved: bool,
 }
 
 impl Leg {
@@ -236,9 +267,9 @@ impl Plan {
     pub fn new(participants: Vec<Participant>) -> Option<Plan> {
         let scene = participants.first()?.scene.clone();
         let leg = |who: Participant| {
-            let start = who.start;
-            let mut leg = Leg { who, end: start, rested: Time::ZERO, blocked: false };
-            leg.end_at(start);
+            let (end, unproved) = (who.end, who.end > who.start);
+            let mut leg = Leg { who, end, rested: Time::ZERO, blocked: false, unproved };
+            leg.end_at(end);
             leg
         };
         let legs: Vec<Leg> = participants.into_iter().map(leg).collect();
@@ -257,6 +288,11 @@ impl Plan {
     /// is checked from the beginning. That ends, since each gives way only towards its past, or once for good.
     pub fn check(&mut self, poses: usize) -> bool {
         let mut left = poses;
+        while let Some(leg) = self.legs.iter().position(|leg| leg.unproved) {
+            let Some(rest) = left.checked_sub(AT_ONCE) else { return false };
+            left = rest;
+            self.prove(leg);
+        }
         while let Some(time) = self.times.get(self.next).copied() {
             if self.legs.iter().all(|l| l.ends_at() >= time) {
                 break;
@@ -284,6 +320,20 @@ impl Plan {
         }
         self.sweep = None;
         true
+    }
+
+    /// Sees whether a robot may rest where it ends; if not, it ends one recorded pose earlier, at its safe pose at last.
+    fn prove(&mut self, leg: usize) {
+        let Some(time) = self.legs.get(leg).map(Leg::ends_at) else { return };
+        let mut poses = self.legs.first().map(|leg| leg.who.poses.clone()).unwrap_or_default();
+        for other in &self.legs {
+            poses.get_mut(other.who.robot).into_iter().for_each(|pose| *pose = other.at(time).0);
+        }
+        let Some(leg) = self.legs.get_mut(leg) else { return };
+        leg.unproved = leg.end > leg.who.start && !leg.who.is_free(leg.end, &poses);
+        if leg.unproved {
+            leg.end_at(leg.end - 1);
+        }
     }
 
     /// Those of them that are too near to each other when the clock is back at that time, or on the way there.

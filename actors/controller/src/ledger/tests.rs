@@ -7,7 +7,7 @@ fn open(retreated: bool) -> Open {
     let target = vec![0.001, 1.0, 2.0].into();
     let (named, agent) = (vec![1].into(), "a".into());
     let (since, motion) = (Time::ZERO, Motion::Move { due: Time::ZERO });
-    Open { id: CommitId(1), agent, target, named, safe, since, motion, cause: None, retreated }
+    Open { id: CommitId(1), agent, target, named, safe, since, motion, cause: None, retreated, extent: Extent::Whole }
 }
 
 #[test]

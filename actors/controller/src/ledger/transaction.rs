@@ -69,6 +69,27 @@ pub struct Underway {
     pub named: Arc<[usize]>,
     /// Where all motors had been sent when it began.
     pub places: Places,
+    /// How far back it is taken.
+    pub extent: Extent,
+}
+
+/// How far back a motion is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// To its safe pose: a move to a target takes part in it, or what stopped it gives no place before it as free.
+    Whole,
+    /// By as much as the rules say, since it consists of set-points that led where they led: it is under way.
+    Stream,
+    /// The same, from where it was when it was stopped.
+    Stopped(Time),
+}
+
+impl Extent {
+    /// The same of a motion that is stopped now.
+    #[must_use]
+    pub fn stopped(self, at: Time) -> Extent {
+        if self == Extent::Stream { Extent::Stopped(at) } else { self }
+    }
 }
 
 impl Underway {
@@ -100,6 +121,8 @@ pub struct Open {
     pub cause: Option<Cause>,
     /// Whether a retreat has begun.
     pub retreated: bool,
+    /// How far back it is taken.
+    pub extent: Extent,
 }
 
 impl Open {

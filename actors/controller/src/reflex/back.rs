@@ -15,6 +15,7 @@ use super::room::{Room, Way, another};
 use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Still, Then};
 use crate::distance;
 use crate::joint_retreat::{Asked, RetreatReply};
+use crate::ledger::Underway;
 use crate::pulse::Pulse;
 use mobee_contract::{Command, ControlMode, Event, Hold, Time};
 use mobee_model::Contact;
@@ -181,26 +182,29 @@ impl ReflexCore {
             RetreatReply::Wait => {}
             RetreatReply::Bring => {
                 let Back { motion, safe, again } = back;
-                let (named, places) = (motion.named, motion.places);
-                step.out.push(ReflexOut::Bring(Asked { robot: self.robot, safe, again, named, places }));
+                let Underway { named, places, extent, .. } = motion;
+                step.out.push(ReflexOut::Bring(Asked { robot: self.robot, safe, again, named, places, extent }));
             }
             RetreatReply::Go(way) => {
                 // another robot has to pass where this one would rest: an earlier rest is its safe pose from now on, and what the
                 // motions since then passed is passed again
                 if way.farther {
-                    back.safe = way.end.clone();
                     self.floors.join(self.lately.since(way.end.since));
                 }
                 self.stopped = way.motors.clone();
-                let farther =
-                    way.farther.then(|| ReflexReport::Farther { to: way.end.clone(), motors: way.motors.clone() });
+                let elsewhere = way.end.since != back.safe.since && !way.blocked;
+                let (to, motors, stream) = (way.end.clone(), way.motors.clone(), !way.farther);
+                if elsewhere {
+                    back.safe = to.clone();
+                }
+                let elsewhere = elsewhere.then_some(ReflexReport::EndsAt { to, motors, stream });
                 let retreat = Retreat::new(self.robot, way, step.rules, step.now);
                 let (poses, secs) = retreat.length();
                 let near = self.floors.touched();
                 step.emit(Event::RetreatBegan { robot, id, poses, secs, near });
                 step.out.push(ReflexOut::Command(token, retreat.begin()));
                 step.out.push(ReflexOut::ReflexReport(ReflexReport::Retreating));
-                step.out.extend(farther.map(ReflexOut::ReflexReport));
+                step.out.extend(elsewhere.map(ReflexOut::ReflexReport));
                 let written = retreat.written().to_vec();
                 let still = Still { unchanged: Time::ZERO, written, sampled_at: step.now };
                 let violated = self.violated;

@@ -5,6 +5,7 @@
 //! are messages, which may come late or after somebody has closed anew; each is judged by the token that it belongs to.
 
 use super::{Closing, MotionState, Step, SuperviseCore, SuperviseOut};
+use crate::ledger::Extent;
 use crate::reflex::ReflexReport;
 use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
 use std::collections::BTreeSet;
@@ -12,6 +13,11 @@ use std::collections::BTreeSet;
 impl SuperviseCore {
     /// The motion is to be rolled back for a reason that supervise saw. An escape has no retreat: it is measured.
     pub(super) fn roll_back(&mut self, cause: Cause, step: &mut Step) {
+        // what a motor stalls at is in no model, so that nobody knows where it was free of it: back to the beginning
+        if let (Cause::Stall { .. }, Some(open)) = (&cause, &mut step.book.open) {
+            open.extent = Extent::Whole;
+        }
+        self.note_stop(step);
         let motion = step.book.motion();
         match motion.filter(|m| !m.is_escape()) {
             Some(motion) => {
@@ -36,12 +42,22 @@ impl SuperviseCore {
         self.hush(blamed, step);
         self.motion = MotionState::default();
         if self.is_moving() {
+            self.note_stop(step);
             step.give_cause(cause);
             self.closing = Closing::Reflex;
             self.enter(Status::Stopping, step);
         } else {
             self.closing = Closing::Settle(step.now + step.rules.reaction());
             self.enter(Status::Holding(Hold::InContact), step);
+        }
+    }
+
+    /// The open motion is stopped now: a stream is undone from here, also by a retreat that is tried again.
+    pub(super) fn note_stop(&self, step: &mut Step) {
+        let recorded = step.book.history.newest().map(|newest| newest.at);
+        let newest = self.newest.as_ref().map(|newest| newest.sampled_at).or(recorded);
+        if let (Some(open), Some(newest)) = (&mut step.book.open, newest) {
+            open.extent = open.extent.stopped(newest);
         }
     }
 
@@ -63,13 +79,14 @@ impl SuperviseCore {
                 self.enter(Status::Retreating, step);
             }
             ReflexReport::Settling => self.enter(Status::Settling, step),
-            ReflexReport::Farther { to, motors } => {
-                // from now on the earlier rest is where it must end, to be rolled back and not faulted
+            ReflexReport::EndsAt { to, motors, stream } => {
+                // from now on this is where it must end, to be rolled back and not faulted
+                self.retry.iter_mut().for_each(|again| again.safe = Some(to.clone()));
                 if let Some(open) = &mut step.book.open {
                     open.name(&motors);
-                    let (id, q) = (open.id, to.q.clone());
+                    let (id, q, recorded) = (open.id, to.q.clone(), stream.then_some(to.since));
                     open.safe = Some(to);
-                    step.emit(Event::SafePoseMoved { robot: step.robot(), id, q });
+                    step.emit(Event::SafePoseMoved { robot: step.robot(), id, q, recorded });
                 }
             }
             // the outcome is measured at the next reading, which is the one that the reflex judged by

@@ -6,7 +6,7 @@
 
 use super::check::{check, check_speeds};
 use super::{Closing, MotionState, Reading, Started, Step, SuperviseCore, SuperviseOut};
-use crate::ledger::{Motion, Open, SafePose};
+use crate::ledger::{Extent, Motion, Open, SafePose};
 use crate::{Rules, distance};
 use mobee_contract::{
     Command, Commit, CommitId, Event, Hold, Move, Pose, Refusal, Status, Target, Time, Verdict, Writer,
@@ -105,7 +105,8 @@ impl SuperviseCore {
         self.motion.started = Some(course.started(distance(&target, &here), step.now));
         let (robot, agent) = (step.robot(), commit.agent.to_string());
         let motors = allowed(&commit, escape, step.rules);
-        let told = Event::Commit { robot, id, agent, target: target.clone(), escape, motors: motors.clone() };
+        let (target_told, motors_told) = (target.clone(), motors.clone());
+        let told = Event::Commit { robot, id, agent, target: target_told, escape, motors: motors_told, stream: false };
         step.emit(told);
         self.enter(if escape { Status::Escaping } else { Status::Moving }, step);
         if let Some(fields) = fields {
@@ -132,7 +133,8 @@ impl SuperviseCore {
         step.book.last_id += 1;
         let id = CommitId(step.book.last_id);
         let (named, since) = (Vec::new().into(), step.now);
-        let mut open = Open { id, agent, target, named, safe, since, motion, cause: None, retreated: false };
+        let extent = if motion == Motion::Stream { Extent::Stream } else { Extent::Whole };
+        let mut open = Open { id, agent, target, named, safe, since, motion, cause: None, retreated: false, extent };
         open.name(motors);
         step.book.open = Some(open);
         id
@@ -156,6 +158,8 @@ impl SuperviseCore {
             };
             open.target = commit.target.pose(&open.target);
             open.name(&commit.target.motors);
+            // a move is taken back to where it began, and with it all that is one transaction with it
+            open.extent = Extent::Whole;
             open.since = step.now;
             let detours = if let Motion::Forces { .. } = open.motion { DETOUR_FACTOR } else { 1 };
             let due = step.now + course.patience() * detours;
@@ -168,7 +172,7 @@ impl SuperviseCore {
         self.motion.done_since = None;
         self.motion.started = Some(course.started(distance(&target, here), step.now));
         let (robot, motors) = (step.robot(), allowed(&commit, escape, step.rules));
-        step.emit(Event::Amended { robot, id, target: target.clone(), motors: motors.clone() });
+        step.emit(Event::Amended { robot, id, target: target.clone(), motors: motors.clone(), stream: false });
         if self.motion.forces.is_some() {
             self.aim_forces(&target, &motors, step);
             return Ok(id);

@@ -6,7 +6,7 @@
 
 use super::{Closing, Reading, Step, SuperviseCore, SuperviseOut};
 use crate::gate::Gate;
-use crate::ledger::{Open, SafePose, TransactionState};
+use crate::ledger::{Extent, Open, SafePose, TransactionState};
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
 use crate::{Rules, distance};
@@ -161,7 +161,8 @@ impl SuperviseCore {
         if told.is_none() && outcome == Outcome::Committed {
             // it was cut off, and rests where its stream had led by then
             let (robot, target) = (step.robot(), ended.open.target.clone());
-            step.emit(Event::Amended { robot, id, target, motors: Vec::new() });
+            let stream = ended.open.extent != Extent::Whole;
+            step.emit(Event::Amended { robot, id, target, motors: Vec::new(), stream });
         }
         step.emit(ended.event(step.robot()));
         step.out.push(SuperviseOut::Ended(agent, id, end));
@@ -235,7 +236,7 @@ impl SuperviseCore {
         if let Some(later) = later {
             open.safe = Some(SafePose { since: later.at, q: later.q.clone() });
             let (id, q) = (open.id, later.q.clone());
-            step.emit(Event::SafePoseMoved { robot: step.robot(), id, q });
+            step.emit(Event::SafePoseMoved { robot: step.robot(), id, q, recorded: None });
         }
     }
 }

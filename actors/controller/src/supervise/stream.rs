@@ -50,7 +50,7 @@ impl SuperviseCore {
                 let (robot, agent) = (rules.robot.clone(), agent.to_string());
                 let named = stream.named();
                 let motors = greatest(&named, rules);
-                step.emit(Event::Commit { robot, id, agent, target, escape: false, motors });
+                step.emit(Event::Commit { robot, id, agent, target, escape: false, motors, stream: true });
                 self.enter(Status::Moving, step);
                 self.begin_stream(stream, &named, &here, step);
                 Ok(id)
@@ -88,7 +88,8 @@ impl SuperviseCore {
         open.target = stream.asked(&open.target);
         let (id, target) = (open.id, open.target.clone());
         if !new.is_empty() {
-            step.emit(Event::Amended { robot: step.robot(), id, target, motors: greatest(&new, rules) });
+            let motors = greatest(&new, rules);
+            step.emit(Event::Amended { robot: step.robot(), id, target, motors, stream: true });
         }
         self.begin_stream(stream, &new, here, step);
         Ok(id)
@@ -182,7 +183,7 @@ impl SuperviseCore {
             open.motion =
                 Motion::Move { due: open.motion.due().max(Some(sampled_at + PATIENCE)).unwrap_or(sampled_at) };
             let (id, target) = (open.id, open.target.clone());
-            step.emit(Event::Amended { robot: step.robot(), id, target, motors: Vec::new() });
+            step.emit(Event::Amended { robot: step.robot(), id, target, motors: Vec::new(), stream: true });
         }
         self.restore_modes(Writer::Agent, step);
     }

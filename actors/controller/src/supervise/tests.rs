@@ -3,6 +3,7 @@
 use super::*;
 use crate::command_guard::CommandGuard;
 use crate::joint_retreat::JointRetreat;
+use crate::ledger::Extent;
 use crate::reflex::tests::Alone;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
 use crate::{ControllerSettings, Drive, FieldsSettings};
@@ -20,6 +21,7 @@ mod exhaustive;
 mod readings;
 mod reference;
 mod two_motors;
+mod undo;
 use cell::{Cell, Kind, Op};
 
 /// A motor as good as any.
@@ -326,7 +328,8 @@ fn the_reflex_says_nothing_before_the_robot_rests() {
         reflex.read(&mut pulse, None, Status::Stopping, at)
     };
     let safe = Some(crate::ledger::SafePose { since: Time::ZERO, q: vec![0.0].into() });
-    let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+    let motion =
+        Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::ZERO);
     let (mut stops, mut given_up) = (0, 0);

@@ -63,7 +63,7 @@ fn a_robot_that_holds_with_a_commit_open_is_kept_in_full() {
     let dir = tempfile::tempdir().unwrap();
     let mut tracks = Tracks::open(dir.path(), &robots()).unwrap();
     let (robot, agent, target) = (ROBOT.to_owned(), "a/agent".to_owned(), [0.0, 0.0].as_slice().into());
-    let commit = Event::Commit { robot, id: CommitId(1), agent, target, escape: false, motors: vec![] };
+    let commit = Event::Commit { robot, id: CommitId(1), agent, target, escape: false, motors: vec![], stream: false };
     (0..5).for_each(|k| pose(&mut tracks, ms(20 * k), [0.0, 0.0]));
     tracks.write(ms(85), &Entry::Event(Arc::new(commit))).unwrap();
     state(&mut tracks, ms(90), Status::Holding(mobee_contract::Hold::Stale));

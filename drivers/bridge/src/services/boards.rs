@@ -124,11 +124,31 @@ impl PartFilter {
         // what is no bottle is answered as what is unknown
         let request = message.payload.bottle(dialect).unwrap_or_else(|_| Bottle::of(["", ""]));
         let asked = yarp::board::parse(&request, &self.units);
-        let step = self.robot.with(|core, seen| core.request(&client, &asked, seen));
+        let (failed, step) =
+            self.robot.with(|core, seen| (core.has_failed(&client, seen), core.request(&client, &asked, seen)));
         match &step {
-            Step::Reply(reply) => yarp::board::reply(*reply).into(),
+            Step::Reply(reply) => self.explained(*reply, failed, None).into(),
             Step::Question(question) => self.ask(&client, question, &message, &request).await,
-            Step::Commit(_) | Step::Stream(_) | Step::Stop => yarp::board::reply(self.act(&client, &step).await).into(),
+            Step::Commit(_) | Step::Stream(_) | Step::Stop => {
+                let (reply, refusal) = self.act(&client, &step).await;
+                self.explained(reply, false, refusal).into()
+            }
+        }
+    }
+
+    /// A reply, which says why if it is a refusal that the client could not foresee. What no board takes is refused as a board
+    /// does it.
+    fn explained(&self, reply: BoardReply, failed: bool, refusal: Option<Refusal>) -> Bottle {
+        let bottle = yarp::board::reply(reply);
+        if reply != BoardReply::Refused {
+            return bottle;
+        }
+        let latest = self.robot.filtered.latest();
+        let scene = self.robot.running.scene();
+        let met = latest.contacts.first().map(|c| [c.pair.0, c.pair.1].map(|shape| scene.shape_name(shape)));
+        match in_words(latest.status, met, failed, refusal) {
+            Some(why) => bottle.with(why),
+            None => bottle,
         }
     }
 
@@ -152,7 +172,7 @@ impl PartFilter {
         let replied = tokio::time::timeout(self.robot.network.timeout(), answer).await;
         let known = match self.robot.with(|core, seen| core.knows_better(client, question, seen)) {
             Ok(known) => known,
-            Err(reply) => return yarp::board::reply(reply).into(),
+            Err(reply) => return self.explained(reply, true, None).into(),
         };
         // what is no bottle is no answer
         let answer = replied.ok().and_then(Result::ok).map(|answer| answer.0);
@@ -166,18 +186,19 @@ impl PartFilter {
 
     /// Answers a question on behalf of a board that has no protocol of its own.
     fn answer(&self, client: &Client<'_>, question: &Question, request: &Bottle) -> Bottle {
-        self.robot.with(|core, seen| match core.knows_better(client, question, seen) {
+        let known = self.robot.with(|core, seen| match core.knows_better(client, question, seen) {
             Ok(known) => {
                 let mut stamp = self.answers.lock().unwrap_or_else(PoisonError::into_inner);
                 *stamp = stamp.next(self.robot.running.time_of_day(seen.now));
-                yarp::board::answer(core.board(self.index), &known, request, *stamp)
+                Ok(yarp::board::answer(core.board(self.index), &known, request, *stamp))
             }
-            Err(reply) => yarp::board::reply(reply),
-        })
+            Err(reply) => Err(reply),
+        });
+        known.unwrap_or_else(|reply| self.explained(reply, true, None))
     }
 
-    /// Moves or stops the robot: the reply.
-    async fn act(&self, client: &Client<'_>, step: &Step) -> BoardReply {
+    /// Moves or stops the robot: the reply, and why it is none.
+    async fn act(&self, client: &Client<'_>, step: &Step) -> (BoardReply, Option<Refusal>) {
         let filtered = &self.robot.filtered;
         let agent = self.robot.with(|core, _| core.agent());
         let verdict: Verdict = match step {
@@ -185,14 +206,14 @@ impl PartFilter {
             Step::Stream(setpoints) => self.patiently(|| filtered.stream(agent.clone(), setpoints.clone())).await,
             Step::Stop => {
                 filtered.stop(agent);
-                return BoardReply::Accepted;
+                return (BoardReply::Accepted, None);
             }
-            Step::Reply(_) | Step::Question(_) => return BoardReply::Refused,
+            Step::Reply(_) | Step::Question(_) => return (BoardReply::Refused, None),
         };
         if let Err(refusal) = &verdict {
             tracing::debug!(part = self.name, from = client.from, %refusal, "a motion was refused");
         }
-        self.robot.with(|core, seen| core.accepted(client, step, &verdict, seen))
+        (self.robot.with(|core, seen| core.accepted(client, step, &verdict, seen)), verdict.err())
     }
 
     /// Tries again for a moment while the robot is not ready: it may only just have come to rest.
@@ -237,6 +258,23 @@ impl PartFilter {
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
     }
+}
+
+/// Why a robot in this state refuses a request, if that is not the request's own fault: what its last motion met, whether the
+/// client has yet to learn that its motion failed, and what was said to a motion.
+fn in_words(status: Status, met: Option<[String; 2]>, failed: bool, refusal: Option<Refusal>) -> Option<String> {
+    let met = || met.as_ref().map_or_else(|| "the motion was stopped".into(), |[a, b]| format!("{a} touched {b}"));
+    Some(match status {
+        Status::Stopping | Status::Retreating | Status::Settling => {
+            format!("rolled back: {}, retreat until the robot is at rest again", met())
+        }
+        Status::Starting => "the robot is not ready yet: its filter opens once it is at rest".into(),
+        Status::Holding(hold) if closed(status) || failed => format!("the robot holds: {hold}"),
+        Status::Rest | Status::Moving | Status::Escaping if failed => {
+            format!("rolled back: {}; the retreat is over, plan anew from where the robot is", met())
+        }
+        Status::Rest | Status::Moving | Status::Escaping | Status::Holding(_) => refusal?.to_string(),
+    })
 }
 
 /// A streamed command on its way.

@@ -77,14 +77,12 @@ impl RobotPorts {
         let mut parts = Vec::new();
         for (index, part) in model.parts.iter().enumerate() {
             let first = taken.insert(part.name.clone());
-            // the robot's own ports bear its name, and the filtered board is at ROBOT/PART
-            let is_free = first && running.robots().iter().all(|robot| robot.name() != part.name);
-            let base = if is_free { settings.prefix.clone() } else { format!("{own}/parts") };
-            let prefix = format!("{base}/{}", part.name);
+            let robots = running.robots();
+            let prefix = settings.part_prefix(model, &part.name, first, robots.iter().map(|robot| robot.name()));
             let handler = Arc::new(Asked(robot.clone(), Whom::Part(index)));
             servers.push(RpcServer::open(network, &format!("{prefix}/rpc"), handler).await.map_err(wrong)?);
             let state = writer(format!("{prefix}/state:o")).await?;
-            let control = match settings.force_field.get(&part.name).filter(|_| first) {
+            let control = match settings.force_field.get(&part.name).filter(|_| settings.steers(&part.name, first)) {
                 None => None,
                 Some(constants) => {
                     let q = degrees(filtered.latest().q.get(part.motors.clone()).unwrap_or_default());

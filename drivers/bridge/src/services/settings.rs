@@ -5,7 +5,7 @@ use mobee_contract::{KindError, suggestion};
 use mobee_model::Robot;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -206,6 +206,49 @@ impl YarpSettings {
     pub fn robot_prefix(&self, robot: &str) -> String {
         let own = self.robots.get(robot).and_then(|r| r.prefix.clone());
         own.unwrap_or_else(|| format!("{}/{robot}", self.prefix))
+    }
+
+    /// The names of all ports that are opened for these robots.
+    pub fn port_names(&self, robots: &[Arc<Robot>]) -> Vec<String> {
+        let mut names = Vec::new();
+        let mut taken = BTreeSet::new();
+        for robot in robots {
+            let (name, own) = (&robot.name, format!("{}/{}", self.prefix, robot.name));
+            for part in robot.parts.iter().filter(|part| self.serves(name, &part.name)) {
+                let board = format!("{}/{}", self.robot_prefix(name), part.name);
+                names.extend(["rpc:i", "command:i", "state:o", "stateExt:o"].map(|port| format!("{board}/{port}")));
+            }
+            if !self.parts {
+                continue;
+            }
+            names.extend(["rpc", "collisions:o", "observation:o"].map(|port| format!("{own}/{port}")));
+            for part in &robot.parts {
+                let first = taken.insert(part.name.clone());
+                let prefix = self.part_prefix(robot, &part.name, first, robots.iter().map(|r| r.name.as_str()));
+                names.extend(["rpc", "state:o"].map(|port| format!("{prefix}/{port}")));
+                names.extend(self.steers(&part.name, first).then(|| format!("{prefix}/cmd:i")));
+            }
+        }
+        names.extend(self.world.then(|| format!("{}/world", self.prefix)));
+        names
+    }
+
+    /// The beginning of the names of a part's own ports. `first`: no earlier robot has a part of this name.
+    pub(crate) fn part_prefix<'a>(
+        &self,
+        robot: &Robot,
+        part: &str,
+        first: bool,
+        mut robots: impl Iterator<Item = &'a str>,
+    ) -> String {
+        // the robot's own ports bear its name, and the filtered board is at ROBOT/PART
+        let is_free = first && robots.all(|name| name != part);
+        if is_free { format!("{}/{part}", self.prefix) } else { format!("{}/{}/parts/{part}", self.prefix, robot.name) }
+    }
+
+    /// Whether a part has a force-field controller.
+    pub(crate) fn steers(&self, part: &str, first: bool) -> bool {
+        first && self.force_field.contains_key(part)
     }
 
     /// Whether a part of a robot has a filtered board.

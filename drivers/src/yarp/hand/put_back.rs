@@ -88,11 +88,14 @@ impl Hand {
     /// What is to be said next. Motors that are about to change their mode are expected to have, by whoever commands them next.
     fn due(&self, at_end: bool) -> Option<Due> {
         let is_leased = !at_end && holds(*self.lease.borrow());
+        if !self.cell.is_ours(self.index) {
+            return None;
+        }
         let mut guard = self.cell.lock();
         let inner = &mut *guard;
         let known = inner.boards.get_mut(self.index)?;
         known.owed.offer_again(self.cell.secs(instant()));
-        if !known.owed.is_any() || self.cell.is_let_go() {
+        if !known.owed.is_any() {
             return None;
         }
         known.owed.see(&known.modes);
@@ -137,7 +140,7 @@ impl Hand {
         let owes = |hand: &Hand| {
             hand.cell.lock().boards.get(hand.index).is_some_and(|known| known.owed.is_any() && known.trouble.is_none())
         };
-        while owes(self) && !self.cell.is_let_go() && self.cell.secs(instant()) < until {
+        while owes(self) && self.cell.is_ours(self.index) && self.cell.secs(instant()) < until {
             self.put_back(true).await;
             sleep(LOOK).await;
         }

@@ -4,7 +4,7 @@
 
 use crate::net::{Act, Rig};
 use mobee_contract::{Command, DriverFault, Hardware};
-use mobee_drivers::YarpHardware;
+use mobee_drivers::{YarpDriverSettings, YarpHardware};
 
 #[test]
 fn boards_that_come_back_are_stopped_first_and_nothing_is_resumed() {
@@ -59,6 +59,7 @@ fn two_programs_under_one_name_are_not_both_let_to_write() {
     // a thief of the name that registers without asking silences the first
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let network = robot.net.network();
+    runtime.block_on(network.unregister("/MoBeE/two/driver/trunk/state:i")).unwrap();
     runtime.block_on(network.register("/MoBeE/two/driver/trunk/state:i", "127.0.0.1", 9)).unwrap();
     let why = robot.wait("the thief to be noticed", |now| match driver.sample(now) {
         Err(DriverFault::Hardware(why)) => Some(why),
@@ -103,4 +104,39 @@ fn a_driver_that_ends_leaves_no_names_behind() {
     drop(robot.hardware);
     assert_eq!(names(), []);
     drop(net);
+}
+
+/// Until a run has all that it needs another program may move its robot.
+#[test]
+fn a_robot_that_is_only_looked_at_is_sent_nothing() {
+    let robot = Rig::new();
+    let sent = || robot.net.ways.iter().map(|way| way.told.lock().unwrap().len()).sum::<usize>();
+    let on =
+        |settings: &YarpDriverSettings| YarpHardware::on(&robot.net.network(), settings, &robot.net.robot).unwrap();
+    let settings = YarpDriverSettings { connect_s: 1.0, ..robot.net.settings() };
+    let other = on(&YarpDriverSettings { name: Some("/other".into()), ..settings.clone() });
+    let mut driver = other.look().unwrap().unwrap();
+    robot.reading(&mut driver, "a reading", |_| true);
+    let stop = driver.command(robot.now(), &Command::Stop { motors: vec![] });
+    assert!(matches!(stop, Err(DriverFault::Refused(_))), "{stop:?}");
+    drop((driver, other));
+    // one of its boards is not there
+    let absent = YarpDriverSettings::of([("trunk", "/two/trunk"), ("arm", "/two/nowhere")]);
+    let absent = on(&YarpDriverSettings { connect_s: 1.0, max_speed_deg_per_s: 100.0, ..absent });
+    let Err(why) = absent.look().unwrap() else { panic!("a board that is not there") };
+    assert!(why.to_string().contains("/two/nowhere"), "{why}");
+    drop(absent);
+    assert_eq!(sent(), 0, "{:?}", robot.net.ways[0].told.lock().unwrap());
+    // what drives it is not disturbed by a second program under the same names, neither as that looks nor as it connects
+    let mut driver = robot.hardware.connect().unwrap();
+    robot.under_way(&mut driver);
+    let begun = tokio::time::Instant::now();
+    for connects in [false, true] {
+        let second = on(&settings);
+        let refused = if connects { second.connect() } else { second.look().unwrap() };
+        let Err(DriverFault::Hardware(why)) = refused.map(|_| ()) else { panic!("two writers") };
+        assert!(why.contains("another program"), "{why}");
+    }
+    robot.reading(&mut driver, "the target", |s| s.done.iter().all(|d| *d) && s.q[0].to_degrees() > 44.5);
+    assert!(robot.net.ways.iter().all(|way| way.stopped(begun).is_none()));
 }

@@ -17,6 +17,11 @@ pub fn fail() -> Bottle {
     word(words::FAIL)
 }
 
+/// Whether a reply is a failure. The reason may follow the word.
+pub fn is_fail(reply: &Bottle) -> bool {
+    reply.get(0).and_then(Value::as_vocab) == Some(words::FAIL)
+}
+
 /// `([nak])`: a request of fewer than two elements.
 pub fn nak() -> Bottle {
     word(words::NAK)

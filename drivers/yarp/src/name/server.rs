@@ -70,6 +70,8 @@ struct Shared {
     contact: Contact,
     options: ServerOptions,
     links: mpsc::Sender<super::PendingConnection>,
+    /// The server's own network, to see whether a port that has a name is still there.
+    network: Network,
 }
 
 impl Shared {
@@ -106,7 +108,7 @@ impl NameServer {
         let network = Network::at(near).with_timeout(options.timeout).with_auth(options.auth.clone());
         let (links, wanted) = mpsc::channel(persist::MOST_WAITING);
         let table = Mutex::new(NameTable::new(contact.clone(), options.max_ports));
-        let shared = Arc::new(Shared { table, contact, options, links });
+        let shared = Arc::new(Shared { table, contact, options, links, network: network.clone() });
         let (stop, stopped) = watch::channel(false);
         let task = tokio::spawn(serve(listener, shared.clone(), network, wanted, stopped));
         Ok(NameServer { shared, address, stop, task })

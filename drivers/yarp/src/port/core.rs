@@ -4,9 +4,10 @@ use super::dial::TextMessage;
 use super::inbox::Inbox;
 use super::slot::{Delivery, Packet, Slot};
 use super::{Handler, PortError, PortOptions, dial, lock, output};
+use crate::remote::{self, Holder};
 use crate::wire::Carrier;
 use crate::wire::admin::{self, Added, AdminReply, Peer, PortView, Removed};
-use crate::{Bottle, Contact, Network, Text, Value, remote};
+use crate::{Bottle, Contact, Network, Text, Value};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -90,7 +91,7 @@ impl Core {
         let ours = &self.contact;
         let taken = match self.network.query(&self.name).await {
             Ok(Some(found)) if (&found.host, found.port) == (&ours.host, ours.port) => None,
-            Ok(Some(other)) if remote::answers(&self.network, &other).await => Some(other),
+            Ok(Some(other)) if remote::holder(&self.network, &other).await == Holder::Port => Some(other),
             Ok(_) => {
                 if self.network.register(&self.name, &ours.host, ours.port).await.is_ok() {
                     let _ = self.network.announce(&self.name).await;

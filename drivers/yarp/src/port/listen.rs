@@ -3,9 +3,10 @@
 use super::core::{Core, Sink};
 use super::slot::Delivery;
 use super::{PortError, PortOptions, input};
+use crate::Network;
 use crate::guests::Guests;
+use crate::remote::{self, Holder};
 use crate::wire::names;
-use crate::{Network, remote};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -33,13 +34,20 @@ impl Handle {
         if !names::is_rooted(&name) && name != "..." {
             return Err(PortError::BadName(name));
         }
-        free(network, &name).await?;
+        check_free(network, &name).await?;
         let address = (network.bind(), options.number);
         let listen =
             |source| PortError::Listen { name: name.clone(), address: format!("{}:{}", address.0, address.1), source };
         let listener = TcpListener::bind(address).await.map_err(listen)?;
         let number = listener.local_addr().map_err(listen)?.port();
-        let contact = network.register(&name, &network.host(), number).await?;
+        let contact = match network.register(&name, &network.host(), number).await {
+            Ok(contact) => contact,
+            Err(error) => {
+                // a name server of ours refuses a name that another port got since it was free
+                check_free(network, &name).await?;
+                return Err(error.into());
+            }
+        };
         let core = Arc::new(Core::new(network, contact, sink, delivery, options));
         let listener = Some(tokio::spawn(listen_loop(core.clone(), listener)));
         let handle = Handle { core, listener };
@@ -59,17 +67,20 @@ impl Handle {
     }
 }
 
-/// Sees that nobody who answers has the name: name servers give any name to whoever asks last.
-async fn free(network: &Network, name: &str) -> Result<(), PortError> {
+/// Checks that no other port has this name: the original's name server gives any name to the last that requests it. A port
+/// that is closing gets a moment.
+///
+/// # Errors
+/// The port that has it; or the name server can't be queried.
+pub async fn check_free(network: &Network, name: &str) -> Result<(), PortError> {
     for look in 1.. {
         let Some(other) = network.query(name).await? else { break };
-        if !remote::answers(network, &other).await {
-            break;
+        match remote::holder(network, &other).await {
+            Holder::Gone => break,
+            Holder::Silent => return Err(PortError::Silent(other)),
+            Holder::Port if look == CLOSES.0 => return Err(PortError::Taken(other)),
+            Holder::Port => sleep(CLOSES.1).await,
         }
-        if look == CLOSES.0 {
-            return Err(PortError::Taken(other));
-        }
-        sleep(CLOSES.1).await;
     }
     Ok(())
 }

@@ -2,7 +2,8 @@
 
 use crate::common::names;
 use mobee_yarp::{Bottle, Carrier, Delivery, Handler, InputPort, Message, Payload, Queue, RpcClient, RpcServer};
-use mobee_yarp::{CallError, Dialect, NameServer, OutputPort, PortOptions, Sender, ServerOptions, Stamp, Value, Vocab};
+use mobee_yarp::{CallError, Dialect, NameServer, OutputPort, PortOptions, Sender, ServerOptions, Source, Stamp};
+use mobee_yarp::{Value, Vocab, remote};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -250,6 +251,7 @@ async fn ports_register_again_when_the_name_server_forgot_them() {
     })
     .await;
     // Who takes the name keeps it, also when the first owner leaves.
+    network.unregister("/reader").await.unwrap();
     network.register("/reader", "127.0.0.1", 9).await.unwrap();
     reader.close().await;
     assert_eq!(network.query("/reader").await.unwrap().map(|it| it.port), Some(9));
@@ -265,10 +267,90 @@ async fn a_name_stays_with_the_port_that_answers_and_comes_back_from_one_that_do
     assert!(refused.contains("another program holds the port name /a (at 127.0.0.1:"), "{refused}");
     assert_eq!(network.query("/a").await.unwrap().as_ref(), Some(first.contact()));
     // a program that takes names without asking, and has died
+    network.unregister("/a").await.unwrap();
     network.register("/a", "127.0.0.1", 1).await.unwrap();
     soon(async { while network.query("/a").await.unwrap().as_ref() != Some(first.contact()) {} }).await;
     // who is about to close gets a moment
     let (closed, opened) = tokio::join!(first.close(), OutputPort::open(&network, "/a", Delivery::Newest));
     let ((), second) = (closed, opened.unwrap());
     assert_eq!(network.query("/a").await.unwrap().as_ref(), Some(second.contact()));
+}
+
+/// A program that was killed leaves its name behind, and the system gives the number to another port.
+#[tokio::test]
+async fn the_number_of_a_dead_port_may_be_another_ports_since() {
+    let (_names, network) = names().await;
+    let other = InputPort::open(&network, "/other", Queue::Newest).await.unwrap();
+    let number = other.contact().port;
+    network.register("/dead", "127.0.0.1", number).await.unwrap();
+    assert!(!remote::exists(&network, "/dead").await.unwrap() && remote::exists(&network, "/other").await.unwrap());
+    let again = InputPort::open(&network, "/dead", Queue::Newest).await.unwrap();
+    assert_eq!(network.query("/dead").await.unwrap().as_ref(), Some(again.contact()));
+    // a longer name is another one
+    network.register("/oth", "127.0.0.1", number).await.unwrap();
+    InputPort::open(&network, "/oth", Queue::Newest).await.unwrap().close().await;
+}
+
+/// The original gives any name to the last that requests it.
+#[tokio::test]
+async fn our_name_server_gives_the_name_of_a_live_port_to_no_other() {
+    let (_names, network) = names().await;
+    let port = InputPort::open(&network, "/a", Queue::Newest).await.unwrap();
+    let (ours, other) = (port.contact().clone(), InputPort::open(&network, "/b", Queue::Newest).await.unwrap());
+    let refused = network.register("/a", "127.0.0.1", other.contact().port).await;
+    assert!(refused.is_err(), "{refused:?}");
+    assert!(network.register("/a", "...", 0).await.is_err());
+    assert_eq!(network.query("/a").await.unwrap().as_ref(), Some(&ours));
+    // of many that start at one moment, one gets it
+    let open = || OutputPort::open(&network, "/c", Delivery::Newest);
+    let (one, two, three) = tokio::join!(open(), open(), open());
+    let opened: Vec<_> = [one, two, three].into_iter().flatten().collect();
+    assert_eq!(opened.len(), 1);
+    assert_eq!(network.query("/c").await.unwrap().as_ref(), Some(opened[0].contact()));
+}
+
+/// A suspended program still has its port: connections are accepted by the system.
+#[tokio::test]
+async fn a_program_that_does_not_answer_keeps_its_name() {
+    let (_names, network) = names().await;
+    let network = network.with_timeout(Duration::from_millis(200));
+    let suspended = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    network.register("/a", "127.0.0.1", suspended.local_addr().unwrap().port()).await.unwrap();
+    let refused = InputPort::open(&network, "/a", Queue::Newest).await.err().unwrap().to_string();
+    assert!(refused.contains("that does not answer: it may be suspended"), "{refused}");
+    drop(suspended);
+    InputPort::open(&network, "/a", Queue::Newest).await.unwrap();
+}
+
+/// Another program that is connected, or the remains of a connection that broke without notice, count as no source.
+#[tokio::test]
+async fn a_source_that_is_silent_is_asked_to_connect_again_whoever_else_is_connected() {
+    let (_names, network) = names().await;
+    let mut reader = InputPort::open(&network, "/reader", Queue::Newest).await.unwrap();
+    let strangers = OutputPort::open(&network, "/stranger", Delivery::Newest).await.unwrap();
+    strangers.connect("/reader", Carrier::Tcp).await.unwrap();
+    let mut source = Source::new("/writer", Carrier::Tcp, Duration::from_millis(50));
+    for round in 0..3 {
+        // each life of the writer knows nothing of the connections of the one before
+        let writer = OutputPort::open(&network, "/writer", Delivery::Newest).await.unwrap();
+        soon(async {
+            loop {
+                tokio::select! {
+                    message = source.recv(&mut reader) => match message {
+                        Ok(message) if message.as_ref().is_some_and(|m| m.from == "/writer") => {
+                            assert_eq!(content(&message.unwrap()), greeting(round));
+                            return;
+                        }
+                        _ => {}
+                    },
+                    () = tokio::time::sleep(Duration::from_millis(5)) => {
+                        strangers.write(greeting(-1), None);
+                        writer.write(greeting(round), None);
+                    }
+                }
+            }
+        })
+        .await;
+        writer.close().await;
+    }
 }

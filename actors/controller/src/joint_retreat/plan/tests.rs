@@ -11,7 +11,7 @@ fn farther(then: f64, safe: f64, place: Option<f64>) -> Leg {
     let (a, b) = (then.to_degrees(), safe.to_degrees());
     let who = recorded(0, true, &[(0.0, a), (1.0, a), (2.0, b), (3.0, b)], 2.5);
     let who = Participant { named: [].into(), places: vec![place].into(), ..who };
-    Leg { end: 50, rested: Time::ZERO, blocked: false, who }
+    Leg { end: 50, rested: Time::ZERO, blocked: false, unproved: false, who }
 }
 
 /// A motor that the motion did not name goes along only if it was sent elsewhere since then.
@@ -331,4 +331,32 @@ fn dwells_of_all_are_skipped_and_no_motor_is_hurried() {
     for pair in ways.iter().flat_map(|w| w.points.windows(2)) {
         assert!((pair[0].1[0] - pair[1].1[0]).abs() <= 3.0 * (pair[1].0 - pair[0].0) + 1e-9, "{pair:?}");
     }
+}
+
+/// A stream that led into another robot is undone to where it touches nothing, and no farther than it must be.
+#[test]
+fn a_stream_ends_where_nothing_touches() {
+    let turns = [(0.0, 90.0), (3.0, 0.0)];
+    let end = |undo: usize, other: f64| {
+        let who = recorded(0, true, &turns, 0.0);
+        let last = who.past.len() - 1;
+        let poses = vec![who.past[last].q.clone(), vec![other.to_radians()].into()];
+        let mut plan = Plan::new(vec![Participant { end: last - undo, poses, ..who.clone() }]).unwrap();
+        while !plan.check(32) {}
+        let way = plan.ways().remove(0);
+        assert!(!way.farther && !way.blocked);
+        (who, way.end)
+    };
+    let near = |q: &Pose, other: f64| {
+        let poses = [q.clone(), vec![other.to_radians()].into()];
+        !scene().contacts(&poses, rules(true).margin + RELEASE).is_empty()
+    };
+    let (who, away) = end(0, 90.0);
+    assert_eq!(away, SafePose { since: who.past[300].at, q: who.past[300].q.clone() });
+    let (who, met) = end(0, 0.0);
+    let at = who.past.iter().position(|r| r.at == met.since).unwrap();
+    assert!(at < 300 && !near(&met.q, 0.0) && near(&who.past[at + 1].q, 0.0), "{met:?}");
+    // where that is free already, it is gone to
+    let (who, met) = end(300 - at + 20, 0.0);
+    assert_eq!(met.since, who.past[at - 20].at);
 }

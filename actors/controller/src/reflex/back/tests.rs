@@ -2,7 +2,7 @@
 
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use crate::joint_retreat::{JointRetreat, Participant, RetreatReply};
-use crate::ledger::{SafePose, Underway};
+use crate::ledger::{Extent, SafePose, Underway};
 use crate::look_ahead::Foreseen;
 use crate::pulse::Pulse;
 use crate::reflex::tests::Alone;
@@ -71,7 +71,8 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
     };
     read(0, &mut reflex, None, goal);
     let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
-    let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+    let motion =
+        Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));
     for k in 1..1500 {
@@ -243,7 +244,8 @@ fn asked(
 ) -> Vec<(u32, bool)> {
     let start = Time::from_secs(5.0);
     let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
-    let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+    let motion =
+        Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
     let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
     for k in 0..500 {
         let at = start + PERIOD * k;
@@ -312,7 +314,13 @@ fn who_is_back_and_stands_in_the_way_asks_once_more() {
 #[test]
 fn who_does_not_come_to_rest_is_stopped_again() {
     let (mut reflex, begun) = (Alone::new(rules(true)), Time::from_secs(5.0));
-    let motion = Underway { id: CommitId(1), safe: None, named: vec![0].into(), places: vec![None].into() };
+    let motion = Underway {
+        id: CommitId(1),
+        safe: None,
+        named: vec![0].into(),
+        places: vec![None].into(),
+        extent: Extent::Whole,
+    };
     let token = reflex.gate.close();
     reflex.on(ReflexIn::RollBack { token, motion, again: false }, begun);
     let stops = (1..650).filter(|k| {

@@ -306,7 +306,12 @@ impl Cell {
                     self.to_supervise.push_back(ToSupervise::ReflexReport(word));
                 }
                 ReflexOut::Bring(asked) => {
-                    let who = asked.participant(self.rules.clone(), &self.book.history, self.scene.clone());
+                    let who = asked.participant(
+                        self.rules.clone(),
+                        &self.book.history,
+                        self.scene.clone(),
+                        vec![vec![self.q].into()],
+                    );
                     let enrolled = who.map(|who| self.joint_retreat.enroll(who, self.now));
                     self.reflex_on(ReflexIn::Brought(enrolled));
                 }

@@ -1,7 +1,7 @@
 //! How floods, exchanges, runs and motions that go nowhere end.
 
 use super::*;
-use crate::ledger::{Motion, Open, SafePose};
+use crate::ledger::{Extent, Motion, Open, SafePose};
 
 /// What supervise tells: texts of warnings, and whether it yielded.
 fn told(out: &[SuperviseOut]) -> (Vec<&str>, bool) {
@@ -228,6 +228,7 @@ fn what_a_crash_left_open_ends_as_the_pose_shows() {
             motion: Motion::Move { due: at },
             cause: Some(Cause::Crashed),
             retreated,
+            extent: Extent::Whole,
         });
         cell.commits = 1;
         cell.apply(Op::Samples(30));

@@ -58,7 +58,7 @@ pub(super) async fn ask(shared: &Shared) -> Result<Arc<[AxisFacts]>, String> {
 /// A question's answer; a `[fail]` is one.
 async fn get(shared: &Shared, what: Get) -> Result<Bottle, String> {
     let answer = shared.ask(&Ask::Get(what).bottle()).await.map_err(|e| e.to_string())?;
-    if server::ends_well(&answer) || answer == reply::fail() {
+    if server::ends_well(&answer) || reply::is_fail(&answer) {
         return Ok(answer);
     }
     Err(format!("the board answers {answer}"))

@@ -9,6 +9,9 @@ use std::time::Duration;
 /// Shortest and longest pause between two attempts.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
 
+/// How long another program that found the name free, too, may take to register it.
+const SETTLES: Duration = Duration::from_millis(100);
+
 /// Reaches the board, watches it, and begins anew when it is lost, until it is to leave.
 pub(super) async fn run(shared: Arc<Shared>) {
     let (mut stream, mut leave) = (None, shared.leave.subscribe());
@@ -59,8 +62,11 @@ async fn reach<'a>(
     if stream.is_none() {
         *stream = Some(stream::Stream::open(shared.clone()).await.map_err(|e| match e {
             PortError::Taken(other) => taken(&other),
+            e @ PortError::Silent(_) => LinkState::Taken(super::in_words(&e)),
             e => LinkState::Down(super::in_words(&e)),
         })?);
+        // the original's name server lets two programs that start at one moment both register: the later one has the name
+        tokio::time::sleep(SETTLES).await;
     }
     let Some(stream) = stream else { return Err(LinkState::Down("no port for states".into())) };
     if let Some(other) = stream.port.roll_call().await {

@@ -3,8 +3,10 @@
 use super::Shared;
 use crate::guests::Heard;
 use crate::name::text::{LONGEST_LINE, REQUEST};
+use crate::name::{NameReply, NameTable};
+use crate::remote::{self, Holder};
 use crate::wire::{Carrier, Verb, admin, frame, handshake, line};
-use crate::{Bottle, Dialect, Value, auth};
+use crate::{Bottle, Contact, Dialect, Value, auth};
 use std::io;
 use std::net::SocketAddr;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -86,7 +88,7 @@ async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Hear
         heard.now();
         let line: Vec<u8> = incoming.bytes.drain(..=end).collect();
         let request = line.strip_prefix(REQUEST.as_bytes()).unwrap_or(&line);
-        let answer = answer(&parse(request), peer, shared).text();
+        let answer = answer(&parse(request), peer, shared).await.text();
         incoming.send(&answer, shared.options.timeout).await?;
     }
 }
@@ -124,7 +126,7 @@ async fn carrier(
         };
         heard.now();
         incoming.bytes.drain(..end);
-        let mut reply = reply(&verb, &payload, hello, peer, shared);
+        let mut reply = reply(&verb, &payload, hello, peer, shared).await;
         reply.extend_from_slice(carrier.ack());
         incoming.send(&reply, shared.options.timeout).await?;
         if verb == Verb::Quit {
@@ -134,7 +136,7 @@ async fn carrier(
 }
 
 /// The reply to one message, without its acknowledgement.
-fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, shared: &Shared) -> Vec<u8> {
+async fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, shared: &Shared) -> Vec<u8> {
     let text = hello.carrier.is_text();
     let view = || admin::PortView {
         name: shared.contact.name.clone(),
@@ -146,7 +148,7 @@ fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, sh
     };
     match verb {
         Verb::Data(wanted) => {
-            let answer = answer(payload, peer, shared);
+            let answer = answer(payload, peer, shared).await;
             match (wanted, text) {
                 (false, _) => Vec::new(),
                 (true, true) => answer.text(),
@@ -177,17 +179,42 @@ fn parse(line: &[u8]) -> Bottle {
 }
 
 /// Asks the table, and passes on the persistent connections that are due.
-fn answer(request: &Bottle, peer: &str, shared: &Shared) -> crate::name::NameReply {
+async fn answer(request: &Bottle, peer: &str, shared: &Shared) -> NameReply {
     let word = |v: &Value| v.as_text().map_or_else(|| v.to_string(), |t| t.into_owned());
     let mut words: Vec<String> = request.iter().map(word).collect();
     if words.first().is_some_and(|w| w == "NAME_SERVER") {
         words.remove(0);
     }
-    let outcome = shared.table().answer(&words, peer);
+    let mut gone = None;
+    let outcome = loop {
+        let rival = {
+            let mut table = shared.table();
+            match rival(&table, &words, peer, shared) {
+                Some(rival) if gone.as_ref() != Some(&rival) => rival,
+                _ => break table.answer(&words, peer),
+            }
+        };
+        if remote::holder(&shared.network, &rival).await == Holder::Port {
+            tracing::warn!("name server: {rival} answers, and its name was not given to another port");
+            return NameReply::end();
+        }
+        gone = Some(rival);
+    };
     for link in outcome.links {
         if let Err(e) = shared.links.try_send(link) {
             tracing::warn!("name server: a persistent connection is left to the next announcement: {e}");
         }
     }
     outcome.answer
+}
+
+/// The port at another address that has the name which is to be registered, if there is one. The original gives the name
+/// away, and its owner goes on without notice; here it is refused as long as the owner answers.
+fn rival(table: &NameTable, words: &[String], peer: &str, shared: &Shared) -> Option<Contact> {
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let ["register", name, rest @ ..] = words.as_slice() else { return None };
+    let before = table.query(name).filter(|before| before.name != shared.contact.name)?;
+    let host = rest.get(1).copied().filter(|host| *host != "...").unwrap_or(peer);
+    let same = before.host == host && rest.get(2).and_then(|number| number.parse().ok()) == Some(before.port);
+    (!same).then(|| before.clone())
 }

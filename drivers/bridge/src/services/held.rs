@@ -1,0 +1,41 @@
+//! Whether the names of our ports are ours: before they are opened, and as long as they are served.
+
+use mobee_yarp::remote::{Holder, holder};
+use mobee_yarp::{Contact, Network, PortError};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Time between two looks at the name server.
+const LOOK: Duration = Duration::from_secs(2);
+
+/// Why a run can't have a port name, with the remedy.
+pub(super) fn refusal(error: &PortError) -> String {
+    match error {
+        PortError::Taken(_) | PortError::Silent(_) => {
+            format!("{error}: set another `prefix` in [yarp], or stop the other run (`mobee ctl stop`)")
+        }
+        _ => error.to_string(),
+    }
+}
+
+/// Waits until the name server gives one of our names to another port that answers to it, which the original does for any
+/// program that requests it; says which one. A name server that does not answer shows nothing.
+pub(super) async fn lost(network: &Network, names: &[String]) -> String {
+    let names: Vec<String> = names.iter().map(|name| network.full_name(name)).collect();
+    let listed = async || {
+        let all = network.list("").await.ok()?;
+        let ours = all.into_iter().filter(|contact| names.contains(&contact.name));
+        Some(ours.map(|contact| (contact.name.clone(), contact)).collect::<BTreeMap<String, Contact>>())
+    };
+    let mut known: BTreeMap<String, Contact> = BTreeMap::new();
+    loop {
+        for (name, contact) in listed().await.unwrap_or_default() {
+            let before = known.entry(name).or_insert_with(|| contact.clone());
+            let moved = (&before.host, before.port) != (&contact.host, contact.port);
+            if moved && holder(network, &contact).await == Holder::Port {
+                return refusal(&PortError::Taken(contact));
+            }
+        }
+        tokio::time::sleep(LOOK).await;
+    }
+}
