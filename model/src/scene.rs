@@ -4,6 +4,7 @@
 
 mod bodies;
 mod edit;
+mod label;
 mod line;
 mod queries;
 mod report;
@@ -13,6 +14,7 @@ mod world;
 
 pub(crate) use bodies::{Bodies, MAX_PAIRS};
 pub use edit::{Edit, SceneError};
+pub use label::Labels;
 pub use line::LineVerdict;
 pub use report::{ContactKind, ReportedContact};
 pub use skeleton::{Hinge, Skeleton};

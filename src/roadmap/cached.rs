@@ -28,6 +28,7 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
     if let Some(map) = kept.as_deref().and_then(|kept| load_for(kept, robot).ok()) {
         return Ok(map);
     }
+    eprintln!("building the map of {} (about a minute; it is kept in the cache for the next time)", path.display());
     let map = built(&scene, robot, &plan).map_err(|e| unusable(e.to_string()))?;
     if let Some(kept) = kept {
         // whoever has no cache builds it again

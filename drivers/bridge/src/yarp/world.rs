@@ -5,7 +5,7 @@
 //! mk (s)sph r px py pz          set OBJ x y z           grab OBJ robot marker    save FILE
 //! mk (s)cyl r h px py pz        rot OBJ rx ry rz        sim OBJ px py pz rx ry rz load FILE
 //! mk (s)box sx sy sz px py pz   rot OBJ m00 .. m22      srun s, sstp, sync       undo
-//! ls, clr, help                 get OBJ, rm OBJ         def OBJ obs|tgt|gho
+//! ls, clr, help                 get OBJ, rm OBJ         def OBJ obs|tgt|gho (also obstacle|target|ghost)
 //! ```
 
 #[cfg(test)]
@@ -21,7 +21,18 @@ use mobee_yarp::{Bottle, Value, Vocab};
 
 /// Answers one request in YARP's words; edits are made before the reply.
 pub async fn answer(world: &WorldService, request: &Bottle) -> Bottle {
-    reply(&world.answer(parse(request)).await)
+    judged(world, request).await.unwrap_or_else(|refused| refused)
+}
+
+/// The same for who must know whether it was done.
+///
+/// # Errors
+/// What a program would be answered, if the request was refused.
+pub async fn judged(world: &WorldService, request: &Bottle) -> Result<Bottle, Bottle> {
+    let answered = world.answer(parse(request)).await;
+    let refused = matches!(&answered, Err(_) | Ok(WorldReply::Found { outcome: Err(_), .. }));
+    let bottle = reply(&answered);
+    if refused { Err(bottle) } else { Ok(bottle) }
 }
 
 /// Reads a request. Never fails: what is wrong becomes part of the request, and the world's core answers it.
@@ -96,9 +107,9 @@ fn make(arguments: &[Value]) -> Result<WorldRequest, WorldRefusal> {
 
 fn class(rest: &[Value]) -> Result<ObjectClass, WorldRefusal> {
     match words::name(rest.first()).as_deref() {
-        Some("obs") => Ok(ObjectClass::Obstacle),
-        Some("tgt") => Ok(ObjectClass::Target),
-        Some("gho") => Ok(ObjectClass::Ghost),
+        Some("obs" | "obstacle") => Ok(ObjectClass::Obstacle),
+        Some("tgt" | "target") => Ok(ObjectClass::Target),
+        Some("gho" | "ghost") => Ok(ObjectClass::Ghost),
         _ => Err(WorldRefusal::UnknownClass),
     }
 }
@@ -171,7 +182,9 @@ fn sentence(why: &WorldRefusal) -> String {
             "ROT ERROR: give 3 angles in degrees, or the 9 numbers of a rotation matrix row by row.".into()
         }
         WorldRefusal::SimulatorPose => "parseSimRTBottle: invalid number of arguments supplied".into(),
-        WorldRefusal::UnknownClass => "Unknown definition, use 'obs' or 'tgt'.".into(),
+        WorldRefusal::UnknownClass => {
+            "Unknown definition, use 'obs', 'tgt' or 'gho' (or 'obstacle', 'target', 'ghost').".into()
+        }
         WorldRefusal::Period => "Please provide the refresh period for the synchronization thread in seconds".into(),
         WorldRefusal::FileName => "Give the bare name of a file: letters, digits, '_', '-' and '.', no folders.".into(),
         WorldRefusal::NoObject(name) => format!("Object {name} not found."),
@@ -206,7 +219,7 @@ fn help() -> Bottle {
         "rot OBJ rx ry rz - turn an object to these angles about x, y, z, degrees",
         "rot OBJ r00 r01 r02 r10 r11 r12 r20 r21 r22 - turn an object to this rotation matrix",
         "get OBJ - pose of an object: its 4x4 matrix, column by column",
-        "def OBJ obs|tgt|gho - make it an obstacle, a target or a ghost",
+        "def OBJ obs|tgt|gho - make it an obstacle, a target or a ghost (these words will do as well)",
         "rm OBJ - remove an object that is not persistent",
         "clr - remove all objects that are not persistent",
         "grab OBJ robot marker - let an object follow a marker; with any other word than a marker: release it",

@@ -75,6 +75,9 @@ fn objects_are_made_named_and_listed_as_in_the_original() {
     assert_eq!(b.line("mk sph 0.1 1 2 3"), "sph1", "counters begin again");
 }
 
+const UNKNOWN_CLASS: &str =
+    "Object sph1 found. | Unknown definition, use 'obs', 'tgt' or 'gho' (or 'obstacle', 'target', 'ghost').";
+
 #[test]
 fn objects_are_moved_turned_read_and_removed() {
     let mut b = Typist::new();
@@ -88,7 +91,16 @@ fn objects_are_moved_turned_read_and_removed() {
     assert_eq!(b.line("set cyl 7 1 2 3"), "Object cyl7 not found.");
     assert_eq!(b.line("def sph1 tgt"), "Object sph1 found. | Changed object type to 'target'.");
     assert_eq!(b.0.scene.object("sph1").unwrap().1.class, ObjectClass::Target);
-    assert_eq!(b.line("def sph1 xyz"), "Object sph1 found. | Unknown definition, use 'obs' or 'tgt'.");
+    assert_eq!(b.line("def sph1 xyz"), UNKNOWN_CLASS);
+    for (word, class) in
+        [("ghost", ObjectClass::Ghost), ("obstacle", ObjectClass::Obstacle), ("target", ObjectClass::Target)]
+    {
+        assert_eq!(
+            b.line(&format!("def sph1 {word}")),
+            format!("Object sph1 found. | Changed object type to '{word}'.")
+        );
+        assert_eq!(b.0.scene.object("sph1").unwrap().1.class, class);
+    }
     assert_eq!(b.line("rm sph1"), "Object sph1 found. | Removed object");
     assert_eq!(b.line("rm sph1"), "Object sph1 not found.");
     assert_eq!(b.line("rm table"), "Object table found. | Object is persistent and stays.");
