@@ -185,9 +185,9 @@ impl Recorder {
                     self.paint()?;
                 }
                 self.past.push(middle(contact));
-                let from = self.past.len().saturating_sub(PAST);
-                let places = self.past.iter().skip(from).copied();
-                let marks = Points3D::new(places).with_colors([palette::PAST_CONTACT]).with_radii([0.005]);
+                self.past.drain(..self.past.len().saturating_sub(PAST));
+                let marks =
+                    Points3D::new(self.past.iter().copied()).with_colors([palette::PAST_CONTACT]).with_radii([0.005]);
                 self.stream.log("world/contacts/so_far", &marks)?;
             }
             Event::Note { robot, note } => {
