@@ -329,7 +329,7 @@ impl<'d> Scene<'d> {
     /// The corners in a list of a surface, whose positions are `count` vertices from `first`.
     fn corners(&mut self, list: &XmlElement, layout: &Layout<'_>, first: u32, count: u32) -> Result<Vec<u32>, String> {
         let content = self.content(list)?;
-        let mut words = 0;
+        let mut words = 0_usize;
         let mut corners = Vec::new();
         for (i, word) in content.split_ascii_whitespace().enumerate() {
             words = i + 1;
@@ -340,7 +340,7 @@ impl<'d> Scene<'d> {
                 })?);
             }
         }
-        if words % layout.stride != 0 {
+        if !words.is_multiple_of(layout.stride) {
             return Err(format!("is cut off: {} ends within a corner", self.tag(list)));
         }
         Ok(corners)
@@ -353,7 +353,7 @@ impl<'d> Scene<'d> {
         let made = match surface.name.as_str() {
             "triangles" => {
                 let all = lists.concat();
-                if all.len() % 3 != 0 {
+                if !all.len().is_multiple_of(3) {
                     return wrong(self, "ends within a triangle");
                 }
                 all.chunks_exact(3).try_for_each(|t| add_triangle(&mut self.mesh, [t[0], t[1], t[2]]))?;

@@ -275,7 +275,7 @@ impl Scene<'_> {
             }
             self.mesh.vertices.extend(new);
             let corner = |i: usize| corners.get(i).map(|c| first as u32 + c);
-            if mode == 4 && corners.len() % 3 != 0 {
+            if mode == 4 && !corners.len().is_multiple_of(3) {
                 return Err(format!("is cut off: mesh {index} ends within a triangle"));
             }
             let triangles = match mode {
