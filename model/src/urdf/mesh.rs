@@ -31,8 +31,6 @@ const MAX_TRIANGLES: usize = 1_000_000;
 const MAX_TRIANGLES_TOGETHER: usize = 4_000_000;
 /// Farther coordinates are refused, in the unit of the file.
 const MAX_COORDINATE: f64 = 1e7;
-/// A link's mesh that is longer than this was likely written in millimeters, meters.
-const SUSPICIOUS: f64 = 10.0;
 
 /// The meshes of one robot. Each file is read once, however many links it is part of.
 pub(super) struct Meshes<'a> {
@@ -112,14 +110,6 @@ pub(super) fn remedy(name: &str) -> String {
         None => "name the folder of the meshes with --meshes DIR".to_owned(),
     };
     format!("{where_it_is}, leave meshes out with --drop-meshes, or give the link a box, cylinder or sphere")
-}
-
-/// What is odd about the size of a link's mesh, if it is so long that its file must be in millimeters. `scale` is the URDF's.
-pub(super) fn odd_size(mesh: &Mesh, scale: &Vector3<f64>) -> Option<String> {
-    let far = |f: fn(f64, f64) -> f64, start: f64, i: usize| mesh.vertices.iter().map(|v| v[i]).fold(start, f);
-    let size = |i| (far(f64::max, f64::NEG_INFINITY, i) - far(f64::min, f64::INFINITY, i)) * scale[i].abs();
-    let longest = size(0).max(size(1)).max(size(2));
-    (longest > SUSPICIOUS).then(|| format!("is {longest:.0} m long: it may be written in millimeters"))
 }
 
 /// The package and the path within it, if the name is that of a file in a package.
