@@ -210,14 +210,14 @@ impl Reading<'_> {
         let (mut beyond, mut twice) = (Vec::new(), Vec::new());
         for (joint, q) in state.positions.iter().filter_map(|(joint, q)| Some((joint, *q.first()?))) {
             match self.tree.joint(joint) {
-                Some(JointUse::Moves { motion, min, max }) => {
-                    if !self.passive.contains(joint) && (q < min - ROUNDING || q > max + ROUNDING) {
-                        let limit = if q < min { min } else { max };
-                        beyond.push(format!("`{joint}` at {}, not {}", told(motion, limit), told(motion, q)));
-                    }
+                Some(JointUse::Moves { motion, min, max })
+                    if !self.passive.contains(joint) && (q < min - ROUNDING || q > max + ROUNDING) =>
+                {
+                    let limit = if q < min { min } else { max };
+                    beyond.push(format!("`{joint}` at {}, not {}", told(motion, limit), told(motion, q)));
                 }
-                Some(_) => drop(self.idle.insert(joint.clone())),
-                None => {}
+                Some(JointUse::Still | JointUse::Follows) => drop(self.idle.insert(joint.clone())),
+                _ => {}
             }
             let before = self.srdf.states.iter().filter(|s| s.name == state.name);
             let mut before = before.filter_map(|s| s.positions.get(joint)?.first());
