@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 use std::path::Path;
 
 /// To be raised with every change of the fit, the survey or the writer that gives another robot for the same files.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 /// Longer files are refused by their readers.
 const LONGEST: u64 = 64 * MIB;
 /// What the number stands behind in the robot file's comment.

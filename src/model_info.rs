@@ -58,14 +58,17 @@ pub fn text(path: &Path) -> Result<String, Report> {
         for m in robot.motors.get(part.motors.clone()).unwrap_or_default() {
             let _ = writeln!(
                 out,
-                "  {:20} {:8.2} to {:8.2} {}, home {:7.2}, joints {}{}",
+                "  {:20} {:8.2} to {:8.2} {}, home {:7.2}, joints {}{}{}",
                 m.name,
                 m.min.to_degrees(),
                 m.max.to_degrees(),
                 m.motion.unit(),
                 m.home.to_degrees(),
                 m.joints.len(),
-                if m.continuous { ", without end" } else { "" }
+                if m.continuous { ", without end" } else { "" },
+                m.max_speed
+                    .map(|v| format!(", at most {:.2} {}/s", v.to_degrees(), m.motion.unit()))
+                    .unwrap_or_default()
             );
         }
         let markers: Vec<&str> = robot.markers.iter().filter(|m| m.part == i).map(|m| m.name.as_str()).collect();

@@ -45,6 +45,9 @@ pub struct UrdfArgs {
     /// centers of mass nearer to their meshes.
     #[arg(long, value_name = "WORD", value_parser = up_axis)]
     up_axis: Option<UpAxis>,
+    /// Fit shapes around the visuals of links that have no collision shapes (what they show may be more or less than what is there).
+    #[arg(long)]
+    visual: bool,
     /// Hold planar joints at zero instead of refusing them (a floating base stands still anyhow).
     #[arg(long)]
     fix_unsupported: bool,
@@ -98,6 +101,7 @@ impl UrdfArgs {
             || self.drop_meshes
             || self.up_axis.is_some()
             || self.fix_unsupported
+            || self.visual
     }
 
     /// The options of the reader.
@@ -119,6 +123,8 @@ impl UrdfArgs {
             drop_meshes: self.drop_meshes,
             up_axis: self.up_axis.unwrap_or_default(),
             fix_unsupported: self.fix_unsupported,
+            visual: self.visual,
+            held: BTreeMap::new(),
             fit: FitOptions::default(),
         })
     }
@@ -131,21 +137,26 @@ impl ImportArgs {
     /// If a file can't be read or converted, with place and remedy.
     pub fn import(&self, urdf: &Path) -> Result<Imported, Report> {
         let fit = FitOptions { overshoot: self.overshoot / 1e3, primitives: usize::from(self.shapes) };
-        let options = UrdfOptions { part: self.part.clone(), fit, ..self.read.options()? };
-        let bar = Steps::new();
-        bar.step("fits shapes to meshes");
-        let loaded = load_urdf_with_surfaces(urdf, &options)?;
-        let (UrdfRobot { mut robot, surfaces: links, mut fits }, mut warnings) = (loaded.value, loaded.warnings);
-        let mut decided = Vec::new();
+        let mut srdf_warnings = Vec::new();
         let srdf = match &self.srdf {
             None => None,
             Some(path) => {
                 let tree = load_link_tree(urdf)?;
                 let srdf = load_srdf(path, &tree)?;
-                warnings.extend(srdf.warnings);
+                srdf_warnings = srdf.warnings;
                 Some((srdf.value, tree))
             }
         };
+        let held = srdf.as_ref().map(|(srdf, tree)| srdf.held(tree)).unwrap_or_default();
+        let options = UrdfOptions { part: self.part.clone(), fit, held, ..self.read.options()? };
+        let bar = Steps::new();
+        bar.step("fits shapes to meshes");
+        let loaded = load_urdf_with_surfaces(urdf, &options)?;
+        let (UrdfRobot { mut robot, surfaces: links, mut fits, notes: mut decided }, mut warnings) =
+            (loaded.value, loaded.warnings);
+        warnings.extend(srdf_warnings);
+        decided.extend(srdf.iter().flat_map(|(srdf, _)| srdf.notes.iter().cloned()));
+        decided.extend(passive(&options.held));
         if let Some((srdf, _)) = &srdf {
             robot.leave_out(disabled(srdf, &robot));
         }
@@ -170,7 +181,12 @@ impl ImportArgs {
         }
         decided.extend(name_parts(&mut robot));
         let groups = srdf.iter().flat_map(|(srdf, tree)| srdf.groups.iter().map(move |g| (srdf, tree, g)));
-        let groups = groups.map(|(srdf, tree, g)| (g.name.clone(), srdf.motors_of(&g.name, tree, &robot))).collect();
+        let groups: BTreeMap<String, Vec<usize>> =
+            groups.map(|(srdf, tree, g)| (g.name.clone(), srdf.motors_of(&g.name, tree, &robot))).collect();
+        let still: Vec<&str> = groups.iter().filter(|(_, m)| m.is_empty()).map(|(name, _)| name.as_str()).collect();
+        if !still.is_empty() {
+            decided.push(format!("groups of the SRDF without a motor: {}", still.join(", ")));
+        }
         let poses = srdf.iter().flat_map(|(srdf, _)| named_poses(srdf, &robot)).collect();
         Ok(Imported { robot, groups, poses, warnings, margin_mm, decided, inputs: self.digest(urdf, &links)? })
     }
@@ -194,7 +210,10 @@ impl ImportArgs {
     fn settle_home(&self, robot: &mut Robot, srdf: Option<&Srdf>) -> Result<(String, Option<f64>), Report> {
         let named = srdf.and_then(|s| Some((s.home()?, s.pose(s.home()?, robot)?)));
         let (name, wanted) = match named {
-            Some((name, q)) => (format!("the SRDF's pose `{name}`"), q),
+            Some((name, q)) => {
+                let beyond = srdf.map(|s| s.beyond(name, robot)).unwrap_or_default();
+                (format!("the SRDF's pose `{name}`{}", at_limits(robot, &beyond)), q)
+            }
             None => ("the zero pose".to_owned(), robot.home()),
         };
         let (mut said, mut margin) = (String::new(), None);
@@ -236,6 +255,25 @@ fn disabled(srdf: &Srdf, robot: &Robot) -> Vec<LeftOut> {
     srdf.disabled.iter().filter_map(of).collect()
 }
 
+/// Which joints stand still as the SRDF calls them passive, if any do.
+fn passive(held: &BTreeMap<String, f64>) -> Option<String> {
+    let names: Vec<String> = held.iter().map(|(name, q)| format!("{name} (at {q} rad or m)")).collect();
+    (!names.is_empty())
+        .then(|| format!("without a motor and still, as the SRDF calls them passive: {}", names.join(", ")))
+}
+
+/// Which motors a pose has at their limits, as it would put them beyond.
+fn at_limits(robot: &Robot, beyond: &[(usize, f64)]) -> String {
+    let one = |(m, wanted): &(usize, f64)| {
+        let motor = robot.motors.get(*m)?;
+        let limit = if *wanted < motor.min { motor.min } else { motor.max };
+        let [limit, wanted] = [limit, *wanted].map(f64::to_degrees);
+        Some(format!("{} at its limit of {limit:.1} {}, not at {wanted:.1}", motor.name, motor.motion.unit()))
+    };
+    let all: Vec<String> = beyond.iter().filter_map(one).collect();
+    if all.is_empty() { String::new() } else { format!(", but {}", all.join(", ")) }
+}
+
 /// The SRDF's named poses, as people write them.
 fn named_poses(srdf: &Srdf, robot: &Robot) -> BTreeMap<String, Vec<(String, f64)>> {
     let of = |name: &str| {
@@ -267,18 +305,23 @@ pub(crate) fn plain_name(name: &str) -> String {
     name.chars().map(sound).collect()
 }
 
-/// Gives parts names that ports can have; says which have another one now.
+/// Gives parts names that ports can have, and that no motor has; says which have another one now.
 fn name_parts(robot: &mut Robot) -> Vec<String> {
+    let motors: BTreeSet<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
     let mut taken: BTreeSet<String> = robot.parts.iter().map(|p| p.name.clone()).collect();
     let mut said = Vec::new();
     for part in &mut robot.parts {
         let plain = plain_name(&part.name);
-        if plain == part.name {
+        let is_motor = motors.contains(plain.as_str());
+        if plain == part.name && !is_motor {
             continue;
         }
-        let numbered = (2..).map(|i| format!("{plain}_{i}"));
-        let name = std::iter::once(plain.clone()).chain(numbered).find(|n| taken.insert(n.clone())).unwrap_or_default();
-        said.push(format!("part {:?} is called `{name}`, as its ports could not have that name", part.name));
+        let base = if is_motor { format!("{plain}_part") } else { plain.clone() };
+        let numbered = (2..).map(|i| format!("{base}_{i}"));
+        let mut names = std::iter::once(base.clone()).chain(numbered);
+        let name = names.find(|n| !motors.contains(n.as_str()) && taken.insert(n.clone())).unwrap_or_default();
+        let why = if is_motor { "as a motor has that name" } else { "as its ports could not have that name" };
+        said.push(format!("part {:?} is called `{name}`, {why}", part.name));
         part.name = name;
     }
     said

@@ -4,7 +4,8 @@ use mobee_contract::{Axis, KindError, Refusal, View, suggestion};
 use mobee_model::{Robot, ShapeId};
 use std::collections::BTreeMap;
 
-/// Part and motor names to motor indices, in the robot's order. A part stands for all of its motors.
+/// Part and motor names to motor indices, in the robot's order. A part stands for all of its motors; a name that a motor and a part
+/// have is the motor's, as only a part can be named in another way: by its motors.
 ///
 /// # Errors
 /// Unknown names, a motor named twice, or no name at all.
@@ -12,7 +13,8 @@ pub fn motors(path: &str, names: &[String], robot: &Robot) -> Result<Vec<usize>,
     let mut group: Vec<usize> = Vec::new();
     KindError::gather(names.iter().enumerate().map(|(i, name)| {
         let place = format!("{path}[{i}]");
-        let found: Vec<usize> = match robot.parts.iter().find(|p| p.name == *name) {
+        let is_motor = robot.motors.iter().any(|m| m.name == *name);
+        let found: Vec<usize> = match robot.parts.iter().find(|p| !is_motor && p.name == *name) {
             Some(part) => part.motors.clone().collect(),
             None => vec![motor(&place, name, robot)?],
         };

@@ -28,6 +28,11 @@ impl MarkerPose {
 }
 
 impl Motor {
+    /// The speed, or the motor's maximum if that is lower; rad/s of encoder.
+    pub fn limit_speed(&self, speed: f64) -> f64 {
+        self.max_speed.map_or(speed, |max| speed.min(max))
+    }
+
     /// The position `q` (rad of encoder) as a fraction of the motor's range, clamped to 0..=1; 0 for a motor without range.
     pub fn fraction(&self, q: f64) -> f64 {
         let range = self.max - self.min;

@@ -28,6 +28,8 @@ pub struct Robot {
     /// The pairs that are not, if the file lists them; `None` leaves that to the adjacency filter of the format. Changed only by
     /// [`Robot::leave_out`], since `pairs` follows from it.
     pub left_out: Option<Vec<LeftOut>>,
+    /// Links of the URDF that have a visual and no shape that collides: they touch nothing.
+    pub bare: Vec<String>,
 }
 
 /// A body part, as a YARP control board would serve it.
@@ -76,6 +78,8 @@ pub struct Motor {
     pub home: f64,
     /// What its encoder counts: degrees of a turn, or millimeters of a slide.
     pub motion: JointMotion,
+    /// Maximum speed, rad/s of encoder, if the file limits it. A board's own limit holds as well.
+    pub max_speed: Option<f64>,
     /// Whether it turns without end, so that positions a full turn apart are one (see [`Motor::nearest_equivalent`]).
     pub continuous: bool,
     /// The joints it drives, as indices into [`Robot::nodes`].

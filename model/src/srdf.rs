@@ -32,6 +32,8 @@ pub struct Srdf {
     pub end_effectors: Vec<EndEffector>,
     /// Joints that nothing drives.
     pub passive_joints: Vec<String>,
+    /// What is not used of the file, a line each.
+    pub notes: Vec<String>,
 }
 
 /// A set of joints that move together, such as an arm. What it names in several ways counts once.

@@ -12,19 +12,26 @@
 //!   `mimic` joint moves with the motor of its source, in whose units that motor counts. A continuous joint has no end.
 //! * Links joined by fixed joints become one body. Every link's frame becomes a marker with its normal along z, and every link with
 //!   shapes a node of its name.
+//! * Soft limits narrow a motor's range, and velocity limits bound its speed; so do those of the joints that follow it.
+//! * What is not used of the file is named (`words`), and what is no robot's size, limit or place is doubted (`sizes`, `limits`).
 //! * Links that a joint joins are not tested against each other, all others are (see `neighbors`).
 
 mod build;
+mod contents;
 mod document;
+pub(crate) mod grouped;
+mod limits;
 mod mesh;
 mod neighbors;
+mod sizes;
 mod tree;
 mod upright;
+pub(crate) mod words;
 
 use crate::error::{FileError, Loaded, Source};
-use crate::{Fit, FitOptions, LinkSurface, Robot};
+use crate::{Fit, FitOptions, JointMotion, LinkSurface, Robot};
 use build::Built;
-use document::Document;
+use document::{Document, Link};
 pub use mesh::load_mesh;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -49,6 +56,10 @@ pub struct UrdfOptions {
     pub up_axis: UpAxis,
     /// Hold planar joints at zero, with a warning, rather than refuse them. Floating ones stand still anyhow.
     pub fix_unsupported: bool,
+    /// Fit shapes to what links show that have no shape that collides.
+    pub visual: bool,
+    /// Joints that stand still, as nothing drives them, and where, rad or meters; within their limits.
+    pub held: BTreeMap<String, f64>,
     /// How near to the meshes the shapes must be that are fitted to them, and how many a link may have.
     pub fit: FitOptions,
 }
@@ -67,6 +78,24 @@ pub enum UpAxis {
     Respect,
 }
 
+/// What a joint of a URDF does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum JointUse {
+    /// Nothing.
+    Still,
+    /// Follows another one.
+    Follows,
+    /// Has a motor.
+    Moves {
+        /// Turns or slides.
+        motion: JointMotion,
+        /// Lower limit, rad or meters.
+        min: f64,
+        /// Upper limit, rad or meters.
+        max: f64,
+    },
+}
+
 /// A robot made from a URDF, and the surfaces that its shapes were fitted to.
 #[derive(Clone, Debug)]
 pub struct UrdfRobot {
@@ -76,6 +105,8 @@ pub struct UrdfRobot {
     pub surfaces: Vec<LinkSurface>,
     /// What was fitted to the meshes of each link that has any.
     pub fits: BTreeMap<String, Fit>,
+    /// What is not used of the file, and what is used in place of something else, a line each.
+    pub notes: Vec<String>,
 }
 
 /// Reads a robot from a URDF file.
@@ -129,32 +160,56 @@ fn without_surfaces(loaded: Loaded<UrdfRobot>) -> Loaded<Robot> {
 
 /// From text to robot; each step refuses what the next could not bear.
 fn read(source: &Source, options: &UrdfOptions, fits: bool) -> Result<Loaded<UrdfRobot>, FileError> {
-    let urdf = document::read(source)?;
-    let mut warnings = Vec::new();
+    let mut urdf = document::read(source, options.visual)?;
+    let mut warnings = std::mem::take(&mut urdf.warnings);
     let tree = tree::Tree::new(source, &urdf, options, &mut warnings)?;
     let Built { robot, surfaces, fits } = build::build(source, &urdf, &tree, options, fits, &mut warnings)?;
-    warn_of_shapelessness(source, &urdf, &mut warnings);
+    let bare: Vec<&Link> = urdf.links.iter().filter(|l| l.bare).collect();
+    let names = bare.iter().map(|l| format!("`{}`", l.name)).collect::<Vec<_>>().join(", ");
+    let mut notes: Vec<String> = urdf.unused.line("URDF").into_iter().collect();
+    match bare.first() {
+        Some(_) if options.visual => notes.push(format!("links that have shapes around their visual: {names}")),
+        Some(first) => warnings.insert(0, warning_of_bare_links(source, &urdf, first, &names)),
+        None => {}
+    }
+    urdf.unused.warn(source, "URDF", &mut warnings);
     warnings.truncate(MAX_WARNINGS);
-    Ok(Loaded { value: UrdfRobot { robot, surfaces, fits }, warnings })
+    Ok(Loaded { value: UrdfRobot { robot, surfaces, fits, notes }, warnings })
 }
 
-/// Per link of a URDF: the joint that leads to it and the link that the joint leaves; none for a root.
-pub(crate) fn read_parents(source: &Source) -> Result<BTreeMap<String, Option<(String, String)>>, FileError> {
-    let urdf = document::read(source)?;
+/// What the links and joints of a URDF are, for formats that name them.
+pub(crate) struct Named {
+    /// Per link: the joint that leads to it and the link that the joint leaves; none for a root.
+    pub parents: BTreeMap<String, Option<(String, String)>>,
+    /// The joints.
+    pub joints: BTreeMap<String, JointUse>,
+}
+
+/// Reads what the links and joints of a URDF are.
+pub(crate) fn read_names(source: &Source) -> Result<Named, FileError> {
+    let options = UrdfOptions { fix_unsupported: true, ..UrdfOptions::default() };
+    let urdf = document::read(source, false)?;
+    let tree = tree::Tree::new(source, &urdf, &options, &mut Vec::new())?;
+    let of = |(joint, (drive, limits)): (&document::Joint, (&tree::Drive, &Option<limits::Limits>))| {
+        let used = match (drive, limits) {
+            (tree::Drive::Fixed(_), _) => JointUse::Still,
+            (_, Some(l)) => JointUse::Moves { motion: l.motion, min: l.min, max: l.max },
+            (_, None) => JointUse::Follows,
+        };
+        (joint.name.clone(), used)
+    };
+    let joints = urdf.joints.iter().zip(tree.drives.iter().zip(&tree.limits)).map(of).collect();
     let mut parents: BTreeMap<_, _> = urdf.links.into_iter().map(|l| (l.name, None)).collect();
     parents.extend(urdf.joints.into_iter().map(|j| (j.child, Some((j.name, j.parent)))));
-    Ok(parents)
+    Ok(Named { parents, joints })
 }
 
-/// A robot that can be seen and not touched is most likely not what its owner means.
-fn warn_of_shapelessness(source: &Source, urdf: &Document, out: &mut Vec<FileError>) {
-    let seen = urdf.links.iter().find(|l| l.visual);
-    if let Some(link) = seen.filter(|_| urdf.links.iter().all(|l| l.collisions.is_empty())) {
-        let message = "no link has a <collision>: nothing of this robot will ever touch anything";
-        out.push(source.warning(
-            link.at.clone(),
-            message,
-            "give each link a <collision>; copy its <visual> if need be",
-        ));
-    }
+/// A link that can be seen and not touched is most likely not what its owner means.
+fn warning_of_bare_links(source: &Source, urdf: &Document, first: &Link, names: &str) -> FileError {
+    let what = match urdf.links.iter().all(|l| l.collisions.is_empty()) {
+        true => "no link has a <collision>: nothing of this robot will ever touch anything; they have a <visual>",
+        false => "links with a <visual> and no <collision>, which nothing ever touches",
+    };
+    let help = "give each a <collision>, or have shapes fitted around their visual with --visual";
+    source.warning(first.at.clone(), format!("{what}: {names}"), help)
 }

@@ -51,6 +51,11 @@ impl XmlElement {
         self.children.iter().filter(move |c| c.name == name)
     }
 
+    /// The names of its attributes.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.attributes.iter().map(|(name, _)| name.as_str())
+    }
+
     /// The values of its attributes.
     pub fn values(&self) -> impl Iterator<Item = &str> {
         self.attributes.iter().map(|(_, value)| value.as_str())

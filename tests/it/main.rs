@@ -30,5 +30,6 @@ mod shipped_behaviors;
 mod tags;
 mod torture_seeds;
 mod type_names;
+mod urdf_in_a_run;
 mod wrong_input;
 mod yarp_tools;

@@ -19,6 +19,7 @@ use rerun::external::arrow::array::{Array as _, ArrayRef, FixedSizeListArray, Fl
 use rerun::external::arrow::datatypes::{DataType, Field};
 use rerun::{FillMode, SerializedComponentBatch, Transform3D};
 use std::collections::BTreeSet;
+use std::fmt::Write as _;
 use std::sync::Arc;
 
 /// A joint's angle is written again when it changed by more than this, rad (0.05 degrees).
@@ -90,7 +91,7 @@ impl Body {
         index: u16,
         look: &Look<'_>,
     ) -> Result<Body, String> {
-        let root = format!("world/{}", entity(&robot.name));
+        let root = format!("world/{}", entity_beside(&robot.name, &WORLD));
         let place = Transform3D::from_translation_rotation(vec3(&base.translation.vector), quaternion(&base.rotation));
         stream.log_static(&root, &place)?;
         let moved = moves_something(robot, look.carrying);
@@ -217,26 +218,113 @@ fn moves_something(robot: &Robot, carrying: &BTreeSet<usize>) -> Vec<bool> {
     moves
 }
 
+/// What the recorder draws beside robots.
+const WORLD: [&str; 8] = ["axis", "contacts", "eyes", "map", "near", "objects", "roadmap", "trails"];
+/// What it draws beside joints.
+const FRAME: [&str; 9] = [
+    "boxes",
+    "boxes_around_hulls",
+    "capsules",
+    "capsules_around_hulls",
+    "cylinders",
+    "cylinders_around_hulls",
+    "hulls",
+    "spheres",
+    "spheres_around_hulls",
+];
+
 /// The entity of a joint: named after its motor, counted if the motor drives several.
 fn joint_path(parent: &str, robot: &Robot, motor: usize, node: usize) -> String {
-    let Some(m) = robot.motors.get(motor) else { return format!("{parent}/joint_{node}") };
+    let Some(m) = robot.motors.get(motor) else { return format!("{parent}/..joint{node}") };
+    let name = entity_beside(&m.name, &FRAME);
     match m.joints.iter().position(|j| *j == node) {
-        Some(i) if m.joints.len() > 1 => format!("{parent}/{}_{}", entity(&m.name), i + 1),
-        _ => format!("{parent}/{}", entity(&m.name)),
+        Some(i) if m.joints.len() > 1 => format!("{parent}/{name}..{}", i + 1),
+        _ => format!("{parent}/{name}"),
     }
 }
 
-/// A name as a part of an entity path: what Rerun would read as syntax becomes an underscore.
+/// A name as a part of an entity path, where the recorder calls other entities by these words.
+fn entity_beside(name: &str, words: &[&str]) -> String {
+    if words.contains(&name) { format!("..{name}") } else { entity(name) }
+}
+
+/// A name as a part of an entity path. Different names are different entities: what Rerun would read as syntax becomes its number
+/// between dots (a blank `..20.`), and of dots in a row all but the last do.
 pub(crate) fn entity(name: &str) -> String {
-    let fits = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
-    let name: String = name.chars().map(|c| if fits(c) { c } else { '_' }).collect();
-    if name.is_empty() { "unnamed".to_owned() } else { name }
+    if name.is_empty() {
+        return "..unnamed".to_owned();
+    }
+    let mut out = String::with_capacity(name.len());
+    let mut rest = name.chars().peekable();
+    while let Some(c) = rest.next() {
+        let fits = c.is_alphanumeric() || matches!(c, '_' | '-') || (c == '.' && rest.peek() != Some(&'.'));
+        if fits {
+            out.push(c);
+        } else {
+            let _ = write!(out, "..{:X}.", u32::from(c));
+        }
+    }
+    out
+}
+
+/// A name with slashes as a path of entities.
+pub(crate) fn entities(name: &str) -> String {
+    name.split('/').map(entity).collect::<Vec<_>>().join("/")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use mobee_model::parse_robot;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// A name can be read from its entity: so no two names have one.
+        #[test]
+        fn names_that_differ_are_entities_that_differ(name in "[ab._/ :é-]{1,9}") {
+            let encoded = entity(&name);
+            let strict = rerun::EntityPath::parse_strict(&encoded).unwrap();
+            prop_assert!(strict.len() == 1 && strict.to_string() == format!("/{encoded}"), "{strict}");
+            let mut decoded = String::new();
+            let mut rest = encoded.as_str();
+            while let Some(c) = rest.chars().next() {
+                let escape = rest.strip_prefix("..").and_then(|r| r.split_once('.'));
+                let code = escape.and_then(|(hex, after)| Some((u32::from_str_radix(hex, 16).ok()?, after)));
+                let (c, after) = match code.and_then(|(code, after)| Some((char::from_u32(code)?, after))) {
+                    Some(escaped) => escaped,
+                    None => (c, &rest[c.len_utf8()..]),
+                };
+                decoded.push(c);
+                rest = after;
+            }
+            prop_assert_eq!(decoded, name);
+        }
+    }
+
+    #[test]
+    fn links_whose_joints_have_similar_names_are_all_drawn() {
+        let joint = |name: &str| {
+            format!("<motor name=\"{name}\"><joint z=\"1\"><link x=\"0.1\" radius=\"0.02\"/></joint></motor>")
+        };
+        let twice = "<motor name=\"two\"><joint z=\"1\"><link x=\"0.1\" radius=\"0.02\"/></joint>\
+                     <joint z=\"1\"><link x=\"0.1\" radius=\"0.02\"/></joint></motor>";
+        let names = ["a/b", "a_b", "a b", "a.b", "a..b", "two_1", "two.1", "cylinders", "hulls", "turned"];
+        let joints: String = names.map(joint).concat() + twice;
+        let text = format!(
+            "<ZeroPositionKinematicTree robotName=\"objects\"><bodypart name=\"all\"><link z=\"0.1\" radius=\"0.01\">\
+             {joints}</link></bodypart></ZeroPositionKinematicTree>"
+        );
+        let robot = parse_robot("r.xml", &text).unwrap().value;
+        let rec = rerun::RecordingStreamBuilder::new("test").memory().unwrap().0;
+        let stream = Stream { rec, root: String::new() };
+        let body = Body::new(&stream, &robot, &Isometry3::identity(), 0, &Look::RUN).unwrap();
+        let mut seats: Vec<_> =
+            body.seats.iter().map(|s| s.entity.as_str()).filter(|e| e.ends_with("turned")).collect();
+        assert!(seats.iter().all(|e| !e.starts_with("world/objects/") && !e.contains("/cylinders/")), "{seats:?}");
+        seats.sort_unstable();
+        seats.dedup();
+        assert_eq!(seats.len(), names.len() + 2, "{seats:?}");
+    }
 
     #[test]
     fn a_node_sits_where_its_shapes_are_and_not_where_its_children_begin() {

@@ -1,7 +1,7 @@
 //! What cameras see, and what was found in it: a picture and a mask before each of them, in the frustum of a camera whose place on its
 //! robot is known.
 
-use crate::body::entity;
+use crate::body::entities;
 use crate::palette;
 use crate::shapes::{quaternion, vec3};
 use crate::stream::{Stream, Written};
@@ -37,9 +37,8 @@ pub(crate) struct Eye {
 impl Eye {
     /// A camera of this name in the run. One on a robot is drawn there.
     pub(crate) fn new(stream: &Stream, name: &str, mount: Option<&CameraMount>) -> Result<Eye, String> {
-        let parts: Vec<String> = name.split('/').map(entity).collect();
         let below = if mount.is_some() { "world/eyes" } else { "eyes" };
-        let path = format!("{below}/{}", parts.join("/"));
+        let path = format!("{below}/{}", entities(name));
         stream.log_static(&path, &AnnotationContext::new(classes()))?;
         Ok(Eye { name: name.to_owned(), path, mount: mount.cloned(), lens: None, written: None })
     }

@@ -1,7 +1,7 @@
 //! The sink itself: entries in, rows and columns out.
 
 use crate::blueprint::Page;
-use crate::body::entity;
+use crate::body::{entities, entity};
 use crate::eyes::Eye;
 use crate::front::Front;
 use crate::objects::Objects;
@@ -152,7 +152,7 @@ impl Recorder {
     fn event(&mut self, event: &Event) -> Written {
         if let Some((source, level, text)) = words::line(event) {
             let line = TextLog::new(text).with_level(level.word());
-            self.stream.log(&format!("log/{}", entity(source)), &line)?;
+            self.stream.log(&format!("log/{}", entities(source)), &line)?;
         }
         match event {
             Event::Started { seed, clock, .. } => {

@@ -12,6 +12,7 @@ pub(super) fn robot(motors: usize) -> Robot {
         max: 3.0,
         home: 0.0,
         motion: JointMotion::Turn,
+        max_speed: None,
         continuous: false,
         joints: Vec::new(),
         is_part_root: i == 0,
@@ -24,6 +25,7 @@ pub(super) fn robot(motors: usize) -> Robot {
         markers: Vec::new(),
         pairs: NodePairs::default(),
         left_out: None,
+        bare: Vec::new(),
     }
 }
 

@@ -21,7 +21,7 @@ pub struct SimSettings {
     pub imitates: Option<Imitated>,
     /// Shape of position moves: `minimum_jerk`, `trapezoidal` or `gain`.
     pub profile: Profile,
-    /// Maximum speed of every motor, deg/s.
+    /// Maximum speed of every motor, deg/s. A motor whose robot file gives a lower `maxSpeed` keeps to that.
     pub max_speed_deg_per_s: f64,
     /// Maximum acceleration of every motor, also in braking, deg/s^2.
     pub max_acceleration_deg_per_s2: f64,
@@ -100,7 +100,7 @@ impl SimSettings {
                 name: m.name.clone(),
                 min: m.min,
                 max: m.max,
-                max_speed: self.max_speed_deg_per_s.to_radians(),
+                max_speed: m.limit_speed(self.max_speed_deg_per_s.to_radians()),
                 max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
                 motion: m.motion,
             };

@@ -375,7 +375,7 @@ pub fn describe(
         name: layout.names.get(m).cloned().unwrap_or_default(),
         min: layout.limits.get(m).map_or(0.0, |l| l.0),
         max: layout.limits.get(m).map_or(0.0, |l| l.1),
-        max_speed: fastest,
+        max_speed: layout.speeds.get(m).map_or(fastest, |v| v.min(fastest)),
         max_acceleration: settings.max_acceleration_deg_per_s2.to_radians(),
         motion: layout.motions.get(m).copied().unwrap_or_default(),
     };
@@ -396,7 +396,7 @@ pub fn describe(
             if axis.min >= axis.max {
                 return Err(format!("the limits of {} at {port} and in the model have nothing in common", axis.name));
             }
-            axis.max_speed = fact.max_speed.map_or(fastest, |v| v.to_radians().min(fastest));
+            axis.max_speed = fact.max_speed.map_or(axis.max_speed, |v| v.to_radians().min(axis.max_speed));
         }
     }
     let (period, latency) = (settings.period(), settings.latency());

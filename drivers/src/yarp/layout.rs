@@ -34,6 +34,8 @@ pub struct Layout {
     pub names: Vec<String>,
     /// The model's limits, rad of encoder.
     pub limits: Vec<(f64, f64)>,
+    /// The model's maximum speeds, rad/s of encoder; infinite where it has none.
+    pub speeds: Vec<f64>,
     /// How they move.
     pub motions: Vec<JointMotion>,
 }
@@ -65,6 +67,7 @@ impl Layout {
             home: robot.motors.iter().map(|m| m.home).collect(),
             names: robot.motors.iter().map(|m| m.name.clone()).collect(),
             limits: robot.motors.iter().map(|m| (m.min, m.max)).collect(),
+            speeds: robot.motors.iter().map(|m| m.limit_speed(f64::INFINITY)).collect(),
             motions: robot.motors.iter().map(|m| m.motion).collect(),
         })
     }

@@ -98,6 +98,7 @@ mod tests {
             home: vec![0.0; 4],
             names,
             limits: vec![(0.0, 1.0); 4],
+            speeds: Vec::new(),
             motions: Vec::new(),
         };
         let words = fast.in_words(&layout, 0);

@@ -119,7 +119,7 @@ mod tests {
     fn a_joint_that_is_too_fast_alarms_once_until_it_is_not() {
         let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1, units: Default::default() };
         let (names, limits, motions) = (["elbow".to_owned()].into(), vec![(-9.0, 9.0)], Vec::new());
-        let layout = Layout { patches: vec![patch], home: vec![0.0], names, limits, motions };
+        let layout = Layout { patches: vec![patch], home: vec![0.0], names, limits, speeds: Vec::new(), motions };
         let cell = SharedBoards::new(&layout);
         let mut inner = cell.lock();
         let known = &mut inner.boards[0];

@@ -1,14 +1,46 @@
 //! SRDF text to data.
 
+use super::resolve::ROUNDING;
 use super::{EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint};
+use crate::JointMotion;
 use crate::error::{FileError, Loaded, Source};
+use crate::urdf::JointUse;
+use crate::urdf::words::{Unused, Words, words};
 use crate::xml::{self, XmlElement};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Files above this size are refused, bytes.
 const MAX_BYTES: u64 = 16 << 20;
 /// More warnings are dropped: nobody reads them.
 const MAX_WARNINGS: usize = 100;
+
+/// The elements that are read.
+const WORDS: &[Words] = &[
+    words(
+        "robot",
+        [
+            &["name", "version"],
+            &[],
+            &[
+                "group",
+                "group_state",
+                "disable_collisions",
+                "passive_joint",
+                "disable_default_collisions",
+                "enable_collisions",
+            ],
+            &["virtual_joint", "end_effector", "link_sphere_approximation", "joint_property"],
+        ],
+    ),
+    words("group", [&["name"], &[], &["joint", "link", "chain", "group"], &[]]),
+    words("link", [&["name"], &[], &[], &[]]),
+    words("joint", [&["name", "value"], &[], &[], &[]]),
+    words("chain", [&["base_link", "tip_link"], &[], &[], &[]]),
+    words("group_state", [&["name", "group"], &[], &["joint"], &[]]),
+    words("disable_collisions", [&["link1", "link2", "reason"], &[], &[], &[]]),
+    words("passive_joint", [&["name"], &[], &[], &[]]),
+];
 
 /// Reads an SRDF file; `tree` is that of the URDF it belongs to.
 ///
@@ -38,12 +70,21 @@ fn read(source: &Source, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
         let help = "give the robot's .srdf file; expand one that is written for xacro with `xacro FILE > robot.srdf`";
         return Err(source.error(link.at.clone(), message, help));
     }
-    let mut reading = Reading { source, tree, warnings: Vec::new(), srdf: Srdf::default() };
+    let passive = root.all("passive_joint").filter_map(|p| p.get("name")).map(str::to_owned).collect();
+    let mut reading =
+        Reading { source, tree, passive, warnings: Vec::new(), idle: BTreeSet::new(), srdf: Srdf::default() };
     reading.srdf.name = root.get("name").unwrap_or_default().to_owned();
     for element in &root.children {
         reading.element(element)?;
     }
     reading.check_groups(&root);
+    let unused = Unused::of(&root, WORDS, |_| false);
+    reading.srdf.notes.extend(unused.line("SRDF"));
+    unused.warn(source, "SRDF", &mut reading.warnings);
+    if !reading.idle.is_empty() {
+        let names: Vec<String> = reading.idle.iter().map(|name| format!("`{name}`")).collect();
+        reading.srdf.notes.push(format!("not used of the SRDF's poses: joints without a motor: {}", names.join(", ")));
+    }
     Ok(Loaded { value: reading.srdf, warnings: reading.warnings })
 }
 
@@ -52,6 +93,10 @@ struct Reading<'a> {
     source: &'a Source,
     tree: &'a LinkTree,
     warnings: Vec<FileError>,
+    /// Joints that nothing drives.
+    passive: BTreeSet<String>,
+    /// Joints of poses that no motor moves.
+    idle: BTreeSet<String>,
     srdf: Srdf,
 }
 
@@ -102,13 +147,37 @@ impl Reading<'_> {
             match member.name.as_str() {
                 "joint" => group.joints.push(self.joint(member, "name")?),
                 "link" => group.links.push(self.link(member, "name")?),
-                "chain" => group.chains.push((self.link(member, "base_link")?, self.link(member, "tip_link")?)),
+                "chain" => group.chains.extend(self.chain(member, &group.name)?),
                 "group" => group.groups.push(self.required(member, "name")?),
                 _ => {}
             }
         }
         self.srdf.groups.push(group);
         Ok(())
+    }
+
+    /// A chain of a group; none, with a warning, if the URDF does not have its links.
+    fn chain(&mut self, element: &XmlElement, group: &str) -> Result<Option<(String, String)>, FileError> {
+        let (base, tip) = (self.link(element, "base_link")?, self.link(element, "tip_link")?);
+        if !self.tree.has_link(&base) || !self.tree.has_link(&tip) {
+            let message = format!("group `{group}` is without its chain from `{base}` to `{tip}`");
+            self.warn(element, message, "correct the names of its links");
+            return Ok(None);
+        }
+        let (message, help) = match self.tree.chain(&base, &tip) {
+            Some(joints) if !joints.is_empty() => return Ok(Some((base, tip))),
+            Some(_) => ("has no joint".to_owned(), "name the last link of the chain as tip_link".to_owned()),
+            None if self.tree.chain(&tip, &base).is_some() => (
+                format!("runs towards the root: `{base}` hangs on `{tip}`"),
+                format!("exchange them: base_link=\"{tip}\" tip_link=\"{base}\""),
+            ),
+            None => (
+                format!("is none: `{tip}` does not hang on `{base}`"),
+                "name as base_link a link between the root and the tip".to_owned(),
+            ),
+        };
+        let message = format!("group `{group}`: the chain from `{base}` to `{tip}` {message}");
+        Err(self.source.error(element.at.clone(), message, help))
     }
 
     fn state(&mut self, element: &XmlElement) -> Result<(), FileError> {
@@ -122,10 +191,50 @@ impl Reading<'_> {
                 let message = format!("the position of `{name}` is `{text}`, which is not a finite number");
                 return Err(self.source.error(joint.at.clone(), message, "write radians, or meters if it slides"));
             };
-            state.positions.insert(name, numbers);
+            if numbers.len() != 1 && self.tree.has_joint(&name) {
+                let message = format!("the position of `{name}` is `{text}`: it has one number, so it is not used");
+                self.warn(joint, message, "write one number");
+            }
+            if state.positions.insert(name.clone(), numbers).is_some() {
+                let message = format!("pose `{}` has two positions of `{name}`", state.name);
+                return Err(self.source.error(joint.at.clone(), message, "leave one of them"));
+            }
         }
+        self.check_state(element, &state);
         self.srdf.states.push(state);
         Ok(())
+    }
+
+    /// Warns of what a pose says in vain: positions beyond limits, and such as another pose of its name has.
+    fn check_state(&mut self, element: &XmlElement, state: &SrdfState) {
+        let (mut beyond, mut twice) = (Vec::new(), Vec::new());
+        for (joint, q) in state.positions.iter().filter_map(|(joint, q)| Some((joint, *q.first()?))) {
+            match self.tree.joint(joint) {
+                Some(JointUse::Moves { motion, min, max })
+                    if !self.passive.contains(joint) && (q < min - ROUNDING || q > max + ROUNDING) =>
+                {
+                    let limit = if q < min { min } else { max };
+                    beyond.push(format!("`{joint}` at {}, not {}", told(motion, limit), told(motion, q)));
+                }
+                Some(JointUse::Still | JointUse::Follows) => drop(self.idle.insert(joint.clone())),
+                _ => {}
+            }
+            let before = self.srdf.states.iter().filter(|s| s.name == state.name);
+            let mut before = before.filter_map(|s| s.positions.get(joint)?.first());
+            if before.next().is_some_and(|first| (first - q).abs() > ROUNDING) {
+                twice.push(format!("`{joint}`"));
+            }
+        }
+        let name = &state.name;
+        if !beyond.is_empty() {
+            let message =
+                format!("pose `{name}` is beyond limits, which are taken in its place: {}", beyond.join(", "));
+            self.warn(element, message, "write positions within the limits, in radians or meters");
+        }
+        if !twice.is_empty() {
+            let message = format!("an earlier pose `{name}` has other positions, which count: {}", twice.join(", "));
+            self.warn(element, message, "give poses that differ names of their own");
+        }
     }
 
     fn pair(&mut self, element: &XmlElement) -> Result<(), FileError> {
@@ -181,5 +290,13 @@ impl Reading<'_> {
         if self.warnings.len() < MAX_WARNINGS {
             self.warnings.push(self.source.warning(element.at.clone(), message, help));
         }
+    }
+}
+
+/// A position of a joint for people.
+fn told(motion: JointMotion, position: f64) -> String {
+    match motion {
+        JointMotion::Turn => format!("{:.1} deg", position.to_degrees()),
+        JointMotion::Slide => format!("{:.1} mm", position * 1e3),
     }
 }

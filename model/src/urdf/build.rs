@@ -7,6 +7,7 @@
 
 use super::document::{Collision, Document, Geometry, Joint, JointType, Link};
 use super::mesh::{self, MeshFile, MeshIssue, Meshes};
+use super::sizes::Sizes;
 use super::tree::{Drive, Tree};
 use super::{UrdfOptions, neighbors, upright};
 use crate::error::{FileError, Source};
@@ -61,6 +62,8 @@ struct Builder<'a> {
     shapes: usize,
     /// The mesh files.
     meshes: Meshes<'a>,
+    /// What is doubted of the sizes of shapes.
+    sizes: Sizes,
     /// Whether meshes that declare y as up are turned.
     turns_y_up: bool,
     /// Whether primitives are fitted to meshes.
@@ -102,6 +105,7 @@ pub(super) fn build(
         markers: Vec::new(),
         pairs: NodePairs::default(),
         left_out: None,
+        bare: urdf.links.iter().filter(|l| l.bare && !options.visual).map(|l| l.name.clone()).collect(),
     };
     let motors = vec![None; urdf.joints.len()];
     let mut b = Builder {
@@ -115,6 +119,7 @@ pub(super) fn build(
         shapes_of: vec![None; urdf.links.len()],
         shapes: 0,
         meshes: Meshes::new(options),
+        sizes: Sizes::default(),
         turns_y_up: false,
         fits,
         surfaces: Vec::new(),
@@ -128,6 +133,10 @@ pub(super) fn build(
         let body = b.body(link, frame)?;
         todo.extend(b.emit(&body, parent)?.into_iter().rev());
     }
+    // Before all that is said of the shapes around them.
+    let mut doubts = Vec::new();
+    b.sizes.warn(source, &mut doubts);
+    b.warnings.splice(0..0, doubts);
     // From here on the robot lists what is not tested; whoever knows of more (an SRDF, a search) adds it in the same way.
     b.robot.leave_out(neighbors::neighbors(urdf, tree, &b.shapes_of));
     Ok(Built { robot: b.robot, surfaces: b.surfaces, fits: b.fitted })
@@ -149,6 +158,7 @@ impl Builder<'_> {
                         max,
                         home: 0_f64.clamp(min, max),
                         motion: limits.motion,
+                        max_speed: limits.speed.map(|v| limits.motion.encoder(v)),
                         continuous: limits.continuous,
                         joints: Vec::new(),
                         is_part_root: self.robot.motors.is_empty(),
@@ -266,7 +276,10 @@ impl Builder<'_> {
                     let turn = self.turns_y_up && file.y_up;
                     own.meshes.push(placed(&file.mesh, turn, scale, &collision.origin));
                 }
-                _ => own.solids.push(self.shape(link, collision)?),
+                _ => {
+                    own.solids.push(self.shape(link, collision)?);
+                    self.sizes.shape(name, collision);
+                }
             }
         }
         let solids = if self.fits { self.fitted(link, &own)? } else { Vec::new() };
@@ -383,7 +396,7 @@ impl Builder<'_> {
         Ok(Primitive { shape, pose })
     }
 
-    /// The mesh of a collision, with a warning if its size is odd.
+    /// The mesh of a collision.
     fn mesh(
         &mut self,
         link: &str,
@@ -396,11 +409,7 @@ impl Builder<'_> {
             let message = format!("link `{link}`: the mesh {file} {message}");
             self.warnings.push(self.source.warning(collision.at.clone(), message, remedy));
         }
-        if let Some(odd) = mesh::odd_size(&read.mesh, scale) {
-            let message = format!("link `{link}`: the mesh {file} {odd}");
-            let help = "if so, write scale=\"0.001 0.001 0.001\" into its <mesh>";
-            self.warnings.push(self.source.warning(collision.at.clone(), message, help));
-        }
+        self.sizes.mesh(link, collision, (file, &read.mesh), scale);
         Ok(read)
     }
 
@@ -410,11 +419,13 @@ impl Builder<'_> {
     }
 }
 
-/// A mesh in its link's frame, meters; turned first if its y is up.
+/// A mesh in its link's frame, meters; turned first if its y is up. A mirrored one is turned inside out, so that its outside stays that.
 fn placed(mesh: &Mesh, turn: bool, scale: &Vector3<f64>, link_from_mesh: &Isometry3<f64>) -> Mesh {
     let upright = |v: &Vector3<f64>| if turn { upright::z_up(v) } else { *v };
     let place = |v: &Vector3<f64>| link_from_mesh.transform_point(&upright(v).component_mul(scale).into()).coords;
-    Mesh { vertices: mesh.vertices.iter().map(place).collect(), triangles: mesh.triangles.clone() }
+    let mirrored = scale.product() < 0.0;
+    let triangles = mesh.triangles.iter().map(|[a, b, c]| if mirrored { [*a, *c, *b] } else { [*a, *b, *c] });
+    Mesh { vertices: mesh.vertices.iter().map(place).collect(), triangles: triangles.collect() }
 }
 
 /// How a joint of the file moves.

@@ -1,145 +1,40 @@
-//! What a URDF says about links, joints and collision shapes, with the place of each. All else in the file is passed over:
+//! What a URDF says about links, joints and collision shapes, with the place of each. All else in the file is named and not used:
 //! transmissions, sensors, materials, visual shapes and the tags of vendors can't stop a conversion.
 
+pub(super) use super::contents::{Collision, Document, Geometry, Joint, JointType, Limit, Link, Mimic, Safety};
+use super::grouped::Grouped;
+use super::sizes::LONG;
+use super::words::{self, Unused};
 use crate::error::{FileError, Source};
 use crate::xml::{self, XmlElement};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::ops::Range;
+use std::f64::consts::TAU;
 
 /// More links are refused.
 pub(super) const MAX_LINKS: usize = 1000;
 /// Larger positions and angles are refused: their squares still fit.
 const MAX_NUMBER: f64 = 1e6;
+/// A shorter quaternion has no direction.
+const MIN_QUATERNION: f64 = 1e-6;
+/// Versions of the format that are known.
+const VERSIONS: &[&str] = &["1.0", "1.1", "1.2"];
 /// How a xacro file becomes a URDF.
 const EXPAND: &str =
     "expand it first: `xacro FILE > robot.urdf`, or with ROS 2 `ros2 run xacro xacro FILE > robot.urdf`";
 
-/// A URDF, as far as it matters here.
-#[derive(Debug)]
-pub(super) struct Document {
-    /// The robot's name, or `robot`.
-    pub name: String,
-    /// Where the outermost tag stands.
-    pub at: Range<usize>,
-    /// The links in file order; no two of one name.
-    pub links: Vec<Link>,
-    /// The joints in file order; no two of one name.
-    pub joints: Vec<Joint>,
-}
-
-/// A rigid body.
-#[derive(Debug)]
-pub(super) struct Link {
-    /// Its name, not empty.
-    pub name: String,
-    /// Where its start tag stands.
-    pub at: Range<usize>,
-    /// The shapes that collide.
-    pub collisions: Vec<Collision>,
-    /// Its center of mass in its frame, if it says that it has mass there.
-    pub center: Option<Vector3<f64>>,
-    /// Whether there is a shape to be looked at.
-    pub visual: bool,
-}
-
-/// A shape that collides.
-#[derive(Debug)]
-pub(super) struct Collision {
-    /// Where its geometry's tag stands.
-    pub at: Range<usize>,
-    /// `link_from_shape`.
-    pub origin: Isometry3<f64>,
-    /// The shape.
-    pub geometry: Geometry,
-}
-
-/// A shape in its own frame, lengths in meters as the file gives them, not yet checked.
-#[derive(Debug)]
-pub(super) enum Geometry {
-    /// Edge lengths.
-    Box { size: Vector3<f64> },
-    /// Along z.
-    Cylinder { radius: f64, length: f64 },
-    /// Along z; the length is that between the centers of its ends.
-    Capsule { radius: f64, length: f64 },
-    /// A ball.
-    Sphere { radius: f64 },
-    /// A file, and what its coordinates are multiplied by.
-    Mesh { filename: String, scale: Vector3<f64> },
-}
-
-/// How a joint moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum JointType {
-    /// Not at all.
-    Fixed,
-    /// Turns between limits.
-    Revolute,
-    /// Turns without limits.
-    Continuous,
-    /// Slides between limits.
-    Prismatic,
-    /// Slides in a plane and turns in it.
-    Planar,
-    /// Any motion.
-    Floating,
-}
-
-/// What two links hang on each other by.
-#[derive(Debug)]
-pub(super) struct Joint {
-    /// Its name, not empty.
-    pub name: String,
-    /// Where its start tag stands.
-    pub at: Range<usize>,
-    /// How it moves.
-    pub joint_type: JointType,
-    /// `parent_from_joint` at zero.
-    pub origin: Isometry3<f64>,
-    /// Name of the link it leaves.
-    pub parent: String,
-    /// Name of the link it leads to.
-    pub child: String,
-    /// Its axis in its own frame, finite, not normalized.
-    pub axis: Vector3<f64>,
-    /// Its limits as written, radians or meters.
-    pub limit: Option<Limit>,
-    /// The joint it follows.
-    pub mimic: Option<Mimic>,
-}
-
-/// A joint's limits, radians or meters; zero where the file gives none. May be infinite or in reverse order.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Limit {
-    /// The lower one.
-    pub lower: f64,
-    /// The upper one.
-    pub upper: f64,
-}
-
-/// A joint follows another one: `multiplier * q + offset`.
-#[derive(Debug)]
-pub(super) struct Mimic {
-    /// Name of the leader.
-    pub joint: String,
-    /// 1 where the file gives none. May not be finite.
-    pub multiplier: f64,
-    /// 0 where the file gives none. May not be finite.
-    pub offset: f64,
-}
-
-/// Reads a URDF's links and joints.
+/// Reads a URDF's links and joints. With `visual`, a link without a shape that collides collides with what it shows.
 ///
 /// # Errors
 /// If the text is no XML or another format, if a link or joint has no name or that of another, or if a number, a link's shape or a
 /// joint's type can't be understood.
-pub(super) fn read(source: &Source) -> Result<Document, FileError> {
+pub(super) fn read(source: &Source, visual: bool) -> Result<Document, FileError> {
     let root = xml::parse(source)?;
     if root.name != "robot" {
         return Err(other_format(source, &root));
     }
-    let reading = Reading { source };
+    let reading = Reading { source, visual, far: RefCell::default(), turned: RefCell::default() };
     root.children.iter().filter(|c| c.name.starts_with("xacro:")).try_for_each(|c| reading.refuse_xacro(c))?;
     let links = reading.named(&root, "link", |e, name| reading.link(e, name))?;
     let joints = reading.named(&root, "joint", |e, name| reading.joint(e, name))?;
@@ -151,7 +46,19 @@ pub(super) fn read(source: &Source) -> Result<Document, FileError> {
         return Err(source.error(root.at, message, help));
     }
     let name = root.get("name").filter(|n| !n.is_empty()).unwrap_or("robot").to_owned();
-    Ok(Document { name, at: root.at, links, joints })
+    let unused = Unused::of(&root, words::URDF, |link| visual && link.child("collision").is_none());
+    let mut warnings = Vec::new();
+    if let Some(version) = root.get("version").filter(|v| !VERSIONS.contains(v)) {
+        let message =
+            format!("version \"{version}\" of the format is not known; it is read as {}", VERSIONS.join(" or "));
+        warnings.push(source.warning(root.at.clone(), message, "write the version that the file is made for"));
+    }
+    let help = "write meters";
+    reading.far.into_inner().warn(source, "origins farther than 10 m, perhaps in millimeters", help, &mut warnings);
+    let help = "write roll, pitch and yaw in radians: 90 degrees are 1.5708";
+    let message = "origins turned by more than a full turn, perhaps in degrees";
+    reading.turned.into_inner().warn(source, message, help, &mut warnings);
+    Ok(Document { name, at: root.at, links, joints, unused, warnings })
 }
 
 /// For a macro file that was expanded.
@@ -175,6 +82,12 @@ fn other_format(source: &Source, root: &XmlElement) -> FileError {
 struct Reading<'a> {
     /// The file, for errors.
     source: &'a Source,
+    /// Whether visuals stand for collisions that are missing.
+    visual: bool,
+    /// Origins that are far away.
+    far: RefCell<Grouped>,
+    /// Origins that are turned too far.
+    turned: RefCell<Grouped>,
 }
 
 impl Reading<'_> {
@@ -215,25 +128,34 @@ impl Reading<'_> {
     }
 
     fn link(&self, element: &XmlElement, name: &str) -> Result<Link, FileError> {
-        let collisions = element.all("collision").map(|c| self.collision(c, name)).collect::<Result<_, _>>()?;
-        let visual = element.child("visual").is_some();
-        Ok(Link { name: name.to_owned(), at: element.at.clone(), collisions, center: self.center(element), visual })
+        let bare = element.child("collision").is_none() && element.child("visual").is_some();
+        let kind = if bare && self.visual { "visual" } else { "collision" };
+        let collisions = element.all(kind).map(|c| self.collision(c, name)).collect::<Result<_, _>>()?;
+        let (name, at, center) = (name.to_owned(), element.at.clone(), self.center(element)?);
+        Ok(Link { name, at, collisions, center, bare })
     }
 
     /// A link's center of mass. It only helps to understand the rest, so what can't be read is none.
-    fn center(&self, link: &XmlElement) -> Option<Vector3<f64>> {
-        let inertial = link.child("inertial")?;
-        let mass = self.number(inertial.child("mass")?, "value").ok()??;
-        let center = self.vector(inertial.child("origin")?, "xyz").ok()??;
-        (mass > 0.0).then_some(center)
+    fn center(&self, link: &XmlElement) -> Result<Option<Vector3<f64>>, FileError> {
+        let Some(inertial) = link.child("inertial") else { return Ok(None) };
+        let Some(origin) = inertial.child("origin") else { return Ok(None) };
+        self.quaternion(origin)?;
+        let mass = inertial.child("mass").and_then(|m| self.number(m, "value").ok().flatten());
+        let center = self.vector(origin, "xyz").ok().flatten();
+        Ok(center.filter(|_| mass.is_some_and(|m| m > 0.0)))
     }
 
     fn collision(&self, element: &XmlElement, link: &str) -> Result<Collision, FileError> {
-        let Some(shape) = element.child("geometry").and_then(|g| g.children.first()) else {
-            let message = format!("link `{link}`: a collision without a geometry");
+        let shapes = self.one(element, "geometry")?.map(|g| g.children.as_slice()).unwrap_or_default();
+        let Some(shape) = shapes.first() else {
+            let message = format!("link `{link}`: a {} without a geometry", element.name);
             let help = "put <geometry> with a box, cylinder, sphere or mesh into it, or remove it";
             return Err(self.error(element, message, help));
         };
+        if let Some(second) = shapes.get(1) {
+            let message = format!("link `{link}`: a second shape in one <geometry>");
+            return Err(self.error(second, message, "give each shape a <collision> of its own"));
+        }
         let number = |name: &str| self.number(shape, name).and_then(|v| v.ok_or_else(|| self.missing(shape, name)));
         let geometry = match shape.name.as_str() {
             "box" => Geometry::Box { size: self.vector(shape, "size")?.ok_or_else(|| self.missing(shape, "size"))? },
@@ -242,14 +164,24 @@ impl Reading<'_> {
             "sphere" => Geometry::Sphere { radius: number("radius")? },
             "mesh" => Geometry::Mesh {
                 filename: self.required(shape, "filename")?.to_owned(),
-                scale: self.vector(shape, "scale")?.unwrap_or(Vector3::repeat(1.0)),
+                scale: self.scale(shape, link)?,
             },
             other => {
-                let message = format!("link `{link}`: a collision geometry of the unknown kind <{other}>");
+                let message = format!("link `{link}`: a {} geometry of the unknown kind <{other}>", element.name);
                 return Err(self.error(shape, message, "use a box, cylinder, capsule, sphere or mesh"));
             }
         };
-        Ok(Collision { at: shape.at.clone(), origin: self.origin(element)?, geometry })
+        Ok(Collision { at: shape.at.clone(), origin: self.origin(element, &format!("link `{link}`"))?, geometry })
+    }
+
+    /// What a mesh is multiplied by. A negative factor mirrors it.
+    fn scale(&self, mesh: &XmlElement, link: &str) -> Result<Vector3<f64>, FileError> {
+        let scale = self.vector(mesh, "scale")?.unwrap_or(Vector3::repeat(1.0));
+        if scale.iter().all(|s| *s != 0.0) {
+            return Ok(scale);
+        }
+        let message = format!("link `{link}`: a mesh of scale {} {} {} vanishes", scale.x, scale.y, scale.z);
+        Err(self.error(mesh, message, "write factors that are not 0, or leave `scale` out"))
     }
 
     fn joint(&self, element: &XmlElement, name: &str) -> Result<Joint, FileError> {
@@ -266,39 +198,56 @@ impl Reading<'_> {
             }
         };
         let end = |kind: &str| {
-            let end = element.child(kind).ok_or_else(|| {
+            let end = self.one(element, kind)?.ok_or_else(|| {
                 let message = format!("joint `{name}` has no {kind}");
                 self.error(element, message, format!("add <{kind} link=\"...\"/>"))
             })?;
             self.required(end, "link").map(str::to_owned)
         };
-        let axis = match element.child("axis") {
-            Some(axis) => self.vector(axis, "xyz")?,
-            None => None,
-        };
-        let zero = |limit, name: &str| self.number(limit, name).map(|v| v.unwrap_or(0.0));
-        let limit = element.child("limit").map(|l| Ok(Limit { lower: zero(l, "lower")?, upper: zero(l, "upper")? }));
-        let mimic = element.child("mimic").map(|m| {
+        let axis = self.one(element, "axis")?.map(|axis| self.vector(axis, "xyz")).transpose()?.flatten();
+        let limit = self.one(element, "limit")?.map(|l| {
+            let [lower, upper, velocity] = ["lower", "upper", "velocity"].map(|name| self.number(l, name));
+            Ok(Limit { lower: lower?, upper: upper?, velocity: velocity? })
+        });
+        let safety = self.one(element, "safety_controller")?.map(|s| {
+            let [lower, upper] = ["soft_lower_limit", "soft_upper_limit"].map(|name| self.number(s, name));
+            Ok(Safety { at: s.at.clone(), lower: lower?, upper: upper? })
+        });
+        let mimic = self.one(element, "mimic")?.map(|m| {
             let joint = self.required(m, "joint")?.to_owned();
             let multiplier = self.number(m, "multiplier")?.unwrap_or(1.0);
-            Ok(Mimic { joint, multiplier, offset: zero(m, "offset")? })
+            Ok(Mimic { joint, multiplier, offset: self.number(m, "offset")?.unwrap_or(0.0) })
         });
         Ok(Joint {
             name: name.to_owned(),
             at: element.at.clone(),
             joint_type,
-            origin: self.origin(element)?,
+            origin: self.origin(element, &format!("joint `{name}`"))?,
             parent: end("parent")?,
             child: end("child")?,
             axis: axis.unwrap_or(Vector3::x()),
             limit: limit.transpose()?,
+            safety: safety.transpose()?,
             mimic: mimic.transpose()?,
         })
     }
 
-    /// `parent_from_here`: a translation, then fixed axes roll, pitch, yaw.
-    fn origin(&self, element: &XmlElement) -> Result<Isometry3<f64>, FileError> {
-        let Some(origin) = element.child("origin") else { return Ok(Isometry3::identity()) };
+    /// The child of a kind of which there is one at most: a second one would not be used.
+    fn one<'e>(&self, element: &'e XmlElement, kind: &'e str) -> Result<Option<&'e XmlElement>, FileError> {
+        let mut all = element.all(kind);
+        let first = all.next();
+        match all.next() {
+            None => Ok(first),
+            Some(second) => {
+                let message = format!("a second <{kind}> in one <{}>", element.name);
+                Err(self.error(second, message, "leave one of them"))
+            }
+        }
+    }
+
+    /// `parent_from_here`: a translation, then fixed axes roll, pitch, yaw, or a quaternion. `owner` is for messages.
+    fn origin(&self, element: &XmlElement, owner: &str) -> Result<Isometry3<f64>, FileError> {
+        let Some(origin) = self.one(element, "origin")? else { return Ok(Isometry3::identity()) };
         let bounded = |name: &str| {
             let v = self.vector(origin, name)?.unwrap_or_default();
             if v.iter().all(|c| c.abs() < MAX_NUMBER) {
@@ -308,8 +257,29 @@ impl Reading<'_> {
             Err(self.error(origin, message, "write meters and radians"))
         };
         let (xyz, rpy) = (bounded("xyz")?, bounded("rpy")?);
-        let turn = UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z);
+        if xyz.amax() > LONG {
+            self.far.borrow_mut().add(&origin.at, format!("{owner} ({} {} {})", xyz.x, xyz.y, xyz.z));
+        }
+        if rpy.amax() > TAU + 0.01 {
+            self.turned.borrow_mut().add(&origin.at, format!("{owner} ({} {} {})", rpy.x, rpy.y, rpy.z));
+        }
+        let turn = self.quaternion(origin)?.unwrap_or_else(|| UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z));
         Ok(Isometry3::from_parts(Translation3::from(xyz), turn))
+    }
+
+    /// The rotation of an origin as URDF 1.1 has it, of any length; none if the attribute is missing.
+    fn quaternion(&self, origin: &XmlElement) -> Result<Option<UnitQuaternion<f64>>, FileError> {
+        let Some([x, y, z, w]) = self.numbers::<4>(origin, "quat_xyzw", "four")? else { return Ok(None) };
+        if origin.get("rpy").is_some() {
+            let message = "an origin with both `rpy` and `quat_xyzw`";
+            return Err(self.error(origin, message, "leave one of them"));
+        }
+        let bounded = [x, y, z, w].iter().all(|c| c.abs() < MAX_NUMBER);
+        let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), MIN_QUATERNION).filter(|_| bounded);
+        turn.map(Some).ok_or_else(|| {
+            let message = format!("the origin's `quat_xyzw` is {x} {y} {z} {w}, which is no rotation");
+            self.error(origin, message, "write a quaternion of length 1, its real part last: 0 0 0 1")
+        })
     }
 
     /// A number; none if the attribute is missing.
@@ -320,18 +290,27 @@ impl Reading<'_> {
         })
     }
 
-    /// Three finite numbers, with spaces or, as some write, commas between; none if the attribute is missing.
+    /// Three finite numbers; none if the attribute is missing.
     fn vector(&self, element: &XmlElement, name: &str) -> Result<Option<Vector3<f64>>, FileError> {
+        Ok(self.numbers::<3>(element, name, "three")?.map(Vector3::from))
+    }
+
+    /// Finite numbers, with spaces or, as some write, commas between; none if the attribute is missing.
+    fn numbers<const N: usize>(
+        &self,
+        element: &XmlElement,
+        name: &str,
+        count: &str,
+    ) -> Result<Option<[f64; N]>, FileError> {
         let Some(text) = element.get(name) else { return Ok(None) };
         let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
         let numbers: Option<Vec<f64>> = words.map(|word| word.parse().ok()).collect();
-        match numbers.as_deref() {
-            Some(&[x, y, z]) if [x, y, z].iter().all(|c| c.is_finite()) => Ok(Some(Vector3::new(x, y, z))),
-            _ => {
-                let message = format!("`{name}` is `{text}`, which is not three finite numbers");
-                Err(self.error(element, message, "write three numbers with spaces between, such as 0 0 0.25"))
-            }
-        }
+        let numbers = numbers.and_then(|n| <[f64; N]>::try_from(n).ok());
+        numbers.filter(|n| n.iter().all(|c| c.is_finite())).map(Some).ok_or_else(|| {
+            let message = format!("`{name}` is `{text}`, which is not {count} finite numbers");
+            let help = format!("write {count} numbers with spaces between, such as 0 0 0.25");
+            self.error(element, message, help)
+        })
     }
 
     /// An attribute that must be there and not be empty.

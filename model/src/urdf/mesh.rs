@@ -32,8 +32,6 @@ const MAX_TRIANGLES: usize = 1_000_000;
 const MAX_TRIANGLES_TOGETHER: usize = 4_000_000;
 /// Farther coordinates are refused, in the unit of the file.
 const MAX_COORDINATE: f64 = 1e7;
-/// A link's mesh that is longer than this was likely written in millimeters, meters.
-const SUSPICIOUS: f64 = 10.0;
 
 /// The meshes of one robot. Each file is read once, however many links it is part of.
 pub(super) struct Meshes<'a> {
@@ -160,14 +158,6 @@ fn read(path: &Path) -> Result<(MeshFile, Vec<MeshIssue>, u64), MeshIssue> {
     let Parsed { mesh, y_up, notes } = parse(&extension, &bytes)?;
     let notes = notes.into_iter().map(MeshIssue::in_file).collect();
     Ok((MeshFile { mesh, y_up }, notes, bytes.len() as u64))
-}
-
-/// What is odd about the size of a link's mesh, if it is so long that its file must be in millimeters. `scale` is the URDF's.
-pub(super) fn odd_size(mesh: &Mesh, scale: &Vector3<f64>) -> Option<String> {
-    let far = |f: fn(f64, f64) -> f64, start: f64, i: usize| mesh.vertices.iter().map(|v| v[i]).fold(start, f);
-    let size = |i| (far(f64::max, f64::NEG_INFINITY, i) - far(f64::min, f64::INFINITY, i)) * scale[i].abs();
-    let longest = size(0).max(size(1)).max(size(2));
-    (longest > SUSPICIOUS).then(|| format!("is {longest:.0} m long: it may be written in millimeters"))
 }
 
 /// The package and the path within it, if the name is that of a file in a package.

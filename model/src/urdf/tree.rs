@@ -4,19 +4,13 @@
 //! joint that is wrong, so that building the robot deals with numbers that are right.
 
 use super::UrdfOptions;
-use super::document::{Document, Joint, JointType};
-use crate::JointMotion;
+use super::document::{Document, Joint};
+use super::limits::{LimitReader, Limits, end_where_followers_do_not_return};
 use crate::error::{FileError, Source};
 use std::collections::BTreeMap;
-use std::f64::consts::{PI, TAU};
 
 /// Longer chains are refused.
 const MAX_DEPTH: usize = 200;
-
-/// How far a joint without an end is let go either way, rad: as far as an encoder may count.
-const MANY_TURNS: f64 = 100.0 * TAU;
-/// A slide that goes farther is taken to have no end, and ends here, meters.
-const FARTHEST: f64 = 100.0;
 
 /// What a joint does.
 #[derive(Clone, Copy, Debug)]
@@ -25,19 +19,6 @@ pub(super) enum Drive {
     Fixed(f64),
     /// Moves by `factor * q + offset` with the position q of the joint `source`, which has a motor and may be itself.
     Moves { source: usize, factor: f64, offset: f64 },
-}
-
-/// How a joint moves and how far.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Limits {
-    /// Whether it turns or slides.
-    pub motion: JointMotion,
-    /// Lower end, rad or meters.
-    pub min: f64,
-    /// Upper end, rad or meters.
-    pub max: f64,
-    /// Whether it turns without end, and its limits only bound its encoder.
-    pub continuous: bool,
 }
 
 /// How links hang on each other, and what moves each joint. Links and joints are indices into the URDF's lists.
@@ -110,16 +91,17 @@ impl Tree {
             let message = "some joints form a circle that the root does not lead to";
             return Err(source.error(urdf.at.clone(), message, "a URDF is a tree: correct the parents"));
         }
-        let mut limits = Vec::new();
-        for joint in &urdf.joints {
-            limits.push(limits_of(joint, options, &blame, &mut |m, help: &str| {
-                warnings.push(source.warning(joint.at.clone(), m, help));
-            })?);
+        let mut reader = LimitReader::new(source, options, warnings);
+        let mut limits = urdf.joints.iter().map(|joint| reader.read(joint)).collect::<Result<Vec<_>, _>>()?;
+        for (i, joint) in urdf.joints.iter().enumerate().filter(|(_, j)| j.mimic.is_some()) {
+            let Some(own) = limits[i] else { continue };
+            let drive = drive(i, urdf, &joints, &limits, &blame)?;
+            let leader = if let Drive::Moves { source, .. } = drive { source } else { i };
+            reader.follow((joint, own), drive, (&urdf.joints[leader], &mut limits[leader]))?;
         }
-        let mut drives = Vec::new();
-        for i in 0..urdf.joints.len() {
-            drives.push(drive(i, urdf, &joints, &limits, &blame)?);
-        }
+        reader.finish();
+        let drives = (0..urdf.joints.len()).map(|i| drive(i, urdf, &joints, &limits, &blame));
+        let drives = drives.collect::<Result<Vec<_>, _>>()?;
         // A mimic joint has no motor of its own.
         for (limit, joint) in limits.iter_mut().zip(&urdf.joints) {
             *limit = limit.filter(|l| joint.mimic.is_none() && l.min < l.max);
@@ -127,89 +109,6 @@ impl Tree {
         end_where_followers_do_not_return(&drives, &mut limits);
         Ok(Self { root, leaving, child, drives, limits })
     }
-}
-
-/// A joint without an end, of which another follows by a fraction, is let go one turn only: after a full turn of it the
-/// other is not where it was, so that its positions a turn apart are not one.
-fn end_where_followers_do_not_return(drives: &[Drive], limits: &mut [Option<Limits>]) {
-    for drive in drives {
-        let Drive::Moves { source, factor, .. } = *drive else { continue };
-        if let Some(limit) = limits.get_mut(source).and_then(Option::as_mut).filter(|l| l.continuous)
-            && factor.fract() != 0.0
-        {
-            *limit = Limits { min: -PI, max: PI, continuous: false, ..*limit };
-        }
-    }
-}
-
-/// How a joint moves, `None` for one that does not.
-fn limits_of(
-    joint: &Joint,
-    options: &UrdfOptions,
-    blame: &impl Fn(&Joint, String, &str) -> FileError,
-    warn: &mut dyn FnMut(String, &str),
-) -> Result<Option<Limits>, FileError> {
-    let name = &joint.name;
-    let motion = match joint.joint_type {
-        JointType::Fixed => return Ok(None),
-        JointType::Continuous => return Ok(Some(turning(f64::NEG_INFINITY, f64::INFINITY))),
-        JointType::Revolute => JointMotion::Turn,
-        JointType::Prismatic => JointMotion::Slide,
-        JointType::Floating => {
-            // A base that drives or flies is not a robot's own motion: it stands where the scene puts it.
-            warn(format!("the floating joint `{name}` stands still"), "MoBeE moves revolute and prismatic joints only");
-            return Ok(None);
-        }
-        kind => {
-            let kind = format!("{kind:?}").to_lowercase();
-            if !options.fix_unsupported {
-                let message = format!("joint `{name}` is {kind}; ZRP has revolute and prismatic joints only");
-                let help = "make it fixed, or hold all such joints at zero with --fix-unsupported";
-                return Err(blame(joint, message, help));
-            }
-            warn(format!("the {kind} joint `{name}` is held at zero"), "ZRP has revolute and prismatic joints only");
-            return Ok(None);
-        }
-    };
-    let unit = if motion == JointMotion::Turn { "radians" } else { "meters" };
-    let Some(limit) = joint.limit else {
-        let help = format!(
-            "add <limit lower=\"...\" upper=\"...\"/> in {unit}, or make it continuous if it turns without end"
-        );
-        return Err(blame(joint, format!("joint `{name}` moves, and has no limits"), &help));
-    };
-    let (lo, hi) = (limit.lower, limit.upper);
-    if lo.is_nan() || hi.is_nan() || lo > hi {
-        let message = format!("joint `{name}` has the limits {lo} to {hi}");
-        return Err(blame(joint, message, &format!("write numbers in {unit}, the lower one first")));
-    }
-    if lo == hi {
-        let help = "give it a lower limit below the upper one if it moves";
-        warn(format!("joint `{name}` has no range and is taken as fixed"), help);
-    }
-    Ok(Some(match motion {
-        JointMotion::Turn => turning(lo, hi),
-        JointMotion::Slide => {
-            if lo < -FARTHEST || hi > FARTHEST {
-                let message = format!("joint `{name}` slides from {lo} to {hi} m; it ends at {FARTHEST} m");
-                warn(message, "write its limits in meters");
-            }
-            let (min, max) = (lo.clamp(-FARTHEST, FARTHEST), hi.clamp(-FARTHEST, FARTHEST));
-            Limits { motion, min, max, continuous: false }
-        }
-    }))
-}
-
-/// A joint that turns. A limit beyond a hundred turns is none (URDF 1.2 writes it as infinite, and other files as 1e16).
-fn turning(lo: f64, hi: f64) -> Limits {
-    let (low, high) = (lo >= -MANY_TURNS, hi <= MANY_TURNS);
-    let (min, max) = match (low, high) {
-        (true, true) => (lo, hi),
-        (true, false) => (lo, lo + TAU),
-        (false, true) => (hi - TAU, hi),
-        (false, false) => (-MANY_TURNS, MANY_TURNS),
-    };
-    Limits { motion: JointMotion::Turn, min, max, continuous: !low && !high }
 }
 
 /// Follows `mimic` to the joint with the motor.

@@ -76,6 +76,17 @@ impl MotorMotion {
     }
 }
 
+/// The maximum speed of a motor, if it is limited: encoder units per second in the file, rad/s of encoder here.
+pub(super) fn speed_of_motor(e: &Element) -> Result<Option<f64>, FileError> {
+    match e.number("maxSpeed")? {
+        Some(speed) if speed <= 0.0 => {
+            let help = "give degrees (or millimeters) per second above 0, or leave `maxSpeed` out";
+            Err(e.error_at("maxSpeed", format!("`maxSpeed` is {speed}, but must be above 0"), help))
+        }
+        other => Ok(other.map(f64::to_radians)),
+    }
+}
+
 /// How a joint moves.
 pub(super) fn of_joint(e: &Element) -> Result<JointMotion, FileError> {
     Ok(word(e, "joints")?.unwrap_or_default())

@@ -92,6 +92,10 @@ struct RobotReader {
     node_names: BTreeSet<Arc<str>>,
     /// The pairs that are left out, once there is a `pairs` element.
     left_out: Option<PairList>,
+    /// Links that touch nothing.
+    bare: Vec<String>,
+    /// Where the first of them is named.
+    first_bare: Option<Element>,
     /// The clause of the open `constraintList`.
     clause: Option<Vec<Member>>,
     /// What was odd so far.
@@ -117,11 +121,12 @@ impl RobotReader {
             "constraint" => self.constraint(e)?,
             "pairs" => self.pairs(&e)?,
             "leaveout" => self.leave_out(e)?,
+            "bare" => self.bare(e)?,
             name => match geometry::shape_attributes(name) {
                 Some(sizes) => self.shape(&e, sizes)?,
                 None => {
                     let help = "known are bodypart, motor, joint, link, sphere, cylinder, box, capsule, marker, \
-                                constraintList, constraint, pairs and leaveOut";
+                                constraintList, constraint, pairs, leaveOut and bare";
                     let message = format!("<{}> is not known; it is ignored", e.written);
                     self.warnings.add(|| e.warning_at("", message, help));
                     Open::Other
@@ -218,8 +223,23 @@ impl RobotReader {
         let pairs: NodePairs = pairs::node_pairs(&self.nodes);
         let motors = order.iter().map(|i| self.motors[*i].clone()).collect();
         let name = self.name.unwrap_or_else(|| "robot".to_owned());
+        if let Some(first) = self.first_bare {
+            let names: Vec<String> = self.bare.iter().map(|name| format!("`{name}`")).collect();
+            let message = format!("without a shape that collides, nothing ever touches: {}", names.join(", "));
+            let help = "put shapes into their <link>s and remove their <bare>, or convert the URDF again with --visual";
+            self.warnings.add(|| first.warning_at("link", message, help));
+        }
         let left_out = self.left_out.map(|list| list.resolve(&self.nodes)).transpose()?;
-        let mut robot = Robot { name, parts, motors, nodes: self.nodes, markers: self.markers, pairs, left_out: None };
+        let mut robot = Robot {
+            name,
+            parts,
+            motors,
+            nodes: self.nodes,
+            markers: self.markers,
+            pairs,
+            left_out: None,
+            bare: self.bare,
+        };
         if let Some(list) = left_out {
             robot.leave_out(list);
         }

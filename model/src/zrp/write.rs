@@ -96,6 +96,9 @@ impl Writer<'_> {
             }
         }
         self.left_out();
+        for link in &self.robot.bare {
+            self.line(&format!("bare link=\"{}\"", escape(link)));
+        }
         self.close("ZeroPositionKinematicTree");
     }
 
@@ -121,12 +124,13 @@ impl Writer<'_> {
         for m in motors {
             let motor = &self.robot.motors[m];
             self.line(&format!(
-                "motor name=\"{}\" idx=\"{}\" minPos=\"{}\" maxPos=\"{}\" home=\"{}\"{}",
+                "motor name=\"{}\" idx=\"{}\" minPos=\"{}\" maxPos=\"{}\" home=\"{}\"{}{}",
                 escape(&motor.name),
                 m - part.motors.start,
                 degrees(motor.min),
                 degrees(motor.max),
                 degrees(motor.home),
+                motor.max_speed.map(|v| format!(" maxSpeed=\"{}\"", degrees(v))).unwrap_or_default(),
                 motion(self.robot, motor)
             ));
         }

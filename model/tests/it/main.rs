@@ -19,6 +19,7 @@ mod surfaces;
 mod survey;
 mod sweep;
 mod turns;
+mod urdf_heeded;
 mod urdf_import;
 mod urdf_nasty;
 mod watch_follows;

@@ -2,7 +2,7 @@
 
 use super::robots_corpus::installed;
 use flate2::read::GzDecoder;
-use mobee_model::{UrdfOptions, load_mesh, load_urdf};
+use mobee_model::{UrdfOptions, load_mesh, parse_urdf};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -78,7 +78,11 @@ fn every_link_is_where_pinocchio_has_it() {
     let table = table("robot_frames.csv.gz");
     for (file, joints, poses) in expected(&table) {
         let options = UrdfOptions { drop_meshes: true, ..Default::default() };
-        let robot = load_urdf(share.join("example-robot-data/robots").join(file), &options).unwrap().value;
+        // its poses go to the limits: beyond soft ones, and beyond those of the PR2's fingers that turn against their leaders
+        let text = std::fs::read_to_string(share.join("example-robot-data/robots").join(file)).unwrap();
+        let text = text.replace("<safety_controller", "<no_controller");
+        let text = text.replace("lower=\"0.0\" upper=\"0.548\"", "lower=\"-0.548\" upper=\"0.548\"");
+        let robot = parse_urdf(file, &text, &options).unwrap().value;
         let moving: Vec<&str> = joints.iter().filter(|(_, (lo, hi))| lo < hi).map(|(n, _)| *n).collect();
         let mut motors: Vec<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
         motors.sort();

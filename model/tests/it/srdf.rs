@@ -97,8 +97,93 @@ fn names_that_the_urdf_does_not_have_are_warned_of_at_their_place() {
         "r.srdf:4:1: the URDF has no link `foot`",
         "r.srdf:6:1: <disable_default_collisions> has no effect",
         "r.srdf:5:1: there is no group `legs`",
+        "r.srdf:7:1: not used, as no SRDF has these words: <gripper> in <robot>",
     ];
     assert_eq!(warnings, expected);
+}
+
+#[test]
+fn a_chain_that_leads_nowhere_is_refused_with_its_place() {
+    let chain = |base: &str, tip: &str| {
+        let text = format!(
+            "<robot name=\"r\">\n<group name=\"g\"><chain base_link=\"{base}\" tip_link=\"{tip}\"/></group></robot>"
+        );
+        parse_srdf("r.srdf", &text, &tree())
+    };
+    for (base, tip, message, remedy) in [
+        ("head", "tip", "`tip` does not hang on `head`", "between the root and the tip"),
+        ("tip", "base", "runs towards the root", "base_link=\"base\" tip_link=\"tip\""),
+        ("hand", "hand", "has no joint", "tip_link"),
+    ] {
+        let error = chain(base, tip).expect_err(message);
+        assert!(error.message().contains("group `g`") && error.message().contains(message), "{error}");
+        assert!(error.remedy().contains(remedy) && error.line() == 2, "{error:?}");
+    }
+    for (base, tip) in [("nobody", "tip"), ("base", "nobody"), ("nobody", "noone")] {
+        let loaded = chain(base, tip).unwrap();
+        assert!(
+            loaded.warnings.iter().any(|w| w.message().contains("group `g` is without its chain")),
+            "{:?}",
+            loaded.warnings
+        );
+        assert!(loaded.value.joints_of("g", &tree()).is_empty(), "{base} {tip}: no chain is made up");
+    }
+}
+
+#[test]
+fn poses_that_can_not_be_taken_as_they_are_say_so() {
+    let state = |name: &str, joint: &str, value: &str| {
+        format!("<group_state name=\"{name}\" group=\"g\"><joint name=\"{joint}\" value=\"{value}\"/></group_state>")
+    };
+    let group = "<group name=\"g\"><joint name=\"elbow\"/></group>\n";
+    let read = |states: &str| read(&format!("{group}{states}"));
+    let (srdf, warnings) = read(&(state("home", "elbow", "2.5") + &state("low", "elbow", "-1.00001")));
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(
+        warnings[0].contains("r.srdf:3:1: pose `home`") && warnings[0].contains("`elbow` at 114.6 deg, not 143.2 deg"),
+        "{warnings:?}"
+    );
+    let robot = parse_urdf("r.urdf", &urdf(), &UrdfOptions::default()).unwrap().value;
+    let elbow = robot.motors.iter().position(|m| m.name == "elbow").unwrap();
+    assert_eq!((srdf.beyond("home", &robot), srdf.beyond("low", &robot)), (vec![(elbow, 2.5)], vec![]));
+    let (_, warnings) = read(&(state("home", "elbow", "1") + &state("home", "elbow", "0.5")));
+    assert!(warnings.len() == 1 && warnings[0].contains("an earlier pose `home`"), "{warnings:?}");
+    let (srdf, warnings) = read(&(state("home", "elbow", "1 2") + &state("home", "mount", "0")));
+    assert!(warnings.len() == 1 && warnings[0].contains("`1 2`"), "{warnings:?}");
+    assert!(srdf.notes.iter().any(|n| n.contains("without a motor: `mount`")), "{:?}", srdf.notes);
+    let twice = "<robot><group_state name=\"a\" group=\"b\"><joint name=\"elbow\" value=\"1\"/><joint name=\"elbow\" value=\"2\"/></group_state></robot>";
+    assert!(parse_srdf("r.srdf", twice, &tree()).unwrap_err().message().contains("two positions of `elbow`"));
+}
+
+#[test]
+fn a_passive_joint_stands_where_home_has_it() {
+    let (srdf, warnings) = read(
+        "<group_state name=\"home\" group=\"g\"><joint name=\"finger\" value=\"0.5\"/><joint name=\"neck\" value=\"7\"/></group_state>\
+         <passive_joint name=\"finger\"/><passive_joint name=\"neck\"/><passive_joint name=\"elbow\"/><passive_joint name=\"mount\"/>",
+    );
+    assert!(warnings.len() == 1 && warnings[0].contains("there is no group `g`"), "{warnings:?}");
+    let held = srdf.held(&tree());
+    assert_eq!(held, [("finger", 0.5), ("neck", 2.0), ("elbow", 0.0)].map(|(n, q)| (n.to_owned(), q)).into());
+    let robot = parse_urdf("r.urdf", &urdf(), &UrdfOptions { held, ..UrdfOptions::default() }).unwrap().value;
+    let motors: Vec<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
+    assert_eq!(motors, ["shoulder"]);
+}
+
+#[test]
+fn words_of_an_srdf_that_are_not_used_are_named() {
+    let (srdf, warnings) = read(
+        "<virtual_joint name=\"root\" type=\"fixed\" parent_frame=\"w\" child_link=\"base\"/>\
+         <group name=\"g\" tips=\"a\"><joint name=\"elbow\"/><jiont name=\"neck\"/></group>\
+         <end_effector name=\"e\" parent_link=\"hand\" group=\"g\"/><disable_colisions/>",
+    );
+    assert!(
+        srdf.notes.iter().any(|n| n.contains("<end_effector>") && n.contains("<virtual_joint>")),
+        "{:?}",
+        srdf.notes
+    );
+    for word in ["`tips` of <group>", "<jiont> in <group>", "<disable_colisions> in <robot>"] {
+        assert!(warnings.iter().any(|w| w.contains(word)), "{word}: {warnings:?}");
+    }
 }
 
 #[test]

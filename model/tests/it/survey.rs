@@ -82,7 +82,7 @@ struct Closed {
     after: Comparison,
 }
 
-fn closed(UrdfRobot { mut robot, surfaces: links, mut fits }: UrdfRobot, shapes: usize, hulls: f64) -> Closed {
+fn closed(UrdfRobot { mut robot, surfaces: links, mut fits, .. }: UrdfRobot, shapes: usize, hulls: f64) -> Closed {
     // neighbors are looked through, so that the pair is tested only without its line
     robot.left_out = None;
     robot.leave_out([]);

@@ -175,7 +175,10 @@ fn what_is_neither_kinematics_nor_shape_cannot_stop_a_conversion() {
                 <link name=\"a\"><inertial/><visual><geometry><mesh/></geometry><material/></visual></link></robot>";
     let loaded = parse_urdf("r.urdf", text, &UrdfOptions::default()).unwrap();
     let warnings: Vec<&str> = loaded.warnings.iter().map(FileError::message).collect();
-    assert_eq!(warnings, ["no link has a <collision>: nothing of this robot will ever touch anything"]);
+    assert_eq!(
+        warnings,
+        ["no link has a <collision>: nothing of this robot will ever touch anything; they have a <visual>: `a`"]
+    );
 }
 
 #[test]

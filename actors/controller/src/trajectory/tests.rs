@@ -25,8 +25,16 @@ fn rules(settings: FieldsSettings) -> (Rules, Arc<FieldRules>) {
     let part = |name: &str, motors, clauses| Part { name: name.into(), motors, root_node: None, clauses };
     let parts = vec![part("p", 0..2, vec![clause]), part("q", 2..3, Vec::new())];
     let (markers, pairs) = (Vec::new(), NodePairs::default());
-    let robot =
-        Robot { name: "r".into(), parts, motors: Vec::new(), nodes: Vec::new(), markers, pairs, left_out: None };
+    let robot = Robot {
+        name: "r".into(),
+        parts,
+        motors: Vec::new(),
+        nodes: Vec::new(),
+        markers,
+        pairs,
+        left_out: None,
+        bare: Vec::new(),
+    };
     let drive = Drive::Fields(settings);
     let rules =
         Rules::new("r", vec![], &ControllerSettings { drive: drive.clone(), ..ControllerSettings::default() }, &board);

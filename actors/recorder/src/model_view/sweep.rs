@@ -66,7 +66,8 @@ mod tests {
 
     fn motor(min: f64, max: f64, home: f64) -> Motor {
         let (name, motion) = (String::from("m"), JointMotion::Turn);
-        Motor { name, part: 0, min, max, home, motion, continuous: false, joints: Vec::new(), is_part_root: true }
+        let (max_speed, continuous, joints) = (None, false, Vec::new());
+        Motor { name, part: 0, min, max, home, motion, max_speed, continuous, joints, is_part_root: true }
     }
 
     proptest! {

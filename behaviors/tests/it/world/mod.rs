@@ -34,6 +34,7 @@ pub fn arm(joints: usize) -> Arc<Robot> {
             max: PI,
             home: 0.0,
             motion: JointMotion::Turn,
+            max_speed: None,
             continuous: false,
             joints: vec![nodes.len()],
             is_part_root: i == 0,
@@ -55,6 +56,7 @@ pub fn arm(joints: usize) -> Arc<Robot> {
         markers: vec![marker],
         pairs: NodePairs::default(),
         left_out: None,
+        bare: Vec::new(),
     })
 }
 

@@ -43,6 +43,7 @@ impl Rig {
             home: vec![0.0],
             names: vec!["m".into()],
             limits: vec![(-1.0, 1.0)],
+            speeds: Vec::new(),
             motions: Vec::new(),
         };
         let cell = Arc::new(SharedBoards::new(&layout));

@@ -13,6 +13,7 @@ fn layout() -> Layout {
         home: vec![0.0; 2],
         names: vec!["elbow".into(), "knee".into()],
         limits: vec![(-1.0, 1.0); 2],
+        speeds: Vec::new(),
         motions: Vec::new(),
     }
 }

@@ -20,6 +20,7 @@ fn layout() -> Arc<Layout> {
         home: vec![0.0; 5],
         names,
         limits: vec![(-1.0, 1.0); 5],
+        speeds: Vec::new(),
         motions: Vec::new(),
     })
 }

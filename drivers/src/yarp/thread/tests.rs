@@ -87,7 +87,14 @@ fn started(robot: &str, answers: bool) -> super::super::Started {
     let settings = YarpDriverSettings { timeout_ms: 300.0, ..YarpDriverSettings::of([("arm", port.as_str())]) };
     let patch = Patch { part: "arm".into(), port, motors: 0..1, units: Default::default() };
     let (names, limits) = (vec!["m".into()], vec![(-1.0, 1.0)]);
-    let layout = Arc::new(Layout { patches: vec![patch], home: vec![0.0], names, limits, motions: Vec::new() });
+    let layout = Arc::new(Layout {
+        patches: vec![patch],
+        home: vec![0.0],
+        names,
+        limits,
+        speeds: Vec::new(),
+        motions: Vec::new(),
+    });
     let cell = Arc::new(SharedBoards::new(&layout));
     start((Arc::new(FakeWire { answers }), Place::Here), &settings, robot, layout, cell).unwrap()
 }

@@ -61,7 +61,7 @@ impl RobotReader {
     ///
     /// Its limits are encoder units in the file and rad from here on; without any it goes from -1 to 1 unit.
     pub(super) fn motor(&mut self, e: &Element) -> Result<Open, FileError> {
-        e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home"], motion::MOTOR], &mut self.warnings);
+        e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home", "maxSpeed"], motion::MOTOR], &mut self.warnings);
         let part = self.current_part(e)?;
         let name = e.name_attr()?;
         let before = self.motor;
@@ -110,6 +110,7 @@ impl RobotReader {
             }
         }
         let motion = MotorMotion::read(e, &mut self.warnings)?;
+        let max_speed = motion::speed_of_motor(e)?;
         // The first in the file, not the one of index 0: chains of the Jacobian end at it, as in the original.
         let is_part_root = builder.first_motor.is_none();
         builder.first_motor.get_or_insert(index);
@@ -120,6 +121,7 @@ impl RobotReader {
             max: max.to_radians(),
             home: home.clamp(min, max).to_radians(),
             motion: motion.stated(),
+            max_speed,
             continuous: motion.continuous,
             joints: Vec::new(),
             is_part_root,
@@ -283,6 +285,21 @@ impl RobotReader {
         }
         self.left_out.get_or_insert_default();
         Ok(Open::Pairs)
+    }
+
+    /// A link that touches nothing, as its URDF has no shape that collides for it: it is named in one warning at the end.
+    pub(super) fn bare(&mut self, e: Element) -> Result<Open, FileError> {
+        e.warn_unknown(&[&["link"]], &mut self.warnings);
+        if self.open.len() != 1 {
+            return Err(e.error("<bare> is within another element", format!("put it directly into <{ROOT}>")));
+        }
+        let Some(link) = e.get("link").map(|a| a.value.trim().to_owned()).filter(|name| !name.is_empty()) else {
+            return Err(e.error_at("link", "<bare> names no link", "write <bare link=\"...\"/>, or remove it"));
+        };
+        room_for_one(&e, self.bare.len())?;
+        self.bare.push(link);
+        self.first_bare.get_or_insert(e);
+        Ok(Open::Other)
     }
 
     /// One pair that is left out.

@@ -26,7 +26,16 @@ fn rules(kind: Kind) -> Arc<Rules> {
 fn one_motor() -> Robot {
     let part = Part { name: "p".into(), motors: 0..1, root_node: None, clauses: Vec::new() };
     let (parts, motors, pairs) = (vec![part], Vec::new(), NodePairs::default());
-    Robot { name: "r".into(), parts, motors, nodes: Vec::new(), markers: Vec::new(), pairs, left_out: None }
+    Robot {
+        name: "r".into(),
+        parts,
+        motors,
+        nodes: Vec::new(),
+        markers: Vec::new(),
+        pairs,
+        left_out: None,
+        bare: Vec::new(),
+    }
 }
 
 #[derive(Clone, Debug)]

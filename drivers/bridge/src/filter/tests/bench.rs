@@ -40,6 +40,7 @@ impl Bench {
             max: 1.0,
             home: 0.0,
             motion,
+            max_speed: None,
             continuous: false,
             joints: vec![],
             is_part_root: false,
@@ -53,6 +54,7 @@ impl Bench {
             markers: vec![],
             pairs: Default::default(),
             left_out: None,
+            bare: Vec::new(),
         };
         let axes = vec![axis("a"), axis("b"), axis("c")];
         let period = std::time::Duration::from_millis(10);

@@ -201,6 +201,7 @@ impl Rig {
             home: vec![0.0; 3],
             names: ["nod", "shoulder", "elbow"].map(String::from).into(),
             limits: vec![(-1.0, 1.0); 3],
+            speeds: Vec::new(),
             motions: Vec::new(),
         });
         let settings = YarpDriverSettings::of([("neck", "/neck"), ("arm", "/arm")]);

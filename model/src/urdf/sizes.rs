@@ -1,0 +1,74 @@
+//! Sizes and places that are no robot's: most likely a file in millimeters, or one that was scaled twice.
+
+use super::document::{Collision, Geometry};
+use super::grouped::Grouped;
+use crate::Mesh;
+use crate::error::{FileError, Source};
+use nalgebra::Vector3;
+
+/// A shape that is longer is doubted, and so is an origin that is farther away, meters.
+pub(super) const LONG: f64 = 10.0;
+/// A shape that is shorter is doubted, meters.
+const SHORT: f64 = 0.005;
+/// A mesh whose scales differ by more than this factor is doubted.
+const UNEVEN: f64 = 100.0;
+
+/// What is doubted of the shapes of all links.
+#[derive(Debug, Default)]
+pub(super) struct Sizes {
+    /// Shapes that are too long.
+    long: Grouped,
+    /// Shapes that are too short.
+    short: Grouped,
+    /// Meshes that are scaled unevenly.
+    uneven: Grouped,
+}
+
+impl Sizes {
+    /// Judges a shape that is no mesh.
+    pub fn shape(&mut self, link: &str, collision: &Collision) {
+        let longest = match &collision.geometry {
+            Geometry::Box { size } => size.max(),
+            Geometry::Sphere { radius } => 2.0 * radius,
+            Geometry::Cylinder { radius, length } => length.max(2.0 * radius),
+            Geometry::Capsule { radius, length } => length + 2.0 * radius,
+            Geometry::Mesh { .. } => return,
+        };
+        self.judge(collision, longest, &format!("link `{link}`: a {}", collision.geometry.name()));
+    }
+
+    /// Judges a mesh; `scale` is the URDF's.
+    pub fn mesh(&mut self, link: &str, collision: &Collision, (file, mesh): (&str, &Mesh), scale: &Vector3<f64>) {
+        let far = |f: fn(f64, f64) -> f64, start: f64, i: usize| mesh.vertices.iter().map(|v| v[i]).fold(start, f);
+        let size = |i| (far(f64::max, f64::NEG_INFINITY, i) - far(f64::min, f64::INFINITY, i)) * scale[i].abs();
+        let longest = size(0).max(size(1)).max(size(2));
+        self.judge(collision, longest, &format!("link `{link}`: the mesh {file}"));
+        if scale.amax() > UNEVEN * scale.amin() {
+            self.uneven.add(&collision.at, format!("link `{link}` ({} {} {})", scale.x, scale.y, scale.z));
+        }
+    }
+
+    fn judge(&mut self, collision: &Collision, longest: f64, what: &str) {
+        if longest > LONG {
+            self.long.add(&collision.at, format!("{what} is {longest:.0} m long"));
+        } else if longest < SHORT {
+            self.short.add(&collision.at, format!("{what} is {} mm long", short(longest * 1e3)));
+        }
+    }
+
+    /// Warns of what is doubted.
+    pub fn warn(self, source: &Source, warnings: &mut Vec<FileError>) {
+        let help =
+            "lengths are in meters; if a mesh is in millimeters, write scale=\"0.001 0.001 0.001\" into its <mesh>";
+        self.long.warn(source, "written in millimeters, perhaps", help, warnings);
+        let help = "lengths are in meters: check sizes, and the scale of a <mesh>";
+        self.short.warn(source, "too small to be a part of a robot, perhaps scaled twice", help, warnings);
+        let help = "give a mesh the same scale along x, y and z";
+        self.uneven.warn(source, "scaled by very different factors along the axes", help, warnings);
+    }
+}
+
+/// A length with three digits that count.
+fn short(mm: f64) -> f64 {
+    format!("{mm:.2e}").parse().unwrap_or(mm)
+}

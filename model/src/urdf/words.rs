@@ -1,0 +1,143 @@
+//! Which words of a URDF or SRDF are used, and which are not: nothing of a file is passed over in silence.
+
+use super::grouped::Grouped;
+use crate::error::{FileError, Source};
+use crate::xml::XmlElement;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// The words of an element that are used, and those of the standard that are not.
+pub(crate) struct Words {
+    /// The element.
+    element: &'static str,
+    /// Attributes that are used.
+    attributes: &'static [&'static str],
+    /// Attributes of the standard that are not.
+    idle_attributes: &'static [&'static str],
+    /// Children that are used.
+    children: &'static [&'static str],
+    /// Children of the standard or of well-known programs that are not.
+    idle_children: &'static [&'static str],
+}
+
+/// A row of the table.
+pub(crate) const fn words(
+    element: &'static str,
+    [attributes, idle_attributes, children, idle_children]: [&'static [&'static str]; 4],
+) -> Words {
+    Words { element, attributes, idle_attributes, children, idle_children }
+}
+
+/// The elements of a URDF that are read.
+pub(super) const URDF: &[Words] = &[
+    words(
+        "robot",
+        [
+            &["name", "version"],
+            &[],
+            &["link", "joint"],
+            &["material", "transmission", "gazebo", "sensor", "ros2_control"],
+        ],
+    ),
+    words("link", [&["name"], &[], &["collision", "inertial"], &["visual", "sensor", "contact"]]),
+    words("collision", [&[], &["name"], &["origin", "geometry"], &["material", "contact_coefficients", "verbose"]]),
+    words("visual", [&[], &["name"], &["origin", "geometry"], &["material"]]),
+    words("geometry", [&[], &["name"], &["box", "cylinder", "capsule", "sphere", "mesh"], &[]]),
+    words("box", [&["size"], &[], &[], &[]]),
+    words("cylinder", [&["radius", "length"], &[], &[], &[]]),
+    words("capsule", [&["radius", "length"], &[], &[], &[]]),
+    words("sphere", [&["radius"], &[], &[], &[]]),
+    words("mesh", [&["filename", "scale"], &[], &[], &[]]),
+    words("origin", [&["xyz", "rpy", "quat_xyzw"], &[], &[], &[]]),
+    words("inertial", [&[], &[], &["origin", "mass"], &["inertia"]]),
+    words("mass", [&["value"], &[], &[], &[]]),
+    words(
+        "joint",
+        [
+            &["name", "type"],
+            &[],
+            &["origin", "parent", "child", "axis", "limit", "mimic", "safety_controller"],
+            &["dynamics", "calibration"],
+        ],
+    ),
+    words("parent", [&["link"], &[], &[], &[]]),
+    words("child", [&["link"], &[], &[], &[]]),
+    words("axis", [&["xyz"], &[], &[], &[]]),
+    words("limit", [&["lower", "upper", "velocity"], &["effort", "acceleration", "deceleration", "jerk"], &[], &[]]),
+    words("mimic", [&["joint", "multiplier", "offset"], &[], &[], &[]]),
+    words("safety_controller", [&["soft_lower_limit", "soft_upper_limit"], &["k_position", "k_velocity"], &[], &[]]),
+];
+
+/// What is not used of a file.
+#[derive(Debug, Default)]
+pub(crate) struct Unused {
+    /// What a robot for MoBeE does not need, and how often it is there.
+    idle: BTreeMap<String, usize>,
+    /// What is no word of a URDF: where it is first, and how often.
+    unknown: BTreeMap<String, (Range<usize>, usize)>,
+}
+
+impl Unused {
+    /// Looks through a robot. `visual` tells of a link whether its visual is used.
+    pub fn of(root: &XmlElement, words: &[Words], visual: impl Fn(&XmlElement) -> bool) -> Self {
+        let mut unused = Self::default();
+        let mut todo = vec![root];
+        while let Some(element) = todo.pop() {
+            let Some(known) = words.iter().find(|w| w.element == element.name) else { continue };
+            for name in element.names().filter(|n| !known.attributes.contains(n) && !n.starts_with("xml")) {
+                match known.idle_attributes.contains(&name) {
+                    true => unused.idle(format!("{name} of <{}>", element.name)),
+                    false => unused.unknown(element, format!("`{name}` of <{}>", element.name)),
+                }
+            }
+            // A joint that stands still has no limits to heed.
+            let still = element.name == "joint" && matches!(element.get("type"), Some("fixed" | "floating"));
+            for child in &element.children {
+                let name = child.name.as_str();
+                if still && matches!(name, "axis" | "limit" | "mimic" | "safety_controller") {
+                    unused.idle(format!("<{name}> of joints that stand still"));
+                } else if known.children.contains(&name) || (name == "visual" && visual(element)) {
+                    todo.push(child);
+                } else if known.idle_children.contains(&name) || name.contains(':') {
+                    unused.idle(format!("<{name}>"));
+                } else {
+                    unused.unknown(child, format!("<{name}> in <{}>", element.name));
+                }
+            }
+        }
+        unused
+    }
+
+    fn idle(&mut self, what: String) {
+        *self.idle.entry(what).or_default() += 1;
+    }
+
+    fn unknown(&mut self, element: &XmlElement, what: String) {
+        let entry = self.unknown.entry(what).or_insert_with(|| (element.at.clone(), 0));
+        entry.0.start = entry.0.start.min(element.at.start);
+        entry.1 += 1;
+    }
+
+    /// The words of the standard that are not used, in one line; none if there are none.
+    pub fn line(&self, format: &str) -> Option<String> {
+        let all: Vec<String> = self.idle.iter().map(|(what, n)| counted(what, *n)).collect();
+        (!all.is_empty()).then(|| format!("not used of the {format}: {}", all.join(", ")))
+    }
+
+    /// Warns of the words that are none of the format.
+    pub fn warn(self, source: &Source, format: &str, warnings: &mut Vec<FileError>) {
+        let mut unknown: Vec<_> = self.unknown.into_iter().collect();
+        unknown.sort_by_key(|(_, (at, _))| at.start);
+        let mut all = Grouped::default();
+        for (what, (at, n)) in unknown {
+            all.add(&at, counted(&what, n));
+        }
+        let help = "check how they are spelled (upper and lower case count), and whether something depends on them";
+        all.warn(source, &format!("not used, as no {format} has these words"), help, warnings);
+    }
+}
+
+/// A word, and how often if that is more than once.
+fn counted(what: &str, n: usize) -> String {
+    if n > 1 { format!("{what} ({n} times)") } else { what.to_owned() }
+}
