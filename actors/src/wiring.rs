@@ -270,21 +270,25 @@ impl SharedContext {
     /// Puts other parts into a robot's controller, for the actors that are started from now on, and returns the ones before.
     pub fn install(&self, context: &RobotContext, parts: Parts) -> Parts {
         context.ledger.book().history.resize(parts.controller.history);
-        let described = parts.rules.described(&parts.model);
         let before = std::mem::replace(&mut *context.parts.lock(), parts);
-        described.into_iter().for_each(|event| self.tell(event));
+        self.describe(context);
         self.model.send(ModelMsg::Margins);
         before
     }
 
+    /// Emits the events that describe the parts which a robot's controller is started with.
+    pub fn describe(&self, context: &RobotContext) {
+        let parts = context.parts.lock().clone();
+        parts.rules.described(&parts.model).into_iter().for_each(|event| self.tell(event));
+    }
+
     /// A part of a robot's controller died: if a new one is on probation, that counts against it, and whoever is started
-    /// from now on is started with the old parts.
-    pub fn count_against(&self, context: &RobotContext, why: &str) {
-        let old = context.trial.lock().old.take();
-        if let Some(old) = old {
-            let broken = self.install(context, old);
-            context.trial.lock().broke = Some((why.to_owned(), broken));
-        }
+    /// from now on is started with the old parts. Returns whether they were put back now.
+    pub fn count_against(&self, context: &RobotContext, why: &str) -> bool {
+        let Some(old) = context.trial.lock().old.take() else { return false };
+        let broken = self.install(context, old);
+        context.trial.lock().broke = Some((why.to_owned(), broken));
+        true
     }
 }
 

@@ -230,6 +230,7 @@ impl TortureTrial {
         };
         sight::befall(&mut composed.sensors, planned, seed);
         watch.witness.board_faults(board_faults(planned, &watch.boards));
+        watch.witness.late_boards((0..boards.len()).map(|board| late(planned, board)).collect());
         let watch = Arc::new(Mutex::new(watch));
         let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);
         let taps = Taps::in_place(watch.clone());
@@ -311,6 +312,17 @@ impl TortureTrial {
         let context = Context { robot: robot.clone(), seed: derive_seed(seed, &format!("{}/driver", config.name)) };
         driven.boards(&context).map_err(|e| Report::msg(e.to_string()))
     }
+}
+
+/// From when to when this board is later than it states.
+fn late(planned: &[Planned], board: usize) -> Vec<(Time, Time)> {
+    let of = |p: &Planned| match &p.what {
+        What::Board { robot, fault: Fault::Slow { extra }, lasts, .. } if *robot == board => {
+            Some((p.at, p.at + *lasts + *extra))
+        }
+        _ => None,
+    };
+    planned.iter().filter_map(of).collect()
 }
 
 /// When each of these boards begins to report a fault of its own.

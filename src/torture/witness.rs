@@ -7,7 +7,7 @@ mod pushed;
 pub use joint::Joint;
 
 use joint::stopped_by;
-use mobee_contract::{Event, MotorUnits, Pose, Status, Time};
+use mobee_contract::{CommandKind, Event, MotorUnits, Pose, Status, Time, Writer};
 use mobee_model::{Contact, Pair, Scene, ShapeId, Sweep};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -52,6 +52,8 @@ pub struct Witness {
     least: BTreeMap<Pair, f64>,
     /// When the boards of the robots are going to report faults.
     faults: Vec<Vec<Time>>,
+    /// From when to when the boards of the robots are later than they state: robots that go back on one clock are not together then.
+    late: Vec<Vec<(Time, Time)>>,
     /// When something was done to the run last, and what happened last.
     disturbed: Time,
     now: Time,
@@ -87,8 +89,12 @@ struct Seen {
     /// Whether a motion of it is open, and whether that is being taken back together with another's.
     moves: bool,
     joint: bool,
-    /// Since when its retreat waits for another robot: what comes near meanwhile is the other's doing, and it rests.
+    /// Since when its retreat waits for another robot, or was stopped to begin anew: what comes near meanwhile is another's doing, and it
+    /// rests.
     waits: Option<Time>,
+    /// The plan of its retreat, by its poses and the bits of its seconds, and whether it holds up all who go along.
+    plan: (usize, u64),
+    holds_up: bool,
     /// Whether its encoders have told the truth since that motion began.
     honest: bool,
     /// While it escapes: the pairs that were near as it set out, and when it did.
@@ -124,6 +130,8 @@ impl Seen {
             moves: false,
             joint: false,
             waits: None,
+            plan: (0, 0),
+            holds_up: false,
             honest: true,
             escape: (None, at),
             news: None,
@@ -180,6 +188,11 @@ impl Witness {
         self.faults = faults;
     }
 
+    /// From when to when each robot's board is later than it states.
+    pub fn late_boards(&mut self, late: Vec<Vec<(Time, Time)>>) {
+        self.late = late;
+    }
+
     /// An event.
     pub fn event(&mut self, at: Time, event: &Event) {
         self.pass(at);
@@ -217,9 +230,10 @@ impl Witness {
             Event::Disabled { robot, .. } => {
                 self.turn(robot, |r| (r.open, r.since, r.back, r.waits, r.fault) = (false, at, None, None, None));
             }
-            Event::RetreatBegan { robot, near, .. } => {
+            Event::RetreatBegan { robot, near, poses, secs, .. } => {
                 self.turn(robot, |r| {
                     (r.back, r.waits) = (Some(near.clone()), None);
+                    (r.plan, r.holds_up) = ((*poses, secs.to_bits()), false);
                     r.sets_out(at);
                 });
                 if self.robots.iter().filter(|r| r.back.is_some()).count() > 1 {
@@ -232,9 +246,13 @@ impl Witness {
             }
             Event::RetreatWaits { robot, .. } => {
                 self.joint.waited += 1;
-                self.turn(robot, |r| r.waits = Some(at));
+                self.turn(robot, |r| (r.waits, r.holds_up) = (Some(at), true));
             }
-            Event::RetreatGoesOn { robot } => self.turn(robot, |r| r.waits = None),
+            // the robots of a joint retreat part: until its own begins anew, one that stopped rests, and what comes near is another's doing
+            Event::Command { robot, writer: Writer::Reflex, kind: CommandKind::Stop, .. } => {
+                self.turn(robot, |r| r.waits = r.waits.or(Some(at)).filter(|_| r.back.is_some()));
+            }
+            Event::RetreatGoesOn { robot } => self.turn(robot, |r| (r.waits, r.holds_up) = (None, false)),
             Event::RetreatStopped { robot, reason, what, .. } => {
                 if self.robots.iter().any(|r| r.name == *robot && r.joint) {
                     *self.joint.stopped.entry(stopped_by(*reason, what)).or_default() += 1;
@@ -361,14 +379,18 @@ impl Witness {
             let of = |shape: ShapeId| shape.robot().and_then(|robot| self.robots.get(robot));
             let (Some(a), Some(b)) = (of(c.pair.0), of(c.pair.1)) else { continue };
             let margin = a.margin.min(b.margin);
-            let goes_back = |r: &Seen| r.back.is_some() && r.waits.is_none();
+            let is_held_up = |r: &Seen| self.robots.iter().any(|o| o.back.is_some() && o.holds_up && o.plan == r.plan);
+            let goes_back = |r: &Seen| r.back.is_some() && r.waits.is_none() && !is_held_up(r);
             if !(goes_back(a) && goes_back(b)) {
                 let least = self.least.entry(c.pair).or_insert(margin);
                 *least = least.min(c.distance);
                 continue;
             }
             let start = self.least.get(&c.pair).copied().unwrap_or(margin);
-            if start - c.distance <= self.joint.nearer || !(a.honest && b.honest) {
+            // what comes too near is stopped by its reflex all the same (I9)
+            let late = |shape: ShapeId| shape.robot().and_then(|robot| self.late.get(robot)).into_iter().flatten();
+            let is_late = late(c.pair.0).chain(late(c.pair.1)).any(|(from, to)| (*from..*to + DISTURBED).contains(&at));
+            if start - c.distance <= self.joint.nearer || !(a.honest && b.honest) || is_late {
                 continue;
             }
             self.joint.nearer = start - c.distance;

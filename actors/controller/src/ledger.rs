@@ -92,7 +92,7 @@ impl TransactionState {
         let open = self.open.take()?;
         let outcome = told.unwrap_or_else(|| open.shown_at(&q, tolerance));
         self.places = open.places_after(&self.places, outcome, &q, tolerance);
-        let ended = Ended { open, outcome, q };
+        let ended = Ended { open, outcome, q, measured: told.is_none() };
         if self.ends.len() >= ENDS {
             self.ends.pop_front();
         }

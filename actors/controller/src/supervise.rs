@@ -328,8 +328,12 @@ impl SuperviseCore {
                 self.motion_asked(revision, open, step);
             }
             SuperviseIn::Stop(agent) => {
-                if self.is_moving() && step.owner().is_some_and(|a| a == agent) {
+                let own = step.owner().is_some_and(|a| a == agent);
+                if own && self.is_moving() {
                     self.interrupt(Cause::Asked, Status::Stopping, step);
+                } else if own {
+                    // something else closed the filter first: the journal shows that the agent gave its motion up (I23)
+                    self.tell_refusal(&agent, &Err(Refusal::Closed), step);
                 }
             }
             SuperviseIn::AgentDied(agent) => {

@@ -1,13 +1,15 @@
 //! I23: an edge whose motion failed is removed before its agent commits again, and no other is: so the agent was told how its motion ended.
 //!
-//! An agent that stopped its own motion, or turned it elsewhere, since what it was after has moved, need not blame the edge.
+//! An agent that stopped its own motion, or turned it elsewhere, since what it was after has moved, need not blame the edge: not even if
+//! that came too late, and was refused since the filter was closed by then, or may have been lost with a supervise that died. It is told
+//! that the motion failed, and not why.
 //!
 //! Which edge a motion drives is told by the plan, in which its target is a vertex. An agent that died, or makes way for another,
 //! was told nothing.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
-use mobee_contract::{Cause, CommitId, EdgeState, Event, Note, Outcome, SwapStep};
+use mobee_contract::{Cause, CommitId, EdgeState, Event, Note, Outcome, Refusal, SwapStep};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
@@ -30,6 +32,8 @@ struct Walk {
     begun: bool,
     /// The edge that the open motion drives.
     drives: Option<(CommitId, Edge)>,
+    /// Whether it wanted, or may have wanted, to stop or to turn that motion, and could not.
+    late: bool,
     /// The edge whose motion failed.
     failed: Option<(CommitId, Edge)>,
     /// Whether the agent, or a person, asked for that.
@@ -86,11 +90,18 @@ impl Invariant for FailedEdges {
             Event::Commit { robot, id, agent, target, motors, .. } if *agent == format!("{robot}/agent") => {
                 let walk = self.robots.entry(robot.clone()).or_default();
                 walk.begun = true;
-                walk.drives = walk.edge(target, motors).map(|edge| (*id, edge));
+                (walk.drives, walk.late) = (walk.edge(target, motors).map(|edge| (*id, edge)), false);
                 let asked = walk.asked;
                 walk.failed.take().filter(|_| !asked).map(|(id, (from, to))| {
                     format!("{robot}: the edge {from} -> {to} was not removed, though commit {} failed along it", id.0)
                 })
+            }
+            Event::Refused { robot, agent, refusal: Refusal::Closed | Refusal::Holding { .. } | Refusal::Over }
+                if *agent == format!("{robot}/agent") =>
+            {
+                let walk = self.robots.entry(robot.clone()).or_default();
+                walk.late = walk.drives.is_some();
+                None
             }
             // turned elsewhere in mid-motion, it does not drive the edge any more
             Event::Amended { robot, id, .. } => {
@@ -102,7 +113,7 @@ impl Invariant for FailedEdges {
                 let walk = self.robots.entry(robot.clone()).or_default();
                 let ended = walk.drives.take_if(|(open, _)| open == id);
                 walk.failed = ended.filter(|_| *outcome != Outcome::Committed);
-                walk.asked = *cause == Some(Cause::Asked);
+                walk.asked = *cause == Some(Cause::Asked) || std::mem::take(&mut walk.late);
                 None
             }
             Event::Swap { robot, step: SwapStep::TookOver { .. } | SwapStep::Reverted { .. }, .. } => {
@@ -112,6 +123,8 @@ impl Invariant for FailedEdges {
             Event::Died { actor, .. } => {
                 let robot = actor.strip_suffix("/agent").and_then(|robot| self.robots.get_mut(robot));
                 robot.into_iter().for_each(Walk::begins);
+                let robot = actor.strip_suffix("/supervise").and_then(|robot| self.robots.get_mut(robot));
+                robot.into_iter().for_each(|walk| walk.late |= walk.drives.is_some());
                 None
             }
             Event::Resumed { .. } => {

@@ -93,6 +93,11 @@ impl RetreatPace {
         if self.back.is_some() {
             return self.forget();
         }
+        // the board is later than its `latency_ms`: stopped before it showed any motion, it sets out after all until the stop reaches
+        // it, and nothing was measured that it could retrace. Where it ends is judged all the same (I3)
+        if self.there.back().is_none_or(|last| last.moved <= 0.0) {
+            return self.forget();
+        }
         let newest = self.there.range(self.there.len().saturating_sub(WINDOW)..).cloned().collect();
         self.back = Some(Back { began: at, here: self.there.len().saturating_sub(1), newest, streamed: true });
     }

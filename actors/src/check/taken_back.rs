@@ -29,6 +29,8 @@ struct Robot {
     newest: Option<(Time, Pose)>,
     safe: Option<Pose>,
     motion: Motion,
+    /// Whether it holds since an actor of its controller was restarted.
+    restarted: bool,
     /// The way of the open motion, if it has a safe pose and tells its motors.
     way: Option<RetreatPace>,
     fresh: f64,
@@ -41,6 +43,8 @@ struct Motion {
     open: bool,
     /// Why it is to be taken back, in words.
     cause: Option<&'static str>,
+    /// Whether it is taken back after all, though an actor of the robot's controller died in it: the journal tells no other cause then.
+    after_all: bool,
     /// Whether a retreat was driven, and to its last pose.
     driven: bool,
     settling: bool,
@@ -77,6 +81,17 @@ impl Robot {
             self.newest.iter().for_each(|(at, q)| _ = way.take(*at, q));
             way
         });
+    }
+
+    /// A robot that holds after a restart is stopped only to be taken back.
+    fn enters(&mut self, status: Status) {
+        let restarted = std::mem::replace(&mut self.restarted, status == Status::Holding(Hold::Restarted));
+        match status {
+            Status::Settling => self.motion.settling = true,
+            Status::Stopping => self.motion.after_all |= restarted,
+            Status::Holding(Hold::ShuttingDown | Hold::Stale | Hold::Restarted) => self.excuse(),
+            _ => {}
+        }
     }
 
     fn excuse(&mut self) {
@@ -164,11 +179,8 @@ impl Invariant for TakenBack {
                 r.way.iter_mut().for_each(|way| way.turn(line.at));
             }),
             Event::RetreatWaits { .. } => self.all_taken_back(RetreatPace::halts),
-            Event::State { robot, status: Status::Settling } => self.of(robot, |r| r.motion.settling = true),
+            Event::State { robot, status } => self.of(robot, |r| r.enters(*status)),
             Event::RetreatStopped { robot, reason, .. } => self.of(robot, |r| r.stopped(*reason)),
-            Event::State { robot, status: Status::Holding(Hold::ShuttingDown | Hold::Stale | Hold::Restarted) } => {
-                self.of(robot, Robot::excuse)
-            }
             Event::CommandDropped { robot, .. } => self.of(robot, |r| r.motion.missed = false),
             Event::Streamed { robot, writer: Writer::Reflex, last, .. } => self.with(robot, |r| r.misled(last)),
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
@@ -227,7 +239,8 @@ impl TakenBack {
 
     /// The safe pose of a motion moved. During the retreat, to let another robot pass that is taken back, too.
     fn moved(&mut self, robot: &str, q: &Pose) -> Option<String> {
-        let taken_back = |(name, r): (&String, &Robot)| name != robot && r.motion.open && r.motion.cause.is_some();
+        let goes_back = |m: &Motion| m.open && (m.cause.is_some() || m.after_all);
+        let taken_back = |(name, r): (&String, &Robot)| name != robot && goes_back(&r.motion);
         let for_another = self.robots.iter().any(taken_back);
         self.with(robot, |r| {
             r.safe = Some(q.clone());

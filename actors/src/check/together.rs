@@ -4,7 +4,7 @@
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
-use mobee_contract::Event;
+use mobee_contract::{CommandKind, Event, Writer};
 use mobee_model::{Contact, ShapeId};
 
 #[derive(Default)]
@@ -17,26 +17,32 @@ struct Robot {
     name: String,
     /// While it is retreating: the pairs that touched before.
     back: Option<Vec<Contact>>,
-    /// Whether it stays where it is meanwhile: what comes near then is another's doing.
+    /// How long its way is: poses, and the bits of the seconds. Those of one plan are equal, and of no other.
+    plan: (usize, u64),
+    /// Whether it waits for a robot that is in its way, and those who go along with it: what comes near then is another's doing.
     waits: bool,
+    /// Whether its reflex stopped it, to begin anew: the robots of its plan part, each in its time.
+    stopped: bool,
 }
 
 impl Together {
     fn turn(&mut self, name: &str, back: Option<Vec<Contact>>) {
-        self.robots.iter_mut().filter(|r| r.name == name).for_each(|r| {
+        self.of(name, |r| {
             r.back.clone_from(&back);
-            r.waits = false;
+            (r.waits, r.stopped) = (false, false);
         });
     }
 
-    fn waits(&mut self, name: &str, waits: bool) {
-        self.robots.iter_mut().filter(|r| r.name == name).for_each(|r| r.waits = waits);
+    fn of(&mut self, name: &str, change: impl FnMut(&mut Robot)) {
+        self.robots.iter_mut().filter(|r| r.name == name).for_each(change);
     }
 
     /// The robot that a shape belongs to, if that is retreating.
     fn back(&self, shape: ShapeId) -> Option<(&Robot, &Vec<Contact>)> {
         let robot = self.robots.get(shape.robot()?)?;
-        Some((robot, robot.back.as_ref().filter(|_| !robot.waits)?))
+        let holds_up = |r: &Robot| r.back.is_some() && r.waits && r.plan == robot.plan;
+        let rests = robot.stopped || self.robots.iter().any(holds_up);
+        Some((robot, robot.back.as_ref().filter(|_| !rests)?))
     }
 }
 
@@ -44,11 +50,17 @@ impl Invariant for Together {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
-                self.robots.push(Robot { name: robot.clone(), back: None, waits: false });
+                self.robots.push(Robot { name: robot.clone(), back: None, plan: (0, 0), waits: false, stopped: false });
             }
-            Event::RetreatBegan { robot, near, .. } => self.turn(robot, Some(near.clone())),
-            Event::RetreatWaits { robot, .. } => self.waits(robot, true),
-            Event::RetreatGoesOn { robot } => self.waits(robot, false),
+            Event::RetreatBegan { robot, near, poses, secs, .. } => {
+                self.turn(robot, Some(near.clone()));
+                self.of(robot, |r| r.plan = (*poses, secs.to_bits()));
+            }
+            Event::RetreatWaits { robot, .. } => self.of(robot, |r| r.waits = true),
+            Event::Command { robot, writer: Writer::Reflex, kind: CommandKind::Stop, .. } => {
+                self.of(robot, |r| r.stopped = true);
+            }
+            Event::RetreatGoesOn { robot } => self.of(robot, |r| r.waits = false),
             Event::Disabled { robot, .. } | Event::RetreatStopped { robot, .. } | Event::Outcome { robot, .. } => {
                 self.turn(robot, None);
             }

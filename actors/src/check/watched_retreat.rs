@@ -5,7 +5,8 @@
 //! and a pair that all but touches must be able to part. One that is nearer as its contact begins, or as it touches, must
 //! stop it. The same holds from the sample that showed a contact deepen (`RetreatStopped::seen`). After the stop the reflex
 //! writes no move and no set-point until a new transaction. A retreat that waits for another robot to get out of its way has stopped as
-//! well, until it goes on.
+//! well, until it goes on; and so has one that the reflex stops because the robots of a joint retreat part, until it begins anew: what is
+//! put onto the robot in between is near as that begins.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -35,6 +36,8 @@ struct Way {
     retreating: bool,
     /// A retreat is being driven: from its beginning until it has stopped, or the filter was closed anew.
     driven: bool,
+    /// When the reflex stopped it last while it was driven.
+    halted: Time,
     /// The filter was closed since the last retreat.
     closed: bool,
     /// When a contact began during the retreat that has not stopped it yet.
@@ -82,6 +85,12 @@ impl Invariant for WatchedRetreat {
             }
             Event::RetreatBegan { robot, near, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
+                let halted = way.halted;
+                if let Some(at) = way.contact.take().filter(|at| halted < *at || !way.in_time(*at, halted)) {
+                    found.say(format!(
+                        "{robot}: the contact that began at {at} did not stop the retreat that begins anew"
+                    ));
+                }
                 (way.driven, way.near) = (true, near.clone());
                 if std::mem::take(&mut way.closed) {
                     way.stopped = None;
@@ -120,6 +129,13 @@ impl Invariant for WatchedRetreat {
                 if let Some(from) = way.contact.take().into_iter().chain(seen).find(|t| !way.in_time(*t, line.at)) {
                     let took = line.at.since(from).as_secs_f64() * 1e3;
                     found.say(format!("{robot}: a contact during the retreat stopped it after {took:.1} ms only"));
+                }
+            }
+            // the robots of a joint retreat part: each stops, and sets out again from what is near by then
+            Event::Command { robot, writer: Writer::Reflex, kind: CommandKind::Stop, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                if std::mem::take(&mut way.driven) {
+                    way.halted = line.at;
                 }
             }
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {

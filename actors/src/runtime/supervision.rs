@@ -12,7 +12,9 @@ pub use plan::{Input, Intensity, Restart, RestartPlan, RestartStep, Strategy};
 
 use crate::runtime::clock::Clock;
 use mobee_contract::{Event, Time};
-use ractor::{Actor, ActorCell, ActorId, ActorProcessingErr, ActorRef, RpcReplyPort, SpawnErr, SupervisionEvent};
+use ractor::{
+    Actor, ActorCell, ActorId, ActorProcessingErr, ActorRef, ActorStatus, RpcReplyPort, SpawnErr, SupervisionEvent,
+};
 use std::collections::VecDeque;
 use std::future::Future;
 use std::pin::Pin;
@@ -197,8 +199,13 @@ impl Running {
                     self.stop(child).await;
                     self.plan.on(Input::Stopped(child), self.group.clock.now());
                 }
+                // ractor links nothing to an actor that is being drained: what still runs is stopped by `post_stop`
+                RestartStep::Start(_) if is_ending(me) => drop(self.plan.on(Input::End, self.group.clock.now())),
                 RestartStep::Start(child) => {
                     if let Err(reason) = self.start(child, me).await {
+                        if is_ending(me) {
+                            continue;
+                        }
                         self.tell_death(child, reason);
                         steps = self.plan.on(Input::Died { child, failed: true }, self.group.clock.now()).into();
                     }
@@ -304,6 +311,11 @@ impl Running {
         }
         false
     }
+}
+
+/// Whether this supervisor is being drained, or ends already: no child can be linked to it any more.
+fn is_ending(me: &ActorCell) -> bool {
+    me.get_status() >= ActorStatus::Draining
 }
 
 fn as_group(cell: &ActorCell) -> Option<ActorRef<GroupMsg>> {

@@ -335,7 +335,12 @@ impl Exchange {
         self.shared.fence(&self.context, &format!("{}/new {}", self.context.name, self.part));
         let (shared, context) = (self.shared.clone(), self.context.clone());
         // whoever died is back with the old parts already; the others still run with the new ones
-        let renewed = self.renew(move || shared.count_against(&context, "it is not ready"));
+        let renewed = self.renew(move || {
+            // described in either case: a reflex that is started again finds contacts that the one before has reported (I27)
+            if !shared.count_against(&context, "it is not ready") {
+                shared.describe(&context);
+            }
+        });
         // a controller that is down has said so
         let _ = renewed.await;
         let broken = self.context.trial.lock().broke.take().map(|(_, broken)| broken);

@@ -454,6 +454,6 @@ fn settle_ledger(shared: &SharedContext, context: &RobotContext) {
         book.last_known().and_then(|q| book.settle(None, q, context.rules().tolerance))
     };
     if let Some(ended) = ended {
-        shared.tell(ended.event(context.name.clone()));
+        ended.events(context.name.clone()).into_iter().for_each(|event| shared.tell(event));
     }
 }

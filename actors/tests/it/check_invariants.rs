@@ -4,7 +4,7 @@ use crate::events::{R, disabled, enabled, ended, started};
 use mobee_actors::check::{Checker, Violation, check, check_events, summary};
 use mobee_actors::record::journal::{Journal, JournalLine, NOT_FINITE};
 use mobee_contract::{
-    Cause, CommandKind, CommitId, EdgeState, Entry, Event, Hold, MotionEnd, Note, Outcome, Pose, Status, Time,
+    Cause, CommandKind, CommitId, EdgeState, Entry, Event, Hold, MotionEnd, Note, Outcome, Pose, Refusal, Status, Time,
     WorldChange, Writer,
 };
 use mobee_model::{Contact, ShapeId};
@@ -515,6 +515,16 @@ fn i9_a_retreat_that_waits_has_stopped_until_it_goes_on() {
     assert_eq!(run(with(vec![waits(2.405), (2.41, again())])), [], "that is the other's doing");
     broken("I9", with(vec![waits(2.48)]), None, "stopped it after");
     broken("I9", with(vec![waits(2.405), (2.41, goes_on()), (2.42, again())]), None, "did not stop it");
+    // the robots of a joint retreat part: it is stopped, and begins anew from what is near by then
+    let stop = |at: f64| (at, command(Writer::Reflex, 4, CommandKind::Stop, &[]));
+    let anew =
+        |at: f64| (at, Event::RetreatBegan { robot: R.into(), id: CommitId(3), poses: 10, secs: 0.2, near: vec![] });
+    assert_eq!(run(with(vec![stop(2.404), anew(2.408)])), []);
+    assert_eq!(run(with(vec![stop(2.404), (2.406, again()), anew(2.408)])), [], "it was put there meanwhile");
+    broken("I9", with(vec![stop(2.404)]), None, "did not stop it");
+    broken("I9", with(vec![anew(2.408)]), None, "did not stop the retreat");
+    broken("I9", with(vec![stop(2.48), anew(2.49)]), None, "did not stop the retreat");
+    broken("I9", with(vec![stop(2.404), anew(2.406), (2.408, again())]), None, "did not stop it");
 }
 
 #[test]
@@ -535,7 +545,7 @@ fn i14_a_contact_begins_on_the_retreat_of_both() {
     contact.pair.1 = ShapeId::Robot { robot: 1, node: 1, shape: 0 };
     let meet = Event::ContactBegan { robot: R.into(), contact, names, during: Status::Retreating };
     let judged = |events: Vec<Event>| {
-        let mut all = vec![(0.0, started()), (0.0, robot()), (0.0, of("other", robot()))];
+        let mut all = vec![(0.0, started()), (0.0, robot()), (0.0, of("other", robot())), (0.0, of("third", robot()))];
         all.extend((1..).zip(events).map(|(at, e)| (f64::from(at), e)));
         run(all).iter().filter(|v| v.invariant == "I14").count()
     };
@@ -550,7 +560,25 @@ fn i14_a_contact_begins_on_the_retreat_of_both() {
     let waits = || Event::RetreatWaits { robot: R.into(), what: "in the way".into(), seen: Time::from_secs(2.0) };
     let goes_on = || Event::RetreatGoesOn { robot: R.into() };
     assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), waits(), meet.clone()]), 0);
-    assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), waits(), goes_on(), meet]), 1);
+    assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), waits(), goes_on(), meet.clone()]), 1);
+    // a third waits, and one of the two goes along with it, as their equal ways tell: it stays as well
+    let third = |secs: f64| {
+        let (robot, id, near) = ("third".to_string(), CommitId(1), vec![]);
+        Event::RetreatBegan { robot, id, poses: 10, secs, near }
+    };
+    let waits_too = || Event::RetreatWaits { robot: "third".into(), what: "x".into(), seen: Time::from_secs(2.0) };
+    let on = || Event::RetreatGoesOn { robot: "third".into() };
+    let own = || {
+        let (robot, id, near) = ("other".to_string(), CommitId(1), vec![]);
+        Event::RetreatBegan { robot, id, poses: 11, secs: 0.3, near }
+    };
+    assert_eq!(judged(vec![began(R, vec![]), own(), third(0.2), waits_too(), meet.clone()]), 0);
+    assert_eq!(judged(vec![began(R, vec![]), own(), third(0.2), waits_too(), on(), meet.clone()]), 1);
+    assert_eq!(judged(vec![began(R, vec![]), own(), third(0.4), waits_too(), meet.clone()]), 1);
+    // they part: one of them has stopped, until it begins anew
+    let parts = || command(Writer::Reflex, 2, CommandKind::Stop, &[]);
+    assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), parts(), meet.clone()]), 0);
+    assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), parts(), began(R, vec![]), meet]), 1);
 }
 
 #[test]
@@ -738,6 +766,24 @@ fn i23_an_edge_that_failed_and_stayed_or_one_that_had_not() {
         }
     }
     assert_eq!(of(&self::run(asked), "I23"), 0);
+    // its agent wanted to stop it, or turn it elsewhere, when the filter was closed already; or asks for something once it is over
+    let refused = |refusal: Refusal| Event::Refused { robot: R.into(), agent: "edge/agent".into(), refusal };
+    let failed = |e: &Event| matches!(e, Event::Outcome { outcome: Outcome::RolledBack, .. });
+    let end = kept.iter().position(|(_, e)| failed(e)).unwrap();
+    let died = |actor: &str| Event::Died { actor: actor.into(), reason: "planted".into() };
+    let cases = [
+        (end, refused(Refusal::Closed), 0),
+        (end, refused(Refusal::Busy), 1),
+        (end + 1, refused(Refusal::Closed), 1),
+        // the wish may have been lost with the one, and not with the other
+        (end, died("edge/supervise"), 0),
+        (end, died("edge/reflex"), 1),
+    ];
+    for (place, event, broken) in cases {
+        let mut late = kept.clone();
+        late.insert(place, (late[place].0, event.clone()));
+        assert_eq!(of(&self::run(late), "I23"), broken, "{event:?} at {place}");
+    }
     kept.insert(i, (2.0, edge(1, 0, EdgeState::Removed)));
     let found = self::run(kept);
     assert!(found.len() == 2 && found[0].what.contains("1 -> 0 was removed"), "{found:?}");

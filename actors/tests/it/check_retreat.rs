@@ -22,6 +22,17 @@ fn backwards(rate: f64) -> impl Fn(f64) -> [f64; 2] {
 
 /// What of I22 is found where the robot goes back as `back` says, with more events; the outcome comes at `end`.
 fn found(back: impl Fn(f64) -> [f64; 2], end: f64, outcome: Outcome, more: Vec<(f64, Event)>) -> Vec<Violation> {
+    gone(|at| there(at.min(STOP)), back, end, outcome, more)
+}
+
+/// The same of a robot that was, until the retreat began, where `forth` says.
+fn gone(
+    forth: impl Fn(f64) -> [f64; 2],
+    back: impl Fn(f64) -> [f64; 2],
+    end: f64,
+    outcome: Outcome,
+    more: Vec<(f64, Event)>,
+) -> Vec<Violation> {
     let (name, id, home) = (|| R.to_string(), CommitId(1), || Pose::from([0.0, 0.0]));
     let motors = vec![(0, 0.5), (1, 0.5)];
     let (agent, target) = ("explorer".into(), Pose::from([0.5, 0.5]));
@@ -48,7 +59,7 @@ fn found(back: impl Fn(f64) -> [f64; 2], end: f64, outcome: Outcome, more: Vec<(
         if events.peek().is_none() {
             break;
         }
-        checker.pose(0, Time::from_secs(at), &if at < BACK { there(at.min(STOP)) } else { back(at) }.into());
+        checker.pose(0, Time::from_secs(at), &if at < BACK { forth(at) } else { back(at) }.into());
     }
     checker.end().1.into_iter().filter(|v| v.invariant == "I22").collect()
 }
@@ -116,6 +127,21 @@ fn a_board_that_is_late_may_take_its_time() {
     assert_eq!(of(&beside, vec![stop(STOP), stop(STOP + 0.15)]), 1);
 }
 
+/// A board that is very late shows no motion before it is stopped, and then sets out after all, until the stop and the set-points reach
+/// it: it has no way to retrace. One that had begun has.
+#[test]
+fn a_board_that_sets_out_late_has_no_way_to_retrace() {
+    let judged = |begins: f64| {
+        let late = move |at: f64| {
+            let away = (at - begins).clamp(0.0, 0.5) - (at - begins - 0.7).clamp(0.0, 0.5);
+            [0.0, 0.3 * away]
+        };
+        gone(late, late, 5.5, Outcome::RolledBack, vec![]).len()
+    };
+    assert_eq!(judged(BACK + 0.05), 0);
+    assert_eq!(judged(BACK - 0.1), 1, "it had begun, and went on during the retreat");
+}
+
 /// Each halt for another robot costs a little time in motion, and no more.
 #[test]
 fn a_halt_excuses_half_a_second() {
@@ -174,23 +200,18 @@ fn only_to_let_another_pass_does_it_go_beyond_its_safe_pose() {
     let alone = found(backwards(1.0), 5.5, Outcome::RolledBack, vec![(BACK, farther.clone())]);
     assert!(alone.len() == 1 && alone[0].what.contains("lets nobody pass"), "{alone:?}");
     let (robot, agent, target) = ("other".to_string(), "explorer".to_string(), Pose::from([0.0, 0.0]));
-    let other = |robot: String| {
-        vec![
-            (
-                2.0,
-                Event::Commit {
-                    robot: robot.clone(),
-                    id: CommitId(1),
-                    agent,
-                    target,
-                    escape: false,
-                    motors: vec![],
-                    stream: false,
-                },
-            ),
-            (3.0, Event::Disabled { robot, token: 2, cause: Cause::Contact(vec![]) }),
-            (BACK, farther),
-        ]
+    let (robot_too, motors) = (robot.clone(), vec![]);
+    let commit = Event::Commit { robot: robot_too, id: CommitId(1), agent, target, escape: false, motors, stream: false };
+    let other = |more: &[Event]| {
+        let more = more.iter().map(|event| (3.0, event.clone()));
+        let events = [(2.0, commit.clone())].into_iter().chain(more).chain([(BACK, farther.clone())]).collect();
+        found(backwards(1.0), 5.5, Outcome::RolledBack, events).len()
     };
-    assert_eq!(found(backwards(1.0), 5.5, Outcome::RolledBack, other(robot)), []);
+    let closed = |cause: Cause| Event::Disabled { robot: robot.clone(), token: 2, cause };
+    let enters = |status: Status| Event::State { robot: robot.clone(), status };
+    assert_eq!(other(&[closed(Cause::Contact(vec![]))]), 0);
+    // an actor of the other's controller died: it is taken back after all, or only holds
+    let holds = [closed(Cause::ActorDied("supervise".into())), enters(Status::Holding(Hold::Restarted))];
+    assert_eq!(other(&holds), 1);
+    assert_eq!(other(&[&holds[..], &[enters(Status::Stopping)]].concat()), 0);
 }

@@ -238,3 +238,28 @@ fn a_start_that_always_fails_gives_up_and_leaves_nothing_running() {
         assert_eq!(log[1..], ["death bad: no board", "death bad: no board", "death bad: no board", "-a", "g gives up"]);
     });
 }
+
+/// A group begins to end while a child of it is being started again: nothing can be linked to it any more, and that is no death.
+#[test]
+fn a_group_that_ends_restarts_nothing() {
+    run(|world, clock, taps, collected| async move {
+        let (started, waits) = (world.clone(), clock.clone());
+        let slow = Child::new("slow", move |supervisor| {
+            let (world, clock) = (started.clone(), waits.clone());
+            async move {
+                clock.sleep(Duration::from_millis(5)).await;
+                start(world, "slow", supervisor).await
+            }
+        });
+        let inner = group("g", Strategy::RestForOne, &world, &clock, &taps).child(world.child("a")).child(slow);
+        let top = group("top", Strategy::OneForOne, &world, &clock, &taps).child(Child::group(inner));
+        let top = top.start(None).await.unwrap();
+        world.take();
+        assert!(call!(top, GroupMsg::Kill, "slow".to_string()).unwrap());
+        clock.sleep(Duration::from_millis(1)).await;
+        call!(top, GroupMsg::Stop).unwrap();
+        assert_eq!(world.take(), ["death slow: killed", "+slow", "-a"]);
+        let events: Vec<_> = collected.events().into_iter().map(|(_, e)| (*e).clone()).collect();
+        assert_eq!(events, [Event::Died { actor: "slow".into(), reason: "killed".into() }]);
+    });
+}

@@ -209,6 +209,22 @@ fn a_driver_is_exchanged_by_one_that_fits() {
     }
 }
 
+/// Something touches the robot while a part of it is exchanged and breaks: whoever was started with the old parts is started once more,
+/// and finds the contact as one that was reported before (I27).
+#[test]
+fn a_part_that_breaks_in_a_contact_is_reverted_as_any() {
+    be_quiet();
+    let touches = || Control::Edit(Edit::Add(ball("ball", [0.3, 0.0, 0.2], ObjectClass::Obstacle)));
+    let ran = trial().run_driven(|board| {
+        vec![(Duration::from_secs(2), touches()), (Duration::from_secs(4), driver(board, PanicsLater, 3.0))]
+    });
+    assert_eq!(ran.violations(), [], "{}", ran.lines());
+    let steps = steps(&ran);
+    assert!(matches!(&steps[2].1, SwapStep::Reverted { .. }), "{steps:?}");
+    let began = ran.events().iter().filter(|(_, e)| matches!(&**e, Event::ContactBegan { .. })).count();
+    assert!(began > 2, "nothing touches it\n{}", ran.lines());
+}
+
 #[test]
 fn another_robot_is_refused() {
     let swaps = |_: &SimHardware| {

@@ -49,6 +49,32 @@ fn arms_that_meet_on_the_retreat_of_both_break_i14() {
     // as near on what is taken back, or alone on the way
     assert!(!seen(true, both()));
     assert!(!seen(false, vec![sets_out("left", vec![])]));
+    // one that its reflex has stopped rests, until it sets out again
+    let stop = || Event::Command {
+        robot: "right".into(),
+        token: 2,
+        writer: Writer::Reflex,
+        kind: CommandKind::Stop,
+        motors: vec![],
+        q: vec![],
+        speed: vec![],
+        led: false,
+    };
+    // a board that was late then, and one that was long before
+    let slow = |from: f64, to: f64| {
+        let mut witness = Witness::default();
+        witness.scene(&scene);
+        witness.robots =
+            ["left", "right"].map(|r| Seen::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
+        witness.late_boards(vec![vec![], vec![(Time::from_secs(from), Time::from_secs(to))]]);
+        both().iter().for_each(|event| witness.event(Time::from_secs(9.0), event));
+        witness.really(Time::from_secs(10.0), &poses.iter().map(|q| q.to_vec()).collect::<Vec<_>>());
+        witness.found.len()
+    };
+    assert_eq!((slow(9.5, 9.7), slow(1.0, 2.0)), (0, 1));
+    let with = |more: Vec<Event>| both().into_iter().chain(more).collect::<Vec<Event>>();
+    assert!(!seen(false, with(vec![stop()])));
+    assert!(seen(false, with(vec![stop(), sets_out("right", vec![])])));
 }
 
 /// I32: a motor that is held and pushed on, with the filter open, for longer than it takes to be noticed.

@@ -47,10 +47,31 @@ fn what_is_settled_is_remembered_with_its_places() {
 fn a_cause_is_told_of_what_failed() {
     for outcome in [Outcome::Committed, Outcome::RolledBack, Outcome::Faulted] {
         let open = Open { cause: Some(Cause::Asked), ..open(false) };
-        let event = Ended { open, outcome, q: vec![0.0; 3].into() }.event("r".into());
-        let Event::Outcome { robot, cause, .. } = event else { panic!("{event:?}") };
+        let events = Ended { open, outcome, q: vec![0.0; 3].into(), measured: false }.events("r".into());
+        let [Event::Outcome { robot, cause, .. }] = events.as_slice() else { panic!("{events:?}") };
         assert_eq!((robot.as_str(), cause.is_some()), ("r", outcome != Outcome::Committed), "{outcome:?}");
     }
+}
+
+/// A stream is led on without an event for each set-point: where it was cut off the journal is told where it had led, or `committed`
+/// would be told far from the last target (I29).
+#[test]
+fn what_was_cut_off_at_its_target_is_told_with_it() {
+    let ledger = Ledger::new(1);
+    let end = |told: Option<Outcome>, q: f64| {
+        let mut book = ledger.book();
+        book.open = Some(Open { motion: Motion::Stream, ..open(false) });
+        let ended = book.settle(told, vec![0.001, q, 2.0].into(), 0.01).unwrap();
+        let target = |event: &Event| match event {
+            Event::Amended { target, .. } => target[1],
+            Event::Outcome { .. } => f64::NAN,
+            other => panic!("{other:?}"),
+        };
+        ended.events("r".into()).iter().map(target).map(|q| q.to_string()).collect::<Vec<_>>().join(" ")
+    };
+    assert_eq!(end(None, 0.999), "1 NaN");
+    assert_eq!(end(None, 0.6), "NaN", "it did not get there");
+    assert_eq!(end(Some(Outcome::Committed), 0.999), "NaN", "supervise has told where its stream ended");
 }
 
 /// An agent may ask what its motion ran into: of that motion alone, and only of one that failed by it.

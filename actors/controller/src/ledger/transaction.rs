@@ -174,6 +174,8 @@ pub struct Ended {
     pub outcome: Outcome,
     /// Where the robot rests, rad.
     pub q: Pose,
+    /// Whether that pose shows its outcome, which supervise did not decide: it was cut off.
+    pub measured: bool,
 }
 
 impl Ended {
@@ -182,11 +184,16 @@ impl Ended {
         if self.outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed }
     }
 
-    /// What the journal tells: the cause only of what failed.
-    pub fn event(self, robot: String) -> Event {
-        let Ended { open: Open { id, safe, cause, .. }, outcome, q } = self;
-        let (safe, cause) = (safe.map(|safe| safe.q), cause.filter(|_| outcome != Outcome::Committed));
-        Event::Outcome { robot, id, outcome, q, safe, cause }
+    /// The events of its end: of one that was cut off at its target, where that lies, since a stream leads it on without an
+    /// event for each set-point; then the outcome, with the cause only of what failed.
+    pub fn events(self, robot: String) -> Vec<Event> {
+        let Ended { open: Open { id, target, safe, cause, extent, .. }, outcome, q, measured } = self;
+        let committed = outcome == Outcome::Committed;
+        let stream = extent != Extent::Whole;
+        let amended = Event::Amended { robot: robot.clone(), id, target, motors: Vec::new(), stream };
+        let (safe, cause) = (safe.map(|safe| safe.q), cause.filter(|_| !committed));
+        let ended = Event::Outcome { robot, id, outcome, q, safe, cause };
+        (measured && committed).then_some(amended).into_iter().chain([ended]).collect()
     }
 }
 

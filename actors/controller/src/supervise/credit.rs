@@ -60,7 +60,7 @@ impl SuperviseCore {
     /// Puts the verdict on a commit first, and tells of a refusal. First, since the agent waits for it: what follows
     /// from the commit is for others.
     pub(super) fn answer(&mut self, agent: &str, verdict: Verdict, step: &mut Step) {
-        self.tell(agent, &verdict, step);
+        self.tell_refusal(agent, &verdict, step);
         step.out.insert(0, SuperviseOut::Verdict(verdict));
     }
 
@@ -74,7 +74,7 @@ impl SuperviseCore {
                 Some(burst) => burst.last = step.now,
                 None => {
                     bursts.push(Burst { agent: agent.clone(), code: refusal.code(), last: step.now });
-                    self.tell(agent, &verdict, step);
+                    self.tell_refusal(agent, &verdict, step);
                 }
             }
         }
@@ -82,7 +82,7 @@ impl SuperviseCore {
     }
 
     /// A line in the journal for a refusal, while there is credit for lines; else it is counted.
-    fn tell(&mut self, agent: &str, verdict: &Verdict, step: &mut Step) {
+    pub(super) fn tell_refusal(&mut self, agent: &str, verdict: &Verdict, step: &mut Step) {
         if let Err(refusal) = verdict {
             if self.credits.telling.take(step.now) {
                 let (robot, agent, refusal) = (step.robot(), agent.to_string(), refusal.clone());

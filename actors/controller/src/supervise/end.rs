@@ -158,13 +158,7 @@ impl SuperviseCore {
         self.resting.commanded(&ended.open.named);
         let (outcome, end) = (ended.outcome, ended.end());
         let (agent, id) = (ended.open.agent.clone(), ended.open.id);
-        if told.is_none() && outcome == Outcome::Committed {
-            // it was cut off, and rests where its stream had led by then
-            let (robot, target) = (step.robot(), ended.open.target.clone());
-            let stream = ended.open.extent != Extent::Whole;
-            step.emit(Event::Amended { robot, id, target, motors: Vec::new(), stream });
-        }
-        step.emit(ended.event(step.robot()));
+        ended.events(step.robot()).into_iter().for_each(|event| step.emit(event));
         step.out.push(SuperviseOut::Ended(agent, id, end));
         Some(outcome)
     }

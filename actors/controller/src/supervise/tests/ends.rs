@@ -437,3 +437,19 @@ fn a_retreat_whose_last_set_points_are_lost_ends_all_the_same() {
     assert_eq!((cell.outcome, cell.supervise.status()), (Some(Outcome::RolledBack), Status::Rest));
     assert!(cell.q.abs() <= cell.rules.tolerance, "at {}", cell.q);
 }
+
+/// An agent gives its motion up in the instant in which it ends for another reason: the journal shows that, since the agent draws its
+/// conclusions from its own wish (I23).
+#[test]
+fn a_stop_that_comes_too_late_is_refused() {
+    let mut cell = Cell::new();
+    let mut refused = |ops: &[Op]| {
+        ops.iter().cloned().for_each(|op| cell.apply(op));
+        cell.apply(Op::Stop);
+        std::mem::take(&mut cell.refused)
+    };
+    assert_eq!(refused(&[Op::Samples(30)]), 0, "nothing is under way");
+    assert_eq!(refused(&[Op::Commit(0.5, true), Op::Samples(5)]), 0, "it is in time");
+    assert_eq!(refused(&[Op::Samples(100), Op::Commit(0.5, true), Op::Samples(5), Op::Fault]), 1);
+    assert_eq!(refused(&[Op::Samples(100)]), 0, "it has its outcome");
+}
