@@ -89,6 +89,7 @@ fn started(robot: &str, answers: bool) -> super::super::Started {
     let (names, limits) = (vec!["m".into()], vec![(-1.0, 1.0)]);
     let layout = Arc::new(Layout { patches: vec![patch], home: vec![0.0], names, limits, motions: Vec::new() });
     let cell = Arc::new(SharedBoards::new(&layout));
+    cell.take();
     start((Arc::new(FakeWire { answers }), Place::Here), &settings, robot, layout, cell).unwrap()
 }
 
