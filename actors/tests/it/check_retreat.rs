@@ -215,3 +215,14 @@ fn only_to_let_another_pass_does_it_go_beyond_its_safe_pose() {
     assert_eq!(other(&holds), 1);
     assert_eq!(other(&[&holds[..], &[enters(Status::Stopping)]].concat()), 0);
 }
+
+/// A move is taken back whole, a stream by no less than its controller says.
+#[test]
+fn only_a_stream_is_taken_back_to_where_it_was_on_its_way() {
+    let to = |at: f64| {
+        let (robot, id, q) = (R.into(), CommitId(1), [0.0, 0.0].into());
+        vec![(BACK, Event::SafePoseMoved { robot, id, q, recorded: Some(Time::from_secs(at)) })]
+    };
+    let found = found(backwards(1.0), 5.5, Outcome::RolledBack, to(2.0));
+    assert!(found.len() == 1 && found[0].what.contains("a move is taken back whole"), "{found:?}");
+}

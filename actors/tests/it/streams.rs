@@ -3,6 +3,7 @@
 use crate::common::{Ran, Trial, ball};
 use mobee_actors::system::AgentMaker;
 use mobee_contract::*;
+use mobee_controller::ControllerSettings;
 use mobee_model::ObjectClass;
 use std::sync::Arc;
 use std::time::Duration;
@@ -131,16 +132,34 @@ fn a_position_stream_is_followed_to_its_end() {
     assert_eq!(ran.end.counts.refused, 0, "{}", ran.lines());
 }
 
+/// By half a second unless the controller says otherwise, and at most to where it began.
 #[test]
 fn a_velocity_stream_into_an_obstacle_is_rolled_back() {
-    let objects = vec![ball("ball", [0.5, 0.25, 0.2], ObjectClass::Obstacle)];
-    let ran = Trial { objects, agent: streams(1, 500, velocity), ..Trial::default() }.run();
-    assert_eq!(ran.outcomes(), [Outcome::RolledBack], "{}", ran.lines());
-    assert_eq!(reached(&ran), 0.0);
-    assert_eq!(ran.end.counts.hard_contacts, 0);
-    assert_eq!(ran.violations(), [], "{}", ran.lines());
-    let q = ran.hardware.positions(ran.end.ended_at);
-    assert!(q[0].to_degrees().abs() < 0.2, "{q:?}");
+    let rests = |undo_s: f64| {
+        let objects = vec![ball("ball", [0.5, 0.25, 0.2], ObjectClass::Obstacle)];
+        let ran = Trial { objects, agent: streams(1, 500, velocity), undo_s, ..Trial::default() }.run();
+        assert_eq!(ran.outcomes(), [Outcome::RolledBack], "{}", ran.lines());
+        assert_eq!(reached(&ran), 0.0);
+        assert_eq!(ran.end.counts.hard_contacts, 0);
+        assert_eq!(ran.violations(), [], "{}", ran.lines());
+        let moved = ran.events().iter().find_map(|e| match &*e.1 {
+            Event::SafePoseMoved { q, recorded: Some(at), .. } => Some((q[0].to_degrees(), at.secs())),
+            _ => None,
+        });
+        let closed = |e: &Event| matches!(e, Event::Disabled { cause: Cause::Contact(_), .. });
+        let closed = ran.events().iter().find(|e| closed(&e.1)).map(|e| e.0.secs()).unwrap();
+        let q = ran.hardware.positions(ran.end.ended_at)[0].to_degrees();
+        if let Some((to, at)) = moved {
+            assert!((q - to).abs() < 0.2, "{q}, sent to {to}");
+            assert!((undo_s..undo_s + 0.1).contains(&(closed - at)), "{at}, closed at {closed}");
+        }
+        (q, moved.is_some())
+    };
+    let (usual, is_moved) = rests(ControllerSettings::default().undo_s);
+    let (longer, is_moved_longer) = rests(1.0);
+    assert!(is_moved && is_moved_longer && usual > longer + 4.0 && longer > 1.0, "{usual}, {longer}");
+    let (whole, moved) = rests(1000.0);
+    assert!(whole.abs() < 0.2 && !moved, "{whole}");
 }
 
 #[test]

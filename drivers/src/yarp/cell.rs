@@ -207,7 +207,8 @@ impl SharedBoards {
             (inner.joined, inner.unread) = (None, false);
         }
         drop(inner);
-        self.taken.send_replace(true);
+        // later connections find the boards as they are, and stop nothing
+        self.taken.send_if_modified(|taken| !std::mem::replace(taken, true));
         begins
     }
 

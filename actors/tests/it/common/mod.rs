@@ -101,6 +101,7 @@ pub struct Trial {
     pub controls: Vec<(Duration, Control)>,
     pub drive: Drive,
     pub stall_deg: Option<f64>,
+    pub undo_s: f64,
     pub clock: ClockKind,
     /// Instead of the one that goes through the poses.
     pub agent: Option<AgentMaker>,
@@ -125,6 +126,7 @@ impl Default for Trial {
             controls: Vec::new(),
             drive: Drive::Straight,
             stall_deg: None,
+            undo_s: ControllerSettings::default().undo_s,
             clock: ClockKind::Virtual,
             agent: None,
             sinks: Vec::new(),
@@ -221,6 +223,7 @@ impl Trial {
                     period_s: self.period_s,
                     drive: self.drive,
                     stall_deg: self.stall_deg,
+                    undo_s: self.undo_s,
                     // the machine may take all processors away for half a second
                     stale_s: (self.clock == ClockKind::Real).then_some(3.0),
                     ..ControllerSettings::default()

@@ -47,6 +47,7 @@ impl Rig {
             motions: Vec::new(),
         };
         let cell = Arc::new(SharedBoards::new(&layout));
+        cell.take();
         cell.lock().boards[0].reached = true;
         let line = Line { cell: Some(cell.clone()), ..Line::default() };
         let (halt, halts) = watch::channel(Arc::new(Halt::default()));

@@ -21,6 +21,7 @@ fn layout() -> Layout {
 /// Everything is there: both boards can be used, and have been read.
 fn ready() -> SharedBoards {
     let cell = SharedBoards::new(&layout());
+    cell.take();
     let mut inner = cell.lock();
     inner.boards.iter_mut().for_each(|known| (known.trouble, known.brake) = (None, None));
     inner.board = Some(Board { axes: vec![], period: Duration::ZERO, latency: Duration::ZERO, position_direct: true });

@@ -56,6 +56,7 @@ fn rig() -> Rig {
 fn rig_of(moves: Moves) -> Rig {
     let (layout, wide) = (layout(), facts(&[((-40.0, 40.0), None), ((-90.0, 90.0), Some(20.0))]));
     let cell = Arc::new(SharedBoards::new(&layout));
+    cell.take();
     let mut inner = cell.lock();
     for (i, known) in inner.boards.iter_mut().enumerate() {
         (known.trouble, known.brake, known.reached, known.facts) = (None, None, true, Some(wide.clone()));

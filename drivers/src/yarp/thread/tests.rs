@@ -96,6 +96,7 @@ fn started(robot: &str, answers: bool) -> super::super::Started {
         motions: Vec::new(),
     });
     let cell = Arc::new(SharedBoards::new(&layout));
+    cell.take();
     start((Arc::new(FakeWire { answers }), Place::Here), &settings, robot, layout, cell).unwrap()
 }
 

@@ -132,9 +132,13 @@ fn a_robot_that_is_only_looked_at_is_sent_nothing() {
     robot.under_way(&mut driver);
     let begun = tokio::time::Instant::now();
     for connects in [false, true] {
-        let second = on(&settings);
-        let refused = if connects { second.connect() } else { second.look().unwrap() };
-        let Err(DriverFault::Hardware(why)) = refused.map(|_| ()) else { panic!("two writers") };
+        let (network, settings, model) = (robot.net.network(), settings.clone(), robot.net.robot.clone());
+        let second = std::thread::spawn(move || {
+            let second = YarpHardware::on(&network, &settings, &model).unwrap();
+            if connects { second.connect().map(drop) } else { second.look().unwrap().map(drop) }
+        });
+        robot.keep(&mut driver, "the second to be refused", |_| second.is_finished().then_some(()));
+        let Err(DriverFault::Hardware(why)) = second.join().unwrap() else { panic!("two writers") };
         assert!(why.contains("another program"), "{why}");
     }
     robot.reading(&mut driver, "the target", |s| s.done.iter().all(|d| *d) && s.q[0].to_degrees() > 44.5);
