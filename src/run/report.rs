@@ -54,6 +54,9 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
             row(&format!("  {name}"), value.to_string());
         }
     }
+    for (name, why) in &done.end.counts.down {
+        row("gave up", format!("{name}: {why}"));
+    }
     row("journal", done.hash.clone());
     for c in &done.complaints {
         row("attention", c.clone());

@@ -27,8 +27,17 @@ pub struct RunCounts {
     pub hard_contacts: u64,
     /// Restarts of actors.
     pub restarts: u64,
-    /// Groups that used up their restarts.
+    /// Groups that used up their restarts, those of sensors and services among them.
     pub gave_up: u64,
+    /// Whether one of them was the safety chain's or an agent's, which ends the run.
+    #[serde(skip)]
+    pub is_given_up: bool,
+    /// Sensors and services that gave up and were not started again, with the reason.
+    pub down: BTreeMap<String, String>,
+    /// Pictures that cameras could not use, and skipped.
+    pub pictures_skipped: u64,
+    /// Regions that detectors found beyond the number that their sensor reports.
+    pub regions_omitted: u64,
     /// Retreats that were given up.
     pub retreats_stopped: u64,
     /// Commands thrown away.
@@ -56,6 +65,7 @@ impl RunCounts {
                 self.escapes += u64::from(*escape);
             }
             Event::Refused { .. } => self.refused += 1,
+            Event::Sighted { omitted, is_shadow: false, .. } => self.regions_omitted += omitted,
             Event::Outcome { outcome: Outcome::Committed, .. } => self.committed += 1,
             Event::Outcome { outcome: Outcome::RolledBack, .. } => self.rolled_back += 1,
             Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,
