@@ -12,6 +12,7 @@ mod door;
 mod find;
 mod gather;
 pub(crate) mod offer;
+mod restart;
 mod service;
 mod show;
 mod wire;
@@ -70,6 +71,11 @@ enum CtlCommand {
     Recover {
         /// Only for this robot.
         robot: Option<String>,
+    },
+    /// Start a sensor or a bridge again: one that runs, or one that has given up.
+    Restart {
+        /// The sensor or bridge, as `mobee ctl status` names it; required if there are several.
+        name: Option<String>,
     },
     /// Shut down in order: motions stop, and every commit gets its outcome.
     Stop {

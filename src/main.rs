@@ -9,6 +9,7 @@ use mobee::{
     model_eval, model_info, model_view, new, new_robot, replay, roadmap, run, schema, sim, terminal, torture, view,
     yarp,
 };
+use mobee_behaviors::detectors::onnx;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -124,6 +125,9 @@ enum Command {
     Ctl(ctl::CtlArgs),
     /// Check that this machine is fit: processors, timers, disk, viewer, name server, and the robots of a file.
     Doctor(doctor::DoctorArgs),
+    /// Run a network of a detector of the kind `onnx`, for the process that starts this one.
+    #[command(hide = true)]
+    OnnxWorker,
     /// Use YARP: a name server, and tools to inspect, read, write and connect ports.
     Yarp(yarp::YarpArgs),
 }
@@ -246,6 +250,11 @@ fn main() -> ExitCode {
         _ => usual(info),
     }));
     let cli = Cli::parse();
+    // the file of the program may be replaced while it runs
+    let own = if cfg!(target_os = "linux") { Ok(PathBuf::from("/proc/self/exe")) } else { std::env::current_exe() };
+    if let Ok(own) = own {
+        onnx::use_process(own, &["onnx-worker"]);
+    }
     let log = if matches!(cli.command, Command::Torture(_)) { TORTURE_LOG } else { LOG };
     tracing_subscriber::fmt()
         .with_env_filter(tracing_subscriber::EnvFilter::try_from_env("MOBEE_LOG").unwrap_or_else(|_| log.into()))
@@ -345,6 +354,13 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         Command::Agent(args) => agent::command(args),
         Command::Ctl(args) => ctl::command(args),
         Command::Doctor(args) => doctor::command(&args),
+        Command::OnnxWorker => match onnx::serve() {
+            Ok(()) => Ok(ExitCode::SUCCESS),
+            Err(e) => {
+                eprintln!("{e}");
+                Ok(ExitCode::FAILURE)
+            }
+        },
         Command::Yarp(args) => Ok(yarp::command(args)),
     }
 }

@@ -43,6 +43,9 @@ use watch::WatchService;
 /// Exit code of a run that ended in order on a machine that was too slow for it.
 const OVERLOADED: u8 = 3;
 
+/// Exit code of a run that ended in order without a sensor or service that had used up its restarts.
+const GAVE_UP: u8 = 4;
+
 /// The program's name and version.
 const BUILD: &str = concat!("mobee ", env!("CARGO_PKG_VERSION"));
 
@@ -108,7 +111,8 @@ fn conduct(
 ) -> Result<ExitCode, Report> {
     let done = show(composition, folder, extras, json, ctl, controls)?;
     Ok(match &done.overload {
-        _ if !in_order(&done.end) || !done.end.counts.down.is_empty() => ExitCode::FAILURE,
+        _ if !in_order(&done.end) => ExitCode::FAILURE,
+        _ if !done.end.counts.down.is_empty() => ExitCode::from(GAVE_UP),
         Some((_, true)) => ExitCode::from(OVERLOADED),
         _ => ExitCode::SUCCESS,
     })

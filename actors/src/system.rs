@@ -5,6 +5,7 @@ mod inject;
 mod overload;
 mod past;
 mod report;
+mod restart;
 mod run;
 mod tree;
 
@@ -137,6 +138,13 @@ pub enum Control {
         /// The new part.
         offer: BesideOffer,
         /// Whether it was taken.
+        reply: tokio::sync::oneshot::Sender<Result<(), String>>,
+    },
+    /// Start a sensor or a service again, by its name: whether it runs, or has used up its restarts.
+    Restart {
+        /// Its name.
+        name: String,
+        /// Answered once its parts have started, or with the reason why they have not.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
     /// How all is.

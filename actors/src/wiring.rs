@@ -237,6 +237,13 @@ impl SharedContext {
         self.taps.event(self.clock.now(), event);
     }
 
+    /// Notes that a sensor or service has used up its restarts: the run goes on without it.
+    pub fn give_up_beside(&self, name: &str, why: String) {
+        let mut counts = self.counts.lock();
+        counts.gave_up += 1;
+        counts.down.insert(name.to_owned(), why);
+    }
+
     /// The two shapes of a pair in words.
     pub fn names(&self, pair: Pair) -> (String, String) {
         let scene = self.scene.lock().clone();

@@ -18,6 +18,7 @@ pub mod color;
 pub mod features;
 pub mod file;
 pub mod kinds;
+mod mask_file;
 pub mod onnx;
 pub mod picture;
 pub mod pixels;

@@ -3,7 +3,7 @@
 use super::{by_the_wall, derive_seed, kind, must_exist, placed};
 use crate::config::{ClockMode, Complaints, Config, SensorConfig, Source, WorldGateConfig, paths, suggestion};
 use mobee_actors::system::{CameraSetup, LocatorSetup, PartMaker, SensorSetup, TruthCell, WorldGateSettings};
-use mobee_contract::{Camera, CameraContext, Context, Detector, Locator, Role};
+use mobee_contract::{Camera, CameraContext, Context, Detector, Locator, Role, check_object_name};
 use mobee_model::Scene;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -76,7 +76,14 @@ impl Sensing<'_> {
             };
             let detector = context(&format!("{}/detector", eye.name));
             let detector = wrong.keep(self.part::<dyn Detector>(&at("detector"), &eye.detector, detector));
-            let Some((detector, _)) = detector else { continue };
+            let Some((detector, first)) = detector else { continue };
+            for name in first.objects() {
+                if let Err(why) = check_object_name(&name) {
+                    let what = format!("the name of an object of this detector {why}");
+                    wrong.push(source.error(&at("detector"), what, "give the object's name in the world"));
+                }
+            }
+            drop(first);
             if let Some((_, first)) = &camera {
                 is_simulated |= first.is_simulated();
                 if config.clock == ClockMode::Virtual && !first.runs_in_virtual_time() {
@@ -85,7 +92,7 @@ impl Sensing<'_> {
             }
             let none: PartMaker<dyn Camera> = Arc::new(|| Err("no camera was built".into()));
             let camera = camera.map_or(none, |(maker, _)| maker);
-            cameras.push(CameraSetup { name: eye.name.clone(), camera, detector });
+            cameras.push(CameraSetup { name: eye.name.clone(), camera, detector, max_regions: eye.max_regions });
         }
         let locator = sensor.locator.as_ref().and_then(|table| {
             let at = format!("sensor[{i}].locator");
@@ -155,12 +162,13 @@ impl Sensing<'_> {
             }
             None => {
                 must_exist(self.source, &key, &path, "file of `mobee detector train` or `mobee locator train`")?;
-                let size = path.metadata().map_err(io)?.len();
+                let mut original = mobee_model::file::open(&path).map_err(io)?;
+                let size = original.metadata().map_err(io)?.len();
                 if size > LONGEST {
                     let what = format!("{} has {size} bytes, more than {LONGEST}", path.display());
                     return Err(self.source.error(&key, what, "give a file of a detector or locator").into());
                 }
-                std::fs::copy(&path, copy.path()).map_err(io)?;
+                std::io::copy(&mut original, copy.as_file_mut()).map_err(io)?;
             }
         }
         Ok(Some(Arc::new(copy)))

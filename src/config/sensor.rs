@@ -1,6 +1,7 @@
 //! The tables `[[sensor]]`: what looks at the world.
 
 use super::{Checks, Config, ConfigError, suggestion};
+use mobee_contract::{DEFAULT_MAX_REGIONS, MAX_REGIONS};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -41,6 +42,17 @@ pub struct EyeConfig {
     pub camera: Value,
     /// `kind` and settings of the detector; see `mobee kinds`.
     pub detector: Value,
+    /// Greatest number of regions of each object that are reported of one picture, 1 to 256: the detector's first ones. The others are
+    /// counted.
+    #[serde(default = "max_regions", skip_serializing_if = "is_default_max_regions")]
+    pub max_regions: usize,
+}
+
+fn max_regions() -> usize {
+    DEFAULT_MAX_REGIONS
+}
+fn is_default_max_regions(n: &usize) -> bool {
+    *n == DEFAULT_MAX_REGIONS
 }
 
 /// The world gate: what a sensor may change in the model.
@@ -198,6 +210,13 @@ impl Config {
             }
             for (k, eye) in s.eye.iter().enumerate() {
                 c.name(&at(&format!("eye[{k}].name")), &eye.name, "camera");
+                c.range(
+                    &at(&format!("eye[{k}].max_regions")),
+                    eye.max_regions as f64,
+                    1.0,
+                    MAX_REGIONS as f64,
+                    "regions",
+                );
                 if eye.name == "locator" || s.eye.iter().take(k).any(|other| other.name == eye.name) {
                     let what = format!("there is another part of the sensor called `{}`", eye.name);
                     c.say(&at(&format!("eye[{k}].name")), what, "name one of them differently");

@@ -27,6 +27,7 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
         CtlCommand::Pause { robot } => words(&["pause"], robot),
         CtlCommand::Resume { robot } => words(&["resume"], robot),
         CtlCommand::Recover { robot } => words(&["recover"], robot),
+        CtlCommand::Restart { name } => words(&["restart"], name),
         CtlCommand::Stop { now } => words(&["stop"], now.then(|| "now".into())),
         CtlCommand::Record { what, address } => words(&["record", &what], address),
         CtlCommand::World { words } => std::iter::once("world".to_owned()).chain(words).collect(),

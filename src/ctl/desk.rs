@@ -16,7 +16,7 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
 /// How long the system may take for an answer. A swap is built and checked within its budget.
-const PATIENCE: Duration = Duration::from_secs(30);
+pub(super) const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Where a viewer listens if nobody says otherwise.
 const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
@@ -36,13 +36,13 @@ pub(super) struct Desk {
     world: Arc<WorldService>,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
-    beside: BesideNames,
+    pub(super) beside: BesideNames,
     /// The last report that was asked for, for rates.
     before: Mutex<Option<SystemReport>>,
 }
 
 const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
-                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swap SENSOR locator [0 PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
+                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swap SENSOR locator [0 PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover [ROBOT]; restart [NAME]; stop [now]; world ...; \
                     record on|off|connect [ADDRESS].";
 
 impl Desk {
@@ -101,6 +101,7 @@ impl Desk {
                 }
                 if tried { Ok(said) } else { Err(said.join("\n")) }
             }
+            ["restart", name @ ..] => self.restart(name).await,
             ["stop"] => self.tell(Control::Stop).await.map(|()| vec!["the run ends".into()]),
             ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
             ["world", words @ ..] => {
@@ -121,7 +122,7 @@ impl Desk {
         }
     }
 
-    async fn tell(&self, control: Control) -> Result<(), String> {
+    pub(super) async fn tell(&self, control: Control) -> Result<(), String> {
         let sent = tokio::time::timeout(PATIENCE, self.controls.send(control)).await;
         sent.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| "the run is ending".to_owned())
     }

@@ -72,9 +72,12 @@ fn connected(what: String, line: Result<io::Result<Box<dyn Line>>, Elapsed>) -> 
     Ok(Client(BufReader::new(line)))
 }
 
+/// Greatest length of a file of address and key.
+const MAX_ADDRESS_BYTES: u64 = 4096;
+
 /// The address and the key that a run wrote into its folder.
 fn address(file: &Path) -> Result<(String, String), ConfigError> {
-    let text = std::fs::read_to_string(file).map_err(|e| {
+    let text = mobee_model::file::read_text(file, MAX_ADDRESS_BYTES).map_err(|e| {
         let help = match e.kind() {
             io::ErrorKind::PermissionDenied => "a run is controlled by its own user, or root",
             _ => "a run can be controlled while it runs with clock = \"real\", and without --ctl off",

@@ -33,7 +33,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     let mut lines = Vec::new();
     let wide = now.robots.iter().map(|r| r.name.len()).max().unwrap_or(0);
     for robot in &now.robots {
-        let gave_up = now.counts.gave_up > 0;
+        let gave_up = now.counts.is_given_up;
         let mut line = format!("{:wide$}  {}  {}", robot.name, state(robot, gave_up), robot.status.word());
         if let Some(answers) = robot.answers {
             let _ = write!(line, "; its board {answers}");
@@ -59,6 +59,9 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
             });
         }
     }
+    for (name, why) in &now.counts.down {
+        lines.push(format!("{name}  DOWN: {why}; `mobee ctl restart {name}` starts it again"));
+    }
     let c = &now.counts;
     lines.push(format!(
         "{:.1} s: {} commits, {} committed, {} rolled back, {} faulted, {} refused, {} contacts, {} restarts",
@@ -71,7 +74,10 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         c.contacts,
         c.restarts
     ));
-    lines.extend(c.down.iter().map(|(service, why)| format!("the service {service} does not serve: {why}")));
+    if c.pictures_skipped + c.regions_omitted > 0 {
+        let (pictures, regions) = (c.pictures_skipped, c.regions_omitted);
+        lines.push(format!("{pictures} pictures were skipped, {regions} regions left out; the journal says why"));
+    }
     if c.displaced > 0 {
         let times = c.displaced;
         lines.push(format!(

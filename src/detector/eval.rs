@@ -48,7 +48,7 @@ pub fn command(args: &EvalArgs) -> Result<String, Report> {
     let pictures = read_pictures(&args.images).map_err(unseen)?;
     let mut tally = Tally::default();
     for picture in &pictures {
-        tally.look(judged.detector.as_mut(), &objects, &object, picture);
+        tally.look(judged.detector.as_mut(), &objects, &object, picture)?;
     }
     if tally.masks == 0 && tally.tells_pixels {
         let what = format!("{}: no picture has a mask, so there is nothing to judge pixels by", args.images.display());
@@ -151,8 +151,11 @@ impl Tally {
         objects: &[String],
         object: &str,
         (name, picture, truth): &FolderPicture,
-    ) {
+    ) -> Result<(), ConfigError> {
         let regions = detector.detect(&frame(picture));
+        if let Some(why) = detector.failure() {
+            return Err(ConfigError::plain(format!("{name}: the detector fails: {why}"), "repair the detector"));
+        }
         if let Some(what) = detector.complaint() {
             eprintln!("warning: {name}: {}", mobee_model::printable(&what));
         }
@@ -161,7 +164,7 @@ impl Tally {
         self.images += 1;
         self.told += usize::from(region.is_some());
         self.tells_pixels |= mask.is_some();
-        let Some(truth) = truth else { return };
+        let Some(truth) = truth else { return Ok(()) };
         self.masks += 1;
         self.place(region, truth);
         if let Some(mask) = mask {
@@ -171,6 +174,7 @@ impl Tally {
             let data = mask.objects.iter().map(is_object).collect();
             self.pixels.add(&Mask { width: picture.width, height: picture.height, data }, truth);
         }
+        Ok(())
     }
 
     fn place(&mut self, region: Option<&Region>, truth: &Mask) {

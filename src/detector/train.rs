@@ -9,6 +9,7 @@ use mobee_behaviors::detectors::cgp::Evolution;
 use mobee_behaviors::detectors::file::DetectorKind;
 use mobee_behaviors::detectors::picture::read_folder;
 use mobee_behaviors::detectors::train::{Lessons, TrainFault};
+use mobee_contract::check_object_name;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -74,6 +75,11 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
     let pictures = read_folder(&args.images).map_err(super::unseen)?;
     let folder = args.images.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
     let object = args.object.clone().or(folder).unwrap_or_else(|| "object".into());
+    if let Err(why) = check_object_name(&object) {
+        return Err(
+            ConfigError::plain(format!("the object's name {why}"), "give its name in the world by --object").into()
+        );
+    }
     bar.step("learns colors");
     let fault = |e: TrainFault| {
         let help = "give at least 4 pictures of a sequence, better 20, with the object in every stretch of it";

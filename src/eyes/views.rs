@@ -51,6 +51,6 @@ fn seen(shot: &Shot, lens: &Lens, object: u32) -> Option<Glimpse> {
     let is_object = |owner: &Owner| if *owner == Owner::Object(object) { 255.0 } else { 0.0 };
     let data = shot.owner.iter().map(is_object).collect();
     let (_, blobs) = FAULTLESS.apply(&Plane { width, height, data });
-    let region: Region = blobs.first()?.region("");
+    let region: Region = blobs.kept.first()?.region("");
     glimpse(&region, shot.frame.intrinsics, lens).filter(|_| !region.is_clipped)
 }

@@ -148,7 +148,7 @@ pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Repor
         };
         collected.secs = line.at.secs();
         match line.event {
-            Event::Sighted { camera, exposed, regions, is_shadow: false } => {
+            Event::Sighted { camera, exposed, regions, is_shadow: false, .. } => {
                 let Some(eye) = scene.cameras.iter().position(|c| *c == camera) else { continue };
                 collected.pictures += 1;
                 rows.see(eye, exposed, &regions);

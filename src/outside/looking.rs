@@ -7,7 +7,7 @@ use miette::{IntoDiagnostic, Report};
 use mobee_actors::runtime::clock::{Clock, ClockKind};
 use mobee_actors::system::CameraSetup;
 use mobee_bridge::yarp::seen::SeenRegions;
-use mobee_contract::{Camera, Detector, Frame, Region, SeenMask, Time};
+use mobee_contract::{Camera, Detector, Frame, Region, SeenMask, Time, limit_regions};
 use mobee_yarp::{Delivery, Image, OutputPort, PixelCode, Stamp};
 use std::time::Duration;
 use tokio::task::{JoinSet, spawn_blocking};
@@ -93,7 +93,13 @@ struct Found {
     frame: Frame,
     regions: Vec<Region>,
     mask: Option<SeenMask>,
-    complaint: Option<String>,
+}
+
+/// What one look at a camera gave.
+#[derive(Default)]
+struct Look {
+    found: Option<Found>,
+    warnings: Vec<String>,
 }
 
 impl Eye {
@@ -115,14 +121,15 @@ impl Eye {
             loop {
                 let now = self.clock.now();
                 // whatever panics takes both parts with it
+                let most = self.setup.max_regions;
                 let step = spawn_blocking(move || {
-                    let found = parts.step(now);
-                    (parts, found)
+                    let look = parts.step(now, most);
+                    (parts, look)
                 });
-                let found = match step.await {
-                    Ok((whole, Ok(found))) => {
+                let look = match step.await {
+                    Ok((whole, Ok(look))) => {
                         parts = whole;
-                        found
+                        look
                     }
                     Ok((_, Err(why))) => {
                         self.complain(&why);
@@ -133,7 +140,10 @@ impl Eye {
                         break;
                     }
                 };
-                if let Some(found) = found {
+                for what in look.warnings {
+                    self.said.warn(format!("{}: {what}", self.setup.name));
+                }
+                if let Some(found) = look.found {
                     stamp = stamp.next(self.clock.time_of_day(found.frame.exposed));
                     self.tell(found, stamp);
                 }
@@ -149,10 +159,7 @@ impl Eye {
     }
 
     fn tell(&mut self, found: Found, stamp: Stamp) {
-        let Found { frame, regions, mask, complaint } = found;
-        if let Some(what) = complaint {
-            self.said.warn(format!("{}: {what}", self.setup.name));
-        }
+        let Found { frame, regions, mask } = found;
         let seen = SeenRegions { intrinsics: frame.intrinsics, regions };
         self.ports.regions.write(seen.bottle(), Some(stamp.envelope()));
         let white = |SeenMask { size: [width, height], objects }: SeenMask| {
@@ -166,10 +173,22 @@ impl Eye {
 }
 
 impl Parts {
-    fn step(&mut self, now: Time) -> Result<Option<Found>, String> {
-        let Some(frame) = self.camera.frame(now)? else { return Ok(None) };
-        let regions = self.detector.detect(&frame);
-        let (mask, complaint) = (self.detector.mask(), self.detector.complaint());
-        Ok(Some(Found { frame, regions, mask, complaint }))
+    /// Looks at the newest frame, if there is one, and keeps at most so many regions of each object.
+    fn step(&mut self, now: Time, most: usize) -> Result<Look, String> {
+        let frame = self.camera.frame(now)?;
+        let mut look = Look::default();
+        look.warnings.extend(self.camera.skipped().map(|s| format!("{}; such pictures are skipped", s.why)));
+        let Some(frame) = frame else { return Ok(look) };
+        let mut regions = self.detector.detect(&frame);
+        if let Some(why) = self.detector.failure() {
+            return Err(why);
+        }
+        if self.detector.omitted() + limit_regions(&mut regions, most) > 0 {
+            look.warnings
+                .push(format!("more than {most} regions of an object in one picture; the others are left out"));
+        }
+        look.warnings.extend(self.detector.complaint());
+        look.found = Some(Found { frame, regions, mask: self.detector.mask() });
+        Ok(look)
     }
 }

@@ -54,10 +54,10 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
             row(&format!("  {name}"), value.to_string());
         }
     }
-    row("journal", done.hash.clone());
-    for (service, why) in &done.end.counts.down {
-        row("attention", format!("the service {service} did not serve at the end: {why}"));
+    for (name, why) in &done.end.counts.down {
+        row("attention", format!("{name} is down: {why}"));
     }
+    row("journal", done.hash.clone());
     for c in &done.complaints {
         row("attention", c.clone());
     }

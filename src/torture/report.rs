@@ -83,7 +83,7 @@ impl Tally {
         self.restarts += c.restarts;
         self.retreats_stopped += c.retreats_stopped;
         self.escapes += c.escapes;
-        self.gave_up += c.gave_up;
+        self.gave_up += u64::from(c.is_given_up);
         self.growth = self.growth.into_iter().chain(ran.growth).reduce(f64::max);
     }
 

@@ -282,7 +282,7 @@ impl TortureTrial {
         let seen = watch.witness.found.drain(..).map(|(i, what)| (i.to_owned(), format!("{i} broken: {what}")));
         violations.extend(seen);
         violations.extend(watch.bugs.drain(..).map(|b| ("bug".to_owned(), b)));
-        if end.counts.gave_up > 0 && !planned.iter().any(|p| p.what.kind() == "F5") {
+        if end.counts.is_given_up && !planned.iter().any(|p| p.what.kind() == "F5") {
             violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
         }
         let (counts, swaps, hash) = (end.counts, watch.swaps, watch.hash.hex());

@@ -20,7 +20,7 @@ fn run(folder: &Path, behavior: &str, set: &[&str]) -> mobee::run::Done {
 fn seen(folder: &Path) -> BTreeMap<(String, Time), Vec<Region>> {
     let lines = journal::read(folder).expect("a journal").map(|line| line.expect("whole").event);
     let seen = lines.filter_map(|event| match event {
-        Event::Sighted { camera, exposed, regions, is_shadow: false } => Some(((camera, exposed), regions)),
+        Event::Sighted { camera, exposed, regions, is_shadow: false, .. } => Some(((camera, exposed), regions)),
         _ => None,
     });
     seen.collect()

@@ -444,8 +444,11 @@ pub enum Event {
         camera: String,
         /// When the frame was exposed.
         exposed: Time,
-        /// What it shows.
+        /// What it shows: the first regions of each object, as many as the sensor may report.
         regions: Vec<Region>,
+        /// The number of regions that were left out, since they were more.
+        #[serde(default, skip_serializing_if = "is_zero")]
+        omitted: u64,
         /// Whether a new detector saw it that only looks on so far.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         is_shadow: bool,
@@ -522,4 +525,9 @@ pub enum Event {
         /// Why: `done`, `time`, `interrupted`, `gave up`.
         reason: String,
     },
+}
+
+/// Whether a field is left out of the journal.
+fn is_zero(n: &u64) -> bool {
+    *n == 0
 }

@@ -25,6 +25,7 @@ mod entry;
 mod event;
 mod kinds;
 mod motion;
+pub mod picture;
 mod private;
 mod registry;
 mod sensing;

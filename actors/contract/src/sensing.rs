@@ -6,6 +6,7 @@
 use crate::{Context, Pose, Refusal, Role, Snapshot, Time};
 use mobee_model::{Robot, Scene};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -53,6 +54,61 @@ pub struct Region {
     /// Where it is before the camera, if its detector can tell that from one picture.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<SeenPose>,
+}
+
+/// Greatest number of regions of one picture, all objects together.
+pub const MAX_REGIONS: usize = 256;
+/// Greatest number of regions of each object in one picture, unless a sensor says otherwise.
+pub const DEFAULT_MAX_REGIONS: usize = 16;
+/// Greatest length of an object's name, bytes.
+pub const MAX_OBJECT_NAME_BYTES: usize = 128;
+
+/// Keeps the first regions of each object, at most `each`, and [`MAX_REGIONS`] of all; none with a longer name than
+/// [`MAX_OBJECT_NAME_BYTES`]. Returns the number of those that were left out.
+///
+/// # Examples
+/// ```
+/// # use mobee_contract::{Region, limit_regions};
+/// # let region = |object: &str| Region {
+/// #     object: object.into(), center: [0.5; 2], bounds: [0.0, 0.0, 1.0, 1.0], area: 1.0, is_clipped: false, confidence: 1.0, pose: None,
+/// # };
+/// let mut regions = vec![region("cup"), region("cup"), region("jar"), region("cup")];
+/// assert_eq!(limit_regions(&mut regions, 2), 1);
+/// assert_eq!(regions, [region("cup"), region("cup"), region("jar")]);
+/// ```
+pub fn limit_regions(regions: &mut Vec<Region>, each: usize) -> u64 {
+    let all = regions.len();
+    regions.retain(|region| region.object.len() <= MAX_OBJECT_NAME_BYTES);
+    if regions.len() > each.min(MAX_REGIONS) {
+        let (mut counts, mut kept) = (BTreeMap::<String, usize>::new(), 0usize);
+        regions.retain(|region| {
+            if kept >= MAX_REGIONS {
+                return false;
+            }
+            let count = counts.entry(region.object.clone()).or_default();
+            *count += 1;
+            kept += usize::from(*count <= each);
+            *count <= each
+        });
+    }
+    (all - regions.len()) as u64
+}
+
+/// Whether a detector may use this as the name of an object: it stands in every line of the journal that has a region.
+///
+/// # Errors
+/// The problem, as the end of a sentence that begins with "the object's name".
+pub fn check_object_name(name: &str) -> Result<(), String> {
+    if name.is_empty() {
+        return Err("is empty".into());
+    }
+    if name.len() > MAX_OBJECT_NAME_BYTES {
+        return Err(format!("has {} bytes, more than {MAX_OBJECT_NAME_BYTES}", name.len()));
+    }
+    if name.chars().any(char::is_control) {
+        return Err(format!("{name:?} contains control characters"));
+    }
+    Ok(())
 }
 
 impl Region {
@@ -111,6 +167,23 @@ pub struct SeenPicture {
     pub mount: Option<CameraMount>,
 }
 
+/// Pictures that a camera could not use.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SkippedPictures {
+    /// Their number.
+    pub count: u64,
+    /// What is wrong with the last of them, and the remedy if there is one.
+    pub why: String,
+}
+
+impl SkippedPictures {
+    /// Counts one more.
+    pub fn add(skipped: &mut Option<SkippedPictures>, why: String) {
+        let count = skipped.as_ref().map_or(0, |s| s.count) + 1;
+        *skipped = Some(SkippedPictures { count, why });
+    }
+}
+
 /// Gives frames.
 pub trait Camera: Send {
     /// The time until the next frame, asked after each.
@@ -128,6 +201,11 @@ pub trait Camera: Send {
     /// in the model by the sensor alone.
     fn is_simulated(&self) -> bool {
         false
+    }
+    /// Pictures that it has skipped since this was last called, and why; `None`: none. A camera skips what it can't use, such as a damaged
+    /// picture, and goes on with the next one: only what ends the camera is an error of [`Camera::frame`].
+    fn skipped(&mut self) -> Option<SkippedPictures> {
+        None
     }
     /// Where it is on its robot, for the recording; `None`: not known. No locator is told.
     fn mount(&self) -> Option<CameraMount> {
@@ -197,8 +275,16 @@ pub enum Admission {
 
 /// Finds regions in frames. Pure: whatever it learns is its own.
 pub trait Detector: Send {
-    /// What there is to see.
+    /// What there is to see, the surest or greatest first: if there are too many regions, the last ones are left out.
     fn detect(&mut self, frame: &Frame) -> Vec<Region>;
+    /// The number of regions of the last frame that it found and left out by itself, since they were too many.
+    fn omitted(&self) -> u64 {
+        0
+    }
+    /// Why it can't go on, if it has failed while it looked at the last frame. It is then made again.
+    fn failure(&mut self) -> Option<String> {
+        None
+    }
     /// How long that takes by a virtual clock, so that runs in virtual time are equal; a real clock tells by itself.
     fn takes(&self) -> Duration;
     /// What it can find, by the objects' names in the world, in the order of the mask's numbers; empty: it does not say.

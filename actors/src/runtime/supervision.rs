@@ -148,7 +148,8 @@ pub enum GroupMsg {
     /// in order. Answers whether there was one.
     Kill(String, RpcReplyPort<bool>),
     /// Stop all children of the group of this name, or of a child, in reverse order, do this, and start them again: neither a
-    /// failure nor a restart. The answer comes when they are up; there is none if there is no such group.
+    /// failure nor a restart. A child group that is down is started, with all its restarts before it. The answer comes when they are up;
+    /// there is none if there is no such group, or it could not be started.
     Renew(String, Between, RpcReplyPort<()>),
     /// Fail, as a fault would make it.
     Fail,
@@ -362,6 +363,12 @@ impl Actor for Supervisor {
                     let _ = reply.send(());
                 } else if let Some(group) = running.child_group(&name) {
                     let _ = group.send_message(GroupMsg::Renew(name, between, reply));
+                } else if let Some(child) = running.group.children.iter().position(|c| *c.name == *name) {
+                    (between.0)();
+                    match running.start(child, &me).await {
+                        Ok(()) => drop(reply.send(())),
+                        Err(reason) => running.tell_death(child, reason),
+                    }
                 }
             }
             GroupMsg::Fail => {

@@ -25,6 +25,7 @@ use mobee_contract::{
     Camera, CameraMount, Detector, Event, Frame, Intrinsics, Locator, Region, Snapshot, SwapPart, SwapStep, Time,
 };
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::time::Duration;
 
 /// How long one frame may take.
@@ -53,6 +54,8 @@ pub struct CameraSetup {
     pub camera: PartMaker<dyn Camera>,
     /// Makes the detector.
     pub detector: PartMaker<dyn Detector>,
+    /// Greatest number of regions of each object in one picture.
+    pub max_regions: usize,
 }
 
 /// A locator, and whose body it goes by.
@@ -89,6 +92,12 @@ pub struct Eye {
     camera: PartMaker<dyn Camera>,
     /// Where the camera is on its robot, for the recording.
     mount: LatestCell<Option<CameraMount>>,
+    /// Greatest number of regions of each object in one picture.
+    max_regions: usize,
+    /// Pictures that its camera has skipped.
+    skipped: AtomicU64,
+    /// Whether it was reported that regions are left out.
+    told_omitted: AtomicBool,
     /// Which detector looks, and how far its exchange is.
     pub seat: Seat<Looking>,
     /// Why a new detector that looked on does so no more.
@@ -169,6 +178,9 @@ impl Eye {
         Eye {
             camera: setup.camera,
             mount: LatestCell::default(),
+            max_regions: setup.max_regions,
+            skipped: AtomicU64::new(0),
+            told_omitted: AtomicBool::new(false),
             seat: Seat::new(Looking { maker: setup.detector, state: None }),
             onlooker_fault: LatestCell::default(),
             detector: ActorLink::default(),

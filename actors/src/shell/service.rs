@@ -119,7 +119,9 @@ impl Post {
     /// It is not served any more.
     pub fn give_up(&self, shared: &SharedContext) {
         let (name, why) = (&self.name, self.why.lock().clone());
-        shared.tell(Event::Warning { text: format!("service {name} is gone until the next run: {why}") });
+        let text = format!("service {name} has used up its restarts and is down: {why}");
+        shared.tell(Event::Warning { text });
+        shared.give_up_beside(name, why);
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::exchange::{Beside, Exchanges};
 use super::inject::inject;
+use super::restart::restart;
 use super::{Control, Cues, Reason, RobotSetup, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::load::Loads;
@@ -201,6 +202,9 @@ async fn conduct(
             Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&shared, &robot, offer, reply),
             Some(Control::SwapPart { robot, offer, reply }) => exchanges.begin(&robot, offer, reply),
             Some(Control::SwapBeside { name, offer, reply }) => drop(reply.send(exchanges.begin_beside(&name, offer))),
+            Some(Control::Restart { name, reply }) => {
+                restart(&shared, (&sensors, seen.as_ref()), (&posts, services.as_ref()), name, reply);
+            }
             Some(other) => obey(other, &shared, &groups, &sensors).await,
             None => {}
         }
@@ -217,7 +221,7 @@ async fn conduct(
         if shared.taps.failed().is_some() {
             break Reason::NoJournal;
         }
-        if counts.gave_up > 0 {
+        if counts.is_given_up {
             break Reason::GaveUp;
         }
         if somebody && !is_kept() && counts.done.len() >= acting && shared.robots.iter().all(|w| w.latest.lock().ready)
@@ -382,7 +386,8 @@ async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<Group
         | Control::Abort
         | Control::SwapAgent { .. }
         | Control::SwapPart { .. }
-        | Control::SwapBeside { .. } => {}
+        | Control::SwapBeside { .. }
+        | Control::Restart { .. } => {}
     }
 }
 

@@ -23,7 +23,7 @@ use crate::shell::{
     AgentActor, CameraActor, DetectorActor, DriverActor, Eye, GRACE, HistoryActor, LocatorActor, ModelActor, Post,
     ReflexActor, Sensor, ServiceActor, SuperviseActor,
 };
-use crate::wiring::{RobotContext, SharedContext, SuperviseMsg, Troubled};
+use crate::wiring::{LatestCell, RobotContext, SharedContext, SuperviseMsg, Troubled};
 use mobee_contract::{Event, Time};
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
@@ -65,7 +65,11 @@ fn group(name: &str, strategy: Strategy, shared: &Arc<SharedContext>) -> Group {
     let (restarted, gave_up) = (shared.clone(), shared.clone());
     Group::new(name.to_string(), strategy, intensity, shared.clock.clone(), shared.taps.emitter())
         .on_restart(move |_, _| restarted.counts.lock().restarts += 1)
-        .on_give_up(move || gave_up.counts.lock().gave_up += 1)
+        .on_give_up(move || {
+            let mut counts = gave_up.counts.lock();
+            counts.gave_up += 1;
+            counts.is_given_up = true;
+        })
 }
 
 /// Those who watch over the sinks, and open one anew if it fails. Their deaths harm nobody.
@@ -153,6 +157,11 @@ pub fn services_of(service: &str) -> String {
     format!("{service}/{SERVICES}")
 }
 
+/// The name of the group of a sensor.
+pub fn sensor_of(sensor: &str) -> String {
+    format!("{sensor}/{SENSOR}")
+}
+
 /// The sensors: their deaths only make objects stale.
 pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
     sensors.iter().fold(group("sensors", Strategy::OneForOne, shared), |root, sensor| {
@@ -163,14 +172,21 @@ pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
 fn sensor(shared: &Arc<SharedContext>, sensor: &Arc<Sensor>) -> Group {
     let (gone, blind) = (shared.clone(), sensor.clone());
     let (run, eyes, placing) = (shared.clone(), sensor.eyes.clone(), sensor.placing.clone());
-    let mut own = group(&format!("{}/{SENSOR}", sensor.name), Strategy::OneForOne, shared)
+    // why it was started again last
+    let last = Arc::new(LatestCell::<String>::default());
+    let cause = last.clone();
+    let mut own = group(&sensor_of(&sensor.name), Strategy::OneForOne, shared)
         .on_death(move |name, reason| {
             let detector = |eye: &&Arc<Eye>| *name == format!("{}/{DETECTOR}", eye.name);
             eyes.iter().filter(detector).for_each(|eye| eye.fell(&run, reason));
             placing.iter().filter(|placing| placing.name == *name).for_each(|placing| placing.fell(&run, reason));
+            *cause.lock() = format!("{name} died: {reason}");
         })
         .on_give_up(move || {
-            gone.tell(Event::Warning { text: format!("sensor {} is gone until the next run", blind.name) });
+            let why = last.lock().clone();
+            let text = format!("sensor {} has used up its restarts and is down: {why}", blind.name);
+            gone.tell(Event::Warning { text });
+            gone.give_up_beside(&blind.name, why);
             // nobody looks any more for what is not seen
             blind.placing.iter().for_each(|placing| placing.tell_stale(&gone, Time(u64::MAX)));
         });

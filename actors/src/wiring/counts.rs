@@ -27,8 +27,18 @@ pub struct RunCounts {
     pub hard_contacts: u64,
     /// Restarts of actors.
     pub restarts: u64,
-    /// Groups that used up their restarts.
+    /// Groups that used up their restarts, those of sensors and services among them.
     pub gave_up: u64,
+    /// Whether one of them was the safety chain's or an agent's, which ends the run.
+    #[serde(skip)]
+    pub is_given_up: bool,
+    /// Sensors and services that do not serve, such as one that used up its restarts or a bridge without its ports, with the reason.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub down: BTreeMap<String, String>,
+    /// Pictures that cameras could not use, and skipped.
+    pub pictures_skipped: u64,
+    /// Regions that detectors found beyond the number that their sensor reports.
+    pub regions_omitted: u64,
     /// Retreats that were given up.
     pub retreats_stopped: u64,
     /// Commands thrown away.
@@ -43,9 +53,6 @@ pub struct RunCounts {
     pub late: Late,
     /// The filters' states, by robot.
     pub status: BTreeMap<String, Status>,
-    /// The services that do not serve, such as bridges without their ports, and why.
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub down: BTreeMap<String, String>,
     /// What the agents said at their end, by robot.
     pub done: BTreeMap<String, Summary>,
 }
@@ -59,6 +66,7 @@ impl RunCounts {
                 self.escapes += u64::from(*escape);
             }
             Event::Refused { .. } => self.refused += 1,
+            Event::Sighted { omitted, is_shadow: false, .. } => self.regions_omitted += omitted,
             Event::Outcome { outcome: Outcome::Committed, .. } => self.committed += 1,
             Event::Outcome { outcome: Outcome::RolledBack, .. } => self.rolled_back += 1,
             Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,

@@ -18,6 +18,7 @@ mod restart_does_not_move;
 mod retreat_is_watched;
 mod same_seed_same_run;
 mod sensing;
+mod sensor_gives_up;
 mod services;
 mod stalled;
 mod stream_bounds;

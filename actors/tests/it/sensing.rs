@@ -94,6 +94,7 @@ fn eyes(old: Duration) -> SensorSetup {
         name: "left".into(),
         camera: Arc::new(move || Ok(Box::new(Stub { frames: 0, old }))),
         detector: detector("ball", TAKES),
+        max_regions: DEFAULT_MAX_REGIONS,
     };
     let locator = LocatorSetup { robot: "arm".into(), locator: Arc::new(|| Ok(Box::new(Pointing(0)))), gate: None };
     SensorSetup { name: "eyes".into(), cameras: vec![camera], is_simulated: false, locator: Some(locator) }
@@ -129,7 +130,7 @@ fn sighted(ran: &Ran) -> Vec<(Time, Time, Region)> {
 /// The same of the detector in force, or of one that looks on.
 fn seen_by(ran: &Ran, shadows: bool) -> Vec<(Time, Time, Region)> {
     let of = |(at, event): (Time, Arc<Event>)| match &*event {
-        Event::Sighted { camera, exposed, regions, is_shadow } if *is_shadow == shadows => {
+        Event::Sighted { camera, exposed, regions, is_shadow, .. } if *is_shadow == shadows => {
             assert_eq!((camera.as_str(), regions.len()), ("eyes/left", 1));
             Some((at, *exposed, regions[0].clone()))
         }

@@ -126,7 +126,7 @@ fn a_service_that_fails_again_and_again_is_gone_and_the_run_goes_on() {
     let count = |what: &str| told.iter().filter(|t| t.contains(what)).count();
     assert_eq!((count("hand/service died: there is no way"), count("hand/service is back")), (9, 8), "{told:#?}");
     assert_eq!(count("hand/services gave up"), 1, "{told:#?}");
-    assert_eq!(count("service hand is gone until the next run: there is no way"), 1, "{told:#?}");
+    assert_eq!(count("service hand has used up its restarts and is down: there is no way"), 1, "{told:#?}");
     assert_eq!(ran.end.reason, Reason::Time);
     assert_eq!(ran.violations(), vec![]);
 }

@@ -78,6 +78,7 @@ fn run(is_simulated: bool, controls: Vec<(u64, Control)>) -> Ran {
         name: "left".into(),
         camera: Arc::new(move || Ok(Box::new(Seeing(own.clone())))),
         detector: Arc::new(|| Ok(Box::new(Reading))),
+        max_regions: DEFAULT_MAX_REGIONS,
     };
     let gate = WorldGateSettings {
         objects: vec!["cup".into()],

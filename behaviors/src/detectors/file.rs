@@ -6,8 +6,9 @@ use super::features::features;
 use super::picture::{Mask, Picture};
 use super::pixels::PixelNetwork;
 use super::plane::{Plane, brightness, guided};
-use super::regions::{Blob, Cut};
+use super::regions::{Blobs, Cut};
 use crate::learned_file::{self, LearnedFault};
+use mobee_contract::check_object_name;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -120,6 +121,9 @@ impl DetectorFile {
         if !(1..=64).contains(&self.shrink) || self.smoothing.radius > 64 {
             return Some("`shrink` or `smoothing.radius` is not in its range".into());
         }
+        if let Err(why) = check_object_name(&self.object) {
+            return Some(format!("`object`: the name {why}"));
+        }
         if !self.cut.is_sound() {
             return Some("`cut.threshold` or `cut.keep` is not in its range".into());
         }
@@ -151,7 +155,7 @@ impl DetectorFile {
     }
 
     /// Where the object is, and in what regions, the weightiest first.
-    pub fn look(&self, picture: &Picture) -> (Mask, Vec<Blob>) {
+    pub fn look(&self, picture: &Picture) -> (Mask, Blobs) {
         self.cut.apply(&self.likelihood(picture))
     }
 }

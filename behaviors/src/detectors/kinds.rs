@@ -26,12 +26,14 @@ pub struct LearnedDetector {
     file: DetectorFile,
     /// Of the frame that it looked at last.
     mask: Option<SeenMask>,
+    /// Regions of that frame that were too many.
+    omitted: u64,
 }
 
 impl LearnedDetector {
     /// One that looks as the file says.
     pub fn new(file: DetectorFile) -> LearnedDetector {
-        LearnedDetector { file, mask: None }
+        LearnedDetector { file, mask: None, omitted: 0 }
     }
 }
 
@@ -41,7 +43,12 @@ impl Detector for LearnedDetector {
         let (mask, blobs) = self.file.look(&picture);
         let objects = mask.data.iter().map(|inside| u8::from(*inside)).collect();
         self.mask = Some(SeenMask { size: frame.intrinsics.size, objects });
-        blobs.iter().map(|blob| blob.region(&self.file.object)).collect()
+        self.omitted = blobs.omitted;
+        blobs.kept.iter().map(|blob| blob.region(&self.file.object)).collect()
+    }
+
+    fn omitted(&self) -> u64 {
+        self.omitted
     }
 
     fn objects(&self) -> Vec<String> {

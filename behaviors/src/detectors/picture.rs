@@ -1,16 +1,13 @@
 //! Pictures and masks: from frames and from folders.
 
+use super::mask_file;
 use super::plane::Plane;
-use image::{ImageReader, Limits};
 use mobee_contract::Frame;
-use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
-use thiserror::Error;
+use mobee_contract::picture::{self, PictureFile};
+use std::path::Path;
 
-/// What ends the name of a mask's file; what is before it is the name of its picture.
-const MASK: &str = "_mask.png";
-/// The longest side that a picture may have, pixels.
-const LONGEST: u32 = 4096;
+pub use mobee_contract::picture::PictureFault;
+
 /// The most pixels that the pictures of a folder may have together: all of them are in memory at once.
 const MOST: usize = 200_000_000;
 
@@ -47,20 +44,8 @@ pub struct LabeledPicture {
     pub mask: Mask,
 }
 
-/// What is wrong with a picture, a mask or a folder of them.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{}: {what}", path.display())]
-pub struct PictureFault {
-    /// The file or folder.
-    pub path: PathBuf,
-    /// What is wrong with it.
-    pub what: String,
-    /// What to do about it.
-    pub help: String,
-}
-
 fn fault(path: &Path, what: impl Into<String>, help: &str) -> PictureFault {
-    PictureFault { path: path.to_owned(), what: what.into(), help: help.into() }
+    PictureFault::new(path, what, help)
 }
 
 impl Picture {
@@ -122,57 +107,54 @@ pub type FolderPicture = (String, Picture, Option<Mask>);
 /// The same of pictures of which some or all have no mask.
 ///
 /// # Errors
-/// A file that can't be read, is broken or too large, a mask without picture, a mask of another size than its picture, pictures of
-/// different sizes, a folder without pictures or with more than memory should hold.
+/// A file that can't be read, is broken or too large, a mask without picture, a mask of another size than its picture, a mask that does
+/// not say where the object is, pictures of different sizes, a folder without pictures or with more than memory should hold.
 pub fn read_pictures(folder: &Path) -> Result<Vec<FolderPicture>, PictureFault> {
     read_all(folder, false)
 }
 
 fn read_all(folder: &Path, needs_masks: bool) -> Result<Vec<FolderPicture>, PictureFault> {
-    let unreadable = |e: std::io::Error| fault(folder, e.to_string(), "give a folder with NAME.jpg and NAME_mask.png");
-    let mut names = BTreeSet::new();
-    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
-        names.insert(entry.map_err(unreadable)?.file_name().to_string_lossy().into_owned());
-    }
-    let stem = |name: &str| {
-        let is_picture = !name.ends_with(MASK);
-        let stem = [".jpg", ".jpeg", ".png"].iter().find_map(|e| name.strip_suffix(e)).filter(|_| is_picture);
-        stem.map(str::to_owned)
-    };
-    let stems: BTreeSet<String> = names.iter().filter_map(|n| stem(n)).collect();
-    if let Some(alone) = names.iter().find(|n| n.strip_suffix(MASK).is_some_and(|s| !stems.contains(s))) {
-        return Err(fault(&folder.join(alone), "this mask has no picture", "add NAME.jpg, or remove NAME_mask.png"));
+    let listed = picture::list(folder)?;
+    if let Some(alone) = listed.lone_masks.first() {
+        return Err(fault(alone, "this mask has no picture", "add NAME.jpg, or remove NAME_mask.png"));
     }
     let (mut all, mut pixels): (Vec<FolderPicture>, usize) = (Vec::new(), 0);
-    for (name, stem) in names.iter().filter_map(|n| stem(n).map(|s| (n, s))) {
-        let (at, mask_at) = (folder.join(name), folder.join(format!("{stem}{MASK}")));
-        let has_mask = names.contains(&format!("{stem}{MASK}"));
-        if needs_masks && !has_mask {
+    for PictureFile { path, name, mask } in listed.pictures {
+        if mask.is_none() && name.to_ascii_lowercase().ends_with("_mask") && !needs_masks {
+            return Err(fault(&path, "this mask is no PNG file", "save masks as NAME_mask.png: JPEG blurs them"));
+        }
+        if needs_masks && mask.is_none() {
             let what = "this picture has no mask";
-            return Err(fault(&at, what, "add NAME_mask.png, white where the object is, or remove the picture"));
+            return Err(fault(&path, what, "add NAME_mask.png, white where the object is, or remove the picture"));
         }
-        let picture = read_picture(&at)?;
-        let mask = if has_mask { Some(read_mask(&mask_at)?) } else { None };
+        let picture = read_picture(&path)?;
         let [width, height] = [picture.width, picture.height];
-        if let Some(m) = mask.as_ref().filter(|m| (m.width, m.height) != (width, height)) {
-            let what = format!("this mask is {}x{}, but its picture {width}x{height}", m.width, m.height);
-            return Err(fault(&mask_at, what, "make the mask as large as its picture"));
-        }
+        let mask = match mask {
+            Some(at) => Some(read_mask_of(&at, [width, height])?),
+            None => None,
+        };
         if let Some((first, ..)) = all.first().filter(|(_, f, _)| (f.width, f.height) != (width, height)) {
             let what = format!("this picture is {width}x{height}, but {first} is another size");
-            return Err(fault(&at, what, "give all pictures of a folder one size"));
+            return Err(fault(&path, what, "give all pictures of a folder one size"));
         }
         pixels += width * height;
         if pixels > MOST {
             let what = format!("with this picture, the folder has more than {} million pixels", MOST / 1_000_000);
-            return Err(fault(&at, what, "give fewer pictures, or smaller ones: a few dozen of 640x480 are plenty"));
+            return Err(fault(&path, what, "give fewer pictures, or smaller ones: a few dozen of 640x480 are plenty"));
         }
-        all.push((stem, picture, mask));
-    }
-    if all.is_empty() {
-        return Err(fault(folder, "there are no pictures in it", "give a folder with NAME.jpg and NAME_mask.png"));
+        all.push((name, picture, mask));
     }
     Ok(all)
+}
+
+/// The mask of a picture of this size.
+fn read_mask_of(path: &Path, [width, height]: [usize; 2]) -> Result<Mask, PictureFault> {
+    let mask = read_mask(path)?;
+    if (mask.width, mask.height) == (width, height) {
+        return Ok(mask);
+    }
+    let what = format!("this mask is {}x{}, but its picture {width}x{height}", mask.width, mask.height);
+    Err(fault(path, what, "make the mask as large as its picture is where it stands upright (EXIF)"))
 }
 
 /// A picture from a file.
@@ -180,26 +162,17 @@ fn read_all(folder: &Path, needs_masks: bool) -> Result<Vec<FolderPicture>, Pict
 /// # Errors
 /// If it can't be read, is broken, or too large.
 pub fn read_picture(path: &Path) -> Result<Picture, PictureFault> {
-    let rgb = decode(path)?.into_rgb8();
+    let rgb = picture::read(path)?;
     Ok(Picture { width: rgb.width() as usize, height: rgb.height() as usize, rgb: rgb.into_raw() })
 }
 
-/// A mask from a file: the object is where it is at least half bright.
+/// A mask from a file: white on black, one color or label on a background, or opaque on transparent.
 ///
 /// # Errors
-/// As [`read_picture`].
+/// As [`read_picture`], and a mask with several labels.
 pub fn read_mask(path: &Path) -> Result<Mask, PictureFault> {
-    let grey = decode(path)?.into_luma8();
-    let (width, height) = (grey.width() as usize, grey.height() as usize);
-    Ok(Mask { width, height, data: grey.into_raw().into_iter().map(|v| v >= 128).collect() })
-}
-
-fn decode(path: &Path) -> Result<image::DynamicImage, PictureFault> {
-    let help = "replace it by a whole JPEG or PNG file of at most 4096x4096 pixels";
-    let read = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
-    let mut reader = read.map_err(|e| fault(path, e.to_string(), "check the name and the permissions"))?;
-    let mut limits = Limits::default();
-    (limits.max_image_width, limits.max_image_height) = (Some(LONGEST), Some(LONGEST));
-    reader.limits(limits);
-    reader.decode().map_err(|e| fault(path, format!("this is no whole picture: {e}"), help))
+    let picture = picture::open(path)?;
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let data = mask_file::object_pixels(&picture).map_err(|(what, help)| fault(path, what, help))?;
+    Ok(Mask { width, height, data })
 }

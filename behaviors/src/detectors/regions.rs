@@ -2,7 +2,7 @@
 
 use super::picture::Mask;
 use super::plane::Plane;
-use mobee_contract::Region;
+use mobee_contract::{MAX_REGIONS, Region};
 use serde::{Deserialize, Serialize};
 
 /// How a likelihood becomes a mask and its regions.
@@ -49,23 +49,33 @@ impl Blob {
     }
 }
 
+/// The regions of a mask.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Blobs {
+    /// The weightiest ones, in the order of their weight: at most [`MAX_REGIONS`].
+    pub kept: Vec<Blob>,
+    /// The number of the others.
+    pub omitted: u64,
+}
+
 impl Cut {
-    /// The mask and its regions, the weightiest first.
-    pub fn apply(&self, likelihood: &Plane) -> (Mask, Vec<Blob>) {
+    /// The mask and its regions. The mask shows all of them, those that are left out for their number too.
+    pub fn apply(&self, likelihood: &Plane) -> (Mask, Blobs) {
         let mut mask = Mask::at_least(likelihood, self.threshold);
         if self.open {
             mask = opened(&mask);
         }
-        let (labels, mut blobs) = components(&mask, likelihood, self.threshold);
-        let heaviest = blobs.iter().map(|b| b.weight).fold(0.0, f64::max);
-        let is_kept: Vec<bool> = blobs.iter().map(|b| b.weight >= f64::from(self.keep) * heaviest).collect();
+        let Components { labels, weights, blobs } = components(&mask, likelihood, self.threshold);
+        let heaviest = weights.iter().copied().fold(0.0, f64::max);
+        let is_kept = |weight: f64| weight >= f64::from(self.keep) * heaviest;
         for (m, label) in mask.data.iter_mut().zip(&labels) {
-            *m = label.checked_sub(1).is_some_and(|l| is_kept[l as usize]);
+            *m = label.checked_sub(1).is_some_and(|l| is_kept(weights[l as usize]));
         }
-        let mut kept = is_kept.iter();
-        blobs.retain(|_| kept.next().copied().unwrap_or(false));
-        blobs.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        (mask, blobs)
+        let all = weights.iter().filter(|w| is_kept(**w)).count();
+        let mut kept: Vec<Blob> = heaviest_of(blobs).into_iter().map(|(_, blob)| blob).collect();
+        kept.retain(|b| is_kept(b.weight));
+        let omitted = (all - kept.len()) as u64;
+        (mask, Blobs { kept, omitted })
     }
 
     /// Whether its numbers are what they may be.
@@ -82,16 +92,34 @@ fn opened(mask: &Mask) -> Mask {
     Mask::at_least(&plane.box_mean(1, 1).map(all).box_mean(1, 1).map(any), 128.0)
 }
 
-/// The number of each pixel's component from 1 on (0: none), and the components; pixels touch by their sides.
-fn components(mask: &Mask, likelihood: &Plane, threshold: f32) -> (Vec<u32>, Vec<Blob>) {
+/// The [`MAX_REGIONS`] weightiest of numbered regions, in the order of their weight; equal ones in that of their numbers.
+fn heaviest_of(mut blobs: Vec<(u32, Blob)>) -> Vec<(u32, Blob)> {
+    blobs.sort_by(|(m, a), (n, b)| b.weight.total_cmp(&a.weight).then(m.cmp(n)));
+    blobs.truncate(MAX_REGIONS);
+    blobs
+}
+
+/// The connected parts of a mask.
+struct Components {
+    /// The number of each pixel's component from 1 on; 0: none.
+    labels: Vec<u32>,
+    /// The weight of each component.
+    weights: Vec<f64>,
+    /// Some components with their numbers, the weightiest ones among them: there may be millions, and memory holds hundreds.
+    blobs: Vec<(u32, Blob)>,
+}
+
+/// Finds the components of a mask; pixels touch by their sides.
+fn components(mask: &Mask, likelihood: &Plane, threshold: f32) -> Components {
     let (w, h) = (mask.width, mask.height);
-    let mut labels = vec![0u32; mask.data.len()];
-    let (mut blobs, mut open) = (Vec::new(), Vec::new());
+    let mut found = Components { labels: vec![0u32; mask.data.len()], weights: Vec::new(), blobs: Vec::new() };
+    let labels = &mut found.labels;
+    let mut open = Vec::new();
     for start in 0..mask.data.len() {
         if !mask.data[start] || labels[start] > 0 {
             continue;
         }
-        let label = blobs.len() as u32 + 1;
+        let label = found.weights.len() as u32 + 1;
         let (mut sum, mut weight, mut area) = ([0.0; 2], 0.0, 0);
         let mut bounds = [w, h, 0, 0];
         labels[start] = label;
@@ -109,14 +137,19 @@ fn components(mask: &Mask, likelihood: &Plane, threshold: f32) -> (Vec<u32>, Vec
                 }
             }
         }
-        blobs.push(Blob {
+        found.weights.push(weight);
+        let blob = Blob {
             centroid: sum.map(|s| s / area as f64),
             bounds,
             area,
             is_clipped: bounds[0] == 0 || bounds[1] == 0 || bounds[2] == w || bounds[3] == h,
             confidence: (weight / area as f64).clamp(0.0, 1.0),
             weight,
-        });
+        };
+        found.blobs.push((label, blob));
+        if found.blobs.len() >= 4 * MAX_REGIONS {
+            found.blobs = heaviest_of(std::mem::take(&mut found.blobs));
+        }
     }
-    (labels, blobs)
+    found
 }

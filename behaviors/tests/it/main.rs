@@ -6,6 +6,7 @@ mod join;
 mod locators;
 mod map_files;
 mod onnx;
+mod picture_files;
 mod plan_agent;
 mod planners;
 mod reach_agent;

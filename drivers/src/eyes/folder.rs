@@ -1,9 +1,11 @@
 //! The kind `folder`: pictures of a folder, one after the other, as if a camera took them.
 
 use super::lens_settings::LensSettings;
-use super::picture;
 use super::scenery::in_range;
-use mobee_contract::{Camera, CameraContext, Frame, Intrinsics, Kind, KindError, Registered, Time, settings};
+use mobee_contract::picture::{self, PictureFault};
+use mobee_contract::{
+    Camera, CameraContext, Frame, Intrinsics, Kind, KindError, Registered, SkippedPictures, Time, settings,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -39,6 +41,7 @@ pub struct FolderCamera {
     repeats: bool,
     /// When the first picture was asked for, and the number of the next one.
     begun: Option<(Time, u64)>,
+    skipped: Option<SkippedPictures>,
 }
 
 impl FolderCamera {
@@ -48,23 +51,21 @@ impl FolderCamera {
     /// Settings that make no sense, a folder without pictures, a file that is no picture, or one of another size.
     pub fn new(settings: &FolderCameraSettings) -> Result<FolderCamera, KindError> {
         in_range(("fps", settings.fps, 0.01, 1000.0))?;
-        let wrong = |what| {
-            KindError::new("path", what, "give a folder of JPEG or PNG files of one size, at most 4096x4096 pixels")
-        };
-        let files = picture::list(&settings.path).map_err(wrong)?;
+        let wrong = |e: PictureFault| KindError::new("path", e.to_string(), e.help);
+        let files = picture::list_paths(&settings.path).map_err(wrong)?;
         let mut first = None;
         for file in &files {
             let found = picture::size(file).map_err(wrong)?;
             let size = *first.get_or_insert(found);
             if found != size {
                 let ([w, h], [fw, fh]) = (found, size);
-                let what = format!("{} is {w}x{h} pixels, but the pictures before it are {fw}x{fh}", file.display());
-                return Err(wrong(what));
+                let what = format!("this picture is {w}x{h} pixels, but those before it are {fw}x{fh}");
+                return Err(wrong(PictureFault::new(file, what, "give a folder of pictures of one size")));
             }
         }
         let lens = settings.lens.intrinsics(first.unwrap_or_default()).map_err(|e| e.under("lens"))?;
         let period = Duration::try_from_secs_f64(1.0 / settings.fps).unwrap_or(Duration::from_millis(100));
-        Ok(FolderCamera { files, lens, period, repeats: settings.repeat, begun: None })
+        Ok(FolderCamera { files, lens, period, repeats: settings.repeat, begun: None, skipped: None })
     }
 }
 
@@ -84,13 +85,24 @@ impl Camera for FolderCamera {
         let count = self.files.len() as u64;
         let number = if self.repeats { due % count.max(1) } else { due };
         let Some(file) = usize::try_from(number).ok().and_then(|n| self.files.get(n)) else { return Ok(None) };
-        let picture = picture::read(file)?;
         let [width, height] = self.lens.size;
-        if picture.dimensions() != (width, height) {
-            return Err(format!("{} is of another size than when the run began", file.display()));
-        }
+        let read = picture::read(file).and_then(|picture| match picture.dimensions() == (width, height) {
+            true => Ok(picture),
+            false => Err(PictureFault::new(file, "it is of another size than when the run began", "")),
+        });
+        let picture = match read {
+            Ok(picture) => picture,
+            Err(fault) => {
+                SkippedPictures::add(&mut self.skipped, fault.to_string());
+                return Ok(None);
+            }
+        };
         let exposed = begun + Duration::from_nanos(self.period.as_nanos() as u64 * due);
         Ok(Some(Frame { exposed, intrinsics: self.lens, pixels: picture.into_raw().into() }))
+    }
+
+    fn skipped(&mut self) -> Option<SkippedPictures> {
+        self.skipped.take()
     }
 }
 

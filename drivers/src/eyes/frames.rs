@@ -29,7 +29,7 @@ const START: u64 = (MAGIC.len() + VERSION.len()) as u64;
 /// Bytes of a record's head.
 const HEAD: usize = 8 + 2 * 4 + 8 * 8;
 /// The longest side that a frame may have, pixels.
-const LONGEST: u32 = super::picture::LONGEST;
+const LONGEST: u32 = mobee_contract::picture::MAX_SIDE;
 
 /// The file of a camera, by its name in the run (`SENSOR/CAMERA`), in the run's folder.
 pub(super) fn file(run: &Path, camera: &str) -> PathBuf {

@@ -9,7 +9,7 @@ use super::mount::Mount;
 use super::scenery::in_range;
 use crate::yarp::{instant, network_of};
 use mobee_contract::{
-    Camera, CameraContext, CameraMount, Frame, Intrinsics, Kind, KindError, Registered, Time, settings,
+    Camera, CameraContext, CameraMount, Frame, Intrinsics, Kind, KindError, Registered, SkippedPictures, Time, settings,
 };
 use mobee_yarp::{Carrier, Dialect, Image, InputPort, Message, Network, PixelCode, Queue, Source};
 use schemars::JsonSchema;
@@ -78,7 +78,7 @@ struct Heard {
     /// Pictures that newer ones replaced before anybody asked.
     dropped: u64,
     /// What came that is no picture of this camera.
-    wrong: Option<String>,
+    skipped: Option<SkippedPictures>,
 }
 
 type Cell = Arc<Mutex<Heard>>;
@@ -189,13 +189,14 @@ impl Camera for YarpCamera {
             self.thread = Some(self.listen()?);
         }
         let mut heard = lock(&self.cell);
-        if let Some(wrong) = heard.wrong.take() {
-            return Err(format!("{}: {wrong}", self.settings.port));
-        }
         let Some((arrived, pixels)) = heard.newest.take() else { return Ok(None) };
         let age = arrived.elapsed() + Duration::try_from_secs_f64(self.settings.delay_ms * 1e-3).unwrap_or_default();
         let exposed = Time(now.0.saturating_sub(age.as_nanos() as u64));
         Ok(Some(Frame { exposed, intrinsics: self.lens, pixels: pixels.into() }))
+    }
+
+    fn skipped(&mut self) -> Option<SkippedPictures> {
+        lock(&self.cell).skipped.take()
     }
 
     fn runs_in_virtual_time(&self) -> bool {
@@ -271,7 +272,7 @@ impl Ear {
                         Ok(pixels) => {
                             heard.dropped += u64::from(heard.newest.replace((instant(), pixels)).is_some());
                         }
-                        Err(wrong) => heard.wrong = Some(wrong),
+                        Err(why) => SkippedPictures::add(&mut heard.skipped, format!("{}: {why}", self.theirs)),
                     }
                 }
                 Ok(None) => return,

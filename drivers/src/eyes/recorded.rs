@@ -2,7 +2,9 @@
 
 use super::frames::{FrameReader, KeptFrame};
 use super::mount::Mount;
-use mobee_contract::{Camera, CameraContext, CameraMount, Frame, Kind, KindError, Registered, Time, settings};
+use mobee_contract::{
+    Camera, CameraContext, CameraMount, Frame, Kind, KindError, Registered, SkippedPictures, Time, settings,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -42,6 +44,7 @@ pub struct RecordedCamera {
     last: [Time; 2],
     /// Until the next one.
     wait: Duration,
+    skipped: Option<SkippedPictures>,
 }
 
 impl RecordedCamera {
@@ -63,6 +66,7 @@ impl RecordedCamera {
             later: Duration::ZERO,
             last: [Time::ZERO; 2],
             wait: Duration::ZERO,
+            skipped: None,
         };
         camera.wait = camera.wait_from(Time::ZERO);
         Ok(camera)
@@ -105,11 +109,31 @@ impl Camera for RecordedCamera {
     fn frame(&mut self, now: Time) -> Result<Option<Frame>, String> {
         let mut newest = None;
         // who asks too late gets the newest
-        while let Some(frame) = self.due(now)? {
-            newest = Some(frame);
+        loop {
+            match self.due(now) {
+                Ok(Some(frame)) => newest = Some(frame),
+                Ok(None) => break,
+                Err(why) => {
+                    // nothing behind a head that can't be read is found again
+                    SkippedPictures::add(&mut self.skipped, why);
+                    self.next = None;
+                    break;
+                }
+            }
         }
         self.wait = self.wait_from(now);
-        newest.map(|frame| self.reader.frame(&frame)).transpose()
+        let Some(newest) = newest else { return Ok(None) };
+        match self.reader.frame(&newest) {
+            Ok(frame) => Ok(Some(frame)),
+            Err(why) => {
+                SkippedPictures::add(&mut self.skipped, why);
+                Ok(None)
+            }
+        }
+    }
+
+    fn skipped(&mut self) -> Option<SkippedPictures> {
+        self.skipped.take()
     }
 
     fn mount(&self) -> Option<CameraMount> {

@@ -1,9 +1,8 @@
 //! Pictures that are glued to the sides of boxes, or are on cards against those of other things, such as tags and labels.
 
-use super::picture;
 use super::scenery::in_range;
 use super::solid::V3;
-use mobee_contract::KindError;
+use mobee_contract::{KindError, picture};
 use mobee_model::{Object, Shape};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
@@ -107,8 +106,7 @@ impl StickerSettings {
     /// # Errors
     /// If it can't be read, is broken or larger than 4096x4096 pixels.
     pub fn read(&self) -> Result<Sticker, KindError> {
-        let wrong = |what| KindError::new("picture", what, "give a JPEG or PNG file of at most 4096x4096 pixels");
-        let picture = picture::read(&self.picture).map_err(wrong)?;
+        let picture = picture::read(&self.picture).map_err(|e| KindError::new("picture", e.to_string(), e.help))?;
         let (columns, rows) = picture.dimensions();
         let width = (self.width_m / 2.0) as f32;
         let half = [width, width * rows as f32 / columns.max(1) as f32];

@@ -72,16 +72,25 @@ fn pictures_that_are_none_or_of_another_size_are_refused_by_name() {
     save(&at("a.png"), 1, 16);
     save(&at("b.png"), 1, 20);
     let (path, what) = refused();
-    assert!(path == "path" && what.contains("b.png is 20x12 pixels, but the pictures before it are 16x12"), "{what}");
+    assert!(
+        path == "path" && what.contains("b.png: this picture is 20x12 pixels, but those before it are 16x12"),
+        "{what}"
+    );
     std::fs::write(at("b.png"), "").unwrap();
-    assert!(refused().1.contains("b.png is no picture"));
-    // what is torn shows when it is its turn
+    assert!(refused().1.contains("b.png: this is no picture"));
+    // what is torn shows when it is its turn, and is skipped
+    save(&at("c.png"), 1, 16);
     let whole = std::fs::read(at("a.png")).unwrap();
     std::fs::write(at("b.png"), &whole[..whole.len() - 20]).unwrap();
     let mut camera = FolderCamera::new(&folder(&dir.0, false)).unwrap();
     assert!(camera.frame(Time::ZERO).unwrap().is_some());
-    let told = camera.frame(Time::from_secs(0.1)).unwrap_err();
-    assert!(told.contains("b.png is no whole picture"), "{told}");
+    assert!(camera.skipped().is_none() && camera.frame(Time::from_secs(0.1)).unwrap().is_none());
+    let skipped = camera.skipped().unwrap();
+    assert!(skipped.count == 1 && skipped.why.contains("b.png: this is no whole picture"), "{skipped:?}");
+    assert!(
+        camera.frame(Time::from_secs(0.2)).unwrap().is_some() && camera.skipped().is_none(),
+        "the next one is whole"
+    );
     let gone = FolderCamera::new(&folder(&at("none"), false)).err().unwrap();
     assert!(gone.what.contains("can't read") && gone.help.contains("folder"), "{gone:?}");
 }
@@ -138,9 +147,22 @@ fn a_yarp_camera_gives_the_newest_picture_counts_the_others_and_tells_what_is_no
     assert_eq!(camera.frame(Time::from_secs(101.0)).unwrap().unwrap().pixels[..], [3; 18]);
 
     port.write(Image::new(PixelCode::RGB, 1, 1, &[1, 2, 3]).unwrap().encode(), None);
-    let mut told = String::new();
-    wait("a complaint", &mut || camera.frame(Time::from_secs(102.0)).map_err(|e| told = e).is_err());
-    assert!(told.contains("/cam/left: its pictures are 1x1 pixels, not 3x2: set `size`"), "{told}");
+    let mut told = None;
+    wait("a complaint", &mut || {
+        assert!(camera.frame(Time::from_secs(102.0)).unwrap().is_none());
+        told = camera.skipped();
+        told.is_some()
+    });
+    let told = told.unwrap();
+    assert!(told.why.contains("/cam/left: its pictures are 1x1 pixels, not 3x2: set `size`"), "{told:?}");
+    port.write(b"no picture at all".to_vec(), None);
+    port.write(gray(9), None);
+    let mut seen = None;
+    wait("the picture after it", &mut || {
+        seen = camera.frame(Time::from_secs(103.0)).unwrap();
+        seen.is_some()
+    });
+    assert_eq!(seen.unwrap().pixels[..], [9; 18], "it goes on");
     drop(camera);
     wait("the camera to let go", &mut || port.peers().is_empty());
 }

@@ -7,7 +7,7 @@ use image::{GrayImage, Luma, Rgb, RgbImage};
 use mobee_behaviors::detectors::tag::TagFamilyName;
 use std::ops::Range;
 use std::path::Path;
-use written::{Graph, constant, input, node};
+use written::{Graph, constant, input, node, node_with_body, whole};
 
 /// Width and height, pixels.
 pub const SIZE: [u32; 2] = [320, 240];
@@ -74,5 +74,74 @@ pub fn network(path: &Path) {
         inputs: vec![input("picture", &[Some(1), Some(3), Some(height), Some(width)])],
         outputs: vec!["logits".into()],
     };
+    std::fs::write(path, graph.bytes()).expect("written");
+}
+
+/// What is wrong with a network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Harm {
+    /// So many operations in a row: the runtime nests as deeply.
+    Deep(usize),
+    /// It asks for a million times a million pictures.
+    Wide,
+    /// It turns in a loop for ever.
+    Endless,
+    /// It asks for terabytes where a picture is white, and finds nothing elsewhere.
+    WideOnWhite,
+}
+
+/// A network that no process survives, in ONNX format.
+pub fn harmful(path: &Path, harm: Harm) {
+    let shape = [Some(1), Some(3), Some(24), Some(32)];
+    let mut graph = Graph {
+        nodes: Vec::new(),
+        constants: Vec::new(),
+        inputs: vec![input("picture", &shape)],
+        outputs: vec!["logits".into()],
+    };
+    match harm {
+        Harm::Deep(count) => {
+            let name = |k: usize| if k == 0 { "picture".to_owned() } else { format!("n{k}") };
+            graph.nodes.extend((0..count).map(|k| node("Relu", &[&name(k)], &[&name(k + 1)], &[])));
+            graph.nodes.push(node("Identity", &[&name(count)], &["logits"], &[]));
+        }
+        Harm::Wide => {
+            graph.constants.push(whole("times", &[4], &[1, 1, 1_000_000, 1_000_000]));
+            graph.nodes.push(node("Tile", &["picture", "times"], &["logits"], &[]));
+        }
+        Harm::Endless => {
+            let body = Graph {
+                nodes: vec![node("Identity", &["goes"], &["goes_on"], &[]), node("Relu", &["v"], &["w"], &[])],
+                constants: Vec::new(),
+                inputs: vec![input("i", &[]), input("goes", &[]), input("v", &shape)],
+                outputs: vec!["goes_on".into(), "w".into()],
+            };
+            graph.constants.push(whole("turns", &[], &[1 << 62]));
+            graph.nodes.push(node_with_body("Loop", &["turns", "", "picture"], &["logits"], &body));
+        }
+        Harm::WideOnWhite => {
+            graph.constants.extend([
+                constant("bright", &[1], &[0.9]),
+                constant("many", &[1], &[1e13]),
+                constant("zero", &[1], &[0.0]),
+                constant("one", &[1], &[1.0]),
+            ]);
+            graph.constants.push(whole("shape", &[1], &[1]));
+            graph.nodes.extend([
+                node("ReduceMean", &["picture"], &["mean"], &[("keepdims", &[0])]),
+                node("Sub", &["mean", "bright"], &["over"], &[]),
+                node("Relu", &["over"], &["above"], &[]),
+                node("Mul", &["above", "many"], &["much"], &[]),
+                node("Add", &["much", "one"], &["size"], &[]),
+                node("Cast", &["size"], &["whole"], &[("to", &[7])]),
+                node("Reshape", &["whole", "shape"], &["length"], &[]),
+                node("ConstantOfShape", &["length"], &["zeros"], &[]),
+                node("ReduceMax", &["zeros"], &["nothing"], &[("keepdims", &[0])]),
+                node("Sub", &["nothing", "one"], &["less"], &[]),
+                node("Mul", &["picture", "zero"], &["dark"], &[]),
+                node("Add", &["dark", "less"], &["logits"], &[]),
+            ]);
+        }
+    }
     std::fs::write(path, graph.bytes()).expect("written");
 }

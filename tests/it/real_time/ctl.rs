@@ -37,7 +37,7 @@ impl Run {
         run
     }
 
-    fn ctl(&self, words: &[&str]) -> Output {
+    pub(crate) fn ctl(&self, words: &[&str]) -> Output {
         mobee_here().args(["ctl", "--run"]).arg(&self.out).args(words).output().expect("mobee starts")
     }
 
@@ -47,7 +47,7 @@ impl Run {
         String::from_utf8_lossy(&out.stdout).into_owned()
     }
 
-    fn refuses(&self, words: &[&str]) -> String {
+    pub(crate) fn refuses(&self, words: &[&str]) -> String {
         let out = self.ctl(words);
         assert_eq!(out.status.code(), Some(2), "{words:?}: {}", String::from_utf8_lossy(&out.stdout));
         String::from_utf8_lossy(&out.stderr).into_owned()

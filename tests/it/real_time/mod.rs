@@ -4,6 +4,7 @@
 mod agent_over_yarp;
 mod crash_recovery;
 pub(crate) mod ctl;
+mod ctl_sensors;
 mod doctor;
 mod filter_transparency;
 mod old_program;

@@ -146,7 +146,7 @@ fn a_bridge_that_loses_its_ports_is_visible() {
         InputPort::open(&names, "/MoBeE/world", Queue::Newest).await.expect("a port")
     });
     let ended = first.wait_with_output().expect("an end");
-    assert_eq!(ended.status.code(), Some(1), "{}", said(&ended));
+    assert_eq!(ended.status.code(), Some(4), "{}", said(&ended));
     let reason = "another program holds the port name /MoBeE/world";
     assert!(words(&ended).contains(&format!("service yarp failed: {reason}")), "{}", said(&ended));
     let summary: Value = serde_json::from_slice(&ended.stdout).expect("a summary");

@@ -36,7 +36,7 @@ pub struct Readings {
 /// # Errors
 /// A file that is something else, or can't be read, in words.
 pub fn read(path: &Path) -> Result<Option<Readings>, String> {
-    let file = match File::open(path) {
+    let file = match mobee_model::file::open(path) {
         Ok(file) => file,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(format!("{}: {e}", path.display())),

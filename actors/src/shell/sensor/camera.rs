@@ -3,9 +3,10 @@
 use super::{Eye, PATIENCE};
 use crate::runtime::attempt::{Given, attempt};
 use crate::wiring::SharedContext;
-use mobee_contract::Camera;
+use mobee_contract::{Camera, Event, SkippedPictures};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// The camera's actor.
@@ -31,14 +32,28 @@ impl Exposing {
     async fn expose(&mut self) -> Result<Duration, String> {
         let mut camera = self.camera.take().ok_or("the camera is away")?;
         let now = self.shared.clock.now();
-        let expose = move || Given { value: (camera.frame(now), camera), cost: Duration::ZERO };
-        let (frame, camera) = attempt(&self.shared.clock, PATIENCE, expose).await?;
+        let expose = move || Given { value: (camera.frame(now), camera.skipped(), camera), cost: Duration::ZERO };
+        let (frame, skipped, camera) = attempt(&self.shared.clock, PATIENCE, expose).await?;
+        if let Some(skipped) = skipped {
+            self.skip(skipped);
+        }
         if let Some(frame) = frame? {
             self.eye.frames.push(frame);
         }
         let next = now + camera.period();
         self.camera = Some(camera);
         Ok(next.since(self.shared.clock.now()))
+    }
+}
+
+impl Exposing {
+    /// Counts pictures that the camera could not use, and warns of the first one of a run.
+    fn skip(&self, SkippedPictures { count, why }: SkippedPictures) {
+        self.shared.counts.lock().pictures_skipped += count;
+        if self.eye.skipped.fetch_add(count, Ordering::Relaxed) == 0 {
+            let text = format!("{}: {why}; such pictures are skipped and counted", self.eye.name);
+            self.shared.tell(Event::Warning { text });
+        }
     }
 }
 

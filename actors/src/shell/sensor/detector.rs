@@ -3,9 +3,10 @@
 use super::{Eye, Looking, PATIENCE, PartMaker, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::wiring::SharedContext;
-use mobee_contract::{Detector, Event, Frame, Region, SeenPicture, SwapPart, SwapStep};
+use mobee_contract::{Detector, Event, Frame, Region, SeenPicture, SwapPart, SwapStep, limit_regions};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// The detector's actor.
@@ -73,21 +74,23 @@ impl Detecting {
     /// Lets the onlooker see a frame, if there is one. If it fails, it is gone, and its exchange is told why.
     async fn look_on(&mut self, frame: &Frame) {
         let Some((mut detector, budget)) = self.onlooker.take() else { return };
-        let (frame, exposed) = (frame.clone(), frame.exposed);
+        let (frame, exposed, most) = (frame.clone(), frame.exposed, self.eye.max_regions);
         let look = move || {
             let mut regions = detector.detect(&frame);
+            let failure = detector.failure();
             regions.retain(Region::is_finite);
+            let omitted = detector.omitted() + limit_regions(&mut regions, most);
             // it is not waited for by a virtual clock, but one that is too slow is so by any
             let cost = if detector.takes() > budget { detector.takes() } else { Duration::ZERO };
-            Given { value: (detector, regions), cost }
+            Given { value: (detector, regions, omitted, failure), cost }
         };
         match attempt(&self.shared.clock, budget, look).await {
-            Ok((detector, regions)) => {
+            Ok((detector, regions, omitted, None)) => {
                 self.onlooker = Some((detector, budget));
                 let camera = self.eye.name.clone();
-                self.shared.tell(Event::Sighted { camera, exposed, regions, is_shadow: true });
+                self.shared.tell(Event::Sighted { camera, exposed, regions, omitted, is_shadow: true });
             }
-            Err(why) => *self.eye.onlooker_fault.lock() = Some(why),
+            Ok((.., Some(why))) | Err(why) => *self.eye.onlooker_fault.lock() = Some(why),
         }
     }
 
@@ -96,18 +99,21 @@ impl Detecting {
         let Some(frame) = self.eye.frames.pop() else { return Ok(false) };
         let shown = frame.clone();
         let mut detector = self.detector.take().ok_or("the detector is away")?;
-        let (exposed, intrinsics) = (frame.exposed, frame.intrinsics);
+        let (exposed, intrinsics, most) = (frame.exposed, frame.intrinsics, self.eye.max_regions);
         let look = move || {
             let (mut regions, cost) = (detector.detect(&frame), detector.takes());
             let all = regions.len();
             regions.retain(Region::is_finite);
             let is_sound = regions.len() == all;
+            let omitted = detector.omitted() + limit_regions(&mut regions, most);
             let told = (detector.export(), detector.mask(), detector.complaint());
-            Given { value: (detector, regions, is_sound, told), cost }
+            let answer = detector.failure().map_or(Ok((regions, omitted)), Err);
+            Given { value: (detector, answer, is_sound, told), cost }
         };
         let budget = self.eye.seat.budget().unwrap_or(PATIENCE);
         let seen = attempt(&self.shared.clock, budget, look).await?;
-        let (detector, regions, is_sound, (state, mask, complaint)) = seen;
+        let (detector, answer, is_sound, (state, mask, complaint)) = seen;
+        let (regions, omitted) = answer?;
         self.detector = Some(detector);
         self.eye.seat.change(|looking| looking.state = state);
         self.eye.seat.answered(self.shared.clock.now());
@@ -122,12 +128,30 @@ impl Detecting {
             let text = format!("{}: its detector told numbers that are none: what has them is left out", self.eye.name);
             self.shared.tell(Event::Warning { text });
         }
+        if omitted > 0 {
+            self.tell_omitted(omitted);
+        }
         let mount = self.eye.mount.lock().clone();
         let seen = SeenPicture { frame: shown.clone(), regions: regions.as_slice().into(), mask, mount };
         self.shared.taps.picture(self.shared.clock.now(), &self.eye.name, &Arc::new(seen));
-        self.shared.tell(Event::Sighted { camera: self.eye.name.clone(), exposed, regions, is_shadow: false });
+        self.shared.tell(Event::Sighted { camera: self.eye.name.clone(), exposed, regions, omitted, is_shadow: false });
         self.look_on(&shown).await;
         Ok(true)
+    }
+}
+
+impl Detecting {
+    /// Warns of regions that are left out, once in a run.
+    fn tell_omitted(&self, omitted: u64) {
+        if self.eye.told_omitted.swap(true, Ordering::Relaxed) {
+            return;
+        }
+        let (name, most) = (&self.eye.name, self.eye.max_regions);
+        let text = format!(
+            "{name}: its detector found {omitted} regions in one picture beyond the first {most} of each object; they are left out and \
+             counted. If they are noise, train the detector again; else raise `max_regions`"
+        );
+        self.shared.tell(Event::Warning { text });
     }
 }
 

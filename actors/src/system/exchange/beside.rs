@@ -168,13 +168,14 @@ impl Trial {
         let (shared, seated) = (self.shared.clone(), post.clone());
         let between = Between(Box::new(move || {
             let now = shared.clock.now();
+            shared.counts.lock().down.remove(seated.name());
             if seated.take_over(new, now) {
                 let gap = now.since(begun).as_secs_f64();
                 shared.tell_beside(seated.name(), SwapPart::Bridge, SwapStep::TookOver { gap, map: None });
             }
         }));
         let renewed = ractor::call!(services, GroupMsg::Renew, services_of(post.name()), between);
-        renewed.map_err(|_| "the one before is gone until the next run".into())
+        renewed.map_err(|_| "it could not be started; the journal says why".into())
     }
 
     /// Hands the camera's frames to the new detector, once it is known that it can be made.

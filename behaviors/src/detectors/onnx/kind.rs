@@ -1,25 +1,27 @@
 //! The kind `onnx`.
 
-use super::network::{OnnxNetwork, Told};
+use super::network::{NetworkSetup, Told};
+use super::process::{Runner, Unanswered};
 use super::settings::{OnnxDetectorSettings, OnnxOutput};
 use crate::detectors::picture::Picture;
 use mobee_contract::*;
-use mobee_model::file::{MIB, read};
 use serde_json::{Value, json};
 use std::time::Duration;
-
-/// How long a network's file may be, bytes.
-const LONGEST: u64 = 256 * MIB;
 
 /// Finds what a network finds.
 pub struct OnnxDetector {
     settings: OnnxDetectorSettings,
-    network: OnnxNetwork,
+    network: Runner,
+    /// Width and height of what goes into the network, pixels.
+    size: [usize; 2],
     /// Of the frame that it looked at last.
     mask: Option<SeenMask>,
     /// What is wrong with the network's answers, until it is told.
     complaint: Option<String>,
     has_complained: bool,
+    /// Regions of that frame that were too many.
+    omitted: u64,
+    failure: Option<String>,
 }
 
 impl OnnxDetector {
@@ -30,13 +32,26 @@ impl OnnxDetector {
     pub fn new(settings: OnnxDetectorSettings) -> Result<OnnxDetector, KindError> {
         sound(&settings)?;
         let at = settings.file.display();
-        let bytes = read(&settings.file, LONGEST)
-            .map_err(|e| KindError::new("file", format!("can't read {at}: {e}"), "give a network in ONNX format"))?;
-        let network = OnnxNetwork::load(bytes, &settings.input, settings.output.name()).map_err(|mut e| {
+        let setup = NetworkSetup {
+            file: settings.file.clone(),
+            input: settings.input.clone(),
+            output: settings.output.name().map(str::to_owned),
+            limits: settings.limits,
+        };
+        let (network, size) = Runner::start(&setup).map_err(|mut e| {
             e.what = format!("{at}: {}", e.what);
             e
         })?;
-        let detector = OnnxDetector { settings, network, mask: None, complaint: None, has_complained: false };
+        let mut detector = OnnxDetector {
+            settings,
+            network,
+            size,
+            mask: None,
+            complaint: None,
+            has_complained: false,
+            omitted: 0,
+            failure: None,
+        };
         for level in [0u8, 170] {
             detector.rehearse(level)?;
         }
@@ -44,15 +59,21 @@ impl OnnxDetector {
     }
 
     /// Whether the output on a picture is what the settings say.
-    fn rehearse(&self, level: u8) -> Result<(), KindError> {
-        let [width, height] = self.network.size;
+    fn rehearse(&mut self, level: u8) -> Result<(), KindError> {
+        let [width, height] = self.size;
         // a ramp over a level, so that no channel is all the same
         let value = |k: usize| level.wrapping_add((k % 61) as u8);
         let picture = Picture { width, height, rgb: (0..width * height * 3).map(value).collect() };
         let at = self.settings.file.display();
-        let told = self.network.ask(&picture).map_err(|e| {
-            let help = "give a network that takes one picture, of the size and layout that `input` says";
-            KindError::new("file", format!("{at} can't be run: {e}"), help)
+        let told = self.network.ask(&picture).map_err(|e| match e {
+            Unanswered::Refused(e) => {
+                let help = "give a network that takes one picture, of the size and layout that `input` says";
+                KindError::new("file", format!("{at} can't be run: {e}"), help)
+            }
+            Unanswered::Ended(why) => {
+                let help = "export a simpler network, or raise `limits`";
+                KindError::new("file", format!("{at} can't be run: {why}"), help)
+            }
         })?;
         self.check(&told)?;
         if told.numbers.iter().any(|v| !v.is_finite()) {
@@ -111,6 +132,12 @@ fn sound(settings: &OnnxDetectorSettings) -> Result<(), KindError> {
     say("input.std", is_std, "nothing can be divided by that", "give three numbers above 0");
     let known = "say which class is which object: objects = [{ class = 0, object = \"cup\" }]";
     say("objects", !settings.objects.is_empty(), "without an object there is nothing to find", known);
+    let is_few = settings.objects.len() <= usize::from(u8::MAX);
+    say("objects", is_few, "these are more than 255 objects", "use several detectors");
+    let is_memory = (64..=1_000_000).contains(&settings.limits.memory_mib);
+    say("limits.memory_mib", is_memory, "no network runs with that", "give 64 to 1000000 MiB");
+    let is_time = (1..=3600).contains(&settings.limits.seconds);
+    say("limits.seconds", is_time, "no network runs with that", "give 1 to 3600 s");
     match &settings.output {
         OnnxOutput::Mask(mask) => say("output.keep", share(mask.keep), "it is no share", range),
         OnnxOutput::Boxes(boxes) => say("output.overlap", share(boxes.overlap), "it is no share", range),
@@ -122,11 +149,15 @@ impl Detector for OnnxDetector {
     fn detect(&mut self, frame: &Frame) -> Vec<Region> {
         let Some(picture) = Picture::of(frame) else { return Vec::new() };
         let size = [picture.width, picture.height];
-        self.mask = None;
+        (self.mask, self.omitted) = (None, 0);
         // it was tried when it was made; what can't be run now shows nothing
         let told = match self.network.ask(&picture) {
             Ok(told) => told,
-            Err(why) => {
+            Err(Unanswered::Ended(why)) => {
+                self.failure = Some(format!("the network failed on a picture: {why}"));
+                return Vec::new();
+            }
+            Err(Unanswered::Refused(why)) => {
                 self.complain(format!("the network can't be run on a picture, which shows nothing then: {why}"));
                 return Vec::new();
             }
@@ -142,12 +173,21 @@ impl Detector for OnnxDetector {
         let OnnxDetectorSettings { objects, threshold, .. } = &self.settings;
         match &self.settings.output {
             OnnxOutput::Mask(mask) => {
-                let (regions, pixels) = mask.regions(&told, objects, *threshold, size);
-                self.mask = Some(SeenMask { size: frame.intrinsics.size, objects: pixels.into() });
-                regions
+                let seen = mask.regions(&told, objects, *threshold, size);
+                self.mask = Some(SeenMask { size: frame.intrinsics.size, objects: seen.pixels.into() });
+                self.omitted = seen.omitted;
+                seen.regions
             }
-            OnnxOutput::Boxes(boxes) => boxes.regions(&told, objects, *threshold, [size, self.network.size]),
+            OnnxOutput::Boxes(boxes) => boxes.regions(&told, objects, *threshold, [size, self.size]),
         }
+    }
+
+    fn omitted(&self) -> u64 {
+        self.omitted
+    }
+
+    fn failure(&mut self) -> Option<String> {
+        self.failure.take()
     }
 
     fn objects(&self) -> Vec<String> {

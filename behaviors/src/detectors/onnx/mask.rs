@@ -47,6 +47,16 @@ pub enum MaskValues {
     Probabilities,
 }
 
+/// What a mask shows.
+pub struct SeenByMask {
+    /// The regions of all objects.
+    pub regions: Vec<Region>,
+    /// The number of those that are left out.
+    pub omitted: u64,
+    /// The object that each pixel was taken for, counted from 1; 0: none.
+    pub pixels: Vec<u8>,
+}
+
 impl MaskOutput {
     /// Channels, rows, columns of an output.
     ///
@@ -86,24 +96,19 @@ impl MaskOutput {
         (class < channels).then(|| Plane { width, height, data: (0..pixels).map(|k| bounded(share(k))).collect() })
     }
 
-    /// The regions of all objects in a picture of this size, and which object each of its pixels was taken for, counted from 1; 0: none.
-    pub fn regions(
-        &self,
-        told: &Told,
-        objects: &[OnnxObject],
-        threshold: f64,
-        size: [usize; 2],
-    ) -> (Vec<Region>, Vec<u8>) {
+    /// What is seen in a picture of this size.
+    pub fn regions(&self, told: &Told, objects: &[OnnxObject], threshold: f64, size: [usize; 2]) -> SeenByMask {
         let cut = Cut { threshold: (255.0 * threshold) as f32, open: self.open, keep: self.keep as f32 };
-        let (mut found, mut pixels) = (Vec::new(), vec![0; size[0] * size[1]]);
+        let mut seen = SeenByMask { regions: Vec::new(), omitted: 0, pixels: vec![0; size[0] * size[1]] };
         for (object, number) in objects.iter().zip(1..=u8::MAX) {
             let Some(likelihood) = self.likelihood(told, object.class) else { continue };
             let (mask, blobs) = cut.apply(&likelihood.stretched(size));
-            for (pixel, _) in pixels.iter_mut().zip(&mask.data).filter(|(_, inside)| **inside) {
+            for (pixel, _) in seen.pixels.iter_mut().zip(&mask.data).filter(|(_, inside)| **inside) {
                 *pixel = number;
             }
-            found.extend(blobs.iter().map(|blob| blob.region(&object.object)));
+            seen.regions.extend(blobs.kept.iter().map(|blob| blob.region(&object.object)));
+            seen.omitted += blobs.omitted;
         }
-        (found, pixels)
+        seen
     }
 }

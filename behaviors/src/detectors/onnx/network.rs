@@ -1,14 +1,19 @@
 //! The network itself: what it is, and running it.
 
-use super::settings::{OnnxColors, OnnxInput, OnnxLayout};
+use super::settings::{OnnxColors, OnnxInput, OnnxLayout, OnnxLimits};
 use crate::detectors::picture::Picture;
 use mobee_contract::{KindError, suggestion};
+use mobee_model::file::{MIB, read};
 use rten::{Dimension, Model, NodeId, RunOptions, ThreadPool};
 use rten_tensor::prelude::*;
 use rten_tensor::{NdTensor, Tensor};
+use serde::{Deserialize, Serialize};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::Arc;
 
+/// How long a network's file may be, bytes.
+const LONGEST_FILE: u64 = 256 * MIB;
 /// The longest edge of what goes in, pixels.
 const LONGEST: usize = 4096;
 
@@ -19,6 +24,19 @@ pub struct Told {
     pub shape: Vec<usize>,
     /// Its numbers, the last dimension's beside each other.
     pub numbers: Vec<f32>,
+}
+
+/// What is needed to load a network.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct NetworkSetup {
+    /// Its file.
+    pub file: PathBuf,
+    /// What goes in.
+    pub input: OnnxInput,
+    /// The output's name; `None`: the first one.
+    pub output: Option<String>,
+    /// How much it may use in its process.
+    pub limits: OnnxLimits,
 }
 
 /// A network that is ready to be asked.
@@ -41,11 +59,14 @@ fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
 }
 
 impl OnnxNetwork {
-    /// From the bytes of a file.
+    /// From its file.
     ///
     /// # Errors
-    /// If they are no network, if it has not the input or output that settings name, or if the input is no picture of a known size.
-    pub fn load(bytes: Vec<u8>, settings: &OnnxInput, output: Option<&str>) -> Result<OnnxNetwork, KindError> {
+    /// If that is no network, if it has not the input or output that settings name, or if the input is no picture of a known size.
+    pub fn load(setup: &NetworkSetup) -> Result<OnnxNetwork, KindError> {
+        let (settings, output, at) = (&setup.input, setup.output.as_deref(), setup.file.display());
+        let bytes = read(&setup.file, LONGEST_FILE)
+            .map_err(|e| KindError::new("file", format!("can't read {at}: {e}"), "give a network in ONNX format"))?;
         let help = "give a whole file in ONNX format with its weights in it, exported for inference";
         let model = guarded(|| Model::load(bytes))
             .and_then(|loaded| loaded.map_err(|e| e.to_string()))

@@ -3,7 +3,7 @@
 use super::boxes::BoxOutput;
 use super::mask::MaskOutput;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Settings of the kind `onnx`.
@@ -22,6 +22,25 @@ pub struct OnnxDetectorSettings {
     /// How sure the network must be, 0 to 1: of a pixel, or of a box.
     #[serde(default = "threshold")]
     pub threshold: f64,
+    /// How much the network may use.
+    #[serde(default)]
+    pub limits: OnnxLimits,
+}
+
+/// How much a network may use in its process. One that needs more ends, and its detector fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct OnnxLimits {
+    /// Memory, MiB, 64 to 1,000,000: the network, what is computed with it, and the program itself.
+    pub memory_mib: u64,
+    /// Processor time for one picture, s, 1 to 3600.
+    pub seconds: u64,
+}
+
+impl Default for OnnxLimits {
+    fn default() -> OnnxLimits {
+        OnnxLimits { memory_mib: 2048, seconds: 10 }
+    }
 }
 
 /// A class that the network knows, and an object.
@@ -36,7 +55,7 @@ pub struct OnnxObject {
 }
 
 /// How a picture goes in: stretched to a size, one number for each color of each pixel.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OnnxInput {
     /// The input's name; default: the only one.
@@ -67,7 +86,7 @@ impl Default for OnnxInput {
 }
 
 /// The order of dimensions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnnxLayout {
     /// Picture, channel, row, column: as PyTorch has it.
@@ -78,7 +97,7 @@ pub enum OnnxLayout {
 }
 
 /// The order of colors.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnnxColors {
     /// Red, green, blue.

@@ -55,6 +55,21 @@ pub fn node(kind: &str, inputs: &[&str], outputs: &[&str], attributes: &[(&str, 
     out
 }
 
+/// An operation with a graph for its body, such as `Loop`.
+#[allow(dead_code, reason = "not every test has such operations")]
+pub fn node_with_body(kind: &str, inputs: &[&str], outputs: &[&str], body: &Graph) -> Vec<u8> {
+    let attribute = [bytes(1, "body"), bytes(6, body.graph()), number(20, 5)].concat();
+    [node(kind, inputs, outputs, &[]), bytes(5, attribute)].concat()
+}
+
+/// A whole number of 64 bits.
+#[allow(dead_code, reason = "not every test has such numbers")]
+pub fn whole(name: &str, shape: &[u64], values: &[i64]) -> Tensor {
+    let raw: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let sizes: Vec<u8> = shape.iter().flat_map(|n| number(1, *n)).collect();
+    Tensor([sizes, number(2, 7), bytes(8, name), bytes(9, raw)].concat())
+}
+
 /// Weights of single precision.
 pub fn constant(name: &str, shape: &[u64], values: &[f32]) -> Tensor {
     let raw: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -70,8 +85,8 @@ pub fn input(name: &str, shape: &[Option<u64>]) -> Vec<u8> {
 }
 
 impl Graph {
-    /// The whole file.
-    pub fn bytes(&self) -> Vec<u8> {
+    /// The graph as a message.
+    fn graph(&self) -> Vec<u8> {
         let mut graph = Vec::new();
         self.nodes.iter().for_each(|n| graph.extend(bytes(1, n)));
         graph.extend(bytes(2, "graph"));
@@ -79,7 +94,12 @@ impl Graph {
         self.inputs.iter().for_each(|i| graph.extend(bytes(11, i)));
         let output = |name: &String| bytes(12, [bytes(1, name), bytes(2, bytes(1, number(1, 1)))].concat());
         self.outputs.iter().for_each(|o| graph.extend(output(o)));
+        graph
+    }
+
+    /// The whole file.
+    pub fn bytes(&self) -> Vec<u8> {
         let opset = [bytes(1, ""), number(2, 13)].concat();
-        [number(1, 8), bytes(7, graph), bytes(8, opset)].concat()
+        [number(1, 8), bytes(7, self.graph()), bytes(8, opset)].concat()
     }
 }

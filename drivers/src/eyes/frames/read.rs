@@ -1,8 +1,7 @@
 //! Reading kept frames again, one after the other, up to the first that is not whole.
 
 use super::{HEAD, LONGEST, MAGIC, START, VERSION, file};
-use crate::eyes::picture;
-use mobee_contract::{Frame, Intrinsics, KindError, Time, suggestion};
+use mobee_contract::{Frame, Intrinsics, KindError, Time, picture, suggestion};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
