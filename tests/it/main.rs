@@ -13,6 +13,7 @@ mod hostile_files;
 mod licenses;
 mod locator_files;
 mod looking_ahead;
+mod map_cache;
 mod new_behavior;
 mod planted_defects;
 mod private_runs;
