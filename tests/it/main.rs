@@ -5,6 +5,7 @@ mod collecting;
 mod common;
 mod composition_matrix;
 mod config_layers;
+mod damaged_record;
 mod dependency_direction;
 mod detector_files;
 mod eyes_draw;
