@@ -4,7 +4,7 @@ use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError};
 use crate::inspect::journal_error;
 use miette::{IntoDiagnostic, Report, WrapErr};
-use mobee_actors::check::{JudgedPoses, check, judged, wants_poses};
+use mobee_actors::check::{JudgedFiles, JudgedPoses, check, judged, wants_poses};
 use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::roadmap::verdict::judge;
 use mobee_controller::RELEASE;
@@ -41,12 +41,13 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
         None => println!("the run did not end in order; open commits and links are not judged"),
     }
     say_poses(&report.poses);
+    say_files(&report.files);
     for v in &report.violations {
         println!("{v}");
     }
-    let mut good = report.violations.is_empty();
-    if good {
-        println!("invariants {} hold", judged(report.poses.readings > 0));
+    let mut good = report.violations.is_empty() && !report.is_damaged();
+    if report.violations.is_empty() {
+        println!("{}", verdict(&report.poses));
     }
     if edges {
         good &= judge_edges(path)?;
@@ -59,16 +60,39 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
 
 /// What measured poses there were to judge by.
 fn say_poses(poses: &JudgedPoses) {
-    let JudgedPoses { readings, missing, wrong } = poses;
+    let JudgedPoses { readings, missing, wrong, .. } = poses;
     if *readings > 0 {
         println!("{readings} measured poses");
     }
     if !missing.is_empty() {
         let (robots, not) = (missing.join(", "), wants_poses());
-        println!("no measured poses of {robots} beside the journal (an older run?): {not} are not judged there");
+        println!("no measured poses of {robots} beside the journal: {not} are not judged there");
     }
     for why in wrong {
         println!("attention: {why}");
+    }
+}
+
+/// Which invariants hold, and where some of them could not be judged.
+fn verdict(poses: &JudgedPoses) -> String {
+    let holds = |poses: bool| format!("invariants {} hold", judged(poses));
+    match (poses.readings > 0, poses.wrong.is_empty() && poses.missing.is_empty()) {
+        (true, false) => {
+            format!("{}; {} where there are measured poses, not all along (see above)", holds(false), wants_poses())
+        }
+        (any, _) => holds(any),
+    }
+}
+
+/// Whether the run's files are as they were when it ended.
+fn say_files(files: &JudgedFiles) {
+    let JudgedFiles { whole, damage, unjudged } = files;
+    match unjudged {
+        Some(why) => println!("whether files of the run are damaged is not judged: {why}"),
+        None => println!("{whole} files as they were when the run ended"),
+    }
+    for what in damage {
+        println!("damage: {what}");
     }
 }
 

@@ -159,6 +159,7 @@ fn save(path: &Path, map: &MapFile) -> Result<(), Report> {
 
 /// As [`save`], for any text.
 pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), Report> {
+    is_replaceable(path)?;
     let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let written = tempfile::NamedTempFile::new_in(dir).and_then(|mut file| {
         file.write_all(text.as_bytes())?;
@@ -179,9 +180,22 @@ pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), Report> {
 
 /// Whether a file may be written.
 pub(crate) fn may_write(path: &Path, force: bool) -> Result<(), Report> {
+    is_replaceable(path)?;
     if !path.exists() || force {
         return Ok(());
     }
     let help = "name another file, or replace it with --force";
     Err(ConfigError::plain(format!("{} exists already", path.display()), help).into())
+}
+
+/// Whether nothing or a regular file is at this path: what else is there, such as a device, is not replaced by a file.
+fn is_replaceable(path: &Path) -> Result<(), ConfigError> {
+    match std::fs::metadata(path) {
+        Ok(there) if !there.is_file() => {
+            let kind = if there.is_dir() { "a folder" } else { "a device or a pipe" };
+            let what = format!("{} is {kind}, not a file", path.display());
+            Err(ConfigError::plain(what, "name a new file, or one to replace"))
+        }
+        _ => Ok(()),
+    }
 }

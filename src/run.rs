@@ -86,6 +86,8 @@ pub fn command(
 pub(crate) struct Extras {
     /// What an earlier process left of the run.
     pub(crate) past: Option<(Journal, Past)>,
+    /// What of it is damaged, in words.
+    pub(crate) damage: Vec<String>,
     /// Controls at set instants.
     pub(crate) planned: Vec<(Time, Control)>,
     /// Who else is told.
@@ -212,7 +214,7 @@ pub(crate) fn run_with(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&RunProgress),
 ) -> Result<Done, Report> {
-    let Extras { past, planned, sinks, recorder, told, recording, bar } = extras;
+    let Extras { past, mut damage, planned, sinks, recorder, told, recording, bar } = extras;
     let Composition { config, file, scene, robots, sensors, truth, script, bridges, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
@@ -229,7 +231,7 @@ pub(crate) fn run_with(
     let mut specs = vec![sinks::journal(&journal)];
     specs.extend(sinks::rings(&config, folder, motors.clone()));
     specs.extend(sinks::tracks(&config, folder, motors).map_err(Report::msg)?);
-    specs.extend(sinks::frames(&config, folder).map_err(Report::msg)?);
+    specs.extend(sinks::frames(&config, folder, &mut damage).map_err(Report::msg)?);
     specs.extend(bar.map(sinks::terminal));
     let on = recording.as_ref().map_or_else(|| Arc::new(AtomicBool::new(true)), |r| r.on.clone());
     specs.extend(sinks::recorder(&config, folder, recorder, on));
@@ -237,6 +239,9 @@ pub(crate) fn run_with(
     specs.extend(sinks);
     let taps =
         Taps::spawn(config.clock_kind(), specs).map_err(Report::msg).wrap_err("the run's folder can't be written")?;
+    // in the journal, too: the next process to resume finds no trace of it where the files were continued
+    let begins = past.as_ref().map_or(Time::ZERO, |past| past.at);
+    damage.into_iter().for_each(|text| taps.event(begins, Event::Warning { text }));
     if let Some(recording) = recording {
         recording.open(taps.clone(), recorder_settings(&config, folder));
     }
@@ -262,6 +267,8 @@ pub(crate) fn run_with(
     let (at, reason) =
         end.as_ref().map_or((Time::ZERO, "failed to start".to_owned()), |e| (e.ended_at, e.reason.to_string()));
     let reports = taps.finish(at, Event::Ended { reason });
+    // whoever recorded closes its file
+    drop(taps);
     let end = end.map_err(|e| Report::msg(e.to_string()))?;
     // an error says by itself why something is missing
     let dropped: Vec<_> = reports.iter().filter(|r| r.error.is_none()).map(|r| (r.name.clone(), r.dropped)).collect();
@@ -282,6 +289,10 @@ pub(crate) fn run_with(
     let text = serde_json::to_string_pretty(&summary(&done)).into_diagnostic()?;
     // it is printed as well
     done.complaints.extend(folder.write("summary.json", &text).err().map(|e| e.message().to_owned()));
+    if done.whole {
+        done.complaints.extend(journal.seal_files(&folder.now()).err());
+    }
+    done.complaints.extend(folder.renamed());
     Ok(done)
 }
 

@@ -69,7 +69,8 @@ pub use all::{ALL, InvariantEntry, Wants, judged, wants_poses};
 pub use poses::JudgedPoses;
 pub use summary::{RunSummary, summary};
 
-use crate::record::journal::{JournalError, JournalLine, read};
+use crate::record::files;
+use crate::record::journal::{JournalError, JournalLine, JournalLines, read};
 use mobee_contract::{Event, Pose, Time};
 use poses::Merge;
 use serde::Serialize;
@@ -110,11 +111,56 @@ pub struct CheckReport {
     pub truncated: Option<JournalError>,
     /// The measured poses beside it.
     pub poses: JudgedPoses,
+    /// The files of the run.
+    pub files: JudgedFiles,
     /// Broken invariants, by line.
     pub violations: Vec<Violation>,
 }
 
-/// Verifies the chain of a journal (its file or its run's folder), and the invariants.
+/// What became of a run's files since it ended.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct JudgedFiles {
+    /// Files that are as they were when the run ended.
+    pub whole: usize,
+    /// What is wrong with others, in words.
+    pub damage: Vec<String>,
+    /// Why they are not judged, if they are not.
+    pub unjudged: Option<String>,
+}
+
+impl CheckReport {
+    /// Whether something of the record is damaged, which nothing but a crash's unfinished end excuses.
+    pub fn is_damaged(&self) -> bool {
+        let torn = !self.poses.wrong.is_empty();
+        !self.files.damage.is_empty() || self.poses.is_damaged || torn && self.ended.is_some()
+    }
+}
+
+/// Judges the files of a run by the digests that it left when it ended.
+fn judge_files(path: &Path, dir: &Path, lines: &JournalLines, report: &CheckReport) -> JudgedFiles {
+    let unjudged = |why: &str| JudgedFiles { unjudged: Some(why.into()), ..JudgedFiles::default() };
+    if report.ended.is_none() {
+        return unjudged("the run did not end in order");
+    }
+    let (seal, must) = lines.seal();
+    let Some(seal) = seal else {
+        let damage = if must && path.is_dir() { vec!["journal.seal is missing".to_owned()] } else { Vec::new() };
+        return JudgedFiles { damage, ..unjudged("no seal is beside the journal") };
+    };
+    let Some(digest) = &seal.files else {
+        let mut files =
+            unjudged("the run left no digests (an older version, a full disk, or its process was ended last of all)");
+        files.damage.extend((!seal.is_whole).then(|| "journal.seal is not as it was written".into()));
+        return files;
+    };
+    let (whole, mut damage) = files::judge(dir, digest);
+    if !seal.is_whole || seal.events != report.events {
+        damage.push("journal.seal is not as it was when the run ended".into());
+    }
+    JudgedFiles { whole, damage, unjudged: None }
+}
+
+/// Verifies the chain of a journal (its file or its run's folder), the invariants, and the run's files if it ended in order.
 ///
 /// # Errors
 /// If it can't be opened, or is not as it was written. A journal that merely stops in mid-line is reported on.
@@ -122,7 +168,8 @@ pub fn check(path: &Path) -> Result<CheckReport, JournalError> {
     let (mut checker, mut merge) = (Checker::default(), Merge::default());
     let mut report = CheckReport::default();
     let dir = if path.is_dir() { path } else { path.parent().unwrap_or(path) };
-    for line in read(path)? {
+    let mut lines = read(path)?;
+    for line in lines.by_ref() {
         match line {
             Ok(line) => {
                 merge.until(line.at, &mut checker);
@@ -140,6 +187,7 @@ pub fn check(path: &Path) -> Result<CheckReport, JournalError> {
     merge.until(Time(u64::MAX), &mut checker);
     report.poses = merge.end();
     (report.ended, report.violations) = checker.end();
+    report.files = judge_files(path, dir, &lines, &report);
     Ok(report)
 }
 
@@ -231,6 +279,7 @@ impl Checker {
         match &line.event {
             Event::Robot { robot, .. } => self.robots.push(robot.clone()),
             Event::Ended { reason } => self.ended = Some(reason.clone()),
+            Event::Resumed { .. } => self.ended = None,
             _ => {}
         }
     }

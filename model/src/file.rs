@@ -4,11 +4,13 @@
 //! code that reads what a user named opens it here.
 
 use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Result};
+use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom};
 use std::path::Path;
 
 /// Bytes in a MiB.
 pub const MIB: u64 = 1 << 20;
+/// Bytes that [`find_record`] looks at before it reads on.
+const SEARCHED_AT_ONCE: u64 = 1 << 16;
 
 /// Opens a regular file for reading.
 ///
@@ -117,6 +119,37 @@ pub fn path_remedy(path: &Path) -> Option<&'static str> {
     }
 }
 
+/// The first place in a file, from `from` on, at which `is_record` accepts the `N` bytes there. Readers of records resume with it behind
+/// damage: a record has a length and a checksum, so that other bytes are not taken for one.
+///
+/// # Errors
+/// If the file can't be read, or `is_record` returns an error.
+pub fn find_record<const N: usize>(
+    file: &File,
+    from: u64,
+    mut is_record: impl FnMut(u64, &[u8; N]) -> Result<bool>,
+) -> Result<Option<u64>> {
+    let mut at = from;
+    loop {
+        let mut window = Vec::new();
+        let mut reader = file;
+        reader.seek(SeekFrom::Start(at))?;
+        reader.take(SEARCHED_AT_ONCE).read_to_end(&mut window)?;
+        for (place, bytes) in (at..).zip(window.windows(N)) {
+            if let Ok(bytes) = bytes.try_into()
+                && is_record(place, bytes)?
+            {
+                return Ok(Some(place));
+            }
+        }
+        if (window.len() as u64) < SEARCHED_AT_ONCE {
+            return Ok(None);
+        }
+        // a record may begin in the last bytes of this window
+        at += window.len().saturating_sub(N - 1).max(1) as u64;
+    }
+}
+
 /// A number of bytes for people.
 fn size(bytes: u64) -> String {
     if bytes.is_multiple_of(MIB) { format!("{} MiB", bytes / MIB) } else { format!("{bytes} bytes") }
@@ -162,6 +195,22 @@ mod tests {
             assert!(of(path).contains("in full"), "{}", of(path));
         }
         assert!(!of("a/b.csv").contains(';'));
+    }
+
+    #[test]
+    fn a_record_is_found_wherever_it_begins() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("f");
+        let edge = SEARCHED_AT_ONCE as usize;
+        for place in [0, 1, edge - 3, edge - 2, edge - 1, edge, 3 * edge + 5] {
+            let mut bytes = vec![b'.'; 3 * edge + 9];
+            bytes[place..place + 4].copy_from_slice(b"here");
+            std::fs::write(&path, &bytes).unwrap();
+            let file = open(&path).unwrap();
+            let find =
+                |from: usize| find_record(&file, from as u64, |_, bytes: &[u8; 4]| Ok(bytes == b"here")).unwrap();
+            assert_eq!((find(0), find(place), find(place + 1)), (Some(place as u64), Some(place as u64), None));
+        }
     }
 
     #[test]

@@ -1,15 +1,33 @@
 //! Maps that a behavior names by their settings: built when they are first asked for, and kept in the user's cache.
+//!
+//! ```text
+//! {"inputs":"<digest of builder's version, settings, robot and world>","map_sha256":"<digest of what follows>"}
+//! the map, as `mobee roadmap build` writes it
+//! ```
+//! A map that is not what its first line says, or not one for these settings, is built again. A map is used as it is read, so that the run
+//! that builds it is the run that later finds it.
 
 use super::build::map;
-use super::part::inputs;
-use super::{load_for, robot, save, scene};
+use super::part::{VERSION, inputs};
+use super::{LONGEST, robot, save_text, scene};
 use crate::config::{Complaints, ConfigError};
 use miette::Report;
 use mobee_behaviors::map_file::{MapFile, robot_digest, world_digest};
-use mobee_behaviors::table_map::{Growth, PoseSearch};
+use mobee_behaviors::table_map::{Growth, PoseSearch, TableMapPlan};
+use mobee_model::file::read_text;
 use mobee_model::{Robot, Scene};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// The first line of a cached map.
+#[derive(Serialize, Deserialize, PartialEq)]
+struct Head {
+    inputs: String,
+    map_sha256: String,
+}
 
 /// The map that these settings describe.
 ///
@@ -24,25 +42,62 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
     let scene = scene(&settings.robot, settings.world.as_deref()).map_err(|e| unusable(e.to_string()))?;
     let robot = robot(&scene).map_err(|e| unusable(e.to_string()))?;
     let plan = Arc::new(settings.plan(robot).map_err(|e| super::build::complaints(&source, e))?);
-    let kept = place(&inputs(&format!("{plan:?}"), &robot_digest(robot), &world_digest(&scene)));
-    if let Some(map) = kept.as_deref().and_then(|kept| load_for(kept, robot).ok()) {
-        return Ok(map);
+    let inputs = inputs(&format!("{VERSION} {plan:?}"), &robot_digest(robot), &world_digest(&scene));
+    let kept = place(&inputs);
+    match kept.as_deref().map(|kept| cached(kept, &inputs, &scene, &plan)) {
+        Some(Ok(Some(map))) => return Ok(map),
+        Some(Err(why)) => {
+            let at = kept.as_deref().unwrap_or(path).display();
+            eprintln!("warning: the map in the cache is not used, and is built again: {at}: {why}");
+        }
+        Some(Ok(None)) | None => {}
     }
     eprintln!("building the map of {} (about a minute; it is kept in the cache for the next time)", path.display());
-    let map = built(&scene, robot, &plan).map_err(|e| unusable(e.to_string()))?;
+    let text = built(&scene, robot, &plan).map_err(|e| unusable(e.to_string()))?.text();
+    let map = MapFile::parse(&text).map_err(|e| unusable(e.what))?;
     if let Some(kept) = kept {
+        let head = serde_json::to_string(&Head { inputs, map_sha256: digest(&text) }).unwrap_or_default();
         // whoever has no cache builds it again
         let saved = kept.parent().is_some_and(|folder| std::fs::create_dir_all(folder).is_ok());
-        let _ = saved.then(|| save(&kept, &map));
+        let _ = saved.then(|| save_text(&kept, &format!("{head}\n{text}")));
     }
     Ok(map)
 }
 
-fn built(
-    scene: &Scene,
-    robot: &Robot,
-    plan: &Arc<mobee_behaviors::table_map::TableMapPlan>,
-) -> Result<MapFile, Report> {
+/// The map in the cache, if there is one.
+///
+/// # Errors
+/// Why it is not the one that is asked for, in words.
+fn cached(kept: &Path, inputs: &str, scene: &Scene, plan: &TableMapPlan) -> Result<Option<MapFile>, String> {
+    let text = match read_text(kept, LONGEST) {
+        Ok(text) => text,
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(e.to_string()),
+    };
+    let (head, text) = text.split_once('\n').unwrap_or_default();
+    let head: Head = serde_json::from_str(head).map_err(|_| "it does not begin as a map in the cache")?;
+    if head.inputs != inputs {
+        return Err("it was built from other settings, for another robot or world, or by another version".into());
+    }
+    if head.map_sha256 != digest(text) {
+        return Err("it was changed since it was built".into());
+    }
+    let map = MapFile::parse(text).map_err(|e| e.what)?;
+    let robot = robot(scene).map_err(|e| e.to_string())?;
+    map.check(robot).map_err(|e| e.what)?;
+    let motors = plan.motors.iter().filter_map(|m| robot.motors.get(*m)).map(|m| m.name.clone());
+    let hand = robot.markers.get(plan.hand).map(|m| m.name.clone());
+    if map.hand != hand || map.world_sha256 != Some(world_digest(scene)) || !motors.eq(map.motors.iter().cloned()) {
+        return Err("it has another hand, other motors, or another world".into());
+    }
+    Ok(Some(map))
+}
+
+fn digest(text: &str) -> String {
+    Sha256::digest(text).iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn built(scene: &Scene, robot: &Robot, plan: &Arc<TableMapPlan>) -> Result<MapFile, Report> {
     let mut search = PoseSearch::new(scene, Arc::clone(plan)).map_err(|e| miette::miette!("{e}"))?;
     let mut growth = Growth::new(plan, &robot.home());
     while let Some(wish) = growth.next() {

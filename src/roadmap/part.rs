@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// How long it may be, bytes.
 const LONGEST: u64 = 256 * MIB;
 /// To be raised when a search finds other poses for the same settings.
-const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 1;
 /// Lines are written this many at a time: so much is lost at most.
 const LINES: usize = 50;
 

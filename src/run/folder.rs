@@ -2,17 +2,23 @@
 
 use crate::config::ConfigError;
 use mobee_contract::{Before, create_private};
-use std::fs::{DirBuilder, Permissions};
+use std::fs::{DirBuilder, File, Permissions};
 use std::io::{self, ErrorKind, Write};
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Only its owner may look into it or write to it: it holds the way to the control port.
 const OWNER: u32 = 0o700;
 
 /// A new folder for one run.
 #[derive(Clone, Debug)]
-pub struct Folder(PathBuf);
+pub struct Folder {
+    path: PathBuf,
+    /// The folder itself, under whatever name.
+    handle: Arc<File>,
+}
 
 impl Folder {
     /// Makes `out`, or `runs/NAME-TIME` below the working directory.
@@ -25,7 +31,7 @@ impl Folder {
             None => unused(name)?,
         };
         take(&path)?;
-        Ok(Folder(path))
+        Folder::at(path)
     }
 
     /// The folder of a run that goes on.
@@ -35,7 +41,25 @@ impl Folder {
     pub fn of_run(path: &Path) -> Result<Folder, ConfigError> {
         Folder::must_be_run(path)?;
         take(path)?;
-        Ok(Folder(path.to_owned()))
+        Folder::at(path.to_owned())
+    }
+
+    fn at(path: PathBuf) -> Result<Folder, ConfigError> {
+        let handle = File::open(&path).map_err(|e| unmade(&path, &e))?;
+        Ok(Folder { path, handle: Arc::new(handle) })
+    }
+
+    /// Where it is now: whoever renames it in mid-run finds all files of the run in it.
+    pub(crate) fn now(&self) -> PathBuf {
+        let handle = PathBuf::from(format!("/proc/self/fd/{}", self.handle.as_raw_fd()));
+        if handle.exists() { handle } else { self.path.clone() }
+    }
+
+    /// That it has another name now, in words.
+    pub(crate) fn renamed(&self) -> Option<String> {
+        let (now, own) = (self.now().canonicalize().ok()?, self.path.canonicalize().ok());
+        (Some(&now) != own.as_ref())
+            .then(|| format!("the run's folder was renamed while it was under way: to {}", now.display()))
     }
 
     /// Sees that a folder is a run's; nothing is written.
@@ -54,12 +78,12 @@ impl Folder {
     pub fn unused(&self, name: &str, extension: &str) -> PathBuf {
         let names =
             std::iter::once(format!("{name}.{extension}")).chain((2..).map(|n| format!("{name}-{n}.{extension}")));
-        names.map(|n| self.0.join(n)).find(|p| !p.exists()).unwrap_or_default()
+        names.map(|n| self.path.join(n)).find(|p| !p.exists()).unwrap_or_default()
     }
 
     /// Its path.
     pub fn path(&self) -> &Path {
-        &self.0
+        &self.path
     }
 
     /// Writes a file whole or not at all.
@@ -67,9 +91,10 @@ impl Folder {
     /// # Errors
     /// If the disk refuses.
     pub fn write(&self, name: &str, text: &str) -> Result<(), ConfigError> {
-        let (part, file) = (self.0.join(format!("{name}.part")), self.0.join(name));
+        let (now, file) = (self.now(), self.path.join(name));
+        let part = now.join(format!("{name}.part"));
         let write = || create_private(&part, Before::Empty)?.write_all(text.as_bytes());
-        write().and_then(|()| std::fs::rename(&part, &file)).map_err(|e| {
+        write().and_then(|()| std::fs::rename(&part, now.join(name))).map_err(|e| {
             let _ = std::fs::remove_file(&part);
             ConfigError::plain(format!("can't write {}: {e}", file.display()), "check the disk's space and permissions")
         })

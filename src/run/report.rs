@@ -65,9 +65,15 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
         row("attention", what.clone());
     }
     let path = folder.path().display();
+    let is_there = folder.path().join(mobee_actors::record::journal::FILE).exists();
     if done.end.reason == Reason::NoJournal {
-        println!("\n  the journal could no longer be written, so the robots were brought to rest; once it can be:");
-        println!("  mobee run --resume {path}");
+        println!("\n  the journal could no longer be written, so the robots were brought to rest");
+    }
+    if done.end.reason == Reason::NoJournal && is_there {
+        println!("  once it can be: mobee run --resume {path}");
+    }
+    if !is_there {
+        return Ok(());
     }
     println!(
         "\n  mobee check {path}      verify the journal and the invariants\n  mobee view {path}       open the recording"

@@ -12,7 +12,7 @@ use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
 use miette::Report;
 use mobee_actors::record::journal::{Journal, JournalLine};
-use mobee_actors::record::{ring, track};
+use mobee_actors::record::{files, ring, track};
 use mobee_actors::system::{Past, RobotSetup};
 use mobee_drivers::SIM;
 use mobee_model::Robot;
@@ -28,6 +28,8 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
     let folder = Folder::of_run(dir)?;
     let (_, stored) = Config::load_resolved(&dir.join("config.json"))?;
     let ended = evidence::summed_up(dir)?;
+    let mut damage: Vec<String> = files::changed(dir);
+    damage.iter_mut().for_each(|what| what.push_str("; the run goes on with what can be read"));
     let mut reaches = ended.is_none();
     let mut past = Past::default();
     let lines = |line: &JournalLine| {
@@ -50,8 +52,15 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
         let help = "the run goes on without what it recorded of its retreat";
         let poses = ring::read(&file).map_err(|e| ConfigError::plain(e, help))?;
         past.recorded(&r.name, evidence::of_robot(&file, model, poses)?);
-        let measured = track::read(&track::file(dir, &r.name)).map_err(|e| ConfigError::plain(e, help))?;
-        past.read_until(measured.into_iter().flatten().map(|reading| reading.told).max());
+        let mut measured = track::read(&track::file(dir, &r.name)).map_err(|e| ConfigError::plain(e, help))?;
+        past.read_until(measured.iter_mut().flatten().map(|reading| reading.told).max());
+        for gap in measured.iter().flat_map(|readings| readings.gaps()).filter(|gap| gap.until.is_some()) {
+            let ((from, to), file) = (gap.bytes, track::file(dir, &r.name));
+            damage.push(format!(
+                "{} is damaged from byte {from} to {to}; the measured poses after it are kept",
+                file.display()
+            ));
+        }
     }
     let mut composition = stand(composition, source, &past)?;
     let (scene, missing) = past.world(composition.scene);
@@ -65,7 +74,7 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
             "warning: the object {name} was created during the run, and no file records its shape: create it again"
         );
     }
-    let extras = Extras { past: Some((journal, past)), ..Extras::default() };
+    let extras = Extras { past: Some((journal, past)), damage, ..Extras::default() };
     conduct(composition, &folder, extras, json, ctl, mpsc::channel(16))
 }
 

@@ -40,7 +40,7 @@ pub(super) fn journal(journal: &Journal) -> SinkSpec {
         poses: None,
         capacity: QUEUE,
         patience: PATIENCE,
-        open: Some(Arc::new(move || Ok(journal.sink()))),
+        open: Some(Arc::new(move || journal.is_in_place().map(|()| journal.sink()))),
     }
 }
 
@@ -87,11 +87,11 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
     }))
 }
 
-/// The frames of sensors that are to keep them. They end before they take the room that the journal needs, as the poses do.
+/// The frames of sensors that are to keep them; those of an earlier process that are damaged are added to `damage`. They end before they take the room that the journal needs, as the poses do.
 ///
 /// # Errors
 /// The file that can't be written, in words.
-pub(super) fn frames(config: &Config, folder: &Folder) -> Result<Option<SinkSpec>, String> {
+pub(super) fn frames(config: &Config, folder: &Folder, damage: &mut Vec<String>) -> Result<Option<SinkSpec>, String> {
     let cameras = config.kept_cameras();
     if cameras.is_empty() {
         return Ok(None);
@@ -101,6 +101,7 @@ pub(super) fn frames(config: &Config, folder: &Folder) -> Result<Option<SinkSpec
         return Ok(None);
     }
     let (frames, dir) = (KeptFrames::open(folder.path(), &cameras)?, folder.path().to_owned());
+    damage.extend(frames.damage().iter().cloned());
     Ok(Some(SinkSpec {
         pictures: Pictures::All(cameras.into()),
         name: "frames".into(),

@@ -210,7 +210,7 @@ fn a_network_that_dies_in_a_run_ends_its_sensor_alone() {
     assert_eq!((&summary["reason"], &summary["counters"]["gave_up"]), (&json!("time"), &json!(1)), "{summary}");
     let why = summary["counters"]["down"]["eyes"].as_str().expect("it is named");
     assert!(why.contains("the network failed on a picture: it needs more than 1024 MiB"), "{why}");
-    assert!(told.contains("gave up") && told.contains("eyes: eyes/left/detector died"), "{told}");
+    assert!(told.contains("gave up") && told.contains("eyes is down: eyes/left/detector died"), "{told}");
     let died = eye.events("died");
     assert!(
         died.len() == 10 && died.iter().all(|e| e["actor"].as_str().is_some_and(|a| a.starts_with("eyes/"))),

@@ -175,3 +175,20 @@ fn what_is_no_map_of_this_robot_is_refused_with_its_place() {
     let wrong = ["roadmap", "build", "configs/behaviors/explore.toml", "--out", text(&bad), "--force"];
     assert!(complaint(&wrong).contains("`table` is missing"));
 }
+
+/// What is replaced with `--force` is a file, and never a device, a pipe or a folder.
+#[test]
+fn only_regular_files_are_replaced() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    let map = at("map.json");
+    build(&map, &[]);
+    let pipe = at("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo").success());
+    for other in [pipe.as_path(), dir.path()] {
+        let told = complaint(&["roadmap", "merge", text(&map), "--out", text(other), "--force"]);
+        assert!(told.contains("not a file"), "{told}");
+        assert!(!other.symlink_metadata().expect("still there").is_file());
+    }
+    answer(&["roadmap", "merge", text(&map), "--out", text(&map), "--force"]);
+}

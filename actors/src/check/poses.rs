@@ -3,8 +3,8 @@
 //! Where readings are missing, since a process died or a disk was full, nothing is held against the robot that only they could
 //! have excused: the checker is told that it sees it no more.
 
-use super::Checker;
-use crate::record::track::{Readings, file, read};
+use super::{Checker, wants_poses};
+use crate::record::track::{Readings, TrackGap, file, read};
 use mobee_contract::Time;
 use std::path::Path;
 
@@ -15,8 +15,27 @@ pub struct JudgedPoses {
     pub readings: u64,
     /// Robots without any.
     pub missing: Vec<String>,
-    /// What is wrong with those that there are, in words.
+    /// What is wrong with those that there are, and what is not judged for it, in words.
     pub wrong: Vec<String>,
+    /// Whether more is wrong than the end that a crash leaves.
+    pub is_damaged: bool,
+}
+
+/// What is not judged of a robot for a part of its measured poses that can't be read.
+fn unjudged(robot: &str, file: &Path, gap: &TrackGap) -> String {
+    let TrackGap { bytes: (from, to), after, until } = gap;
+    let what = match (from == to, until) {
+        (true, _) => format!("readings are missing at byte {from}"),
+        (false, Some(_)) => format!("bytes {from} to {to} are damaged"),
+        (false, None) => format!("nothing can be read from byte {from} on"),
+    };
+    let span = match (after, until) {
+        (None, None) => "at all".to_owned(),
+        (None, Some(until)) => format!("before {until}"),
+        (Some(after), None) => format!("after {after}"),
+        (Some(after), Some(until)) => format!("from {after} to {until}"),
+    };
+    format!("{}: {what}: {} of {robot} are not judged {span}", file.display(), wants_poses())
 }
 
 /// The robots' readings that are still to come.
@@ -52,6 +71,7 @@ impl Merge {
         }
         let readings = read(&file(dir, robot)).unwrap_or_else(|why| {
             self.found.wrong.push(why);
+            self.found.is_damaged = true;
             None
         });
         if readings.is_none() {
@@ -85,8 +105,12 @@ impl Merge {
     /// What there was, once all was told.
     pub fn end(self) -> JudgedPoses {
         let Merge { robots, mut found } = self;
-        let readings = robots.into_iter().filter_map(|robot| robot.readings);
-        found.wrong.extend(readings.filter_map(|readings| readings.cut()));
+        for robot in robots {
+            let Some(readings) = robot.readings else { continue };
+            // a crash leaves an end that can't be read, and nothing behind it
+            found.is_damaged |= readings.gaps().iter().any(|gap| gap.until.is_some());
+            found.wrong.extend(readings.gaps().iter().map(|gap| unjudged(&robot.name, readings.path(), gap)));
+        }
         found
     }
 }

@@ -13,13 +13,19 @@
 //!
 //! What is run, and every outcome of a commit, is on disk before the next event is written (fsync), and the seal beside the journal
 //! says so; a crash loses at most a last, half line.
+//!
+//! Whether the file still stands in its folder, as long as it was written, is looked at before each outcome is written and twice a second:
+//! what is written into a file that was removed is lost, and a run without a journal comes to rest. A folder may be renamed.
 
 mod read;
 mod seal;
 pub use read::{JournalError, JournalLine, JournalLines, read};
+pub(crate) use seal::{Seal, read as read_seal};
 
+use super::files;
 use mobee_contract::{Before, Entry, Event, Sink, Time, create_private};
-use seal::{Seal, Sealed};
+use rustix::fs::{AtFlags, fstat, statat};
+use seal::Sealed;
 use sha2::{Digest, Sha256};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Seek, SeekFrom, Write};
@@ -53,6 +59,8 @@ impl Chain {
 #[derive(Clone, Debug)]
 pub struct Journal {
     path: PathBuf,
+    /// Its folder, under whatever name.
+    folder: Arc<File>,
     book: Arc<Mutex<TransactionState>>,
 }
 
@@ -81,21 +89,22 @@ impl Journal {
             }
             _ => format!("{}: {e}; choose a folder that can be written", path.display()),
         })?;
-        let mut gathered = serde_json::json!({ "aside": aside, "version": VERSION }).to_string().into_bytes();
+        let head = serde_json::json!({ "aside": aside, "sealed": true, "version": VERSION });
+        let mut gathered = head.to_string().into_bytes();
         gathered.push(b'\n');
-        let begin = || -> std::io::Result<TransactionState> {
+        let begin = || -> std::io::Result<(File, TransactionState)> {
             claim(&file)?;
             let seal = Sealed::open(&path)?;
             let mut book = TransactionState { file, seal, len: 0, gathered, n: 0, chain: Chain::default() };
             book.spill(true)?;
-            Ok(book)
+            Ok((File::open(dir)?, book))
         };
-        let book = begin().map_err(|e| {
+        let (folder, book) = begin().map_err(|e| {
             // nothing half-made stays
             let _ = (std::fs::remove_file(&path), std::fs::remove_file(seal::file(&path)));
             refused(&path, &e)
         })?;
-        Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
+        Ok(Journal { path, folder: Arc::new(folder), book: Arc::new(Mutex::new(book)) })
     }
 
     /// Opens the journal of a run that goes on: every line is verified and handed to `past`, and a half line at the end, as a
@@ -136,13 +145,42 @@ impl Journal {
         let file = file.map_err(refused)?;
         file.set_len(len).map_err(refused)?;
         let seal = Sealed::open(&path).map_err(refused)?;
+        let folder = File::open(dir).map_err(refused)?;
         let book = TransactionState { file, seal, len, gathered: Vec::new(), n, chain };
-        Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
+        Ok(Journal { path, folder: Arc::new(folder), book: Arc::new(Mutex::new(book)) })
     }
 
     /// The sink that writes it. A new one continues where the last one failed.
     pub fn sink(&self) -> Box<dyn Sink> {
         Box::new(self.clone())
+    }
+
+    /// Whether its file is where it was made, and has all that was written.
+    ///
+    /// # Errors
+    /// What became of it, in words.
+    pub fn is_in_place(&self) -> Result<(), String> {
+        self.lock().is_in_place(&self.folder).map_err(|what| self.gone(what))
+    }
+
+    /// Seals the run's files: writes their digests beside the journal, and the digest of those into its seal. To be called once the run has
+    /// ended in order and all files are written.
+    ///
+    /// # Errors
+    /// If a file can't be read, or the digests can't be written.
+    pub fn seal_files(&self, dir: &Path) -> Result<(), String> {
+        let explain = |e: std::io::Error| format!("{}: {e}; damage to this run's files can't be noticed", files::FILE);
+        let digest = files::write(dir).map_err(explain)?;
+        let mut book = self.lock();
+        let seal = Seal { files: Some(digest), ..book.sealed() };
+        book.seal.write(&seal).map_err(explain)
+    }
+
+    fn gone(&self, what: &str) -> String {
+        format!(
+            "{} {what} while the run was under way: what the robots do can't be recorded any more",
+            self.path.display()
+        )
     }
 
     /// The hash of the last line, in hexadecimal: the final hash once the taps have finished.
@@ -155,9 +193,10 @@ impl Journal {
         self.lock().n
     }
 
-    /// Whether all that it was told is in its file; not so on a disk that is full.
+    /// Whether all that it was told is in its file; not so on a disk that is full, or if the file was removed.
     pub fn is_whole(&self) -> bool {
-        self.lock().gathered.is_empty()
+        let book = self.lock();
+        book.gathered.is_empty() && book.is_in_place(&self.folder).is_ok()
     }
 
     /// The file.
@@ -220,7 +259,6 @@ impl Sink for Journal {
         let text = event_text(event)?;
         let mut book = self.lock();
         let before = (book.gathered.len(), book.n, book.chain);
-        book.append(at, &text);
         let durable = matches!(
             **event,
             Event::Started { .. }
@@ -229,6 +267,10 @@ impl Sink for Journal {
                 | Event::Outcome { .. }
                 | Event::Ended { .. }
         );
+        if durable {
+            book.is_in_place(&self.folder).map_err(|what| self.gone(what))?;
+        }
+        book.append(at, &text);
         if durable || book.gathered.len() >= GATHER {
             let end = book.spill(durable);
             if end.is_err() {
@@ -243,6 +285,7 @@ impl Sink for Journal {
     }
 
     fn flush(&mut self) -> Result<(), String> {
+        self.is_in_place()?;
         let end = self.lock().spill(false);
         end.map_err(|e| self.explain(e))
     }
@@ -257,6 +300,22 @@ impl TransactionState {
         self.gathered.extend_from_slice(line.as_bytes());
     }
 
+    /// What its seal says of it now.
+    fn sealed(&self) -> Seal {
+        Seal { events: self.n, hash: self.chain.hex(), files: None, is_whole: true }
+    }
+
+    /// Whether the file is in its folder, and has all that was written.
+    fn is_in_place(&self, folder: &File) -> Result<(), &'static str> {
+        let own = fstat(&self.file).map_err(|_| "can't be read")?;
+        match statat(folder, FILE, AtFlags::SYMLINK_NOFOLLOW) {
+            Ok(there) if (there.st_dev, there.st_ino) != (own.st_dev, own.st_ino) => Err("was replaced"),
+            Ok(there) if u64::try_from(there.st_size).unwrap_or(0) < self.len => Err("was truncated"),
+            Ok(_) => Ok(()),
+            Err(_) => Err("was removed"),
+        }
+    }
+
     /// Writes what was gathered. If that fails the file may end with a half line, which the next try overwrites.
     fn spill(&mut self, durable: bool) -> std::io::Result<()> {
         if !self.gathered.is_empty() {
@@ -265,7 +324,8 @@ impl TransactionState {
         }
         if durable {
             self.file.sync_data()?;
-            self.seal.write(&Seal { events: self.n, hash: self.chain.hex() })?;
+            let seal = self.sealed();
+            self.seal.write(&seal)?;
         }
         self.len += self.gathered.len() as u64;
         self.gathered.clear();

@@ -1,8 +1,8 @@
 //! The measured poses of a run, beside its journal: what invariants are judged by that no event tells.
 //!
 //! ```text
-//! "mobee track 1\n", motors u32 | frame | frame | ...        little endian; one file per robot, poses-ROBOT.track
-//! frame: length u32, records, CRC-32 of them                 a crash at any byte costs the last frame at most
+//! "mobee track 2\n", motors u32 | frame | frame | ...        little endian; one file per robot, poses-ROBOT.track
+//! frame: length u32, records, CRC-32 of them                 a crash at any byte costs the last frame at most, damage its own
 //! ```
 //! Every reading is kept while a commit is open, the robot's filter is not at rest, or a motor leaves its place, from sixteen readings before; else one
 //! a second. Positions are rounded to [`QUANTUM`]. A motor that moves costs two bytes a reading as a rule, one that rests one byte; no
@@ -11,7 +11,7 @@
 
 mod frame;
 mod read;
-pub use read::{Readings, TrackReading, read};
+pub use read::{Readings, TrackGap, TrackReading, read};
 
 use frame::{Frame, HEADER, header};
 use mobee_contract::{Before, Entry, Event, Pose, Sink, Status, Time, create_private};
@@ -54,7 +54,7 @@ pub struct Tracks(Arc<Mutex<Vec<Track>>>);
 
 impl Tracks {
     /// Begins a file per robot (its name, motors, and the tolerance within which it is in its place, rad), or goes on in that of an
-    /// earlier process, whose last frame is cut off if it is not whole.
+    /// earlier process, whose last frame is cut off if it is not whole. What is damaged before stays as it is.
     ///
     /// # Errors
     /// The file that can't be written or is none of these, in words.
@@ -142,7 +142,13 @@ impl Track {
         let mut whole = 0;
         if let Some(mut readings) = read(&path)? {
             readings.by_ref().for_each(drop);
-            whole = if readings.motors() == motors { readings.whole() } else { 0 };
+            if readings.motors() != motors {
+                let (at, of) = (path.display(), readings.motors());
+                return Err(format!(
+                    "{at}: it has the measured poses of {of} motors, and {robot} has {motors}; put back the file as it was written, or take it away"
+                ));
+            }
+            whole = readings.whole();
         }
         let mut file = create_private(&path, Before::Keep).map_err(explain)?;
         file.set_len(whole).map_err(explain)?;

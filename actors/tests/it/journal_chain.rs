@@ -1,6 +1,6 @@
 //! The journal: every change shows, every crash leaves a readable file (I12), equal runs have equal hashes (I13).
 
-use mobee_actors::record::journal::{Journal, JournalError, JournalLine, NOT_FINITE, VERSION, read};
+use mobee_actors::record::journal::{FILE, Journal, JournalError, JournalLine, NOT_FINITE, VERSION, read};
 use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_contract::{CommitId, Entry, Event, Outcome, Time};
@@ -216,5 +216,37 @@ proptest! {
         std::fs::write(&path, &text).unwrap();
         let clean = head && bytes.is_empty();
         prop_assert_eq!(lines(&path).is_ok(), clean);
+    }
+}
+
+/// What is written into a file that nobody can open any more is lost; a folder of another name holds it as well.
+#[test]
+fn a_journal_that_is_taken_away_is_noticed_at_an_outcome_and_when_nothing_happens() {
+    type Harm = fn(&std::path::Path);
+    let harms: [(&str, Harm); 4] = [
+        ("was removed", |dir| std::fs::remove_file(dir.join(FILE)).unwrap()),
+        ("was removed", |dir| std::fs::remove_dir_all(dir).unwrap()),
+        ("was truncated", |dir| drop(std::fs::File::create(dir.join(FILE)).unwrap())),
+        ("was replaced", |dir| {
+            std::fs::copy(dir.join(FILE), dir.join("copy")).unwrap();
+            std::fs::rename(dir.join("copy"), dir.join(FILE)).unwrap();
+        }),
+    ];
+    for (expected, harm) in harms {
+        let parent = tempfile::tempdir().unwrap();
+        let (first, dir) = (parent.path().join("first"), parent.path().join("renamed"));
+        std::fs::create_dir(&first).unwrap();
+        let journal = write(&first, "a");
+        let mut sink = journal.sink();
+        std::fs::rename(&first, &dir).unwrap();
+        let event = || Entry::Event(Arc::new(outcome(7, vec![0.0])));
+        sink.write(Time(9), &event()).unwrap();
+        sink.flush().unwrap();
+        assert!(journal.is_whole());
+        let before = journal.hash();
+        harm(&dir);
+        assert!(sink.write(Time(10), &event()).is_err_and(|e| e.contains(expected)), "{expected}");
+        assert!(sink.flush().is_err_and(|e| e.contains(expected)), "{expected}");
+        assert_eq!((journal.hash(), journal.is_whole()), (before, false), "what is not written does not count");
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! "mobee frames 1\n" | record | record | ...       little endian; the file SENSOR.CAMERA.frames
-//! record: length u32, head, PNG, CRC-32 of these   a crash at any byte costs the last frame at most
+//! record: length u32, head, PNG, CRC-32 of these   a crash at any byte costs the last frame at most, damage its own
 //! head:   exposed (ns of the run) u64, width and height u32, focal lengths, center and distortion f64
 //! ```
 //! `length` is that of head and PNG. PNG, since a detector that looks again is to see the same bytes; one file, since eight hours of two
@@ -39,17 +39,30 @@ pub(super) fn file(run: &Path, camera: &str) -> PathBuf {
 
 /// Writes the frames of a run. Clones share it: one is kept to open its sink anew.
 #[derive(Clone, Debug)]
-pub struct KeptFrames(Arc<Mutex<BTreeMap<String, FrameFile>>>);
+pub struct KeptFrames {
+    files: Arc<Mutex<BTreeMap<String, FrameFile>>>,
+    damage: Arc<[String]>,
+}
 
 impl KeptFrames {
     /// Begins a file for each of these cameras in the run's folder, or goes on in that of an earlier process, whose last frame is cut off
-    /// if it is not whole.
+    /// if it is not whole. What is damaged before that stays as it is, see [`KeptFrames::damage`].
     ///
     /// # Errors
     /// The file that can't be written or is none of these, in words.
     pub fn open(run: &Path, cameras: &[String]) -> Result<KeptFrames, String> {
-        let files = cameras.iter().map(|camera| Ok((camera.clone(), FrameFile::open(file(run, camera))?)));
-        Ok(KeptFrames(Arc::new(Mutex::new(files.collect::<Result<_, String>>()?))))
+        let (mut files, mut damage) = (BTreeMap::new(), Vec::new());
+        for camera in cameras {
+            let (file, damaged) = FrameFile::open(file(run, camera))?;
+            files.insert(camera.clone(), file);
+            damage.extend(damaged);
+        }
+        Ok(KeptFrames { files: Arc::new(Mutex::new(files)), damage: damage.into() })
+    }
+
+    /// What of the frames of earlier processes can't be read, in words.
+    pub fn damage(&self) -> &[String] {
+        &self.damage
     }
 
     /// The sink that writes them. A new one continues where the last one failed.
@@ -61,7 +74,7 @@ impl KeptFrames {
 impl Sink for KeptFrames {
     fn write(&mut self, _: Time, entry: &Entry) -> Result<(), String> {
         let Entry::Picture { camera, seen } = entry else { return Ok(()) };
-        let mut files = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
         files.get_mut(&**camera).map_or(Ok(()), |file| file.put(&seen.frame))
     }
 
@@ -80,21 +93,22 @@ struct FrameFile {
 }
 
 impl FrameFile {
-    fn open(path: PathBuf) -> Result<FrameFile, String> {
+    /// Opens a camera's file, and names what is damaged in it.
+    fn open(path: PathBuf) -> Result<(FrameFile, Vec<String>), String> {
         let explain = |e: std::io::Error| format!("{}: {e}; choose a folder that can be written", path.display());
         let before = if path.exists() {
             FrameReader::of(&path).map_err(|(what, help)| format!("{what}; {help}"))?
         } else {
             None
         };
-        let mut len = before.map_or(0, FrameReader::whole);
+        let (mut len, damage) = before.map_or_else(Default::default, FrameReader::whole);
         let mut file = create_private(&path, Before::Keep).map_err(explain)?;
         file.set_len(len).map_err(explain)?;
         if len == 0 {
             file.write_all(&[MAGIC.as_slice(), VERSION].concat()).map_err(explain)?;
             len = START;
         }
-        Ok(FrameFile { path, file, len })
+        Ok((FrameFile { path, file, len }, damage))
     }
 
     /// Adds a frame. If that fails the file may end with a part of it, which the next one overwrites.

@@ -40,6 +40,8 @@ pub struct RecordedCamera {
     mount: Option<CameraMount>,
     /// How much later it is than in the run: nothing, but for repetitions.
     later: Duration,
+    /// Damaged places of the file that were logged.
+    told: usize,
     /// The last two exposures.
     last: [Time; 2],
     /// Until the next one.
@@ -64,6 +66,7 @@ impl RecordedCamera {
             repeats: settings.repeat,
             mount: None,
             later: Duration::ZERO,
+            told: 0,
             last: [Time::ZERO; 2],
             wait: Duration::ZERO,
             skipped: None,
@@ -77,22 +80,32 @@ impl RecordedCamera {
         let Some(next) = self.next.filter(|next| next.exposed + self.later <= now) else { return Ok(None) };
         let given = next.later(self.later);
         self.last = [self.last[1], next.exposed];
-        self.next = self.reader.next_frame()?;
+        self.next = self.read_on()?;
         if self.next.is_none() && self.repeats {
             self.begin_anew(now)?;
         }
         Ok(Some(given))
     }
 
-    /// The first frame comes as long after the last one as that came after the one before.
+    /// The next frame of the file; what is damaged before it is logged.
+    fn read_on(&mut self) -> Result<Option<KeptFrame>, String> {
+        let next = self.reader.next_frame()?;
+        let damage = self.reader.damage();
+        damage.get(self.told..).unwrap_or_default().iter().for_each(|what| tracing::warn!("{what}"));
+        self.told = self.told.max(damage.len());
+        Ok(next)
+    }
+
+    /// The first frame comes as long after the last one as that came after the one before; after a second, if there is no other.
     fn begin_anew(&mut self, now: Time) -> Result<(), String> {
         let [before, last] = self.last;
-        let length = last.since(Time::ZERO) + last.since(before).max(FASTEST);
+        let interval = Some(last.since(before)).filter(|interval| !interval.is_zero()).unwrap_or(SLOWEST);
+        let length = last.since(Time::ZERO) + interval.max(FASTEST);
         // who asks too late has missed whole repetitions
         let missed = now.since(Time::ZERO).saturating_sub(self.later).as_nanos() / length.as_nanos().max(1);
         self.later = self.later.saturating_add(length.saturating_mul(u32::try_from(missed.max(1)).unwrap_or(u32::MAX)));
         self.reader.rewind();
-        self.next = self.reader.next_frame()?;
+        self.next = self.read_on()?;
         Ok(())
     }
 

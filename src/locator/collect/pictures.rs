@@ -48,6 +48,9 @@ pub(super) fn write(
             let png = reader.png(&frame).map_err(unread)?;
             std::fs::write(part.path().join(format!("{row:05}_{name}.png")), png).map_err(unwritable)?;
         }
+        for damage in reader.damage() {
+            eprintln!("warning: {damage}");
+        }
         if let Some((at, row)) = rows.first_key_value() {
             let what = format!(
                 "{}: of {camera}, the frames of {} rows are missing, the first of row {row}, exposed at {at}",
@@ -56,7 +59,7 @@ pub(super) fn write(
             );
             return Err(ConfigError::plain(
                 what,
-                "leave out --images: frames were dropped, or not kept from the beginning",
+                "leave out --images: frames were dropped, damaged, or not kept from the beginning",
             ));
         }
     }

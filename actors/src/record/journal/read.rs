@@ -57,6 +57,8 @@ pub struct JournalLines {
     chain: Chain,
     /// What its seal says that there is, if it has one.
     seal: Option<Seal>,
+    /// Whether its first line says that it has a seal.
+    is_sealed: bool,
     /// Bytes of the lines that were good.
     good: u64,
     failed: bool,
@@ -68,6 +70,9 @@ pub struct JournalLines {
 struct Head {
     #[serde(default = "first_version")]
     version: u32,
+    /// Whether a seal belongs to it, as in all runs since there are digests of their files.
+    #[serde(default)]
+    sealed: bool,
 }
 
 /// The version of journals that tell none.
@@ -103,7 +108,8 @@ pub fn read(path: &Path) -> Result<JournalLines, JournalError> {
     let seal = seal::read(&file).map_err(|e| wrong(e, "take it away to go by the journal alone"))?;
     let reader = BufReader::with_capacity(1 << 16, opened);
     let (version, chain) = (first_version(), Chain::default());
-    Ok(JournalLines { file, version, reader, line: 0, n: 0, chain, seal, good: 0, failed: false, text: Vec::new() })
+    let (is_sealed, text) = (false, Vec::new());
+    Ok(JournalLines { file, version, reader, line: 0, n: 0, chain, seal, is_sealed, good: 0, failed: false, text })
 }
 
 impl Iterator for JournalLines {
@@ -123,6 +129,11 @@ impl JournalLines {
     /// The journal's version, which its first line tells: known once a line was read.
     pub fn version(&self) -> u32 {
         self.version
+    }
+
+    /// Its seal, if there is one; and whether there must be one, which its first line tells.
+    pub(crate) fn seal(&self) -> (Option<&Seal>, bool) {
+        (self.seal.as_ref(), self.is_sealed)
     }
 
     /// The bytes of all good lines so far, and the hash over them.
@@ -169,7 +180,7 @@ impl JournalLines {
                 let what = format!("this journal is of version {}; this program reads up to {VERSION}", head.version);
                 return Err(self.error(0, what, "read it with the version of mobee that wrote it"));
             }
-            self.version = head.version;
+            (self.version, self.is_sealed) = (head.version, head.sealed);
             return Ok(None);
         }
         let raw: Raw = serde_json::from_str(text).map_err(|e| {

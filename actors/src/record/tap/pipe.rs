@@ -15,6 +15,8 @@ use std::time::Duration;
 
 /// How long entries may wait for more to come, so that the sink's thread is woken rarely.
 const GATHER: Duration = Duration::from_millis(20);
+/// How often a sink without entries is flushed, in turns of [`GATHER`]: one that can no longer write is to notice though nothing happens.
+const IDLE_TURNS: u32 = 25;
 
 /// How far apart the pictures of one camera are, at least.
 const PICTURES: Duration = Duration::from_millis(200);
@@ -394,7 +396,9 @@ fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> 
             shared.steps.fetch_add(1, Ordering::Relaxed);
             queue = shared.lock();
         }
-        while queue.entries.is_empty() && !queue.closed && queue.threads == mine {
+        let mut turns = 0;
+        while queue.entries.is_empty() && !queue.closed && queue.threads == mine && turns < IDLE_TURNS {
+            turns += 1;
             queue.asleep = true;
             queue = shared.filled.wait_timeout(queue, GATHER).unwrap_or_else(PoisonError::into_inner).0;
             queue.asleep = false;

@@ -4,20 +4,26 @@
 //! record: 0, time ns, lag ns, each position         as they are: the first after the file was opened, or readings were lost
 //!         1, change of the time's step, each step   positions in units of the quantum, steps zigzag
 //!         2, the same with the lag after the time   a reading that was told later than it was read
+//!         3, time, time since the reading before,
+//!            lag, each position                     the first of a frame, as they are: a frame is read without those before
 //! ```
+//! Version 1 has no record of kind 3: its frames can only be read up to the first damage.
 
 use super::{QUANTUM, TrackReading};
 use mobee_contract::{Pose, Time};
 use std::time::Duration;
 
 /// What a file begins with, before its number of motors.
-const MAGIC: &[u8; 14] = b"mobee track 1\n";
+const MAGIC: &[u8; 14] = b"mobee track 2\n";
+/// The same of the version before, which is read and continued, too.
+const MAGIC_1: &[u8; 14] = b"mobee track 1\n";
 /// Bytes before the first frame.
 pub(super) const HEADER: u64 = MAGIC.len() as u64 + 4;
 
 const WHOLE: u8 = 0;
 const STEP: u8 = 1;
 const LATE: u8 = 2;
+const KEY: u8 = 3;
 
 /// The beginning of a file.
 pub(super) fn header(motors: usize) -> Vec<u8> {
@@ -26,7 +32,8 @@ pub(super) fn header(motors: usize) -> Vec<u8> {
 
 /// The motors that a file is of, if this is the beginning of one.
 pub(super) fn motors(header: &[u8]) -> Option<usize> {
-    let number: [u8; 4] = header.strip_prefix(MAGIC)?.try_into().ok()?;
+    let number = header.strip_prefix(MAGIC).or_else(|| header.strip_prefix(MAGIC_1))?;
+    let number: [u8; 4] = number.try_into().ok()?;
     usize::try_from(u32::from_le_bytes(number)).ok()
 }
 
@@ -67,8 +74,14 @@ impl Frame {
             None => {
                 self.bytes.push(WHOLE);
                 number(&mut self.bytes, at);
-                number(&mut self.bytes, lag);
-                q.iter().for_each(|q| number(&mut self.bytes, zigzag(*q)));
+                self.put_whole(lag, &q);
+                0
+            }
+            Some(last) if self.readings == 0 => {
+                self.bytes.push(KEY);
+                number(&mut self.bytes, at);
+                number(&mut self.bytes, at - last.at);
+                self.put_whole(lag, &q);
                 0
             }
             Some(last) => {
@@ -86,6 +99,12 @@ impl Frame {
         self.readings += 1;
     }
 
+    /// The end of a record that stands by itself.
+    fn put_whole(&mut self, lag: u64, q: &[i64]) {
+        number(&mut self.bytes, lag);
+        q.iter().for_each(|q| number(&mut self.bytes, zigzag(*q)));
+    }
+
     /// The frame with its length and its sum; the next one follows on it.
     pub(super) fn close(&mut self) -> Vec<u8> {
         let records = std::mem::take(&mut self.bytes);
@@ -98,10 +117,14 @@ impl Frame {
 
 /// Reads the records of frames again.
 #[derive(Debug, Default)]
-pub(super) struct Decoder(Option<Last>);
+pub(super) struct Decoder {
+    last: Option<Last>,
+    /// Whether a frame was not the next one after the frame before it.
+    pub(super) skips: bool,
+}
 
 impl Decoder {
-    /// The readings of a whole frame; none if it is not as it was written.
+    /// The readings of a whole frame; none if it can't be read by itself and the frame before it was not.
     pub(super) fn frame(&mut self, mut bytes: &[u8], motors: usize) -> Option<Vec<TrackReading>> {
         let mut readings = Vec::new();
         while !bytes.is_empty() {
@@ -113,25 +136,33 @@ impl Decoder {
     fn record(&mut self, bytes: &mut &[u8], motors: usize) -> Option<TrackReading> {
         let (kind, rest) = bytes.split_first()?;
         *bytes = rest;
-        let base = match *kind {
-            WHOLE => Last { at: 0, step: 0, q: vec![0; motors] },
-            STEP | LATE => self.0.take()?,
+        let last = self.last.take();
+        let (base, at, step, follows) = match *kind {
+            // each position takes a byte at least
+            WHOLE | KEY if motors > bytes.len() => return None,
+            WHOLE => (vec![0; motors], take(bytes)?, 0, false),
+            KEY => {
+                let (at, step) = (take(bytes)?, take(bytes)?);
+                let before = last.map(|last| last.at);
+                let follows = before.is_some_and(|before| before.checked_add(step) == Some(at));
+                self.skips |= before.is_some() && !follows;
+                (vec![0; motors], at, 0, follows)
+            }
+            STEP | LATE => {
+                let last = last?;
+                let step = last.step.wrapping_add(unzigzag(take(bytes)?) as u64);
+                (last.q, last.at.checked_add(step)?, step, true)
+            }
             _ => return None,
-        };
-        let (at, step) = if *kind == WHOLE {
-            (take(bytes)?, 0)
-        } else {
-            let step = base.step.wrapping_add(unzigzag(take(bytes)?) as u64);
-            (base.at.checked_add(step)?, step)
         };
         let lag = if *kind == STEP { 0 } else { take(bytes)? };
         let mut units = Vec::with_capacity(motors);
-        for before in base.q {
+        for before in base {
             units.push(before.wrapping_add(unzigzag(take(bytes)?)));
         }
         let q: Pose = units.iter().map(|q| *q as f64 * QUANTUM).collect();
-        self.0 = Some(Last { at, step, q: units });
-        Some(TrackReading { at: Time(at), told: Time(at) + Duration::from_nanos(lag), q, follows: *kind != WHOLE })
+        self.last = Some(Last { at, step, q: units });
+        Some(TrackReading { at: Time(at), told: Time(at) + Duration::from_nanos(lag), q, follows })
     }
 }
 

@@ -1,7 +1,8 @@
-//! Reading kept frames again, one after the other, up to the first that is not whole.
+//! Reading kept frames again, one after the other. A record that is not whole is left out and named, and the next whole one is searched for.
 
 use super::{HEAD, LONGEST, MAGIC, START, VERSION, file};
 use mobee_contract::{Frame, Intrinsics, KindError, Time, picture, suggestion};
+use mobee_model::file::find_record;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -11,8 +12,10 @@ use std::time::Duration;
 const LONGEST_RECORD: u64 = HEAD as u64 + 4 * LONGEST as u64 * LONGEST as u64;
 /// No run is longer.
 const LONGEST_RUN: Duration = Duration::from_secs(100 * 366 * 86_400);
-/// Cameras that are told at most.
+/// Cameras that are told at most, and damaged places of a file.
 const TOLD: usize = 100;
+/// Bytes whose sums are taken at most in search of the records of one file.
+const SEARCH: u64 = 8 << 30;
 
 /// What is wrong, and what to do about it.
 type Wrong = (String, String);
@@ -24,6 +27,12 @@ pub struct FrameReader {
     file: File,
     /// Where the next record begins.
     at: u64,
+    /// The parts that hold no frame: where each begins and ends, bytes.
+    damage: Vec<(u64, u64)>,
+    /// The end of the file, if no whole frame is there: as a crash leaves it, or while it is written.
+    tail: Option<(u64, u64)>,
+    /// Bytes whose sums may still be taken in search of records.
+    search: u64,
 }
 
 /// A frame in a file, its pixels not read yet.
@@ -65,7 +74,10 @@ impl FrameReader {
         }
         file.read_exact_at(&mut start, 0).map_err(io)?;
         match start.strip_prefix(MAGIC) {
-            Some(version) if version == VERSION => Ok(Some(FrameReader { path: path.into(), file, at: START })),
+            Some(version) if version == VERSION => {
+                let (path, damage) = (path.into(), Vec::new());
+                Ok(Some(FrameReader { path, file, at: START, damage, tail: None, search: SEARCH }))
+            }
             Some(_) => Err((
                 format!("{at} is of another version"),
                 "read it by the program that wrote it, or run again".into(),
@@ -74,24 +86,47 @@ impl FrameReader {
         }
     }
 
-    /// The next frame; `None` at the end, or if the rest is the part of one that a crash leaves.
+    /// The next frame; `None` at the end, or if the rest is the part of one that a crash leaves. What is damaged on the way is left out,
+    /// see [`FrameReader::damage`].
     ///
     /// # Errors
-    /// If there is something else, with its place and what to do.
+    /// If the file can't be read.
     pub fn next_frame(&mut self) -> Result<Option<KeptFrame>, String> {
-        let len = self.file.metadata().map_err(|e| self.unreadable(&e))?.len();
-        let mut start = [0; 4 + HEAD];
-        if len < self.at + start.len() as u64 {
-            return Ok(None);
+        let unreadable = |e: std::io::Error| format!("{} can't be read: {e}", self.path.display());
+        let len = self.file.metadata().map_err(unreadable)?.len();
+        let begins = self.at;
+        let frame = match self.head(begins, len).map_err(unreadable)? {
+            // its length and time are only believed if a later record follows, or its sum is right
+            Some(frame) if self.is_followed(&frame, len).map_err(unreadable)? || self.png(&frame).is_ok() => {
+                Some(frame)
+            }
+            _ => self.find(begins + 1, len).map_err(|e| self.unreadable(&e))?,
+        };
+        self.tail = (frame.is_none() && begins < len).then_some((begins, len));
+        let Some(frame) = frame else { return Ok(None) };
+        if frame.at > begins {
+            self.leave_out(begins, frame.at);
         }
-        self.file.read_exact_at(&mut start, self.at).map_err(|e| self.unreadable(&e))?;
-        let frame = parse(&start, self.at).ok_or_else(|| self.damaged(self.at))?;
-        let end = frame.end();
-        if len < end {
-            return Ok(None);
-        }
-        self.at = end;
+        self.at = frame.end();
         Ok(Some(frame))
+    }
+
+    /// The parts of what was read so far that hold no whole frame, in words.
+    pub fn damage(&self) -> Vec<String> {
+        let path = self.path.display();
+        let tail = self.tail.map(|(from, _)| format!("{path} ends with a part of a frame, from byte {from} on"));
+        self.left_out().into_iter().chain(tail).collect()
+    }
+
+    /// The damaged parts that whole frames follow, in words.
+    fn left_out(&self) -> Vec<String> {
+        let path = self.path.display();
+        let words = |(from, to): &(u64, u64)| {
+            format!(
+                "{path} is damaged from byte {from} to {to}: the frames there are left out; those before and after can be read"
+            )
+        };
+        self.damage.iter().map(words).collect()
     }
 
     /// From the first frame again.
@@ -99,15 +134,49 @@ impl FrameReader {
         self.at = START;
     }
 
-    /// The bytes that are whole, from the beginning on.
-    pub(super) fn whole(mut self) -> u64 {
-        let mut last = None;
-        while let Ok(Some(frame)) = self.next_frame() {
-            last = Some(frame);
+    /// The end of the last whole frame, and what is damaged before it, in words.
+    pub(super) fn whole(mut self) -> (u64, Vec<String>) {
+        while let Ok(Some(_)) = self.next_frame() {}
+        (self.at, self.left_out())
+    }
+
+    /// The frame whose record begins here, if it makes sense and lies within the file.
+    fn head(&self, at: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
+        let mut start = [0; 4 + HEAD];
+        if len < at + start.len() as u64 {
+            return Ok(None);
         }
-        match last {
-            Some(last) if self.png(&last).is_err() => last.at,
-            _ => self.at,
+        self.file.read_exact_at(&mut start, at)?;
+        Ok(parse(&start, at).filter(|frame| frame.end() <= len))
+    }
+
+    /// Whether another record follows, of a later frame.
+    fn is_followed(&self, frame: &KeptFrame, len: u64) -> std::io::Result<bool> {
+        let mut start = [0; 4 + HEAD];
+        if len < frame.end() + start.len() as u64 {
+            return Ok(false);
+        }
+        self.file.read_exact_at(&mut start, frame.end())?;
+        Ok(parse(&start, frame.end()).is_some_and(|next| next.exposed >= frame.exposed))
+    }
+
+    /// The first frame from this place on whose record is whole.
+    fn find(&mut self, from: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
+        let (mut left, mut found) = (self.search, None);
+        find_record(&self.file, from, |at, start: &[u8; 4 + HEAD]| {
+            let frame = parse(start, at).filter(|frame| frame.end() <= len && frame.length <= left);
+            left -= frame.map_or(0, |frame| frame.length);
+            found = frame.filter(|frame| self.png(frame).is_ok());
+            Ok(found.is_some())
+        })?;
+        self.search = left;
+        Ok(found)
+    }
+
+    /// Notes a part that holds no frame, once.
+    fn leave_out(&mut self, from: u64, to: u64) {
+        if self.damage.len() < TOLD && self.damage.last().is_none_or(|(last, _)| *last < from) {
+            self.damage.push((from, to));
         }
     }
 
@@ -144,7 +213,7 @@ impl FrameReader {
 
     fn damaged(&self, at: u64) -> String {
         let path = self.path.display();
-        format!("{path} is damaged from byte {at} on; `truncate -s {at}` on it keeps the frames before")
+        format!("{path} is damaged at byte {at}: the frame there can't be read; those before and after it can")
     }
 }
 

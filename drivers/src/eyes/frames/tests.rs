@@ -100,31 +100,78 @@ fn a_crash_at_any_byte_costs_the_last_frame_at_most_and_the_file_goes_on() {
     assert_eq!(kept(&dir), Ok(vec![1, 2, 4]));
 }
 
+/// The times of the frames that can be read, each compared with what was kept, and what is said of the others.
+fn readable(dir: &Folder) -> (Vec<u64>, Vec<String>) {
+    let mut reader = FrameReader::open(&dir.0, "eyes/left").unwrap();
+    let (mut times, mut damage) = (Vec::new(), Vec::new());
+    while let Some(next) = reader.next_frame().unwrap() {
+        match reader.frame(&next) {
+            Ok(found) => {
+                let ms = next.exposed.0 / 1_000_000;
+                assert_eq!(found.pixels, frame(ms).pixels);
+                times.push(ms);
+            }
+            Err(what) => damage.push(what),
+        }
+    }
+    damage.extend(reader.damage());
+    (times, damage)
+}
+
 #[test]
-fn whatever_is_changed_in_a_file_is_noticed_with_its_place() {
+fn damage_anywhere_costs_its_frame_alone_and_is_noticed_with_its_place() {
     let dir = Folder::new("changed");
     put(dir.keep().unwrap().sink().as_mut(), &[1, 2]);
+    let two = std::fs::metadata(dir.left()).unwrap().len() as usize;
+    put(dir.keep().unwrap().sink().as_mut(), &[3]);
     let whole = std::fs::read(dir.left()).unwrap();
-    let mut noticed = 0;
     for at in START as usize..whole.len() {
-        for flipped in [0x01, 0x80] {
+        for flipped in [0x01, 0x40, 0x80] {
             let mut bytes = whole.clone();
             bytes[at] ^= flipped;
             std::fs::write(dir.left(), &bytes).unwrap();
-            match kept(&dir) {
-                Err(what) => {
-                    assert!(
-                        what.contains("eyes.left.frames is damaged from byte ") && what.contains("truncate -s "),
-                        "{what}"
-                    );
-                    noticed += 1;
-                }
-                // a length that reaches beyond the file is what a crash leaves
-                Ok(times) => assert!(times.len() < 2, "byte {at}: {times:?}"),
-            }
+            let (times, damage) = readable(&dir);
+            assert_eq!((times.len(), damage.len()), (2, 1), "byte {at}: {times:?} {damage:?}");
+            assert!(damage[0].contains("eyes.left.frames") && damage[0].contains(" byte "), "{damage:?}");
+            // who goes on in the file cuts nothing off but what a crash may have left at its end
+            let kept = dir.keep().unwrap();
+            put(kept.sink().as_mut(), &[9]);
+            let (after, named) = readable(&dir);
+            assert_eq!(after, [&times[..], &[9]].concat(), "byte {at}");
+            assert_eq!(named.len(), usize::from(at < two), "byte {at}: {named:?}");
+            assert!(kept.damage().iter().all(|d| named.contains(d)), "{:?} {named:?}", kept.damage());
         }
     }
-    assert!(noticed > whole.len(), "{noticed} of {}", 2 * whole.len());
+}
+
+#[test]
+fn a_frame_whose_time_is_damaged_holds_no_camera_up() {
+    let dir = Folder::new("time");
+    put(dir.keep().unwrap().sink().as_mut(), &[100, 200, 300, 400]);
+    let mut bytes = std::fs::read(dir.left()).unwrap();
+    let second = START as usize + 8 + u32::from_le_bytes(bytes[START as usize..][..4].try_into().unwrap()) as usize;
+    bytes[second + 4 + 5] ^= 0x10; // days later
+    std::fs::write(dir.left(), &bytes).unwrap();
+    let settings =
+        RecordedCameraSettings { run: dir.0.clone(), camera: "eyes/left".into(), repeat: false, marker: None };
+    let mut camera = RecordedCamera::new(&settings).unwrap();
+    let seen: Vec<u64> = [100, 200, 300, 400]
+        .iter()
+        .filter_map(|ms| camera.frame(Time(ms * 1_000_000)).unwrap())
+        .map(|f| f.exposed.0 / 1_000_000)
+        .collect();
+    assert_eq!(seen, [100, 300, 400]);
+}
+
+#[test]
+fn a_camera_of_one_frame_at_time_zero_repeats_it_once_a_second() {
+    let dir = Folder::new("zero");
+    put(dir.keep().unwrap().sink().as_mut(), &[0]);
+    let settings =
+        RecordedCameraSettings { run: dir.0.clone(), camera: "eyes/left".into(), repeat: true, marker: None };
+    let mut camera = RecordedCamera::new(&settings).unwrap();
+    let seen = (0..3000).filter(|ms| camera.frame(Time(ms * 1_000_000)).unwrap().is_some()).count();
+    assert_eq!(seen, 3);
 }
 
 #[test]

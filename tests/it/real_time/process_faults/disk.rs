@@ -1,6 +1,7 @@
 //! Disks that are full, limited or not to be written (F15).
 
-use super::{count, events, holds, mobee, said, text};
+use super::{Run, count, events, holds, mobee, said, text};
+use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -89,4 +90,61 @@ fn a_disk_that_fills_up_gives_up_first_the_recording_then_the_run() {
     assert!(words.contains("is left to the journal"), "{words}");
     assert!(words.contains("exit 1") && words.contains("no journal"), "{words}");
     assert!(words.contains("exit 0") && words.contains("hold"), "{words}");
+}
+
+/// A run of a robot that moves all the time, and has had an outcome.
+fn moving(out: &Path) -> Run {
+    let mut run = Run::start(out.to_owned(), &["configs/behaviors/explore.toml", "--no-record", "--for", "120"]);
+    run.wait(|all| count(all, "outcome") > 0);
+    run
+}
+
+#[test]
+fn a_run_whose_journal_is_taken_away_comes_to_rest_and_names_it() {
+    type Harm = fn(&Path);
+    let harms: [(&str, Harm, &str); 4] = [
+        ("removed", |run| fs::remove_file(run.join("journal.jsonl")).expect("there"), "was removed"),
+        ("folder", |run| fs::remove_dir_all(run).expect("there"), "was removed"),
+        ("truncated", |run| fs::write(run.join("journal.jsonl"), "").expect("written"), "was truncated"),
+        (
+            "replaced",
+            |run| {
+                fs::copy(run.join("journal.jsonl"), run.join("copy")).expect("a copy");
+                fs::rename(run.join("copy"), run.join("journal.jsonl")).expect("renamed");
+            },
+            "was replaced",
+        ),
+    ];
+    let scratch = tempfile::tempdir().expect("a folder");
+    let runs: Vec<_> = harms.iter().map(|(name, ..)| moving(&scratch.path().join(name))).collect();
+    for (run, (name, harm, expected)) in runs.into_iter().zip(harms) {
+        let at = scratch.path().join(name);
+        harm(&at);
+        let out = run.end();
+        let words = said(&out);
+        assert_eq!(out.status.code(), Some(1), "{name}: {words}");
+        assert!(words.contains("no journal") && words.contains(expected) && words.contains("journal.jsonl"), "{words}");
+        assert!(words.contains("\"faulted\": 0"), "{name}: it comes to rest in order: {words}");
+        let simulated = words.split("\"simulated_s\": ").nth(1).and_then(|w| w.split(',').next());
+        let simulated: f64 = simulated.and_then(|s| s.trim().parse().ok()).expect("a number");
+        assert!(simulated < 100.0, "{name}: at once, not at its end: {simulated} s");
+    }
+}
+
+#[test]
+fn a_run_whose_folder_is_renamed_goes_on_there() {
+    let scratch = tempfile::tempdir().expect("a folder");
+    let (at, moved) = (scratch.path().join("run"), scratch.path().join("moved"));
+    let run = moving(&at);
+    fs::rename(&at, &moved).expect("renamed");
+    let before = count(&events(&moved), "outcome");
+    while count(&events(&moved), "outcome") <= before {
+        std::thread::park_timeout(std::time::Duration::from_millis(20));
+    }
+    run.signal("TERM");
+    let out = run.end();
+    assert!(out.status.success(), "{}", said(&out));
+    assert!(said(&out).contains("was renamed") && said(&out).contains(text(&moved)), "{}", said(&out));
+    assert!(moved.join("summary.json").is_file() && !at.exists());
+    holds(&moved);
 }
