@@ -3,11 +3,13 @@
 use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError};
 use crate::inspect::journal_error;
+use crate::narrate::labels_of;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::check::{JudgedPoses, check, judged, wants_poses};
 use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::roadmap::verdict::judge;
 use mobee_controller::RELEASE;
+use mobee_model::Labels;
 use mobee_model::file::{self, MIB};
 use std::io::ErrorKind;
 use std::path::Path;
@@ -41,8 +43,10 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
         None => println!("the run did not end in order; open commits and links are not judged"),
     }
     say_poses(&report.poses);
+    // what a journal names stably has labels where people read
+    let labels = if report.violations.is_empty() { Labels::default() } else { labels_of(path) };
     for v in &report.violations {
-        println!("{v}");
+        println!("{}", labels.read(&v.to_string()));
     }
     let mut good = report.violations.is_empty();
     if good {
@@ -85,6 +89,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
     let c = compose(config, &source)?;
     // the world as the run left it: what the script did was done before the last edges were driven
     let scene = c.script.iter().fold(c.scene.clone(), |scene, step| scene.edit(&step.edit).unwrap_or(scene));
+    let labels = Labels::new(c.scene.robots());
     let mut good = true;
     for (i, r) in c.config.robot.iter().enumerate() {
         let file = dir.join(format!("roadmap-{}.json", r.name));
@@ -117,7 +122,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
                 if e.reached { "to its end" } else { "and rolled back" },
                 if e.free { "free" } else { "blocked" },
                 e.distance * 1e3,
-                e.pair.as_deref().unwrap_or("nothing near")
+                e.pair.as_deref().map_or("nothing near".into(), |pair| labels.read(pair))
             );
         }
         if c.robots[i].controller.drive.is_straight() {
