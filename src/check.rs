@@ -3,11 +3,13 @@
 use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError};
 use crate::inspect::journal_error;
+use crate::narrate::labels_of;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::check::{JudgedFiles, JudgedPoses, check, judged, wants_poses};
 use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::roadmap::verdict::judge;
 use mobee_controller::RELEASE;
+use mobee_model::Labels;
 use mobee_model::file::{self, MIB};
 use std::io::ErrorKind;
 use std::path::Path;
@@ -42,8 +44,10 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
     }
     say_poses(&report.poses);
     say_files(&report.files);
+    // what a journal names stably has labels where people read
+    let labels = if report.violations.is_empty() { Labels::default() } else { labels_of(path) };
     for v in &report.violations {
-        println!("{v}");
+        println!("{}", labels.read(&v.to_string()));
     }
     let mut good = report.violations.is_empty() && !report.is_damaged();
     if report.violations.is_empty() {
@@ -109,6 +113,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
     let c = compose(config, &source)?;
     // the world as the run left it: what the script did was done before the last edges were driven
     let scene = c.script.iter().fold(c.scene.clone(), |scene, step| scene.edit(&step.edit).unwrap_or(scene));
+    let labels = Labels::new(c.scene.robots());
     let mut good = true;
     for (i, r) in c.config.robot.iter().enumerate() {
         let file = dir.join(format!("roadmap-{}.json", r.name));
@@ -141,7 +146,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
                 if e.reached { "to its end" } else { "and rolled back" },
                 if e.free { "free" } else { "blocked" },
                 e.distance * 1e3,
-                e.pair.as_deref().unwrap_or("nothing near")
+                e.pair.as_deref().map_or("nothing near".into(), |pair| labels.read(pair))
             );
         }
         if c.robots[i].controller.drive.is_straight() {

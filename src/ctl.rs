@@ -12,6 +12,7 @@ mod door;
 mod find;
 mod gather;
 pub(crate) mod offer;
+mod operate;
 mod restart;
 mod service;
 mod show;
@@ -19,6 +20,7 @@ mod wire;
 
 pub(crate) use desk::BesideNames;
 pub use service::CtlService;
+pub(crate) use service::{CtlPort, LastLines};
 
 use crate::config::{Config, ConfigError, Source};
 use clap::{Args, Subcommand};
@@ -58,26 +60,52 @@ enum CtlCommand {
     /// Replace a part of a running robot, a bridge, a detector or a locator with the one from another configuration file.
     Swap(SwapArgs),
     /// Pause the robots' own agents (motions under way end first).
-    Pause {
-        /// Only for this robot.
-        robot: Option<String>,
-    },
+    Pause(OfRobot),
     /// Resume paused agents.
-    Resume {
-        /// Only for this robot.
-        robot: Option<String>,
-    },
+    Resume(OfRobot),
+    /// Stop robots now and hold them, until `release`: the motion under way ends with an outcome, a retreat stops where it is, the run goes on.
+    Halt(OfRobot),
+    /// Let halted robots act again.
+    Release(OfRobot),
     /// Retry a failed retreat.
-    Recover {
-        /// Only for this robot.
+    Recover(OfRobot),
+    /// Show where the motors (degrees, or millimeters) and the markers of robots are.
+    Pose(OfRobot),
+    /// Move motors of a robot whose agent is paused, in a transaction under the reflex, and wait for the outcome. Exit code 0: reached.
+    Go {
+        /// Motors and positions in degrees, or millimeters where they slide: r_elbow=60.
+        #[arg(required = true, value_name = "MOTOR=DEG")]
+        motors: Vec<String>,
+        /// The robot; required if there are several.
+        #[arg(long)]
         robot: Option<String>,
+        /// Share of each motor's greatest speed.
+        #[arg(long, value_name = "SHARE", default_value_t = 0.2)]
+        speed: f64,
     },
     /// Start a sensor or a bridge again: one that runs, or one that has given up.
     Restart {
         /// The sensor or bridge, as `mobee ctl status` names it; required if there are several.
         name: Option<String>,
     },
-    /// Shut down in order: motions stop, and every commit gets its outcome.
+    /// Move a robot whose agent is paused home, straight, in a transaction under the reflex, and wait for the outcome.
+    Home {
+        #[command(flatten)]
+        of: OfRobot,
+        /// Share of each motor's greatest speed.
+        #[arg(long, value_name = "SHARE", default_value_t = 0.2)]
+        speed: f64,
+    },
+    /// Show the newest events in words.
+    Log {
+        /// Go on with the events as they happen, until Ctrl-C or the end of the run.
+        #[arg(short, long)]
+        follow: bool,
+        /// How many.
+        #[arg(short = 'n', long = "lines", value_name = "N", default_value_t = 20)]
+        lines: u32,
+    },
+    /// Shut down in order: motions stop, and every commit gets its outcome. Returns when the run is over.
     Stop {
         /// Without waiting for rest.
         #[arg(long)]
@@ -97,6 +125,23 @@ enum CtlCommand {
         #[arg(value_name = "ADDRESS:PORT")]
         address: Option<String>,
     },
+}
+
+/// Which robot is meant.
+#[derive(Args)]
+struct OfRobot {
+    /// Only this robot.
+    #[arg(value_name = "ROBOT")]
+    robot: Option<String>,
+    /// The same as an option.
+    #[arg(long = "robot", value_name = "ROBOT", conflicts_with = "robot")]
+    named: Option<String>,
+}
+
+impl OfRobot {
+    fn name(self) -> Option<String> {
+        self.robot.or(self.named)
+    }
 }
 
 #[derive(Args)]

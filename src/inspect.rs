@@ -1,9 +1,11 @@
 //! `mobee inspect`: a run in figures, from its journal alone.
 
 use crate::config::{Config, ConfigError};
+use crate::narrate::labels_of;
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::check::summary;
 use mobee_actors::record::journal::JournalError;
+use mobee_model::Labels;
 use mobee_recorder::RecordedPoses;
 use std::fmt::Write;
 use std::path::Path;
@@ -37,7 +39,9 @@ pub fn text(run: &Path, json: bool) -> Result<String, Report> {
             }
         }
     }
-    Ok(out)
+    // what a journal names stably has labels where people read
+    let labels = if out.contains('#') { labels_of(run) } else { Labels::default() };
+    Ok(labels.read(&out).into_owned())
 }
 
 /// Writes the poses of a run's recording as a table for the driver kind `replay`, and says what was written.

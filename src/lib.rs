@@ -28,6 +28,7 @@ pub mod model_convert;
 pub mod model_eval;
 pub mod model_info;
 pub mod model_view;
+mod narrate;
 pub mod new;
 pub mod new_robot;
 mod outside;

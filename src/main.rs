@@ -168,6 +168,12 @@ struct RunArgs {
     /// Print only the summary, as JSON, on standard output.
     #[arg(long)]
     json: bool,
+    /// Print nothing while the run goes on but warnings.
+    #[arg(long)]
+    quiet: bool,
+    /// Show all counters in the summary, those that are zero as well.
+    #[arg(long)]
+    verbose: bool,
 }
 
 #[derive(Subcommand)]
@@ -281,9 +287,10 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
                 set.push("record.enabled=false".into());
             }
             let ctl = a.ctl.unwrap_or_default();
+            let output = run::Output { json: a.json, quiet: a.quiet, verbose: a.verbose };
             match (a.resume, a.file) {
-                (Some(dir), _) => run::resume(&dir, &set, a.json, ctl),
-                (None, file) => run::command(&file.unwrap_or_default(), &set, a.out.as_deref(), a.json, ctl, a.watch),
+                (Some(dir), _) => run::resume(&dir, &set, output, ctl),
+                (None, file) => run::command(&file.unwrap_or_default(), &set, a.out.as_deref(), output, ctl, a.watch),
             }
         }
         Command::Check { path, set, edges } => check::command(&path, &set, edges),

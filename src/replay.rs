@@ -11,7 +11,7 @@ mod compare;
 use crate::compose::{Composition, compose};
 use crate::config::{ClockMode, Config, ConfigError, Source};
 use crate::inspect::journal_error;
-use crate::run::{CtlAt, Done, Extras, Folder, PATIENCE, QUEUE, recorder_settings, run_with, show};
+use crate::run::{CtlAt, Done, Extras, Folder, Output, PATIENCE, QUEUE, recorder_settings, run_with, show};
 use changes::changes;
 use compare::{Compare, Verdict};
 use miette::{IntoDiagnostic, Report};
@@ -130,7 +130,14 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
         let (controls, receiver) = mpsc::channel(16);
         let (sink, verdict) = recorded.watch(None, controls.clone())?;
         let extras = Extras { sinks: vec![sink], ..Extras::default() };
-        let done = show(composition, &folder, extras, args.json, CtlAt::Off, (controls, receiver))?;
+        let done = show(
+            composition,
+            &folder,
+            extras,
+            Output { json: args.json, ..Output::default() },
+            CtlAt::Off,
+            (controls, receiver),
+        )?;
         return Ok(judged(&verdict.after(&done), "the run matched the journal", &done));
     }
     let at = moment(args.at, &recorded)?;
@@ -164,7 +171,14 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     let (sink, verdict) = recorded.watch(Some(at), controls.clone())?;
     let recorder = recording.map(|r| opener(r, "changed"));
     let extras = Extras { sinks: vec![sink], planned, recorder, told: Some(told), ..Extras::default() };
-    let done = show(composition, &folder, extras, args.json, CtlAt::Off, (controls, receiver))?;
+    let done = show(
+        composition,
+        &folder,
+        extras,
+        Output { json: args.json, ..Output::default() },
+        CtlAt::Off,
+        (controls, receiver),
+    )?;
     Ok(judged(&verdict.after(&done), &format!("as recorded up to {:.2} s, then changed", at.secs()), &done))
 }
 

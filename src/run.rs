@@ -4,7 +4,9 @@ mod folder;
 mod guarded;
 mod interrupt;
 mod limits;
+mod log;
 mod progress;
+mod ready;
 mod record;
 mod report;
 mod resume;
@@ -16,20 +18,24 @@ mod watch;
 
 pub use folder::Folder;
 pub(crate) use limits::guarded;
+pub(crate) use log::LogBook;
 pub(crate) use record::Recording;
+pub use report::Output;
 pub use report::summary;
 pub use resume::command as resume;
 pub(crate) use sinks::{PATIENCE, QUEUE, recorder_settings};
 
 use crate::compose::{Composition, compose};
 use crate::config::{ClockMode, Config, ConfigError, Resolved, Source};
-use crate::ctl::{BesideNames, CtlService};
+use crate::ctl::{BesideNames, CtlPort, CtlService, LastLines};
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::record::journal::Journal;
 use mobee_actors::record::tap::{OpenSink, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Control, Past, Reason, RunCounts, RunEnd, RunProgress, Setup};
 use mobee_contract::{Event, Service, Time};
+use mobee_model::Labels;
+use said::Recent;
 use serde_json::json;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -57,7 +63,7 @@ pub fn command(
     file: &Path,
     set: &[String],
     out: Option<&Path>,
-    json: bool,
+    output: Output,
     ctl: CtlAt,
     watch: bool,
 ) -> Result<ExitCode, Report> {
@@ -78,7 +84,7 @@ pub fn command(
         let service = WatchService::new(source, &composition, set, controls.clone());
         composition.services.push(Arc::new(service));
     }
-    conduct(composition, &folder, Extras::default(), json, ctl, (controls, receiver))
+    conduct(composition, &folder, Extras::default(), output, ctl, (controls, receiver))
 }
 
 /// What a run can have beside its composition.
@@ -98,8 +104,10 @@ pub(crate) struct Extras {
     pub(crate) told: Option<serde_json::Value>,
     /// What can be done about the recording while the run goes on.
     pub(crate) recording: Option<Arc<Recording>>,
-    /// Where warnings are said at once.
-    pub(crate) bar: Option<progress::Bar>,
+    /// The terminal, and how the run talks there.
+    pub(crate) terminal: Option<(progress::Bar, said::Talk)>,
+    /// Where the newest events are stored in words.
+    pub(crate) log: Option<LogBook>,
 }
 
 /// Runs with a progress bar and signals, and prints the summary.
@@ -107,11 +115,11 @@ fn conduct(
     composition: Composition,
     folder: &Folder,
     extras: Extras,
-    json: bool,
+    output: Output,
     ctl: CtlAt,
     controls: (mpsc::Sender<Control>, mpsc::Receiver<Control>),
 ) -> Result<ExitCode, Report> {
-    let done = show(composition, folder, extras, json, ctl, controls)?;
+    let done = show(composition, folder, extras, output, ctl, controls)?;
     Ok(match &done.overload {
         _ if !in_order(&done.end) => ExitCode::FAILURE,
         _ if !done.end.counts.down.is_empty() => ExitCode::from(GAVE_UP),
@@ -125,11 +133,11 @@ pub(crate) fn show(
     mut composition: Composition,
     folder: &Folder,
     mut extras: Extras,
-    json: bool,
+    output: Output,
     ctl: CtlAt,
     (controls, receiver): (mpsc::Sender<Control>, mpsc::Receiver<Control>),
 ) -> Result<Done, Report> {
-    let bar = progress::Bar::new(&composition.config, json);
+    let bar = progress::Bar::new(&composition.config, output);
     interrupt::listen(controls.clone())?;
     let recording = Arc::new(Recording::new(composition.config.record.enabled));
     let address = match ctl {
@@ -137,15 +145,25 @@ pub(crate) fn show(
         CtlAt::Folder => Some(None),
         CtlAt::Address(address) => Some(Some(address)),
     };
-    if let Some(address) = address.filter(|_| composition.config.clock_kind() == ClockKind::Real) {
+    let live = composition.config.clock_kind() == ClockKind::Real;
+    let ready = ready::lines(&composition, folder, ctl);
+    let lasts = LastLines::default();
+    if let Some(address) = address.filter(|_| live) {
         let beside = BesideNames { bridges: composition.bridge_names(), cameras: composition.camera_names() };
-        composition.services.push(Arc::new(CtlService::new(folder, address, controls, recording.clone(), beside)));
+        let log = extras.log.insert(LogBook::default()).clone();
+        let port = CtlPort { address, log, lasts: lasts.clone() };
+        composition.services.push(Arc::new(CtlService::new(folder, port, controls, recording.clone(), beside)));
     }
     extras.recording = Some(recording);
-    extras.bar = Some(bar.clone());
+    let recent = Recent::default();
+    let talk = said::Talk { live, quiet: output.quiet, ready, recent: recent.clone() };
+    extras.terminal = Some((bar.clone(), talk));
+    let labels = Labels::new(composition.scene.robots());
     let done = run_with(composition, folder, extras, receiver, |p| bar.show(p))?;
     bar.finish();
-    report::print(&done, folder, json)?;
+    report::print(&done, folder, output, &labels, &recent.lines())?;
+    // whoever asked for the end is told by the end of its connection that the run is over
+    lasts.close();
     Ok(done)
 }
 
@@ -171,6 +189,10 @@ pub struct Done {
     pub whole: bool,
     /// Seconds by the wall clock.
     pub wall: Duration,
+    /// When this process began, on the run's clock.
+    pub began: Time,
+    /// Whether the run's clock was the wall's.
+    pub real: bool,
     /// What went wrong with journal or recording.
     pub complaints: Vec<String>,
     /// That the machine was too slow, in words; and whether that lasted, or something was lost by it.
@@ -214,7 +236,7 @@ pub(crate) fn run_with(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&RunProgress),
 ) -> Result<Done, Report> {
-    let Extras { past, mut damage, planned, sinks, recorder, told, recording, bar } = extras;
+    let Extras { past, mut damage, planned, sinks, recorder, told, recording, terminal, log } = extras;
     let Composition { config, file, scene, robots, sensors, truth, script, bridges, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
@@ -232,7 +254,10 @@ pub(crate) fn run_with(
     specs.extend(sinks::rings(&config, folder, motors.clone()));
     specs.extend(sinks::tracks(&config, folder, motors).map_err(Report::msg)?);
     specs.extend(sinks::frames(&config, folder, &mut damage).map_err(Report::msg)?);
-    specs.extend(bar.map(sinks::terminal));
+    let began = past.as_ref().map_or(Time::ZERO, |past| past.at);
+    let in_words = Arc::new(scene.clone());
+    specs.extend(terminal.map(|(bar, talk)| sinks::terminal(bar, talk, &in_words)));
+    specs.extend(log.map(|log| log.sink(&in_words)));
     let on = recording.as_ref().map_or_else(|| Arc::new(AtomicBool::new(true)), |r| r.on.clone());
     specs.extend(sinks::recorder(&config, folder, recorder, on));
     specs.extend(sinks::viewer(&config, folder));
@@ -274,8 +299,9 @@ pub(crate) fn run_with(
     let dropped: Vec<_> = reports.iter().filter(|r| r.error.is_none()).map(|r| (r.name.clone(), r.dropped)).collect();
     let overload = Some(()).filter(|()| kind == ClockKind::Real).and_then(|()| overload(&end.counts, dropped));
     let complaints = reports.into_iter().filter_map(|r| r.error.map(|e| format!("{}: {e}", r.name))).collect();
-    let mut done =
-        Done { hash: journal.hash(), whole: journal.is_whole(), wall: started.elapsed(), complaints, overload, end };
+    let (wall, real) = (started.elapsed(), kind == ClockKind::Real);
+    let (hash, whole) = (journal.hash(), journal.is_whole());
+    let mut done = Done { hash, whole, wall, began, real, complaints, overload, end };
     for (robot, snapshot) in &done.end.snapshots {
         // an agent with a map leaves it behind
         if let Some(map) = snapshot.state.get("map") {

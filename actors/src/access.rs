@@ -23,18 +23,16 @@ pub struct Access {
 }
 
 impl Access {
-    /// Access to all robots of the run; which have an agent is told in the robots' order.
-    pub fn new(shared: &Arc<SharedContext>, has_agent: &[bool]) -> Access {
+    /// Access to all robots of the run.
+    pub fn new(shared: &Arc<SharedContext>) -> Access {
         let revoked = Arc::new(AtomicBool::new(false));
-        let robots = shared.robots.iter().zip(has_agent);
-        let filters: Vec<Arc<Filter>> = robots
-            .map(|(context, has_agent)| {
+        let filters: Vec<Arc<Filter>> = (shared.robots.iter())
+            .map(|context| {
                 Arc::new(Filter {
                     shared: shared.clone(),
                     revoked: revoked.clone(),
                     context: context.clone(),
                     board: context.parts.lock().board.clone(),
-                    has_agent: *has_agent,
                     names: LatestCell::default(),
                 })
             })
@@ -103,7 +101,6 @@ struct Filter {
     revoked: Arc<AtomicBool>,
     context: Arc<RobotContext>,
     board: Board,
-    has_agent: bool,
     /// The agents that the service commits for.
     names: LatestCell<VecDeque<Arc<str>>>,
 }
@@ -182,7 +179,7 @@ impl Filtered for Filter {
     }
 
     fn let_agent_act(&self, act: bool) -> Result<(), Refusal> {
-        if !self.has_agent {
+        if self.context.slot.lock().maker.is_none() {
             return Err(Refusal::NotReady { missing: "an agent of the robot's own".into() });
         }
         if self.context.agent_acts.swap(act, Ordering::SeqCst) != act {
@@ -206,10 +203,30 @@ impl Filtered for Filter {
             Hold::Stale | Hold::Restarted | Hold::BoardFault | Hold::SlowBoard | Hold::Displaced => {
                 "its filter opens by itself when that is over"
             }
+            Hold::Halted => "`mobee ctl release` lets it act again",
             Hold::ShuttingDown => "start it again with `mobee run --resume`",
             _ => "commit an escape, or clear away what touches it",
         };
         Err(format!("there is no retreat to try again: the robot holds ({why}); {opens}"))
+    }
+
+    fn halt(&self) -> Result<(), String> {
+        if self.revoked.load(Ordering::SeqCst) {
+            return Err("the service that asks has ended".into());
+        }
+        self.context.halt();
+        Ok(())
+    }
+
+    fn release(&self) -> Result<(), String> {
+        if self.revoked.load(Ordering::SeqCst) {
+            return Err("the service that asks has ended".into());
+        }
+        self.context.release().then_some(()).ok_or_else(|| "it is not halted".into())
+    }
+
+    fn is_halted(&self) -> bool {
+        self.context.ledger.book().halted
     }
 
     fn passthrough(&self, part: &str, request: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>> {

@@ -105,6 +105,10 @@ pub enum Control {
     Inject(Injection),
     /// Try a robot's failed retreat again.
     Recover(String),
+    /// Stop a robot, which holds until it is released.
+    Halt(String),
+    /// Let a halted robot act again.
+    Release(String),
     /// Exchange a robot's agent. Answered once the new one is built and checked, or why not; see [`Event::Swap`] for what
     /// becomes of it.
     ///

@@ -22,7 +22,9 @@ use crate::record::tap::Taps;
 use crate::runtime::clock::Clock;
 use crate::runtime::load::Loads;
 use crate::runtime::stream::Stream;
-use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, SeenObject, Snapshot, SwapPart, SwapStep};
+use mobee_contract::{
+    AnswerTime, Board, Event, Hardware, Latest, Note, SeenObject, Snapshot, SwapPart, SwapStep, Time,
+};
 use mobee_controller::gate::Gate;
 use mobee_controller::joint_retreat::JointRetreat;
 use mobee_controller::ledger::Ledger;
@@ -129,6 +131,21 @@ impl RobotContext {
         step(&mut Shared { rules, gate: &self.gate, book, joint_retreat: &shared.joint_retreat })
     }
 
+    /// Stops the robot until [`RobotContext::release`]. The ledger has it first: from this moment no commit is accepted,
+    /// even if supervise is being restarted.
+    pub fn halt(&self) {
+        self.ledger.book().halted = true;
+        self.supervise.send(SuperviseMsg::Halt);
+    }
+
+    /// Lets a halted robot act again; supervise opens its filter by a fresh reading at rest. Whether it was halted.
+    pub fn release(&self) -> bool {
+        let halted = std::mem::take(&mut self.ledger.book().halted);
+        // one that is being restarted begins with what the ledger has
+        self.supervise.send(SuperviseMsg::Release);
+        halted
+    }
+
     /// Its rules now: an exchange of controller or driver brings others.
     pub fn rules(&self) -> Arc<Rules> {
         self.parts.lock().rules.clone()
@@ -214,6 +231,8 @@ pub struct SharedContext {
     pub counts: LatestCell<RunCounts>,
     /// The last step of the exchange of each part beside the robots that was ever exchanged, by the name of what it is a part of.
     pub swaps_beside: LatestCell<BTreeMap<(String, SwapPart), SwapStep>>,
+    /// When the last step of each exchange was taken, by the name of what the part is a part of.
+    pub swapped_at: LatestCell<BTreeMap<(String, SwapPart), Time>>,
     /// Edits that wait for their moment.
     pub cues: LatestCell<Cues>,
     /// What is planned for its actors, in a simulation with faults.
@@ -261,16 +280,18 @@ impl SharedContext {
     /// Tells a step of an exchange, and keeps it for whoever asks.
     pub fn tell_swap(&self, context: &RobotContext, part: SwapPart, step: SwapStep) {
         let robot = context.name.clone();
-        log_swap(&robot, part, &step);
+        tracing::info!(robot, "swap of the {part}: {step}");
         context.swaps.lock().insert(part, step.clone());
+        self.swapped_at.lock().insert((robot.clone(), part), self.clock.now());
         self.tell(Event::Swap { robot, part, step });
     }
 
     /// The same for a part that runs beside the robots.
     pub fn tell_beside(&self, name: &str, part: SwapPart, step: SwapStep) {
-        log_swap(name, part, &step);
+        tracing::info!(name, "swap of the {part}: {step}");
         let name = name.to_owned();
         self.swaps_beside.lock().insert((name.clone(), part), step.clone());
+        self.swapped_at.lock().insert((name.clone(), part), self.clock.now());
         self.tell(Event::SwapBeside { name, part, step });
     }
 
@@ -296,14 +317,6 @@ impl SharedContext {
         let broken = self.install(context, old);
         context.trial.lock().broke = Some((why.to_owned(), broken));
         true
-    }
-}
-
-fn log_swap(of: &str, part: SwapPart, step: &SwapStep) {
-    match step {
-        SwapStep::Reverted { .. } => tracing::error!(of, "swap of the {part}: {step}"),
-        SwapStep::Refused { .. } => tracing::warn!(of, "swap of the {part}: {step}"),
-        _ => tracing::info!(of, "swap of the {part}: {step}"),
     }
 }
 

@@ -164,7 +164,7 @@ impl Poses<'_> {
     }
 
     fn words(&self, c: &Contact, margin_mm: f64) -> String {
-        let (a, b) = (self.scene.shape_name(c.pair.0), self.scene.shape_name(c.pair.1));
+        let (a, b) = (self.scene.label(c.pair.0), self.scene.label(c.pair.1));
         let mm = c.distance * 1e3;
         if mm < 0.0 {
             return format!("{a} is {:.1} mm deep in {b}", -mm);

@@ -12,6 +12,10 @@ use std::time::Duration;
 
 /// How often a swap is looked after.
 const PERIOD: Duration = Duration::from_millis(500);
+/// How often the log, or the end of a motion, is asked for.
+const POLL: Duration = Duration::from_millis(200);
+/// How long a run may take to end in order.
+const OVER: Duration = Duration::from_secs(120);
 /// How often `top` is drawn.
 const REDRAWN: Duration = Duration::from_secs(1);
 
@@ -24,11 +28,23 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
         CtlCommand::Status => words(&["status"], None),
         CtlCommand::Top { times } => return top(&mut client, times).await,
         CtlCommand::Swap(swap) => return self::swap(&mut client, swap).await,
-        CtlCommand::Pause { robot } => words(&["pause"], robot),
-        CtlCommand::Resume { robot } => words(&["resume"], robot),
-        CtlCommand::Recover { robot } => words(&["recover"], robot),
+        CtlCommand::Pause(of) => words(&["pause"], of.name()),
+        CtlCommand::Resume(of) => words(&["resume"], of.name()),
+        CtlCommand::Recover(of) => words(&["recover"], of.name()),
         CtlCommand::Restart { name } => words(&["restart"], name),
-        CtlCommand::Stop { now } => words(&["stop"], now.then(|| "now".into())),
+        CtlCommand::Halt(of) => words(&["halt"], of.name()),
+        CtlCommand::Release(of) => words(&["release"], of.name()),
+        CtlCommand::Pose(of) => words(&["pose"], of.name()),
+        CtlCommand::Go { motors, robot, speed } => {
+            let (robot, speed) = (robot.unwrap_or_default(), speed.to_string());
+            return go(&mut client, words(&["go", &robot, &speed], None).into_iter().chain(motors).collect()).await;
+        }
+        CtlCommand::Home { of, speed } => {
+            let (robot, speed) = (of.name().unwrap_or_default(), speed.to_string());
+            return go(&mut client, words(&["home", &robot, &speed], None)).await;
+        }
+        CtlCommand::Log { follow, lines } => return log(&mut client, lines, follow).await,
+        CtlCommand::Stop { now } => return stop(&mut client, words(&["stop"], now.then(|| "now".into()))).await,
         CtlCommand::Record { what, address } => words(&["record", &what], address),
         CtlCommand::World { words } => std::iter::once("world".to_owned()).chain(words).collect(),
     };
@@ -42,12 +58,92 @@ fn say(words: Vec<String>) -> Request {
 
 fn finish(answer: &Reply) -> Result<ExitCode, Report> {
     let text = answer.lines.join("\n");
-    if answer.done {
+    if answer.done && !answer.over {
         println!("{text}");
         return Ok(ExitCode::SUCCESS);
     }
     eprintln!("{text}");
     Ok(ExitCode::from(2))
+}
+
+/// Ends the run, and waits until it is over: its journal and folder are then as they stay.
+async fn stop(client: &mut Client, words: Vec<String>) -> Result<ExitCode, Report> {
+    let answer = client.ask(&say(words)).await?;
+    if !answer.done {
+        return finish(&answer);
+    }
+    println!("{}", answer.lines.join("\n"));
+    if client.closed(OVER).await {
+        println!("the run is over");
+        return Ok(ExitCode::SUCCESS);
+    }
+    let what = format!("the run has not ended within {} s", OVER.as_secs());
+    Err(ConfigError::plain(what, "look at it with `mobee ctl status`, or end it by `mobee ctl stop --now`").into())
+}
+
+/// Commits a motion, and waits for its outcome; Ctrl-C brakes it.
+async fn go(client: &mut Client, words: Vec<String>) -> Result<ExitCode, Report> {
+    let answer = client.ask(&say(words)).await?;
+    let [robot, id] = answer.lines.as_slice() else { return finish(&answer) };
+    if !answer.done {
+        return finish(&answer);
+    }
+    let mut brakes = false;
+    loop {
+        let ended = client.ask(&say(vec!["ended".to_owned(), robot.clone(), id.clone()])).await?;
+        match ended.lines.as_slice() {
+            [word, text] if ended.done => {
+                println!("{text}");
+                return Ok(if word == "committed" { ExitCode::SUCCESS } else { ExitCode::FAILURE });
+            }
+            [] if ended.done => {}
+            _ => return finish(&ended),
+        }
+        tokio::select! {
+            _ = tokio::signal::ctrl_c(), if !brakes => {
+                brakes = true;
+                client.ask(&say(vec!["brake".to_owned(), robot.clone()])).await?;
+            }
+            () = tokio::time::sleep(POLL) => {}
+        }
+    }
+}
+
+/// Shows the newest events, and those that follow.
+async fn log(client: &mut Client, lines: u32, follow: bool) -> Result<ExitCode, Report> {
+    let mut request = vec!["log".to_owned(), "last".to_owned(), lines.to_string()];
+    let mut shown = false;
+    loop {
+        let answer = match client.ask(&say(request)).await {
+            Ok(answer) if answer.over && shown => return Ok(ended(&answer)),
+            Ok(answer) if answer.done && !answer.over => answer,
+            Ok(answer) => return finish(&answer),
+            Err(_) if shown => {
+                println!("the run has ended");
+                return Ok(ExitCode::SUCCESS);
+            }
+            Err(e) => return Err(e.into()),
+        };
+        let Some((next, lines)) = answer.lines.split_first() else { return finish(&answer) };
+        if !lines.is_empty() {
+            println!("{}", lines.join("\n"));
+        }
+        shown = true;
+        if !follow {
+            return Ok(ExitCode::SUCCESS);
+        }
+        request = vec!["log".to_owned(), "from".to_owned(), next.clone()];
+        tokio::select! {
+            _ = tokio::signal::ctrl_c() => return Ok(ExitCode::SUCCESS),
+            () = tokio::time::sleep(POLL) => {}
+        }
+    }
+}
+
+/// The run has ended while it was looked at.
+fn ended(answer: &Reply) -> ExitCode {
+    println!("{}", answer.lines.join("\n"));
+    ExitCode::SUCCESS
 }
 
 /// Draws the status again and again, in place in a terminal, one after the other elsewhere; until Ctrl-C, or the run has ended.
@@ -56,6 +152,7 @@ async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report
     let mut drawn = 0;
     loop {
         let answer = match client.ask(&say(vec!["status".into()])).await {
+            Ok(answer) if answer.over && drawn > 0 => return Ok(ended(&answer)),
             Ok(answer) if answer.done => answer,
             Ok(answer) => return finish(&answer),
             Err(_) if drawn > 0 => {
@@ -111,6 +208,10 @@ async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     }
     println!("{}", offered.lines.join("\n"));
     let end = end(client, &name, &args.part).await?;
+    if end.over && end.done {
+        // the new agent has finished before its probation was over
+        return Ok(ended(&end));
+    }
     match end.lines.first().map(String::as_str) {
         Some("settled") => Ok(ExitCode::SUCCESS),
         Some("refused" | "reverted") => Ok(ExitCode::FAILURE),
@@ -124,6 +225,9 @@ async fn end(client: &mut Client, name: &str, part: &str) -> Result<Reply, Confi
     loop {
         let answer = client.ask(&say(vec!["swapped".to_owned(), name.to_owned(), part.to_owned()])).await?;
         let [step, text] = answer.lines.as_slice() else { return Ok(answer) };
+        if answer.over {
+            return Ok(answer);
+        }
         if *text != said {
             println!("{text}");
             said.clone_from(text);

@@ -3,11 +3,13 @@
 use super::offer::{Offered, Wanted, WantedBridge, WantedDetector, WantedLocator, Which};
 use super::wire::{Reply, Request, Sent};
 use super::{offer, show};
-use crate::run::Recording;
+use crate::narrate::{fresh_remedy, in_words};
+use crate::run::{LogBook, Recording};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, SystemReport};
 use mobee_bridge::WorldService;
 use mobee_contract::{Running, SwapPart, SwapStep};
+use mobee_model::Labels;
 use mobee_yarp::{Bottle, Dialect, Text, Value, Vocab};
 use std::collections::BTreeSet;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -21,6 +23,9 @@ pub(super) const PATIENCE: Duration = Duration::from_secs(30);
 /// Where a viewer listens if nobody says otherwise.
 const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
 
+/// Said while the run ends: the farewell follows.
+pub(super) const ENDING: &str = "the run is ending";
+
 /// The names in a run of what can be swapped beside its robots.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct BesideNames {
@@ -32,17 +37,19 @@ pub(crate) struct BesideNames {
 
 /// Answers requests.
 pub(super) struct Desk {
-    running: Arc<dyn Running>,
+    pub(super) running: Arc<dyn Running>,
     world: Arc<WorldService>,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
     pub(super) beside: BesideNames,
+    /// The newest events in words.
+    pub(super) log: LogBook,
     /// The last report that was asked for, for rates.
     before: Mutex<Option<SystemReport>>,
 }
 
 const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
-                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swap SENSOR locator [0 PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover [ROBOT]; restart [NAME]; stop [now]; world ...; \
+                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swap SENSOR locator [0 PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover|halt|release|pose [ROBOT]; go ROBOT SPEED MOTOR=DEG...; home ROBOT SPEED; restart [NAME]; ended ROBOT ID; brake ROBOT; log last|from N; stop [now]; world ...; \
                     record on|off|connect [ADDRESS].";
 
 impl Desk {
@@ -52,9 +59,10 @@ impl Desk {
         controls: mpsc::Sender<Control>,
         recording: Arc<Recording>,
         beside: BesideNames,
+        log: LogBook,
     ) -> Arc<Desk> {
         let world = Arc::new(WorldService::new(running.clone(), None));
-        Arc::new(Desk { running, world, controls, recording, beside, before: Mutex::new(None) })
+        Arc::new(Desk { running, world, controls, recording, beside, log, before: Mutex::new(None) })
     }
 
     /// Keeps what was grabbed with its marker; for ever.
@@ -68,7 +76,10 @@ impl Desk {
             Ok(lines) => (true, lines),
             Err(why) => (false, vec![why]),
         };
-        Reply { done, lines }
+        // shapes have labels where people read
+        let labels = Labels::new(self.running.scene().robots());
+        let lines = lines.into_iter().map(|line| labels.read(&line).into_owned()).collect();
+        Reply { done, lines, over: false }
     }
 
     async fn answer(&self, request: Request) -> Result<Vec<String>, String> {
@@ -102,16 +113,25 @@ impl Desk {
                 if tried { Ok(said) } else { Err(said.join("\n")) }
             }
             ["restart", name @ ..] => self.restart(name).await,
+            ["halt", rest @ ..] => self.halt(rest).await,
+            ["release", rest @ ..] => self.release(rest),
+            ["pose", rest @ ..] => self.pose(rest),
+            ["go", robot, speed, motors @ ..] => self.go(robot, speed, motors).await,
+            ["home", robot, speed] => self.home(robot, speed).await,
+            ["ended", robot, id] => self.ended(robot, id).await,
+            ["brake", robot] => self.brake(robot),
+            ["log", which @ ("last" | "from"), number] => self.lines_of_log(which, number),
             ["stop"] => self.tell(Control::Stop).await.map(|()| vec!["the run ends".into()]),
             ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
             ["world", words @ ..] => {
                 let request = Bottle::parse(words.join(" "), Dialect::V3).map_err(|e| e.to_string())?;
-                let reply = mobee_bridge::yarp::world::answer(&self.world, &request).await;
-                Ok(match reply.0.as_slice() {
+                let reply = mobee_bridge::yarp::world::judged(&self.world, &request).await;
+                let lines = |reply: &Bottle| match reply.0.as_slice() {
                     // a line per element, as YARP's own programs show it
                     [Value::Vocab(many), lines @ ..] if *many == Vocab::new("many") => lines.iter().map(word).collect(),
                     words => vec![words.iter().map(word).collect::<Vec<_>>().join(" ")],
-                })
+                };
+                reply.map(|reply| lines(&reply)).map_err(|refused| lines(&refused).join("\n"))
             }
             ["record", what @ ("on" | "off")] => {
                 self.recording.switch(*what == "on").map(|()| vec![format!("the recording is {what}")])
@@ -124,14 +144,14 @@ impl Desk {
 
     pub(super) async fn tell(&self, control: Control) -> Result<(), String> {
         let sent = tokio::time::timeout(PATIENCE, self.controls.send(control)).await;
-        sent.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| "the run is ending".to_owned())
+        sent.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| ENDING.to_owned())
     }
 
-    async fn report(&self) -> Result<SystemReport, String> {
+    pub(super) async fn report(&self) -> Result<SystemReport, String> {
         let (reply, report) = oneshot::channel();
         self.tell(Control::Status(reply)).await?;
         let report = tokio::time::timeout(PATIENCE, report).await;
-        report.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| "the run is ending".into())
+        report.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| ENDING.into())
     }
 
     async fn status(&self) -> Result<Vec<String>, String> {
@@ -147,7 +167,7 @@ impl Desk {
     }
 
     /// The indices of the robots that are meant: the named one, or all.
-    fn robots(&self, names: &[&str]) -> Result<Vec<usize>, String> {
+    pub(super) fn robots(&self, names: &[&str]) -> Result<Vec<usize>, String> {
         let all = self.running.robots();
         match names {
             [] => Ok((0..all.len()).collect()),
@@ -162,7 +182,7 @@ impl Desk {
     }
 
     /// The one robot that is meant.
-    fn robot(&self, name: &str) -> Result<usize, String> {
+    pub(super) fn robot(&self, name: &str) -> Result<usize, String> {
         match self.robots(if name.is_empty() { &[] } else { std::slice::from_ref(&name) })?.as_slice() {
             [one] => Ok(*one),
             _ => Err(format!("name the robot with --robot; {}", self.unknown(name))),
@@ -276,7 +296,8 @@ impl Desk {
             let (reply, done) = oneshot::channel();
             self.tell(offer.control(name, reply)).await?;
             let done = tokio::time::timeout(PATIENCE, done).await.map_err(|_| "the run does not answer".to_owned())?;
-            done.map_err(|_| "the run is ending".to_owned())??;
+            let done = done.map_err(|_| ENDING.to_owned())?;
+            done.map_err(|why| format!("{why}{}", fresh_remedy(part, &why)))?;
         }
         Ok(vec!["built and checked".into()])
     }
@@ -295,7 +316,7 @@ impl Desk {
             SwapStep::Settled => (4, "settled"),
         };
         let step = steps.into_iter().min_by_key(|step| word(step).0).ok_or("it was never swapped")?;
-        Ok(vec![word(step).1.into(), step.to_string()])
+        Ok(vec![word(step).1.into(), in_words(part, step)])
     }
 
     /// Lets a viewer follow, at its usual port if no address is said.

@@ -27,13 +27,28 @@ impl Client {
     /// None within time, or the run has ended.
     pub(super) async fn ask(&mut self, request: &Request) -> Result<Reply, ConfigError> {
         let asked = async {
-            wire::write(self.0.get_mut(), request).await?;
-            wire::read(&mut self.0).await?.ok_or_else(|| io::ErrorKind::UnexpectedEof.into())
+            // a run that has ended left word of it before it closed the connection
+            let written = wire::write(self.0.get_mut(), request).await;
+            match wire::read(&mut self.0).await {
+                Ok(Some(reply)) => Ok(reply),
+                answer => {
+                    written?;
+                    answer?.ok_or_else(|| io::ErrorKind::UnexpectedEof.into())
+                }
+            }
         };
         let late = |_| Err(io::Error::new(io::ErrorKind::TimedOut, "the run does not answer"));
         timeout(PATIENCE, asked).await.unwrap_or_else(late).map_err(|e| {
             ConfigError::plain(format!("no answer: {e}"), "check whether the run is still active, and ask again")
         })
+    }
+}
+
+impl Client {
+    /// Waits until the run has closed the connection: it is over. Whether that came within the time.
+    pub(super) async fn closed(&mut self, within: Duration) -> bool {
+        let closed = async { while matches!(wire::read::<Reply>(&mut self.0).await, Ok(Some(_))) {} };
+        timeout(within, closed).await.is_ok()
     }
 }
 

@@ -1,14 +1,14 @@
 //! The control port as a service of a run.
 
-use super::desk::{BesideNames, Desk};
+use super::desk::{BesideNames, Desk, ENDING};
 use super::door::{Door, Guest};
-use super::wire::{self, Reply, Request};
-use crate::run::{Folder, Recording};
+use super::wire::{self, Line, Reply, Request};
+use crate::run::{Folder, LogBook, Recording};
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Running, Service};
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::io::BufReader;
 use tokio::sync::{mpsc, watch};
@@ -26,26 +26,52 @@ const LEAVE: Duration = Duration::from_secs(1);
 /// How long to wait if the system gives no connection now.
 const PAUSE: Duration = Duration::from_millis(50);
 
+/// Where a run's control port is, and what it shares with the rest of the run.
+pub(crate) struct CtlPort {
+    /// An address (port 0: any that is free); `None`: a socket in the run's folder.
+    pub(crate) address: Option<SocketAddr>,
+    /// The newest events in words.
+    pub(crate) log: LogBook,
+    /// The connections that are open until the run is over.
+    pub(crate) lasts: LastLines,
+}
+
+/// The connections by which the run was stopped. They are closed when the run is over, its folder written: that is how
+/// `mobee ctl stop` waits for it. Clones are the same.
+#[derive(Clone, Default)]
+pub(crate) struct LastLines(Arc<Mutex<Vec<Box<dyn Line>>>>);
+
+impl LastLines {
+    fn keep(&self, line: Box<dyn Line>) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+    }
+
+    /// The run is over.
+    pub(crate) fn close(&self) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+}
+
 /// Serves the control port of a run.
 pub struct CtlService {
     folder: PathBuf,
-    address: Option<SocketAddr>,
+    port: CtlPort,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
     beside: BesideNames,
 }
 
 impl CtlService {
-    /// For the run in this folder: at an address (port 0: any that is free), or else a socket in the folder. `recording` is how
+    /// For the run in this folder. `recording` is how
     /// it is recorded, `beside` are the names of what runs beside its robots.
     pub(crate) fn new(
         folder: &Folder,
-        address: Option<SocketAddr>,
+        port: CtlPort,
         controls: mpsc::Sender<Control>,
         recording: Arc<Recording>,
         beside: BesideNames,
     ) -> CtlService {
-        CtlService { folder: folder.path().to_owned(), address, controls, recording, beside }
+        CtlService { folder: folder.path().to_owned(), port, controls, recording, beside }
     }
 }
 
@@ -60,13 +86,19 @@ impl Service for CtlService {
 
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
-            let door = Door::open(&self.folder, self.address).await?;
-            let desk = Desk::new(running, self.controls.clone(), self.recording.clone(), self.beside.clone());
+            let door = Door::open(&self.folder, self.port.address).await?;
+            let desk = Desk::new(
+                running,
+                self.controls.clone(),
+                self.recording.clone(),
+                self.beside.clone(),
+                self.port.log.clone(),
+            );
             let (mut guests, ending) = (JoinSet::new(), watch::Sender::new(false));
             tokio::select! {
                 () = until => {}
                 () = desk.follow() => {}
-                () = receive(&door, &desk, &mut guests, &ending) => {}
+                () = receive(&door, &desk, &mut guests, (&ending, &self.port.lasts)) => {}
             }
             Door::forget(&self.folder);
             ending.send_replace(true);
@@ -77,13 +109,18 @@ impl Service for CtlService {
 }
 
 /// Receives guests; for ever.
-async fn receive(door: &Door, desk: &Arc<Desk>, guests: &mut JoinSet<()>, ending: &watch::Sender<bool>) {
+async fn receive(
+    door: &Door,
+    desk: &Arc<Desk>,
+    guests: &mut JoinSet<()>,
+    (ending, lasts): (&watch::Sender<bool>, &LastLines),
+) {
     loop {
         tokio::select! {
             Some(_) = guests.join_next() => {}
             knock = door.knock() => match knock {
                 Ok(guest) if guests.len() < GUESTS => {
-                    guests.spawn(attend(guest, desk.clone(), ending.subscribe()));
+                    guests.spawn(attend(guest, desk.clone(), ending.subscribe(), lasts.clone()));
                 }
                 Ok(_) => {}
                 Err(_) => tokio::time::sleep(PAUSE).await,
@@ -93,21 +130,39 @@ async fn receive(door: &Door, desk: &Arc<Desk>, guests: &mut JoinSet<()>, ending
 }
 
 /// Answers one guest until it goes, falls silent, or the run ends.
-async fn attend(guest: Guest, desk: Arc<Desk>, mut ending: watch::Receiver<bool>) {
+async fn attend(guest: Guest, desk: Arc<Desk>, mut ending: watch::Receiver<bool>, lasts: LastLines) {
     let Ok(line) = guest.admit().await else { return };
     let mut line = BufReader::new(line);
     loop {
         let request = tokio::select! {
-            _ = ending.wait_for(|ends| *ends) => return,
-            request = timeout(IDLE, wire::read::<Request>(&mut line)) => request,
+            () = async { drop(ending.wait_for(|ends| *ends).await) } => None,
+            request = timeout(IDLE, wire::read::<Request>(&mut line)) => Some(request),
         };
-        let (reply, last) = match request {
-            Ok(Ok(Some(request))) => (desk.reply(request).await, false),
+        let Some(request) = request else {
+            // whoever asks next reads this in place of an answer
+            let _ = timeout(WRITE, wire::write(line.get_mut(), &desk.farewell())).await;
+            return;
+        };
+        let (mut reply, last) = match request {
+            Ok(Ok(Some(request))) => {
+                let stops = request.words.first().is_some_and(|word| word == "stop");
+                (desk.reply(request).await, stops)
+            }
             // what follows on a line that was not understood would not be either
-            Ok(Err(why)) => (Reply { done: false, lines: vec![why.to_string()] }, true),
+            Ok(Err(why)) => (Reply { done: false, lines: vec![why.to_string()], over: false }, true),
             Ok(Ok(None)) | Err(_) => return,
         };
-        if !matches!(timeout(WRITE, wire::write(line.get_mut(), &reply)).await, Ok(Ok(()))) || last {
+        if !reply.done && reply.lines == [ENDING] {
+            let _ = timeout(LEAVE / 2, async { drop(ending.wait_for(|ends| *ends).await) }).await;
+            reply = desk.farewell();
+        }
+        if !matches!(timeout(WRITE, wire::write(line.get_mut(), &reply)).await, Ok(Ok(()))) {
+            return;
+        }
+        if last {
+            if reply.done {
+                lasts.keep(line.into_inner());
+            }
             return;
         }
     }

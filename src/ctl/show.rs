@@ -1,11 +1,15 @@
 //! A running system in words: one line per robot, then the tree and the links.
 
+use crate::narrate::in_words;
 use mobee_actors::runtime::supervision::Health;
 use mobee_actors::system::{KeptObject, RobotReport, SystemReport};
 use mobee_contract::{Hold, Status, SwapPart, SwapStep};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::time::Duration;
+
+/// How long the end of a swap is shown.
+const NEWS: Duration = Duration::from_secs(30);
 
 /// The state of a robot in the words of a status line.
 pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
@@ -17,6 +21,7 @@ pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
         Status::Holding(Hold::BoardFault) => "FAULT(board)".into(),
         Status::Holding(Hold::SlowBoard) => "CLOSED(slow board)".into(),
         Status::Holding(Hold::Displaced) => "CLOSED(moved at rest)".into(),
+        Status::Holding(Hold::Halted) => "HALTED".into(),
         Status::Holding(Hold::Stale) => format!("STALE({:.1} s)", robot.age.as_secs_f64()),
         Status::Starting if robot.swaps.iter().any(exchanged) => "CLOSED(swap)".into(),
         Status::Starting => "CLOSED(starting)".into(),
@@ -24,8 +29,71 @@ pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
         Status::Rest | Status::Moving | Status::Escaping => "ARMED".into(),
         Status::Stopping => "CLOSED(stopping)".into(),
         Status::Retreating | Status::Settling => "RETREATING".into(),
-        Status::Holding(reason) => format!("HOLDING({reason})"),
+        Status::Holding(_) => "HOLDING".into(),
     }
+}
+
+/// Whether a robot will move, why not, and what can be done about it.
+fn outlook(robot: &RobotReport, gave_up: bool, now: &SystemReport) -> String {
+    let name = &robot.name;
+    let done = now.counts.done.contains_key(name);
+    if gave_up {
+        return "a part was restarted too often; the run ends".into();
+    }
+    let stale = robot.age > robot.fresh;
+    match robot.status {
+        Status::Holding(Hold::Halted) => {
+            format!("a person halted it; it will not move before `mobee ctl release {name}`")
+        }
+        Status::Starting if stale => "no fresh readings yet; see that its board is switched on and connected".into(),
+        Status::Starting => "not ready yet; it will not move before it is seen at rest".into(),
+        _ if stale && !matches!(robot.status, Status::Holding(Hold::BoardFault)) => {
+            "no fresh readings of its encoders; it acts again by itself when there are some".into()
+        }
+        Status::Rest if !robot.has_agent => {
+            "rests; it moves when a program or `mobee ctl go` commits a motion, or an agent is swapped in".into()
+        }
+        Status::Rest if !robot.acts => {
+            format!("rests; its agent is paused and will not move it before `mobee ctl resume {name}`")
+        }
+        Status::Rest if done => "rests; its agent is done".into(),
+        Status::Rest => "rests; its agent may move it at any time".into(),
+        Status::Moving if !robot.acts => "moves; its agent is paused after this motion".into(),
+        Status::Moving => "moves".into(),
+        Status::Escaping => "moves slowly out of a contact".into(),
+        Status::Stopping => "brakes; it was stopped and goes back next".into(),
+        Status::Retreating | Status::Settling => "moves back along its own path to where its motion began".into(),
+        Status::Holding(Hold::InContact) => {
+            let why = touching(robot).unwrap_or_else(|| Hold::InContact.to_string());
+            format!("{why}; clear it away, or wait for its agent to escape")
+        }
+        Status::Holding(hold @ (Hold::RetreatBlocked | Hold::RetreatMissed | Hold::HistoryTooShort)) => {
+            let why = touching(robot).map_or_else(|| hold.to_string(), |why| format!("{hold}: {why}"));
+            format!("{why}; clear its way, then `mobee ctl recover {name}`")
+        }
+        Status::Holding(Hold::AfterCrash) => {
+            format!("the process had ended in mid-motion; `mobee ctl recover {name}` takes it back")
+        }
+        Status::Holding(hold) => hold.to_string(),
+    }
+}
+
+/// The nearest pair, and the number of the others.
+fn touching(robot: &RobotReport) -> Option<String> {
+    let (a, b, distance) = robot.touches.first()?;
+    let mm = distance * 1e3;
+    let how = if mm < 0.0 { format!("{:.1} mm deep in", -mm) } else { format!("{mm:.1} mm from") };
+    let more = match robot.touches.len() {
+        1 => String::new(),
+        n => format!(", and {} more pairs", n - 1),
+    };
+    Some(format!("{a} is {how} {b}{more}"))
+}
+
+/// Whether a swap is under way, or ended not long ago.
+fn is_news(now: &SystemReport, name: &str, part: SwapPart, step: &SwapStep) -> bool {
+    let at = now.swapped_at.get(&(name.to_owned(), part));
+    !step.is_last() || at.is_none_or(|at| now.at.since(*at) < NEWS)
 }
 
 /// The lines of `mobee ctl status`. Rates and shares are taken between `before`, an earlier report, and `now`.
@@ -34,19 +102,17 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     let wide = now.robots.iter().map(|r| r.name.len()).max().unwrap_or(0);
     for robot in &now.robots {
         let gave_up = now.counts.is_given_up;
-        let mut line = format!("{:wide$}  {}  {}", robot.name, state(robot, gave_up), robot.status.word());
+        let mut line = format!("{:wide$}  {}: {}", robot.name, state(robot, gave_up), outlook(robot, gave_up, now));
         if let Some(answers) = robot.answers {
             let _ = write!(line, "; its board {answers}");
         }
-        if !robot.acts {
-            line.push_str(", its agent is paused");
-        }
-        for (part, step) in &robot.swaps {
-            let _ = write!(line, "; swap of the {part}: {step}");
+        for (part, step) in robot.swaps.iter().filter(|(part, step)| is_news(now, &robot.name, **part, step)) {
+            let _ = write!(line, "; swap of the {part}: {}", in_words(*part, step));
         }
         lines.push(line);
     }
-    lines.extend(now.beside.iter().map(|((name, part), step)| format!("{name}  swap of the {part}: {step}")));
+    let beside = now.beside.iter().filter(|((name, part), step)| is_news(now, name, *part, step));
+    lines.extend(beside.map(|((name, part), step)| format!("{name}  swap of the {part}: {}", in_words(*part, step))));
     for sensor in &now.sensors {
         for KeptObject { object, place, seen, is_stale } in &sensor.objects {
             let age = now.at.since(*seen).as_secs_f64();
@@ -64,7 +130,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     }
     let c = &now.counts;
     lines.push(format!(
-        "{:.1} s: {} commits, {} committed, {} rolled back, {} faulted, {} refused, {} contacts, {} restarts",
+        "{:.1} s: {} motions, {} committed, {} rolled back, {} faulted, {} refused, {} contacts, {} restarts",
         now.at.secs(),
         c.commits,
         c.committed,
@@ -148,7 +214,17 @@ mod tests {
 
     fn robot(status: Status, age_ms: u64) -> RobotReport {
         let (age, fresh) = (Duration::from_millis(age_ms), Duration::from_millis(100));
-        RobotReport { name: "icub".into(), status, age, fresh, answers: None, acts: true, swaps: BTreeMap::new() }
+        RobotReport {
+            name: "icub".into(),
+            status,
+            age,
+            fresh,
+            answers: None,
+            has_agent: true,
+            acts: true,
+            touches: Vec::new(),
+            swaps: BTreeMap::new(),
+        }
     }
 
     #[test]
@@ -158,12 +234,50 @@ mod tests {
         assert_eq!(says(Status::Moving, 1500), "STALE(1.5 s)");
         assert_eq!(says(Status::Starting, 1500), "CLOSED(starting)");
         assert_eq!(says(Status::Settling, 10), "RETREATING");
-        assert_eq!(says(Status::Holding(Hold::RetreatBlocked), 10), "HOLDING(the retreat is blocked)");
+        assert_eq!(says(Status::Holding(Hold::RetreatBlocked), 10), "HOLDING");
+        assert_eq!(says(Status::Holding(Hold::Halted), 10), "HALTED");
         assert_eq!(says(Status::Holding(Hold::BoardFault), 10), "FAULT(board)");
         assert_eq!(says(Status::Holding(Hold::SlowBoard), 10), "CLOSED(slow board)");
         assert_eq!(state(&robot(Status::Rest, 10), true), "FAULT(gave_up)");
         let swaps = BTreeMap::from([(SwapPart::Driver, SwapStep::TookOver { gap: 0.0, map: None })]);
         assert_eq!(state(&RobotReport { swaps, ..robot(Status::Starting, 10) }, false), "CLOSED(swap)");
+    }
+
+    #[test]
+    fn a_status_says_what_touches_and_what_can_be_done() {
+        let now = SystemReport { robots: Vec::new(), ..report_of(Vec::new()) };
+        let says = |status, change: fn(&mut RobotReport)| {
+            let mut robot = robot(status, 10);
+            change(&mut robot);
+            outlook(&robot, false, &now)
+        };
+        let touched = says(Status::Holding(Hold::InContact), |robot| {
+            robot.touches = vec![("sph2".into(), "icub right_arm: behind r_elbow".into(), -0.0031)];
+        });
+        assert_eq!(
+            touched,
+            "sph2 is 3.1 mm deep in icub right_arm: behind r_elbow; clear it away, or wait for its agent to escape"
+        );
+        assert!(says(Status::Holding(Hold::Halted), |_| ()).contains("`mobee ctl release icub`"));
+        assert!(says(Status::Holding(Hold::RetreatBlocked), |_| ()).contains("`mobee ctl recover icub`"));
+        assert!(says(Status::Rest, |robot| robot.has_agent = false).contains("`mobee ctl go`"));
+        assert!(says(Status::Rest, |robot| robot.acts = false).contains("`mobee ctl resume icub`"));
+        assert!(says(Status::Rest, |robot| robot.age = Duration::from_secs(2)).contains("no fresh readings"));
+    }
+
+    fn report_of(robots: Vec<RobotReport>) -> SystemReport {
+        SystemReport {
+            at: Time::ZERO,
+            robots,
+            beside: BTreeMap::new(),
+            swapped_at: BTreeMap::new(),
+            sensors: Vec::new(),
+            tree: Vec::new(),
+            links: Vec::new(),
+            busy: BTreeMap::new(),
+            process: Duration::ZERO,
+            counts: RunCounts::default(),
+        }
     }
 
     #[test]
@@ -189,7 +303,14 @@ mod tests {
                 swaps: BTreeMap::from([(SwapPart::Agent, SwapStep::Settled)]),
                 ..robot(Status::Rest, 10)
             }],
-            beside: BTreeMap::from([(("yarp".into(), SwapPart::Bridge), SwapStep::Settled)]),
+            beside: BTreeMap::from([
+                (("yarp".into(), SwapPart::Bridge), SwapStep::Settled),
+                (("other".into(), SwapPart::Bridge), SwapStep::Settled),
+            ]),
+            swapped_at: BTreeMap::from([
+                (("icub".into(), SwapPart::Agent), Time((secs - 2) * 1_000_000_000)),
+                (("other".into(), SwapPart::Bridge), Time(secs.saturating_sub(60) * 1_000_000_000)),
+            ]),
             sensors: vec![SensorReport { name: "eyes".into(), objects: vec![cup(secs)] }],
             tree: vec![Health { name: "controller".into(), alive: true, restarts: 0, children: children.clone() }],
             links: vec![("icub/driver>history".into(), counters(sent)), ("tap>recorder".into(), counters(sent))],
@@ -197,12 +318,12 @@ mod tests {
             process: Duration::from_millis(90 * secs),
             counts: RunCounts::default(),
         };
-        let lines = lines(&report(12, 700), Some(&report(10, 500)));
+        let lines = lines(&report(112, 700), Some(&report(110, 500)));
         let expected = "\
-icub  ARMED  rest; its board answers in 1.2 ms, nine of ten in 3.0 ms, all in 40.0 ms, its agent is paused; swap of the agent: settled: its probation is over
+icub  ARMED: rests; its agent is paused and will not move it before `mobee ctl resume icub`; its board answers in 1.2 ms, nine of ten in 3.0 ms, all in 40.0 ms; swap of the agent: settled: its probation is over
 yarp  swap of the bridge: settled: its probation is over
 eyes  cup at 0.300 -0.100 1.000 m, seen 3.0 s ago, STALE
-12.0 s: 0 commits, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
+112.0 s: 0 motions, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
 overload: 2 entries dropped by the recorder; reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms
 
 processor: 9.0 % of a core, 4.0 % by these and what they have computed elsewhere

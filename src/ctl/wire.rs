@@ -80,6 +80,9 @@ pub(super) struct Reply {
     pub(super) done: bool,
     /// What there is to say.
     pub(super) lines: Vec<String>,
+    /// Whether the run has ended: nothing more is answered on this connection.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(super) over: bool,
 }
 
 /// A connection, of whatever kind.

@@ -5,7 +5,7 @@
 use super::Finding;
 use crate::compose::{Composition, compose};
 use crate::config::Config;
-use crate::run::{CtlAt, Extras, Folder, show};
+use crate::run::{CtlAt, Extras, Folder, Output, show};
 use miette::Report;
 use mobee_actors::system::AgentMaker;
 use mobee_contract::{Agent, Hardware, Intent, MotionEnd, Paces, Refusal, Snapshot, Summary, Target, View};
@@ -68,7 +68,7 @@ pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<Findin
     let mut composition = compose(config, &source)?;
     let hardware = only(&mut composition, motor).ok_or_else(|| Report::msg(format!("{motor} is gone")))?;
     let folder = Folder::create(&composition.config.name, None)?;
-    show(composition, &folder, Extras::default(), false, CtlAt::Folder, mpsc::channel(16))?;
+    show(composition, &folder, Extras::default(), Output::default(), CtlAt::Folder, mpsc::channel(16))?;
     Ok(told(&hardware.paces(), motor, folder.path()))
 }
 

@@ -1,19 +1,29 @@
 //! The progress bar: live counters while a run goes on. Silent when standard error is no terminal.
 
-use crate::config::Config;
+use super::Output;
+use crate::config::{ClockMode, Config};
 use indicatif::{ProgressBar, ProgressStyle};
 use mobee_actors::system::RunProgress;
-use std::io::Write;
+use std::io::{IsTerminal, Write};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time by the wall clock between two lines of a run in virtual time whose terminal is none.
+const LINES: Duration = Duration::from_secs(10);
 
 /// A bar with counters. Clones are the same bar.
 #[derive(Clone)]
-pub struct Bar(ProgressBar);
+pub struct Bar {
+    bar: ProgressBar,
+    /// The last line of progress; none if no such lines are due.
+    lines: Option<Arc<Mutex<Instant>>>,
+}
 
 impl Bar {
     /// A bar for this run; with a known end it fills, else it spins.
-    pub fn new(config: &Config, quiet: bool) -> Bar {
+    pub fn new(config: &Config, output: Output) -> Bar {
         let bar = match config.for_s {
-            _ if quiet => ProgressBar::hidden(),
+            _ if output.json || output.quiet => ProgressBar::hidden(),
             Some(secs) => ProgressBar::new(secs.ceil() as u64),
             None => ProgressBar::new_spinner(),
         };
@@ -23,14 +33,18 @@ impl Bar {
         };
         bar.set_style(ProgressStyle::with_template(style).unwrap_or_else(|_| ProgressStyle::default_bar()));
         bar.set_prefix(config.name.clone());
-        Bar(bar)
+        let lines = config.clock == ClockMode::Virtual && !output.quiet && !std::io::stderr().is_terminal();
+        #[expect(clippy::disallowed_methods, reason = "lines are spaced for a person, who lives by the wall's clock")]
+        let lines = lines.then(|| Arc::new(Mutex::new(Instant::now())));
+        Bar { bar, lines }
     }
 
     /// Shows the newest counters.
     pub fn show(&self, p: &RunProgress) {
+        self.line(p);
         let c = &p.counts;
-        self.0.set_position(p.at.secs() as u64);
-        self.0.set_message(format!(
+        self.bar.set_position(p.at.secs() as u64);
+        self.bar.set_message(format!(
             "{:02}:{:02}:{:02} simulated   commits {}   rolled back {}   faulted {}   hard contacts {}",
             p.at.0 / 3_600_000_000_000,
             p.at.0 / 60_000_000_000 % 60,
@@ -42,9 +56,23 @@ impl Bar {
         ));
     }
 
+    /// A line with the newest counters, every ten seconds, where there is no bar to be seen.
+    fn line(&self, p: &RunProgress) {
+        let Some(last) = &self.lines else { return };
+        #[expect(clippy::disallowed_methods, reason = "lines are spaced for a person, who lives by the wall's clock")]
+        let now = Instant::now();
+        let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+        if now.duration_since(*last) < LINES {
+            return;
+        }
+        *last = now;
+        let (minutes, c) = (p.at.secs() / 60.0, &p.counts);
+        self.say(&format!("{minutes:.1} min simulated: {} motions, {} rolled back", c.commits, c.rolled_back));
+    }
+
     /// Says a line above the bar, on standard error.
     pub fn say(&self, line: &str) {
-        self.0.suspend(|| {
+        self.bar.suspend(|| {
             // with the terminal gone there is nobody to be told
             let _ = writeln!(std::io::stderr(), "{}", mobee_model::printable(line));
         });
@@ -52,6 +80,6 @@ impl Bar {
 
     /// Takes the bar away.
     pub fn finish(&self) {
-        self.0.finish_and_clear();
+        self.bar.finish_and_clear();
     }
 }

@@ -3,18 +3,31 @@
 use super::{Done, Folder};
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::system::Reason;
+use mobee_model::Labels;
 use serde_json::{Value, json};
+
+/// What a run prints.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Output {
+    /// The summary as JSON, on standard output.
+    pub json: bool,
+    /// Nothing while it goes on but warnings.
+    pub quiet: bool,
+    /// All counters, those that are zero as well.
+    pub verbose: bool,
+}
 
 /// The summary as JSON: what `summary.json` holds.
 pub fn summary(done: &Done) -> Value {
     let end = &done.end;
-    let simulated = end.ended_at.secs();
     let wall = done.wall.as_secs_f64();
+    // a resumed run has passed a part of its time in an earlier process
+    let passed = end.ended_at.since(done.began).as_secs_f64();
     json!({
         "reason": end.reason.to_string(),
-        "simulated_s": simulated,
+        "simulated_s": end.ended_at.secs(),
         "wall_s": wall,
-        "real_time_factor": if wall > 0.0 { simulated / wall } else { 0.0 },
+        "real_time_factor": if wall > 0.0 { passed / wall } else { 0.0 },
         "counters": end.counts,
         "journal_hash": done.whole.then_some(&done.hash),
         "complaints": done.complaints,
@@ -22,31 +35,76 @@ pub fn summary(done: &Done) -> Value {
     })
 }
 
+/// Why a run has ended, for people.
+fn reason(reason: Reason) -> &'static str {
+    match reason {
+        Reason::Done => "done: all agents have finished",
+        Reason::Time => "time: the run was to last so long",
+        Reason::Interrupted => "stopped, as asked for",
+        Reason::GaveUp => "gave up: a part used up its restarts",
+        Reason::NoJournal => "no journal: it could no longer be written",
+    }
+}
+
+/// The rows of the counters: what happened first, then whatever is not zero, and all of them if `verbose`.
+fn counters(counts: &Value, verbose: bool) -> Vec<(String, String)> {
+    const FIRST: [(&str, &str); 7] = [
+        ("commits", "motions"),
+        ("committed", "committed"),
+        ("rolled_back", "rolled back"),
+        ("faulted", "faulted"),
+        ("stopped", "aborted, as asked for"),
+        ("contacts", "contacts"),
+        ("hard_contacts", "hard contacts"),
+    ];
+    let number = |key: &str| counts[key].as_u64().unwrap_or_default();
+    // the end of the run cuts off a motion: no row of its own unless there is one
+    let always = |key: &str| !["stopped", "hard_contacts"].contains(&key);
+    let first = FIRST.iter().filter(|(key, _)| verbose || always(key) || number(key) > 0);
+    let first = first.map(|(key, name)| ((*name).to_owned(), number(key).to_string()));
+    let others = counts.as_object().into_iter().flatten().filter(|(key, value)| {
+        let shown = value.as_u64().is_some_and(|n| n > 0) && *key != "samples";
+        value.is_number() && !FIRST.iter().any(|(first, _)| first == key) && (verbose || shown)
+    });
+    first.chain(others.map(|(key, value)| (key.replace('_', " "), value.to_string()))).collect()
+}
+
 /// Prints it.
 ///
 /// # Errors
 /// None but those of formatting.
-pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> {
+pub(super) fn print(
+    done: &Done,
+    folder: &Folder,
+    output: Output,
+    labels: &Labels,
+    recent: &[String],
+) -> Result<(), Report> {
     let mut summary = summary(done);
-    if as_json {
+    if output.json {
         summary["folder"] = json!(folder.path());
         println!("{}", serde_json::to_string_pretty(&summary).into_diagnostic()?);
         return Ok(());
     }
-    let row = |name: &str, value: String| println!("  {name:22} {value}");
+    let row = |name: &str, value: String| println!("  {name:22} {}", labels.read(&value));
     println!("\n{}", folder.path().display());
-    row("ended", done.end.reason.to_string());
-    row("simulated", format!("{:.1} s ({:.1} min)", done.end.ended_at.secs(), done.end.ended_at.secs() / 60.0));
-    row(
-        "wall clock",
-        format!(
-            "{:.1} s, {:.0} times real time",
-            done.wall.as_secs_f64(),
-            summary["real_time_factor"].as_f64().unwrap_or(0.0)
-        ),
-    );
-    for (name, value) in summary["counters"].as_object().into_iter().flatten().filter(|(_, v)| v.is_number()) {
-        row(&name.replace('_', " "), value.to_string());
+    row("ended", reason(done.end.reason).into());
+    let (secs, wall) = (done.end.ended_at.secs(), done.wall.as_secs_f64());
+    if done.real {
+        row("duration", format!("{secs:.1} s ({:.1} min) by the run's clock", secs / 60.0));
+        if done.began.secs() > 0.0 {
+            row("of these resumed", format!("{wall:.1} s"));
+        }
+    } else {
+        row("simulated", format!("{secs:.1} s ({:.1} min)", secs / 60.0));
+        let factor = summary["real_time_factor"].as_f64().unwrap_or(0.0);
+        row("wall clock", format!("{wall:.1} s, {factor:.0} times real time"));
+    }
+    for (name, value) in counters(&summary["counters"], output.verbose) {
+        row(&name, value);
+    }
+    for (i, line) in recent.iter().enumerate() {
+        row(if i == 0 { "last that failed" } else { "" }, line.clone());
     }
     for (robot, s) in &done.end.counts.done {
         row(robot, s.text.clone());
@@ -79,4 +137,30 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
         "\n  mobee check {path}      verify the journal and the invariants\n  mobee view {path}       open the recording"
     );
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counters_show_what_happened_and_zeros_on_request_alone() {
+        let counts = json!({
+            "samples": 900, "commits": 3, "committed": 2, "rolled_back": 0, "faulted": 0, "stopped": 1, "contacts": 0,
+            "hard_contacts": 0, "restarts": 0, "refused": 4, "gave_up": 0, "late": {"periods": 0}
+        });
+        let rows =
+            |verbose| counters(&counts, verbose).into_iter().map(|(name, n)| format!("{name} {n}")).collect::<Vec<_>>();
+        let shown = [
+            "motions 3",
+            "committed 2",
+            "rolled back 0",
+            "faulted 0",
+            "aborted, as asked for 1",
+            "contacts 0",
+            "refused 4",
+        ];
+        assert_eq!(rows(false), shown);
+        assert!(rows(true).contains(&"hard contacts 0".into()) && rows(true).contains(&"samples 900".into()));
+    }
 }

@@ -6,7 +6,7 @@
 
 mod evidence;
 
-use super::{CtlAt, Extras, Folder, conduct, limits, space};
+use super::{CtlAt, Extras, Folder, Output, conduct, limits, space};
 use crate::compose::{Composition, compose_again};
 use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
@@ -24,7 +24,7 @@ use tokio::sync::mpsc;
 ///
 /// # Errors
 /// Complaints about the folder, its journal or the configuration, before anything moves.
-pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<ExitCode, Report> {
+pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result<ExitCode, Report> {
     let folder = Folder::of_run(dir)?;
     let (_, stored) = Config::load_resolved(&dir.join("config.json"))?;
     let ended = evidence::summed_up(dir)?;
@@ -75,7 +75,7 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
         );
     }
     let extras = Extras { past: Some((journal, past)), damage, ..Extras::default() };
-    conduct(composition, &folder, extras, json, ctl, mpsc::channel(16))
+    conduct(composition, &folder, extras, output, ctl, mpsc::channel(16))
 }
 
 /// Simulated robots stand where they were last known to be; real ones are where they are.

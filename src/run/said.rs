@@ -1,48 +1,176 @@
-//! What goes wrong while a run goes on, said on the terminal at once.
+//! What happens in a run, on the terminal as it happens.
+//!
+//! By a real clock that is a line for each rollback, hold, death, swap and warning, at most [`MOST`] in [`WINDOW`]; what is more is
+//! summed up. In virtual time, which passes thousands of times faster, only warnings are printed. All lines go to standard error.
 
 use super::progress::Bar;
-use mobee_contract::{Entry, Event, Sink, SwapStep, Time};
+use crate::narrate::{Line, Narrator, Weight, timed};
+use mobee_contract::{Entry, Event, Sink, Time};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
-/// After so many warnings the journal alone has them.
-const MOST: u32 = 20;
+/// Lines in a window; more are counted.
+const MOST: usize = 12;
+/// A window.
+const WINDOW: Duration = Duration::from_secs(10);
+/// Warnings of a run in virtual time; the journal has further ones.
+const MOST_VIRTUAL: u32 = 20;
+/// Failed motions that the summary shows.
+const RECENT: usize = 5;
 
-/// Prints warnings.
+/// The motions of a run that failed last, as lines for its summary.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Recent(Arc<Mutex<VecDeque<String>>>);
+
+impl Recent {
+    /// The lines, oldest first.
+    pub(crate) fn lines(&self) -> Vec<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
+    }
+
+    fn push(&self, line: String) {
+        let mut lines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if lines.len() >= RECENT {
+            lines.pop_front();
+        }
+        lines.push_back(line);
+    }
+}
+
+/// How a run talks.
+#[derive(Clone, Debug)]
+pub(crate) struct Talk {
+    /// Whether each event is news, or warnings alone are: whether a person can follow the run's clock.
+    pub(super) live: bool,
+    /// Whether nothing but warnings is printed.
+    pub(super) quiet: bool,
+    /// Printed as the run begins.
+    pub(super) ready: Vec<String>,
+    /// Filled for the summary.
+    pub(super) recent: Recent,
+}
+
+/// Prints lines.
 pub(super) struct Said {
     bar: Bar,
-    said: u32,
+    talk: Talk,
+    narrator: Narrator,
+    bound: Bound,
+    warnings: u32,
 }
 
 impl Said {
     /// Above this progress bar.
-    pub(super) fn new(bar: Bar) -> Said {
-        Said { bar, said: 0 }
+    pub(super) fn new(bar: Bar, talk: Talk, narrator: Narrator) -> Said {
+        Said { bar, talk, narrator, bound: Bound::default(), warnings: 0 }
+    }
+
+    fn line(&mut self, at: Time, line: &Line) {
+        let is_warning = line.weight == Weight::Warning;
+        let text = match is_warning {
+            true => format!("warning, {}", timed(at, &line.text)),
+            false => timed(at, &line.text),
+        };
+        if self.talk.live {
+            if is_warning || (line.weight == Weight::News && !self.talk.quiet) {
+                self.bound.line(at, line.kind, text).iter().for_each(|line| self.bar.say(line));
+            }
+            return;
+        }
+        if is_warning {
+            self.warnings += 1;
+            if self.warnings <= MOST_VIRTUAL {
+                self.bar.say(&text);
+            }
+            if self.warnings == MOST_VIRTUAL {
+                self.bar.say("warning: further ones are in the journal");
+            }
+        }
     }
 }
 
 impl Sink for Said {
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
-        let Entry::Event(event) = entry else { return Ok(()) };
-        let text = match &**event {
-            Event::Warning { text } => text.clone(),
-            Event::Swap { robot: name, part, step } | Event::SwapBeside { name, part, step }
-                if matches!(step, SwapStep::Refused { .. } | SwapStep::Reverted { .. }) =>
-            {
-                format!("{name}: swap of the {part}: {step}")
+        let event = match entry {
+            Entry::Event(event) => event,
+            Entry::Scene(scene) => {
+                self.narrator.edited(scene);
+                return Ok(());
             }
-            Event::GaveUp { group } => format!("{group} used up its restarts"),
             _ => return Ok(()),
         };
-        self.said += 1;
-        if self.said <= MOST {
-            self.bar.say(&format!("warning, {:.1} s: {text}", at.secs()));
+        if let Event::Started { .. } | Event::Resumed { .. } = &**event {
+            self.talk.ready.iter().filter(|_| !self.talk.quiet).for_each(|line| self.bar.say(line));
         }
-        if self.said == MOST {
-            self.bar.say("warning: further ones are in the journal");
+        if let Some(line) = self.narrator.line(event) {
+            if ["rolled back", "faulted"].contains(&line.kind) {
+                self.talk.recent.push(timed(at, &line.text));
+            }
+            self.line(at, &line);
+        }
+        if let Event::Ended { .. } = &**event {
+            self.bound.rest().iter().for_each(|line| self.bar.say(line));
         }
         Ok(())
     }
 
     fn flush(&mut self) -> Result<(), String> {
         Ok(())
+    }
+}
+
+/// Bounds the rate of lines: what is too much in a window is counted, and told as one line after it.
+#[derive(Debug, Default)]
+struct Bound {
+    since: Option<Time>,
+    told: usize,
+    more: BTreeMap<&'static str, u64>,
+}
+
+impl Bound {
+    /// What is printed now of a line: itself, nothing, or what came too fast before it as well.
+    fn line(&mut self, at: Time, kind: &'static str, text: String) -> Vec<String> {
+        let mut lines = Vec::new();
+        if self.since.is_none_or(|since| at.since(since) >= WINDOW) {
+            lines = self.rest();
+            (self.since, self.told) = (Some(at), 0);
+        }
+        if self.told < MOST {
+            self.told += 1;
+            lines.push(text);
+        } else {
+            *self.more.entry(kind).or_default() += 1;
+        }
+        lines
+    }
+
+    /// What came too fast, in one line.
+    fn rest(&mut self) -> Vec<String> {
+        let more = std::mem::take(&mut self.more);
+        let total: u64 = more.values().sum();
+        if total == 0 {
+            return Vec::new();
+        }
+        let kinds: Vec<String> = more.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
+        vec![format!("{total} more lines in these {} s ({}); the journal has them", WINDOW.as_secs(), kinds.join(", "))]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_storm_is_summed_up() {
+        let mut bound = Bound::default();
+        let at = |ms: u64| Time(ms * 1_000_000);
+        let storm: Vec<String> =
+            (0..100).flat_map(|i| bound.line(at(i * 10), "rolled back", format!("line {i}"))).collect();
+        assert_eq!(storm.len(), MOST, "{storm:?}");
+        assert_eq!(bound.line(at(1100), "holds", "hold".into()), Vec::<String>::new());
+        let after = bound.line(at(30_000), "holds", "later".into());
+        assert_eq!(after, ["89 more lines in these 10 s (1 holds, 88 rolled back); the journal has them", "later"]);
+        assert_eq!(bound.rest(), Vec::<String>::new(), "once");
     }
 }

@@ -3,16 +3,19 @@
 use super::BUILD;
 use super::folder::Folder;
 use super::guarded::Guarded;
+use super::log::SCENES;
 use super::progress::Bar;
-use super::said::Said;
+use super::said::{Said, Talk};
 use super::space::Room;
 use super::switched::Switched;
 use crate::config::{ClockMode, Config};
+use crate::narrate::Narrator;
 use mobee_actors::record::journal::Journal;
 use mobee_actors::record::ring::Rings;
 use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec};
 use mobee_actors::record::track::Tracks;
 use mobee_drivers::eyes::KeptFrames;
+use mobee_model::Scene;
 use mobee_recorder::Recorder;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -116,16 +119,17 @@ pub(super) fn frames(config: &Config, folder: &Folder, damage: &mut Vec<String>)
     }))
 }
 
-/// Warnings, as they come.
-pub(super) fn terminal(bar: Bar) -> SinkSpec {
+/// What happens, as it happens.
+pub(super) fn terminal(bar: Bar, talk: Talk, scene: &Arc<Scene>) -> SinkSpec {
+    let scene = scene.clone();
     SinkSpec {
         pictures: Pictures::None,
         name: TERMINAL.into(),
         essential: false,
-        poses: None,
+        poses: Some(SCENES),
         capacity: QUEUE,
         patience: IMPATIENCE,
-        open: Some(Arc::new(move || Ok(Box::new(Said::new(bar.clone()))))),
+        open: Some(Arc::new(move || Ok(Box::new(Said::new(bar.clone(), talk.clone(), Narrator::new(&scene)))))),
     }
 }
 

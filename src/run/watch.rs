@@ -108,7 +108,7 @@ impl WatchService {
             self.controls.send(offered.control(name.clone(), reply)).await.map_err(|_| "the run is ending")?;
             let said = |why: &str| format!("{name}.{part}: {why}");
             taken.await.map_err(|_| said("the run is ending"))?.map_err(|why| said(&why))?;
-            match self.last_step(&name, part).await? {
+            match self.last_step(&name, part, running).await? {
                 SwapStep::Settled => put(&mut self.running, &now, &self.bridges, &name, part),
                 step => return Err(said(&step.to_string())),
             }
@@ -117,9 +117,17 @@ impl WatchService {
         Ok(done)
     }
 
-    /// Waits for the end of a swap.
-    async fn last_step(&self, name: &str, part: SwapPart) -> Result<SwapStep, String> {
+    /// Waits for the end of a swap. An edit that comes meanwhile is answered at once, and taken up after it.
+    async fn last_step(&self, name: &str, part: SwapPart, running: &Arc<dyn Running>) -> Result<SwapStep, String> {
+        let (before, mut answered) = (print_of(&self.files()), false);
         loop {
+            if !answered && print_of(&self.files()) != before {
+                answered = true;
+                let text = format!(
+                    "the configuration was edited while the swap of {name}.{part} is under way: the edit is taken up once that has ended"
+                );
+                running.tell(Event::Warning { text });
+            }
             let (reply, report) = oneshot::channel();
             self.controls.send(Control::Status(reply)).await.map_err(|_| "the run is ending")?;
             let report = report.await.map_err(|_| "the run is ending")?;
@@ -156,7 +164,6 @@ impl Service for WatchService {
                         Ok(done) => format!("the edited configuration is in force: {}", done.join(", ")),
                         Err(why) => format!("the edited configuration was not taken over: {why}"),
                     };
-                    eprintln!("{text}");
                     running.tell(Event::Warning { text });
                 }
             };

@@ -67,7 +67,7 @@ impl Tally {
         }
         let c = &ran.counts;
         self.commits += c.commits;
-        for (sum, n) in self.outcomes.iter_mut().zip([c.committed, c.rolled_back, c.faulted]) {
+        for (sum, n) in self.outcomes.iter_mut().zip([c.committed, c.rolled_back, c.faulted + c.stopped]) {
             *sum += n;
         }
         for (cause, n) in &ran.faulted {

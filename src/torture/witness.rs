@@ -353,7 +353,7 @@ impl Witness {
         };
         let near = *seen.near.get_or_insert(at);
         if at.since(near) > seen.period * PERIODS {
-            let (a, b) = (scene.shape_name(contact.pair.0), scene.shape_name(contact.pair.1));
+            let (a, b) = (scene.label(contact.pair.0), scene.label(contact.pair.1));
             let (mm, name) = (contact.distance * 1e3, &seen.name);
             let state = match promise {
                 "I24" => "the escape that deepens it goes on",
@@ -395,7 +395,7 @@ impl Witness {
             }
             self.joint.nearer = start - c.distance;
             if self.joint.nearer > TOGETHER {
-                let (a, b) = (scene.shape_name(c.pair.0), scene.shape_name(c.pair.1));
+                let (a, b) = (scene.label(c.pair.0), scene.label(c.pair.1));
                 let [now, start] = [c.distance, start].map(|m| m * 1e3);
                 let what = format!("{a} and {b} are at {now:.1} mm during the retreat of both, below {start:.1} mm");
                 self.found.push(("I14", format!("{what} at {at}")));

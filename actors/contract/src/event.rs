@@ -409,6 +409,16 @@ pub enum Event {
         /// Whether it may make motions.
         acts: bool,
     },
+    /// A person halted the robot: until `Released` nothing moves it. Recorded again by a part that is restarted meanwhile.
+    Halted {
+        /// Robot.
+        robot: String,
+    },
+    /// A person released the robot.
+    Released {
+        /// Robot.
+        robot: String,
+    },
     /// A part of a running robot is being swapped.
     Swap {
         /// Robot.

@@ -125,6 +125,8 @@ pub enum Hold {
     /// The process ended in mid-motion, and the robot rests neither at its target nor at its safe pose. Nothing moves
     /// before somebody asks to `recover`.
     AfterCrash,
+    /// A person halted the robot: nothing moves it until a person releases it.
+    Halted,
     /// The run is ending.
     ShuttingDown,
 }
@@ -144,6 +146,7 @@ impl fmt::Display for Hold {
             }
             Hold::Displaced => "the robot was moved at rest: by another program, by hand or by its weight",
             Hold::AfterCrash => "the process ended in mid-motion: ask to `recover`",
+            Hold::Halted => "halted by a person: `mobee ctl release` lets it act again",
             Hold::ShuttingDown => "the run is ending",
         })
     }
@@ -309,6 +312,7 @@ impl Refusal {
         match self {
             Refusal::Closed => "wait until the rollback has ended, then plan again from the robot's pose",
             Refusal::NotReady { .. } => "wait until the controller is complete and the encoders are fresh",
+            Refusal::Holding { reason: Hold::Halted } => "release it: `mobee ctl release`",
             Refusal::Holding { .. } => {
                 "commit an escape that only lessens the contacts, or clear the cause and `recover`"
             }

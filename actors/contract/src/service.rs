@@ -64,6 +64,19 @@ pub trait Filtered: Send + Sync {
     /// # Errors
     /// There is none; a sentence says why the robot holds, if it does, and what opens its filter.
     fn recover(&self) -> Result<(), String>;
+    /// Stops the robot: its filter closes, the motion under way ends with an outcome, a retreat stops where it is, and
+    /// nothing moves the robot until [`Filtered::release`].
+    ///
+    /// # Errors
+    /// If the caller's access was revoked.
+    fn halt(&self) -> Result<(), String>;
+    /// Lets a halted robot act again. Its filter opens by a fresh reading at rest, free of contact.
+    ///
+    /// # Errors
+    /// Why it can't be released, as a sentence.
+    fn release(&self) -> Result<(), String>;
+    /// Whether the robot is halted.
+    fn is_halted(&self) -> bool;
     /// Passes a question through to a part's board; see [`crate::Hardware::passthrough`].
     fn passthrough(&self, part: &str, request: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>>;
     /// The newest state of a part's board in its own protocol; see [`crate::Hardware::native_state`].
@@ -137,5 +150,9 @@ pub trait Bridge: Service {
     /// `None`: nobody moves anything through it, or it is not known how fast.
     fn speed(&self) -> Option<f64> {
         None
+    }
+    /// What it serves to programs outside for these robots, for people: the names of its ports, for instance.
+    fn serves(&self, _robots: &[Arc<Robot>]) -> Vec<String> {
+        Vec::new()
     }
 }

@@ -33,6 +33,10 @@ pub struct TransactionState {
     pub history: HistoryCore,
     /// An actor that died since supervise last looked.
     pub died: Option<String>,
+    /// Whether a person has halted the robot: from the request until its release, whatever dies meanwhile.
+    pub halted: bool,
+    /// Whether the journal has that.
+    pub halt_told: bool,
     /// Where the motors were last sent, as the last transaction left them.
     pub places: Places,
     /// The safe pose last taken: kept while the robot counts as being there, so that rollbacks do not drift.
@@ -62,6 +66,8 @@ impl TransactionState {
             ahead: None,
             history: HistoryCore::new(history),
             died: None,
+            halted: false,
+            halt_told: false,
             places: Vec::new().into(),
             safe: None,
             ends: VecDeque::new(),

@@ -25,6 +25,7 @@ mod credit;
 mod displaced;
 mod end;
 mod forces;
+mod halt;
 mod hush;
 mod stalled;
 mod stream;
@@ -82,6 +83,10 @@ pub enum SuperviseIn<'a> {
     ReflexReport(ReflexReport),
     /// Somebody asks to try the failed retreat again.
     Recover,
+    /// A person stops the robot: it holds until `Release`, whatever happens meanwhile. The ledger has it already.
+    Halt,
+    /// A person lets a halted robot act again. The ledger has it already.
+    Release,
     /// A part of the controller is to be exchanged: close at the next boundary, and say so by
     /// [`SuperviseOut::Yielded`].
     Yield,
@@ -259,6 +264,8 @@ pub struct SuperviseCore {
     hushed: Option<hush::Hush>,
     /// The motors that are perhaps in another control mode than that of position moves.
     modes: BTreeSet<usize>,
+    /// The hold that a halted robot returns to when it is released, if that does not end by itself.
+    held: Option<Hold>,
     /// Whether to close at the next boundary.
     yields: bool,
     /// Whether the run ends: nothing is accepted any more.
@@ -288,6 +295,7 @@ impl SuperviseCore {
             motion: MotionState::default(),
             hushed: None,
             modes: named.iter().flat_map(|named| named.iter().copied()).collect(),
+            held: None,
             yields: false,
             shutdown: false,
             credits: Credits::full(now),
@@ -299,6 +307,7 @@ impl SuperviseCore {
         } else {
             core.enter(Status::Starting, step);
         }
+        halt::tell_at_start(step);
         (core, std::mem::take(&mut step.out))
     }
 
@@ -360,6 +369,8 @@ impl SuperviseCore {
             SuperviseIn::Closed(token, cause, blamed) => self.closed(token, (cause, blamed), step),
             SuperviseIn::ReflexReport(word) => self.word(word, step),
             SuperviseIn::Recover => self.recover(step),
+            SuperviseIn::Halt => self.halt(step),
+            SuperviseIn::Release => self.release(step),
             SuperviseIn::Yield => self.yields = true,
             SuperviseIn::Resume => {
                 self.yields = false;

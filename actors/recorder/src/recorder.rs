@@ -12,7 +12,7 @@ use crate::shapes::touched;
 use crate::stream::{Stream, Written};
 use crate::words;
 use mobee_contract::{Entry, Event, Pose, SeenPicture, Sink, Time};
-use mobee_model::{Contact, Scene};
+use mobee_model::{Contact, Labels, Scene};
 use rerun::{Points3D, StateChange, TextLog};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -35,6 +35,8 @@ pub struct Recorder {
     objects: Objects,
     front: Option<Front>,
     scene: Option<Arc<Scene>>,
+    /// What the log calls shapes.
+    labels: Labels,
     /// Places where contacts began, newest last.
     past: Vec<[f32; 3]>,
     now: Time,
@@ -70,6 +72,7 @@ impl Recorder {
             objects: Objects::default(),
             front: None,
             scene: None,
+            labels: Labels::default(),
             past: Vec::new(),
             now: Time::ZERO,
             frames: 0,
@@ -87,6 +90,9 @@ impl Recorder {
             self.lay_out()?;
         }
         self.objects.update(&self.stream, scene)?;
+        if self.scene.is_none() {
+            self.labels = Labels::new(scene.robots());
+        }
         self.scene = Some(Arc::clone(scene));
         self.paint()
     }
@@ -151,7 +157,7 @@ impl Recorder {
 
     fn event(&mut self, event: &Event) -> Written {
         if let Some((source, level, text)) = words::line(event) {
-            let line = TextLog::new(text).with_level(level.word());
+            let line = TextLog::new(self.labels.read(&text).into_owned()).with_level(level.word());
             self.stream.log(&format!("log/{}", entities(source)), &line)?;
         }
         match event {

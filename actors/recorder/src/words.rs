@@ -50,10 +50,16 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             (robot, Info, format!("controller: {kind}{reflex}"))
         }
         Event::Enabled { robot, .. } => (robot, Debug, "filter open".to_owned()),
+        Event::Disabled { robot, cause: Cause::Asked, .. } => (robot, Info, "filter closed: asked for".to_owned()),
         Event::Disabled { robot, cause, .. } => (robot, Warn, format!("filter closed: {}", why(cause))),
         Event::State { robot, status: Status::Holding(Hold::ShuttingDown) } => {
             (robot, Info, format!("holds: {}", Hold::ShuttingDown))
         }
+        Event::State { robot, status: Status::Holding(Hold::Halted) } => {
+            (robot, Warn, format!("holds: {}", Hold::Halted))
+        }
+        Event::Halted { robot } => (robot, Warn, "halted".to_owned()),
+        Event::Released { robot } => (robot, Info, "released".to_owned()),
         Event::State { robot, status: Status::Holding(reason) } => (robot, Error, format!("holds: {reason}")),
         Event::State { .. } | Event::SafePose { .. } | Event::Command { .. } | Event::Streamed { .. } => return None,
         Event::Told { .. } => return None,
@@ -73,6 +79,10 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             let because = cause.as_ref().map(|c| format!(": {}", why(c))).unwrap_or_default();
             match outcome {
                 Outcome::Committed => (robot, Info, format!("#{} committed", id.0)),
+                // an orderly end is no error
+                Outcome::Faulted if *cause == Some(Cause::Asked) => {
+                    (robot, Info, format!("#{} aborted: {}", id.0, why(&Cause::Asked)))
+                }
                 Outcome::RolledBack => (robot, Warn, format!("#{} rolled back{because}", id.0)),
                 Outcome::Faulted => (robot, Error, format!("#{} faulted{because}", id.0)),
             }

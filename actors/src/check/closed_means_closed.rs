@@ -2,7 +2,7 @@
 //!
 //! A token is open if an `Enabled` brought it and closed otherwise, from then until the next token. Every command must carry
 //! the token of its moment and its writer must be the one that this token lets pass: agents through open ones, the reflex
-//! through closed ones. Supervise writes through closed ones too, stops and modes alone. A stream is told at its end, so it is
+//! through closed ones. From `Halted` to `Released` nothing opens it. Supervise writes through closed ones too, stops and modes alone. A stream is told at its end, so it is
 //! judged by when it was written. The driver itself only stops.
 
 use super::{Found, Invariant};
@@ -19,11 +19,13 @@ struct Filter {
     token: u64,
     /// Per token: whether it is open, and since when.
     tokens: BTreeMap<u64, (bool, Time)>,
+    /// Whether a person has halted the robot.
+    halted: bool,
 }
 
 impl Default for Filter {
     fn default() -> Filter {
-        Filter { token: 0, tokens: BTreeMap::from([(0, (false, Time::ZERO))]) }
+        Filter { token: 0, tokens: BTreeMap::from([(0, (false, Time::ZERO))]), halted: false }
     }
 }
 
@@ -54,8 +56,14 @@ impl Filter {
 impl Invariant for ClosedMeansClosed {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
+            Event::Halted { robot } => self.robots.entry(robot.clone()).or_default().halted = true,
+            Event::Released { robot } => self.robots.entry(robot.clone()).or_default().halted = false,
             Event::Enabled { robot, token } => {
-                self.robots.entry(robot.clone()).or_default().turn(*token, true, line.at, found);
+                let filter = self.robots.entry(robot.clone()).or_default();
+                if filter.halted {
+                    found.say(format!("{robot}: the filter opened while the robot was halted"));
+                }
+                filter.turn(*token, true, line.at, found);
             }
             Event::Disabled { robot, token, .. } => {
                 self.robots.entry(robot.clone()).or_default().turn(*token, false, line.at, found);

@@ -1,7 +1,7 @@
 //! A run in figures, from its journal.
 
 use crate::record::journal::{JournalError, read};
-use mobee_contract::{EdgeState, Event, Note, Outcome, Summary, SwapStep, Time};
+use mobee_contract::{Cause, EdgeState, Event, Note, Outcome, Summary, SwapStep, Time};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -37,6 +37,8 @@ pub struct RunSummary {
     pub rolled_back: u64,
     /// Outcomes: neither.
     pub faulted: u64,
+    /// Outcomes: neither, since a person, a program or the end of the run stopped the motion.
+    pub stopped: u64,
     /// Contacts below the margin.
     pub contacts: u64,
     /// Contacts at distance zero.
@@ -127,6 +129,7 @@ impl RunSummary {
             Event::Refused { refusal, .. } => *self.refused.entry(refusal.code().into()).or_default() += 1,
             Event::Outcome { outcome: Outcome::Committed, .. } => self.committed += 1,
             Event::Outcome { outcome: Outcome::RolledBack, .. } => self.rolled_back += 1,
+            Event::Outcome { outcome: Outcome::Faulted, cause: Some(Cause::Asked), .. } => self.stopped += 1,
             Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,
             Event::CommandDropped { .. } => self.commands_dropped += 1,
             Event::ContactBegan { .. } => self.contacts += 1,

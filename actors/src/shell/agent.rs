@@ -4,7 +4,9 @@ mod planners;
 
 use crate::runtime::swap::Phase;
 use crate::wiring::{AgentMsg, RobotContext, SharedContext, SuperviseMsg};
-use mobee_contract::{Commit, CommitId, Event, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Target, Verdict, View};
+use mobee_contract::{
+    Commit, CommitId, Event, Hold, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Status, Target, Verdict, View,
+};
 use mobee_controller::RELEASE;
 use mobee_controller::supervise::Revision;
 use planners::{Last, PlannerHost};
@@ -168,7 +170,12 @@ impl Planning {
     async fn ask(&mut self, myself: &ActorRef<AgentMsg>) {
         self.asked += 1;
         self.boundary(myself).await;
-        if !(self.context.agent_acts.load(Ordering::SeqCst) && self.context.latest.lock().ready) {
+        let ready = {
+            let latest = self.context.latest.lock();
+            // a halted robot takes no commit: what its planner wants is asked for once it is released
+            latest.ready && latest.status != Status::Holding(Hold::Halted)
+        };
+        if !(self.context.agent_acts.load(Ordering::SeqCst) && ready) {
             return self.ask_after(myself, PAUSE);
         }
         let view = self.view();

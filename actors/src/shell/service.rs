@@ -47,7 +47,6 @@ pub fn named_apart(own: impl IntoIterator<Item = String>) -> Vec<String> {
 pub struct Post {
     name: String,
     seat: Seat<Arc<dyn Service>>,
-    has_agent: Arc<[bool]>,
     /// What the present life may do.
     access: LatestCell<Option<Arc<Access>>>,
     /// Why the last life ended.
@@ -57,13 +56,13 @@ pub struct Post {
 }
 
 impl Post {
-    /// For these services; which robots have an agent is told in the robots' order.
-    pub fn all(services: Vec<Arc<dyn Service>>, has_agent: &Arc<[bool]>) -> Vec<Arc<Post>> {
+    /// For these services.
+    pub fn all(services: Vec<Arc<dyn Service>>) -> Vec<Arc<Post>> {
         let names = named_apart(services.iter().map(|s| s.name()));
         let post = |(service, name)| {
             let (access, why, begun, done) =
                 (LatestCell::default(), LatestCell::default(), AtomicBool::new(false), AtomicBool::new(false));
-            Arc::new(Post { name, seat: Seat::new(service), has_agent: has_agent.clone(), access, why, begun, done })
+            Arc::new(Post { name, seat: Seat::new(service), access, why, begun, done })
         };
         services.into_iter().zip(names).map(post).collect()
     }
@@ -160,7 +159,7 @@ impl Actor for ServiceActor {
         myself: ActorRef<ServiceMsg>,
         (shared, post): Self::Arguments,
     ) -> Result<Serving, ActorProcessingErr> {
-        let access = Arc::new(Access::new(&shared, &post.has_agent));
+        let access = Arc::new(Access::new(&shared));
         *post.access.lock() = Some(access.clone());
         let (leave, until) = watch::channel(false);
         let (gone, left) = oneshot::channel();

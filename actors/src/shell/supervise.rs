@@ -83,6 +83,8 @@ impl Actor for SuperviseActor {
             }
             SuperviseMsg::ReflexReport(word) => supervise.on(SuperviseIn::ReflexReport(word)),
             SuperviseMsg::Recover => supervise.on(SuperviseIn::Recover),
+            SuperviseMsg::Halt => supervise.on(SuperviseIn::Halt),
+            SuperviseMsg::Release => supervise.on(SuperviseIn::Release),
             SuperviseMsg::Yield(reply) => {
                 supervise.yielding = Some(reply);
                 supervise.on(SuperviseIn::Yield);

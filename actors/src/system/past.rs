@@ -53,6 +53,8 @@ pub struct PastRobot {
     pub recorded: Vec<(Time, Pose)>,
     /// What the agent noted of its map: vertices in order, edges as they were last, and the motions that it tried.
     pub notes: Vec<Note>,
+    /// Whether a person had halted it, and not released it.
+    halted: bool,
     safe: Option<SafePose>,
     outcomes: u64,
     /// Where the notes of the map are in the list.
@@ -126,6 +128,8 @@ impl Past {
                 past.outcomes += 1;
                 past.q = Some(q.clone());
             }
+            Event::Halted { robot } => self.of(robot).halted = true,
+            Event::Released { robot } => self.of(robot).halted = false,
             Event::Note { robot, note } => self.of(robot).note(note),
             _ => {}
         }
@@ -249,6 +253,7 @@ impl PastRobot {
             let mut book = ledger.book();
             book.history.restore(&self.recorded);
             book.last_id = self.last_id;
+            book.halted = self.halted;
             book.open = self.open.clone();
             book.places = self.places.clone();
             let safe = book.open.as_ref().and_then(|o| o.safe.clone());

@@ -8,6 +8,7 @@ use crate::runtime::supervision::Health;
 use crate::shell::{KeptObject, Sensor};
 use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{AnswerTime, Status, SwapPart, SwapStep, Time};
+use mobee_model::{Contact, Scene};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -22,6 +23,8 @@ pub struct SystemReport {
     pub robots: Vec<RobotReport>,
     /// The last step of the exchange of each part beside the robots that was ever exchanged, by the name of what it is a part of.
     pub beside: BTreeMap<(String, SwapPart), SwapStep>,
+    /// When the last step of each exchange was taken, by the name of what the part is a part of.
+    pub swapped_at: BTreeMap<(String, SwapPart), Time>,
     /// The sensors.
     pub sensors: Vec<SensorReport>,
     /// Who runs, group by group.
@@ -49,8 +52,12 @@ pub struct RobotReport {
     pub fresh: Duration,
     /// How long its board took to answer of late, if that is known.
     pub answers: Option<AnswerTime>,
+    /// Whether it has an agent of its own.
+    pub has_agent: bool,
     /// Whether its own agent may make motions.
     pub acts: bool,
+    /// What touches it, or is nearer than its margin, as it was last seen: two labels and the distance, m, nearest first.
+    pub touches: Vec<(String, String, f64)>,
     /// The last step of the exchange of each part that was ever exchanged.
     pub swaps: BTreeMap<SwapPart, SwapStep>,
 }
@@ -81,16 +88,18 @@ impl SystemReport {
         links.push((shared.to_model.name(), shared.to_model.counters()));
         links.extend(sensors.iter().flat_map(|s| &s.eyes).flat_map(|eye| eye.counters()));
         links.extend(shared.taps.counters());
-        let robots = shared.robots.iter().map(|w| RobotReport::of(w, at)).collect();
+        let scene = shared.scene.lock().clone();
+        let robots = shared.robots.iter().map(|w| RobotReport::of(w, &scene, at)).collect();
         let counts = shared.counts.lock().clone();
         let beside = shared.swaps_beside.lock().clone();
+        let swapped_at = shared.swapped_at.lock().clone();
         let sensors = sensors.iter().map(|s| SensorReport::of(s)).collect();
         let mut busy = shared.loads.as_ref().map(Loads::busy).unwrap_or_default();
         for (sink, time) in shared.taps.busy() {
             *busy.entry(sink).or_default() += time;
         }
         let process = processor_time_of_all();
-        SystemReport { at, robots, beside, sensors, tree, links, busy, process, counts }
+        SystemReport { at, robots, beside, swapped_at, sensors, tree, links, busy, process, counts }
     }
 
     /// The last step of an exchange, by the name of the robot, or of what runs beside the robots.
@@ -105,15 +114,20 @@ impl SystemReport {
 }
 
 impl RobotReport {
-    fn of(context: &RobotContext, now: Time) -> RobotReport {
+    fn of(context: &RobotContext, scene: &Scene, now: Time) -> RobotReport {
         let latest = context.latest.lock().clone();
+        let pair = |c: &Contact| (scene.label(c.pair.0), scene.label(c.pair.1), c.distance);
+        let mut touches: Vec<_> = latest.contacts.iter().map(pair).collect();
+        touches.sort_by(|a, b| a.2.total_cmp(&b.2));
         RobotReport {
             name: context.name.clone(),
             status: latest.status,
             age: now.since(latest.at),
             fresh: context.rules().fresh,
             answers: *context.answers.lock(),
+            has_agent: context.slot.lock().maker.is_some(),
             acts: context.agent_acts.load(Ordering::SeqCst),
+            touches,
             swaps: context.swaps.lock().clone(),
         }
     }

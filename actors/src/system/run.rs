@@ -4,6 +4,7 @@ use super::exchange::{Beside, Exchanges};
 use super::inject::inject;
 use super::restart::restart;
 use super::{Control, Cues, Reason, RobotSetup, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
+use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::load::Loads;
 use crate::runtime::stream::Stream;
@@ -13,7 +14,7 @@ use crate::wiring::{
     ActorLink, AgentMsg, HardwareHandle, LatestCell, Maker, ModelMsg, Parts, PlannerSlot, RobotContext, SharedContext,
     SuperviseMsg, SwapRequest,
 };
-use mobee_contract::{Board, DriverFault, Event, Latest, Status, Time};
+use mobee_contract::{Board, DriverFault, Event, Latest, Status, SwapPart, SwapStep, Time};
 use mobee_controller::gate::Gate;
 use mobee_controller::joint_retreat::JointRetreat;
 use mobee_model::Contact;
@@ -142,12 +143,11 @@ async fn conduct(
     mut progress: impl FnMut(&RunProgress),
 ) -> Result<RunEnd, RunError> {
     let clock = Clock::from(setup.clock, setup.past.as_ref().map_or(Time::ZERO, |p| p.at));
-    let has_agent: Arc<[bool]> = setup.robots.iter().map(|r| r.agent.is_some()).collect();
-    let acting = has_agent.iter().filter(|has| **has).count();
+    let mut acting = setup.robots.iter().filter(|r| r.agent.is_some()).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
-    let posts = Post::all(std::mem::take(&mut setup.services), &has_agent);
+    let posts = Post::all(std::mem::take(&mut setup.services));
     let is_kept = || posts.iter().any(|p| p.keeps_run());
-    let somebody = acting > 0 || is_kept();
+    let mut somebody = acting > 0 || is_kept();
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
     let sensors = std::mem::take(&mut setup.sensors);
     let truth = setup.truth.take();
@@ -172,7 +172,8 @@ async fn conduct(
         true => None,
         false => Some(begin(tree::sensors(&shared, &sensors), None).await?),
     };
-    let groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).chain(&seen).cloned().collect();
+    let mut added = Vec::new();
+    let mut groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).chain(&seen).cloned().collect();
     let mut exchanges = Exchanges::new(&shared, &controller);
     let eyes: Vec<Arc<Eye>> = sensors.iter().flat_map(|s| s.eyes.clone()).collect();
     let placings = sensors.iter().filter_map(|s| s.placing.clone()).collect();
@@ -199,7 +200,18 @@ async fn conduct(
                 abandon(&shared).await;
                 break Reason::Interrupted;
             }
-            Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&shared, &robot, offer, reply),
+            Some(Control::SwapAgent { robot, offer, reply }) => match without_agent(&shared, &robot) {
+                None => swap_agent(&shared, &robot, offer, reply),
+                Some(context) => {
+                    let group = add_agent(&shared, &context, offer).await;
+                    if let Ok(group) = &group {
+                        (acting, somebody) = (acting + 1, true);
+                        added.push(group.clone());
+                        groups.push(group.clone());
+                    }
+                    let _ = reply.send(group.map(drop));
+                }
+            },
             Some(Control::SwapPart { robot, offer, reply }) => exchanges.begin(&robot, offer, reply),
             Some(Control::SwapBeside { name, offer, reply }) => drop(reply.send(exchanges.begin_beside(&name, offer))),
             Some(Control::Restart { name, reply }) => {
@@ -248,6 +260,9 @@ async fn conduct(
         let _ = ractor::call!(seen, GroupMsg::Stop);
     }
     let _ = ractor::call!(agents, GroupMsg::Stop);
+    for group in &added {
+        let _ = ractor::call!(group, GroupMsg::Stop);
+    }
     let _ = ractor::call!(controller, GroupMsg::Stop);
     let _ = ractor::call!(taps, GroupMsg::Stop);
     shared.robots.iter().for_each(|w| settle_ledger(&shared, w));
@@ -330,6 +345,7 @@ fn wire(
         taps: setup.taps,
         counts: LatestCell::new(setup.past.as_ref().map(|p| p.counts.clone()).unwrap_or_default()),
         swaps_beside: LatestCell::default(),
+        swapped_at: LatestCell::default(),
         cues: LatestCell::new(cues),
         troubles,
         none,
@@ -375,6 +391,12 @@ async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<Group
                 context.supervise.send(SuperviseMsg::Recover);
             }
         }
+        Control::Halt(robot) => shared.robots.iter().filter(|w| w.name == robot).for_each(|w| w.halt()),
+        Control::Release(robot) => {
+            for context in shared.robots.iter().filter(|w| w.name == robot) {
+                context.release();
+            }
+        }
         Control::Status(reply) => {
             let mut all = Vec::new();
             for group in groups {
@@ -389,6 +411,42 @@ async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<Group
         | Control::SwapBeside { .. }
         | Control::Restart { .. } => {}
     }
+}
+
+/// The robot of this name, if it has no agent.
+fn without_agent(shared: &SharedContext, robot: &str) -> Option<Arc<RobotContext>> {
+    shared.robots.iter().find(|w| w.name == robot && w.slot.lock().maker.is_none()).cloned()
+}
+
+/// Gives an agent to a robot that has none. There is no old one that could return: it is settled as it starts.
+///
+/// # Errors
+/// Why it can't be made or started; the robot has none then, as before.
+async fn add_agent(
+    shared: &Arc<SharedContext>,
+    context: &Arc<RobotContext>,
+    offer: SwapRequest,
+) -> Result<ActorRef<GroupMsg>, String> {
+    let SwapRequest { maker, what, terms, .. } = offer;
+    let tell = |step| shared.tell_swap(context, SwapPart::Agent, step);
+    let refused = |why: String| {
+        context.slot.lock().maker = None;
+        tell(SwapStep::Refused { why: why.clone() });
+        why
+    };
+    if !terms.shadow.is_zero() {
+        return Err(refused("the robot has no agent beside which a new one could observe; omit --shadow".into()));
+    }
+    let made = maker.clone();
+    let built =
+        attempt(&shared.clock, terms.budget, move || Given { value: (made.0)().map(drop), cost: Duration::ZERO });
+    built.await.and_then(|built| built).map_err(refused)?;
+    tell(SwapStep::Offered { what, shadow: 0.0, probation: 0.0 });
+    context.slot.lock().maker = Some(maker);
+    let group = begin(tree::agent(shared, context), None).await.map_err(|e| refused(e.to_string()))?;
+    tell(SwapStep::TookOver { gap: 0.0, map: None });
+    tell(SwapStep::Settled);
+    Ok(group)
 }
 
 /// Passes an offer on, and its answer back when there is one; the run goes on meanwhile.

@@ -120,19 +120,23 @@ fn robot(shared: &Arc<SharedContext>, context: &Arc<RobotContext>) -> Group {
 pub fn agents(shared: &Arc<SharedContext>) -> Group {
     let mut root = group("agents", Strategy::OneForOne, shared);
     for context in shared.robots.iter().filter(|w| w.slot.lock().maker.is_some()) {
-        let orphan = context.clone();
-        let arguments = {
-            let (shared, context) = (shared.clone(), context.clone());
-            move || (shared.clone(), context.clone())
-        };
-        let own = group(&format!("{}/agents", context.name), Strategy::OneForOne, shared)
-            .on_death(move |_, _| {
-                orphan.supervise.send(SuperviseMsg::AgentDied(orphan.agent_name.clone()));
-            })
-            .child(child(shared, context.agent_name.to_string(), || AgentActor, arguments));
-        root = root.child(Child::group(own).restart(Restart::Temporary));
+        root = root.child(Child::group(agent(shared, context)).restart(Restart::Temporary));
     }
     root
+}
+
+/// The agent of one robot.
+pub fn agent(shared: &Arc<SharedContext>, context: &Arc<RobotContext>) -> Group {
+    let orphan = context.clone();
+    let arguments = {
+        let (shared, context) = (shared.clone(), context.clone());
+        move || (shared.clone(), context.clone())
+    };
+    group(&format!("{}/agents", context.name), Strategy::OneForOne, shared)
+        .on_death(move |_, _| {
+            orphan.supervise.send(SuperviseMsg::AgentDied(orphan.agent_name.clone()));
+        })
+        .child(child(shared, context.agent_name.to_string(), || AgentActor, arguments))
 }
 
 /// The services: whatever becomes of one, the run goes on.

@@ -21,6 +21,8 @@ pub struct RunCounts {
     pub rolled_back: u64,
     /// Motions that ended elsewhere.
     pub faulted: u64,
+    /// Motions that ended elsewhere because a person, a program or the end of the run stopped them.
+    pub stopped: u64,
     /// Contacts that began.
     pub contacts: u64,
     /// Contacts that reached distance zero by a motion of the robot.
@@ -69,6 +71,7 @@ impl RunCounts {
             Event::Sighted { omitted, is_shadow: false, .. } => self.regions_omitted += omitted,
             Event::Outcome { outcome: Outcome::Committed, .. } => self.committed += 1,
             Event::Outcome { outcome: Outcome::RolledBack, .. } => self.rolled_back += 1,
+            Event::Outcome { outcome: Outcome::Faulted, cause: Some(Cause::Asked), .. } => self.stopped += 1,
             Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,
             Event::ContactBegan { .. } => self.contacts += 1,
             Event::HardContact { .. } => self.hard_contacts += 1,
@@ -97,7 +100,7 @@ impl RunCounts {
 
     /// Outcomes given.
     pub fn outcomes(&self) -> u64 {
-        self.committed + self.rolled_back + self.faulted
+        self.committed + self.rolled_back + self.faulted + self.stopped
     }
 }
 

@@ -52,6 +52,10 @@ pub enum SuperviseMsg {
     ReflexReport(ReflexReport),
     /// Try the failed retreat again.
     Recover,
+    /// Hold until released.
+    Halt,
+    /// Act again.
+    Release,
     /// Close at the next boundary, answer, and wait to be exchanged.
     Yield(RpcReplyPort<()>),
     /// Open again: nothing is exchanged.

@@ -10,6 +10,7 @@ mod events;
 mod exchange;
 mod fifty_seeds;
 mod forces;
+mod halted;
 mod holding_in_contact;
 mod journal_chain;
 mod one_outcome;

@@ -114,6 +114,21 @@ impl Bridge for YarpServices {
     fn speed(&self) -> Option<f64> {
         self.settings.filter.then_some(self.settings.speed)
     }
+
+    fn serves(&self, robots: &[Arc<Robot>]) -> Vec<String> {
+        let settings = &self.settings;
+        let mut names = Vec::new();
+        for robot in robots {
+            let boards = robot.parts.iter().filter(|part| settings.serves(&robot.name, &part.name));
+            names.extend(boards.map(|part| format!("{}/{}", settings.robot_prefix(&robot.name), part.name)));
+            if settings.parts {
+                let own = format!("{}/{}", settings.prefix, robot.name);
+                names.extend(["rpc", "collisions:o", "observation:o"].map(|port| format!("{own}/{port}")));
+            }
+        }
+        names.extend(settings.world.then(|| format!("{}/world", settings.prefix)));
+        names
+    }
 }
 
 /// Everything that is open, in the order in which it is closed.

@@ -116,6 +116,113 @@ fn a_run_is_controlled_from_outside() {
     assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
 }
 
+/// A behavior on the shipped robots, with this in place of the shipped agent.
+fn behavior(dir: &Path, name: &str, agent: &str) -> std::path::PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let robot = root.join("configs/robots/icub.xml");
+    let text = format!(
+        "[[robot]]\nname = \"icub\"\nmodel = {robot:?}\n[robot.controller]\nperiod_ms = 20\nhistory = 6000\n{agent}"
+    );
+    let path = dir.join(name);
+    std::fs::write(&path, text).expect("a file");
+    path
+}
+
+/// An operator stops, looks at and moves a robot; a robot without an agent gets one.
+#[test]
+fn an_operator_halts_moves_and_releases_a_robot() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let mut run = Run::start(dir.path(), &behavior(dir.path(), "idle.toml", ""), &[]);
+    let status = |what: &str| (0..20_000).any(|_| run.says(&["status"]).contains(what));
+    assert!(
+        status("icub  ARMED: rests; it moves when a program or `mobee ctl go` commits"),
+        "{}",
+        run.says(&["status"])
+    );
+
+    assert!(run.says(&["go", "r_elbow=60", "--speed", "0.8"]).contains("reached its target"));
+    let pose = run.says(&["pose", "--robot", "icub"]);
+    let elbow = pose.lines().find(|line| line.contains("r_elbow ")).expect("the elbow");
+    let degrees: f64 = elbow.split_whitespace().nth(1).and_then(|n| n.parse().ok()).expect("degrees");
+    assert!((degrees - 60.0).abs() < 0.5, "{pose}");
+    assert!(pose.contains("r_hand at "), "{pose}");
+    assert!(run.refuses(&["go", "r_elbo=60"]).contains("did you mean `r_elbow`?"));
+    assert!(run.refuses(&["go", "r_elbow=600"]).contains("outside its limits"));
+
+    assert!(run.says(&["halt"]).contains("icub: halted, at rest"));
+    assert!(run.says(&["status"]).starts_with("icub  HALTED: a person halted it"), "{}", run.says(&["status"]));
+    assert!(run.refuses(&["go", "r_elbow=30"]).contains("mobee ctl release"));
+    assert!(run.refuses(&["recover"]).contains("`mobee ctl release` lets it act again"));
+    assert!(run.refuses(&["release", "icup"]).contains("there are: icub"));
+    assert!(run.says(&["release", "icub"]).contains("icub: released"));
+    assert!(run.refuses(&["release"]).contains("icub: it is not halted"));
+    assert!(status("icub  ARMED"));
+    assert!(run.says(&["home", "--speed", "0.8"]).contains("reached its target"));
+
+    let log = run.says(&["log", "-n", "50"]);
+    assert!(log.contains("icub: halted") && log.contains("icub: released") && log.contains("of ctl begins"), "{log}");
+
+    assert!(run.refuses(&["world", "def", "nothing", "ghost"]).contains("not found"));
+    assert!(run.refuses(&["world", "mk", "cone", "1"]).contains("MK ERROR"));
+    run.says(&["world", "mk", "ssph", "0.05", "-2", "-2", "0.5"]);
+    assert!(run.says(&["world", "def", "ssph1", "ghost"]).contains("'ghost'"));
+
+    let random = "[robot.agent]\nkind = \"random\"\nmotors = [\"right_arm\"]\ncount = 100\nspeed = 0.1\n";
+    let random = behavior(dir.path(), "random.toml", random).display().to_string();
+    assert!(run.says(&["swap", "agent", &random]).contains("settled"));
+    let acts = ["icub  ARMED: moves", "its agent may move it"];
+    assert!((0..20_000).any(|_| acts.iter().any(|what| run.says(&["status"]).contains(what))));
+    assert!(run.refuses(&["go", "r_elbow=30"]).contains("mobee ctl pause icub"));
+    run.says(&["pause", "--robot", "icub"]);
+
+    // an agent that is soon done ends the run in the middle of its own swap
+    let over = "[robot.agent]\nkind = \"random\"\nmotors = [\"right_arm\"]\ncount = 1\nspeed = 1.0\n";
+    let over = behavior(dir.path(), "over.toml", over).display().to_string();
+    run.says(&["resume"]);
+    let swapped = run.ctl(&["swap", "agent", &over, "--fresh"]);
+    assert!(swapped.status.success(), "{}", said(&swapped));
+    assert!(said(&swapped).contains("the run has ended: icub: its agent is done"), "{}", said(&swapped));
+    assert!(run.child.wait().expect("an end").success());
+}
+
+/// `stop` returns when the run is over: what is read then is whole. The terminal has said what the run was about.
+#[test]
+fn a_run_talks_and_a_stop_waits_for_its_end() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let (file, out) = (behavior(dir.path(), "idle.toml", ""), dir.path().join("run"));
+    let child = mobee_here()
+        .arg("run")
+        .arg(&file)
+        .args(["--clock", "real", "--for", "60", "--no-record"])
+        .args([Path::new("--out"), &out])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("mobee starts");
+    let run = Run { child, out };
+    assert!((0..20_000).any(|_| run.ctl(&["status"]).status.success()));
+    run.says(&["halt"]);
+    let why = run.refuses(&["swap", "agent", &file.display().to_string()]);
+    assert!(why.contains("has no agent"), "{why}");
+    run.says(&["release"]);
+    assert!(run.says(&["stop"]).contains("the run is over"));
+    let checked = mobee_here().arg("check").arg(&run.out).output().expect("mobee starts");
+    let checked = String::from_utf8_lossy(&checked.stdout).into_owned();
+    assert!(checked.contains("the run ended in order"), "{checked}");
+    let mut run = std::mem::ManuallyDrop::new(run);
+    let (mut told, mut summary) = (String::new(), String::new());
+    run.child.stderr.take().expect("piped").read_to_string(&mut told).expect("text");
+    run.child.stdout.take().expect("piped").read_to_string(&mut summary).expect("text");
+    assert!(run.child.wait().expect("an end").success());
+    for what in ["running for 60 s, into ", "  watch   mobee ctl", "  stop    Ctrl-C", "icub: halted", "icub: released"]
+    {
+        assert!(told.contains(what), "{what}: {told}");
+    }
+    assert!(!told.contains('\u{1b}'), "{told}");
+    assert!(summary.contains("stopped, as asked for") && summary.contains("motions"), "{summary}");
+    assert!(!summary.contains("hard contacts") && !summary.contains("times real time"), "{summary}");
+}
+
 #[test]
 fn an_edit_of_the_running_file_is_taken_over_or_said() {
     let dir = tempfile::tempdir().expect("a folder");
@@ -141,6 +248,9 @@ fn an_edit_of_the_running_file_is_taken_over_or_said() {
     assert!(told("did you mean `speed`"));
     write(1, "speed = 0.3");
     assert!(told("took_over"));
+    // the swap is on probation for ten seconds: an edit is answered at once
+    write(1, "sped = 0.4");
+    assert!(told("the edit is taken up once that has ended"));
 }
 
 #[test]

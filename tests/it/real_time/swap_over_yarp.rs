@@ -32,7 +32,7 @@ fn the_driver_of_a_robot_behind_yarp_is_exchanged_while_it_explores() {
     let mut run = Run::start(&network, &running);
     let ctl = |words: &[&str]| ctl(&network, words);
     // each try ends at once while there is no port
-    let moves = (0..20_000).any(|_| ctl(&["status"]).1.contains("ARMED  moving"));
+    let moves = (0..20_000).any(|_| ctl(&["status"]).1.contains("ARMED: moves"));
     assert!(moves, "the run can't be controlled, or its agent does nothing: {}", ctl(&["status"]).1);
     for _ in 0..2 {
         let (done, said) = ctl(&["swap", "driver", &other, "--probation", "2"]);

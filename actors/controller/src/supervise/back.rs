@@ -110,13 +110,14 @@ impl SuperviseCore {
 
     /// Whether the robot holds where a retreat can be tried again, or was held by a crash that left none.
     pub fn can_recover(&self) -> bool {
-        let holds = self.closing == Closing::No && matches!(self.status, Status::Holding(_));
+        let halted = self.status == Status::Holding(Hold::Halted);
+        let holds = self.closing == Closing::No && matches!(self.status, Status::Holding(_)) && !halted;
         holds && (self.retry.is_some() || self.status == Status::Holding(Hold::AfterCrash))
     }
 
     /// Tries the failed retreat again, as a person asked for it: nothing else moves a robot that holds after one.
     pub(super) fn recover(&mut self, step: &mut Step) {
-        if !self.can_recover() {
+        if !self.can_recover() || step.book.halted {
             return;
         }
         let Some(motion) = self.retry.clone() else {

@@ -55,6 +55,9 @@ impl SuperviseCore {
         if self.shutdown {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
+        if step.book.halted {
+            return Err(Refusal::Holding { reason: Hold::Halted });
+        }
         let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
         let Some(Reading { sampled_at, q: here, speed, at_rest, free }) = self.newest.clone() else {
             return not_ready("a first reading of the encoders");

@@ -56,7 +56,9 @@ impl SuperviseCore {
             return false;
         }
         // during another try of a failed retreat its motors move, though their motion is no longer open
-        let motion = step.book.motion().or_else(|| self.retry.clone().filter(|_| self.closing == Closing::Reflex));
+        // and while a halt brakes it
+        let retried = self.closing == Closing::Reflex || step.book.halted && matches!(self.closing, Closing::Settle(_));
+        let motion = step.book.motion().or_else(|| self.retry.clone().filter(|_| retried));
         let commanded = motion.as_ref().map_or(&[][..], |motion| &motion.named);
         let Some((motor, by)) = self.resting.farthest(&pulse.sample.q, commanded) else { return false };
         for (count, share) in self.resting.beyond.iter_mut().zip([0.5, 1.0]) {

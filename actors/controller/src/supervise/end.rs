@@ -48,6 +48,7 @@ impl SuperviseCore {
             }
             // without a lease nothing can move, whatever the part that is being tried writes
             Closing::Yielded => {}
+            Closing::No if step.book.halted => {}
             Closing::Reflex => step.out.push(SuperviseOut::Lease(sampled_at + step.rules.fresh)),
             Closing::No => {
                 step.out.push(SuperviseOut::Lease(sampled_at + step.rules.fresh));
@@ -71,10 +72,17 @@ impl SuperviseCore {
             return;
         }
         let lost = self.end_after_crash(step);
-        self.end(None, step);
+        let ended = self.end(None, step);
+        // a retreat that a halt cut off at its end has nothing left to be tried
+        self.retry = self.retry.take().filter(|_| ended != Some(Outcome::RolledBack));
         self.closing = Closing::No;
+        if step.book.halted && !self.shutdown {
+            return self.settle_halted(lost, step);
+        }
+        let held = self.held.take();
         let hold = match self.status {
             _ if self.shutdown => Some(Hold::ShuttingDown),
+            _ if held.is_some() => held,
             // whatever was before, the way out of a contact is an escape
             _ if !pulse.free => Some(Hold::InContact),
             _ if lost => Some(Hold::AfterCrash),
@@ -89,7 +97,7 @@ impl SuperviseCore {
     /// A part of the controller was restarted in mid-motion, and is well again: if the path has been recorded without a
     /// gap, the motion is taken back after all, by a fresh reading and watched as always. Whether it is.
     fn take_back(&mut self, step: &mut Step) -> bool {
-        let restarted = self.status == Status::Holding(Hold::Restarted) && !self.shutdown;
+        let restarted = self.status == Status::Holding(Hold::Restarted) && !self.shutdown && !step.book.halted;
         let (Some(open), Some(Reading { q: here, .. }), true) = (&step.book.open, &self.newest, restarted) else {
             return false;
         };
@@ -138,6 +146,7 @@ impl SuperviseCore {
 
     /// Opens the filter, if nobody closed it anew since; a retreat that failed before is no longer asked for.
     fn reopen(&mut self, step: &mut Step) {
+        debug_assert!(!step.book.halted, "only a release ends a halt");
         self.retry = None;
         if !Gate::opens(self.token) {
             let Some(token) = step.gate.open(self.token) else { return };

@@ -18,6 +18,7 @@ mod admit;
 mod cell;
 mod ends;
 mod exhaustive;
+mod halted;
 mod readings;
 mod reference;
 mod two_motors;

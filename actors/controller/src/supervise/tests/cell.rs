@@ -59,6 +59,8 @@ pub(super) enum Op {
     SuperviseDies,
     ReflexDies,
     Recover,
+    Halt,
+    Release,
     /// Deliver one message on this link.
     Deliver(u8),
 }
@@ -562,6 +564,14 @@ impl Cell {
             Op::Recover => {
                 self.restarted = false;
                 self.supervise_on(SuperviseIn::Recover);
+            }
+            Op::Halt => {
+                self.book.halted = true;
+                self.supervise_on(SuperviseIn::Halt);
+            }
+            Op::Release => {
+                self.book.halted = false;
+                self.supervise_on(SuperviseIn::Release);
             }
             Op::Deliver(link) => self.deliver(link),
         }

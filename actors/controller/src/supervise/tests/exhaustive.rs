@@ -27,6 +27,8 @@ enum Step {
     AgentDies,
     SuperviseDies,
     ReflexDies,
+    /// A person halts the robot; or releases it.
+    Halt,
     /// The oldest message is delivered: to the driver, the reflex, supervise.
     Ack(u8),
 }
@@ -68,6 +70,7 @@ fn step(cell: &mut Cell, step: Step) {
         Step::AgentDies => cell.apply(Op::AgentDies),
         Step::SuperviseDies => cell.apply(Op::SuperviseDies),
         Step::ReflexDies => cell.apply(Op::ReflexDies),
+        Step::Halt => cell.apply(if cell.book.halted { Op::Release } else { Op::Halt }),
         Step::Ack(link) => cell.deliver(link),
     }
 }
@@ -79,6 +82,7 @@ fn hold(cell: &Cell) {
     if matches!(status, Status::Stopping | Status::Retreating | Status::Settling | Status::Starting) {
         assert!(!cell.gate.is_open(), "I1: open while {status:?}");
     }
+    assert!(!(cell.book.halted && cell.gate.is_open()), "halted, and open");
 }
 
 /// Nine typical moments.
@@ -124,24 +128,26 @@ fn moments() -> Vec<Cell> {
 
 #[derive(Default)]
 struct Search {
+    /// What can happen.
+    steps: Vec<Step>,
     /// Every state, and how many steps were left there.
     seen: BTreeMap<u64, u8>,
     from: String,
     path: Vec<Step>,
-    steps: u64,
+    taken: u64,
     healed: u64,
     met: BTreeSet<String>,
 }
 
 impl Search {
     fn explore(&mut self, from: &Cell, left: u8) {
-        for s in STEPS {
+        for s in self.steps.clone() {
             if matches!(s, Step::Ack(link) if !from.waits(link)) {
                 continue;
             }
             let mut cell = from.fork();
             self.path.push(s);
-            self.steps += 1;
+            self.taken += 1;
             let state = self.keep(|| {
                 step(&mut cell, s);
                 hold(&cell);
@@ -172,6 +178,11 @@ impl Search {
 
 /// Everything is mended: it ends well.
 fn heal(mut cell: Cell) {
+    if cell.book.halted {
+        cell.heal();
+        assert!(!cell.gate.is_open() && cell.commit(cell.q, true).is_err(), "halted until it is released");
+        cell.apply(Op::Release);
+    }
     cell.wall = None;
     cell.heal();
     if let Status::Holding(_) = cell.supervise.status() {
@@ -185,16 +196,29 @@ fn heal(mut cell: Cell) {
 
 #[test]
 fn no_eight_steps_break_a_promise() {
-    let mut search = Search::default();
+    let mut search = Search { steps: STEPS.to_vec(), ..Search::default() };
     for moment in moments() {
         search.from = format!("{:?}", moment.supervise.status());
         search.path.clear();
         let depth = if moment.supervise.status() == Status::Rest { DEPTH } else { DEPTH - 2 };
         search.explore(&moment, depth);
     }
-    let Search { seen, steps, healed, met, .. } = search;
-    eprintln!("{} states, {steps} steps, {healed} healed, {met:?}", seen.len());
+    let Search { seen, taken, healed, met, .. } = search;
+    eprintln!("{} states, {taken} steps, {healed} healed, {met:?}", seen.len());
     assert!(seen.len() > 300_000 && healed > 1000 && met.len() >= 10, "{} states, {met:?}", seen.len());
+}
+
+/// The same with halts and releases among the steps, five steps deep from every moment.
+#[test]
+fn no_five_steps_with_halts_break_a_promise() {
+    let steps = STEPS.into_iter().chain([Step::Halt]).collect();
+    let mut search = Search { steps, ..Search::default() };
+    for moment in moments() {
+        search.from = format!("{:?}", moment.supervise.status());
+        search.explore(&moment, 5);
+    }
+    let Search { seen, healed, met, .. } = search;
+    assert!(seen.len() > 10_000 && healed > 100 && met.contains("Holding(Halted)"), "{} states, {met:?}", seen.len());
 }
 
 /// Supervise has not heard yet that the reflex closed, and takes the robot back as well: the retreat that is under way ends, and

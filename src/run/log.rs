@@ -1,0 +1,115 @@
+//! The newest events of a run in words, for `mobee ctl log` and for who waits for the end of a motion.
+
+use crate::narrate::{Narrator, timed};
+use mobee_actors::record::tap::{Pictures, SinkSpec};
+use mobee_contract::{Entry, Event, Outcome, Sink, Time};
+use mobee_model::Scene;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Lines that are stored.
+const LINES: usize = 1000;
+/// Ends of motions that are stored.
+const ENDS: usize = 200;
+
+/// The newest lines. Cheap to clone; all clones are one.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LogBook(Arc<Mutex<Lines>>);
+
+#[derive(Debug, Default)]
+struct Lines {
+    /// The number of the line that comes next.
+    next: u64,
+    lines: VecDeque<String>,
+    ends: VecDeque<(String, u64, Outcome, String)>,
+    /// The last agent that was done, in words.
+    done: Option<String>,
+}
+
+impl LogBook {
+    fn lines(&self) -> MutexGuard<'_, Lines> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The lines from this number on, and the number of the next. Older ones than are stored are skipped.
+    pub(crate) fn from(&self, first: u64) -> (u64, Vec<String>) {
+        let lines = self.lines();
+        let oldest = lines.next - lines.lines.len() as u64;
+        let skip = usize::try_from(first.saturating_sub(oldest)).unwrap_or(usize::MAX);
+        (lines.next, lines.lines.iter().skip(skip).cloned().collect())
+    }
+
+    /// The newest lines, and the number of the next.
+    pub(crate) fn last(&self, most: usize) -> (u64, Vec<String>) {
+        let first = self.lines().next.saturating_sub(most as u64);
+        self.from(first)
+    }
+
+    /// The end of a motion of a robot, if it has ended and is stored.
+    pub(crate) fn end_of(&self, robot: &str, id: u64) -> Option<(Outcome, String)> {
+        let lines = self.lines();
+        let found = lines.ends.iter().rev().find(|(r, i, ..)| r == robot && *i == id);
+        found.map(|(_, _, outcome, text)| (*outcome, text.clone()))
+    }
+
+    /// The last agent that was done, in words, if there is one.
+    pub(crate) fn done(&self) -> Option<String> {
+        self.lines().done.clone()
+    }
+
+    /// The sink that fills it.
+    pub(super) fn sink(&self, scene: &Arc<Scene>) -> SinkSpec {
+        let (book, scene) = (self.clone(), scene.clone());
+        SinkSpec {
+            pictures: Pictures::None,
+            name: "log".into(),
+            essential: false,
+            // for the scenes: names of objects
+            poses: Some(SCENES),
+            capacity: super::QUEUE,
+            patience: Duration::from_secs(3),
+            open: Some(Arc::new(move || Ok(Box::new(Log { book: book.clone(), narrator: Narrator::new(&scene) })))),
+        }
+    }
+}
+
+/// How far apart the poses are that a sink of sentences gets: it wants scenes alone.
+pub(super) const SCENES: Duration = Duration::from_secs(3600);
+
+struct Log {
+    book: LogBook,
+    narrator: Narrator,
+}
+
+impl Sink for Log {
+    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
+        match entry {
+            Entry::Scene(scene) => self.narrator.edited(scene),
+            Entry::Event(event) => {
+                let Some(line) = self.narrator.line(event) else { return Ok(()) };
+                let mut lines = self.book.lines();
+                if let Some(end) = Narrator::ended(event) {
+                    if lines.ends.len() >= ENDS {
+                        lines.ends.pop_front();
+                    }
+                    lines.ends.push_back((end.robot, end.id, end.outcome, line.text.clone()));
+                }
+                if let Event::Done { .. } = &**event {
+                    lines.done = Some(line.text.clone());
+                }
+                if lines.lines.len() >= LINES {
+                    lines.lines.pop_front();
+                }
+                lines.lines.push_back(timed(at, &line.text));
+                lines.next += 1;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), String> {
+        Ok(())
+    }
+}
