@@ -41,6 +41,9 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
         None => println!("the run did not end in order; open commits and links are not judged"),
     }
     say_poses(&report.poses);
+    if report.hard.episodes > 0 {
+        println!("{}", report.hard);
+    }
     for v in &report.violations {
         println!("{v}");
     }

@@ -71,6 +71,9 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         c.contacts,
         c.restarts
     ));
+    if c.hard_contacts > 0 {
+        lines.push(format!("{} hard contacts, at most {:.1} mm deep", c.hard_contacts, c.hard_contact_depth_mm));
+    }
     if c.displaced > 0 {
         let times = c.displaced;
         lines.push(format!(

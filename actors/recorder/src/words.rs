@@ -45,7 +45,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         ),
         Event::Displaced { robot, motor, by, motion } => (robot, Warn, displaced(motor, &motion.told(*by, 2))),
         Event::Found { robot, motors } => (robot, Debug, format!("{} motors as they were found", motors.len())),
-        Event::Controller { robot, kind, reflex } => {
+        Event::Controller { robot, kind, reflex, .. } => {
             let reflex = if *reflex { "" } else { ", without a reflex" };
             (robot, Info, format!("controller: {kind}{reflex}"))
         }
@@ -80,7 +80,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::ContactBegan { robot, contact, names: (a, b), .. } => {
             (robot, Warn, format!("{a} is {:.1} mm from {b}", contact.distance * 1e3))
         }
-        Event::ContactEnded { robot, names: (a, b) } => (robot, Debug, format!("{a} is clear of {b}")),
+        Event::ContactEnded { robot, names: (a, b), .. } => (robot, Debug, format!("{a} is clear of {b}")),
         Event::HardContact { robot, names: (a, b), .. } => (robot, Error, format!("{a} touches {b}")),
         Event::RetreatBegan { robot, id, secs, .. } => {
             (robot, Warn, format!("#{} goes back along {secs:.1} s of its path", id.0))

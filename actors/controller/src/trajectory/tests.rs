@@ -28,9 +28,8 @@ fn rules(settings: FieldsSettings) -> (Rules, Arc<FieldRules>) {
     let robot =
         Robot { name: "r".into(), parts, motors: Vec::new(), nodes: Vec::new(), markers, pairs, left_out: None };
     let drive = Drive::Fields(settings);
-    let rules =
-        Rules::new("r", vec![], &ControllerSettings { drive: drive.clone(), ..ControllerSettings::default() }, &board);
-    let rules = rules.driving(&drive, &robot);
+    let settings = ControllerSettings { drive, ..ControllerSettings::default() };
+    let rules = Rules::new("r", vec![], &settings, &board).driving(&settings, &robot);
     let fields = rules.fields.clone().unwrap();
     (rules, fields)
 }
