@@ -11,7 +11,8 @@
 //! * *pressed*: the same in an escape, which begins within the margin of something that was put there;
 //! * *false*: the reflex stopped a motion, and the straight way from there to its target is free of the margin.
 //!
-//! `cargo bench --bench look_ahead -- [runs per speed] [seconds per run] [first seed] [reserve, mm]` (default 100, 60, 1 and 10)
+//! `cargo bench --bench look_ahead -- [runs per speed] [seconds per run] [first seed] [clearance, mm]` (default 100, 60, 1, and what the controller
+//! derives)
 
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
@@ -259,19 +260,22 @@ fn main() {
     let runs = numbers.first().copied().unwrap_or(100.0) as u64;
     let secs = numbers.get(1).copied().unwrap_or(60.0);
     let first = numbers.get(2).copied().unwrap_or(1.0) as u64;
-    let reserve = numbers.get(3).copied().unwrap_or(10.0);
     println!("{runs} runs of {secs} s, seeds from {first}, {BALLS} balls that appear every few seconds");
     println!(
         "| speed | reflex | motions | stops | of these foreseen | false | hard | unavoidable | pressed | escapes | faulted | real-time factor |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for speed in [0.1, 0.5, 1.0] {
-        let ahead = (format!("looks ahead, {reserve} mm"), format!(", reserve_mm = {reserve}"));
-        for (name, reserve) in [("Algorithm 6".to_owned(), String::new()), ahead] {
+        let ahead = match numbers.get(3) {
+            Some(mm) => (format!("looks ahead, {mm} mm"), format!(", reserve_mm = {mm}")),
+            None => ("looks ahead".to_owned(), String::new()),
+        };
+        let by_margin = ("Algorithm 6".to_owned(), ", reserve_mm = 0".to_owned());
+        for (looks, (name, reserve)) in [(false, by_margin), (true, ahead)] {
             let (began, mut sum) = (Instant::now(), Tally::default());
             for seed in first..first + runs {
                 let (t, shown) = one(seed, speed, &reserve, secs);
-                if !reserve.is_empty() {
+                if looks {
                     shown.iter().for_each(|what| println!("  seed {seed}: {what}"));
                 }
                 sum.motions += t.motions;

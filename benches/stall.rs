@@ -165,7 +165,7 @@ fn main() {
     let random = dir.path().join("random.toml");
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icub.xml");
     let behavior = format!(
-        "[[robot]]\nname = \"icub\"\nmodel = {:?}\ncontroller = {{ period_ms = 20, history = 6000 }}\ndriver = {{ kind = \"sim\" }}\n\
+        "[[robot]]\nname = \"icub\"\nmodel = {:?}\ncontroller = {{ period_ms = 20, history = 6000, reserve_mm = 0 }}\ndriver = {{ kind = \"sim\" }}\n\
          agent = {{ kind = \"random\", motors = [\"torso\", \"right_arm\"], count = 0, checked = true }}\n",
         model.display().to_string()
     );

@@ -44,6 +44,9 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
     }
     say_poses(&report.poses);
     say_files(&report.files);
+    if report.hard.episodes > 0 {
+        println!("{}", report.hard);
+    }
     // what a journal names stably has labels where people read
     let labels = if report.violations.is_empty() { Labels::default() } else { labels_of(path) };
     for v in &report.violations {

@@ -10,6 +10,7 @@ use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggesti
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, SensorSetup, TruthCell, named_apart};
 use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
 use mobee_controller::ControllerSettings;
+use mobee_controller::look_ahead::stop_error;
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -144,6 +145,9 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             if !controller.drive.has_reflex() {
                 let what = "its controller has no reflex; contacts are recorded and stop nothing";
                 warnings.push(format!("{}: {what}", r.name));
+                if r.controller.reserve_mm.is_some_and(|mm| mm > 0.0) {
+                    warnings.push(format!("{}: `reserve_mm` is not used without a reflex; remove it", r.name));
+                }
             }
             let foreign = bridges.iter().filter_map(|(_, b)| b.speed()).reduce(f64::max);
             warnings.extend(margin_warning(r, &model, hardware.as_ref(), &controller, foreign));
@@ -331,7 +335,8 @@ fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(
     Ok((Arc::new(move || build(&settings, &context).map_err(|e| e.to_string())), means))
 }
 
-/// Whether the robot can stop within its margin at the speed its agent uses, or foreign programs may.
+/// Whether the robot can stop in time at the speed its agent uses, or foreign programs may: within its margin under Algorithm 6, and
+/// otherwise within its braking clearance of where it is foreseen to.
 pub(crate) fn margin_warning(
     r: &crate::config::RobotConfig,
     robot: &Robot,
@@ -339,14 +344,28 @@ pub(crate) fn margin_warning(
     controller: &ControllerSettings,
     foreign: Option<f64>,
 ) -> Option<String> {
-    // one that looks ahead comes to rest in time
-    if !hardware.runs_in_virtual_time() || controller.reserve_m.is_some() {
+    if !hardware.runs_in_virtual_time() || !controller.drive.has_reflex() {
         return None;
     }
     let own = r.agent.as_ref().map(|a| a.get("speed").and_then(Value::as_f64).unwrap_or(0.1));
     let speed = own.into_iter().chain(foreign).reduce(f64::max)?;
     let board = hardware.connect().ok()?.board().clone();
     let period = std::time::Duration::from_secs_f64(controller.period_s);
+    if controller.reserve_m != Some(0.0) {
+        let reaction = board.latency + period * 2;
+        let needed = stop_error(robot, &board.axes, reaction, speed);
+        let clearance = controller.reserve_m.unwrap_or(controller.margin_m);
+        let key = if controller.reserve_m.is_some() { "reserve_mm" } else { "margin_mm" };
+        return (clearance < needed).then(|| {
+            format!(
+                "{}: at this speed a stop may end {:.1} mm elsewhere than foreseen, which is more than its braking clearance of {:.1} mm; \
+                 move more slowly, or give a greater `{key}`",
+                r.name,
+                needed * 1e3,
+                clearance * 1e3
+            )
+        });
+    }
     let warning = mobee_drivers::stopping_path(robot, &board, period, speed).warning(controller.margin_m, robot)?;
     Some(format!("{}: {warning}", r.name))
 }

@@ -28,6 +28,7 @@
 //! | I28 | a death closes the filter | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |
 //! | I29 | agents are told the truth | `committed` is said only within the tolerance of the target; the built-in agent is told how its motion ended once, after its outcome and before it commits again, and it is what the outcome says |
 //! | I31 | displacement at rest closes the filter | a robot that is moved at rest, by no command of its filter, closes it: beyond the tolerance it is told of and does not stay open |
+//! | I34 | no avoidable hard contact | a robot that looks ahead touches nothing that it could have stopped before |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
 //! journal where there are any ([`crate::record::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25, I26 and I31 want them. I15 is judged where a simulation
@@ -44,6 +45,7 @@ mod contacts_hold;
 mod failed_edges;
 mod fresh_readings;
 mod frozen_is_noticed;
+mod hard_contacts;
 mod home_is_a_vertex;
 mod honest_safe_pose;
 mod idle_motors_stay;
@@ -63,14 +65,17 @@ mod summary;
 mod taken_back;
 mod together;
 mod told_the_truth;
+pub(crate) mod touches;
 mod watched_retreat;
 mod window;
 pub use all::{ALL, InvariantEntry, Wants, judged, wants_poses};
+pub use hard_contacts::HardContactTally;
 pub use poses::JudgedPoses;
 pub use summary::{RunSummary, summary};
 
 use crate::record::files;
 use crate::record::journal::{JournalError, JournalLine, JournalLines, read};
+use hard_contacts::HardContacts;
 use mobee_contract::{Event, Pose, Time};
 use poses::Merge;
 use serde::Serialize;
@@ -113,6 +118,8 @@ pub struct CheckReport {
     pub poses: JudgedPoses,
     /// The files of the run.
     pub files: JudgedFiles,
+    /// Hard contacts, by the rule that applies to each.
+    pub hard: HardContactTally,
     /// Broken invariants, by line.
     pub violations: Vec<Violation>,
 }
@@ -186,6 +193,7 @@ pub fn check(path: &Path) -> Result<CheckReport, JournalError> {
     }
     merge.until(Time(u64::MAX), &mut checker);
     report.poses = merge.end();
+    report.hard = checker.hard_contacts();
     (report.ended, report.violations) = checker.end();
     report.files = judge_files(path, dir, &lines, &report);
     Ok(report)
@@ -256,12 +264,14 @@ pub struct Checker {
     robots: Vec<String>,
     last: (u64, Time),
     ended: Option<String>,
+    hard: HardContacts,
 }
 
 impl Default for Checker {
     fn default() -> Checker {
         let invariants = ALL.iter().map(|promise| (promise.name, promise.make())).collect();
-        Checker { invariants, violations: Vec::new(), robots: Vec::new(), last: (0, Time::ZERO), ended: None }
+        let hard = HardContacts::default();
+        Checker { invariants, violations: Vec::new(), robots: Vec::new(), last: (0, Time::ZERO), ended: None, hard }
     }
 }
 
@@ -272,6 +282,7 @@ impl Checker {
         if crate::record::names::is_beside(&line.event) {
             return;
         }
+        let _ = self.hard.note(line.at, &line.event);
         for (name, invariant) in &mut self.invariants {
             let violations = &mut self.violations;
             invariant.on(line, &mut Found { invariant: name, line: line.line, at: line.at, violations });
@@ -303,6 +314,11 @@ impl Checker {
     /// Whether progress is still to be shown after a simulation's faults have healed (I15).
     pub fn waits(&self) -> bool {
         self.invariants.iter().any(|(_, invariant)| invariant.waits())
+    }
+
+    /// The hard contacts so far.
+    pub fn hard_contacts(&self) -> HardContactTally {
+        self.hard.tally()
     }
 
     /// What was found so far.

@@ -178,7 +178,7 @@ impl Parts {
     ) -> Parts {
         let bodies = model.parts.iter().map(|p| p.name.clone()).collect();
         let rules = Rules::new(robot, bodies, &controller, &board);
-        let rules = Arc::new(rules.driving(&controller.drive, &model));
+        let rules = Arc::new(rules.driving(&controller, &model));
         Parts { controller, plug, board, model, rules }
     }
 

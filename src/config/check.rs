@@ -116,7 +116,8 @@ impl Config {
             // no margin at all may be wanted in a simulation; one of micrometers is a mistake
             let least = if k.margin_mm == 0.0 { 0.0 } else { 0.5 };
             c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("meters", 1e3)));
-            if let Some(mm) = k.reserve_mm {
+            // zero: the paper's Algorithm 6
+            if let Some(mm) = k.reserve_mm.filter(|mm| *mm != 0.0) {
                 // beyond the margin it is the margin that stops a robot that goes slowly
                 c.range_or(&at("controller.reserve_mm"), mm, (0.5, k.margin_mm.max(0.5)), "mm", Some(("meters", 1e3)));
             }

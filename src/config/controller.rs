@@ -22,8 +22,10 @@ pub struct Controller {
     /// The reflex acts when anything comes nearer than this, millimeters.
     #[serde(default = "margin")]
     pub margin_mm: f64,
-    /// The reflex also looks ahead: it acts when the way on which the robot would brake leads nearer to anything than this,
-    /// millimeters, so that fast robots come to rest before they touch. Without it only the margin counts.
+    /// Braking clearance, millimeters. The reflex looks ahead: it acts when the path on which the robot would brake leads nearer to
+    /// anything than this, so that fast robots come to rest before they touch. Default: as much as a stop may end elsewhere than
+    /// foreseen, by the motors' speeds and accelerations, the period and the board's latency; at least 2 mm, at most the margin. 0: the
+    /// reflex does not look ahead (the paper's Algorithm 6), and only the margin counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reserve_mm: Option<f64>,
     /// A motor that lags behind what it was told by more than this, degrees, and by more than twice what it did in its own free

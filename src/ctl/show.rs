@@ -144,6 +144,9 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         let (pictures, regions) = (c.pictures_skipped, c.regions_omitted);
         lines.push(format!("{pictures} pictures were skipped, {regions} regions left out; the journal says why"));
     }
+    if c.hard_contacts > 0 {
+        lines.push(format!("{} hard contacts, at most {:.1} mm deep", c.hard_contacts, c.hard_contact_depth_mm));
+    }
     if c.displaced > 0 {
         let times = c.displaced;
         lines.push(format!(

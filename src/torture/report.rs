@@ -40,6 +40,10 @@ pub struct Tally {
     pub retreats_stopped: u64,
     /// Escapes.
     pub escapes: u64,
+    /// Hard contacts, and the greatest depth of any, millimeters.
+    pub hard_contacts: u64,
+    /// See above.
+    pub hard_contact_depth_mm: f64,
     /// Swaps: settled, reverted, refused.
     pub swaps: [u64; 3],
     /// What several robots did during the retreat at once.
@@ -83,6 +87,8 @@ impl Tally {
         self.restarts += c.restarts;
         self.retreats_stopped += c.retreats_stopped;
         self.escapes += c.escapes;
+        self.hard_contacts += c.hard_contacts;
+        self.hard_contact_depth_mm = self.hard_contact_depth_mm.max(c.hard_contact_depth_mm);
         self.gave_up += u64::from(c.is_given_up);
         self.growth = self.growth.into_iter().chain(ran.growth).reduce(f64::max);
     }
@@ -145,6 +151,8 @@ impl fmt::Display for Tally {
         }
         let (escapes, stopped) = (self.escapes, self.retreats_stopped);
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
+        let (hard, deep) = (self.hard_contacts, self.hard_contact_depth_mm);
+        writeln!(f, "touched    {hard} hard contacts, at most {deep:.1} mm deep")?;
         let Joint { times, retreats, waited, stopped, nearer } = &self.joint;
         if *times > 0 {
             let mm = nearer * 1e3;

@@ -133,6 +133,12 @@ pub enum Event {
         /// By how much it undoes streams, s; half a second if absent.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         undo: Option<f64>,
+        /// Braking clearance with which it looks ahead, m; zero if it does not (Algorithm 6). Absent in older journals.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        clearance: Option<f64>,
+        /// Longest time from a reading until the robot has stopped for it, at full speed, s. Absent in older journals.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        stops: Option<f64>,
     },
     /// The filter opened: commands of agents pass from now on, under this token.
     Enabled {
@@ -317,8 +323,11 @@ pub enum Event {
         robot: String,
         /// The names of the two shapes.
         names: (String, String),
+        /// Greatest depth of a hard contact, m. Absent if it was not one, and in older journals.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        depth: Option<f64>,
     },
-    /// A reflex pair reached distance zero.
+    /// A reflex pair reached distance zero by a motion of the robot; once per contact of the pair.
     HardContact {
         /// Robot.
         robot: String,

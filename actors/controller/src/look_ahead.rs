@@ -18,7 +18,10 @@
 //! looked at as well.
 
 mod brakes;
+mod clearance;
 mod course;
+
+pub use clearance::{braking_clearance, stop_error};
 
 use crate::simultaneous::note;
 use crate::{DEEPER, Rules};
@@ -51,6 +54,8 @@ pub struct LookAhead {
     edited: BTreeMap<u32, u64>,
     /// Look at the ways of the ghosts, each at those of one part of the time.
     sweeps: [Sweep; GHOSTS.len()],
+    /// Where the robots have rested since they were looked at last: nothing is ahead of any of them.
+    resting: Option<Vec<Pose>>,
 }
 
 /// A robot and its ghost.
@@ -102,7 +107,13 @@ impl LookAhead {
         // of a way in such steps nothing nearer than half of the reserve is overlooked
         let sweep = || Sweep::of_all(scene.clone(), most, least / 2.0);
         let sweeps = || GHOSTS.map(|_| sweep());
-        least.is_finite().then(|| LookAhead { sweeps: sweeps(), scene: scene.clone(), edited: BTreeMap::new(), robots })
+        least.is_finite().then(|| LookAhead {
+            sweeps: sweeps(),
+            scene: scene.clone(),
+            edited: BTreeMap::new(),
+            robots,
+            resting: None,
+        })
     }
 
     /// Goes on with another scene, such as one after an edit.
@@ -138,6 +149,20 @@ impl LookAhead {
         let (reserve, looks, edited) = (runner.reserve(), runner.rules.is_some(), std::mem::take(&mut runner.edited));
         let last = self.sweeps.len() - 1;
         let rests = runner.ghost(last, &sample.q);
+        // nothing gets nearer while every robot is where it rests; the first reading of a rest ends the ways that led there
+        if self.robots.iter().zip(poses).all(|(runner, q)| runner.rules.is_some() && runner.ghost(last, q) == *q) {
+            if self.resting.replace(poses.to_vec()).is_some() {
+                return Vec::new();
+            }
+        } else if let Some(rested) = self.resting.take() {
+            // the ways begin there
+            for sweep in &mut self.sweeps {
+                sweep.jump();
+            }
+            if let Some(sweep) = self.sweeps.last_mut() {
+                sweep.to(&rested);
+            }
+        }
         let is_far = self.scene.travel(robot, &sample.q, &rests) > 2.0 * reserve;
         let comes = |c: &&Contact| {
             let own = [c.pair.0.robot(), c.pair.1.robot()].contains(&Some(robot));
@@ -146,12 +171,12 @@ impl LookAhead {
         };
         let mut met: Vec<Contact> = Vec::new();
         for (k, sweep) in self.sweeps.iter_mut().enumerate() {
-            let ghosts: Vec<Pose> = self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect();
             if k < last && !is_far {
                 // all of its way is near where it rests
                 sweep.jump();
                 continue;
             }
+            let ghosts: Vec<Pose> = self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect();
             if edited {
                 sweep.jump();
                 sweep.to(poses);

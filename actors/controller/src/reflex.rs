@@ -328,8 +328,8 @@ impl ReflexCore {
             let (robot, names) = (step.robot(), names(contact.pair));
             step.emit(Event::HardContact { robot, contact: *contact, names });
         }
-        for pair in &changes.ended {
-            step.emit(Event::ContactEnded { robot: step.robot(), names: names(*pair) });
+        for ended in &changes.ended {
+            step.emit(Event::ContactEnded { robot: step.robot(), names: names(ended.pair), depth: ended.depth });
         }
         if motion.is_some() {
             self.met.extend_from_slice(&changes.began);

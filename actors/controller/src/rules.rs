@@ -4,6 +4,7 @@
 //! cores compare with (radians, durations, all of them known). The translation is here, once.
 
 use crate::fields::FieldRules;
+use crate::look_ahead::braking_clearance;
 use crate::settings::{ControllerSettings, Drive};
 use mobee_contract::{Axis, Board, Event, MotorUnits, Pose};
 use mobee_model::{Clause, Robot};
@@ -40,7 +41,7 @@ pub struct Rules {
     pub position_direct: bool,
     /// Margin of the reflex, meters.
     pub margin: f64,
-    /// What must be left when the robot has braked, meters; `None`: the reflex does not look ahead.
+    /// Braking clearance: what must be left when the robot has braked, meters; `None`: the reflex does not look ahead.
     pub reserve: Option<f64>,
     /// The least lag at which a motor counts as stalled, rad; `None`: nobody looks.
     pub stall: Option<f64>,
@@ -76,7 +77,7 @@ impl Rules {
             latency: board.latency,
             position_direct: board.position_direct,
             margin: controller.margin_m,
-            reserve: controller.reserve_m,
+            reserve: controller.reserve_m.filter(|m| *m > 0.0 && controller.drive.has_reflex()),
             stall: controller.stall_deg.map(f64::to_radians),
             tolerance: controller.tolerance_deg.to_radians(),
             rest_speed: controller.rest_speed_deg.to_radians(),
@@ -89,10 +90,14 @@ impl Rules {
         }
     }
 
-    /// The same with what drives a robot of this model under forces, if anything does.
+    /// The same with what follows from the robot's model: the braking clearance, unless the settings state one, and what drives the
+    /// robot under forces, if anything does.
     #[must_use]
-    pub fn driving(mut self, drive: &Drive, robot: &Robot) -> Rules {
-        match drive {
+    pub fn driving(mut self, controller: &ControllerSettings, robot: &Robot) -> Rules {
+        if controller.reserve_m.is_none() && self.reflex {
+            self.reserve = Some(braking_clearance(robot, &self.axes, self.reaction(), self.margin));
+        }
+        match &controller.drive {
             Drive::Straight | Drive::Blind => {}
             Drive::Fields(settings) => self.fields = Some(Arc::new(FieldRules::new(settings, robot, &self))),
         }
@@ -122,7 +127,14 @@ impl Rules {
         let (name, kind) = (self.robot.clone(), self.kind.to_owned());
         let usual = Duration::from_secs_f64(ControllerSettings::default().undo_s);
         let undo = Some(self.undo).filter(|undo| *undo != usual).map(|undo| undo.as_secs_f64());
-        [robot, Event::Controller { robot: name, kind, reflex: self.reflex, undo }]
+        let (clearance, stops) = (Some(self.reserve.unwrap_or_default()), Some(self.stops_within()));
+        [robot, Event::Controller { robot: name, kind, reflex: self.reflex, undo, clearance, stops }]
+    }
+
+    /// Longest time from a reading until the robot has stopped for it, at full speed, seconds.
+    fn stops_within(&self) -> f64 {
+        let brakes = |a: &Axis| a.max_speed.abs() / a.max_acceleration.max(1e-6);
+        self.reaction().as_secs_f64() + self.axes.iter().map(brakes).fold(0.0, f64::max)
     }
 
     /// How far the motors are behind a stream of set-points: that of the board, and a period, in which they go from one to the next.

@@ -16,7 +16,9 @@ pub struct ControllerSettings {
     /// Distance below which two shapes count as touching, meters.
     #[serde(default = "margin")]
     pub margin_m: f64,
-    /// Distance that must be left when the robot has braked, meters; without it the reflex does not look ahead.
+    /// Braking clearance, meters: the reflex looks ahead, and this distance must be left when the robot has braked. Without it the
+    /// clearance is [`braking_clearance`](crate::look_ahead::braking_clearance); zero: the reflex does not look ahead (the paper's
+    /// Algorithm 6).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reserve_m: Option<f64>,
     /// How far a motor may lag behind one that follows half as fast as it was told, degrees, before it counts as held by

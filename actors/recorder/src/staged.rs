@@ -192,7 +192,7 @@ impl Actor<'_> {
                 self.q = between(s);
                 self.show()?;
             }
-            self.event(Event::ContactEnded { robot: robot.clone(), names })?;
+            self.event(Event::ContactEnded { robot: robot.clone(), names, depth: None })?;
             self.state(Status::Settling)?;
             self.stand(Duration::from_millis(400))?;
             self.outcome(id, Outcome::RolledBack, contact)?;

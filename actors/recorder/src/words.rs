@@ -93,7 +93,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::ContactBegan { robot, contact, names: (a, b), .. } => {
             (robot, Warn, format!("{a} is {:.1} mm from {b}", contact.distance * 1e3))
         }
-        Event::ContactEnded { robot, names: (a, b) } => (robot, Debug, format!("{a} is clear of {b}")),
+        Event::ContactEnded { robot, names: (a, b), .. } => (robot, Debug, format!("{a} is clear of {b}")),
         Event::HardContact { robot, names: (a, b), .. } => (robot, Error, format!("{a} touches {b}")),
         Event::RetreatBegan { robot, id, secs, .. } => {
             (robot, Warn, format!("#{} goes back along {secs:.1} s of its path", id.0))

@@ -11,6 +11,7 @@ use super::contacts_hold::ContactsHold;
 use super::failed_edges::FailedEdges;
 use super::fresh_readings::FreshReadings;
 use super::frozen_is_noticed::FrozenIsNoticed;
+use super::hard_contacts::HardContacts;
 use super::home_is_a_vertex::HomeIsAVertex;
 use super::honest_safe_pose::HonestSafePose;
 use super::idle_motors_stay::IdleMotorsStay;
@@ -93,6 +94,7 @@ pub const ALL: &[InvariantEntry] = &[
     of::<ClosesAtOnce>("I28", "a death closes the filter", Wants::Events),
     of::<ToldTheTruth>("I29", "agents are told the truth", Wants::Events),
     of::<MovedAtRest>("I31", "displacement at rest closes the filter", Wants::Poses),
+    of::<HardContacts>("I34", "no avoidable hard contact", Wants::Events),
 ];
 
 /// The names of those that a journal is judged by, with or without measured poses, as a sentence has them: `I1-I7, I9 and I10`.

@@ -43,7 +43,7 @@ impl Invariant for ContactsHold {
                     state.present.push((*contact, names.clone()));
                 }
             }
-            Event::ContactEnded { robot, names } => {
+            Event::ContactEnded { robot, names, .. } => {
                 if let Some(state) = self.robots.get_mut(robot) {
                     state.present.retain(|(_, known)| known != names);
                 }

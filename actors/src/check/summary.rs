@@ -1,5 +1,6 @@
 //! A run in figures, from its journal.
 
+use super::touches::Touches;
 use crate::record::journal::{JournalError, read};
 use mobee_contract::{Cause, EdgeState, Event, Note, Outcome, Summary, SwapStep, Time};
 use serde::Serialize;
@@ -41,8 +42,10 @@ pub struct RunSummary {
     pub stopped: u64,
     /// Contacts below the margin.
     pub contacts: u64,
-    /// Contacts at distance zero.
+    /// Hard contacts: times at which a robot touched another, an object or itself, however many of their shapes met.
     pub hard_contacts: u64,
+    /// The greatest depth of these, millimeters.
+    pub hard_contact_depth_mm: f64,
     /// Retreats that were given up.
     pub retreats_stopped: u64,
     /// Safe poses that moved in mid-motion.
@@ -83,6 +86,7 @@ pub fn summary(path: &Path) -> Result<RunSummary, JournalError> {
     let mut s = RunSummary::default();
     let mut edges = BTreeMap::new();
     let mut vertices = BTreeMap::new();
+    let mut touches = Touches::default();
     for line in read(path)? {
         let line = match line {
             Ok(line) => line,
@@ -95,6 +99,7 @@ pub fn summary(path: &Path) -> Result<RunSummary, JournalError> {
         s.events += 1;
         s.secs = line.at.since(Time::ZERO).as_secs_f64();
         s.hash = line.hash;
+        touches.note(&line.event);
         match line.event {
             Event::Note { robot, note: Note::Vertex { id, q, .. } } => {
                 let before = vertices.insert((robot.clone(), id), q.clone());
@@ -109,6 +114,7 @@ pub fn summary(path: &Path) -> Result<RunSummary, JournalError> {
             other => s.count(other),
         }
     }
+    (s.hard_contacts, s.hard_contact_depth_mm) = (touches.episodes, touches.depth * 1e3);
     s.vertices = vertices.len() as u64;
     for state in edges.into_values() {
         *s.edges.entry(state).or_default() += 1;
@@ -133,7 +139,6 @@ impl RunSummary {
             Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,
             Event::CommandDropped { .. } => self.commands_dropped += 1,
             Event::ContactBegan { .. } => self.contacts += 1,
-            Event::HardContact { .. } => self.hard_contacts += 1,
             Event::RetreatStopped { .. } => self.retreats_stopped += 1,
             Event::World { .. } => self.world_edits += 1,
             Event::Done { robot, summary } => self.done.push((robot, summary)),

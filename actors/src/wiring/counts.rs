@@ -1,5 +1,6 @@
 //! What is counted while a run goes on.
 
+use crate::check::touches::Touches;
 use mobee_contract::{Cause, Event, Outcome, Status, Summary, SwapPart, SwapStep};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -25,8 +26,10 @@ pub struct RunCounts {
     pub stopped: u64,
     /// Contacts that began.
     pub contacts: u64,
-    /// Contacts that reached distance zero by a motion of the robot.
+    /// Hard contacts: times at which a robot touched another, an object or itself by its motion, however many of their shapes met.
     pub hard_contacts: u64,
+    /// The greatest depth of these, millimeters.
+    pub hard_contact_depth_mm: f64,
     /// Restarts of actors.
     pub restarts: u64,
     /// Groups that used up their restarts, those of sensors and services among them.
@@ -53,6 +56,9 @@ pub struct RunCounts {
     pub readings_dropped: u64,
     /// Control periods that were missed.
     pub late: Late,
+    /// What touches now.
+    #[serde(skip)]
+    pub(crate) touches: Touches,
     /// The filters' states, by robot.
     pub status: BTreeMap<String, Status>,
     /// What the agents said at their end, by robot.
@@ -62,6 +68,8 @@ pub struct RunCounts {
 impl RunCounts {
     /// Takes in an event.
     pub fn note(&mut self, event: &Event) {
+        self.touches.note(event);
+        (self.hard_contacts, self.hard_contact_depth_mm) = (self.touches.episodes, self.touches.depth * 1e3);
         match event {
             Event::Commit { escape, .. } => {
                 self.commits += 1;
@@ -74,7 +82,6 @@ impl RunCounts {
             Event::Outcome { outcome: Outcome::Faulted, cause: Some(Cause::Asked), .. } => self.stopped += 1,
             Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,
             Event::ContactBegan { .. } => self.contacts += 1,
-            Event::HardContact { .. } => self.hard_contacts += 1,
             Event::RetreatStopped { .. } => self.retreats_stopped += 1,
             Event::Displaced { .. } => self.displaced += 1,
             Event::Disabled { cause: Cause::Displaced { .. }, .. } => self.displaced += 1,

@@ -1,6 +1,7 @@
 //! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
 
 mod check_at_once;
+mod check_hard_contacts;
 mod check_invariants;
 mod check_retreat;
 mod commanded;

@@ -109,7 +109,8 @@ fn driver(board: &SimHardware, wrong: Wrong, probation: f64) -> Control {
 }
 
 fn controller(period_s: f64, margin_m: f64, history: usize, probation: f64) -> Control {
-    let settings = ControllerSettings { period_s, margin_m, history, ..ControllerSettings::default() };
+    let settings =
+        ControllerSettings { period_s, margin_m, history, reserve_m: Some(0.0), ..ControllerSettings::default() };
     offer(NewPart::Controller(settings), "Nothing".into(), probation)
 }
 

@@ -50,7 +50,7 @@ fn collide(history: usize, left: &[(f64, f64, f64)], right: &[(f64, f64, f64)]) 
         robots.push(RobotSetup {
             name: name.into(),
             hardware: Arc::new(hardware),
-            controller: ControllerSettings { history, ..ControllerSettings::default() },
+            controller: ControllerSettings { history, reserve_m: Some(0.0), ..ControllerSettings::default() },
             agent: Some(Arc::new(move || Ok(Box::new(Plan(steps.clone(), false)) as Box<dyn Agent>))),
         });
     }

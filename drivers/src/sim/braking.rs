@@ -35,7 +35,7 @@ impl StoppingPath {
         (margin < path).then(|| {
             format!(
                 "a margin of {margin_mm:.1} mm is smaller than the reaction and braking path: motor {name} alone can carry a shape {path_mm:.1} mm \
-                 farther, its whole chain typically {typical_mm:.1} mm; move more slowly, widen the margin, or shorten the control period"
+                 farther, its whole chain typically {typical_mm:.1} mm; move more slowly, widen the margin, shorten the control period, or look ahead (without `reserve_mm = 0`)"
             )
         })
     }

@@ -31,6 +31,9 @@ impl Brakes {
     /// Where the robot would be after these parts of the time to rest if it were told to stop at this reading, each motor braking by itself.
     pub fn ahead(&self, q: &Pose, motion: &Motion, rules: &Rules, parts: &[f64]) -> Vec<Pose> {
         let stops: Vec<Stop> = stops(motion, rules);
+        if stops.iter().all(Stop::is_none) {
+            return vec![q.clone(); parts.len()];
+        }
         let rest = stops.iter().map(Stop::time).fold(0.0, f64::max);
         let factor = |m: usize| self.factors.get(m).copied().unwrap_or(1.0);
         let at = |part: f64| -> Pose {

@@ -9,6 +9,7 @@
 //! spaces what is written. Readings that were held up come in a bunch: judged by `now` they would prove a rest from
 //! before the stop, and set-points spaced by `sampled_at` would be written all at once.
 
+use super::contacts::Ended;
 use super::floors::Floors;
 use super::retreat::{Parted, Retreat};
 use super::room::{Room, Way, another};
@@ -16,6 +17,7 @@ use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, Refle
 use crate::distance;
 use crate::joint_retreat::{Asked, RetreatReply};
 use crate::ledger::Underway;
+use crate::look_ahead::Foreseen;
 use crate::pulse::Pulse;
 use mobee_contract::{Command, ControlMode, Event, Hold, Time};
 use mobee_model::Contact;
@@ -38,6 +40,7 @@ impl ReflexCore {
         if matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. }) {
             self.passed.note(&self.near);
         }
+        let ahead = self.foreseen_on_the_way(pulse, step);
         match &mut self.phase {
             Phase::Watching => {}
             Phase::Stopping { token, since, then } => {
@@ -69,12 +72,13 @@ impl ReflexCore {
                 // by the way of the set-points, too: at a recorded rest readings may well be equal for long
                 let long = sampled_at.since(still.sampled_at) >= FROZEN;
                 let frozen = long && distance(retreat.written(), &still.written) > FROZEN_WAY;
-                let ahead = put_there(pulse, self.epoch);
-                let broken = self.floors.broken(close).or_else(|| self.floors.broken(&ahead)).copied();
+                let met = self.floors.broken(close);
+                let broken = met.or_else(|| self.floors.broken(&ahead)).copied();
+                let foreseen = met.is_none();
                 // one that was violated as the retreat began is what it leads out of
                 let newly_violated = pulse.violated.is_some() && !*violated;
                 let rests = at_rest && retreat.is_where_sent(&pulse.sample);
-                let way = room.look(broken.as_ref(), rests, self.robot, step.joint_retreat, now);
+                let way = room.look(broken.as_ref(), (foreseen, rests), self.robot, step.joint_retreat, now);
                 // a board that plans from way-point to way-point goes on by itself
                 let stops = way == Way::Blocked || (way == Way::Waits && !retreat.way().direct);
                 if frozen {
@@ -122,7 +126,7 @@ impl ReflexCore {
                 let (token, way) = (*token, retreat.way());
                 let broken = self.floors.broken(close).copied();
                 // where it was sent it stays: who drives into it there is waited for as on the way
-                let met = room.look(broken.as_ref(), at_rest, self.robot, step.joint_retreat, now);
+                let met = room.look(broken.as_ref(), (false, at_rest), self.robot, step.joint_retreat, now);
                 if met == Way::Blocked || (pulse.violated.is_some() && !*violated) {
                     let what = blocked(broken, pulse.violated.is_some(), names);
                     self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
@@ -150,8 +154,8 @@ impl ReflexCore {
                         return;
                     }
                     // at the safe pose it was free: a distance within the hysteresis is no contact there
-                    for pair in self.contacts.settle() {
-                        step.emit(Event::ContactEnded { robot: step.robot(), names: names(pair) });
+                    for Ended { pair, depth } in self.contacts.settle() {
+                        step.emit(Event::ContactEnded { robot: step.robot(), names: names(pair), depth });
                     }
                     self.say(token, ReflexReport::Back, step);
                 } else if sampled_at >= *since + PATIENCE {
@@ -168,6 +172,19 @@ impl ReflexCore {
                 }
             }
         }
+    }
+
+    /// The contacts that the retreat must not come to: with objects that were put where they are since the motion set out, and with robots
+    /// that don't go along. Of all others the path is as free as it was driven, and a robot that is about to turn into a corner of it is not
+    /// stopped by what is beyond. A board that goes on by itself gives up where it waits: robots stop it only by the margin.
+    fn foreseen_on_the_way(&self, pulse: &Pulse, step: &Step) -> Vec<Contact> {
+        let Phase::Retreating { retreat, .. } = &self.phase else { return Vec::new() };
+        let direct = retreat.way().direct;
+        let counts = |f: &&Foreseen| {
+            let meets = direct && another(&f.contact, self.robot).is_some() && !self.goes_along(&f.contact, step);
+            f.edited > self.epoch || meets
+        };
+        pulse.foreseen.iter().filter(counts).map(|f| f.contact).collect()
     }
 
     /// The robot rests: ask for the retreat, and begin it once it is known.
@@ -278,12 +295,6 @@ fn stands_in_the_way(robot: usize, close: &[Contact], step: &Step) -> bool {
     let touches = close.iter().filter(|c| c.distance < step.rules.margin);
     let mut others = touches.filter_map(|c| another(c, robot));
     others.any(|other| step.joint_retreat.stands_in_the_way(robot, other))
-}
-
-/// What is foreseen with objects that were put where they are since that edit of the world: of all others the path is as free as it was
-/// driven, and a robot that is about to turn into a corner of it is not stopped by what is beyond.
-fn put_there(pulse: &Pulse, edit: u64) -> Vec<Contact> {
-    pulse.foreseen.iter().filter(|f| f.edited > edit).map(|f| f.contact).collect()
 }
 
 /// Why a retreat is blocked, in words: by this contact, or, without one, by a constraint, or by a robot that does not halt.

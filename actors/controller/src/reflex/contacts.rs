@@ -15,6 +15,23 @@ struct Touch {
     contact: Contact,
     /// Whether distance zero was told, or is not the robot's doing.
     hard: bool,
+    /// Its greatest depth since it was told, meters.
+    depth: Option<f64>,
+}
+
+impl Touch {
+    fn ended(&self) -> Ended {
+        Ended { pair: self.contact.pair, depth: self.depth }
+    }
+}
+
+/// A contact that ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ended {
+    /// Of these shapes.
+    pub pair: Pair,
+    /// Its greatest depth if it was a hard contact, meters.
+    pub depth: Option<f64>,
 }
 
 /// What a reading changed.
@@ -22,8 +39,8 @@ struct Touch {
 pub struct Changes {
     /// Contacts that began.
     pub began: Vec<Contact>,
-    /// Pairs whose contact ended.
-    pub ended: Vec<Pair>,
+    /// Contacts that ended.
+    pub ended: Vec<Ended>,
     /// Contacts that reached distance zero by a motion of the robot.
     pub hard: Vec<Contact>,
 }
@@ -65,14 +82,14 @@ impl Contacts {
                 true
             }
             _ => {
-                ended.push(touch.contact.pair);
+                ended.push(touch.ended());
                 false
             }
         });
         let begins = if back { margin - DEEPER } else { margin };
         for c in near.iter().filter(|c| c.distance < begins) {
             if !self.present.iter().any(|t| t.contact.pair == c.pair) {
-                self.present.push(Touch { contact: *c, hard: false });
+                self.present.push(Touch { contact: *c, hard: false, depth: None });
                 changes.began.push(*c);
             }
         }
@@ -80,21 +97,25 @@ impl Contacts {
         for touch in self.present.iter_mut().filter(|t| t.contact.distance <= 0.0 && !t.hard) {
             touch.hard = true;
             if moving && !edited {
+                touch.depth = Some(0.0);
                 changes.hard.push(touch.contact);
             }
+        }
+        for Touch { contact, depth, .. } in &mut self.present {
+            *depth = depth.map(|depth| depth.max(-contact.distance));
         }
         self.show();
         changes
     }
 
     /// The robot is back where it was free: pairs beyond the margin no longer count as touching. Returns those.
-    pub fn settle(&mut self) -> Vec<Pair> {
+    pub fn settle(&mut self) -> Vec<Ended> {
         let margin = self.margin;
         let mut ended = Vec::new();
         self.present.retain(|t| {
             let stays = t.contact.distance < margin;
             if !stays {
-                ended.push(t.contact.pair);
+                ended.push(t.ended());
             }
             stays
         });
@@ -172,12 +193,27 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_hard_contact_ends_with_its_greatest_depth() {
+        let mut contacts = Contacts::new(MARGIN);
+        let depth = |contacts: &mut Contacts, mm: f64, moving: bool| {
+            contacts.update(&[near(1, mm)], false, moving, 0).ended.first().map(|ended| ended.depth)
+        };
+        for mm in [5.0, -1.0, -4.0, -2.0, 3.0] {
+            assert_eq!(depth(&mut contacts, mm, true), None);
+        }
+        assert_eq!(depth(&mut contacts, 20.0, true), Some(Some(0.004)));
+        assert_eq!(depth(&mut contacts, -3.0, false), None, "pushed in at rest");
+        assert_eq!(depth(&mut contacts, 20.0, true), Some(None));
+    }
+
+    #[test]
     fn on_the_retreat_a_contact_begins_a_millimeter_later() {
         let mut contacts = Contacts::new(MARGIN);
         assert_eq!(told(&mut contacts, &[near(1, 9.1)], (true, true, 0)), [0, 0, 0, 0]);
         assert_eq!(told(&mut contacts, &[near(1, 8.9), near(2, 11.0)], (true, true, 0)), [1, 0, 0, 1]);
         assert_eq!(told(&mut contacts, &[near(1, 10.0), near(2, 9.5)], MOVING), [1, 0, 0, 2]);
-        assert_eq!(contacts.settle(), [near(1, 0.0).pair], "back, and not within the margin");
+        let ended = [Ended { pair: near(1, 0.0).pair, depth: None }];
+        assert_eq!(contacts.settle(), ended, "back, and not within the margin");
         assert_eq!(contacts.present()[..], [near(2, 9.5)]);
     }
 }

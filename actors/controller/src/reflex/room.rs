@@ -19,6 +19,8 @@ const LONGEST: Duration = Duration::from_secs(30);
 const GRACE: Duration = Duration::from_millis(200);
 /// How often a retreat waits: whoever is met again and again does not make room.
 const OFTEN: u32 = 5;
+/// The same of one that is foreseen, and not met: the retreat approaches in several pieces.
+const OFTEN_FORESEEN: u32 = 40;
 
 /// Whether, and for whom, a retreat waits.
 #[derive(Clone, Copy, Debug, Default)]
@@ -28,6 +30,7 @@ pub(super) struct Room {
     /// Since when it waits.
     since: Time,
     times: u32,
+    foreseen: u32,
 }
 
 /// What a reading means for a retreat.
@@ -51,12 +54,12 @@ impl Room {
         self.waits.map(|(whom, _)| (whom, self.since))
     }
 
-    /// What this contact that is nearer than it may be, if there is one, means for the retreat of a robot. `rests`: whether it rests
-    /// where it was sent: braking, it leaves its path, each motor as it can.
+    /// What this contact that is nearer than it may be, if there is one, means for the retreat of a robot. `foreseen`: whether it is
+    /// only ahead. `rests`: whether the robot rests where it was sent: braking, it leaves its path, each motor as it can.
     pub fn look(
         &mut self,
         broken: Option<&Contact>,
-        rests: bool,
+        (foreseen, rests): (bool, bool),
         robot: usize,
         retreats: &JointRetreat,
         now: Time,
@@ -67,10 +70,12 @@ impl Room {
         }
         let Some((whom, made)) = &mut self.waits else {
             let Some(other) = other else { return Way::Free };
-            if self.times == OFTEN {
+            let (times, most) = if foreseen { (&mut self.foreseen, OFTEN_FORESEEN) } else { (&mut self.times, OFTEN) };
+            if *times == most {
                 return Way::Blocked;
             }
-            (self.waits, self.since, self.times) = (Some((other, now)), now, self.times + 1);
+            *times += 1;
+            (self.waits, self.since) = (Some((other, now)), now);
             return Way::Waits;
         };
         *whom = other.unwrap_or(*whom);
@@ -110,7 +115,7 @@ mod tests {
         let mut look = |secs: u64| {
             let now = Time(secs * 1_000_000_000);
             retreats.coming(1, now);
-            room.look(Some(&contact), true, 0, &retreats, now)
+            room.look(Some(&contact), (false, true), 0, &retreats, now)
         };
         assert_eq!(look(7), Way::Waits);
         assert!((8..37).all(|secs| look(secs) == Way::Stays));

@@ -36,9 +36,8 @@ fn rules(settings: FieldsSettings) -> (Rules, Arc<FieldRules>) {
         bare: Vec::new(),
     };
     let drive = Drive::Fields(settings);
-    let rules =
-        Rules::new("r", vec![], &ControllerSettings { drive: drive.clone(), ..ControllerSettings::default() }, &board);
-    let rules = rules.driving(&drive, &robot);
+    let settings = ControllerSettings { drive, ..ControllerSettings::default() };
+    let rules = Rules::new("r", vec![], &settings, &board).driving(&settings, &robot);
     let fields = rules.fields.clone().unwrap();
     (rules, fields)
 }

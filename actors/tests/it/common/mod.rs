@@ -224,6 +224,8 @@ impl Trial {
                     drive: self.drive,
                     stall_deg: self.stall_deg,
                     undo_s: self.undo_s,
+                    // the paper's Algorithm 6: by the margin alone
+                    reserve_m: Some(0.0),
                     // the machine may take all processors away for half a second
                     stale_s: (self.clock == ClockKind::Real).then_some(3.0),
                     ..ControllerSettings::default()

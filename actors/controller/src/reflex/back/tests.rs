@@ -28,6 +28,8 @@ struct Wrong {
     calm: bool,
     /// It would come to half a millimeter of something that was put there.
     ahead: bool,
+    /// It would come to half a millimeter of another robot.
+    meets: bool,
     /// Another robot is a millimeter away.
     met: bool,
     /// The other robot was stopped, and is about to be taken back.
@@ -66,6 +68,10 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         if wrong.ahead {
             let contact = Contact { distance: 0.0005, ..near };
             pulse.foreseen = vec![Foreseen { contact, edited: 1 }].into();
+        }
+        if wrong.meets {
+            let contact = Contact { distance: 0.0005, ..robot };
+            pulse.foreseen = vec![Foreseen { contact, edited: 0 }].into();
         }
         reflex.read(&mut pulse, None, Status::Stopping, at)
     };
@@ -175,6 +181,18 @@ fn a_retreat_waits_for_a_robot_that_makes_room() {
     let again = |k: u64| k >= 100 && k % 20 < 10;
     let often = given_up(ends(&|k| (again(k), again(k))));
     assert!((200..206).contains(&often), "the sixth time: {often}");
+}
+
+/// A robot that would be met is waited for before it is near, and the retreat approaches what stays there in pieces.
+#[test]
+fn a_retreat_waits_before_it_meets_a_robot() {
+    let (told, why) = taken_back(|k, _| Wrong { meets: (100..200).contains(&k), ..Wrong::default() });
+    let words: Vec<&ReflexReport> = told.iter().map(|(_, word)| word).collect();
+    assert_eq!((words, why), (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], None));
+    let took = told[1].0 - told[0].0;
+    assert!((395..480).contains(&took), "it stood still for a second: {told:?}");
+    let (told, why) = taken_back(|k, _| Wrong { meets: (100..400).contains(&k) && k % 20 < 10, ..Wrong::default() });
+    assert_eq!((told.last().map(|(_, word)| word), why), (Some(&ReflexReport::Back), None), "in pieces");
 }
 
 /// Who is where it was sent, and about to be let in, waits for a robot that drives into it as on the way.

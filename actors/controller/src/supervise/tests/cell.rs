@@ -20,7 +20,7 @@ fn rules(kind: Kind) -> Arc<Rules> {
     let drive = if kind == Kind::Straight { Drive::Straight } else { Drive::Fields(fields) };
     let controller = ControllerSettings { drive, ..ControllerSettings::default() };
     let rules = Rules::new("r", vec!["p".into()], &controller, &board);
-    Arc::new(rules.driving(&controller.drive, &one_motor()))
+    Arc::new(rules.driving(&controller, &one_motor()))
 }
 
 fn one_motor() -> Robot {

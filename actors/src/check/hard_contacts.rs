@@ -1,0 +1,187 @@
+//! I34: a robot that looks ahead touches nothing that it could have stopped before.
+//!
+//! Not avoidable is a contact with an object that was put where it is so late that the robot could not have come to rest since, one in an
+//! escape, which sets out in contact, and one soon after a part failed, a reading was stale or a motor was displaced. A contact under
+//! Algorithm 6, without a reflex, or with a robot that is driven so, is counted and breaks nothing; one whose journal does not state the
+//! clearance is not judged.
+
+use super::touches::Touches;
+use super::{Found, Invariant};
+use crate::record::journal::JournalLine;
+use crate::record::names::HEALED;
+use mobee_contract::{Cause, Event, SwapStep, Time};
+use mobee_model::Pair;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+/// How long after a disturbance no contact is held against a controller.
+const DISTURBED: Duration = Duration::from_secs(3);
+
+/// The hard contacts of a run, each an episode, by the rule that applies to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct HardContactTally {
+    /// All of them.
+    pub episodes: u64,
+    /// The greatest depth of any, meters.
+    pub depth: f64,
+    /// Those that a robot that looks ahead could have avoided: each breaks I34.
+    pub avoidable: u64,
+    /// Those that it could not.
+    pub unavoidable: u64,
+    /// Those under Algorithm 6 or without a reflex.
+    pub unpromised: u64,
+    /// Those whose journal does not state the clearance.
+    pub unjudged: u64,
+}
+
+impl fmt::Display for HardContactTally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let contacts = if self.episodes == 1 { "contact" } else { "contacts" };
+        write!(f, "{} hard {contacts}, at most {:.1} mm deep", self.episodes, self.depth * 1e3)?;
+        let of = [
+            (self.avoidable, "avoidable"),
+            (self.unavoidable, "not avoidable"),
+            (self.unpromised, "under Algorithm 6 (`reserve_mm = 0`) or without a reflex, which don't rule them out"),
+            (self.unjudged, "not judged: this journal does not state the braking clearance"),
+        ];
+        let words: Vec<String> = of.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        if words.is_empty() { Ok(()) } else { write!(f, ": {}", words.join("; ")) }
+    }
+}
+
+/// Judges hard contacts as they come.
+#[derive(Default)]
+pub(super) struct HardContacts {
+    touches: Touches,
+    tally: HardContactTally,
+    /// In the order of the journal, which is that of the scene.
+    robots: Vec<Driven>,
+    /// When each object was last put where it is.
+    edited: BTreeMap<String, Time>,
+    /// When anything failed last, and whether faults are being injected.
+    disturbed: Option<Time>,
+    injecting: bool,
+}
+
+#[derive(Default)]
+struct Driven {
+    name: String,
+    /// Its braking clearance, meters: zero under Algorithm 6; none if the journal does not state it.
+    clearance: Option<f64>,
+    /// The time in which it comes to rest.
+    stops: Duration,
+    escapes: bool,
+}
+
+/// The rule that applies to a contact.
+enum Rule {
+    Avoidable,
+    Unavoidable,
+    Unpromised,
+    Unjudged,
+}
+
+impl HardContacts {
+    /// Takes the next event.
+    ///
+    /// # Returns
+    /// What is wrong, if an avoidable contact begins.
+    pub fn note(&mut self, at: Time, event: &Event) -> Option<String> {
+        self.follow(at, event);
+        let begins = self.touches.note(event);
+        (self.tally.episodes, self.tally.depth) = (self.touches.episodes, self.touches.depth);
+        let Event::HardContact { robot, contact, names } = event else { return None };
+        if !begins {
+            return None;
+        }
+        match self.rule(at, contact.pair, names) {
+            Rule::Avoidable => {
+                self.tally.avoidable += 1;
+                let ((a, b), mm) = (names, -contact.distance * 1e3);
+                Some(format!(
+                    "{robot}: {a} touches {b}, {mm:.1} mm deep; it looks ahead, and nothing was put there too late to brake"
+                ))
+            }
+            rule => {
+                let count = match rule {
+                    Rule::Unpromised => &mut self.tally.unpromised,
+                    Rule::Unjudged => &mut self.tally.unjudged,
+                    Rule::Avoidable | Rule::Unavoidable => &mut self.tally.unavoidable,
+                };
+                *count += 1;
+                None
+            }
+        }
+    }
+
+    /// All contacts so far.
+    pub fn tally(&self) -> HardContactTally {
+        self.tally
+    }
+
+    fn rule(&self, at: Time, pair: Pair, names: &(String, String)) -> Rule {
+        let index = [pair.0.robot(), pair.1.robot()];
+        let robots: Vec<Option<&Driven>> = index.into_iter().flatten().map(|i| self.robots.get(i)).collect();
+        let clearances: Option<Vec<f64>> = robots.iter().map(|r| r.and_then(|r| r.clearance)).collect();
+        let Some(clearances) = clearances else { return Rule::Unjudged };
+        if clearances.iter().any(|clearance| *clearance <= 0.0) {
+            return Rule::Unpromised;
+        }
+        let stops = robots.iter().flatten().map(|r| r.stops).max().unwrap_or_default();
+        let is_late = |name: &String| {
+            let object = name.rsplit_once('#').map_or(name.as_str(), |(object, _)| object);
+            self.edited.get(object).is_some_and(|edited| at.since(*edited) <= stops)
+        };
+        let escapes = robots.iter().flatten().any(|r| r.escapes);
+        let disturbed = self.injecting || self.disturbed.is_some_and(|last| at.since(last) <= DISTURBED);
+        if escapes || disturbed || is_late(&names.0) || is_late(&names.1) {
+            return Rule::Unavoidable;
+        }
+        Rule::Avoidable
+    }
+
+    /// What the rules depend on.
+    fn follow(&mut self, at: Time, event: &Event) {
+        match event {
+            Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
+                self.robots.push(Driven { name: robot.clone(), ..Driven::default() });
+            }
+            Event::Controller { robot, clearance, stops, .. } => {
+                let stops = stops.and_then(|secs| Duration::try_from_secs_f64(secs).ok()).unwrap_or_default();
+                self.of(robot, |r| (r.clearance, r.stops) = (*clearance, stops));
+            }
+            Event::Commit { robot, escape, .. } => self.of(robot, |r| r.escapes = *escape),
+            Event::Outcome { robot, .. } => self.of(robot, |r| r.escapes = false),
+            Event::World { object, .. } => drop(self.edited.insert(object.clone(), at)),
+            Event::Injected { fault } => (self.injecting, self.disturbed) = (fault != HEALED, Some(at)),
+            Event::Swap { step: SwapStep::TookOver { .. } | SwapStep::Reverted { .. }, .. }
+            | Event::Died { .. }
+            | Event::Restarted { .. }
+            | Event::Resumed { .. }
+            | Event::Displaced { .. } => self.disturbed = Some(at),
+            Event::Disabled { cause, .. } => match cause {
+                Cause::Stale
+                | Cause::ActorDied(_)
+                | Cause::Crashed
+                | Cause::BoardFault(_)
+                | Cause::Displaced { .. } => {
+                    self.disturbed = Some(at);
+                }
+                _ => {}
+            },
+            _ => {}
+        }
+    }
+
+    fn of(&mut self, robot: &str, change: impl FnMut(&mut Driven)) {
+        self.robots.iter_mut().filter(|r| r.name == robot).for_each(change);
+    }
+}
+
+impl Invariant for HardContacts {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+        found.say_all(self.note(line.at, &line.event));
+    }
+}
