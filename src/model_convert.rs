@@ -1,8 +1,9 @@
 //! `mobee model convert`: a URDF becomes a robot file.
 
 use crate::import_inputs;
+use crate::roadmap::save_text;
 use crate::robot_import::{ImportArgs, Imported};
-use miette::{IntoDiagnostic, Report, WrapErr, miette};
+use miette::{Report, miette};
 use mobee_model::{Robot, parse_robot, write_robot};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -40,7 +41,7 @@ pub fn command(args: &ConvertArgs) -> Result<String, Report> {
     }
     let imported = args.import.import(&args.urdf)?;
     let text = text(&args.urdf, &args.xml, &imported)?;
-    save(&args.xml, &text)?;
+    save_text(&args.xml, &text)?;
     Ok(summary(&args.xml, &imported))
 }
 
@@ -62,18 +63,6 @@ pub fn text(urdf: &Path, xml: &Path, imported: &Imported) -> Result<String, Repo
     };
     parse_robot(&xml.display().to_string(), &text)?;
     Ok(text)
-}
-
-/// Writes beside the target, then renames: the file is whole or absent.
-fn save(path: &Path, text: &str) -> Result<(), Report> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".part");
-    let beside = PathBuf::from(beside);
-    std::fs::write(&beside, text)
-        .and_then(|()| std::fs::rename(&beside, path))
-        .into_diagnostic()
-        .wrap_err_with(|| format!("cannot write {}; check that its folder exists and is writable", path.display()))
-        .inspect_err(|_| drop(std::fs::remove_file(&beside)))
 }
 
 /// What came of it, for people.

@@ -4,34 +4,56 @@ use crate::config::{ConfigError, suggestion};
 use crate::kinds::entries;
 use mobee_model::file::{MIB, read_text};
 use serde_json::Value;
-use std::fmt::Write;
+use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
 
-/// A file that ships, and its text.
-type Shipped = (&'static str, &'static str);
+/// A file that ships: as behaviors name it, as it is called beside a new behavior, and its text.
+type Shipped = (&'static str, &'static str, &'static str);
 
-/// A behavior to start from: its name, its text, and the files that it names.
+/// A behavior to start from: its name, its text, and the files that it names, and those that these name.
 struct Template {
     name: &'static str,
     text: &'static str,
     files: &'static [Shipped],
 }
 
-const ICUB: Shipped = ("../robots/icub.xml", include_str!("../configs/robots/icub.xml"));
-const KATANA: Shipped = ("../robots/katana.xml", include_str!("../configs/robots/katana.xml"));
-const EXPLORE: Shipped = ("../worlds/explore.xml", include_str!("../configs/worlds/explore.xml"));
-const BALL: Shipped = ("../worlds/ball.xml", include_str!("../configs/worlds/ball.xml"));
+macro_rules! shipped {
+    ($path:literal, $name:literal) => {
+        (concat!("../", $path), $name, include_str!(concat!("../configs/", $path)))
+    };
+}
+
+const ICUB: Shipped = shipped!("robots/icub.xml", "icub.xml");
+const KATANA: Shipped = shipped!("robots/katana.xml", "katana.xml");
+const KATANA_BLOCK: Shipped = shipped!("robots/katana-block.xml", "katana-block.xml");
+const EXPLORE: Shipped = shipped!("worlds/explore.xml", "explore.xml");
+const BALL: Shipped = shipped!("worlds/ball.xml", "ball.xml");
+const CUP: Shipped = shipped!("worlds/cup.xml", "cup.xml");
+const TABLE: Shipped = shipped!("worlds/table.xml", "table.xml");
+const REACH: Shipped = shipped!("worlds/reach.xml", "reach.xml");
+const DETECTOR: Shipped = shipped!("sensing/cup.detector.json", "cup.detector.json");
+const LOCATOR: Shipped = shipped!("sensing/icub-sim.locator.json", "icub-sim.locator.json");
+const RIGHT_MAP: Shipped = shipped!("roadmaps/reach.toml", "right-arm-map.toml");
+const LEFT_MAP: Shipped = shipped!("roadmaps/reach-left.toml", "left-arm-map.toml");
+
+macro_rules! template {
+    ($name:literal, $files:expr) => {
+        Template { name: $name, text: include_str!(concat!("../configs/behaviors/", $name, ".toml")), files: $files }
+    };
+}
 
 const TEMPLATES: &[Template] = &[
-    Template { name: "explore", text: include_str!("../configs/behaviors/explore.toml"), files: &[ICUB, EXPLORE] },
-    Template { name: "ball", text: include_str!("../configs/behaviors/ball.toml"), files: &[ICUB, BALL] },
-    Template { name: "filter", text: include_str!("../configs/behaviors/filter.toml"), files: &[ICUB, BALL] },
-    Template { name: "torture", text: include_str!("../configs/behaviors/torture.toml"), files: &[KATANA] },
-    Template {
-        name: "explore-yarp",
-        text: include_str!("../configs/behaviors/explore-yarp.toml"),
-        files: &[ICUB, EXPLORE],
-    },
+    template!("explore", &[ICUB, EXPLORE]),
+    template!("ball", &[ICUB, BALL]),
+    template!("plan", &[ICUB, BALL]),
+    template!("look", &[ICUB, CUP, DETECTOR, LOCATOR]),
+    template!("collect", &[ICUB, KATANA_BLOCK, DETECTOR, LOCATOR]),
+    template!("reach", &[ICUB, REACH, TABLE, DETECTOR, LOCATOR, RIGHT_MAP, LEFT_MAP]),
+    template!("filter", &[ICUB, BALL]),
+    template!("torture", &[KATANA]),
+    template!("explore-yarp", &[ICUB, EXPLORE]),
 ];
 
 /// The schema's file, which editors look for.
@@ -47,9 +69,8 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
         ConfigError::plain(format!("there is no behavior `{from}` to start from"), suggestion(from, "behavior", &names))
     })?;
     let (dir, stem) = file_stem(name)?;
-    let file_of = |shipped: &str| Path::new(shipped).file_name().map(|f| dir.join(f)).unwrap_or_default();
     let mut files = vec![(dir.join(format!("{stem}.toml")), text(template, &stem))];
-    files.extend(template.files.iter().map(|(shipped, text)| (file_of(shipped), (*text).to_owned())));
+    files.extend(template.files.iter().map(|(_, name, text)| (dir.join(name), beside(template, text))));
     files.push((dir.join(SCHEMA), crate::schema::text()));
     // what stands there already and says the same is left; the behavior itself is always new
     let mut missing = Vec::new();
@@ -63,15 +84,51 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
             _ => missing.push((file, text)),
         }
     }
-    for (file, text) in &missing {
-        std::fs::write(file, text).map_err(|e| {
-            ConfigError::plain(
-                format!("can't write {}: {e}", file.display()),
-                "check the folder's space and permissions",
-            )
-        })?;
-    }
+    let all: Vec<(&Path, &str)> = missing.iter().map(|(file, text)| (file.as_path(), text.as_str())).collect();
+    save_all(&all)?;
     Ok(missing.into_iter().map(|(file, _)| file).collect())
+}
+
+/// Writes new files, all or none: each is whole beside its place before the first gets its name. Only the schema may replace an older one.
+///
+/// # Errors
+/// If one can't be written, or has appeared meanwhile. None of them is there then.
+pub(crate) fn save_all(files: &[(&Path, &str)]) -> Result<(), ConfigError> {
+    let refused = |file: &Path, why: &dyn std::fmt::Display| {
+        let help = "check the folder's space and permissions; none of the files was written";
+        ConfigError::plain(format!("can't write {}: {why}", file.display()), help)
+    };
+    let mut staged = Vec::new();
+    for (file, text) in files {
+        staged.push((*file, stage(file, text).map_err(|e| refused(file, &e))?));
+    }
+    let mut placed: Vec<&Path> = Vec::new();
+    for (file, temporary) in staged {
+        let replaces = file.ends_with(SCHEMA) && (file.is_file() || !file.exists());
+        let put = if replaces { temporary.persist(file) } else { temporary.persist_noclobber(file) };
+        if let Err(e) = put {
+            placed.iter().for_each(|file| drop(std::fs::remove_file(file)));
+            return Err(refused(file, &e.error));
+        }
+        if !replaces {
+            placed.push(file);
+        }
+    }
+    Ok(())
+}
+
+/// A text in a file without a name of its own yet, in the folder where it belongs.
+fn stage(file: &Path, text: &str) -> std::io::Result<NamedTempFile> {
+    let dir = file.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut temporary = NamedTempFile::new_in(dir)?;
+    temporary.write_all(text.as_bytes())?;
+    temporary.as_file().sync_all()?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        temporary.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
+    }
+    Ok(temporary)
 }
 
 /// The folder and the stem of a behavior's file.
@@ -92,13 +149,14 @@ pub(crate) fn file_stem(name: &str) -> Result<(PathBuf, String), ConfigError> {
     Ok((dir.to_owned(), stem.to_owned()))
 }
 
+/// The text with the files that it names beside it.
+fn beside(template: &Template, text: &str) -> String {
+    template.files.iter().fold(text.to_owned(), |text, (shipped, name, _)| text.replace(shipped, name))
+}
+
 /// The behavior with its files beside it, and the settings that it leaves out as comments.
 fn text(template: &Template, stem: &str) -> String {
-    let mut text = format!("#:schema ./{SCHEMA}\n{}", template.text);
-    for (shipped, _) in template.files {
-        let name = shipped.rsplit('/').next().unwrap_or(shipped);
-        text = text.replace(shipped, name);
-    }
+    let mut text = format!("#:schema ./{SCHEMA}\n{}", beside(template, template.text));
     text = text.replace(&format!("configs/behaviors/{}.toml", template.name), &format!("{stem}.toml"));
     let used = |role: &str, kind: &str| role == "agent" && text.contains(&format!("kind = \"{kind}\""));
     let mut more = String::new();

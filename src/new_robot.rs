@@ -1,16 +1,18 @@
 //! `mobee new --robot`: a behavior for a robot of one's own, from its URDF.
 
-use crate::model_convert;
-use crate::new::{SCHEMA, file_stem};
-use crate::robot_import::{ImportArgs, Imported, plain_name};
-use miette::{IntoDiagnostic, Report, WrapErr, miette};
-use mobee_model::Robot;
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+mod chain;
 
-/// With more motors than this, an exploration by trial reaches little of what there is.
-const MOST_MOTORS: usize = 12;
-/// A group of fewer is no arm.
+use crate::model_convert;
+use crate::new::{SCHEMA, file_stem, save_all};
+use crate::robot_import::{ImportArgs, Imported, plain_name};
+use chain::Chain;
+use miette::{Report, miette};
+use mobee_model::{JointMotion, Robot};
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+use std::path::Path;
+
+/// An SRDF's group of fewer is not an arm.
 const FEWEST_MOTORS: usize = 3;
 
 /// Writes the robot, an empty world and a behavior that explores; says what was decided.
@@ -33,27 +35,52 @@ pub fn command(name: &str, from: &str, urdf: &Path, import: &ImportArgs) -> Resu
         return Err(miette!(help = help, "{} exists already", there.display()));
     }
     let imported = import.import(urdf)?;
-    let (chosen, motors) = motors(&imported).ok_or_else(|| {
+    let chain = chain::choose(&imported).ok_or_else(|| {
         miette!(help = "a robot explores with a motor at least", "{} has no motor that moves", urdf.display())
     })?;
     let texts = [
         (&robot, model_convert::text(urdf, &robot, &imported)?),
         (&world, WORLD.to_owned()),
-        (&behavior, behavior_text(&stem, &imported, model, &motors)),
+        (&behavior, behavior_text(&stem, &imported, model, &chain.motors)),
         (&schema, crate::schema::text()),
     ];
-    for (file, text) in &texts {
-        write(file, text)?;
-    }
+    save_all(&texts.each_ref().map(|(file, text)| (file.as_path(), text.as_str())))?;
     let mut out = model_convert::summary(&robot, &imported);
-    out += &format!("  motors to explore with: {chosen}\n");
+    out += &explored(&imported.robot, &chain);
     texts.iter().for_each(|(file, _)| out += &format!("{}\n", file.display()));
     Ok(out + &format!("now: mobee run {}\n", behavior.display()))
 }
 
-fn write(file: &PathBuf, text: &str) -> Result<(), Report> {
-    let what = || format!("can't write {}; check the folder's space and permissions", file.display());
-    std::fs::write(file, text).into_diagnostic().wrap_err_with(what)
+/// The line about the motors to explore with: whose they are, from which to which, and the fingers that are not among them.
+fn explored(robot: &Robot, chain: &Chain) -> String {
+    let names = names(robot, &chain.motors);
+    let ends = match names.as_slice() {
+        [first, .., last] => format!("{first} to {last}"),
+        all => all.concat(),
+    };
+    let mut line = format!("  motors to explore with: {} ({}): {ends}", chain.named, names.len());
+    if !chain.fingers.is_empty() {
+        line += &format!("; without the hand's: {}", self::names(robot, &chain.fingers).join(", "));
+    }
+    line + "\n"
+}
+
+fn names(robot: &Robot, motors: &[usize]) -> Vec<String> {
+    motors.iter().filter_map(|m| robot.motors.get(*m)).map(|m| m.name.clone()).collect()
+}
+
+/// One turn about home for each motor that may turn farther: positions a turn apart look alike, and free space between them is rarely
+/// connected.
+fn one_turn(robot: &Robot, motors: &[usize]) -> String {
+    let range = |m: &usize| {
+        let motor = robot.motors.get(*m)?;
+        let turns = motor.motion == JointMotion::Turn && !motor.continuous && motor.max - motor.min > TAU + 1e-6;
+        let [min, max] = [motor.min.max(motor.home - PI), motor.max.min(motor.home + PI)].map(f64::to_degrees);
+        let name = toml::Value::String(motor.name.clone());
+        turns.then(|| format!("{name} = [{}, {}]", min.ceil(), max.floor()))
+    };
+    let ranges: Vec<String> = motors.iter().filter_map(range).collect();
+    if ranges.is_empty() { String::new() } else { format!("range_deg = {{ {} }} # one turn about home\n", ranges.join(", ")) }
 }
 
 const WORLD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
@@ -64,16 +91,17 @@ const WORLD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 </WorldList>
 "#;
 
-fn behavior_text(stem: &str, imported: &Imported, model: &str, motors: &[String]) -> String {
+fn behavior_text(stem: &str, imported: &Imported, model: &str, chain: &[usize]) -> String {
     let robot: &Robot = &imported.robot;
     let name = plain_name(&robot.name);
     // what TOML writes between quotes is what it reads
     let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
-    let motors: Vec<String> = motors.iter().map(|m| text(m)).collect();
+    let motors: Vec<String> = names(robot, chain).iter().map(|m| text(m)).collect();
     format!(
         r#"#:schema ./{SCHEMA}
-# {name} builds a roadmap by trial: random poses of the motors below, each joined to its nearest; the robot drives the edges until it
-# knows which of them are feasible.
+# {name} builds a roadmap: random configurations of the motors below, each joined to its nearest. A path is certified in the model
+# before it is driven (validation = "lazy"); the robot drives the edges until it has tried all that can be reached.
+# The paper's trial and error: validation = "optimistic".
 #
 #   mobee run {stem}.toml
 
@@ -92,7 +120,9 @@ motors = [{motors}]
 vertices = 20
 neighbors = 10
 speed = 0.1
-{poses}"#,
+validation = "lazy"
+{ranges}{poses}"#,
+        ranges = one_turn(robot, chain),
         poses = poses_text(&imported.poses),
         model = text(&format!("{model}.xml")),
         motors = motors.join(", "),
@@ -117,20 +147,4 @@ fn poses_text(poses: &BTreeMap<String, Vec<(String, f64)>>) -> String {
         out += &format!("#   {{ q_deg = {{ {} }} }}, # {name}\n", q.join(", "));
     }
     out + "# ]\n"
-}
-
-/// The motors to explore with, and whose they are: the SRDF's arm, or the longest chain.
-fn motors(imported: &Imported) -> Option<(String, Vec<String>)> {
-    let robot = &imported.robot;
-    let names = |motors: &[usize]| motors.iter().filter_map(|m| robot.motors.get(*m)).map(|m| m.name.clone()).collect();
-    let arm = imported.groups.iter().filter(|(name, motors)| {
-        let name = name.to_lowercase();
-        (name.contains("arm") || name.contains("manipulator")) && (FEWEST_MOTORS..=MOST_MOTORS).contains(&motors.len())
-    });
-    if let Some((name, motors)) = arm.max_by_key(|(_, motors)| motors.len()) {
-        return Some((format!("the SRDF's group `{name}` ({})", motors.len()), names(motors)));
-    }
-    let mut chain = robot.longest_chain();
-    chain.truncate(MOST_MOTORS);
-    (!chain.is_empty()).then(|| (format!("the longest chain ({})", chain.len()), names(&chain)))
 }

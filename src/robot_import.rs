@@ -9,8 +9,8 @@ use crate::import_inputs;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
 use mobee_model::{
-    Closer, FileError, FitOptions, LeftOut, LinkSurface, Nearer, Robot, RobotParts, Srdf, Surfaces, UpAxis,
-    UrdfOptions, UrdfRobot, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces,
+    Closer, Comparison, FileError, Fit, FitOptions, LeftOut, LinkSurface, Nearer, Robot, RobotParts, Srdf, Surfaces, UpAxis,
+    UrdfOptions, UrdfRobot, compare, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces,
     spared_pairs,
 };
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,6 +27,10 @@ const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80, hulls: 0.02 };
 const MOST_TOLD: usize = 8;
 /// How many poses show which shapes touch falsely.
 const GLANCE: usize = 6000;
+/// Random configurations at which the finished shapes are compared with the meshes.
+const VERDICT: usize = 2000;
+/// The verdict is drawn from other configurations than those that the shapes were fitted at.
+const VERDICT_SEED: u64 = SEED + 1;
 
 /// How a URDF is read.
 #[derive(clap::Args, Clone, Debug)]
@@ -166,6 +170,7 @@ impl ImportArgs {
             let all = (links.as_slice(), &mut fits);
             let nearer = fit_closer(&mut robot, all, &surfaces, &CLOSER, (GLANCE, SEED), &mut |share| bar.show(share));
             decided.extend(nearer.map_err(|e| miette!("{e}"))?.iter().map(said));
+            decided.extend(coarse(&fits, fit.overshoot));
             bar.step("tries pairs of links at random poses");
             let spared = spared_pairs(&robot, &surfaces, (self.poses, SEED), &mut |share| bar.show(share))
                 .map_err(|e| miette!("{e}"))?;
@@ -174,6 +179,12 @@ impl ImportArgs {
         bar.step("looks for a home that is free");
         let (home, margin_mm) = self.settle_home(&mut robot, srdf.as_ref().map(|(srdf, _)| srdf))?;
         decided.push(home);
+        if self.poses > 0 {
+            bar.step("compares shapes with meshes");
+            let seen = compare(&robot, &surfaces, (VERDICT, VERDICT_SEED), &mut |share| bar.show(share))
+                .map_err(|e| miette!("{e}"))?;
+            decided.push(verdict(&seen));
+        }
         // Last, as poses have another order then.
         if let Some((srdf, tree)) = srdf.as_ref().filter(|_| self.part.is_none()) {
             let parts = srdf.parts(tree, &robot);
@@ -331,13 +342,38 @@ fn name_parts(robot: &mut Robot) -> Vec<String> {
 fn told(robot: &Robot, moved: &[(usize, f64)]) -> String {
     let one = |(m, by): &(usize, f64)| {
         let motor = robot.motors.get(*m)?;
-        Some(format!("{} by {:.0} {}", motor.name, by.to_degrees(), motor.motion.unit()))
+        let by = by.to_degrees();
+        let digits = if by.abs() < 9.5 { 1 } else { 0 };
+        Some(format!("{} by {by:.digits$} {}", motor.name, motor.motion.unit()))
     };
     let mut all: Vec<String> = moved.iter().take(MOST_TOLD).filter_map(one).collect();
     if moved.len() > all.len() {
         all.push(format!("and {} more", moved.len() - all.len()));
     }
     all.join(", ")
+}
+
+/// Links whose shapes stick out farther than was asked for, if there are any.
+fn coarse(fits: &BTreeMap<String, Fit>, most: f64) -> Option<String> {
+    let over = fits.iter().map(|(link, fit)| (fit.overshoot(), link)).filter(|(by, _)| by * 1e3 >= most * 1e3 + 0.5);
+    let mut over: Vec<(f64, &String)> = over.collect();
+    over.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (by, link) = over.first()?;
+    let (links, by, most) = (over.len(), by * 1e3, most * 1e3);
+    Some(format!(
+        "shapes stick out by more than {most:.0} mm at {links} link(s), by {by:.0} mm at most ({link}); more shapes stick out \
+         less: --shapes N"
+    ))
+}
+
+/// How well the finished shapes stand for the meshes.
+fn verdict(seen: &Comparison) -> String {
+    let missed = if seen.missed == 0 { "none".to_owned() } else { format!("{} contacts", seen.missed) };
+    format!(
+        "shapes against meshes at {} random configurations: of the free ones {:.1} % are blocked, {missed} missed",
+        seen.poses,
+        100.0 * seen.blocked_share()
+    )
 }
 
 /// What became of a link that was fitted closer.

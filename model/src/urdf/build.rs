@@ -294,25 +294,18 @@ impl Builder<'_> {
         Ok(solids)
     }
 
-    /// The shapes of a link, with a warning where those around its meshes are not as near as they should be.
+    /// The shapes of a link.
     fn fitted(&mut self, link: usize, own: &LinkSurface) -> Result<Vec<Primitive>, FileError> {
         if own.meshes.is_empty() {
             return Ok(own.shapes(None));
         }
         let Link { name, at, .. } = &self.urdf.links[link];
-        let options = &self.options.fit;
-        let fit = Fit::new(&own.meshes, options).map_err(|why| {
+        let fit = Fit::new(&own.meshes, &self.options.fit).map_err(|why| {
             let help = "leave meshes out with --drop-meshes, or give the link a box, cylinder or sphere";
             self.source.error(at.clone(), format!("the meshes of link `{name}`: {why}"), help)
         })?;
-        let (shapes, overshoot) = (own.shapes(Some(&fit)), fit.overshoot());
+        let shapes = own.shapes(Some(&fit));
         self.fitted.insert(name.clone(), fit);
-        if overshoot > options.overshoot {
-            let (most, is) = (options.overshoot * 1e3, overshoot * 1e3);
-            let message = format!("link `{name}`: its {} shapes stick out by {is:.0} mm, not {most:.0}", shapes.len());
-            let help = "allow more shapes with --shapes N, or edit those of this link in the converted file";
-            self.warnings.push(self.source.warning(at.clone(), message, help));
-        }
         Ok(shapes)
     }
 
