@@ -153,7 +153,7 @@ impl Narrator {
                 self.story(robot).touches.insert(names.clone(), contact.distance);
                 (Detail, "contacts", format!("{robot}: {}", near(names, contact.distance)))
             }
-            Event::ContactEnded { robot, names } => {
+            Event::ContactEnded { robot, names, .. } => {
                 self.story(robot).touches.remove(names);
                 (Detail, "contacts", format!("{robot}: {} is clear of {}", names.0, names.1))
             }

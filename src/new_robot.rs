@@ -80,7 +80,11 @@ fn one_turn(robot: &Robot, motors: &[usize]) -> String {
         turns.then(|| format!("{name} = [{}, {}]", min.ceil(), max.floor()))
     };
     let ranges: Vec<String> = motors.iter().filter_map(range).collect();
-    if ranges.is_empty() { String::new() } else { format!("range_deg = {{ {} }} # one turn about home\n", ranges.join(", ")) }
+    if ranges.is_empty() {
+        String::new()
+    } else {
+        format!("range_deg = {{ {} }} # one turn about home\n", ranges.join(", "))
+    }
 }
 
 const WORLD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>

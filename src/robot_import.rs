@@ -9,9 +9,9 @@ use crate::import_inputs;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
 use mobee_model::{
-    Closer, Comparison, FileError, Fit, FitOptions, LeftOut, LinkSurface, Nearer, Robot, RobotParts, Srdf, Surfaces, UpAxis,
-    UrdfOptions, UrdfRobot, compare, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces,
-    spared_pairs,
+    Closer, Comparison, FileError, Fit, FitOptions, LeftOut, LinkSurface, Nearer, Robot, RobotParts, Srdf, Surfaces,
+    UpAxis, UrdfOptions, UrdfRobot, compare, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces,
+    load_urdf_with_surfaces, spared_pairs,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -43,7 +43,7 @@ fn met(distance: f64) -> Contact {
 fn commit(motors: &[usize]) -> Event {
     let motors = motors.iter().map(|m| (*m, 0.5)).collect();
     let (robot, agent, target) = ("arm".into(), "arm/agent".into(), vec![1.0, 0.0].into());
-    Event::Commit { robot, id: CommitId(12), agent, target, escape: false, motors }
+    Event::Commit { robot, id: CommitId(12), agent, target, escape: false, motors, stream: false }
 }
 
 fn outcome(outcome: Outcome, cause: Cause) -> Event {

@@ -160,17 +160,12 @@ impl HardContacts {
             | Event::Died { .. }
             | Event::Restarted { .. }
             | Event::Resumed { .. }
-            | Event::Displaced { .. } => self.disturbed = Some(at),
-            Event::Disabled { cause, .. } => match cause {
-                Cause::Stale
-                | Cause::ActorDied(_)
-                | Cause::Crashed
-                | Cause::BoardFault(_)
-                | Cause::Displaced { .. } => {
-                    self.disturbed = Some(at);
-                }
-                _ => {}
-            },
+            | Event::Displaced { .. }
+            | Event::Disabled {
+                cause:
+                    Cause::Stale | Cause::ActorDied(_) | Cause::Crashed | Cause::BoardFault(_) | Cause::Displaced { .. },
+                ..
+            } => self.disturbed = Some(at),
             _ => {}
         }
     }

@@ -80,7 +80,14 @@ fn i25_a_violated_constraint_closes_the_filter_at_rest_and_in_motion() {
         assert_eq!(broken("I25", &[&begin[..], more].concat(), |_| [0.1, 0.0]), 0, "it holds");
     }
     // a controller without a reflex promises nothing
-    let without = Event::Controller { robot: R.into(), kind: "fields".into(), reflex: false, undo: None, clearance: None, stops: None };
+    let without = Event::Controller {
+        robot: R.into(),
+        kind: "fields".into(),
+        reflex: false,
+        undo: None,
+        clearance: None,
+        stops: None,
+    };
     assert_eq!(broken("I25", &[&begin[..], &[(0.1, without)]].concat(), violating), 0);
 }
 

@@ -13,12 +13,12 @@ const FOREARM: ShapeId = ShapeId::Robot { robot: 0, node: 4, shape: 0 };
 
 fn controller(clearance: Option<f64>) -> Event {
     let stops = clearance.map(|_| 0.5);
-    Event::Controller { robot: R.into(), kind: "rollback".into(), reflex: true, clearance, stops }
+    Event::Controller { robot: R.into(), kind: "rollback".into(), reflex: true, undo: None, clearance, stops }
 }
 
 fn commit(escape: bool) -> Event {
     let (robot, agent, target) = (R.into(), "explorer".into(), vec![0.1, 0.1].into());
-    Event::Commit { robot, id: CommitId(1), agent, target, escape, motors: vec![(0, 0.5)] }
+    Event::Commit { robot, id: CommitId(1), agent, target, escape, motors: vec![(0, 0.5)], stream: false }
 }
 
 /// Shapes of the hand and another body, so many millimeters apart.

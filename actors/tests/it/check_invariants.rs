@@ -353,14 +353,34 @@ fn i17_an_outcome_is_judged_by_the_reading_that_it_was_given_by() {
 
 #[test]
 fn i4_a_controller_without_a_reflex_calls_no_pose_free() {
-    let told = Event::Controller { robot: R.into(), kind: "fields".into(), reflex: false, undo: None, clearance: None, stops: None };
+    let told = Event::Controller {
+        robot: R.into(),
+        kind: "fields".into(),
+        reflex: false,
+        undo: None,
+        clearance: None,
+        stops: None,
+    };
     let touching = Event::SafePose { robot: R.into(), q: pose(&[0.04, 0.04]), age: 0.01, speed: 0.0, free: false };
     let mut events = instead(&safe(&[0.04, 0.04]), touching.clone());
     broken("I4", events.clone(), Some(&touching), "in contact");
     events.insert(2, (0.0, told));
     assert_eq!(run(events.clone()), []);
     // once it has one again, so has the promise
-    events.insert(3, (0.0, Event::Controller { robot: R.into(), kind: "rollback".into(), reflex: true, undo: None, clearance: None, stops: None }));
+    events.insert(
+        3,
+        (
+            0.0,
+            Event::Controller {
+                robot: R.into(),
+                kind: "rollback".into(),
+                reflex: true,
+                undo: None,
+                clearance: None,
+                stops: None,
+            },
+        ),
+    );
     broken("I4", events, Some(&touching), "in contact");
 }
 

@@ -201,7 +201,8 @@ fn only_to_let_another_pass_does_it_go_beyond_its_safe_pose() {
     assert!(alone.len() == 1 && alone[0].what.contains("lets nobody pass"), "{alone:?}");
     let (robot, agent, target) = ("other".to_string(), "explorer".to_string(), Pose::from([0.0, 0.0]));
     let (robot_too, motors) = (robot.clone(), vec![]);
-    let commit = Event::Commit { robot: robot_too, id: CommitId(1), agent, target, escape: false, motors, stream: false };
+    let commit =
+        Event::Commit { robot: robot_too, id: CommitId(1), agent, target, escape: false, motors, stream: false };
     let other = |more: &[Event]| {
         let more = more.iter().map(|event| (3.0, event.clone()));
         let events = [(2.0, commit.clone())].into_iter().chain(more).chain([(BACK, farther.clone())]).collect();

@@ -14,7 +14,7 @@
 use super::{Scene, ShapeId};
 use crate::robot::{NodeKind, Robot};
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Longest stable name that is looked for in a text, bytes.
@@ -85,12 +85,12 @@ fn label(robot: &Robot, node: usize) -> String {
 
 /// Replaces stable names of shapes in a text by their labels: what journals carry becomes what people read.
 #[derive(Clone, Debug, Default)]
-pub struct Labels(HashMap<String, String>);
+pub struct Labels(BTreeMap<String, String>);
 
 impl Labels {
     /// Of all shapes of these robots.
     pub fn new(robots: &[Arc<Robot>]) -> Labels {
-        let mut labels = HashMap::new();
+        let mut labels = BTreeMap::new();
         for robot in robots {
             for (i, node) in robot.nodes.iter().enumerate() {
                 let part = robot.parts.get(node.part).map_or("?", |part| part.name.as_str());

@@ -6,7 +6,7 @@
 //! ```
 
 use super::document::{Collision, Document, Geometry, Joint, JointType, Link};
-use super::mesh::{self, MeshFile, MeshIssue, Meshes};
+use super::mesh::{MeshFile, MeshIssue, Meshes};
 use super::sizes::Sizes;
 use super::tree::{Drive, Tree};
 use super::{UrdfOptions, neighbors, upright};

@@ -6,7 +6,7 @@
 
 use super::{Closing, Reading, Step, SuperviseCore, SuperviseOut};
 use crate::gate::Gate;
-use crate::ledger::{Extent, Open, SafePose, TransactionState};
+use crate::ledger::{Open, SafePose, TransactionState};
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
 use crate::{Rules, distance};
