@@ -364,7 +364,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         Command::OnnxWorker => match onnx::serve() {
             Ok(()) => Ok(ExitCode::SUCCESS),
             Err(e) => {
-                eprintln!("{e}");
+                terminal::err(&format!("{e}\n"));
                 Ok(ExitCode::FAILURE)
             }
         },

@@ -58,10 +58,14 @@ fn counters(counts: &Value, verbose: bool) -> Vec<(String, String)> {
         ("hard_contacts", "hard contacts"),
     ];
     let number = |key: &str| counts[key].as_u64().unwrap_or_default();
+    let deepest = counts["hard_contact_depth_mm"].as_f64().filter(|mm| *mm > 0.0);
+    let text = |key: &str| match deepest.filter(|_| key == "hard_contacts") {
+        Some(mm) => format!("{}, at most {mm:.1} mm deep", number(key)),
+        None => number(key).to_string(),
+    };
     // the end of the run cuts off a motion: no row of its own unless there is one
-    let always = |key: &str| !["stopped", "hard_contacts"].contains(&key);
-    let first = FIRST.iter().filter(|(key, _)| verbose || always(key) || number(key) > 0);
-    let first = first.map(|(key, name)| ((*name).to_owned(), number(key).to_string()));
+    let first = FIRST.iter().filter(|(key, _)| verbose || *key != "stopped" || number(key) > 0);
+    let first = first.map(|(key, name)| ((*name).to_owned(), text(key)));
     let others = counts.as_object().into_iter().flatten().filter(|(key, value)| {
         let shown = value.as_u64().is_some_and(|n| n > 0) && *key != "samples";
         value.is_number() && !FIRST.iter().any(|(first, _)| first == key) && (verbose || shown)
@@ -147,7 +151,7 @@ mod tests {
     fn counters_show_what_happened_and_zeros_on_request_alone() {
         let counts = json!({
             "samples": 900, "commits": 3, "committed": 2, "rolled_back": 0, "faulted": 0, "stopped": 1, "contacts": 0,
-            "hard_contacts": 0, "restarts": 0, "refused": 4, "gave_up": 0, "late": {"periods": 0}
+            "hard_contacts": 2, "hard_contact_depth_mm": 1.5, "restarts": 0, "refused": 4, "gave_up": 0, "late": {"periods": 0}
         });
         let rows =
             |verbose| counters(&counts, verbose).into_iter().map(|(name, n)| format!("{name} {n}")).collect::<Vec<_>>();
@@ -158,9 +162,10 @@ mod tests {
             "faulted 0",
             "aborted, as asked for 1",
             "contacts 0",
+            "hard contacts 2, at most 1.5 mm deep",
             "refused 4",
         ];
         assert_eq!(rows(false), shown);
-        assert!(rows(true).contains(&"hard contacts 0".into()) && rows(true).contains(&"samples 900".into()));
+        assert!(rows(true).contains(&"restarts 0".into()) && rows(true).contains(&"samples 900".into()));
     }
 }
