@@ -8,7 +8,7 @@ use mobee_actors::runtime::clock::{Clock, ClockKind};
 use mobee_actors::system::{LocatorSetup, WorldGate};
 use mobee_bridge::yarp::seen::SeenRegions;
 use mobee_contract::{Admission, BodyState, Located, Locator, Sighting, Time};
-use mobee_yarp::{Bottle, Carrier, Dialect, InputPort, Message, Network, Queue, RpcClient, Source, Value};
+use mobee_yarp::{Bottle, Carrier, Dialect, InputPort, Message, Network, Queue, RpcClient, StreamSource, Value};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -139,7 +139,7 @@ impl Ear {
 
     /// For as long as the port is open. What comes while too much waits is left out: newer comes soon.
     async fn hear(&self, port: &mut InputPort, said: &mut Said) {
-        let mut source = Source::new(&self.theirs, Carrier::Tcp, SILENCE);
+        let mut source = StreamSource::new(&self.theirs, Carrier::Tcp, SILENCE);
         loop {
             match source.recv(port).await {
                 Ok(Some(message)) => drop(self.send.try_send((self.name.clone(), message))),

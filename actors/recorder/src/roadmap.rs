@@ -99,8 +99,9 @@ fn rank(state: EdgeState) -> u8 {
         // what the world blocks can't be passed, whatever was found out when it was another one
         EdgeState::Blocked => 4,
         EdgeState::Feasible => 3,
-        EdgeState::Doubtful => 2,
-        EdgeState::Removed => 1,
+        // a direction that failed is evidence; that the opposite one is doubtful follows from it
+        EdgeState::Removed => 2,
+        EdgeState::Doubtful => 1,
         EdgeState::Optimistic => 0,
     }
 }
@@ -121,6 +122,14 @@ mod tests {
             map.on(&edge(2, 1, b), [1.0, 0.0, 0.0]);
             assert_eq!(map.lines(), BTreeMap::from([((1, 2), EdgeState::Feasible)]));
         }
+    }
+
+    #[test]
+    fn a_line_that_failed_one_way_is_removed_though_the_other_way_is_untried() {
+        let mut map = Roadmap::default();
+        map.on(&edge(0, 1, EdgeState::Removed), [1.0, 0.0, 0.0]);
+        map.on(&edge(1, 0, EdgeState::Doubtful), [1.0, 0.0, 0.0]);
+        assert_eq!(map.lines(), BTreeMap::from([((0, 1), EdgeState::Removed)]));
     }
 
     #[test]

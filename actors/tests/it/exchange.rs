@@ -162,7 +162,7 @@ fn the_motion_of_a_service_that_panics_is_taken_back() {
         })
     });
     let events = ran.events();
-    warned(&ran, None);
+    warned(&ran, Some("service foreign failed: it panicked; it is started again"));
     let lives = |e: &(Time, Arc<Event>)| match &*e.1 {
         Event::Died { actor, reason } => Some(format!("{actor} died: {reason}")),
         Event::Restarted { actor, .. } => Some(format!("{actor} is back")),

@@ -178,7 +178,9 @@ fn a_service_that_blocks_its_thread_is_replaced_and_can_move_nothing_any_more() 
             vec![lives(life)]
         },
     );
-    assert_eq!(told(&ran), ["hand/service died: its thread has been blocked for 10 s", "hand/service is back"]);
+    let blocked = "its thread has been blocked for 10 s";
+    let warning = format!("service hand failed: {blocked}; it is started again");
+    assert_eq!(told(&ran), [warning, format!("hand/service died: {blocked}"), "hand/service is back".into()]);
     assert_eq!(heard.recv(), Ok(Err("not_ready")), "{}", ran.lines());
     assert_eq!(ran.violations(), vec![]);
     let commits = ran.events().iter().filter(|e| matches!(*e.1, Event::Commit { .. })).count();

@@ -11,7 +11,7 @@ use crate::yarp::{instant, network_of};
 use mobee_contract::{
     Camera, CameraContext, CameraMount, Frame, Intrinsics, Kind, KindError, Registered, SkippedPictures, Time, settings,
 };
-use mobee_yarp::{Carrier, Dialect, Image, InputPort, Message, Network, PixelCode, Queue, Source};
+use mobee_yarp::{Carrier, Dialect, Image, InputPort, Message, Network, PixelCode, Queue, StreamSource};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -258,7 +258,7 @@ impl Ear {
 
     /// Takes pictures for as long as the port is open.
     async fn hear(&self, port: &mut InputPort, said: &mut String) {
-        let mut source = Source::new(&self.theirs, self.carrier, self.patience);
+        let mut source = StreamSource::new(&self.theirs, self.carrier, self.patience);
         let mut dropped = 0;
         loop {
             match source.recv(port).await {

@@ -35,7 +35,7 @@ pub use relay::Relay;
 pub use rpc::{Handler, RpcServer};
 pub use sender::{SendError, Sender};
 pub use slot::Delivery;
-pub use source::Source;
+pub use source::StreamSource;
 pub use writer::OutputPort;
 
 use crate::{NameError, remote::RemoteError};

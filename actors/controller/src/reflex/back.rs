@@ -9,7 +9,7 @@
 //! spaces what is written. Readings that were held up come in a bunch: judged by `now` they would prove a rest from
 //! before the stop, and set-points spaced by `sampled_at` would be written all at once.
 
-use super::contacts::Ended;
+use super::contacts::EndedContact;
 use super::floors::Floors;
 use super::retreat::{Parted, Retreat};
 use super::room::{Room, Way, another};
@@ -154,7 +154,7 @@ impl ReflexCore {
                         return;
                     }
                     // at the safe pose it was free: a distance within the hysteresis is no contact there
-                    for Ended { pair, depth } in self.contacts.settle() {
+                    for EndedContact { pair, depth } in self.contacts.settle() {
                         step.emit(Event::ContactEnded { robot: step.robot(), names: names(pair), depth });
                     }
                     self.say(token, ReflexReport::Back, step);

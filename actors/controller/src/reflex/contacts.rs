@@ -20,14 +20,14 @@ struct Touch {
 }
 
 impl Touch {
-    fn ended(&self) -> Ended {
-        Ended { pair: self.contact.pair, depth: self.depth }
+    fn ended(&self) -> EndedContact {
+        EndedContact { pair: self.contact.pair, depth: self.depth }
     }
 }
 
 /// A contact that ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ended {
+pub struct EndedContact {
     /// Of these shapes.
     pub pair: Pair,
     /// Its greatest depth if it was a hard contact, meters.
@@ -40,7 +40,7 @@ pub struct Changes {
     /// Contacts that began.
     pub began: Vec<Contact>,
     /// Contacts that ended.
-    pub ended: Vec<Ended>,
+    pub ended: Vec<EndedContact>,
     /// Contacts that reached distance zero by a motion of the robot.
     pub hard: Vec<Contact>,
 }
@@ -109,7 +109,7 @@ impl Contacts {
     }
 
     /// The robot is back where it was free: pairs beyond the margin no longer count as touching. Returns those.
-    pub fn settle(&mut self) -> Vec<Ended> {
+    pub fn settle(&mut self) -> Vec<EndedContact> {
         let margin = self.margin;
         let mut ended = Vec::new();
         self.present.retain(|t| {
@@ -212,7 +212,7 @@ pub(super) mod tests {
         assert_eq!(told(&mut contacts, &[near(1, 9.1)], (true, true, 0)), [0, 0, 0, 0]);
         assert_eq!(told(&mut contacts, &[near(1, 8.9), near(2, 11.0)], (true, true, 0)), [1, 0, 0, 1]);
         assert_eq!(told(&mut contacts, &[near(1, 10.0), near(2, 9.5)], MOVING), [1, 0, 0, 2]);
-        let ended = [Ended { pair: near(1, 0.0).pair, depth: None }];
+        let ended = [EndedContact { pair: near(1, 0.0).pair, depth: None }];
         assert_eq!(contacts.settle(), ended, "back, and not within the margin");
         assert_eq!(contacts.present()[..], [near(2, 9.5)]);
     }

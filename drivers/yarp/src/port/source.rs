@@ -13,7 +13,7 @@ const LONGEST: u32 = 8;
 /// A port that is to send to an input. A connection says nothing about it: another program may be connected, or the
 /// connection may have lost its other end without notice. So only its messages count.
 #[derive(Debug)]
-pub struct Source {
+pub struct StreamSource {
     port: String,
     name: String,
     carrier: Carrier,
@@ -22,11 +22,11 @@ pub struct Source {
     due: Instant,
 }
 
-impl Source {
+impl StreamSource {
     /// This port, which is asked to connect again after each `patience` of silence; more rarely the longer it lasts.
-    pub fn new(port: &str, carrier: Carrier, patience: Duration) -> Source {
+    pub fn new(port: &str, carrier: Carrier, patience: Duration) -> StreamSource {
         let (port, name) = (port.to_owned(), Contact::parse(port).name);
-        Source { port, name, carrier, patience, wait: patience, due: clock::now() + patience }
+        StreamSource { port, name, carrier, patience, wait: patience, due: clock::now() + patience }
     }
 
     /// The next message that comes to the input, from whatever port; `None` when the input is closed.

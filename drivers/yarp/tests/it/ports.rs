@@ -2,7 +2,7 @@
 
 use crate::common::names;
 use mobee_yarp::{Bottle, Carrier, Delivery, Handler, InputPort, Message, Payload, Queue, RpcClient, RpcServer};
-use mobee_yarp::{CallError, Dialect, NameServer, OutputPort, PortOptions, Sender, ServerOptions, Source, Stamp};
+use mobee_yarp::{CallError, Dialect, NameServer, OutputPort, PortOptions, Sender, ServerOptions, Stamp, StreamSource};
 use mobee_yarp::{Value, Vocab, remote};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -329,7 +329,7 @@ async fn a_source_that_is_silent_is_asked_to_connect_again_whoever_else_is_conne
     let mut reader = InputPort::open(&network, "/reader", Queue::Newest).await.unwrap();
     let strangers = OutputPort::open(&network, "/stranger", Delivery::Newest).await.unwrap();
     strangers.connect("/reader", Carrier::Tcp).await.unwrap();
-    let mut source = Source::new("/writer", Carrier::Tcp, Duration::from_millis(50));
+    let mut source = StreamSource::new("/writer", Carrier::Tcp, Duration::from_millis(50));
     for round in 0..3 {
         // each life of the writer knows nothing of the connections of the one before
         let writer = OutputPort::open(&network, "/writer", Delivery::Newest).await.unwrap();
