@@ -65,7 +65,7 @@ fn a_robot_of_ones_own_explores_from_its_urdf_without_an_edit() {
     assert!(ran.status.success(), "{}", said(&ran));
     let checked = mobee(dir.path(), &["check", "run"]);
     assert!(checked.status.success() && said(&checked).contains(HOLD), "{}", said(&checked));
-    let summary: serde_json::Value = serde_json::from_str(&said(&ran)).expect("a summary");
+    let summary: serde_json::Value = serde_json::from_slice(&ran.stdout).expect("a summary");
     assert!(summary.to_string().contains("\"hard_contacts\":0"), "{summary}");
     // the SRDF's poses are there for the taking
     let text = std::fs::read_to_string(dir.path().join("pick.toml")).expect("the behavior");
@@ -74,7 +74,7 @@ fn a_robot_of_ones_own_explores_from_its_urdf_without_an_edit() {
     let uncommented: String = poses.lines().flat_map(|l| [l.strip_prefix("# ").unwrap_or(l), "\n"]).collect();
     std::fs::write(dir.path().join("poses.toml"), explorer.to_owned() + &uncommented).expect("written");
     let posed = mobee(dir.path(), &["run", "poses.toml", "--for", "60", "--no-record", "--out", "posed", "--json"]);
-    let posed: serde_json::Value = serde_json::from_str(&said(&posed)).expect("a summary");
+    let posed: serde_json::Value = serde_json::from_slice(&posed.stdout).expect("a summary");
     assert_eq!(posed["counters"]["commits"], 2, "{posed}");
     let again = mobee(dir.path(), &["new", "pick", "--robot", "rail.urdf"]);
     assert_eq!(again.status.code(), Some(2));

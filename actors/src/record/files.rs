@@ -59,7 +59,7 @@ pub(crate) fn judge(dir: &Path, expected: &str) -> (usize, Vec<String>) {
     };
     let (mut whole, mut damage) = (0, Vec::new());
     if hex(Sha256::digest(&text).as_slice()) != expected {
-        damage.push(format!("{FILE} is not as it was when the run ended"));
+        damage.push(format!("{FILE} is not the one that journal.seal has the digest of: one of the two is damaged"));
     }
     for line in text.lines() {
         let Some((written, name)) = line.split_once("  ").filter(|(_, name)| is_of_run(name)) else { continue };
@@ -115,7 +115,10 @@ mod tests {
         assert_eq!((damage.len(), told("config.json is not as"), told("eyes.left.frames is not as")), (3, 1, 1));
         assert_eq!(told("recording-2.rrd is missing"), 1);
         std::fs::write(at(FILE), "").unwrap();
-        assert_eq!(judge(dir.path(), &expected), (0, vec![format!("{FILE} is not as it was when the run ended")]));
+        assert_eq!(
+            judge(dir.path(), &expected),
+            (0, vec![format!("{FILE} is not the one that journal.seal has the digest of: one of the two is damaged")])
+        );
         std::fs::remove_file(at(FILE)).unwrap();
         assert_eq!(judge(dir.path(), &expected), (0, vec![format!("{FILE} is missing")]));
     }
