@@ -107,6 +107,10 @@ impl Supervise {
         if !outputs.is_empty() {
             self.act(outputs);
         }
+        // a halted robot comes to rest without an output
+        let mut latest = self.context.latest.lock();
+        latest.status = self.core.status();
+        latest.ready = self.core.is_settled();
     }
 
     fn act(&mut self, outputs: Vec<SuperviseOut>) {
@@ -143,9 +147,6 @@ impl Supervise {
                 }
             }
         }
-        let mut latest = self.context.latest.lock();
-        latest.status = self.core.status();
-        latest.ready = self.core.is_settled();
         self.context.can_recover.store(self.core.can_recover(), Ordering::SeqCst);
     }
 

@@ -91,6 +91,7 @@ impl Drop for Process {
 /// The real YARP's name server where it is installed; elsewhere `mobee sim` starts one.
 pub fn real_name_server(network: &Network) -> Option<Process> {
     let mut server = RealYarp::find()?.tool("yarpserver", network);
+    server.args(["--socket", &network.port.to_string(), "--read"]);
     Some(Process(server.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("yarpserver starts")))
 }
 

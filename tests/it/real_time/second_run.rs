@@ -130,7 +130,7 @@ fn a_bridge_whose_port_names_are_taken_is_refused_at_the_start() {
 fn a_bridge_that_loses_its_ports_is_visible() {
     let network = network();
     let mut server = network.command(MOBEE);
-    server.args(["yarp", "server"]).stdout(Stdio::null());
+    server.args(["yarp", "server", "--read"]).stdout(Stdio::null());
     let _server = Process(server.spawn().expect("mobee starts"));
     let file = behavior(&network, "run.toml", "[yarp]", "{ kind = \"sim\" }", "");
     let out = network.path().join("run");

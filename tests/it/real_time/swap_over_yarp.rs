@@ -71,7 +71,7 @@ fn a_bridge_is_exchanged_while_a_program_moves_the_robot_through_it() {
     run.wait_for_port("/MoBeE/icub/right_arm/rpc:i");
     let moves = |prefix: &str| {
         yarp(&["rpc", &format!("{prefix}/icub/right_arm/rpc:i")], "set icmd cmod 3 pos\nset vel 3 5\nset pos 3 40\n");
-        assert!((0..20_000).any(|_| ctl(&["status"]).1.contains("moving")), "{}", ctl(&["status"]).1);
+        assert!((0..20_000).any(|_| ctl(&["status"]).1.contains("ARMED: moves")), "{}", ctl(&["status"]).1);
     };
     moves("/MoBeE");
     let (done, said) = ctl(&["swap", "bridge", &other, "--probation", "1"]);

@@ -86,7 +86,8 @@ async fn a_program_collides_is_refused_waits_and_goes_on() {
     assert!(!arm.go(LEFT).await, "the straight way leads through the ball");
     watcher.open().await;
     assert!(near(&watcher.arm().await, &numbers(RIGHT)), "the arm is back where the motion began");
-    assert_eq!(sleeper.say("[get] [dons]").await, "[fail]", "a slow poller learns that the motion failed");
+    let told = sleeper.say("[get] [dons]").await;
+    assert!(told.starts_with("[fail] \"rolled back: "), "a slow poller learns that the motion failed, and why: {told}");
     assert!(sleeper.say("[get] [dons]").await.starts_with("[is] [dons] 1"), "once");
     assert!(arm.say("[get] [dons]").await.starts_with("[is] [dons] 1"), "and who has heard it hears it no more");
 

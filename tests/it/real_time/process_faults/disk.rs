@@ -54,7 +54,16 @@ fn a_recording_that_can_not_grow_is_lost_alone() {
     let out = limited(900, &args);
     assert!(out.status.success(), "{}", said(&out));
     assert!(said(&out).contains("recorder: the recording can't be written"), "{}", said(&out));
-    holds(&run);
+    let all = events(&run);
+    assert_eq!(count(&all, "commit"), count(&all, "outcome"), "every commit has one outcome");
+    // the measured poses end at the limit as well: what they can't show is named, and nothing is broken
+    let checked = mobee().args(["check", text(&run)]).output().expect("mobee starts");
+    let judged = said(&checked);
+    assert_eq!(checked.status.code(), Some(1), "{judged}");
+    assert!(
+        judged.contains("poses-icub.track: nothing can be read from byte ") && !judged.contains(" broken at "),
+        "{judged}"
+    );
 }
 
 #[test]
