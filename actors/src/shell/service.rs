@@ -86,14 +86,16 @@ impl Post {
     /// A life has failed: what it had under way is taken back, and on probation the service before is served again.
     pub fn fell(&self, shared: &SharedContext, why: &str) {
         self.vacate(why);
+        if self.seat.broke(shared.clock.now()) {
+            // the one before serves again: nothing is down
+            self.begin_anew();
+            shared.tell_beside(&self.name, SwapPart::Bridge, SwapStep::Reverted { why: why.into() });
+            return;
+        }
         let news = shared.counts.lock().down.insert(self.name.clone(), why.to_owned());
         if shared.clock.kind() == ClockKind::Real && news.as_deref() != Some(why) {
             let text = format!("service {} failed: {why}; it is started again", self.name);
             shared.tell(Event::Warning { text });
-        }
-        if self.seat.broke(shared.clock.now()) {
-            self.begin_anew();
-            shared.tell_beside(&self.name, SwapPart::Bridge, SwapStep::Reverted { why: why.into() });
         }
     }
 
