@@ -2,12 +2,11 @@
 
 use crate::config::{ConfigError, suggestion};
 use crate::kinds::entries;
+use crate::roadmap::stage;
 use mobee_model::file::{MIB, read_text};
 use serde_json::Value;
-use std::fmt::Write as _;
-use std::io::Write as _;
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
 
 /// A file that ships: as behaviors name it, as it is called beside a new behavior, and its text.
 type Shipped = (&'static str, &'static str, &'static str);
@@ -115,20 +114,6 @@ pub(crate) fn save_all(files: &[(&Path, &str)]) -> Result<(), ConfigError> {
         }
     }
     Ok(())
-}
-
-/// A text in a file without a name of its own yet, in the folder where it belongs.
-fn stage(file: &Path, text: &str) -> std::io::Result<NamedTempFile> {
-    let dir = file.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut temporary = NamedTempFile::new_in(dir)?;
-    temporary.write_all(text.as_bytes())?;
-    temporary.as_file().sync_all()?;
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        temporary.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
-    }
-    Ok(temporary)
 }
 
 /// The folder and the stem of a behavior's file.

@@ -122,6 +122,7 @@ impl Recorded {
 /// # Errors
 /// Complaints about the folder, its journal, or what is to be changed, before anything is run.
 pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
+    let output = Output { json: args.json, ..Output::default() };
     let recorded = Recorded::open(&args.run)?;
     let name = |c: &Composition| format!("{}-replay", c.config.name);
     if args.set.is_empty() {
@@ -130,14 +131,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
         let (controls, receiver) = mpsc::channel(16);
         let (sink, verdict) = recorded.watch(None, controls.clone())?;
         let extras = Extras { sinks: vec![sink], ..Extras::default() };
-        let done = show(
-            composition,
-            &folder,
-            extras,
-            Output { json: args.json, ..Output::default() },
-            CtlAt::Off,
-            (controls, receiver),
-        )?;
+        let done = show(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
         return Ok(judged(&verdict.after(&done), "the run matched the journal", &done));
     }
     let at = moment(args.at, &recorded)?;
@@ -171,14 +165,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     let (sink, verdict) = recorded.watch(Some(at), controls.clone())?;
     let recorder = recording.map(|r| opener(r, "changed"));
     let extras = Extras { sinks: vec![sink], planned, recorder, told: Some(told), ..Extras::default() };
-    let done = show(
-        composition,
-        &folder,
-        extras,
-        Output { json: args.json, ..Output::default() },
-        CtlAt::Off,
-        (controls, receiver),
-    )?;
+    let done = show(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
     Ok(judged(&verdict.after(&done), &format!("as recorded up to {:.2} s, then changed", at.secs()), &done))
 }
 

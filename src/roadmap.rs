@@ -160,22 +160,26 @@ fn save(path: &Path, map: &MapFile) -> Result<(), Report> {
 /// As [`save`], for any text.
 pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), Report> {
     is_replaceable(path)?;
-    let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let written = tempfile::NamedTempFile::new_in(dir).and_then(|mut file| {
-        file.write_all(text.as_bytes())?;
-        file.as_file().sync_all()?;
-        // as any file that is made, and not only for its owner
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
-        }
-        file.persist(path).map(drop).map_err(|e| e.error)
-    });
+    let written = stage(path, text).and_then(|file| file.persist(path).map(drop).map_err(|e| e.error));
     written.map_err(|e| {
         let help = "check the folder's space and permissions; what was there before is unchanged";
         ConfigError::plain(format!("can't write {}: {e}", path.display()), help).into()
     })
+}
+
+/// A text in a file without a name of its own yet, in the folder where it belongs.
+pub(crate) fn stage(path: &Path, text: &str) -> std::io::Result<tempfile::NamedTempFile> {
+    let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(dir)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().sync_all()?;
+    // as any file that is made, and not only for its owner
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
+    }
+    Ok(file)
 }
 
 /// Whether a file may be written.
