@@ -48,7 +48,7 @@ impl Access {
         for filter in &self.filters {
             let mut names = filter.names.lock();
             for name in names.drain(..) {
-                filter.context.supervise.send(SuperviseMsg::AgentDied(name));
+                filter.context.agent_died(name);
             }
         }
     }

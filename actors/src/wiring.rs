@@ -146,6 +146,13 @@ impl RobotContext {
         halted
     }
 
+    /// Cancels what an agent has under way, since the agent died. The ledger has it first: a request that the agent sent before,
+    /// and that waits for supervise, is not carried out (I18).
+    pub fn agent_died(&self, agent: Arc<str>) {
+        self.ledger.book().note_agent_death(&agent);
+        self.supervise.send(SuperviseMsg::AgentDied(agent));
+    }
+
     /// Its rules now: an exchange of controller or driver brings others.
     pub fn rules(&self) -> Arc<Rules> {
         self.parts.lock().rules.clone()

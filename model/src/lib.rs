@@ -69,5 +69,5 @@ pub use sweep::Sweep;
 pub use urdf::{
     UpAxis, UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, load_urdf_with_surfaces, parse_urdf,
 };
-pub use watch::{Watch, WatchCounters};
+pub use watch::{PairGroups, Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

@@ -9,7 +9,7 @@
 
 use crate::engine::{DefaultEngine, Engine};
 use crate::scene::{Contact, Scene};
-use crate::watch::Watch;
+use crate::watch::{PairGroups, Watch};
 use std::sync::Arc;
 
 /// How far two shapes may go against each other from one place to the next, meters: what counts as deeper.
@@ -80,9 +80,31 @@ impl<E: Engine> Sweep<E> {
     /// # Arguments
     /// * `poses`: of all robots at one instant, rad of encoder, in the scene's order.
     pub fn to<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> &[Contact] {
-        let here: Vec<Vec<f64>> = poses.iter().map(|q| q.as_ref().to_vec()).collect();
+        self.follow(poses, None)
+    }
+
+    /// The same of the pairs of these groups alone.
+    pub fn to_of<P: AsRef<[f64]>>(&mut self, poses: &[P], groups: &PairGroups) -> &[Contact] {
+        self.follow(poses, Some(groups))
+    }
+
+    /// The next way begins here.
+    pub fn begin<P: AsRef<[f64]>>(&mut self, poses: &[P]) {
+        self.last = Some(owned(poses));
+    }
+
+    /// Where the next way begins, if that is known.
+    pub fn last(&self) -> Option<&[Vec<f64>]> {
+        self.last.as_deref()
+    }
+
+    fn follow<P: AsRef<[f64]>>(&mut self, poses: &[P], groups: Option<&PairGroups>) -> &[Contact] {
+        let here = owned(poses);
         let last = self.last.replace(here.clone()).filter(|last| same_length(last, &here));
         self.least.clear();
+        if groups.is_some_and(PairGroups::is_empty) {
+            return &self.least;
+        }
         let scene = self.watch.scene().clone();
         let way = |last: &Vec<Vec<f64>>| -> f64 {
             last.iter().zip(&here).enumerate().map(|(robot, (a, b))| scene.travel(robot, a, b)).sum()
@@ -94,11 +116,23 @@ impl<E: Engine> Sweep<E> {
                 a.iter().zip(b).map(|(a, b)| a + (b - a) * share).collect()
             };
             let between: Vec<Vec<f64>> = last.iter().flat_map(|last| last.iter().zip(&here)).map(on_line).collect();
-            note(&mut self.least, self.watch.update(&between));
+            self.look(&between, groups);
         }
-        note(&mut self.least, self.watch.update(&here));
+        self.look(&here, groups);
         &self.least
     }
+
+    fn look(&mut self, poses: &[Vec<f64>], groups: Option<&PairGroups>) {
+        let near = match groups {
+            Some(groups) => self.watch.update_of(poses, groups),
+            None => self.watch.update(poses),
+        };
+        note(&mut self.least, near);
+    }
+}
+
+fn owned<P: AsRef<[f64]>>(poses: &[P]) -> Vec<Vec<f64>> {
+    poses.iter().map(|q| q.as_ref().to_vec()).collect()
 }
 
 /// Whether two lists of poses are of the same robots.

@@ -79,6 +79,10 @@ pub struct Watch<E: Engine = DefaultEngine> {
     due: BinaryHeap<Reverse<Due>>,
     /// In the order of the scene's groups.
     groups: Vec<Expiries>,
+    /// Per robot the groups of its pairs.
+    of_robot: Vec<Vec<u32>>,
+    /// Whether the last update looked at some groups only.
+    partial: bool,
     /// `world_from_frame` at the last pose at which a pair was looked at.
     frames: Vec<nalgebra::Isometry3<f64>>,
     /// The shapes at that pose, as far as they were looked at.
@@ -111,12 +115,25 @@ struct Expiries {
     pairs: Vec<f64>,
     /// Per [`BLOCK`] of pairs the first of theirs: two links of many shapes make thousands of pairs, of which few are due at a time.
     blocks: Vec<f64>,
+    /// The first of all.
+    first: f64,
+}
+
+/// Groups of pairs of a scene, as [`Watch::near_groups`] finds them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PairGroups(Vec<u32>);
+
+impl PairGroups {
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
 }
 
 impl Expiries {
     /// So many pairs that were due at this time.
     fn since(time: f64, pairs: usize) -> Self {
-        Self { pairs: vec![time; pairs], blocks: vec![time; pairs.div_ceil(BLOCK)] }
+        Self { pairs: vec![time; pairs], blocks: vec![time; pairs.div_ceil(BLOCK)], first: time }
     }
 
     /// Looks at the pairs that are due: `look` tells when a pair is due again.
@@ -124,6 +141,9 @@ impl Expiries {
     /// # Returns
     /// When the first of all is due.
     fn renew(&mut self, pairs: &[IndexPair], now: f64, mut look: impl FnMut(IndexPair) -> f64) -> f64 {
+        if now < self.first {
+            return self.first;
+        }
         let blocks = self.pairs.chunks_mut(BLOCK).zip(pairs.chunks(BLOCK));
         for (first, (expiries, pairs)) in self.blocks.iter_mut().zip(blocks) {
             if now < *first {
@@ -137,7 +157,8 @@ impl Expiries {
             }
             *first = expiries.iter().copied().fold(f64::INFINITY, f64::min);
         }
-        self.blocks.iter().copied().fold(f64::INFINITY, f64::min)
+        self.first = self.blocks.iter().copied().fold(f64::INFINITY, f64::min);
+        self.first
     }
 }
 
@@ -199,6 +220,8 @@ impl<E: Engine> Watch<E> {
             motors: Vec::new(),
             due: BinaryHeap::new(),
             groups: Vec::new(),
+            of_robot: Vec::new(),
+            partial: false,
             frames: Vec::new(),
             placement: E::Placement::default(),
             found: Vec::new(),
@@ -237,6 +260,16 @@ impl<E: Engine> Watch<E> {
         let counts = |group: &Group| !self.between || group.pairs.first().is_some_and(apart);
         let groups = (0..).zip(&world.groups).filter(|(_, group)| counts(group));
         self.due = groups.map(|(group, _)| Reverse(Due { at: Clock(ever), group })).collect();
+        self.of_robot = vec![Vec::new(); scene.robots().len()];
+        for Reverse(Due { group, .. }) in &self.due {
+            let pair = world.groups[*group as usize].pairs.first();
+            let robots = pair.map_or([None; 2], |(i, j)| [robot(*i), robot(*j)]);
+            let other = robots[1].filter(|other| robots[0] != Some(*other));
+            for robot in [robots[0], other].into_iter().flatten() {
+                self.of_robot[robot].push(*group);
+            }
+        }
+        self.of_robot.iter_mut().for_each(|groups| groups.sort_unstable());
         self.placement = E::Placement::default();
         self.found.clear();
         self.scene = scene;
@@ -261,17 +294,16 @@ impl<E: Engine> Watch<E> {
     /// Nothing is placed or measured while no pair can have come nearer than the margin; a jump costs as much as a full query.
     pub fn update<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> &[Contact] {
         self.counters.updates += 1;
-        if !self.advance(poses) {
+        if !self.advance(poses) && !std::mem::take(&mut self.partial) {
             self.counters.idle += 1;
             return &self.found;
         }
+        self.partial = false;
         self.found.clear();
         // The common clock is never slower than any group's, so no group is due before the heap says so. `settled` leaves
         // out what the motors are astray by: that falls again when they come back, and a due time must not rest on it.
         let now: f64 = self.motors.iter().map(|m| m.fastest * (m.traveled + m.since_turn)).sum();
         let settled: f64 = self.motors.iter().map(|m| m.fastest * m.traveled).sum();
-        let scene = self.scene.clone();
-        let (bodies, world) = (scene.bodies(), scene.world());
         let mut placed = false;
         let mut again = Vec::new();
         while let Some(&Reverse(Due { at: Clock(due), group: g })) = self.due.peek() {
@@ -279,41 +311,7 @@ impl<E: Engine> Watch<E> {
                 break;
             }
             self.due.pop();
-            let (group, expiries) = (&world.groups[g as usize], &mut self.groups[g as usize]);
-            let (mut clock, mut stray) = (0.0, 0.0);
-            for term in &group.travel {
-                let motor = &self.motors[term.motor as usize];
-                clock += term.reach * motor.traveled;
-                stray += term.reach * motor.since_turn;
-            }
-            let first = expiries.renew(&group.pairs, clock + stray, |pair| {
-                // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
-                if !placed {
-                    bodies.place(poses, &mut self.frames);
-                    world.engine.place_frames(&self.frames, &mut self.placement);
-                    placed = true;
-                }
-                world.engine.place_pair(&mut self.placement, pair);
-                self.counters.looked += 1;
-                let enough = self.within + MEASURE_RANGE;
-                let distance = match world.engine.near(&self.placement, pair, enough) {
-                    Near::Within(proximity) => {
-                        self.counters.measured += 1;
-                        if proximity.distance < self.within || proximity.distance <= 0.0 {
-                            self.found.push(world.contact(PairProximity { pair, proximity }));
-                        }
-                        proximity.distance
-                    }
-                    Near::Beyond(distance) => {
-                        self.counters.measured += u64::from(distance <= enough);
-                        distance
-                    }
-                };
-                // Where the motors stand now they are astray from their turning points, so that they can get farther from
-                // here than their clocks will run, by `stray` at most: taken off. A contact has expired already, so that
-                // it is looked at again at every pose while it lasts.
-                clock + (distance - self.within) - stray - ROUNDING
-            });
+            let (first, clock) = self.look_at(g, None, poses, &mut placed);
             again.push(Reverse(Due { at: Clock(settled + (first - clock)), group: g }));
         }
         // Only now: a group with a contact is due again at once, and would be popped forever.
@@ -323,6 +321,100 @@ impl<E: Engine> Watch<E> {
         }
         self.found.sort_unstable_by_key(|c| c.pair);
         &self.found
+    }
+
+    /// The contacts at the next poses of the stream, of the pairs of these groups alone, sorted by pair.
+    ///
+    /// # Arguments
+    /// * `poses`: as for [`Watch::update`].
+    /// * `groups`: of the same scene.
+    pub fn update_of<P: AsRef<[f64]>>(&mut self, poses: &[P], groups: &PairGroups) -> &[Contact] {
+        self.counters.updates += 1;
+        self.advance(poses);
+        self.partial = true;
+        self.found.clear();
+        let mut placed = false;
+        for g in &groups.0 {
+            self.look_at(*g, None, poses, &mut placed);
+        }
+        if !placed {
+            self.counters.idle += 1;
+        }
+        self.found.sort_unstable_by_key(|c| c.pair);
+        &self.found
+    }
+
+    /// The groups of a robot's pairs that may come nearer than the margin while no motor is farther from these poses than its range. Of all
+    /// others no pair does.
+    ///
+    /// # Arguments
+    /// * `poses`: as for [`Watch::update`]: the next of the stream.
+    /// * `ranges`: per motor, in the order of the scene's robots and their motors, rad of encoder.
+    pub fn near_groups<P: AsRef<[f64]>>(&mut self, robot: usize, poses: &[P], ranges: &[f64]) -> PairGroups {
+        self.counters.updates += 1;
+        self.advance(poses);
+        self.partial = true;
+        self.found.clear();
+        let Some(groups) = self.of_robot.get_mut(robot).map(std::mem::take) else { return PairGroups::default() };
+        let mut placed = false;
+        let scene = self.scene.clone();
+        let mut near = Vec::new();
+        for g in &groups {
+            let travel = &scene.world().groups[*g as usize].travel;
+            let range = |motor: u32| ranges.get(motor as usize).copied().unwrap_or_default();
+            let range: f64 = travel.iter().map(|term| term.reach * range(term.motor)).sum();
+            let (first, clock) = self.look_at(*g, Some(range), poses, &mut placed);
+            if clock >= first {
+                near.push(*g);
+            }
+        }
+        self.of_robot[robot] = groups;
+        PairGroups(near)
+    }
+
+    /// Looks at the pairs of a group that are due, or would be if their clock ran on by a range, meters.
+    ///
+    /// # Returns
+    /// When the first of its pairs is due again; and its clock, with the range and what its motors are astray by if there is a range.
+    fn look_at<P: AsRef<[f64]>>(&mut self, g: u32, range: Option<f64>, poses: &[P], placed: &mut bool) -> (f64, f64) {
+        let (bodies, world) = (self.scene.bodies(), self.scene.world());
+        let (group, expiries) = (&world.groups[g as usize], &mut self.groups[g as usize]);
+        let (mut clock, mut stray) = (0.0, 0.0);
+        for term in &group.travel {
+            let motor = &self.motors[term.motor as usize];
+            clock += term.reach * motor.traveled;
+            stray += term.reach * motor.since_turn;
+        }
+        let until = clock + stray + range.unwrap_or(0.0);
+        let first = expiries.renew(&group.pairs, until, |pair| {
+            // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
+            if !*placed {
+                bodies.place(poses, &mut self.frames);
+                world.engine.place_frames(&self.frames, &mut self.placement);
+                *placed = true;
+            }
+            world.engine.place_pair(&mut self.placement, pair);
+            self.counters.looked += 1;
+            let enough = self.within + range.unwrap_or(0.0) + MEASURE_RANGE;
+            let distance = match world.engine.near(&self.placement, pair, enough) {
+                Near::Within(proximity) => {
+                    self.counters.measured += 1;
+                    if proximity.distance < self.within || proximity.distance <= 0.0 {
+                        self.found.push(world.contact(PairProximity { pair, proximity }));
+                    }
+                    proximity.distance
+                }
+                Near::Beyond(distance) => {
+                    self.counters.measured += u64::from(distance <= enough);
+                    distance
+                }
+            };
+            // Where the motors stand now they are astray from their turning points, so that they can get farther from
+            // here than their clocks will run, by `stray` at most: taken off. A contact has expired already, so that
+            // it is looked at again at every pose while it lasts.
+            clock + (distance - self.within) - stray - ROUNDING
+        });
+        (first, if range.is_some() { until } else { clock })
     }
 
     /// Runs the motors' ways on; false if no motor has moved at all.

@@ -149,6 +149,8 @@ fn seeds_that_were_red_are_green() {
     seeds(STREAMS, 901_234, 1, "all");
     // an agent died as its group ended, and was to be started again (a panic)
     seeds(CONSTRAINTS, 900_230, 1, "");
+    // supervise stalled as the agent died, and carried out first what the agent had sent before (I18)
+    seeds(CONSTRAINTS, 955_034, 1, "all");
     // 900009: a robot goes farther back to let one pass that is taken back after a restart (I22). 900015: one of three is lost on the way
     // back, and of the others one goes while the other stays where it was stopped (I14)
     for seed in [900_009, 900_015] {

@@ -33,6 +33,8 @@ pub struct TransactionState {
     pub history: HistoryCore,
     /// An actor that died since supervise last looked.
     pub died: Option<String>,
+    /// The open transaction whose agent died since supervise last looked.
+    pub orphan: Option<CommitId>,
     /// Whether a person has halted the robot: from the request until its release, whatever dies meanwhile.
     pub halted: bool,
     /// Whether the journal has that.
@@ -66,12 +68,19 @@ impl TransactionState {
             ahead: None,
             history: HistoryCore::new(history),
             died: None,
+            orphan: None,
             halted: false,
             halt_told: false,
             places: Vec::new().into(),
             safe: None,
             ends: VecDeque::new(),
         }
+    }
+
+    /// Notes that an agent died: if it owns the open transaction, supervise cancels that before it decides anything else (I18).
+    pub fn note_agent_death(&mut self, agent: &str) {
+        let owned = self.open.as_ref().filter(|open| &*open.agent == agent);
+        self.orphan = owned.map(|open| open.id).or(self.orphan);
     }
 
     /// What is under way, for the reflex.

@@ -28,7 +28,7 @@ use crate::{DEEPER, Rules};
 use brakes::Brakes;
 use course::Course;
 use mobee_contract::{Pose, Sample};
-use mobee_model::{Contact, Scene, ShapeId, Sweep};
+use mobee_model::{Contact, Scene, ShapeId, Sweep, Watch};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -54,6 +54,8 @@ pub struct LookAhead {
     edited: BTreeMap<u32, u64>,
     /// Look at the ways of the ghosts, each at those of one part of the time.
     sweeps: [Sweep; GHOSTS.len()],
+    /// Finds the pairs that may come near on any of those ways: most can't, and are left out of all sweeps.
+    vicinity: Watch,
     /// Where the robots have rested since they were looked at last: nothing is ahead of any of them.
     resting: Option<Vec<Pose>>,
 }
@@ -109,6 +111,7 @@ impl LookAhead {
         let sweeps = || GHOSTS.map(|_| sweep());
         least.is_finite().then(|| LookAhead {
             sweeps: sweeps(),
+            vicinity: Watch::new(scene.clone(), most),
             scene: scene.clone(),
             edited: BTreeMap::new(),
             robots,
@@ -126,6 +129,7 @@ impl LookAhead {
             }
         }
         self.sweeps.iter_mut().for_each(|sweep| sweep.set_scene(scene.clone()));
+        self.vicinity.set_scene(scene.clone());
         self.robots.iter_mut().for_each(|runner| runner.edited = true);
     }
 
@@ -160,28 +164,33 @@ impl LookAhead {
                 sweep.jump();
             }
             if let Some(sweep) = self.sweeps.last_mut() {
-                sweep.to(&rested);
+                sweep.begin(&rested);
             }
         }
         let is_far = self.scene.travel(robot, &sample.q, &rests) > 2.0 * reserve;
+        let mut ways: Vec<Option<Vec<Pose>>> = Vec::with_capacity(GHOSTS.len());
+        for (k, sweep) in self.sweeps.iter_mut().enumerate() {
+            if k < last && !is_far {
+                // all of its way is near where it rests
+                sweep.jump();
+                ways.push(None);
+                continue;
+            }
+            if edited {
+                sweep.begin(poses);
+            }
+            ways.push(Some(self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect()));
+        }
         let comes = |c: &&Contact| {
             let own = [c.pair.0.robot(), c.pair.1.robot()].contains(&Some(robot));
             let present = || near.iter().find(|n| n.pair == c.pair).map_or(f64::INFINITY, |n| n.distance);
             looks && own && c.distance < reserve && c.distance < present() - DEEPER
         };
+        let groups = self.vicinity.near_groups(robot, poses, &ranges(&self.scene, poses, &self.sweeps, &ways));
         let mut met: Vec<Contact> = Vec::new();
-        for (k, sweep) in self.sweeps.iter_mut().enumerate() {
-            if k < last && !is_far {
-                // all of its way is near where it rests
-                sweep.jump();
-                continue;
-            }
-            let ghosts: Vec<Pose> = self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect();
-            if edited {
-                sweep.jump();
-                sweep.to(poses);
-            }
-            sweep.to(&ghosts).iter().filter(comes).for_each(|c| note(&mut met, c));
+        for (sweep, way) in self.sweeps.iter_mut().zip(&ways) {
+            let Some(ghosts) = way else { continue };
+            sweep.to_of(ghosts, &groups).iter().filter(comes).for_each(|c| note(&mut met, c));
         }
         let edits = |s: ShapeId| match s {
             ShapeId::Object { object, .. } => self.edited.get(&object).copied().unwrap_or(0),
@@ -190,6 +199,23 @@ impl LookAhead {
         let foreseen = |c: Contact| Foreseen { contact: c, edited: edits(c.pair.0).max(edits(c.pair.1)) };
         met.into_iter().map(foreseen).collect()
     }
+}
+
+/// How far each motor of the scene is from its pose at most on the ways of the sweeps, rad of encoder.
+fn ranges(scene: &Scene, poses: &[Pose], sweeps: &[Sweep], ways: &[Option<Vec<Pose>>]) -> Vec<f64> {
+    let mut ranges = Vec::new();
+    for (robot, (model, q)) in scene.robots().iter().zip(poses).enumerate() {
+        for (motor, q) in (0..model.motors.len()).map(|motor| (motor, q.get(motor))) {
+            let away = |of: Option<&f64>| Some((of? - q?).abs());
+            let ahead = |(sweep, way): (&Sweep, &Option<Vec<Pose>>)| {
+                let to = away(way.as_ref()?.get(robot)?.get(motor));
+                let from = away(sweep.last().and_then(|last| last.get(robot)?.get(motor)));
+                Some(to.unwrap_or_default().max(from.unwrap_or_default()))
+            };
+            ranges.push(sweeps.iter().zip(ways).filter_map(ahead).fold(0.0, f64::max));
+        }
+    }
+    ranges
 }
 
 #[cfg(test)]

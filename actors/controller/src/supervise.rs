@@ -327,6 +327,7 @@ impl SuperviseCore {
         let step = &mut Step::new(shared, now);
         // before anything is decided: a commit that comes after a death is judged with the filter closed
         self.note_death(step);
+        self.note_agent_death(step);
         match input {
             SuperviseIn::Commit(commit) => self.motion_asked(Revision::Commit(commit), true, step),
             SuperviseIn::Stream(agent, setpoints) => {
@@ -346,9 +347,8 @@ impl SuperviseCore {
                 }
             }
             SuperviseIn::AgentDied(agent) => {
-                if self.is_moving() && step.owner().is_some_and(|a| a == agent) {
-                    self.roll_back(Cause::AgentDied, step);
-                }
+                step.book.note_agent_death(&agent);
+                self.note_agent_death(step);
             }
             SuperviseIn::Pulse(pulse) => self.pulse(pulse, step),
             SuperviseIn::Tick => {

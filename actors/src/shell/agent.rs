@@ -224,7 +224,7 @@ impl Planning {
         let Ok(intent) = self.planners.revise(&view).await else {
             // nobody plans this motion any more: it is stopped and taken back, as after an agent's death (I18)
             self.orphan = true;
-            self.context.supervise.send(SuperviseMsg::AgentDied(self.context.agent_name.clone()));
+            self.context.agent_died(self.context.agent_name.clone());
             return;
         };
         match intent {

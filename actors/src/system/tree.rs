@@ -23,7 +23,7 @@ use crate::shell::{
     AgentActor, CameraActor, DetectorActor, DriverActor, Eye, GRACE, HistoryActor, LocatorActor, ModelActor, Post,
     ReflexActor, Sensor, ServiceActor, SuperviseActor,
 };
-use crate::wiring::{LatestCell, RobotContext, SharedContext, SuperviseMsg, Troubled};
+use crate::wiring::{LatestCell, RobotContext, SharedContext, Troubled};
 use mobee_contract::{Event, Time};
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
@@ -134,7 +134,7 @@ pub fn agent(shared: &Arc<SharedContext>, context: &Arc<RobotContext>) -> Group 
     };
     group(&format!("{}/agents", context.name), Strategy::OneForOne, shared)
         .on_death(move |_, _| {
-            orphan.supervise.send(SuperviseMsg::AgentDied(orphan.agent_name.clone()));
+            orphan.agent_died(orphan.agent_name.clone());
         })
         .child(child(shared, context.agent_name.to_string(), || AgentActor, arguments))
 }

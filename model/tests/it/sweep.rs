@@ -1,6 +1,6 @@
 //! Promises: a sweep finds what is nearest on the way between two poses; no shape goes farther than its bounds say.
 
-use mobee_model::{Contact, Robot, Scene, ShapeId, Sweep, load_robot};
+use mobee_model::{Contact, Robot, Scene, ShapeId, Sweep, Watch, load_robot};
 use nalgebra::Isometry3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -69,6 +69,46 @@ fn a_sweep_finds_what_is_nearest_on_the_way() {
         met += found.len();
     }
     assert!(met > 50, "{met}: no test");
+}
+
+/// Which pairs may come near while no motor leaves its range is found out at the poses in the middle of these ranges: of one robot's pairs
+/// no sweep within them finds anything else.
+#[test]
+fn groups_that_are_left_out_have_nothing_near() {
+    let (scene, mut rng) = (scene(), ChaCha8Rng::seed_from_u64(3));
+    let of_all = || Sweep::of_all(scene.clone(), WITHIN, WITHIN / 2.0);
+    let (mut all, mut some, mut watch) = (of_all(), of_all(), Watch::new(scene.clone(), WITHIN));
+    let (mut met, mut empty) = (0, 0);
+    let mut here: Vec<Vec<f64>> = scene.home().iter().map(|q| q.to_vec()).collect();
+    let mut goal = here.clone();
+    let mut last: Option<Vec<Vec<f64>>> = None;
+    for k in 0..6000 {
+        if k % 60 == 0 {
+            goal = scene.robots().iter().map(|r| any_pose(r, &mut rng)).collect();
+        }
+        let robot = k % 2;
+        here[robot].iter_mut().zip(&goal[robot]).for_each(|(q, to)| *q += (to - *q).clamp(-0.02, 0.02));
+        // ahead of the robot, farther now and then
+        let far = if k % 7 == 0 { 0.2 } else { 0.04 };
+        let ahead: Vec<Vec<f64>> = here
+            .iter()
+            .zip(&goal)
+            .map(|(q, goal)| q.iter().zip(goal).map(|(q, to)| q + (to - q).clamp(-far, far)).collect())
+            .collect();
+        let away = |poses: &[Vec<f64>]| -> Vec<f64> {
+            here.concat().iter().zip(poses.concat()).map(|(q, to)| (to - q).abs()).collect()
+        };
+        let from = last.as_ref().map_or_else(|| vec![0.0; here.concat().len()], |last| away(last));
+        let ranges: Vec<f64> = away(&ahead).iter().zip(from).map(|(to, from)| to.max(from)).collect();
+        let groups = watch.near_groups(robot, &here, &ranges);
+        let own = |c: &&Contact| [c.pair.0.robot(), c.pair.1.robot()].contains(&Some(robot));
+        let expected: Vec<Contact> = all.to(&ahead).iter().filter(own).copied().collect();
+        let found: Vec<Contact> = some.to_of(&ahead, &groups).iter().filter(own).copied().collect();
+        assert_eq!(found, expected, "step {k}");
+        (met, empty) = (met + usize::from(!found.is_empty()), empty + usize::from(groups.is_empty()));
+        last = Some(ahead);
+    }
+    assert!(met > 100 && empty > 100, "{met} ways with contacts, {empty} with nothing near: no test");
 }
 
 #[test]

@@ -98,7 +98,7 @@ impl ReflexCore {
                 } else {
                     tell(way, room, self.robot, broken, sampled_at, step);
                     let done = match way {
-                        Way::Waits | Way::Stays => retreat.stay(step.joint_retreat, now).map(|()| None),
+                        Way::Waits | Way::Stays => retreat.stay(step.joint_retreat, &pulse.sample, now, rules),
                         _ => retreat.step(step.joint_retreat, &pulse.sample, now, rules),
                     };
                     match done {

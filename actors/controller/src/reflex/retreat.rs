@@ -17,6 +17,9 @@ use std::time::Duration;
 const CATCH_UP: f64 = 1.05;
 /// How long after a halt the way is gone at its rate again, s.
 const EASE: f64 = 0.3;
+/// The share of its motors' acceleration with which a retreat comes to a halt, and the time over which its speed is taken, s.
+const BRAKES: f64 = 0.9;
+const PACE_TIME: f64 = 0.06;
 
 /// A retreat that is being driven.
 #[derive(Clone, Debug)]
@@ -135,20 +138,63 @@ impl Retreat {
         self.behind = if follows { None } else { self.behind.or(Some(now)) };
         let most = if follows { self.clock + elapsed * CATCH_UP * self.rate } else { self.clock };
         self.rate = (self.rate + elapsed / EASE).min(1.0);
+        self.send_to(most, joint_retreat, now, rules).map(Some)
+    }
+
+    /// The set-point of the clock's next time, which is this one at most: those who go along may be behind.
+    fn send_to(
+        &mut self,
+        most: f64,
+        joint_retreat: &JointRetreat,
+        now: Time,
+        rules: &Rules,
+    ) -> Result<Command, Parted> {
         self.clock = joint_retreat.step(self.robot, most, now).ok_or(Parted)?;
         self.next += self.way.points.iter().skip(self.next).take_while(|(t, _)| *t <= self.clock).count();
         self.last = now;
         self.written = self.limited(self.positions(), rules);
-        Ok(Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() }))
+        Ok(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() })
     }
 
-    /// It stays where it is, and those who go along do.
+    /// It comes to a halt on its way and stays there, and those who go along do.
+    ///
+    /// A robot that looks ahead is sent on along its path, ever slower, as far as it goes while it brakes. Without new set-points it would
+    /// brake beyond the last one and come back to it: into what has stopped there, since others foresee where it brakes to.
     ///
     /// # Errors
     /// If somebody who went along does so no more.
-    pub fn stay(&mut self, joint_retreat: &JointRetreat, now: Time) -> Result<(), Parted> {
-        (self.behind, self.last, self.rate) = (None, now, 0.0);
-        joint_retreat.step(self.robot, self.clock, now).map(|_| ()).ok_or(Parted)
+    pub fn stay(
+        &mut self,
+        joint_retreat: &JointRetreat,
+        sample: &Sample,
+        now: Time,
+        rules: &Rules,
+    ) -> Result<Option<Command>, Parted> {
+        let brakes = rules.reserve.is_some() && self.way.direct && !self.is_over() && self.rate > 0.0;
+        if !brakes || !self.is_followed(sample, now, rules) {
+            (self.behind, self.last, self.rate) = (None, now, 0.0);
+            return joint_retreat.step(self.robot, self.clock, now).map(|_| None).ok_or(Parted);
+        }
+        self.behind = None;
+        let elapsed = now.since(self.last).as_secs_f64();
+        if elapsed < 0.75 * rules.period.as_secs_f64() {
+            return Ok(None);
+        }
+        self.rate = (self.rate - elapsed / self.braking_time(rules).max(1e-3)).max(0.0);
+        self.send_to(self.clock + elapsed * self.rate, joint_retreat, now, rules).map(Some)
+    }
+
+    /// How long the slowest of its motors brakes from the speed that its path has about the clock's time, s.
+    fn braking_time(&self, rules: &Rules) -> f64 {
+        let points = &self.way.points;
+        let about = |t: f64| points.partition_point(|(at, _)| *at < t).min(points.len().saturating_sub(1));
+        let ends = (points.get(about(self.clock - PACE_TIME).saturating_sub(1)), points.get(about(self.clock)));
+        let (Some((t0, a)), Some((t1, b))) = ends else { return 0.0 };
+        let time = |(m, (a, b)): (&usize, (f64, f64))| {
+            let speed = (b - a).abs() / (t1 - t0).max(1e-3);
+            rules.axes.get(*m).map_or(0.0, |axis| speed / (BRAKES * axis.max_acceleration.max(1e-6)))
+        };
+        self.way.motors.iter().zip(self.way.of(a).into_iter().zip(self.way.of(b))).map(time).fold(0.0, f64::max)
     }
 
     /// Whether it is where it was last sent, to a degree.

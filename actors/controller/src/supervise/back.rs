@@ -31,6 +31,16 @@ impl SuperviseCore {
         }
     }
 
+    /// The agent of the open motion died since we looked last: the motion is cancelled, whatever the agent had sent before
+    /// and waits to be handled.
+    pub(super) fn note_agent_death(&mut self, step: &mut Step) {
+        let orphan = step.book.orphan.take();
+        let is_open = step.book.open.as_ref().is_some_and(|open| Some(open.id) == orphan);
+        if is_open && self.is_moving() {
+            self.roll_back(Cause::AgentDied, step);
+        }
+    }
+
     /// The reflex closed the filter; the motors that had a part in it, if that is known. In mid-motion the reflex takes
     /// the robot back by itself; at rest there is nothing to be taken back, and the way out of the contact is an
     /// escape.

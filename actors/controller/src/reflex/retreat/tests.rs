@@ -102,6 +102,41 @@ fn set_points_are_those_of_the_clock() {
     assert_eq!(back.1.arrival(now), now, "a set-point is followed at once");
 }
 
+/// A robot that looks ahead comes to a halt on its path, as far on as it brakes: it is not left to brake beyond its last set-point and to
+/// come back to it. Under Algorithm 6 nothing more is written.
+#[test]
+fn a_halt_is_on_the_path() {
+    let halt = |reserve: Option<f64>| {
+        let rules = Arc::new(Rules { reserve, ..(*rules(true)).clone() });
+        let (joint_retreat, mut retreat) = retreat(&rules);
+        let (mut now, mut q, mut sent) = (Time::from_secs(5.0), 90_f64.to_radians(), Vec::new());
+        for seq in 0..300 {
+            now = now + PERIOD;
+            let sample = Sample { seq, at: now, q: vec![q].into(), done: vec![false] };
+            let done = match seq < 200 {
+                true => retreat.step(&joint_retreat, &sample, now, &rules),
+                false => retreat.stay(&joint_retreat, &sample, now, &rules),
+            };
+            let Ok(command) = done else { panic!("nobody was lost") };
+            if let Some(Command::Direct { q: to, .. }) = command {
+                q = to[0];
+                if seq >= 199 {
+                    sent.push((seq, q.to_degrees()));
+                }
+            }
+        }
+        sent
+    };
+    let (first, last) = (halt(Some(0.005)), halt(None));
+    assert_eq!(last.len(), 1, "Algorithm 6: {last:?}");
+    let way = first[0].1 - first.last().unwrap().1;
+    // v^2 / 2a at 30 deg/s and nine tenths of 30 rad/s^2, in steps of a period
+    let brakes = 30.0 * 30.0 / (2.0 * 0.9 * 30_f64.to_degrees());
+    assert!((0.4 * brakes..1.1 * brakes + 0.01).contains(&way), "{way} degrees for {brakes}");
+    assert!(first.windows(2).all(|w| w[1].1 <= w[0].1), "backwards: {first:?}");
+    assert!(first.last().unwrap().0 < 210, "it goes on: {first:?}");
+}
+
 /// A motor counts as following while it is within a degree of where it was sent of late: neither behind that, nor ahead.
 #[test]
 fn the_clock_waits_for_who_does_not_follow() {

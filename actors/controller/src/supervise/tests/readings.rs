@@ -301,3 +301,27 @@ fn a_safe_pose_is_kept_while_the_robot_counts_as_being_there() {
         assert_eq!(told, Some(vec![safe]), "{tolerances} tolerances away");
     }
 }
+
+/// I18: what an agent had sent before it died, and what its motion has reached, is handled late where supervise was held up: the motion
+/// is cancelled first. The death of another agent changes nothing.
+#[test]
+fn what_a_dead_agent_sent_before_is_not_carried_out() {
+    for (agent, cancelled) in [("a", true), ("b", false)] {
+        let (mut cell, _) = sets_out();
+        let id = cell.book.open.as_ref().map(|open| open.id).unwrap();
+        cell.book.note_agent_death(agent);
+        let target = Target { motors: vec![0], q: vec![0.8], speed: 0.5 };
+        let revision = Revision::Commit(Commit { agent: "a".into(), target, speeds: None });
+        let out = cell.on(SuperviseIn::Revise(id, revision), cell.now);
+        assert_eq!(out.first(), Some(&SuperviseOut::Verdict(if cancelled { Err(Refusal::Closed) } else { Ok(id) })));
+        let cause = cell.book.open.as_ref().and_then(|open| open.cause.clone());
+        assert_eq!(cause, cancelled.then_some(Cause::AgentDied), "{agent}");
+        let (mut arrived, mut read_there) = sets_out();
+        arrived.book.note_agent_death(agent);
+        let ended = (0..10).any(|_| {
+            let _ = read_there(&mut arrived, 1.0, Duration::ZERO);
+            arrived.supervise.status() == Status::Rest
+        });
+        assert_eq!(ended, !cancelled, "{agent}: it is at its target");
+    }
+}
