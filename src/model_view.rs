@@ -55,6 +55,7 @@ pub fn command(args: &ViewArgs) -> Result<String, Report> {
         build: env!("CARGO_PKG_VERSION").to_owned(),
         live: None,
         index: true,
+        names: Vec::new(),
     };
     let view = ModelView { robot: &robot, meshes: &meshes, margin: args.margin * 1e-3 };
     let seen = view_model(&settings, &view).map_err(|why| miette!("{}: {why}", args.robot.display()))?;

@@ -48,11 +48,13 @@ pub fn command(args: &ViewMapArgs) -> Result<String, Report> {
         build: env!("CARGO_PKG_VERSION").to_owned(),
         live: None,
         index: true,
+        names: Vec::new(),
     };
     let vertices: Vec<[f64; 3]> = map.vertices.iter().map(|v| v.at_m).collect();
     let poses: Vec<&[f64]> = map.vertices.iter().map(|v| v.q_rad.as_slice()).collect();
     let lines = lines(&map);
-    let view = MapView { scene: &scene, vertices: &vertices, poses: &poses, lines: &lines };
+    let names: Vec<Option<&str>> = map.vertices.iter().map(|v| v.name.as_deref()).collect();
+    let view = MapView { scene: &scene, vertices: &vertices, poses: &poses, names: &names, lines: &lines };
     view_map(&settings, &view).map_err(|why| miette!("{}: {why}", args.map.display()))?;
     Ok(match args.out {
         Some(_) => format!("now: mobee view {}\n", out.display()),

@@ -8,7 +8,7 @@ use super::progress::Bar;
 use super::said::{Said, Talk};
 use super::space::Room;
 use super::switched::Switched;
-use crate::config::{ClockMode, Config};
+use crate::config::{ClockMode, Config, RobotConfig};
 use crate::narrate::Narrator;
 use mobee_actors::record::journal::Journal;
 use mobee_actors::record::ring::Rings;
@@ -16,7 +16,7 @@ use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec};
 use mobee_actors::record::track::Tracks;
 use mobee_drivers::eyes::KeptFrames;
 use mobee_model::Scene;
-use mobee_recorder::Recorder;
+use mobee_recorder::{PoseName, Recorder};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -198,5 +198,44 @@ pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recor
         live: None,
         // a real robot may run for days
         index: config.clock == ClockMode::Virtual,
+        names: config.robot.iter().flat_map(pose_names).collect(),
+    }
+}
+
+/// The poses that an agent's settings name, for labels: `poses = [{ name = "left", q_deg = { ... } }]`, as far as they have this form.
+fn pose_names(robot: &RobotConfig) -> Vec<PoseName> {
+    let poses = robot.agent.as_ref().and_then(|agent| agent.get("poses")?.as_array());
+    let named = |pose: &serde_json::Value| {
+        let name = pose.get("name")?.as_str()?.to_owned();
+        let q_deg = pose.get("q_deg")?.as_object()?;
+        let q_deg = q_deg.iter().map(|(motor, deg)| Some((motor.clone(), deg.as_f64()?))).collect::<Option<_>>()?;
+        Some(PoseName { robot: robot.name.clone(), name, q_deg })
+    };
+    poses.into_iter().flatten().filter_map(named).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_of_other_forms_have_no_names_and_harm_nothing() {
+        let poses = serde_json::json!([
+            { "name": "left", "q_deg": { "elbow": 30, "wrist": -1.5 } },
+            { "name": "no numbers", "q_deg": { "elbow": "30" } },
+            { "q_deg": { "elbow": 30 } },
+            { "name": 3, "q_deg": {} },
+            [1, 2],
+        ]);
+        let agent = |poses: serde_json::Value| Some(serde_json::json!({ "kind": "roadmap", "poses": poses }));
+        let robot =
+            serde_json::json!({ "name": "arm", "model": "arm.xml", "controller": { "period_ms": 20, "history": 100 } });
+        let mut robot: RobotConfig = serde_json::from_value(robot).unwrap();
+        assert_eq!(pose_names(&robot), []);
+        robot.agent = agent("none".into());
+        assert_eq!(pose_names(&robot), []);
+        robot.agent = agent(poses);
+        let q_deg = [("elbow".to_owned(), 30.0), ("wrist".to_owned(), -1.5)].into();
+        assert_eq!(pose_names(&robot), [PoseName { robot: "arm".into(), name: "left".into(), q_deg }]);
     }
 }

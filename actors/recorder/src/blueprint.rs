@@ -13,7 +13,7 @@ pub(crate) use model::send_model;
 use rerun::blueprint::components::{ContainerKind, LoopMode, PanelState, PlayState};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes as look;
-use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, TextLogColumn, VisibleTimeRange};
+use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, LinkAxis, TextLogColumn, VisibleTimeRange};
 use rerun::external::re_sdk_types::blueprint::datatypes::{self as shapes, TextLogColumnKind};
 use rerun::external::re_sdk_types::datatypes::{Range2D, TimeInt, TimeRange, TimeRangeBoundary, Uuid};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, StoreId, components};
@@ -37,8 +37,8 @@ pub(crate) struct Page {
 pub(crate) struct Shown {
     /// Its name as a part of entity paths.
     pub(crate) name: String,
-    /// Its parts with motors, as parts of entity paths.
-    pub(crate) parts: Vec<String>,
+    /// Its parts with motors, as parts of entity paths, and whether each has moved.
+    pub(crate) parts: Vec<(String, bool)>,
     /// Entities of its trails.
     pub(crate) trails: Vec<String>,
     /// What its flat roadmap covers: left, top, right, bottom.
@@ -78,6 +78,11 @@ type Place = String;
 /// A view's name, with the robot's if there are several.
 fn named(what: &str, robot: &Shown, robots: &[Shown]) -> String {
     if robots.len() > 1 { format!("{}: {what}", robot.name) } else { what.to_owned() }
+}
+
+/// The plot that the joints open at, counted over all robots: the first of a part that has moved.
+pub(crate) fn open_plot(robots: &[Shown]) -> usize {
+    robots.iter().flat_map(|robot| &robot.parts).position(|(_, moves)| *moves).unwrap_or(0)
 }
 
 /// A time so many seconds from the cursor.
@@ -125,38 +130,38 @@ impl Print<'_> {
     fn page(&mut self, page: &Page) -> Result<Place, String> {
         let Page { root, robots, eyes, front } = page;
         let scene = self.scene(page, front)?;
+        // agents without a map leave no empty view; the layout is sent again when the first vertex comes
         let mut maps = Vec::new();
-        for robot in robots {
+        for robot in robots.iter().filter(|robot| robot.bounds.is_some()) {
             maps.push(self.map(root, robot, robots)?);
         }
-        for robot in robots {
+        for robot in robots.iter().filter(|robot| robot.bounds.is_some()) {
             maps.push(self.view(
                 "Graph",
                 &named("Roadmap as graph", robot, robots),
                 &format!("/{root}graph/{}", robot.name),
             )?);
         }
-        let maps = self.tabs("Roadmap", &maps)?;
+        let maps = if maps.is_empty() { None } else { Some(self.tabs("Roadmap", &maps)?) };
         let log = self.log_view(root, robots.len() > 1)?;
         let progress = self.progress(root)?;
         let about = self.view("TextDocument", "Legend", &format!("/{root}about"))?;
         let texts = self.tabs("Words", &[log, progress, about])?;
-        let lanes = self.view("StateTimeline", "States", &format!("/{root}state"))?;
-        self.window(&lanes, around(-60), around(5))?;
+        let lanes = self.lanes("States", &format!("/{root}state"))?;
         let mut plots = Vec::new();
         for robot in robots {
-            for part in &robot.parts {
+            for (part, _) in &robot.parts {
                 plots.push(self.plot(root, robot, part, robots)?);
             }
         }
-        let plots = self.tabs("Joints", &plots)?;
-        let right = match self.eyes(root, eyes)? {
-            None => self.container(ContainerKind::Vertical, "Map and words", &[maps, texts], &[3.0, 2.0])?,
-            Some(seen) => {
-                let all = [seen, maps, texts];
-                self.container(ContainerKind::Vertical, "Eyes, map and words", &all, &[2.0, 2.0, 2.0])?
-            }
+        let plots = self.tabs_open_at("Joints", &plots, open_plot(robots))?;
+        let right: Vec<Place> = self.eyes(root, eyes)?.into_iter().chain(maps).chain([texts]).collect();
+        let shares: &[f32] = match right.len() {
+            3 => &[2.0, 2.0, 2.0],
+            2 => &[3.0, 2.0],
+            _ => &[1.0],
         };
+        let right = self.container(ContainerKind::Vertical, "Eyes, map and words", &right, shares)?;
         let top = self.container(ContainerKind::Horizontal, "Scene and map", &[scene, right], &[3.0, 2.0])?;
         let bottom = self.container(ContainerKind::Horizontal, "Over time", &[lanes, plots], &[3.0, 2.0])?;
         let name = if root.is_empty() { "Run" } else { root.trim_end_matches('/') };
@@ -249,6 +254,15 @@ impl Print<'_> {
         Ok(view)
     }
 
+    /// State lanes over all times. The view fits itself to what is there when it is first drawn, which is a part of a file that is still
+    /// being loaded, and of a live run its first instant; only the time axis that plots can share follows. Its range is set nowhere: all.
+    fn lanes(&mut self, name: &str, origin: &str) -> Result<Place, String> {
+        let view = self.view("StateTimeline", name, origin)?;
+        let axis = look::TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
+        self.log(&format!("{view}/TimeAxis"), &axis)?;
+        Ok(view)
+    }
+
     /// What part of time a view shows.
     fn window(&self, view: &str, start: TimeRangeBoundary, end: TimeRangeBoundary) -> Written {
         let axis = look::TimeAxis::new().with_view_range(TimeRange { start, end });
@@ -265,7 +279,15 @@ impl Print<'_> {
     }
 
     fn tabs(&mut self, name: &str, contents: &[Place]) -> Result<Place, String> {
-        self.container(ContainerKind::Tabs, name, contents, &[])
+        self.tabs_open_at(name, contents, 0)
+    }
+
+    fn tabs_open_at(&mut self, name: &str, contents: &[Place], open: usize) -> Result<Place, String> {
+        let path = self.container(ContainerKind::Tabs, name, contents, &[])?;
+        if let Some(active) = contents.get(open) {
+            self.log(&path, &look::ContainerBlueprint::update_fields().with_active_tab(active.as_str()))?;
+        }
+        Ok(path)
     }
 
     fn container(
@@ -282,11 +304,7 @@ impl Print<'_> {
         match kind {
             ContainerKind::Horizontal => container = container.with_col_shares(shares.iter().copied()),
             ContainerKind::Vertical => container = container.with_row_shares(shares.iter().copied()),
-            ContainerKind::Tabs | ContainerKind::Grid => {
-                if let Some(first) = contents.first() {
-                    container = container.with_active_tab(first.as_str());
-                }
-            }
+            ContainerKind::Tabs | ContainerKind::Grid => {}
         }
         self.log(&path, &container)?;
         Ok(path)

@@ -16,6 +16,8 @@ const LAYERS: [(EdgeState, &str, f32, f32); 5] = [
     (EdgeState::Blocked, "blocked", 0.0010, 1.8),
     (EdgeState::Feasible, "feasible", 0.0022, 3.5),
 ];
+/// Vertices whose numbers are shown in the world.
+const LABELED: usize = 30;
 /// Dashes of a removed edge.
 const DASHES: usize = 5;
 /// Bytes per simulated second that a growing picture may cost; a larger map is drawn less often.
@@ -66,10 +68,17 @@ impl Drawing {
 
     fn vertices(&self, stream: &Stream, map: &Roadmap) -> Written {
         let name = &self.name;
-        let labels: Vec<_> = map.vertices.keys().map(u32::to_string).collect();
+        let ids = map.vertices.keys().map(u32::to_string);
+        let labels: Vec<_> = map.vertices.keys().map(|id| map.label(*id)).collect();
         let solid: Vec<_> = map.vertices.values().map(|v| v.at).collect();
         let flat: Vec<_> = map.vertices.values().map(|v| v.flat).collect();
-        let points = Points3D::new(solid).with_colors([palette::VERTEX]).with_radii([0.007]);
+        // in the world labels lie over the robot: names are worth that, and numbers of a small map
+        let shows = map.has_names() || labels.len() <= LABELED;
+        let points = Points3D::new(solid)
+            .with_colors([palette::VERTEX])
+            .with_radii([0.007])
+            .with_labels(labels.clone())
+            .with_show_labels(shows);
         stream.log(&format!("world/roadmap/{name}/vertices"), &points)?;
         let points = Points2D::new(flat.clone())
             .with_colors([palette::VERTEX])
@@ -79,7 +88,7 @@ impl Drawing {
             .with_draw_order(30.0);
         stream.log(&format!("roadmap/{name}/vertices"), &points)?;
         // a graph view knows edges only between nodes of one entity
-        let nodes = GraphNodes::new(labels.clone()).with_positions(flat).with_labels(labels);
+        let nodes = GraphNodes::new(ids).with_positions(flat).with_labels(labels);
         stream.log(&format!("graph/{name}/map"), &nodes.with_colors([palette::VERTEX]))
     }
 

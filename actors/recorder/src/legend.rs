@@ -14,14 +14,15 @@ pub(crate) const TEXT: &str = "\
 - pyramids of thin lines: cameras, with what they see; what a detector takes for its object is tinted, and boxed in **red**
 
 **Roadmap** (flat: the hand's places as seen from the front)
-- circles: vertices, poses where the robot may rest
+- circles: vertices, poses where the robot may rest, with the names of their poses, else numbers
 - **green, thick**: driven to its end, feasible
 - gray, thin: not tried yet, taken for feasible
 - amber: not tried, the opposite direction failed
 - red, dashed: tried, failed and removed
 - **bright red, thick**: the plan that is followed now
 
-**States**: of the filtered interface that carries an agent's commands, and of the present transaction.
+**States**: of the filtered interface that carries an agent's commands, and of the present transaction, over the whole run.
+Zoom with Ctrl and the wheel, pan by dragging; a double click shows all of it again.
 
 Move the cursor in the time line below, or press play.
 ";

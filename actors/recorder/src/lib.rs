@@ -45,4 +45,4 @@ pub use map_view::{MapLines, MapView, view_map};
 pub use model_view::{ModelView, NearLinks, SeenModel, view_model};
 pub use poses::RecordedPoses;
 pub use recorder::Recorder;
-pub use recording::{RecorderError, Recording, Settings};
+pub use recording::{PoseName, RecorderError, Recording, Settings};

@@ -20,6 +20,8 @@ const WRITTEN: Duration = Duration::from_secs(60);
 const GROWTH: (usize, f64) = (60, 12.0);
 /// In how many parts the edges follow the poses that they join.
 const PARTS: usize = 10;
+/// Vertices of a map that are all labeled, with their numbers where they have no names.
+const LABELED: usize = 50;
 /// What is said of it all.
 const LEGEND: &str = "Each point is a pose of the map: the place of the hand at it. Lines join the hand's places at the \
                       two ends of an edge; what the hand does between them is not drawn.";
@@ -44,6 +46,8 @@ pub struct MapView<'a> {
     pub vertices: &'a [[f64; 3]],
     /// The whole robot's pose at each vertex, rad of encoder.
     pub poses: &'a [&'a [f64]],
+    /// The name of each vertex that has one.
+    pub names: &'a [Option<&'a str>],
     /// The edges, in the order in which they are drawn, the last ones on top.
     pub lines: &'a [MapLines],
 }
@@ -55,7 +59,11 @@ pub struct MapView<'a> {
 pub fn view_map(settings: &Settings, view: &MapView<'_>) -> Result<(), String> {
     let recording = Recording::begin(settings).map_err(|e| e.to_string())?;
     let stream = recording.stream(String::new(), LEGEND)?;
-    send_map(&stream.rec, &Front::of(view.scene))?;
+    let mut front = Front::of(view.scene);
+    if let Some((low, high)) = extent(view.vertices) {
+        front.include(low, high);
+    }
+    send_map(&stream.rec, &front)?;
     stream.at(Time::ZERO);
     Objects::default().update(&stream, view.scene)?;
     if let Some(robot) = view.scene.robots().first() {
@@ -74,6 +82,14 @@ pub fn view_map(settings: &Settings, view: &MapView<'_>) -> Result<(), String> {
     recording.check()
 }
 
+/// The lowest and the highest corner of the box around the vertices.
+fn extent(vertices: &[[f64; 3]]) -> Option<([f32; 3], [f32; 3])> {
+    let all = vertices.iter().filter(|v| v.iter().all(|x| x.is_finite())).map(|v| v.map(|x| x as f32));
+    let pick = |f: fn(f32, f32) -> f32, a: [f32; 3], b: [f32; 3]| std::array::from_fn(|i| f(a[i], b[i]));
+    let box_of = all.map(|v| (v, v));
+    box_of.reduce(|(low, high), (a, b)| (pick(f32::min, low, a), pick(f32::max, high, b)))
+}
+
 /// When how many vertices are there.
 fn steps(vertices: usize) -> impl Iterator<Item = (Time, usize)> {
     let (steps, secs) = GROWTH;
@@ -86,6 +102,17 @@ fn grow(stream: &Stream, view: &MapView<'_>) -> Written {
         stream.at(at);
         let shown = points.iter().take(count).copied();
         stream.log("world/map/poses", &Points3D::new(shown).with_colors([palette::VERTEX]).with_radii([0.0025]))?;
+    }
+    // those that have names, all of a small map: thousands of numbers would hide everything
+    let label = |id: usize| match view.names.get(id).copied().flatten() {
+        Some(name) => Some(name.to_owned()),
+        None => (points.len() <= LABELED).then(|| id.to_string()),
+    };
+    let labeled: Vec<_> = points.iter().enumerate().filter_map(|(id, at)| Some((*at, label(id)?))).collect();
+    if !labeled.is_empty() {
+        let (places, labels): (Vec<_>, Vec<_>) = labeled.into_iter().unzip();
+        let names = Points3D::new(places).with_labels(labels).with_show_labels(true);
+        stream.log("world/map/names", &names.with_colors([palette::VERTEX]).with_radii([0.004]))?;
     }
     Ok(())
 }

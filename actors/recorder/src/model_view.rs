@@ -86,7 +86,7 @@ pub fn view_model(settings: &Settings, view: &ModelView<'_>) -> Result<SeenModel
     let links = meshes::nodes(view.robot, view.meshes).map_err(|link| format!("link `{link}` is not in the robot"))?;
     let recording = Recording::begin(settings).map_err(|e| e.to_string())?;
     let stream = recording.stream(String::new(), words::LEGEND)?;
-    let front = Front::of(&scene);
+    let front = Front::of_motion(&scene, poses(view.robot));
     send_model(&stream.rec, &front)?;
     stream.at(Time::ZERO);
     let color = |robot: &Robot, node: usize| {
@@ -103,6 +103,20 @@ pub fn view_model(settings: &Settings, view: &ModelView<'_>) -> Result<SeenModel
     recording.reach(WRITTEN)?;
     recording.check()?;
     Ok(seen)
+}
+
+/// The robot at home, and with each motor at every position of its sweep.
+fn poses(robot: &Robot) -> impl Iterator<Item = Vec<f64>> {
+    let moved = |(motor, position): (usize, f64)| {
+        let mut q = robot.home();
+        if let Some(slot) = q.get_mut(motor) {
+            *slot = position;
+        }
+        q
+    };
+    let all = sweeps(robot).into_iter();
+    let all = all.flat_map(|s| s.positions.into_iter().map(move |(_, q)| (s.motor, q)));
+    std::iter::once(robot.home()).chain(all.map(moved))
 }
 
 /// Two nodes, and the motor that moves.

@@ -39,6 +39,29 @@ pub(crate) fn trail(index: usize) -> Rgba {
     TRAILS.get(index % TRAILS.len()).copied().unwrap_or(0xFFD34EFF)
 }
 
+/// Lines of motors in a plot: far apart from each other and from the dark background.
+const SERIES: [Rgba; 18] = [
+    0x4FA3FFFF, 0xFF8A3DFF, 0x52D273FF, 0xF2484BFF, 0xFFE14AFF, 0xC77DFFFF, 0x2EE6E6FF, 0xFF6FD0FF, 0xB07A45FF,
+    0xC8F560FF, 0x8C96A8FF, 0xFFC9A3FF, 0x1E9E8AFF, 0x8F8FFFFF, 0xB03A6AFF, 0xA8E6CFFF, 0x6E8C1EFF, 0xFFFFFFFF,
+];
+/// Hue from one line to the next where a plot has more, degrees: the golden angle, which never repeats.
+const NEXT_HUE: f32 = 137.508;
+
+/// The color of the line of a motor, by its index in the plot.
+pub(crate) fn series(index: usize) -> Rgba {
+    let Some(more) = index.checked_sub(SERIES.len()) else {
+        return SERIES.get(index).copied().unwrap_or(0xFFFFFFFF);
+    };
+    // three rings of lightness: hues that come close differ there
+    let (hue, value) = ((NEXT_HUE * more as f32).rem_euclid(360.0), [0.95, 0.75, 0.6][more % 3]);
+    let channel = |n: f32| {
+        let k = (n + hue / 60.0).rem_euclid(6.0);
+        let share = value - value * 0.65 * k.min(4.0 - k).clamp(0.0, 1.0);
+        (255.0 * share) as u8
+    };
+    u32::from_be_bytes([channel(5.0), channel(3.0), channel(1.0), 255])
+}
+
 /// Edges of a map that nothing is known to block.
 pub(crate) const UNBLOCKED: Rgba = 0x35D07F70;
 /// Edges that something blocks, by its index.
@@ -116,6 +139,21 @@ pub(crate) fn outcome(outcome: Outcome) -> &'static str {
 mod tests {
     use super::*;
     use mobee_contract::Status;
+
+    #[test]
+    fn no_two_motors_of_a_part_have_lines_of_one_color() {
+        let rgb = |c: Rgba| c.to_be_bytes().map(f64::from);
+        let all: Vec<_> = (0..64).map(|i| rgb(series(i))).collect();
+        for (i, a) in all.iter().enumerate() {
+            assert!(a[..3].iter().sum::<f64>() > 250.0, "{i} is dark: {a:?}");
+            for (k, b) in all.iter().enumerate().skip(i + 1) {
+                let apart = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+                // a part with more motors than the iCub's arm has is rare
+                let least = if k < 18 { 55.0 } else { 3.0 };
+                assert!(apart >= least, "{i} and {k} are alike: {a:?} {b:?}");
+            }
+        }
+    }
 
     #[test]
     fn every_state_has_its_entry_in_the_legend_of_its_lane() {

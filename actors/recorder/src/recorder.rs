@@ -1,6 +1,6 @@
 //! The sink itself: entries in, rows and columns out.
 
-use crate::blueprint::Page;
+use crate::blueprint::{Page, open_plot};
 use crate::body::{entities, entity};
 use crate::eyes::Eye;
 use crate::front::Front;
@@ -41,6 +41,8 @@ pub struct Recorder {
     past: Vec<[f32; 3]>,
     now: Time,
     frames: usize,
+    /// The plot that the layout opens the joints at.
+    plot: usize,
     flushed: Instant,
 }
 
@@ -76,17 +78,18 @@ impl Recorder {
             past: Vec::new(),
             now: Time::ZERO,
             frames: 0,
+            plot: 0,
             flushed: wall(),
         }
     }
 
     fn scene(&mut self, scene: &Arc<Scene>) -> Written {
-        let front = Front::of(scene);
         for (i, robot) in scene.robots().iter().enumerate().skip(self.robots.len()) {
-            self.robots.push(Shadow::new(&self.stream, robot, &scene.base(i), i)?);
+            let named = self.recording.named(robot);
+            self.robots.push(Shadow::new(&self.stream, robot, &scene.base(i), i, named)?);
         }
         if self.front.is_none() {
-            self.front = Some(front);
+            self.front = Some(Front::of(scene));
             self.lay_out()?;
         }
         self.objects.update(&self.stream, scene)?;
@@ -120,11 +123,14 @@ impl Recorder {
         let Some(shadow) = self.robots.get_mut(robot) else { return Ok(()) };
         shadow.pose = Some(q.clone());
         shadow.body.pose(at, &shadow.robot, q);
-        shadow.traces.pose(at, &shadow.robot, q);
+        let begins = shadow.traces.pose(at, &shadow.robot, q);
         self.frames += 1;
         if shadow.contacts.as_slice() != contacts {
             shadow.contacts = contacts.to_vec();
             self.paint()?;
+        }
+        if begins && self.open_plot() != self.plot {
+            self.lay_out()?;
         }
         if self.frames >= FRAMES { self.send() } else { Ok(()) }
     }
@@ -156,7 +162,11 @@ impl Recorder {
     }
 
     fn event(&mut self, event: &Event) -> Written {
-        if let Some((source, level, text)) = words::line(event) {
+        let vertex = |robot: &str, id: u32| {
+            let shadow = self.robots.iter().find(|r| r.robot.name == robot);
+            shadow.map_or_else(|| id.to_string(), |r| r.roadmap.label(id))
+        };
+        if let Some((source, level, text)) = words::line(event, &vertex) {
             let line = TextLog::new(self.labels.read(&text).into_owned()).with_level(level.word());
             self.stream.log(&format!("log/{}", entities(source)), &line)?;
         }
@@ -207,10 +217,16 @@ impl Recorder {
         Ok(())
     }
 
-    /// Sends the layout; again when a map has outgrown its view, which does not follow by itself.
-    fn lay_out(&self) -> Written {
+    /// The plot that the joints open at.
+    fn open_plot(&self) -> usize {
+        open_plot(&self.robots.iter().map(Shadow::shown).collect::<Vec<_>>())
+    }
+
+    /// Sends the layout; again when a map has outgrown its view, which does not follow by itself, and when the first part moves.
+    fn lay_out(&mut self) -> Written {
         let Some(front) = self.front else { return Ok(()) };
-        let robots = self.robots.iter().map(Shadow::shown).collect();
+        let robots: Vec<_> = self.robots.iter().map(Shadow::shown).collect();
+        self.plot = open_plot(&robots);
         let eyes = self.eyes.iter().map(|eye| eye.path.clone()).collect();
         let page = Page { root: self.stream.root.clone(), robots, eyes, front };
         self.recording.lay_out(page)
@@ -223,6 +239,9 @@ impl Recorder {
         let mut outgrown = false;
         for shadow in self.robots.iter_mut().filter(|s| s.roadmap.changed.vertices) {
             outgrown |= shadow.outgrown();
+            if let (Some(front), Some((low, high))) = (&mut self.front, shadow.roadmap.extent()) {
+                outgrown |= front.include(low, high);
+            }
         }
         if outgrown {
             self.lay_out()?;

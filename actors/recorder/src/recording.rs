@@ -5,11 +5,14 @@ use crate::body::entity;
 use crate::disk::{Disk, Trouble};
 use crate::legend;
 use crate::recorder::Recorder;
+use crate::roadmap::NamedPose;
 use crate::stream::{Stream, Written};
+use mobee_model::Robot;
 use rerun::external::arrow::array::StringArray;
 use rerun::log::ChunkBatcherConfig;
 use rerun::sink::SinkFlushError;
 use rerun::{AnyValues, RecordingStream, RecordingStreamBuilder, TextDocument, ViewCoordinates};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -22,7 +25,7 @@ const FLUSH: Duration = Duration::from_secs(1);
 const IN_FLIGHT: u64 = 16 << 20;
 
 /// What a recording is called and where it goes.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Settings {
     /// The file to write, usually `recording.rrd` in the run's folder.
     pub path: PathBuf,
@@ -37,6 +40,19 @@ pub struct Settings {
     /// Whether the file gets an index at its end, for which the memory grows as long as it is written (tens of megabytes an
     /// hour). Files without one are read whole.
     pub index: bool,
+    /// Names of poses: a vertex of a roadmap that is at one of them is called by it.
+    pub names: Vec<PoseName>,
+}
+
+/// The name of a pose of a robot.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PoseName {
+    /// The robot's name in the run.
+    pub robot: String,
+    /// The pose's name.
+    pub name: String,
+    /// Positions of motors, degrees (millimeters of motors that slide); the others are at home.
+    pub q_deg: BTreeMap<String, f64>,
 }
 
 /// A recording could not be begun.
@@ -69,6 +85,7 @@ pub struct Recording {
     /// What each recorder shows, in the order in which they began.
     pages: Arc<Mutex<Vec<Page>>>,
     is_live: bool,
+    names: Arc<[PoseName]>,
     /// Why the file can't be written on.
     trouble: Trouble,
 }
@@ -110,7 +127,8 @@ impl Recording {
         rec.set_log_time_enabled(false);
         let began = property(&rec, "config", &settings.config).and_then(|()| property(&rec, "build", &settings.build));
         began.map_err(|why| file(&why))?;
-        Ok(Recording { rec, pages: Arc::default(), is_live: settings.live.is_some(), trouble })
+        let names = settings.names.clone().into();
+        Ok(Recording { rec, pages: Arc::default(), is_live: settings.live.is_some(), names, trouble })
     }
 
     /// A recorder that draws below the entity `name`; below none if that is empty, as it should be for the only one.
@@ -138,6 +156,19 @@ impl Recording {
             None => pages.push(page),
         }
         blueprint::send(&self.rec, &pages)
+    }
+
+    /// The poses of a robot that have names, and its home. A name whose motors the robot does not have is left out.
+    pub(crate) fn named(&self, robot: &Robot) -> Vec<NamedPose> {
+        let pose = |name: &PoseName| {
+            let mut q = robot.home();
+            for (motor, deg) in &name.q_deg {
+                *q.get_mut(robot.motor_index(motor)?)? = deg.to_radians();
+            }
+            Some(NamedPose { name: name.name.clone(), q })
+        };
+        let given = self.names.iter().filter(|name| name.robot == robot.name).filter_map(pose);
+        given.chain([NamedPose { name: "home".to_owned(), q: robot.home() }]).collect()
     }
 
     /// What is known of the whole recording.

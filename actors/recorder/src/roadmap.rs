@@ -14,7 +14,22 @@ pub(crate) struct Roadmap {
     pub(crate) plan: Vec<u32>,
     /// What changed since it was last drawn.
     pub(crate) changed: Changed,
+    /// Poses that have names.
+    pub(crate) named: Vec<NamedPose>,
+    /// Names of vertices that are at one of them.
+    pub(crate) names: BTreeMap<u32, String>,
 }
+
+/// A pose of a robot that has a name.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct NamedPose {
+    pub(crate) name: String,
+    /// The whole robot's pose, rad of encoder.
+    pub(crate) q: Vec<f64>,
+}
+
+/// A vertex has the name of a pose if no motor of it is farther away, rad.
+const SAME: f64 = 1e-5;
 
 /// Where a vertex is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +52,11 @@ impl Roadmap {
     /// Takes over a note; `right` is the direction in the world that the flat drawing has on its right.
     pub(crate) fn on(&mut self, note: &Note, right: [f32; 3]) {
         match note {
-            Note::Vertex { id, at, .. } => {
+            Note::Vertex { id, at, q } => {
+                match self.named.iter().find(|pose| pose.is_at(q)) {
+                    Some(pose) => drop(self.names.insert(*id, pose.name.clone())),
+                    None => drop(self.names.remove(id)),
+                }
                 let at = at.map(|v| v as f32);
                 let taken: Vec<_> = self.vertices.values().map(|v| v.flat).collect();
                 let flat = layout::place(layout::project(at, right), &taken);
@@ -75,6 +94,26 @@ impl Roadmap {
         (left < right).then_some([left, top, right, bottom])
     }
 
+    /// The lowest and the highest corner of the box around it in the world, meters.
+    pub(crate) fn extent(&self) -> Option<([f32; 3], [f32; 3])> {
+        let grown = |(low, high): ([f32; 3], [f32; 3]), at: [f32; 3]| {
+            let pick = |f: fn(f32, f32) -> f32, a: [f32; 3]| std::array::from_fn(|i| f(a[i], at[i]));
+            (pick(f32::min, low), pick(f32::max, high))
+        };
+        let first = self.vertices.values().next()?.at;
+        Some(self.vertices.values().map(|v| v.at).fold((first, first), grown))
+    }
+
+    /// A vertex's label: its pose's name, else its number.
+    pub(crate) fn label(&self, id: u32) -> String {
+        self.names.get(&id).cloned().unwrap_or_else(|| id.to_string())
+    }
+
+    /// Whether a vertex has a name.
+    pub(crate) fn has_names(&self) -> bool {
+        !self.names.is_empty()
+    }
+
     /// The undirected lines of the picture, each with the better of its two directions' states.
     pub(crate) fn lines(&self) -> BTreeMap<(u32, u32), EdgeState> {
         let mut lines = BTreeMap::new();
@@ -90,6 +129,12 @@ impl Roadmap {
     /// Directed edges in a state.
     pub(crate) fn count(&self, state: EdgeState) -> usize {
         self.edges.values().filter(|s| **s == state).count()
+    }
+}
+
+impl NamedPose {
+    fn is_at(&self, q: &[f64]) -> bool {
+        self.q.len() == q.len() && self.q.iter().zip(q).all(|(a, b)| (a - b).abs() <= SAME)
     }
 }
 
@@ -144,6 +189,19 @@ mod tests {
         assert_eq!(map.edges.len(), 3, "told again, and the same");
         map.on(&vertex(1, 5.0), [1.0, 0.0, 0.0]);
         assert_eq!(map.edges.keys().collect::<Vec<_>>(), [&(0, 2)]);
+    }
+
+    #[test]
+    fn a_vertex_at_a_pose_with_a_name_is_called_by_it_until_it_is_elsewhere() {
+        let named = vec![NamedPose { name: "left".into(), q: vec![0.5, 1.0] }];
+        let mut map = Roadmap { named, ..Roadmap::default() };
+        let vertex = |id, q: &[f64]| Note::Vertex { id, q: q.to_vec(), at: [f64::from(id), -1.0, 0.0] };
+        map.on(&vertex(0, &[0.0, 0.0]), [1.0, 0.0, 0.0]);
+        map.on(&vertex(1, &[0.5, 1.0 + 1e-9]), [1.0, 0.0, 0.0]);
+        assert_eq!([0, 1, 7].map(|id| map.label(id)), ["0", "left", "7"]);
+        assert_eq!(map.extent(), Some(([0.0, -1.0, 0.0], [1.0, -1.0, 0.0])));
+        map.on(&vertex(1, &[0.5]), [1.0, 0.0, 0.0]);
+        assert_eq!(map.label(1), "1");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::blueprint::Shown;
 use crate::body::{Body, Look, entity};
 use crate::draw::Drawing;
 use crate::palette;
-use crate::roadmap::Roadmap;
+use crate::roadmap::{NamedPose, Roadmap};
 use crate::stream::{Stream, Written};
 use crate::traces::Traces;
 use mobee_contract::Pose;
@@ -35,6 +35,7 @@ impl Shadow {
         robot: &Arc<Robot>,
         base: &Isometry3<f64>,
         index: usize,
+        named: Vec<NamedPose>,
     ) -> Result<Shadow, String> {
         let name = entity(&robot.name);
         lane(stream, &format!("state/{name}/filter"), &palette::FILTER)?;
@@ -44,7 +45,7 @@ impl Shadow {
         Ok(Shadow {
             body: Body::new(stream, robot, base, index as u16, &Look::RUN)?,
             traces: Traces::new(stream, robot, base)?,
-            roadmap: Roadmap::default(),
+            roadmap: Roadmap { named, ..Roadmap::default() },
             drawing: Drawing::new(stream, &name)?,
             contacts: Vec::new(),
             rollbacks: 0,

@@ -11,6 +11,8 @@ use rerun::{LineStrips3D, Scalars, SeriesLines};
 
 /// A motor is plotted again when it changed by more than this, rad (0.05 degrees).
 const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
+/// A part counts as moving when a motor of it is farther than this from where it was first, rad (one degree).
+const BEGINS: f64 = 20.0 * STEP;
 /// A resting part is plotted again after this time, ns.
 const AT_LEAST: i64 = 1_000_000_000;
 /// A trail goes on when its marker moved by more than this, meters.
@@ -38,6 +40,9 @@ struct Plot {
     written: Option<(i64, Vec<f64>)>,
     /// The newest pose that was not worth writing; written when motion goes on, else the line would slope.
     held: Option<(i64, Vec<f64>)>,
+    /// The first pose, and whether the part has left it.
+    first: Option<Vec<f64>>,
+    moves: bool,
 }
 
 struct Trail {
@@ -63,9 +68,20 @@ impl Traces {
             let motors = part.motors.clone().filter_map(|m| robot.motors.get(m));
             let name_of = |m: &Motor| if m.motion.is_turn() { m.name.clone() } else { format!("{} (mm)", m.name) };
             let names: Vec<_> = motors.map(name_of).collect();
-            stream.log_static(&path, &SeriesLines::new().with_names(names))?;
+            let colors = (0..names.len()).map(palette::series);
+            stream.log_static(&path, &SeriesLines::new().with_names(names).with_colors(colors))?;
             let motors = part.motors.clone();
-            parts.push(Plot { path, part: i, motors, times: vec![], degrees: vec![], written: None, held: None });
+            parts.push(Plot {
+                path,
+                part: i,
+                motors,
+                times: vec![],
+                degrees: vec![],
+                written: None,
+                held: None,
+                first: None,
+                moves: false,
+            });
         }
         let mut trails = Vec::new();
         for (i, marker) in trail_markers(robot).into_iter().enumerate() {
@@ -84,11 +100,12 @@ impl Traces {
         Ok(Traces { parts, trails, base: *base, frames: Vec::new() })
     }
 
-    /// The parts that are plotted, as parts of entity paths; those with a trail first.
-    pub(crate) fn parts(&self) -> Vec<String> {
+    /// The parts that are plotted, those with a trail first: names as parts of entity paths, and whether the part has moved.
+    pub(crate) fn parts(&self) -> Vec<(String, bool)> {
         let mut parts: Vec<_> = self.parts.iter().collect();
         parts.sort_by_key(|p| self.trails.iter().all(|t| t.part != p.part));
-        parts.into_iter().filter_map(|p| p.path.rsplit('/').next()).map(str::to_owned).collect()
+        let name = |p: &Plot| p.path.rsplit('/').next().map(|name| (name.to_owned(), p.moves));
+        parts.into_iter().filter_map(name).collect()
     }
 
     /// The entities of the trails.
@@ -96,12 +113,14 @@ impl Traces {
         self.trails.iter().map(|t| t.path.clone()).collect()
     }
 
-    /// Takes note of a pose.
-    pub(crate) fn pose(&mut self, at: Time, robot: &Robot, q: &[f64]) {
+    /// Takes note of a pose; gives whether a part moves that had not moved before.
+    pub(crate) fn pose(&mut self, at: Time, robot: &Robot, q: &[f64]) -> bool {
         let at = at.0 as i64;
+        let mut begins = false;
         for plot in &mut self.parts {
             if let Some(q) = q.get(plot.motors.clone()) {
                 plot.pose(at, q);
+                begins |= plot.begins(q);
             }
         }
         robot.forward_from(&self.base, q, &mut self.frames);
@@ -110,6 +129,7 @@ impl Traces {
                 trail.place(at, vec3(&frame.translation.vector));
             }
         }
+        begins
     }
 
     /// Sends what waits.
@@ -138,6 +158,16 @@ impl Traces {
 }
 
 impl Plot {
+    /// Whether the part leaves its first pose now.
+    fn begins(&mut self, q: &[f64]) -> bool {
+        if self.moves {
+            return false;
+        }
+        let first = self.first.get_or_insert_with(|| q.to_vec());
+        self.moves = first.iter().zip(q).any(|(a, b)| (a - b).abs() > BEGINS);
+        self.moves
+    }
+
     fn pose(&mut self, at: i64, q: &[f64]) {
         let moved = |last: &[f64]| last.iter().zip(q).any(|(a, b)| (a - b).abs() > STEP);
         match &self.written {
@@ -182,7 +212,7 @@ impl Trail {
 
 /// The markers whose trails are shown, at most one of each part: hands and tools, else those whose file entry asks for
 /// a tracer, else all.
-fn trail_markers(robot: &Robot) -> Vec<&Marker> {
+pub(crate) fn trail_markers(robot: &Robot) -> Vec<&Marker> {
     let pick = |f: &dyn Fn(&Marker) -> bool| -> Vec<&Marker> {
         let mut picked: Vec<&Marker> = Vec::new();
         for marker in robot.markers.iter().filter(|m| f(m)) {

@@ -30,8 +30,9 @@ fn displaced(motor: &str, by: &str) -> String {
     format!("{motor} was moved by {by} at rest: by another program, by hand or by its weight")
 }
 
-/// A line of the log: the source (`system`, `world` or a robot's name), level and text. `None`: not worth a line.
-pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
+/// A line of the log: the source (`system`, `world` or a robot's name), level and text. `None`: not worth a line. `vertex` is the
+/// label of a robot's vertex.
+pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -> Option<(&'a str, Level, String)> {
     use Level::{Debug, Error, Info, Trace, Warn};
     Some(match event {
         Event::Started { seed, clock, .. } => ("system", Info, format!("started: seed {seed}, {clock} clock")),
@@ -106,7 +107,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             let at = at.map(|[x, y, z]| format!(" at {x:.2} {y:.2} {z:.2} m")).unwrap_or_default();
             ("world", Info, format!("{object} {}:{class}{at}", what.word()))
         }
-        Event::Note { robot, note } => return note_line(robot, note),
+        Event::Note { robot, note } => return note_line(robot, note, &|id| vertex(robot, id)),
         Event::Done { robot, summary } => (robot, Info, format!("done: {}", summary.text)),
         Event::AgentActs { robot, acts } => {
             (robot, Info, if *acts { "its own agent acts again" } else { "its own agent makes way" }.to_owned())
@@ -133,25 +134,26 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
     })
 }
 
-fn note_line<'a>(robot: &'a str, note: &Note) -> Option<(&'a str, Level, String)> {
+fn note_line<'a>(robot: &'a str, note: &Note, vertex: &dyn Fn(u32) -> String) -> Option<(&'a str, Level, String)> {
+    let way = |from: u32, to: u32| format!("{} -> {}", vertex(from), vertex(to));
     Some(match note {
         // what it taught of the edge says the rest
         Note::Vertex { .. } | Note::Tried { .. } => return None,
         Note::Edge { from, to, state: EdgeState::Feasible, .. } => {
-            (robot, Level::Info, format!("edge {from} -> {to} is feasible"))
+            (robot, Level::Info, format!("edge {} is feasible", way(*from, *to)))
         }
         Note::Edge { from, to, state: EdgeState::Removed, cause } => {
             let because = cause.as_ref().map(|c| format!(": {c}")).unwrap_or_default();
-            (robot, Level::Warn, format!("edge {from} -> {to} removed{because}"))
+            (robot, Level::Warn, format!("edge {} removed{because}", way(*from, *to)))
         }
         Note::Edge { from, to, state: EdgeState::Blocked, cause } => {
             let because = cause.as_ref().map(|c| format!(": {c}")).unwrap_or_default();
-            (robot, Level::Debug, format!("edge {from} -> {to} is blocked{because}"))
+            (robot, Level::Debug, format!("edge {} is blocked{because}", way(*from, *to)))
         }
         Note::Edge { .. } => return None,
         Note::Plan { path } if path.is_empty() => return None,
         Note::Plan { path } => {
-            let path: Vec<_> = path.iter().map(u32::to_string).collect();
+            let path: Vec<_> = path.iter().map(|id| vertex(*id)).collect();
             (robot, Level::Debug, format!("plan: {}", path.join(" -> ")))
         }
         Note::Log { text } => (robot, Level::Info, text.clone()),

@@ -21,7 +21,7 @@ impl Print<'_> {
         let words = self.tabs("Words", &[near, left_out, about])?;
         let right = self.container(ContainerKind::Vertical, "Motor and words", &[now, words], &[2.0, 3.0])?;
         let top = self.container(ContainerKind::Horizontal, "Robot and words", &[scene, right], &[5.0, 3.0])?;
-        let lanes = self.view("StateTimeline", "Which motor, and how near", "/state")?;
+        let lanes = self.lanes("Which motor, and how near", "/state")?;
         let plot = self.view("TimeSeries", "Where it is", "/position")?;
         let bottom = self.container(ContainerKind::Horizontal, "Over time", &[lanes, plot], &[5.0, 3.0])?;
         self.container(ContainerKind::Vertical, "Model", &[top, bottom], &[4.0, 1.0])?;
