@@ -26,6 +26,12 @@ pub fn text(run: &Path, json: bool) -> Result<String, Report> {
         match v {
             serde_json::Value::Object(map) if map.is_empty() => {}
             serde_json::Value::Array(list) if list.is_empty() => {}
+            serde_json::Value::Array(_) if key == "done" => s.done.iter().for_each(|(robot, figures)| {
+                let _ = writeln!(out, "  {robot:22} {}", figures.text);
+                for (name, value) in &figures.figures {
+                    let _ = writeln!(out, "    {name:20} {value}");
+                }
+            }),
             serde_json::Value::Null => {}
             serde_json::Value::Object(map) => {
                 let parts: Vec<String> = map.iter().map(|(k, n)| format!("{k} {n}")).collect();

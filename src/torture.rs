@@ -90,7 +90,7 @@ pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, R
     // the bound is measured with the usual faults
     let usual = args.faults.is_empty() || args.faults.starts_with("usual");
     let most_faulted = trial.most_faulted().filter(|_| usual && args.only.is_none());
-    let mut tally = Tally { most_faulted, ..Tally::default() };
+    let mut tally = Tally { most_faulted, replaced: trial.replaced.clone(), ..Tally::default() };
     for seed in args.first..args.first.saturating_add(args.seeds) {
         if args.minutes.is_some_and(|m| started.elapsed().as_secs_f64() > 60.0 * m) {
             break;

@@ -74,7 +74,9 @@ impl Poses<'_> {
             }
             let help = match itself {
                 true => self.free_itself(i, &others),
-                false => "move the object or the robot's base, or choose a smaller margin".to_owned(),
+                false => "move the object or the robot's base, let the robot start elsewhere (`start_deg` of the driver `sim`, `home` in \
+                          the robot's file), or choose a smaller margin"
+                    .to_owned(),
             };
             wrong.push(self.source.error(&path, what, help));
         }

@@ -8,6 +8,7 @@
 use super::include::{IncludeReader, TextFile, from_home};
 use super::layer::{Content, LayerNode, Origin, plain};
 use super::{Complaints, ConfigError};
+use mobee_contract::nearest;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -137,7 +138,7 @@ impl Source {
                     list.iter()
                         .position(|n| n.text("name") == Some(step))
                         .or_else(|| step.parse().ok().filter(|i| *i < list.len()))
-                        .ok_or_else(|| bad(format!("there is no `{step}` in this list")))?,
+                        .ok_or_else(|| bad(not_in(list, step)))?,
                 ),
                 Content::Table(_) => None,
                 Content::Leaf(_) => return Err(bad(format!("`{step}` leads through something that is no table"))),
@@ -171,6 +172,17 @@ impl Source {
     /// A complaint about the value these steps lead to, or the nearest table if there is none; at its key, or at the value.
     pub fn complain(&self, steps: &[String], at_key: bool, message: String, help: impl Into<String>) -> ConfigError {
         let node = self.nearest(steps);
+        let help = match (message.ends_with(" is missing"), node.child("kind").map(|kind| &kind.origin)) {
+            // the file that is pointed at has the key, for the kind that it names
+            (true, Some(Origin::Set(by) | Origin::Environment(by))) if matches!(node.origin, Origin::File { .. }) => {
+                let first = "a changed kind starts without the other kind's settings; give them with it";
+                format!(
+                    "`{by}` changed the kind, and {first}, as a table: KEY={{kind=\"...\", key=...}}\n{}",
+                    help.into()
+                )
+            }
+            _ => help.into(),
+        };
         let plain = |place: &str| ConfigError::plain(format!("{place}: {message}"), "");
         match &node.origin {
             Origin::Set(assignment) => plain(&format!("--set {assignment}")).with_help(help),
@@ -246,6 +258,17 @@ impl Source {
 /// `robot[0].agent` as steps.
 fn steps(path: &str) -> Vec<String> {
     path.replace('[', ".").replace(']', "").split('.').filter(|s| !s.is_empty()).map(str::to_owned).collect()
+}
+
+/// What to write of a step that names no element of a list.
+fn not_in(list: &[LayerNode], step: &str) -> String {
+    let names: Vec<&str> = list.iter().filter_map(|n| n.text("name")).collect();
+    let near = nearest(step, &names).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
+    match (names.as_slice(), near.as_str()) {
+        ([], _) => format!("there is no `{step}` in this list of {}", list.len()),
+        (known, "") => format!("there is no `{step}` in this list, which has {}", known.join(", ")),
+        _ => format!("there is no `{step}` in this list{near}"),
+    }
 }
 
 fn misassigned(origin: &Origin, what: String) -> ConfigError {

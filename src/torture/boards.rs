@@ -27,6 +27,14 @@ impl Driven {
         config.robot.iter_mut().enumerate().map(|(i, robot)| Driven::of(i, robot, source)).collect()
     }
 
+    /// The robots whose driver torture replaces by the simulated one, each with the kind of its own driver.
+    pub fn replaced(config: &Config) -> Vec<(String, String)> {
+        let kind =
+            |robot: &RobotConfig| robot.driver.get("kind").and_then(Value::as_str).unwrap_or_default().to_owned();
+        let robots = config.robot.iter().map(|robot| (robot.name.clone(), kind(robot)));
+        robots.filter(|(_, kind)| ![SIM, YARP].contains(&kind.as_str())).collect()
+    }
+
     fn of(i: usize, robot: &mut RobotConfig, source: &Source) -> Result<Driven, ConfigError> {
         let wrong = |e: KindError| source.error(&format!("robot[{i}].driver.{}", e.path), e.what, e.help);
         let mut settings = robot.driver.clone();
@@ -120,5 +128,23 @@ impl Boards {
             Boards::Sim(_) => Vec::new(),
             Boards::Yarp(hardware) => hardware.found(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::torture::report::Tally;
+    use std::path::Path;
+
+    #[test]
+    fn a_driver_that_torture_does_not_test_is_named_in_the_report() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/collide.toml");
+        let other = "robot.left.driver={kind=\"replay\", file=\"poses.csv\"}".to_owned();
+        let (config, _) = Config::load(&file, &[other]).unwrap();
+        let replaced = Driven::replaced(&config);
+        assert_eq!(replaced, [("left".to_owned(), "replay".to_owned())], "and not the simulated one");
+        let report = Tally { replaced, ..Tally::default() }.to_string();
+        assert!(report.contains("left was simulated: its driver `replay` was not tested"), "{report}");
     }
 }

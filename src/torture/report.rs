@@ -56,6 +56,8 @@ pub struct Tally {
     pub failed: Vec<u64>,
     /// The greatest share of the commits that may end as faulted, percent, if it is bounded.
     pub most_faulted: Option<f64>,
+    /// The robots whose own driver was replaced by the simulated one, each with that driver's kind.
+    pub replaced: Vec<(String, String)>,
     /// What differed when the first seed ran a second time (I13).
     pub twice: Vec<String>,
 }
@@ -177,6 +179,12 @@ impl fmt::Display for Tally {
         }
         if let Some(growth) = self.growth {
             writeln!(f, "memory     {growth:+.2} MB per hour after warming up")?;
+        }
+        for (robot, kind) in &self.replaced {
+            writeln!(
+                f,
+                "driver     {robot} was simulated: its driver `{kind}` was not tested (the conformance suite does that)"
+            )?;
         }
         for what in &self.twice {
             writeln!(f, "{what}")?;

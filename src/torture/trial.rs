@@ -43,6 +43,8 @@ pub struct TortureTrial {
     config: Config,
     source: Source,
     driven: Vec<Driven>,
+    /// The robots whose own driver is replaced by the simulated one, each with that driver's kind.
+    pub replaced: Vec<(String, String)>,
     /// What plans are made for.
     pub facts: Facts,
 }
@@ -173,13 +175,14 @@ impl TortureTrial {
         let (mut config, source) = Config::load(file, set)?;
         (config.clock, config.yarp, config.for_s) = (ClockMode::Virtual, None, None);
         config.bridge.clear();
+        let replaced = Driven::replaced(&config);
         let driven = Driven::all(&mut config, &source)?;
         let wires = driven.iter().map(Driven::wires).collect();
         let composed = compose(config.clone(), &source)?;
         let (scene, sensors) = (composed.scene, composed.sensors.iter().map(sight::actors).collect());
         let limits = |r: &mobee_model::Robot| r.motors.iter().map(|m| (m.min, m.max)).collect();
         let robots = config.robot.iter().zip(scene.robots()).map(|(c, r)| (c.name.clone(), limits(r))).collect();
-        Ok(TortureTrial { config, source, driven, facts: Facts { robots, wires, sensors, secs, mild } })
+        Ok(TortureTrial { config, source, driven, replaced, facts: Facts { robots, wires, sensors, secs, mild } })
     }
 
     /// What keeps the measured poses of a run in this folder.
@@ -206,6 +209,7 @@ impl TortureTrial {
             let own = self.boards(i, seed, composed.scene.robots())?;
             planned.iter().for_each(|p| own.suffer(i, p));
             robot.hardware = own.hardware();
+            robot.hardware.place(&composed.scene, i).map_err(|e| Report::msg(e.to_string()))?;
             boards.push(own);
             for p in planned {
                 if let What::ShortHistory(poses) = p.what {

@@ -116,7 +116,12 @@ fn arguments_are_answered_too() {
         (&["run", "nowhere.toml"], "nowhere.toml"),
         (&["run", "behavior.toml", "--set", "robot.edge.agent.sped=0.1"], "did you mean `speed`"),
         (&["run", "behavior.toml", "--set", "speed"], "there is no `=`"),
-        (&["run", "behavior.toml", "--set", "robot.nobody.name=x"], "nobody"),
+        (&["run", "behavior.toml", "--set", "robot.nobody.name=x"], "no `nobody` in this list"),
+        (&["run", "behavior.toml", "--set", "robot.edg.agent.speed=0.1"], "mean `edge`?"),
+        (
+            &["check", "behavior.toml", "--set", "robot.edge.agent.kind=roadmap"],
+            "starts without the other kind's settings",
+        ),
         (&["run", "behavior.toml", "--clock", "sundial"], "the clocks are"),
         (&["run", "behavior.toml", "--for", "-3"], "out of range"),
         (&["run", "behavior.toml", "--out", "."], "exists already"),
