@@ -53,8 +53,8 @@ mod way;
 
 pub use replay::ReplayHardware;
 pub use sim::{
-    Fault, FaultId, Garbage, Imitated, Plant, SIM, SimBoard, SimClock, SimDriver, SimFaults, SimHardware, SimSettings,
-    StoppingPath, path, stopping_path,
+    ArmProfile, DoneRule, Fault, FaultId, Garbage, Imitated, Plant, SIM, ServoSettings, SimBoard, SimClock, SimDriver,
+    SimFaults, SimHardware, SimSettings, StopRule, StoppingPath, UnknownBox, path, stopping_path,
 };
 pub use yarp::{
     Moves, PartSettings, Who, WireFault, YARP, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim, disagreement,

@@ -2,6 +2,7 @@
 
 mod board;
 mod braking;
+mod dynamics;
 mod encoders;
 mod faults;
 pub mod path;
@@ -11,10 +12,12 @@ mod settings;
 pub(crate) use board::JointSettings;
 pub use board::{SimBoard, SimClock};
 pub use braking::{StoppingPath, stopping_path};
+pub use dynamics::{ArmProfile, DoneRule, ServoSettings, StopRule};
 pub use faults::{Fault, FaultId, Garbage, SimFaults};
 pub use plant::Plant;
-pub use settings::{Imitated, SimSettings};
+pub use settings::{Imitated, SimSettings, UnknownBox};
 
+use dynamics::{Dynamics, Surroundings};
 use encoders::Encoders;
 use faults::Active;
 use mobee_contract as contract;
@@ -22,6 +25,7 @@ use mobee_contract::{
     Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, Kind, KindError, Known, Registered, Sample,
     SetPose, Time,
 };
+use mobee_model::{Object, Scene, SceneError};
 use serde_json::Value;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -42,10 +46,19 @@ inventory::submit! {
     })
 }
 
+/// A board that reports arrivals counts a joint as arrived within this, rad.
+const ARRIVED: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// Damping of a contact over its stiffness, s.
+const CONTACT_DAMPING_S: f64 = 0.01;
+
 /// What all drivers of one simulated robot share: the hardware itself.
 #[derive(Debug)]
 pub struct SharedPlant {
+    /// The board: it shapes the commanded positions.
     plant: Plant,
+    /// The arm that follows them; `None`: its joints are where they are commanded.
+    arm: Option<Dynamics>,
+    done: DoneRule,
     encoders: Encoders,
     latency: Duration,
     /// The newest reading, until it is fetched.
@@ -68,6 +81,7 @@ pub struct SimHardware {
     facts: contract::Board,
     start: Option<Vec<f64>>,
     imitates: Option<Imitated>,
+    settings: Arc<SimSettings>,
 }
 
 impl SimHardware {
@@ -88,6 +102,14 @@ impl SimHardware {
         settings.validate()?;
         let start = settings.start(&context.robot)?;
         let hardware = SimHardware::with_axes(settings.axes(&context.robot), &start, settings, context.seed);
+        if let Some(numbers) = settings.arm() {
+            let servo = settings.servo.clone().unwrap_or_default();
+            let (rules, mut board) = (servo.rules(&numbers), lock(&hardware.board));
+            let plant = Plant::new(settings.axes(&context.robot), &start, settings.move_profile());
+            board.plant = plant.with_rules(rules);
+            board.arm = Some(Dynamics::new(servo.servos(&numbers, &context.robot), &start));
+            board.done = rules.done;
+        }
         Ok(SimHardware { start: Some(start).filter(|_| !settings.start_deg.is_empty()), ..hardware })
     }
 
@@ -100,7 +122,9 @@ impl SimHardware {
             position_direct: true,
         };
         let board = SharedPlant {
-            plant: Plant::new(axes, start, settings.profile()),
+            plant: Plant::new(axes, start, settings.move_profile()),
+            arm: None,
+            done: DoneRule::Trajectory,
             encoders: Encoders::new(settings, seed),
             latency: settings.latency(),
             unread: None,
@@ -108,7 +132,13 @@ impl SimHardware {
             faults: Vec::new(),
             faults_made: 0,
         };
-        SimHardware { board: Arc::new(Mutex::new(board)), facts, start: None, imitates: settings.imitates }
+        SimHardware {
+            board: Arc::new(Mutex::new(board)),
+            facts,
+            start: None,
+            imitates: settings.imitates,
+            settings: Arc::new(settings.clone()),
+        }
     }
 
     /// Whom it behaves like.
@@ -130,14 +160,31 @@ impl SimHardware {
     pub fn positions(&self, now: Time) -> Vec<f64> {
         let mut board = lock(&self.board);
         board.advance(now);
-        board.plant.positions().collect()
+        board.positions()
     }
 
     /// How fast the motors really are, rad/s.
     pub fn speeds(&self, now: Time) -> Vec<f64> {
         let mut board = lock(&self.board);
         board.advance(now);
-        board.plant.speeds().collect()
+        match &board.arm {
+            Some(arm) => arm.speeds().collect(),
+            None => board.plant.speeds().collect(),
+        }
+    }
+
+    /// The torques of the servos, N m (N where a joint slides); none for kinematic joints.
+    pub fn efforts(&self, now: Time) -> Option<Vec<f64>> {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        board.arm.as_ref().map(|arm| arm.efforts().collect())
+    }
+
+    /// The greatest force with which the arm has pushed anything so far, N, and for how long it has been pushing without a pause.
+    pub fn pushed(&self, now: Time) -> (f64, Duration) {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        board.arm.as_ref().map_or((0.0, Duration::ZERO), |arm| (arm.greatest_force(), arm.pressing()))
     }
 
     /// Per motor, if something holds it ([`Fault::Blocked`]): since when, and how far its board wants it beyond, rad.
@@ -152,7 +199,7 @@ impl SimHardware {
     pub fn done(&self, now: Time) -> Vec<bool> {
         let mut board = lock(&self.board);
         board.advance(now);
-        board.plant.done()
+        board.done()
     }
 }
 
@@ -168,6 +215,20 @@ impl Hardware for SimHardware {
 
     fn runs_in_virtual_time(&self) -> bool {
         true
+    }
+
+    fn place(&self, scene: &Scene, robot: usize) -> Result<(), KindError> {
+        let Some(numbers) = self.settings.arm() else { return Ok(()) };
+        let unknown: Vec<Object> = self.settings.unknown.iter().map(UnknownBox::object).collect();
+        let wrong = |e: SceneError| KindError::new("unknown", e.to_string(), "give it a name of its own");
+        let Some(scene) = Surroundings::scene_of(scene, robot, &unknown).map_err(wrong)? else { return Ok(()) };
+        let [mass, felt, stiffness] = self.settings.servo.clone().unwrap_or_default().body(&numbers);
+        // a contact loses most of its energy in one stroke
+        let damping = CONTACT_DAMPING_S * stiffness;
+        if let Some(arm) = &mut lock(&self.board).arm {
+            arm.surround(Surroundings { scene, mass, felt, stiffness, damping });
+        }
+        Ok(())
     }
 
     fn known(&self) -> Known {
@@ -236,17 +297,57 @@ impl Driver for SimDriver {
 impl SharedPlant {
     /// Moves on to `now`, reading the encoders on the way.
     fn advance(&mut self, now: Time) {
-        if let Some(mut sample) = self.encoders.read(&mut self.plant, now) {
+        if let Some((seq, at)) = self.encoders.take(now) {
+            self.pass(at);
+            let q = match &self.arm {
+                Some(arm) => self.encoders.read(arm.positions()),
+                None => self.encoders.read(self.plant.positions()),
+            };
+            let mut sample = Sample { seq, at: self.plant.now(), q, done: self.done() };
             self.falsify(&mut sample);
             self.unread = Some(sample);
         }
         let since = self.plant.now();
-        self.plant.advance(now);
+        self.pass(now);
         self.sag(since, now);
         self.hold(now);
         if self.on(now).any(|f| matches!(f.fault, Fault::Hardware { .. })) && self.plant.moves() {
             self.plant.brake_all();
         }
+    }
+
+    /// Lets board and arm move on to `to`.
+    fn pass(&mut self, to: Time) {
+        if let Some(arm) = &mut self.arm {
+            while arm.next() <= to {
+                if self.plant.is_idle() && arm.is_settled(self.plant.positions()) {
+                    arm.skip(to);
+                    break;
+                }
+                self.plant.advance(arm.next());
+                arm.step(self.plant.states());
+                self.plant.measure(arm.positions());
+            }
+        }
+        self.plant.advance(to);
+    }
+
+    /// Where the joints are, rad.
+    fn positions(&self) -> Vec<f64> {
+        match &self.arm {
+            Some(arm) => arm.positions().collect(),
+            None => self.plant.positions().collect(),
+        }
+    }
+
+    /// Per motor whether its board reports it as done.
+    fn done(&self) -> Vec<bool> {
+        let mut done = self.plant.done();
+        if let (Some(arm), DoneRule::Arrived) = (&self.arm, self.done) {
+            let off = arm.positions().zip(self.plant.positions()).map(|(q, c)| (q - c).abs());
+            done.iter_mut().zip(off).for_each(|(done, off)| *done &= off < ARRIVED);
+        }
+        done
     }
 
     fn sag(&mut self, since: Time, now: Time) {

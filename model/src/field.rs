@@ -13,7 +13,7 @@
 //! took its lever from the node's origin instead of the witness point.)
 
 use crate::engine::{DefaultEngine, Engine};
-use crate::{Contact, JointMotion, Pair, Robot, Scene, ShapeId, Watch};
+use crate::{Contact, Pair, Robot, Scene, ShapeId, Watch};
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
@@ -102,20 +102,7 @@ impl<E: Engine> Field<E> {
                 if self.frames.is_empty() {
                     skeleton.place(poses.get(robot).map_or(&[], AsRef::as_ref), &mut self.frames);
                 }
-                // Down the chain to the base: every hinge below the shape feels the push by its lever, every slide along its axis.
-                let mut frame = skeleton.frame.get(usize::from(node)).copied().unwrap_or(0);
-                while let Some(hinge) = frame.checked_sub(1).and_then(|f| skeleton.joints.get(f)) {
-                    let world = &self.frames[frame];
-                    let axis = world.rotation * *hinge.axis;
-                    let way = match hinge.motion {
-                        JointMotion::Turn => axis.cross(&(point.coords - world.translation.vector)),
-                        JointMotion::Slide => axis,
-                    };
-                    if let Some(torque) = self.torques.get_mut(hinge.motor) {
-                        *torque += hinge.gain * way.dot(&push);
-                    }
-                    frame = hinge.parent;
-                }
+                skeleton.add_torques(&self.frames, usize::from(node), &point, &push, &mut self.torques);
             }
         }
         &self.torques

@@ -9,6 +9,7 @@ mod line;
 mod queries;
 mod report;
 mod skeleton;
+mod torques;
 mod travel;
 mod world;
 
@@ -33,11 +34,38 @@ use std::sync::Arc;
 #[serde(rename_all = "lowercase")]
 pub enum ObjectClass {
     /// Touching it makes the reflex act.
+    #[serde(alias = "obs")]
     Obstacle,
     /// Something to reach for; never collides.
+    #[serde(alias = "tgt")]
     Target,
     /// Shown only; never collides.
+    #[serde(alias = "gho")]
     Ghost,
+}
+
+impl ObjectClass {
+    /// The words that files and requests may use, each class by its own and by the original program's.
+    pub const WORDS: [(&str, ObjectClass); 6] = [
+        ("obstacle", ObjectClass::Obstacle),
+        ("target", ObjectClass::Target),
+        ("ghost", ObjectClass::Ghost),
+        ("obs", ObjectClass::Obstacle),
+        ("tgt", ObjectClass::Target),
+        ("gho", ObjectClass::Ghost),
+    ];
+
+    /// The class of a word, ours or the original program's (`obs`, `tgt`, `gho`).
+    ///
+    /// # Examples
+    /// ```
+    /// # use mobee_model::ObjectClass;
+    /// assert_eq!(ObjectClass::of_word("tgt"), ObjectClass::of_word("target"));
+    /// assert_eq!(ObjectClass::of_word("goal"), None);
+    /// ```
+    pub fn of_word(word: &str) -> Option<ObjectClass> {
+        ObjectClass::WORDS.iter().find(|(known, _)| *known == word).map(|(_, class)| *class)
+    }
 }
 
 /// A rigid object of the world.

@@ -1,7 +1,7 @@
 //! What kinds are built from, and what may be wrong with it; and hardware, which a kind of driver builds. The registry: `registry.rs`.
 
 use crate::{Answer, Driver, DriverFault};
-use mobee_model::Robot;
+use mobee_model::{Robot, Scene};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::sync::Arc;
@@ -112,6 +112,14 @@ pub trait Hardware: Send + Sync {
     /// may not is not connected to before the run, either.
     fn runs_in_virtual_time(&self) -> bool {
         false
+    }
+
+    /// Where its robot stands, and among which objects, told once before the first connection: a simulation with forces touches them.
+    ///
+    /// # Errors
+    /// A setting that does not fit the scene.
+    fn place(&self, _scene: &Scene, _robot: usize) -> Result<(), KindError> {
+        Ok(())
     }
 
     /// Another takes this board's place, and drives it: from now on write nothing to it, not even a stop at the end.

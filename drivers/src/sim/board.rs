@@ -72,6 +72,10 @@ impl SimBoard {
     /// The first setting that can't be used.
     pub fn all(settings: &SimSettings, context: &Context, clock: SimClock) -> Result<Vec<SimBoard>, KindError> {
         settings.validate()?;
+        if settings.arm().is_some() {
+            let what = "`mobee sim` serves each part as a board of its own, with kinematic joints";
+            return Err(KindError::new("profile", what, "leave the profile out, or let `mobee run` simulate the arm"));
+        }
         let (axes, start) = (settings.axes(&context.robot), settings.start(&context.robot)?);
         let mut boards = Vec::new();
         for (i, part) in context.robot.parts.iter().enumerate() {

@@ -1,7 +1,7 @@
 //! The encoders of the simulated robot: when they are read, and what they say.
 
-use crate::{Plant, SimSettings};
-use mobee_contract::{Sample, Time};
+use crate::SimSettings;
+use mobee_contract::{Pose, Time};
 use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::time::Duration;
@@ -26,8 +26,8 @@ impl Encoders {
         Encoders {
             period: settings.period().max(Duration::from_micros(1)),
             jitter: settings.jitter(),
-            resolution: settings.resolution_deg.to_radians(),
-            noise: settings.noise_deg.to_radians(),
+            resolution: settings.resolution().to_radians(),
+            noise: settings.noise().to_radians(),
             random: ChaCha8Rng::seed_from_u64(seed),
             next: (0, Time::ZERO),
         }
@@ -38,8 +38,8 @@ impl Encoders {
         self.next.1
     }
 
-    /// The newest reading that is due by `now`, passing over those that are due before it. Moves the plant on to the time of the reading.
-    pub fn read(&mut self, plant: &mut Plant, now: Time) -> Option<Sample> {
+    /// The number and time of the newest reading that is due by `now`, passing over those that are due before it.
+    pub fn take(&mut self, now: Time) -> Option<(u64, Time)> {
         let (mut seq, mut at) = self.next;
         if at > now {
             return None;
@@ -50,14 +50,17 @@ impl Encoders {
             at = self.time_of(seq).min(now);
         }
         self.next = (seq + 1, self.time_of(seq + 1));
-        plant.advance(at);
+        Some((seq, at))
+    }
+
+    /// Reads the motors, rad.
+    pub fn read(&mut self, motors: impl Iterator<Item = f64>) -> Pose {
         let (noise, resolution) = (self.noise, self.resolution);
         let read = |q: f64| {
             let q = if noise > 0.0 { q + noise * normal(self.random.next_u32()) } else { q };
             if resolution > 0.0 { nearest(q / resolution) * resolution } else { q }
         };
-        let q = plant.positions().map(read).collect();
-        Some(Sample { seq, at: plant.now(), q, done: plant.done() })
+        motors.map(read).collect()
     }
 
     /// Adds noise of this standard deviation (rad) to a reading.

@@ -10,7 +10,8 @@
 mod check;
 mod motor;
 
-use crate::sim::path::{Bounds, Profile};
+use super::dynamics::{BoardRules, StopRule};
+use crate::sim::path::{Bounds, Profile, State};
 use check::PlantCommand;
 use mobee_contract::{Axis, Command, ControlMode, Time};
 use motor::PlantMotor;
@@ -31,6 +32,10 @@ pub struct Plant {
     lease: Option<Time>,
     /// Accepted commands and when they take effect, in that order.
     in_flight: VecDeque<(Time, PlantCommand)>,
+    /// What differs from a kinematic board.
+    rules: BoardRules,
+    /// Where the joints are that follow the commanded positions, rad; empty: where they are commanded.
+    measured: Vec<f64>,
 }
 
 impl Plant {
@@ -47,7 +52,29 @@ impl Plant {
                 PlantMotor::at_rest(q.unwrap_or(0.5 * (axis.min + axis.max)).clamp(axis.min, axis.max), axis)
             })
             .collect();
-        Plant { axes, motors, profile, now: Time::ZERO, lease: None, in_flight: VecDeque::new() }
+        let (rules, measured) = (BoardRules::default(), Vec::new());
+        Plant { axes, motors, profile, now: Time::ZERO, lease: None, in_flight: VecDeque::new(), rules, measured }
+    }
+
+    /// The same with the rules of another board.
+    pub(super) fn with_rules(self, rules: BoardRules) -> Plant {
+        Plant { rules, ..self }
+    }
+
+    /// Where the joints are that follow its commanded positions, rad.
+    pub(super) fn measure(&mut self, q: impl Iterator<Item = f64>) {
+        self.measured.clear();
+        self.measured.extend(q);
+    }
+
+    /// Whether its commanded positions stay as they are until somebody commands it.
+    pub(super) fn is_idle(&self) -> bool {
+        self.in_flight.is_empty() && !self.moves()
+    }
+
+    /// Commanded position and speed of every motor.
+    pub(super) fn states(&self) -> impl Iterator<Item = State> + '_ {
+        self.motors.iter().map(|m| m.state(self.now))
     }
 
     /// The time it was last told.
@@ -193,7 +220,10 @@ impl Plant {
 
     fn take_effect(&mut self, at: Time, command: PlantCommand) {
         let leased = self.is_leased();
-        let profile = self.profile;
+        let (profile, rules) = (self.profile, self.rules);
+        // a stop that holds what the encoders read
+        let held: Vec<f64> =
+            if rules.stop == StopRule::Measured { std::mem::take(&mut self.measured) } else { Vec::new() };
         let mut with = |m: usize, act: &mut dyn FnMut(&mut PlantMotor, &Axis)| {
             if let (Some(motor), Some(axis)) = (self.motors.get_mut(m), self.axes.get(m)) {
                 act(motor, axis);
@@ -203,7 +233,7 @@ impl Plant {
             PlantCommand::Move(ways) => {
                 for way in ways {
                     with(way.motor, &mut |motor, axis| {
-                        motor.refer(way.speed, way.acceleration, axis);
+                        motor.refer(way.speed, way.acceleration.filter(|_| !rules.ignores_acceleration), axis);
                         if leased {
                             motor.go(at, way.to, profile, greatest(axis));
                         }
@@ -223,12 +253,16 @@ impl Plant {
             PlantCommand::Direct(_) | PlantCommand::Velocity(_) => {}
             PlantCommand::Stop(motors) => {
                 for m in motors {
-                    with(m, &mut |motor, axis| motor.brake(at, greatest(axis)));
+                    with(m, &mut |motor, axis| match held.get(m) {
+                        Some(q) => motor.hold_at(at, *q),
+                        None => motor.brake(at, greatest(axis)),
+                    });
                 }
             }
             PlantCommand::Reference(references) => {
                 for (m, speed, acceleration) in references {
-                    with(m, &mut |motor, axis| motor.refer(Some(speed), Some(acceleration), axis));
+                    let acceleration = Some(acceleration).filter(|_| !rules.ignores_acceleration);
+                    with(m, &mut |motor, axis| motor.refer(Some(speed), acceleration, axis));
                 }
             }
             PlantCommand::Mode(motors, mode) => {
@@ -236,6 +270,9 @@ impl Plant {
                     with(m, &mut |motor, axis| motor.switch(at, mode, greatest(axis)));
                 }
             }
+        }
+        if !held.is_empty() {
+            self.measured = held;
         }
     }
 }

@@ -4,23 +4,66 @@ mod imitated;
 
 pub use imitated::Imitated;
 
+use crate::sim::dynamics::{ArmNumbers, ArmProfile, ServoSettings};
 use crate::sim::path::Profile;
 use mobee_contract::{Axis, KindError, suggestion};
-use mobee_model::Robot;
+use mobee_model::{Object, ObjectClass, Primitive, Robot, Shape};
+use nalgebra::{Isometry3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+/// Resolution and noise of the encoders of kinematic joints, deg.
+const RESOLUTION_DEG: f64 = 0.01;
+/// See above.
+const NOISE_DEG: f64 = 0.005;
+
+/// A box that is only in the simulated world, upright.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct UnknownBox {
+    /// Its name, for reports.
+    pub name: String,
+    /// Full edge lengths along x, y and z, m.
+    pub size_m: [f64; 3],
+    /// Where its center is in the world frame, m.
+    pub at_m: [f64; 3],
+}
+
+impl UnknownBox {
+    /// As an obstacle of a scene.
+    pub(crate) fn object(&self) -> Object {
+        let [x, y, z] = self.at_m;
+        let shape = Shape::Box { size: Vector3::from(self.size_m) };
+        Object {
+            name: self.name.clone(),
+            class: ObjectClass::Obstacle,
+            persistent: true,
+            pose: Isometry3::translation(x, y, z),
+            shapes: vec![Primitive { shape, pose: Isometry3::identity() }],
+            color: None,
+        }
+    }
+}
+
 /// Settings of a simulated robot. All have defaults. Degrees mean millimeters for motors that slide.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimSettings {
-    /// A robot to imitate, such as `iCub_SIM`; its measured behavior replaces `profile` and the model's limits.
+    /// A robot to imitate, such as `iCub_SIM`; its measured behavior replaces `move_profile` and the model's limits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imitates: Option<Imitated>,
+    /// The kind of arm: `ideal` (kinematic joints), or `icub`, `panda`, `ur5`, `so101` with servos, weight and elastic contact.
+    pub profile: ArmProfile,
+    /// Servos, weight and board other than the profile's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub servo: Option<ServoSettings>,
+    /// Boxes that the simulated arm touches, and the model does not know; not with kinematic joints.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unknown: Vec<UnknownBox>,
     /// Shape of position moves: `minimum_jerk`, `trapezoidal` or `gain`.
-    pub profile: Profile,
+    pub move_profile: Profile,
     /// Maximum speed of every motor, deg/s. A motor whose robot file gives a lower `maxSpeed` keeps to that.
     pub max_speed_deg_per_s: f64,
     /// Maximum acceleration of every motor, also in braking, deg/s^2.
@@ -29,10 +72,12 @@ pub struct SimSettings {
     pub latency_ms: f64,
     /// Encoder readings per second.
     pub rate_hz: f64,
-    /// Resolution of the encoders, deg; 0: unlimited.
-    pub resolution_deg: f64,
-    /// Standard deviation of the encoder noise, deg; no reading is off by more than 3.5 times this.
-    pub noise_deg: f64,
+    /// Resolution of the encoders, deg; 0: unlimited. 0.01, or the profile's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resolution_deg: Option<f64>,
+    /// Standard deviation of the encoder noise, deg; no reading is off by more than 3.5 times this. 0.005, or the profile's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_deg: Option<f64>,
     /// Maximum deviation of a reading's time from its period, ms.
     pub jitter_ms: f64,
     /// Where motors start, by name, in encoder degrees; others start at home.
@@ -43,13 +88,16 @@ impl Default for SimSettings {
     fn default() -> SimSettings {
         SimSettings {
             imitates: None,
-            profile: Profile::default(),
+            profile: ArmProfile::Ideal,
+            servo: None,
+            unknown: Vec::new(),
+            move_profile: Profile::default(),
             max_speed_deg_per_s: 100.0,
             max_acceleration_deg_per_s2: 200.0,
             latency_ms: 20.0,
             rate_hz: 100.0,
-            resolution_deg: 0.01,
-            noise_deg: 0.005,
+            resolution_deg: None,
+            noise_deg: None,
             jitter_ms: 0.2,
             start_deg: BTreeMap::new(),
         }
@@ -59,7 +107,7 @@ impl Default for SimSettings {
 impl SimSettings {
     /// The same without noise, resolution and jitter: encoders that tell the truth.
     pub fn exact(self) -> SimSettings {
-        SimSettings { resolution_deg: 0.0, noise_deg: 0.0, jitter_ms: 0.0, ..self }
+        SimSettings { resolution_deg: Some(0.0), noise_deg: Some(0.0), jitter_ms: 0.0, ..self }
     }
 
     /// Checks every setting.
@@ -72,8 +120,8 @@ impl SimSettings {
             ("max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e6),
             ("latency_ms", self.latency_ms, 0.0, 10_000.0),
             ("rate_hz", self.rate_hz, 0.1, 10_000.0),
-            ("resolution_deg", self.resolution_deg, 0.0, 10.0),
-            ("noise_deg", self.noise_deg, 0.0, 10.0),
+            ("resolution_deg", self.resolution(), 0.0, 10.0),
+            ("noise_deg", self.noise(), 0.0, 10.0),
             ("jitter_ms", self.jitter_ms, 0.0, 400.0 / self.rate_hz),
         ];
         KindError::gather(ranges.map(|(name, value, least, most)| {
@@ -90,6 +138,36 @@ impl SimSettings {
             }
             Ok(())
         }))?;
+        self.validate_arm()
+    }
+
+    /// Checks the settings of the arm's servos and of what it touches.
+    fn validate_arm(&self) -> Result<(), KindError> {
+        let kinematic = self.arm().is_none();
+        let needs = |name: &str| {
+            let help = "give a profile with servos, such as profile = \"panda\"";
+            KindError::new(name, "kinematic joints (profile `ideal`) have no servos, no weight and touch nothing", help)
+        };
+        let servo = self.servo.as_ref().filter(|_| kinematic).map(|_| Err(needs("servo")));
+        let unknown = self.unknown.first().filter(|_| kinematic).map(|_| Err(needs("unknown")));
+        let imitates = self.imitates.filter(|_| !kinematic).map(|_| {
+            let help = "leave one of the two out";
+            Err(KindError::new("imitates", "what is imitated has kinematic joints, and the profile has servos", help))
+        });
+        let wrong = |(name, x, least, most): (String, f64, f64, f64)| match x >= least && x <= most {
+            true => Ok(()),
+            false => Err(KindError::new(
+                name,
+                format!("{x} is not a usable value here"),
+                format!("give a number from {least} to {most}"),
+            )),
+        };
+        let numbers = self.servo.iter().flat_map(ServoSettings::ranges).map(wrong);
+        let sizes = self.unknown.iter().enumerate().flat_map(|(i, b)| {
+            let size = b.size_m.iter().map(move |x| (format!("unknown[{i}].size_m"), *x, 1e-3, 100.0));
+            size.chain(b.at_m.iter().map(move |x| (format!("unknown[{i}].at_m"), *x, -100.0, 100.0)))
+        });
+        KindError::gather(servo.into_iter().chain(unknown).chain(imitates).chain(numbers).chain(sizes.map(wrong)))?;
         Ok(())
     }
 
@@ -139,8 +217,23 @@ impl SimSettings {
     }
 
     /// The shape of position moves.
-    pub fn profile(&self) -> Profile {
-        if self.imitates == Some(Imitated::ICubSim) { Profile::Gain } else { self.profile }
+    pub fn move_profile(&self) -> Profile {
+        if self.imitates == Some(Imitated::ICubSim) { Profile::Gain } else { self.move_profile }
+    }
+
+    /// The arm's numbers; `None`: kinematic joints.
+    pub fn arm(&self) -> Option<ArmNumbers> {
+        self.profile.numbers()
+    }
+
+    /// Resolution of the encoders, deg.
+    pub fn resolution(&self) -> f64 {
+        self.resolution_deg.unwrap_or_else(|| self.arm().map_or(RESOLUTION_DEG, |arm| arm.resolution_deg))
+    }
+
+    /// Standard deviation of the encoder noise, deg.
+    pub fn noise(&self) -> f64 {
+        self.noise_deg.unwrap_or_else(|| self.arm().map_or(NOISE_DEG, |arm| arm.noise_deg))
     }
 
     /// Time between two readings.

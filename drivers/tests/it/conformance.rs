@@ -48,7 +48,7 @@ fn failures(settings: &SimSettings, wrap: Wrap) -> Vec<(&'static str, String)> {
 #[test]
 fn the_simulated_robot_keeps_every_promise() {
     for profile in [Profile::MinimumJerk, Profile::Trapezoidal] {
-        let settings = SimSettings { profile, ..SimSettings::default() };
+        let settings = SimSettings { move_profile: profile, ..SimSettings::default() };
         for variant in [
             settings.clone(),
             settings.clone().exact(),

@@ -97,6 +97,7 @@ fn settings_that_make_no_sense_are_refused_with_their_path() {
         (json!({"jitter_ms": 6}), "jitter_ms"),
         (json!({"noise_deg": 100}), "noise_deg"),
         (json!({"profile": "wild"}), "profile"),
+        (json!({"move_profile": "wild"}), "move_profile"),
         (json!({"start_deg": {"nose": 1}}), "start_deg.nose"),
         (json!({"start_deg": {motor.name.clone(): outside}}), &format!("start_deg.{}", motor.name)),
     ];
@@ -106,7 +107,7 @@ fn settings_that_make_no_sense_are_refused_with_their_path() {
         assert!(!e.help.is_empty());
     }
     assert!(refused(json!({"latency": 3})).what.contains("latency_ms"));
-    let nan = SimSettings { noise_deg: f64::NAN, ..SimSettings::default() };
+    let nan = SimSettings { noise_deg: Some(f64::NAN), ..SimSettings::default() };
     assert_eq!(nan.validate().unwrap_err().path, "noise_deg");
 }
 

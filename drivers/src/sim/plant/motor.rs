@@ -168,6 +168,12 @@ impl PlantMotor {
         }
     }
 
+    /// Rests at once at this commanded position, rad.
+    pub fn hold_at(&mut self, at: Time, q: f64) {
+        self.leg = None;
+        self.take(at, Path::Rest(q));
+    }
+
     /// Is elsewhere at once, and rests there.
     pub fn push(&mut self, at: Time, by: f64, axis: &Axis) {
         let q = self.state(at).q;

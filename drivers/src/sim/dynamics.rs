@@ -1,0 +1,216 @@
+//! The joints of a simulated arm as bodies: position servos of second order, under weight, friction and elastic contact.
+//!
+//! ```text
+//! I q'' = clamp(k (c - q) + d (lead c' - q')) - g(q) - friction + J^T F      c: the board's commanded position
+//! ```
+//! The board ([`super::Plant`]) shapes the commanded positions, the arm follows as it can: it lags, sags under its weight, overshoots,
+//! and pushes what it runs into. Integrated by implicit Euler in steps of [`STEP`] on a fixed grid, so that the motion does not depend
+//! on when readings are taken.
+
+mod body;
+mod profile;
+
+pub use body::Surroundings;
+pub use profile::{ArmNumbers, ArmProfile, BoardRules, DoneRule, Servo, ServoSettings, StopRule};
+
+use super::path::State;
+use body::Body;
+use mobee_contract::Time;
+use std::time::Duration;
+
+/// Time between two steps of the integration.
+pub const STEP: Duration = Duration::from_millis(1);
+/// Steps between two evaluations of weight and contacts; in between, distances follow the joints linearly.
+const LOOK: u64 = 5;
+/// Slower than this (rad/s) a joint that does not accelerate rests.
+const STILL: f64 = 1e-7;
+
+/// One joint: its servo, and how it moves.
+#[derive(Clone, Debug)]
+struct ServoJoint {
+    servo: Servo,
+    /// Position, rad, and speed, rad/s.
+    q: f64,
+    v: f64,
+    /// The servo's torque in the last step, N m.
+    effort: f64,
+}
+
+/// An arm.
+#[derive(Clone, Debug)]
+pub struct Dynamics {
+    joints: Vec<ServoJoint>,
+    body: Option<Body>,
+    /// Steps since time zero.
+    steps: u64,
+    /// The commanded positions of the last step.
+    wanted: Vec<f64>,
+    /// Whether it rests where it was sent, so that nothing changes until something else is commanded.
+    rests: bool,
+    /// The greatest contact force so far, N, and for how long in a row one has been felt.
+    greatest: f64,
+    pressing: Duration,
+}
+
+impl Dynamics {
+    /// An arm at rest at `start`, rad.
+    pub fn new(servos: Vec<Servo>, start: &[f64]) -> Dynamics {
+        let joint = |(servo, q): (Servo, &f64)| ServoJoint { servo, q: *q, v: 0.0, effort: 0.0 };
+        Dynamics {
+            joints: servos.into_iter().zip(start).map(joint).collect(),
+            body: None,
+            steps: 0,
+            wanted: start.to_vec(),
+            rests: false,
+            greatest: 0.0,
+            pressing: Duration::ZERO,
+        }
+    }
+
+    /// Puts it among things: it has weight from now on, and touches them.
+    pub fn surround(&mut self, surroundings: Surroundings) {
+        self.body = Body::new(surroundings);
+        self.rests = false;
+    }
+
+    /// The time of the next step.
+    pub fn next(&self) -> Time {
+        Time::ZERO + STEP.saturating_mul(u32::try_from(self.steps + 1).unwrap_or(u32::MAX))
+    }
+
+    /// Whether nothing changes as long as the commanded positions are these.
+    pub fn is_settled(&self, commanded: impl Iterator<Item = f64>) -> bool {
+        self.rests && commanded.zip(&self.wanted).all(|(c, w)| c == *w)
+    }
+
+    /// Passes over the time up to `now`, in which nothing changed.
+    pub fn skip(&mut self, now: Time) {
+        self.steps = self.steps.max(now.0 / u64::try_from(STEP.as_nanos()).unwrap_or(u64::MAX));
+    }
+
+    /// One step, with the board's commanded states at its end.
+    pub fn step(&mut self, commanded: impl Iterator<Item = State>) {
+        let dt = STEP.as_secs_f64();
+        let states: Vec<State> = commanded.collect();
+        let changed = states.iter().zip(&self.wanted).any(|(state, w)| state.q != *w);
+        self.wanted = states.iter().map(|state| state.q).collect();
+        let mut outside = vec![0.0; self.joints.len()];
+        if let Some(body) = &mut self.body {
+            let (q, v): (Vec<f64>, Vec<f64>) = self.joints.iter().map(|j| (j.q, j.v)).unzip();
+            if self.steps.is_multiple_of(LOOK) && !self.rests {
+                body.look(&q);
+            }
+            let force = body.torques(&q, &v, &mut outside);
+            self.greatest = self.greatest.max(force);
+            self.pressing = if force > 0.0 { self.pressing + STEP } else { Duration::ZERO };
+        }
+        let mut still = !changed;
+        for ((joint, state), outside) in self.joints.iter_mut().zip(&states).zip(&outside) {
+            let before = joint.v;
+            joint.step(*state, *outside, dt);
+            still &= joint.v.abs() < STILL && before.abs() < STILL && state.v == 0.0;
+        }
+        self.rests = still;
+        self.steps += 1;
+    }
+
+    /// Position of every joint, rad.
+    pub fn positions(&self) -> impl Iterator<Item = f64> + '_ {
+        self.joints.iter().map(|j| j.q)
+    }
+
+    /// Speed of every joint, rad/s.
+    pub fn speeds(&self) -> impl Iterator<Item = f64> + '_ {
+        self.joints.iter().map(|j| j.v)
+    }
+
+    /// Torque of every servo, N m (N where a joint slides).
+    pub fn efforts(&self) -> impl Iterator<Item = f64> + '_ {
+        self.joints.iter().map(|j| j.effort / j.servo.unit)
+    }
+
+    /// The greatest force so far with which it pushed anything, N.
+    pub fn greatest_force(&self) -> f64 {
+        self.greatest
+    }
+
+    /// For how long it has been pushing something without a pause.
+    pub fn pressing(&self) -> Duration {
+        self.pressing
+    }
+}
+
+impl ServoJoint {
+    /// One step of implicit Euler under a torque from outside; the servo's own torque is limited.
+    fn step(&mut self, commanded: State, outside: f64, dt: f64) {
+        let Servo { stiffness, damping, torque, inertia, friction, lead, .. } = self.servo;
+        let ahead = commanded.q - self.q;
+        let wanted = stiffness * ahead + damping * (lead * commanded.v - self.v);
+        let free = if wanted.abs() > torque {
+            self.effort = torque.copysign(wanted);
+            self.v + dt / inertia * (self.effort + outside)
+        } else {
+            // stiffness and damping act on the state at the end of the step, which is stable however stiff they are
+            let push = stiffness * ahead + damping * lead * commanded.v + outside;
+            let v = (self.v + dt / inertia * push) / (1.0 + dt / inertia * (damping + dt * stiffness));
+            self.effort = stiffness * (ahead - dt * v) + damping * (lead * commanded.v - v);
+            v
+        };
+        // dry friction takes speed away, and never turns it round
+        let lost = dt / inertia * friction;
+        self.v = if free.abs() <= lost { 0.0 } else { free - lost.copysign(free) };
+        self.q += dt * self.v;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn servo() -> Servo {
+        Servo { stiffness: 20.0, damping: 1.0, torque: 3.0, inertia: 0.05, friction: 0.0, lead: 1.0, unit: 1.0 }
+    }
+
+    fn run(arm: &mut Dynamics, secs: f64, c: f64) {
+        for _ in 0..(secs / STEP.as_secs_f64()).round() as usize {
+            arm.step([State::rest(c)].into_iter());
+        }
+    }
+
+    /// Second-order step response: the peak is that of the damping ratio, the end the commanded position.
+    #[test]
+    fn a_step_overshoots_as_its_damping_ratio_demands() {
+        let mut arm = Dynamics::new(vec![servo()], &[0.0]);
+        let (mut peak, zeta) = (0.0_f64, 1.0 / (2.0 * (20.0_f64 * 0.05).sqrt()));
+        for _ in 0..4000 {
+            arm.step([State::rest(0.1)].into_iter());
+            peak = peak.max(arm.positions().next().unwrap());
+        }
+        let expected = 0.1 * (1.0 + (-std::f64::consts::PI * zeta / (1.0 - zeta * zeta).sqrt()).exp());
+        assert!((peak - expected).abs() < 0.002, "{peak} and {expected}");
+        assert!((arm.positions().next().unwrap() - 0.1).abs() < 1e-5);
+        assert!(arm.is_settled([0.1].into_iter()));
+    }
+
+    #[test]
+    fn the_torque_is_limited_and_dry_friction_holds() {
+        let mut arm = Dynamics::new(vec![servo()], &[0.0]);
+        arm.step([State::rest(100.0)].into_iter());
+        assert_eq!(arm.efforts().next(), Some(3.0));
+        let mut stuck = Dynamics::new(vec![Servo { friction: 0.5, ..servo() }], &[0.0]);
+        run(&mut stuck, 2.0, 0.02);
+        assert_eq!(stuck.positions().next(), Some(0.0), "0.4 N m do not overcome 0.5");
+        run(&mut stuck, 2.0, 0.1);
+        let q = stuck.positions().next().unwrap();
+        assert!(q > 0.05 && (0.1 - q) * 20.0 <= 0.5 + 1e-9, "{q}");
+    }
+
+    /// However stiff a servo is, the integration does not blow up.
+    #[test]
+    fn a_stiff_servo_is_stable() {
+        let stiff = Servo { stiffness: 1e6, damping: 1e4, torque: 1e9, inertia: 0.001, ..servo() };
+        let mut arm = Dynamics::new(vec![stiff], &[0.0]);
+        run(&mut arm, 1.0, 1.0);
+        assert!((arm.positions().next().unwrap() - 1.0).abs() < 1e-6);
+    }
+}

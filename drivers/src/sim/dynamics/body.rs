@@ -1,0 +1,145 @@
+//! What acts on an arm from outside: its weight, and what it touches.
+
+use mobee_model::{Object, ObjectClass, Scene, SceneError, Shape, ShapeId, Watch};
+use nalgebra::{Isometry3, Vector3};
+use std::sync::Arc;
+
+/// Gravity, m/s^2.
+const GRAVITY: f64 = 9.81;
+/// Pairs nearer than this are followed between two looks, m.
+const NEAR: f64 = 0.03;
+
+/// Where an arm stands, and what is there.
+#[derive(Clone, Debug)]
+pub struct Surroundings {
+    /// The arm and the objects around it, those that only physics has among them.
+    pub scene: Arc<Scene>,
+    /// The arm's mass, kg, spread over its shapes by their volume; a share of its weight that is not compensated.
+    pub mass: f64,
+    /// The share of its weight that no controller of its own compensates, 0 to 1.
+    pub felt: f64,
+    /// Stiffness of a contact, N/m.
+    pub stiffness: f64,
+    /// Damping of a contact, N s/m.
+    pub damping: f64,
+}
+
+impl Surroundings {
+    /// A robot alone in a scene with these objects. Targets and ghosts are nothing that it could touch.
+    ///
+    /// # Errors
+    /// Two objects of one name.
+    pub fn scene_of(scene: &Scene, robot: usize, more: &[Object]) -> Result<Option<Arc<Scene>>, SceneError> {
+        let Some(model) = scene.robots().get(robot) else { return Ok(None) };
+        let there = scene.objects().map(|(_, object)| object.as_ref().clone()).chain(more.iter().cloned());
+        let solid = there.filter(|object| object.class == ObjectClass::Obstacle).collect();
+        Scene::new(vec![(model.clone(), scene.base(robot))], solid).map(|scene| Some(Arc::new(scene)))
+    }
+}
+
+/// A part of the arm's mass.
+#[derive(Clone, Copy, Debug)]
+struct Weight {
+    node: usize,
+    /// Its center in the node's frame, m.
+    at: Vector3<f64>,
+    /// N.
+    newtons: f64,
+}
+
+/// A pair that may touch before the next look: its distance as a linear function of the joints.
+#[derive(Clone, Debug)]
+struct Gap {
+    distance: f64,
+    gradient: Vec<f64>,
+}
+
+/// An arm's weight and contacts.
+#[derive(Clone, Debug)]
+pub struct Body {
+    surroundings: Surroundings,
+    watch: Watch,
+    weights: Vec<Weight>,
+    /// As of the last look: the joints, their torques from weight, and what is near.
+    seen: Vec<f64>,
+    weight: Vec<f64>,
+    gaps: Vec<Gap>,
+}
+
+impl Body {
+    /// Nothing, if the scene has no robot.
+    pub fn new(surroundings: Surroundings) -> Option<Body> {
+        let robot = surroundings.scene.robots().first()?;
+        let moved = robot.nodes.iter().enumerate().filter(|(n, _)| robot.body(*n).is_some());
+        let shapes: Vec<(usize, Vector3<f64>, f64)> = moved
+            .flat_map(|(n, node)| node.solids.iter().map(move |s| (n, s.pose.translation.vector, volume(&s.shape))))
+            .collect();
+        let all: f64 = shapes.iter().map(|(_, _, volume)| volume).sum();
+        let per_volume = if all > 0.0 { surroundings.mass * surroundings.felt * GRAVITY / all } else { 0.0 };
+        let weight = |(node, at, volume)| Weight { node, at, newtons: volume * per_volume };
+        let motors = robot.motors.len();
+        Some(Body {
+            watch: Watch::new(surroundings.scene.clone(), NEAR),
+            weights: shapes.into_iter().map(weight).filter(|w| w.newtons > 0.0).collect(),
+            seen: vec![0.0; motors],
+            weight: vec![0.0; motors],
+            gaps: Vec::new(),
+            surroundings,
+        })
+    }
+
+    /// Evaluates weight and contacts at these joint positions, rad.
+    pub fn look(&mut self, q: &[f64]) {
+        let scene = self.surroundings.scene.clone();
+        let Some(skeleton) = scene.skeletons().first() else { return };
+        let mut frames: Vec<Isometry3<f64>> = Vec::new();
+        skeleton.place(q, &mut frames);
+        self.seen = q.to_vec();
+        self.weight.fill(0.0);
+        for w in &self.weights {
+            let frame = skeleton.frame.get(w.node).and_then(|f| frames.get(*f));
+            let (Some(frame), Some(inside)) = (frame, skeleton.in_frame.get(w.node)) else { continue };
+            let point = frame * inside * nalgebra::Point3::from(w.at);
+            skeleton.add_torques(&frames, w.node, &point, &(-Vector3::z() * w.newtons), &mut self.weight);
+        }
+        let near = self.watch.update(&[q]);
+        let object = |id: ShapeId| matches!(id, ShapeId::Object { .. });
+        let touches = near.iter().filter(|c| object(c.pair.1) || c.distance < 0.0);
+        self.gaps =
+            touches.map(|c| Gap { distance: c.distance, gradient: scene.distance_gradient(0, c, &frames) }).collect();
+    }
+
+    /// Adds the torques of weight and contacts, N m per joint; the greatest force of a contact, N.
+    pub fn torques(&self, q: &[f64], v: &[f64], out: &mut [f64]) -> f64 {
+        for (out, weight) in out.iter_mut().zip(&self.weight) {
+            *out += weight;
+        }
+        let mut greatest = 0.0_f64;
+        for gap in &self.gaps {
+            let moved: f64 =
+                gap.gradient.iter().zip(q.iter().zip(&self.seen)).map(|(g, (q, seen))| g * (q - seen)).sum();
+            let depth = -(gap.distance + moved);
+            if depth <= 0.0 {
+                continue;
+            }
+            let closing: f64 = -gap.gradient.iter().zip(v).map(|(g, v)| g * v).sum::<f64>();
+            let force = (self.surroundings.stiffness * depth + self.surroundings.damping * closing).max(0.0);
+            greatest = greatest.max(force);
+            for (out, g) in out.iter_mut().zip(&gap.gradient) {
+                *out += force * g;
+            }
+        }
+        greatest
+    }
+}
+
+/// The volume of a shape, m^3.
+fn volume(shape: &Shape) -> f64 {
+    use std::f64::consts::PI;
+    match *shape {
+        Shape::Sphere { radius } => 4.0 / 3.0 * PI * radius.powi(3),
+        Shape::Cylinder { radius, height } => PI * radius * radius * height,
+        Shape::Box { size } => size.x * size.y * size.z,
+        Shape::Capsule { radius, height } => PI * radius * radius * height + 4.0 / 3.0 * PI * radius.powi(3),
+    }
+}

@@ -1,0 +1,288 @@
+//! Arms as they are: servos, weight, encoders and boards of robots that people own, and numbers of one's own.
+
+use mobee_model::{JointMotion, Robot};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The servo of one joint, per radian of encoder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Servo {
+    /// N m/rad.
+    pub stiffness: f64,
+    /// N m s/rad.
+    pub damping: f64,
+    /// Its greatest torque, N m.
+    pub torque: f64,
+    /// kg m^2, the arm's part included.
+    pub inertia: f64,
+    /// Dry friction, N m.
+    pub friction: f64,
+    /// The share of the commanded speed that it feeds forward, 0 to 1: without, it lags by damping / stiffness seconds.
+    pub lead: f64,
+    /// What one radian of encoder is in the joint's own unit: 1 where it turns, meters where it slides.
+    pub unit: f64,
+}
+
+/// A kind of arm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ArmProfile {
+    /// Kinematic joints: they are where the board commands them, without weight, lag or force.
+    #[default]
+    Ideal,
+    /// An iCub's arms: stiff position loops of a board that compensates the weight by its integral term.
+    Icub,
+    /// Franka Panda: weight compensated, servo gains and torques of its MuJoCo Menagerie model.
+    Panda,
+    /// Universal Robots UR5: weight compensated, gains and torques of the UR5e of the MuJoCo Menagerie.
+    Ur5,
+    /// SO-101, six STS3215 hobby servos: 4,096 counts a turn, no weight compensated.
+    So101,
+}
+
+/// Where a stop leaves a board's commanded position.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum StopRule {
+    /// The board brakes along its commanded way, and holds the end of it.
+    #[default]
+    Commanded,
+    /// The board holds the position that its encoder reads.
+    Measured,
+}
+
+/// When a board reports a move as done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum DoneRule {
+    /// When its commanded trajectory is over.
+    #[default]
+    Trajectory,
+    /// When the joint is within half a degree of its target, too.
+    Arrived,
+}
+
+/// Servos, weight and board of a simulated arm. What is not given is the profile's. Lists are from the base on; the last number counts for
+/// all joints that follow.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ServoSettings {
+    /// Stiffness of the position servo, N m/rad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stiffness_nm_per_rad: Option<Vec<f64>>,
+    /// Damping, N m s/rad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub damping_nms_per_rad: Option<Vec<f64>>,
+    /// Greatest torque, N m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub torque_nm: Option<Vec<f64>>,
+    /// Inertia that a joint moves, kg m^2.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inertia_kgm2: Option<Vec<f64>>,
+    /// Dry friction, N m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction_nm: Option<Vec<f64>>,
+    /// Share of the commanded speed that the servo feeds forward, 0 to 1; without, it lags by damping / stiffness seconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lead: Option<f64>,
+    /// Mass of all links that move, kg, spread over their shapes by volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mass_kg: Option<f64>,
+    /// Share of the weight that the arm's own controller compensates, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compensated: Option<f64>,
+    /// Stiffness of contacts, N/m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_n_per_m: Option<f64>,
+    /// Where a stop leaves the commanded position: `commanded` or `measured`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stop: Option<StopRule>,
+    /// When a move is reported as done: `trajectory` or `arrived`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub done: Option<DoneRule>,
+    /// Whether the board takes reference accelerations over; otherwise it accepts them and keeps its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub honors_acceleration: Option<bool>,
+}
+
+/// Numbers of a profile.
+#[derive(Clone, Copy, Debug)]
+pub struct ArmNumbers {
+    stiffness: &'static [f64],
+    damping: &'static [f64],
+    torque: &'static [f64],
+    inertia: &'static [f64],
+    friction: &'static [f64],
+    lead: f64,
+    mass: f64,
+    compensated: f64,
+    /// Encoder resolution and noise, deg.
+    pub resolution_deg: f64,
+    /// See above.
+    pub noise_deg: f64,
+    stop: StopRule,
+}
+
+/// Sliding joints (fingers) of every profile: N/m, N s/m, N, kg.
+const SLIDE: [f64; 4] = [2_000.0, 60.0, 40.0, 0.1];
+/// A contact of links of metal or hard plastic, N/m.
+const CONTACT: f64 = 30_000.0;
+
+impl ArmProfile {
+    /// Its numbers; `None`: kinematic joints.
+    pub fn numbers(self) -> Option<ArmNumbers> {
+        Some(match self {
+            ArmProfile::Ideal => return None,
+            // torques: iCub arm data sheet (shoulder 40, elbow 20, wrist 0.65 N m); stiffness and inertia estimated
+            ArmProfile::Icub => ArmNumbers {
+                stiffness: &[800.0, 800.0, 500.0, 300.0, 60.0],
+                damping: &[40.0, 40.0, 25.0, 15.0, 3.0],
+                torque: &[40.0, 40.0, 40.0, 20.0, 8.0],
+                inertia: &[0.6, 0.6, 0.3, 0.15, 0.02],
+                friction: &[1.0, 1.0, 0.6, 0.4, 0.05],
+                lead: 1.0,
+                mass: 8.0,
+                compensated: 1.0,
+                resolution_deg: 0.01,
+                noise_deg: 0.005,
+                stop: StopRule::Commanded,
+            },
+            // MuJoCo Menagerie, franka_emika_panda: gains, force ranges, armature 0.1; link inertia estimated
+            ArmProfile::Panda => ArmNumbers {
+                stiffness: &[4500.0, 4500.0, 3500.0, 3500.0, 2000.0],
+                damping: &[450.0, 450.0, 350.0, 350.0, 200.0],
+                torque: &[87.0, 87.0, 87.0, 87.0, 12.0],
+                inertia: &[1.2, 1.2, 0.8, 0.6, 0.2],
+                friction: &[0.5, 0.5, 0.5, 0.5, 0.2],
+                lead: 1.0,
+                mass: 16.0,
+                compensated: 1.0,
+                resolution_deg: 0.0005,
+                noise_deg: 0.0005,
+                stop: StopRule::Commanded,
+            },
+            // MuJoCo Menagerie, universal_robots_ur5e: gains and force ranges of its size3 and size1 joints; link inertia estimated
+            ArmProfile::Ur5 => ArmNumbers {
+                stiffness: &[2000.0, 2000.0, 2000.0, 500.0],
+                damping: &[400.0, 400.0, 400.0, 100.0],
+                torque: &[150.0, 150.0, 150.0, 28.0],
+                inertia: &[2.0, 2.0, 1.0, 0.2],
+                friction: &[2.0, 2.0, 2.0, 0.5],
+                lead: 1.0,
+                mass: 18.0,
+                compensated: 1.0,
+                resolution_deg: 0.001,
+                noise_deg: 0.001,
+                stop: StopRule::Commanded,
+            },
+            // STS3215: 4,096 counts, stall torque 2.9 N m at 12 V; gain and armature of the SO-101's MuJoCo model
+            ArmProfile::So101 => ArmNumbers {
+                stiffness: &[17.8],
+                damping: &[1.1],
+                torque: &[2.9],
+                inertia: &[0.05, 0.05, 0.04, 0.03],
+                friction: &[0.05],
+                lead: 0.0,
+                mass: 0.6,
+                compensated: 0.0,
+                resolution_deg: 360.0 / 4096.0,
+                noise_deg: 0.0,
+                stop: StopRule::Measured,
+            },
+        })
+    }
+}
+
+/// What a board does that moves such an arm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BoardRules {
+    /// Where a stop leaves the commanded position.
+    pub stop: StopRule,
+    /// When it reports a move as done.
+    pub done: DoneRule,
+    /// Whether it accepts reference accelerations and ignores them.
+    pub ignores_acceleration: bool,
+}
+
+impl ServoSettings {
+    /// The board's rules under these settings.
+    pub fn rules(&self, numbers: &ArmNumbers) -> BoardRules {
+        BoardRules {
+            stop: self.stop.unwrap_or(numbers.stop),
+            done: self.done.unwrap_or_default(),
+            ignores_acceleration: !self.honors_acceleration.unwrap_or(true),
+        }
+    }
+
+    /// The servos of a robot's motors.
+    pub fn servos(&self, numbers: &ArmNumbers, robot: &Robot) -> Vec<Servo> {
+        let [stiffness, damping, torque, inertia, friction] = [
+            (&self.stiffness_nm_per_rad, numbers.stiffness),
+            (&self.damping_nms_per_rad, numbers.damping),
+            (&self.torque_nm, numbers.torque),
+            (&self.inertia_kgm2, numbers.inertia),
+            (&self.friction_nm, numbers.friction),
+        ]
+        .map(|(own, given)| own.as_deref().filter(|own| !own.is_empty()).unwrap_or(given));
+        let nth = |list: &[f64], i: usize| list.get(i).or(list.last()).copied().unwrap_or_default();
+        let first = |part: usize| robot.parts.get(part).map_or(0, |p| p.motors.start);
+        let servo = |(m, motor): (usize, &mobee_model::Motor)| {
+            let (i, lead) = (m.saturating_sub(first(motor.part)), self.lead.unwrap_or(numbers.lead));
+            match motor.motion {
+                JointMotion::Turn => Servo {
+                    stiffness: nth(stiffness, i),
+                    damping: nth(damping, i),
+                    torque: nth(torque, i),
+                    inertia: nth(inertia, i),
+                    friction: nth(friction, i),
+                    lead,
+                    unit: 1.0,
+                },
+                JointMotion::Slide => {
+                    // meters per radian of encoder
+                    let unit = 1.0 / JointMotion::Slide.encoder(1.0);
+                    let [stiffness, damping, force, mass] = SLIDE;
+                    Servo {
+                        stiffness: stiffness * unit * unit,
+                        damping: damping * unit * unit,
+                        torque: force * unit,
+                        inertia: mass * unit * unit,
+                        friction: 0.0,
+                        lead,
+                        unit,
+                    }
+                }
+            }
+        };
+        robot.motors.iter().enumerate().map(servo).collect()
+    }
+
+    /// Mass, kg, share of the weight that the arm feels, and stiffness of contacts, N/m.
+    pub fn body(&self, numbers: &ArmNumbers) -> [f64; 3] {
+        let compensated = self.compensated.unwrap_or(numbers.compensated);
+        [self.mass_kg.unwrap_or(numbers.mass), 1.0 - compensated, self.contact_n_per_m.unwrap_or(CONTACT)]
+    }
+
+    /// Each number with its name and the range that it must be in.
+    pub fn ranges(&self) -> Vec<(String, f64, f64, f64)> {
+        let lists = [
+            ("stiffness_nm_per_rad", &self.stiffness_nm_per_rad, 0.1, 1e6),
+            ("damping_nms_per_rad", &self.damping_nms_per_rad, 0.0, 1e6),
+            ("torque_nm", &self.torque_nm, 0.001, 1e6),
+            ("inertia_kgm2", &self.inertia_kgm2, 1e-4, 1e4),
+            ("friction_nm", &self.friction_nm, 0.0, 1e4),
+        ];
+        let of_list = |(name, list, least, most): (&str, &Option<Vec<f64>>, f64, f64)| {
+            let list = list.iter().flatten().enumerate();
+            list.map(|(i, x)| (format!("servo.{name}[{i}]"), *x, least, most)).collect::<Vec<_>>()
+        };
+        let single = [
+            ("lead", self.lead, 0.0, 1.0),
+            ("mass_kg", self.mass_kg, 0.0, 1e4),
+            ("compensated", self.compensated, 0.0, 1.0),
+            ("contact_n_per_m", self.contact_n_per_m, 100.0, 1e7),
+        ];
+        let single = single.into_iter().filter_map(|(name, x, a, b)| Some((format!("servo.{name}"), x?, a, b)));
+        lists.into_iter().flat_map(of_list).chain(single).collect()
+    }
+}

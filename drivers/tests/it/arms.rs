@@ -1,0 +1,162 @@
+//! Simulated arms of second order: they sag, lag and push as their profiles say, and the same whoever reads them when.
+
+use mobee_contract::{Command, Context, Driver, Hardware, Move, Time};
+use mobee_drivers::SimHardware;
+use mobee_model::{Robot, Scene};
+use nalgebra::Isometry3;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+fn robot(name: &str) -> Arc<Robot> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../configs/robots/{name}.xml"));
+    Arc::new(mobee_model::load_robot(file).unwrap().value)
+}
+
+/// A simulated robot alone in the world.
+fn arm(robot: &Arc<Robot>, settings: Value) -> SimHardware {
+    let hardware = SimHardware::build(&settings, &Context { robot: robot.clone(), seed: 5 }).unwrap();
+    let scene = Scene::new(vec![(robot.clone(), Isometry3::identity())], vec![]).unwrap();
+    hardware.place(&scene, 0).unwrap();
+    hardware
+}
+
+fn to(motor: usize, q: f64, speed: f64) -> Command {
+    Command::Move(Move {
+        motors: vec![motor],
+        q: vec![q],
+        relative: false,
+        speed: Some(vec![speed]),
+        acceleration: None,
+    })
+}
+
+/// Moves on in steps, with a lease.
+fn pass(driver: &mut dyn Driver, from: f64, secs: f64, step: f64) {
+    let n = (secs / step).round() as usize;
+    for i in 1..=n {
+        let now = Time::from_secs(from + i as f64 * step);
+        driver.lease(now, now + Duration::from_millis(200));
+        let _ = driver.sample(now);
+    }
+}
+
+/// Per motor how far it is from where it was, deg.
+fn moved(from: &[f64], to: &[f64]) -> Vec<f64> {
+    from.iter().zip(to).map(|(a, b)| (b - a).to_degrees()).collect()
+}
+
+fn most(all: &[f64]) -> f64 {
+    all.iter().copied().map(f64::abs).fold(0.0, f64::max)
+}
+
+#[test]
+fn an_arm_whose_weight_is_not_compensated_sags_and_a_compensated_one_does_not() {
+    let so101 = robot("so101");
+    let sagged = |settings: Value| {
+        let hardware = arm(&so101, settings);
+        let start = so101.home();
+        most(&moved(&start, &hardware.positions(Time::from_secs(5.0))))
+    };
+    let felt = sagged(json!({ "profile": "so101" }));
+    assert!((0.3..4.0).contains(&felt), "{felt} deg");
+    let half = sagged(json!({ "profile": "so101", "servo": { "compensated": 0.5 } }));
+    assert!((half / felt - 0.5).abs() < 0.2, "half of the weight: {half} of {felt} deg");
+    let none = sagged(json!({ "profile": "so101", "servo": { "compensated": 1.0 } }));
+    assert!(none < 1e-6, "{none} deg");
+}
+
+/// A hobby servo whose hold is *goal := present* sinks with each stop, from where the last one left it.
+#[test]
+fn a_board_whose_stop_holds_the_measured_position_sinks_with_each_stop() {
+    let so101 = robot("so101");
+    let lowered = |stop: &str| {
+        let hardware = arm(&so101, json!({ "profile": "so101", "servo": { "stop": stop } }));
+        let mut driver = hardware.connect().unwrap();
+        pass(driver.as_mut(), 0.0, 2.0, 0.01);
+        let before = hardware.positions(Time::from_secs(2.0));
+        for i in 0..20 {
+            let now = 2.0 + 0.2 * f64::from(i);
+            driver.command(Time::from_secs(now), &Command::Stop { motors: vec![] }).unwrap();
+            pass(driver.as_mut(), now, 0.2, 0.01);
+        }
+        most(&moved(&before, &hardware.positions(Time::from_secs(6.0))))
+    };
+    assert!(lowered("measured") > 5.0, "{}", lowered("measured"));
+    assert!(lowered("commanded") < 0.01);
+}
+
+/// The fixed grid of the integration: however often anybody looks, the arm is at the same places at the same times.
+#[test]
+fn the_motion_does_not_depend_on_when_it_is_read() {
+    let katana = robot("katana");
+    let after = |step: f64| {
+        let hardware = arm(&katana, json!({ "profile": "ur5", "servo": { "compensated": 0.9 } }));
+        let mut driver = hardware.connect().unwrap();
+        driver.lease(Time::ZERO, Time::from_secs(0.2));
+        driver.command(Time::ZERO, &to(0, katana.home()[0] + 0.5, 0.5)).unwrap();
+        pass(driver.as_mut(), 0.0, 0.6, step);
+        hardware.positions(Time::from_secs(0.6))
+    };
+    assert_eq!(after(0.1), after(0.0005));
+}
+
+#[test]
+fn a_servo_without_feed_forward_lags_and_its_board_is_done_before_it_arrives() {
+    let so101 = robot("so101");
+    let of = |done: &str| {
+        let servo = json!({ "compensated": 1.0, "damping_nms_per_rad": [3.0], "done": done });
+        arm(&so101, json!({ "profile": "so101", "move_profile": "trapezoidal", "servo": servo }))
+    };
+    let (hardware, careful) = (of("trajectory"), of("arrived"));
+    let target = so101.home()[0] + 0.6;
+    let off_when_done = |hardware: &SimHardware| {
+        let mut driver = hardware.connect().unwrap();
+        driver.lease(Time::ZERO, Time::from_secs(0.2));
+        driver.command(Time::ZERO, &to(0, target, 1.5)).unwrap();
+        let mut now = 0.03;
+        loop {
+            pass(driver.as_mut(), now, 0.005, 0.005);
+            now += 0.005;
+            assert!(now < 10.0);
+            if hardware.done(Time::from_secs(now))[0] {
+                return (hardware.positions(Time::from_secs(now))[0] - target).abs().to_degrees();
+            }
+        }
+    };
+    let (early, late) = (off_when_done(&hardware), off_when_done(&careful));
+    assert!(early > 0.51 && late < 0.5, "{early} and {late} deg");
+}
+
+/// It pushes what only physics knows, no harder than its servo can, and is bent by that.
+#[test]
+fn an_unknown_box_is_pushed_with_the_servo_s_force() {
+    let katana = robot("katana");
+    let scene = Scene::new(vec![(katana.clone(), Isometry3::identity())], vec![]).unwrap();
+    let mut frames = Vec::new();
+    scene.skeletons()[0].place(&katana.home(), &mut frames);
+    let tip = frames.last().unwrap().translation.vector;
+    // a post beside the hand, in the way of the first motor
+    let side = nalgebra::Vector3::z().cross(&tip).normalize() * 0.12;
+    let at: Vec<f64> = (tip + side).iter().copied().collect();
+    let unknown = json!([{ "name": "post", "size_m": [0.04, 0.04, 1.5], "at_m": at }]);
+    let hardware = arm(&katana, json!({ "profile": "panda", "unknown": unknown }));
+    let mut driver = hardware.connect().unwrap();
+    driver.lease(Time::ZERO, Time::from_secs(0.2));
+    let target = (katana.home()[0] + 1.0).min(katana.motors[0].max);
+    driver.command(Time::ZERO, &to(0, target, 0.5)).unwrap();
+    pass(driver.as_mut(), 0.0, 6.0, 0.01);
+    let now = Time::from_secs(6.0);
+    let (force, pressing) = hardware.pushed(now);
+    let lever = tip.xy().norm();
+    assert!(force > 20.0 && force < 3.0 * 87.0 / lever, "{force} N at {lever} m");
+    assert!(pressing > Duration::from_secs(1), "it presses on: {pressing:?}");
+    let held = (target - hardware.positions(now)[0]).to_degrees();
+    assert!(held > 2.0, "held back by {held} deg");
+    let effort = hardware.efforts(now).unwrap()[0];
+    assert!(effort > 10.0 && effort <= 87.0, "{effort} N m");
+    // kinematic joints touch nothing
+    let refused = SimHardware::build(&json!({ "unknown": unknown }), &Context { robot: katana, seed: 1 }).unwrap_err();
+    assert_eq!(refused.path, "unknown");
+}
