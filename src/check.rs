@@ -33,6 +33,9 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
         for w in &c.warnings {
             println!("warning: {w}");
         }
+        for (robot, pose) in &c.found_poses {
+            println!("{robot}: {pose}");
+        }
         println!("{}: ready to run ({})", path.display(), contents(&c));
         return Ok(ExitCode::SUCCESS);
     }

@@ -8,9 +8,10 @@ pub(crate) use sensors::camera as sensor_camera;
 
 use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, SensorSetup, TruthCell, named_apart};
+use mobee_behaviors::hand_goal::{self, FoundPose, HandGoals};
 use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
-use mobee_controller::ControllerSettings;
 use mobee_controller::look_ahead::stop_error;
+use mobee_controller::{ControllerSettings, RELEASE};
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -40,6 +41,8 @@ pub struct Composition {
     pub services: Vec<Arc<dyn Service>>,
     /// What deserves attention but does not forbid to run.
     pub warnings: Vec<String>,
+    /// Joint values that were found for poses that are given by the hand, each with its robot.
+    pub found_poses: Vec<(String, FoundPose)>,
 }
 
 /// Reads a file with its layers, and builds everything that it names.
@@ -96,30 +99,22 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
         let at = |key: &str| format!("robot[{i}].{key}");
         let model = wrong.keep(model(r, &at("model"), source, &mut warnings));
         built.push(model.map(|model| {
-            let context = |role: &str| Context {
-                robot: model.clone(),
-                seed: derive_seed(config.seed, &format!("{}/{role}", r.name)),
-            };
-            let hardware = wrong.keep(driver(source, &at("driver"), &r.driver, &context("driver")));
+            let seed = derive_seed(config.seed, &format!("{}/driver", r.name));
+            let context = Context { robot: model.clone(), seed };
+            let hardware = wrong.keep(driver(source, &at("driver"), &r.driver, &context));
             if config.clock == ClockMode::Virtual && hardware.as_ref().is_some_and(|h| !h.runs_in_virtual_time()) {
                 wrong.push(by_the_wall(source, &at("driver"), "driver"));
             }
-            let agent = r.agent.as_ref().map(|value| agent(source, &at("agent"), value, context("agent")));
-            Built { hardware, agent: agent.and_then(|a| wrong.keep(a)), model }
+            Built { hardware, agent: None, model }
         }));
     }
     let objects = wrong.keep(world(&config, source, &mut warnings));
+    let scene = objects.and_then(|objects| scene(&config, &built, objects));
+    let found_poses = agents(&config, source, &mut built, scene.as_ref().and_then(|s| s.as_ref().ok()), &mut wrong);
     let bridges = bridges(&config, source, &mut wrong);
     let whole: Option<Vec<Built>> = built.into_iter().collect();
-    let (Some(built), Some(objects)) = (whole, objects) else { return Err(wrong.of_something()) };
-
-    let base = |r: &crate::config::RobotConfig| {
-        let [x, y, z] = r.base.position_m;
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), r.base.yaw_deg.to_radians());
-        Isometry3::from_parts(Translation3::new(x, y, z), turn)
-    };
-    let models = built.iter().zip(&config.robot).map(|(b, r)| (b.model.clone(), base(r))).collect();
-    let scene = match Scene::new(models, objects) {
+    let (Some(built), Some(scene)) = (whole, scene) else { return Err(wrong.of_something()) };
+    let scene = match scene {
         Ok(scene) => scene,
         // two robots of one name, say, were told before
         Err(_) if !wrong.is_empty() => return Err(wrong),
@@ -139,6 +134,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     if wrong.is_empty() {
         for (i, (Built { model, hardware, agent }, r)) in built.into_iter().zip(&config.robot).enumerate() {
             let Some(hardware) = hardware else { continue };
+            wrong.keep(hardware.place(&scene, i).map_err(|e| placed(source, &format!("robot[{i}].driver"), e)));
             let at = format!("robot[{i}].controller");
             let settings = r.controller.settings().map_err(|e| placed(source, &at, e));
             let Some(controller) = wrong.keep(settings) else { continue };
@@ -161,7 +157,64 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     }
     let (bridges, services) = (bridges.into_iter().map(|(_, bridge)| bridge).collect(), Vec::new());
     let file = source.path.clone();
-    wrong.none_or(Composition { config, file, scene, robots, sensors, truth, script, bridges, services, warnings })
+    wrong.none_or(Composition {
+        config,
+        file,
+        scene,
+        robots,
+        sensors,
+        truth,
+        script,
+        bridges,
+        services,
+        warnings,
+        found_poses,
+    })
+}
+
+/// The scene of all robots; none if one of them could not be read.
+fn scene(
+    config: &Config,
+    built: &[Option<Built>],
+    objects: Vec<Object>,
+) -> Option<Result<Scene, mobee_model::SceneError>> {
+    let base = |r: &crate::config::RobotConfig| {
+        let [x, y, z] = r.base.position_m;
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), r.base.yaw_deg.to_radians());
+        Isometry3::from_parts(Translation3::new(x, y, z), turn)
+    };
+    let robot = |(b, r): (&Option<Built>, &crate::config::RobotConfig)| Some((b.as_ref()?.model.clone(), base(r)));
+    let models: Option<Vec<_>> = built.iter().zip(&config.robot).map(robot).collect();
+    models.map(|models| Scene::new(models, objects))
+}
+
+/// Builds all agents; answers the joint values of poses that are given by the hand. These need the scene: without one, which was complained
+/// of before, their agents are left out.
+fn agents(
+    config: &Config,
+    source: &Source,
+    built: &mut [Option<Built>],
+    scene: Option<&Scene>,
+    wrong: &mut Complaints,
+) -> Vec<(String, FoundPose)> {
+    let mut all_found = Vec::new();
+    for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
+        let (Some(value), Some(b)) = (&r.agent, b) else { continue };
+        // a margin out of bounds was complained of before
+        let margin_mm = Some(r.controller.margin_mm).filter(|mm| (0.0..=500.0).contains(mm));
+        let seed = derive_seed(config.seed, &format!("{}/agent", r.name));
+        let goals =
+            scene.zip(margin_mm).map(|(scene, mm)| HandGoals { scene, robot: i, clearance: mm * 1e-3 + RELEASE, seed });
+        if goals.is_none() && hand_goal::is_given(value) {
+            continue;
+        }
+        let context = Context { robot: b.model.clone(), seed };
+        let agent = agent(source, &format!("robot[{i}].agent"), value, context, goals);
+        let Some((maker, means, found)) = wrong.keep(agent) else { continue };
+        b.agent = Some((maker, means));
+        all_found.extend(found.into_iter().map(|pose| (r.name.clone(), pose)));
+    }
+    all_found
 }
 
 impl Composition {
@@ -321,7 +374,13 @@ fn by_the_wall(source: &Source, at: &str, role: &str) -> ConfigError {
     source.error(at, what, "set clock = \"real\"")
 }
 
-fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {
+fn agent(
+    source: &Source,
+    at: &str,
+    value: &Value,
+    context: Context,
+    goals: Option<HandGoals>,
+) -> Result<(AgentMaker, Requirements, Vec<FoundPose>), Complaints> {
     let (kind, mut settings) = kind::<dyn Agent>(source, at, value)?;
     // agents take maps as JSON, and read no files
     for (place, map) in crate::config::maps(&mut settings) {
@@ -330,9 +389,11 @@ fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(
         let sent = source.text_sent(&format!("{at}.{place}"), &path).transpose()?;
         *map = crate::roadmap::for_agent(&path, sent)?;
     }
+    let found = goals.map(|goals| goals.resolve(&mut settings)).transpose().map_err(|e| placed(source, at, e))?;
     let build = kind.build;
     let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.requirements();
-    Ok((Arc::new(move || build(&settings, &context).map_err(|e| e.to_string())), means))
+    let maker: AgentMaker = Arc::new(move || build(&settings, &context).map_err(|e| e.to_string()));
+    Ok((maker, means, found.unwrap_or_default()))
 }
 
 /// Whether the robot can stop in time at the speed its agent uses, or foreign programs may: within its margin under Algorithm 6, and

@@ -179,9 +179,9 @@ pub enum StepTrigger {
 pub struct EditStep {
     /// The object's name.
     pub object: String,
-    /// Its new class: `obstacle`, `target` or `ghost`.
+    /// Its new class: `obstacle`, `target` or `ghost`; the original's words `obs`, `tgt` and `gho` mean the same.
     #[serde(default)]
-    #[schemars(with = "Option<String>", extend("enum" = ["obstacle", "target", "ghost", null]))]
+    #[schemars(with = "Option<String>", extend("enum" = ["obstacle", "target", "ghost", "obs", "tgt", "gho", null]))]
     pub class: Option<mobee_model::ObjectClass>,
     /// Its new position, meters.
     #[serde(default)]

@@ -9,6 +9,7 @@ mod merge;
 mod part;
 mod path;
 mod settings;
+mod trajectory;
 mod validate;
 mod view;
 
@@ -16,7 +17,7 @@ use crate::config::{Complaints, ConfigError};
 use miette::{Report, miette};
 use mobee_behaviors::map_file::MapFile;
 use mobee_model::file::{MIB, read_text};
-use mobee_model::{Robot, Scene, load_robot, load_world};
+use mobee_model::{Labels, Robot, Scene, load_robot, load_world};
 use nalgebra::Isometry3;
 use serde_json::Value;
 use std::io::Write;
@@ -38,6 +39,9 @@ pub enum RoadmapCommand {
     Info {
         /// The map.
         map: PathBuf,
+        /// Robot XML: names the links that block edges.
+        #[arg(long, value_name = "FILE")]
+        robot: Option<PathBuf>,
     },
     /// Certify every edge of a map by continuous collision checking, and store what blocks it.
     Validate(validate::ValidateArgs),
@@ -58,7 +62,11 @@ pub enum RoadmapCommand {
 pub fn command(command: &RoadmapCommand) -> Result<ExitCode, Report> {
     let said = match command {
         RoadmapCommand::Build(args) => build::command(args)?,
-        RoadmapCommand::Info { map } => info::text(&load(map)?.0),
+        RoadmapCommand::Info { map, robot: None } => info::text(&load(map)?.0, None),
+        RoadmapCommand::Info { map, robot: Some(file) } => {
+            let robot = Arc::new(load_robot(file)?.value);
+            info::text(&load_for(map, &robot)?, Some(&Labels::new(std::slice::from_ref(&robot))))
+        }
         RoadmapCommand::Validate(args) => validate::command(args)?,
         RoadmapCommand::Improve(args) => improve::command(args)?,
         RoadmapCommand::Merge(args) => merge::command(args)?,

@@ -2,6 +2,7 @@
 
 use mobee_contract::{Axis, KindError, Refusal, View, suggestion};
 use mobee_model::{Robot, ShapeId};
+use nalgebra::{Unit, Vector3};
 use std::collections::BTreeMap;
 
 /// Part and motor names to motor indices, in the robot's order. A part stands for all of its motors; a name that a motor and a part
@@ -168,6 +169,17 @@ pub fn tolerance(path: &str, deg: f64) -> Result<f64, KindError> {
         format!("{deg} deg is not a valid tolerance"),
         "give degrees above 0 and up to 10, such as 0.5",
     ))
+}
+
+/// A direction that has a length, as a unit vector.
+///
+/// # Errors
+/// Numbers that are not finite, or all zero.
+pub fn direction(path: &str, v: [f64; 3]) -> Result<Unit<Vector3<f64>>, KindError> {
+    let finite = v.iter().all(|x| x.is_finite());
+    Unit::try_new(Vector3::from(v), 1e-6)
+        .filter(|_| finite)
+        .ok_or_else(|| KindError::new(path, "this direction has no length", "give a vector, such as [0, 0, -1]"))
 }
 
 /// A whole pose with these motors at `q`.

@@ -9,7 +9,7 @@ use mobee_behaviors::map_file::{MapFile, robot_digest, world_digest};
 use mobee_behaviors::roadmap::{Roadmap, Vertex};
 use mobee_behaviors::table_map::{Growth, PoseSearch, PoseWish, TableMapPlan};
 use mobee_contract::KindError;
-use mobee_model::Robot;
+use mobee_model::{Labels, Robot};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -88,7 +88,7 @@ pub fn command(args: &BuildArgs) -> Result<String, Report> {
     let map = map(&growth, &plan, robot, world_digest(&scene));
     save(&args.out, &map)?;
     part.remove()?;
-    let mut said = format!("{}: ", args.out.display()) + &info::text(&map);
+    let mut said = format!("{}: ", args.out.display()) + &info::text(&map, Some(&Labels::new(scene.robots())));
     let _ = writeln!(
         said,
         "{} searches of {} judged poses, {found_in:.1} s; {} cells of the table stayed empty beside the map",

@@ -4,7 +4,7 @@ use super::{PlaceArgs, info, load_for, may_write, robot, save};
 use crate::robot_import::{Steps, millimeters};
 use miette::{Report, miette};
 use mobee_behaviors::map_file::{MapFile, certify};
-use mobee_model::Scene;
+use mobee_model::{Labels, Scene};
 use std::path::PathBuf;
 
 /// Which map, for what it is certified, and where it goes then.
@@ -57,10 +57,11 @@ impl CertifiedArgs {
     ///
     /// # Errors
     /// If it can't be written.
-    pub(super) fn save(&self, map: &MapFile) -> Result<String, Report> {
+    pub(super) fn save(&self, map: &MapFile, scene: &Scene) -> Result<String, Report> {
         let out = self.out.as_ref().unwrap_or(&self.map);
         save(out, map)?;
         let (vertices, edges, verdicts) = (map.vertices.len(), map.edges.len(), info::verdicts(map));
-        Ok(format!("{}: {vertices} vertices, {edges} directed edges: {verdicts}\n", out.display()))
+        let pairs = info::pairs(map, Some(&Labels::new(scene.robots())));
+        Ok(format!("{}: {vertices} vertices, {edges} directed edges: {verdicts}\n{pairs}", out.display()))
     }
 }

@@ -80,7 +80,7 @@ pub fn command(args: &ImproveArgs) -> Result<String, Report> {
     let mut better = map.file(robot);
     args.of.certify(&mut better, &scene, &bar)?;
     drop(bar);
-    Ok(said + &args.of.save(&better)?)
+    Ok(said + &args.of.save(&better, &scene)?)
 }
 
 /// The map, without the edges that are not certified free.

@@ -1,16 +1,20 @@
 //! `mobee roadmap info`: what a map holds, in a few lines.
 
-use mobee_behaviors::map_file::MapFile;
+use mobee_behaviors::map_file::{MapFile, StoredVerdict};
 use mobee_behaviors::table_map::figures;
 use mobee_contract::EdgeState;
+use mobee_model::Labels;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// More groups than this are not told apart.
 const MOST: usize = 12;
 
-/// The lines.
-pub fn text(map: &MapFile) -> String {
+/// So many pairs of shapes that block edges are named.
+const MAX_PAIRS: usize = 5;
+
+/// The lines; with labels of the robot's shapes, if its file is at hand.
+pub fn text(map: &MapFile, labels: Option<&Labels>) -> String {
     let mut out = format!(
         "version {}, robot {}{}, {} vertices, {} directed edges\n",
         map.version,
@@ -19,8 +23,8 @@ pub fn text(map: &MapFile) -> String {
         map.vertices.len(),
         map.edges.len()
     );
-    let _ = writeln!(out, "world: {}", map.world_sha256.as_deref().map_or("not said".into(), twelve));
-    let _ = writeln!(out, "motors: {}; hand: {}", map.motors.join(" "), map.hand.as_deref().unwrap_or("not said"));
+    let _ = writeln!(out, "world: {}", map.world_sha256.as_deref().map_or("none recorded".into(), twelve));
+    let _ = writeln!(out, "motors: {}; hand: {}", map.motors.join(" "), map.hand.as_deref().unwrap_or("none recorded"));
     let states = [
         (EdgeState::Optimistic, "untried"),
         (EdgeState::Feasible, "feasible"),
@@ -34,7 +38,7 @@ pub fn text(map: &MapFile) -> String {
         None => out += "certified: no; `mobee roadmap validate` does it\n",
         Some(c) => {
             let _ = write!(out, "certified in world {} at {:.1} mm: ", twelve(&c.world_sha256), c.clearance_m * 1e3);
-            out += &(verdicts(map) + "\n");
+            out += &(verdicts(map) + "\n" + &pairs(map, labels));
         }
     }
     let reached = map.tried.iter().filter(|t| t.reached).count();
@@ -64,6 +68,41 @@ pub fn verdicts(map: &MapFile) -> String {
     } else {
         format!("{free} free; blocked: {}", words.join(", "))
     }
+}
+
+/// The pairs of shapes that block most edges, a line; none if nothing does.
+pub fn pairs(map: &MapFile, labels: Option<&Labels>) -> String {
+    let mut by: BTreeMap<[String; 2], usize> = BTreeMap::new();
+    for verdict in map.edges.iter().filter_map(|e| e.verdict.as_ref()) {
+        if let StoredVerdict::Blocked { between: Some(pair), .. } = verdict {
+            let mut pair = pair.each_ref().map(|shape| readable(shape, labels));
+            pair.sort();
+            *by.entry(pair).or_default() += 1;
+        }
+    }
+    if by.is_empty() {
+        return String::new();
+    }
+    let mut by: Vec<([String; 2], usize)> = by.into_iter().collect();
+    by.sort_by(|(a, n), (b, m)| m.cmp(n).then(a.cmp(b)));
+    let mut words: Vec<String> = by.iter().take(MAX_PAIRS).map(|([a, b], n)| format!("{a} and {b} {n}")).collect();
+    if by.len() > MAX_PAIRS {
+        words.push(format!("{} more pairs", by.len() - MAX_PAIRS));
+    }
+    format!("pairs that block most edges: {}\n", words.join(", "))
+}
+
+/// A shape's stable name for people: its label, or without the robot's file the robot and its part or link, or the object.
+fn readable(shape: &str, labels: Option<&Labels>) -> String {
+    let body = shape.rsplit_once('#').map_or(shape, |(body, _)| body);
+    if let Some(label) = labels.map(|labels| labels.read(shape)).filter(|label| label != body) {
+        return label.into_owned();
+    }
+    let Some((robot, place)) = body.split_once(':') else { return body.to_owned() };
+    // `part/7` is a node's number in a part; a link has its own name
+    let is_number = |n: &str| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit());
+    let place = place.rsplit_once('/').filter(|(_, n)| is_number(n)).map_or(place, |(part, _)| part);
+    format!("{robot} {place}")
 }
 
 /// How far each hand position is from the next.

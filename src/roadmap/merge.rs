@@ -30,5 +30,5 @@ pub fn command(args: &MergeArgs) -> Result<String, Report> {
         miette!(help = "merge maps of one robot, unchanged, in one world, with one group of motors and one hand", "{e}")
     })?;
     save(&args.out, &merged)?;
-    Ok(format!("{}: ", args.out.display()) + &info::text(&merged))
+    Ok(format!("{}: ", args.out.display()) + &info::text(&merged, None))
 }

@@ -20,5 +20,5 @@ pub fn command(args: &ValidateArgs) -> Result<String, Report> {
     let bar = Steps::new();
     args.of.certify(&mut map, &scene, &bar)?;
     drop(bar);
-    args.of.save(&map)
+    args.of.save(&map, &scene)
 }

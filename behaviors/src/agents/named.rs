@@ -1,6 +1,7 @@
 //! Poses that a user names: the vertices that a map begins with.
 
 use crate::group;
+use crate::hand_goal::{HandGoal, joint_values};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::{KindError, Requirements, SetPose, suggestion};
 use mobee_model::Robot;
@@ -17,7 +18,12 @@ pub struct NamedPose {
     /// Its name.
     pub name: String,
     /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors are at home.
-    pub q_deg: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub q_deg: Option<BTreeMap<String, f64>>,
+    /// Instead of `q_deg`: where the hand is to be. Joint values are searched for when the file is read; the motors of the agent that move the
+    /// hand are set by it, the others are at home.
+    #[serde(default)]
+    pub hand_at: Option<HandGoal>,
 }
 
 /// A map with these poses as its last vertices; what a pose does not name is at home.
@@ -35,8 +41,10 @@ pub(super) fn map(
     robot: &Robot,
 ) -> Result<Roadmap, KindError> {
     let each = poses.iter().enumerate();
-    let positions =
-        KindError::gather(each.map(|(i, pose)| group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, robot)))?;
+    let positions = KindError::gather(each.map(|(i, pose)| {
+        let q_deg = joint_values(&format!("poses[{i}]"), pose.q_deg.as_ref(), pose.hand_at.as_ref())?;
+        group::positions(&format!("poses[{i}].q_deg"), q_deg, robot)
+    }))?;
     let named: BTreeSet<usize> = positions.iter().flatten().map(|(m, _)| *m).collect();
     let mut map = match given {
         Some(value) => {

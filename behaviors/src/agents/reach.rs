@@ -182,7 +182,7 @@ impl ReachAgent {
         if hands.is_empty() {
             hands.extend(group::hand(&robot, map.motors()));
         }
-        let palm = settings.palm.map(|palm| settings::direction("palm", palm)).transpose()?;
+        let palm = settings.palm.map(|palm| group::direction("palm", palm)).transpose()?;
         let palm = |hand: usize| palm.or_else(|| Some(robot.markers.get(hand)?.normal));
         let hands = hands.into_iter().filter_map(|hand| Some((hand, palm(hand)?))).collect();
         let seed = settings.seed.unwrap_or(context.seed);

@@ -2,6 +2,7 @@
 
 use super::{open, seal};
 use crate::group;
+use crate::hand_goal::{HandGoal, joint_values};
 use crate::short_way::nearest_target;
 use mobee_contract::*;
 use schemars::JsonSchema;
@@ -29,7 +30,12 @@ pub struct ScriptedSettings {
 #[serde(deny_unknown_fields)]
 pub struct ScriptedPose {
     /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors stay where they are.
-    pub q_deg: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub q_deg: Option<BTreeMap<String, f64>>,
+    /// Instead of `q_deg`: where the hand is to be. Joint values are searched for when the file is read, with all other motors at home; the
+    /// motors that move the hand are set by it, the others stay where they are.
+    #[serde(default)]
+    pub hand_at: Option<HandGoal>,
     /// How long to rest at the pose, seconds.
     #[serde(default)]
     pub wait_s: f64,
@@ -69,7 +75,8 @@ impl Scripted {
     pub fn new(settings: ScriptedSettings, context: &Context) -> Result<Scripted, KindError> {
         let speed = settings.speed;
         let poses = KindError::gather(settings.poses.iter().enumerate().map(|(i, pose)| {
-            let q = group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, &context.robot)?;
+            let q_deg = joint_values(&format!("poses[{i}]"), pose.q_deg.as_ref(), pose.hand_at.as_ref())?;
+            let q = group::positions(&format!("poses[{i}].q_deg"), q_deg, &context.robot)?;
             let (motors, q) = q.into_iter().unzip();
             let wait = group::seconds(&format!("poses[{i}].wait_s"), pose.wait_s)?;
             Ok((Target { motors, q, speed }, wait))

@@ -48,6 +48,12 @@ impl HandChain {
 
     /// Where the hand is at a pose of the whole robot, rad of encoder.
     pub fn at(&self, pose: &[f64]) -> HandPose {
+        let frame = self.frame(pose);
+        HandPose { at: Point3::from(frame.translation.vector), palm: frame.rotation * *self.palm }
+    }
+
+    /// `world_from_marker` at a pose of the whole robot, rad of encoder.
+    pub fn frame(&self, pose: &[f64]) -> Isometry3<f64> {
         let mut frame = self.base;
         for hinge in &self.hinges {
             frame *= hinge.at;
@@ -57,7 +63,6 @@ impl HandChain {
                 JointMotion::Slide => frame.translation.vector += frame.rotation * (*hinge.axis * position),
             }
         }
-        let frame = frame * self.tip;
-        HandPose { at: Point3::from(frame.translation.vector), palm: frame.rotation * *self.palm }
+        frame * self.tip
     }
 }

@@ -1,6 +1,7 @@
 //! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
 
 mod explorer;
+mod hand_goals;
 mod icub;
 mod join;
 mod locators;

@@ -123,13 +123,11 @@ impl WorldReader {
         let own: &[&str] = &["name", "type", "persistent"];
         e.warn_unknown(&[own, COLOR, geometry::POSE], &mut self.warnings);
         let class = match e.get("type").map_or("", |t| t.value.trim()) {
-            "" | "obstacle" => ObjectClass::Obstacle,
-            "target" => ObjectClass::Target,
-            "ghost" => ObjectClass::Ghost,
-            other => {
-                let message = format!("\"{other}\" is not an object type");
-                return Err(e.error_at("type", message, "write obstacle, target or ghost"));
-            }
+            "" => ObjectClass::Obstacle,
+            word => ObjectClass::of_word(word).ok_or_else(|| {
+                let message = format!("\"{word}\" is not an object type");
+                e.error_at("type", message, "write obstacle, target or ghost (or obs, tgt, gho)")
+            })?,
         };
         let name = match e.get("name").map_or("", |n| n.value.trim()) {
             // A made-up name may be the one that somebody wrote further up.

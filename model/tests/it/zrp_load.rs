@@ -177,6 +177,20 @@ fn a_world_has_obstacles_targets_and_ghosts() {
     );
 }
 
+/// The original program's words, in worlds and wherever a class is read as data (scripts, cues, journals).
+#[test]
+fn the_originals_words_for_classes_mean_the_same() {
+    for (word, original) in [("obstacle", "obs"), ("target", "tgt"), ("ghost", "gho")] {
+        let world =
+            |word: &str| format!("<WorldList><object type=\"{word}\"><sphere radius=\".05\"/></object></WorldList>");
+        let class = |word: &str| parse_world("w.xml", &world(word)).unwrap().value[0].class;
+        assert_eq!(class(word), class(original));
+        let read: ObjectClass = serde_json::from_str(&format!("\"{original}\"")).unwrap();
+        assert_eq!(read, class(word));
+        assert_eq!(serde_json::to_string(&read).unwrap(), format!("\"{word}\""), "our own word is written");
+    }
+}
+
 #[test]
 fn a_bad_world_is_refused_at_its_place() {
     for (inner, column, says) in [

@@ -166,6 +166,7 @@ fn an_operator_halts_moves_and_releases_a_robot() {
     assert!(run.refuses(&["world", "mk", "cone", "1"]).contains("MK ERROR"));
     run.says(&["world", "mk", "ssph", "0.05", "-2", "-2", "0.5"]);
     assert!(run.says(&["world", "def", "ssph1", "ghost"]).contains("'ghost'"));
+    assert!(run.says(&["world", "def", "ssph1", "tgt"]).contains("'target'"));
 
     let random = "[robot.agent]\nkind = \"random\"\nmotors = [\"right_arm\"]\ncount = 100\nspeed = 0.1\n";
     let random = behavior(dir.path(), "random.toml", random).display().to_string();

@@ -1,8 +1,9 @@
 //! Looking for the object: the eyes are turned to where it is thought to be, and about there until it is seen.
 
-use super::aim::{Eyes, Group};
+use super::aim::Eyes;
 use super::settings::GazePlan;
 use crate::group;
+use crate::inverse_kinematics::MotorGroup;
 use crate::table_map::HandChain;
 use mobee_contract::{Intent, Target, Time, View};
 use mobee_model::Robot;
@@ -54,7 +55,7 @@ impl Gaze {
             Some(HandChain::of_robot(&view.scene, view.robot, *eye, normal))
         };
         let limits = limits(&plan.motors, robot, view);
-        let group = Group { motors: plan.motors.clone(), limits };
+        let group = MotorGroup { motors: plan.motors.clone(), limits };
         let chains = plan.eyes.iter().filter_map(chain).collect();
         Gaze { plan, eyes: Eyes { chains, group } }
     }

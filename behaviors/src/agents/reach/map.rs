@@ -1,10 +1,11 @@
 //! The reaching agent's map: postures, rest and planned way-points as vertices of the roadmap it was given.
 
-use super::aim::{Group, Hand};
+use super::aim::Hand;
 use super::choice::{self, Choice};
 use super::look::{Gaze, limits};
 use super::{Place, ReachAgent, ReachSettings, Ready};
 use crate::group;
+use crate::inverse_kinematics::MotorGroup;
 use crate::map_file::{MapFile, unite};
 use crate::planners::{JointSpace, Planner, PlanningProblem, RrtConnect, shorten};
 use crate::roadmap::{Roadmap, Vertex};
@@ -109,7 +110,7 @@ impl ReachAgent {
             self.walker.map.motors().iter().partition(|m| other.contains(m));
         let others = others.into_iter().map(|m| (m, rest.get(m).copied().unwrap_or(0.0))).collect();
         let chain = HandChain::of_robot(&view.scene, view.robot, marker, palm);
-        let group = Group { limits: limits(&motors, &self.robot, view), motors };
+        let group = MotorGroup { limits: limits(&motors, &self.robot, view), motors };
         Some(Hand { chain, group, others, palm: self.palm_toward })
     }
 

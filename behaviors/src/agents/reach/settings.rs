@@ -233,7 +233,7 @@ impl ReachSettings {
             let help = format!("give millimeters from the object's middle, each up to {FARTHEST_MM}");
             if v.iter().all(|x| x.abs() <= FARTHEST_MM) { Ok(()) } else { Err(KindError::new(path, what, help)) }
         };
-        let toward = direction("palm_toward", self.palm_toward);
+        let toward = group::direction("palm_toward", self.palm_toward);
         let moved = self.moved_mm;
         let moved = if (1.0..=FARTHEST_MM).contains(&moved) {
             Ok(())
@@ -251,18 +251,10 @@ impl ReachSettings {
             near("pre_grasp_mm", self.pre_grasp_mm),
             near("grasp_mm", self.grasp_mm),
             toward.clone().map(drop),
-            self.palm.map_or(Ok(()), |palm| direction("palm", palm).map(drop)),
+            self.palm.map_or(Ok(()), |palm| group::direction("palm", palm).map(drop)),
             moved,
             budget,
         ])?;
         toward
     }
-}
-
-/// A direction that has a length.
-pub(super) fn direction(path: &str, v: [f64; 3]) -> Result<Unit<Vector3<f64>>, KindError> {
-    let finite = v.iter().all(|x| x.is_finite());
-    Unit::try_new(Vector3::from(v), 1e-6)
-        .filter(|_| finite)
-        .ok_or_else(|| KindError::new(path, "this direction has no length", "give a vector, such as [0, 0, -1]"))
 }

@@ -106,12 +106,8 @@ fn make(arguments: &[Value]) -> Result<WorldRequest, WorldRefusal> {
 }
 
 fn class(rest: &[Value]) -> Result<ObjectClass, WorldRefusal> {
-    match words::name(rest.first()).as_deref() {
-        Some("obs" | "obstacle") => Ok(ObjectClass::Obstacle),
-        Some("tgt" | "target") => Ok(ObjectClass::Target),
-        Some("gho" | "ghost") => Ok(ObjectClass::Ghost),
-        _ => Err(WorldRefusal::UnknownClass),
-    }
+    let word = words::name(rest.first());
+    word.as_deref().and_then(ObjectClass::of_word).ok_or(WorldRefusal::UnknownClass)
 }
 
 /// The reply as the original writes it.
