@@ -148,6 +148,13 @@ impl SimSettings {
             let help = "give a profile with servos, such as profile = \"panda\"";
             KindError::new(name, "kinematic joints (profile `ideal`) have no servos, no weight and touch nothing", help)
         };
+        let empty = self.servo.iter().flat_map(ServoSettings::empty_lists).map(|name| {
+            Err(KindError::new(
+                name,
+                "this list is empty",
+                "give a number, or leave the key out: the profile's counts then",
+            ))
+        });
         let servo = self.servo.as_ref().filter(|_| kinematic).map(|_| Err(needs("servo")));
         let unknown = self.unknown.first().filter(|_| kinematic).map(|_| Err(needs("unknown")));
         let imitates = self.imitates.filter(|_| !kinematic).map(|_| {
@@ -167,7 +174,9 @@ impl SimSettings {
             let size = b.size_m.iter().map(move |x| (format!("unknown[{i}].size_m"), *x, 1e-3, 100.0));
             size.chain(b.at_m.iter().map(move |x| (format!("unknown[{i}].at_m"), *x, -100.0, 100.0)))
         });
-        KindError::gather(servo.into_iter().chain(unknown).chain(imitates).chain(numbers).chain(sizes.map(wrong)))?;
+        KindError::gather(
+            servo.into_iter().chain(empty).chain(unknown).chain(imitates).chain(numbers).chain(sizes.map(wrong)),
+        )?;
         Ok(())
     }
 

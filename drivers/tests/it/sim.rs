@@ -98,6 +98,8 @@ fn settings_that_make_no_sense_are_refused_with_their_path() {
         (json!({"noise_deg": 100}), "noise_deg"),
         (json!({"profile": "wild"}), "profile"),
         (json!({"move_profile": "wild"}), "move_profile"),
+        (json!({"profile": "so101", "servo": {"torque_nm": []}}), "servo.torque_nm"),
+        (json!({"servo": {"lead": 0.5}}), "servo"),
         (json!({"start_deg": {"nose": 1}}), "start_deg.nose"),
         (json!({"start_deg": {motor.name.clone(): outside}}), &format!("start_deg.{}", motor.name)),
     ];

@@ -263,6 +263,19 @@ impl ServoSettings {
         [self.mass_kg.unwrap_or(numbers.mass), 1.0 - compensated, self.contact_n_per_m.unwrap_or(CONTACT)]
     }
 
+    /// The lists that have no number.
+    pub fn empty_lists(&self) -> Vec<String> {
+        let lists = [
+            ("stiffness_nm_per_rad", &self.stiffness_nm_per_rad),
+            ("damping_nms_per_rad", &self.damping_nms_per_rad),
+            ("torque_nm", &self.torque_nm),
+            ("inertia_kgm2", &self.inertia_kgm2),
+            ("friction_nm", &self.friction_nm),
+        ];
+        let empty = lists.into_iter().filter(|(_, list)| list.as_ref().is_some_and(Vec::is_empty));
+        empty.map(|(name, _)| format!("servo.{name}")).collect()
+    }
+
     /// Each number with its name and the range that it must be in.
     pub fn ranges(&self) -> Vec<(String, f64, f64, f64)> {
         let lists = [
