@@ -33,7 +33,7 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
         for w in &c.warnings {
             println!("warning: {w}");
         }
-        for (robot, pose) in &c.found_poses {
+        for (robot, pose) in &c.resolved_goals {
             println!("{robot}: {pose}");
         }
         println!("{}: ready to run ({})", path.display(), contents(&c));

@@ -8,7 +8,7 @@ pub(crate) use sensors::camera as sensor_camera;
 
 use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, SensorSetup, TruthCell, named_apart};
-use mobee_behaviors::hand_goal::{self, FoundPose, HandGoals};
+use mobee_behaviors::hand_goal::{self, HandGoals, ResolvedGoal};
 use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
 use mobee_controller::look_ahead::stop_error;
 use mobee_controller::{ControllerSettings, RELEASE};
@@ -42,7 +42,7 @@ pub struct Composition {
     /// What deserves attention but does not forbid to run.
     pub warnings: Vec<String>,
     /// Joint values that were found for poses that are given by the hand, each with its robot.
-    pub found_poses: Vec<(String, FoundPose)>,
+    pub resolved_goals: Vec<(String, ResolvedGoal)>,
 }
 
 /// Reads a file with its layers, and builds everything that it names.
@@ -110,7 +110,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     }
     let objects = wrong.keep(world(&config, source, &mut warnings));
     let scene = objects.and_then(|objects| scene(&config, &built, objects));
-    let found_poses = agents(&config, source, &mut built, scene.as_ref().and_then(|s| s.as_ref().ok()), &mut wrong);
+    let resolved_goals = agents(&config, source, &mut built, scene.as_ref().and_then(|s| s.as_ref().ok()), &mut wrong);
     let bridges = bridges(&config, source, &mut wrong);
     let whole: Option<Vec<Built>> = built.into_iter().collect();
     let (Some(built), Some(scene)) = (whole, scene) else { return Err(wrong.of_something()) };
@@ -168,7 +168,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
         bridges,
         services,
         warnings,
-        found_poses,
+        resolved_goals,
     })
 }
 
@@ -196,7 +196,7 @@ fn agents(
     built: &mut [Option<Built>],
     scene: Option<&Scene>,
     wrong: &mut Complaints,
-) -> Vec<(String, FoundPose)> {
+) -> Vec<(String, ResolvedGoal)> {
     let mut all_found = Vec::new();
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let (Some(value), Some(b)) = (&r.agent, b) else { continue };
@@ -380,7 +380,7 @@ fn agent(
     value: &Value,
     context: Context,
     goals: Option<HandGoals>,
-) -> Result<(AgentMaker, Requirements, Vec<FoundPose>), Complaints> {
+) -> Result<(AgentMaker, Requirements, Vec<ResolvedGoal>), Complaints> {
     let (kind, mut settings) = kind::<dyn Agent>(source, at, value)?;
     // agents take maps as JSON, and read no files
     for (place, map) in crate::config::maps(&mut settings) {

@@ -61,7 +61,7 @@ pub enum GoalFrame {
 
 /// Joint values that were found for a pose.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FoundPose {
+pub struct ResolvedGoal {
     /// The path of the pose within the agent's settings, such as `poses[3]`.
     pub path: String,
     /// The pose's name, if it has one.
@@ -77,7 +77,7 @@ pub struct FoundPose {
 }
 
 /// A line for people, with joint values as a settings file takes them.
-impl fmt::Display for FoundPose {
+impl fmt::Display for ResolvedGoal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = self.name.as_ref().map_or_else(|| self.path.clone(), |name| format!("pose {name:?}"));
         // a rounded zero has no sign
@@ -149,7 +149,7 @@ impl HandGoals<'_> {
     ///
     /// # Errors
     /// Unknown names, numbers out of bounds, places that the hand can't reach or not freely: with their path.
-    pub fn resolve(&self, agent: &mut Value) -> Result<Vec<FoundPose>, KindError> {
+    pub fn resolve(&self, agent: &mut Value) -> Result<Vec<ResolvedGoal>, KindError> {
         if !is_given(agent) {
             return Ok(Vec::new());
         }
@@ -196,7 +196,7 @@ impl HandGoals<'_> {
         default: Option<usize>,
         motors: Option<&[usize]>,
         robot: &Robot,
-    ) -> Result<FoundPose, KindError> {
+    ) -> Result<ResolvedGoal, KindError> {
         let marker = group::marker("hand", goal.hand.as_deref(), robot);
         let place = goal.place(&self.scene.base(self.robot));
         KindError::gather([marker.clone().map(drop), place.clone().map(drop)])?;
@@ -233,7 +233,7 @@ impl HandGoals<'_> {
         };
         let found = search.run(&place).map_err(|why| self.refusal(&why, goal, &hand.name))?;
         let named = |(m, q): (&usize, &f64)| Some((robot.motors.get(*m)?.name.clone(), q.to_degrees()));
-        Ok(FoundPose {
+        Ok(ResolvedGoal {
             path: String::new(),
             name: None,
             hand: hand.name.clone(),

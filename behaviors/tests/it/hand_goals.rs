@@ -2,7 +2,7 @@
 //! equal settings give equal ones.
 
 use crate::world::*;
-use mobee_behaviors::hand_goal::{FoundPose, HandGoals};
+use mobee_behaviors::hand_goal::{HandGoals, ResolvedGoal};
 use mobee_contract::KindError;
 use mobee_model::*;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -21,7 +21,7 @@ fn load(robot: &str, world: Option<&str>, base: Isometry3<f64>) -> Scene {
     Scene::new(vec![(robot, base)], objects.unwrap_or_default()).unwrap()
 }
 
-fn resolve(scene: &Scene, seed: u64, agent: &mut Value) -> Result<Vec<FoundPose>, KindError> {
+fn resolve(scene: &Scene, seed: u64, agent: &mut Value) -> Result<Vec<ResolvedGoal>, KindError> {
     HandGoals { scene, robot: 0, clearance: CLEARANCE, seed }.resolve(agent)
 }
 

@@ -7,14 +7,14 @@
 //! and pushes what it runs into. Integrated by implicit Euler in steps of [`STEP`] on a fixed grid, so that the motion does not depend
 //! on when readings are taken.
 
-mod body;
+mod external;
 mod profile;
 
-pub use body::Surroundings;
+pub use external::ArmPhysics;
 pub use profile::{ArmNumbers, ArmProfile, BoardRules, DoneRule, Servo, ServoSettings, StopRule};
 
 use super::path::State;
-use body::Body;
+use external::ExternalTorques;
 use mobee_contract::Time;
 use std::time::Duration;
 
@@ -40,7 +40,7 @@ struct ServoJoint {
 #[derive(Clone, Debug)]
 pub struct Dynamics {
     joints: Vec<ServoJoint>,
-    body: Option<Body>,
+    external: Option<ExternalTorques>,
     /// Steps since time zero.
     steps: u64,
     /// The commanded positions of the last step.
@@ -58,7 +58,7 @@ impl Dynamics {
         let joint = |(servo, q): (Servo, &f64)| ServoJoint { servo, q: *q, v: 0.0, effort: 0.0 };
         Dynamics {
             joints: servos.into_iter().zip(start).map(joint).collect(),
-            body: None,
+            external: None,
             steps: 0,
             wanted: start.to_vec(),
             rests: false,
@@ -68,8 +68,8 @@ impl Dynamics {
     }
 
     /// Puts it among things: it has weight from now on, and touches them.
-    pub fn surround(&mut self, surroundings: Surroundings) {
-        self.body = Body::new(surroundings);
+    pub fn set_physics(&mut self, physics: ArmPhysics) {
+        self.external = ExternalTorques::new(physics);
         self.rests = false;
     }
 
@@ -95,12 +95,12 @@ impl Dynamics {
         let changed = states.iter().zip(&self.wanted).any(|(state, w)| state.q != *w);
         self.wanted = states.iter().map(|state| state.q).collect();
         let mut outside = vec![0.0; self.joints.len()];
-        if let Some(body) = &mut self.body {
+        if let Some(external) = &mut self.external {
             let (q, v): (Vec<f64>, Vec<f64>) = self.joints.iter().map(|j| (j.q, j.v)).unzip();
             if self.steps.is_multiple_of(LOOK) && !self.rests {
-                body.look(&q);
+                external.look(&q);
             }
-            let force = body.torques(&q, &v, &mut outside);
+            let force = external.torques(&q, &v, &mut outside);
             self.greatest = self.greatest.max(force);
             self.pressing = if force > 0.0 { self.pressing + STEP } else { Duration::ZERO };
         }

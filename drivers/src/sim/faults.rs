@@ -1,6 +1,6 @@
 //! Faults of the simulated hardware, injected by tests and whole-system simulation.
 
-use super::{SharedPlant, lock};
+use super::shared::{SharedPlant, lock};
 use mobee_contract::Time;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -107,6 +107,11 @@ impl Active {
     /// Whether it lasts until somebody stops it.
     pub fn is_open(&self) -> bool {
         self.until == Time(u64::MAX)
+    }
+
+    /// Whether it keeps readings from being fetched.
+    pub fn withholds(&self) -> bool {
+        matches!(self.fault, Fault::Lost | Fault::Silent | Fault::Hardware { .. })
     }
 }
 

@@ -160,3 +160,19 @@ fn an_unknown_box_is_pushed_with_the_servo_s_force() {
     let refused = SimHardware::build(&json!({ "unknown": unknown }), &Context { robot: katana, seed: 1 }).unwrap_err();
     assert_eq!(refused.path, "unknown");
 }
+
+#[test]
+fn servo_numbers_without_a_joint_are_refused() {
+    let katana = robot("katana");
+    let build = |list: Vec<f64>| {
+        let settings = json!({ "profile": "panda", "servo": { "torque_nm": list } });
+        SimHardware::build(&settings, &Context { robot: katana.clone(), seed: 1 })
+    };
+    let joints = katana.parts.iter().map(|part| part.motors.len()).max().unwrap();
+    assert!(build(vec![5.0; joints]).is_ok());
+    for (numbers, cause) in [(0, "empty"), (joints + 1, "have no joint")] {
+        let refused = build(vec![5.0; numbers]).unwrap_err();
+        assert_eq!(refused.path, "servo.torque_nm");
+        assert!(refused.to_string().contains(cause), "{refused}");
+    }
+}

@@ -127,18 +127,19 @@ impl Retreat {
         now: Time,
         rules: &Rules,
     ) -> Result<Option<Command>, Parted> {
-        // half a sample early rather than a whole one late
-        let elapsed = now.since(self.last).as_secs_f64();
-        let period = rules.period.as_secs_f64();
-        if elapsed < 0.75 * period {
-            return Ok(None);
-        }
+        let Some(elapsed) = self.since_last(now, rules) else { return Ok(None) };
         // a robot behind its set-points would cut the corner to them, off the path that is known to be free
         let follows = self.is_followed(sample, now, rules);
         self.behind = if follows { None } else { self.behind.or(Some(now)) };
         let most = if follows { self.clock + elapsed * CATCH_UP * self.rate } else { self.clock };
         self.rate = (self.rate + elapsed / EASE).min(1.0);
         self.send_to(most, joint_retreat, now, rules).map(Some)
+    }
+
+    /// The time since the last set-point, s, once the next one is due: half a sample early rather than a whole one late.
+    fn since_last(&self, now: Time, rules: &Rules) -> Option<f64> {
+        let elapsed = now.since(self.last).as_secs_f64();
+        (elapsed >= 0.75 * rules.period.as_secs_f64()).then_some(elapsed)
     }
 
     /// The set-point of the clock's next time, which is this one at most: those who go along may be behind.
@@ -176,10 +177,7 @@ impl Retreat {
             return joint_retreat.step(self.robot, self.clock, now).map(|_| None).ok_or(Parted);
         }
         self.behind = None;
-        let elapsed = now.since(self.last).as_secs_f64();
-        if elapsed < 0.75 * rules.period.as_secs_f64() {
-            return Ok(None);
-        }
+        let Some(elapsed) = self.since_last(now, rules) else { return Ok(None) };
         self.rate = (self.rate - elapsed / self.braking_time(rules).max(1e-3)).max(0.0);
         self.send_to(self.clock + elapsed * self.rate, joint_retreat, now, rules).map(Some)
     }

@@ -1,5 +1,6 @@
 //! Arms as they are: servos, weight, encoders and boards of robots that people own, and numbers of one's own.
 
+use mobee_contract::KindError;
 use mobee_model::{JointMotion, Robot};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -263,31 +264,45 @@ impl ServoSettings {
         [self.mass_kg.unwrap_or(numbers.mass), 1.0 - compensated, self.contact_n_per_m.unwrap_or(CONTACT)]
     }
 
+    /// The numbers per joint, each list with its name and the range of its numbers.
+    fn lists(&self) -> [(&'static str, Option<&[f64]>, f64, f64); 5] {
+        [
+            ("stiffness_nm_per_rad", self.stiffness_nm_per_rad.as_deref(), 0.1, 1e6),
+            ("damping_nms_per_rad", self.damping_nms_per_rad.as_deref(), 0.0, 1e6),
+            ("torque_nm", self.torque_nm.as_deref(), 0.001, 1e6),
+            ("inertia_kgm2", self.inertia_kgm2.as_deref(), 1e-4, 1e4),
+            ("friction_nm", self.friction_nm.as_deref(), 0.0, 1e4),
+        ]
+    }
+
     /// The lists that have no number.
-    pub fn empty_lists(&self) -> Vec<String> {
-        let lists = [
-            ("stiffness_nm_per_rad", &self.stiffness_nm_per_rad),
-            ("damping_nms_per_rad", &self.damping_nms_per_rad),
-            ("torque_nm", &self.torque_nm),
-            ("inertia_kgm2", &self.inertia_kgm2),
-            ("friction_nm", &self.friction_nm),
-        ];
-        let empty = lists.into_iter().filter(|(_, list)| list.as_ref().is_some_and(Vec::is_empty));
-        empty.map(|(name, _)| format!("servo.{name}")).collect()
+    pub fn empty_lists(&self) -> impl Iterator<Item = String> {
+        let empty = self.lists().into_iter().filter(|(_, list, ..)| list.is_some_and(<[f64]>::is_empty));
+        empty.map(|(name, ..)| format!("servo.{name}"))
+    }
+
+    /// Checks that every number has a joint.
+    ///
+    /// # Errors
+    /// A list that is longer than the robot's longest part.
+    pub fn fits(&self, robot: &Robot) -> Result<(), KindError> {
+        let joints = robot.parts.iter().map(|part| part.motors.len()).max().unwrap_or(0);
+        let long = |(name, list, ..): (&str, Option<&[f64]>, f64, f64)| match list.map_or(0, <[f64]>::len) {
+            given if given > joints => Err(KindError::new(
+                format!("servo.{name}"),
+                format!("{given} numbers for {joints} joints: those from number {} on have no joint", joints + 1),
+                format!("give {joints} numbers at most, from the base on; the last counts for all joints that follow"),
+            )),
+            _ => Ok(()),
+        };
+        KindError::gather(self.lists().map(long)).map(|_| ())
     }
 
     /// Each number with its name and the range that it must be in.
     pub fn ranges(&self) -> Vec<(String, f64, f64, f64)> {
-        let lists = [
-            ("stiffness_nm_per_rad", &self.stiffness_nm_per_rad, 0.1, 1e6),
-            ("damping_nms_per_rad", &self.damping_nms_per_rad, 0.0, 1e6),
-            ("torque_nm", &self.torque_nm, 0.001, 1e6),
-            ("inertia_kgm2", &self.inertia_kgm2, 1e-4, 1e4),
-            ("friction_nm", &self.friction_nm, 0.0, 1e4),
-        ];
-        let of_list = |(name, list, least, most): (&str, &Option<Vec<f64>>, f64, f64)| {
-            let list = list.iter().flatten().enumerate();
-            list.map(|(i, x)| (format!("servo.{name}[{i}]"), *x, least, most)).collect::<Vec<_>>()
+        let of_list = |(name, list, least, most): (&'static str, Option<&[f64]>, f64, f64)| {
+            let list = list.unwrap_or_default().to_vec().into_iter().enumerate();
+            list.map(move |(i, x)| (format!("servo.{name}[{i}]"), x, least, most))
         };
         let single = [
             ("lead", self.lead, 0.0, 1.0),
@@ -296,6 +311,6 @@ impl ServoSettings {
             ("contact_n_per_m", self.contact_n_per_m, 100.0, 1e7),
         ];
         let single = single.into_iter().filter_map(|(name, x, a, b)| Some((format!("servo.{name}"), x?, a, b)));
-        lists.into_iter().flat_map(of_list).chain(single).collect()
+        self.lists().into_iter().flat_map(of_list).chain(single).collect()
     }
 }

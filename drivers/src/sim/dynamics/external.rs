@@ -11,7 +11,7 @@ const NEAR: f64 = 0.03;
 
 /// Where an arm stands, and what is there.
 #[derive(Clone, Debug)]
-pub struct Surroundings {
+pub struct ArmPhysics {
     /// The arm and the objects around it, those that only physics has among them.
     pub scene: Arc<Scene>,
     /// The arm's mass, kg, spread over its shapes by their volume; a share of its weight that is not compensated.
@@ -24,7 +24,7 @@ pub struct Surroundings {
     pub damping: f64,
 }
 
-impl Surroundings {
+impl ArmPhysics {
     /// A robot alone in a scene with these objects. Targets and ghosts are nothing that it could touch.
     ///
     /// # Errors
@@ -56,8 +56,8 @@ struct Gap {
 
 /// An arm's weight and contacts.
 #[derive(Clone, Debug)]
-pub struct Body {
-    surroundings: Surroundings,
+pub struct ExternalTorques {
+    physics: ArmPhysics,
     watch: Watch,
     weights: Vec<Weight>,
     /// As of the last look: the joints, their torques from weight, and what is near.
@@ -66,31 +66,31 @@ pub struct Body {
     gaps: Vec<Gap>,
 }
 
-impl Body {
+impl ExternalTorques {
     /// Nothing, if the scene has no robot.
-    pub fn new(surroundings: Surroundings) -> Option<Body> {
-        let robot = surroundings.scene.robots().first()?;
+    pub fn new(physics: ArmPhysics) -> Option<ExternalTorques> {
+        let robot = physics.scene.robots().first()?;
         let moved = robot.nodes.iter().enumerate().filter(|(n, _)| robot.body(*n).is_some());
         let shapes: Vec<(usize, Vector3<f64>, f64)> = moved
             .flat_map(|(n, node)| node.solids.iter().map(move |s| (n, s.pose.translation.vector, volume(&s.shape))))
             .collect();
         let all: f64 = shapes.iter().map(|(_, _, volume)| volume).sum();
-        let per_volume = if all > 0.0 { surroundings.mass * surroundings.felt * GRAVITY / all } else { 0.0 };
+        let per_volume = if all > 0.0 { physics.mass * physics.felt * GRAVITY / all } else { 0.0 };
         let weight = |(node, at, volume)| Weight { node, at, newtons: volume * per_volume };
         let motors = robot.motors.len();
-        Some(Body {
-            watch: Watch::new(surroundings.scene.clone(), NEAR),
+        Some(ExternalTorques {
+            watch: Watch::new(physics.scene.clone(), NEAR),
             weights: shapes.into_iter().map(weight).filter(|w| w.newtons > 0.0).collect(),
             seen: vec![0.0; motors],
             weight: vec![0.0; motors],
             gaps: Vec::new(),
-            surroundings,
+            physics,
         })
     }
 
     /// Evaluates weight and contacts at these joint positions, rad.
     pub fn look(&mut self, q: &[f64]) {
-        let scene = self.surroundings.scene.clone();
+        let scene = self.physics.scene.clone();
         let Some(skeleton) = scene.skeletons().first() else { return };
         let mut frames: Vec<Isometry3<f64>> = Vec::new();
         skeleton.place(q, &mut frames);
@@ -123,7 +123,7 @@ impl Body {
                 continue;
             }
             let closing: f64 = -gap.gradient.iter().zip(v).map(|(g, v)| g * v).sum::<f64>();
-            let force = (self.surroundings.stiffness * depth + self.surroundings.damping * closing).max(0.0);
+            let force = (self.physics.stiffness * depth + self.physics.damping * closing).max(0.0);
             greatest = greatest.max(force);
             for (out, g) in out.iter_mut().zip(&gap.gradient) {
                 *out += force * g;

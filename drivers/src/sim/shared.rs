@@ -1,0 +1,187 @@
+//! The simulated hardware itself: board, arm and encoders, which all drivers of one robot share, and the faults they show.
+
+use super::dynamics::{DoneRule, Dynamics};
+use super::encoders::Encoders;
+use super::faults::{Active, Fault, Garbage};
+use super::plant::Plant;
+use mobee_contract::{DriverFault, Sample, Time};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// A board that reports arrivals counts a joint as arrived within this, rad.
+const ARRIVED: f64 = 0.5 * std::f64::consts::PI / 180.0;
+
+/// What all drivers of one simulated robot share: the hardware itself.
+#[derive(Debug)]
+pub struct SharedPlant {
+    /// The board: it shapes the commanded positions.
+    pub plant: Plant,
+    /// The arm that follows them; `None`: its joints are where they are commanded.
+    pub arm: Option<Dynamics>,
+    pub done: DoneRule,
+    pub encoders: Encoders,
+    pub latency: Duration,
+    /// The newest reading, until it is fetched.
+    pub unread: Option<Sample>,
+    /// The reading that was fetched last.
+    pub fetched: Option<Sample>,
+    pub faults: Vec<Active>,
+    pub faults_made: u64,
+}
+
+/// Hardware does not break because a program crashed while it talked to it.
+pub fn lock(board: &Mutex<SharedPlant>) -> MutexGuard<'_, SharedPlant> {
+    board.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl SharedPlant {
+    /// Moves on to `now`, reading the encoders on the way.
+    pub fn advance(&mut self, now: Time) {
+        if let Some((seq, at)) = self.encoders.take(now) {
+            self.pass(at);
+            let q = match &self.arm {
+                Some(arm) => self.encoders.read(arm.positions()),
+                None => self.encoders.read(self.plant.positions()),
+            };
+            let mut sample = Sample { seq, at: self.plant.now(), q, done: self.done() };
+            self.falsify(&mut sample);
+            self.unread = Some(sample);
+        }
+        let since = self.plant.now();
+        self.pass(now);
+        self.sag(since, now);
+        self.hold(now);
+        if self.on(now).any(|f| matches!(f.fault, Fault::Hardware { .. })) && self.plant.moves() {
+            self.plant.brake_all();
+        }
+    }
+
+    /// Lets board and arm move on to `to`.
+    fn pass(&mut self, to: Time) {
+        if let Some(arm) = &mut self.arm {
+            while arm.next() <= to {
+                if self.plant.is_idle() && arm.is_settled(self.plant.positions()) {
+                    arm.skip(to);
+                    break;
+                }
+                self.plant.advance(arm.next());
+                arm.step(self.plant.states());
+                self.plant.measure(arm.positions());
+            }
+        }
+        self.plant.advance(to);
+    }
+
+    /// Where the joints are, rad.
+    pub fn positions(&self) -> Vec<f64> {
+        match &self.arm {
+            Some(arm) => arm.positions().collect(),
+            None => self.plant.positions().collect(),
+        }
+    }
+
+    /// Per motor whether its board reports it as done.
+    pub fn done(&self) -> Vec<bool> {
+        let mut done = self.plant.done();
+        if let (Some(arm), DoneRule::Arrived) = (&self.arm, self.done) {
+            let off = arm.positions().zip(self.plant.positions()).map(|(q, c)| (q - c).abs());
+            done.iter_mut().zip(off).for_each(|(done, off)| *done &= off < ARRIVED);
+        }
+        done
+    }
+
+    fn sag(&mut self, since: Time, now: Time) {
+        let secs = now.since(since).as_secs_f64();
+        for f in self.faults.iter().filter(|f| f.is_on(now)) {
+            if let Fault::Sag { motor, speed } = f.fault {
+                self.plant.push(motor, speed * secs);
+            }
+        }
+    }
+
+    /// Motors that something holds are held once they have moved for long enough, and let go when it is over.
+    fn hold(&mut self, now: Time) {
+        let mut wanted = Vec::new();
+        for f in self.faults.iter_mut().filter(|f| f.is_on(now)) {
+            if let Fault::Blocked { motor, after } = f.fault {
+                wanted.push(motor);
+                let moves = self.plant.speeds().nth(motor).is_some_and(|v| v != 0.0);
+                f.moving = f.moving.filter(|_| moves).or(moves.then_some(now));
+                if f.moving.is_some_and(|since| now.since(since) >= after) {
+                    self.plant.hold(motor);
+                }
+            }
+        }
+        let over = |(m, held): (usize, Option<(Time, f64)>)| held.filter(|_| !wanted.contains(&m)).map(|_| m);
+        let over: Vec<usize> = self.plant.held().into_iter().enumerate().filter_map(over).collect();
+        over.into_iter().for_each(|m| self.plant.release(m));
+    }
+
+    /// The faults that show now.
+    pub fn on(&self, now: Time) -> impl Iterator<Item = &Active> {
+        self.faults.iter().filter(move |f| f.is_on(now))
+    }
+
+    /// The fault that keeps the board from answering, if there is one.
+    pub fn trouble(&self, now: Time) -> Result<(), DriverFault> {
+        if self.on(now).any(|f| f.fault == Fault::Lost) {
+            return Err(DriverFault::Lost);
+        }
+        let report = |f: &Active| if let Fault::Hardware { report } = &f.fault { Some(report.clone()) } else { None };
+        self.on(now).find_map(report).map_or(Ok(()), |r| Err(DriverFault::Hardware(r)))
+    }
+
+    /// Makes a reading say what lying encoders say.
+    fn falsify(&mut self, sample: &mut Sample) {
+        if self.faults.is_empty() {
+            return;
+        }
+        let truth = sample.q.clone();
+        let mut q = truth.to_vec();
+        let moves = self.plant.moves();
+        for f in self.faults.iter_mut().filter(|f| f.is_on(sample.at)) {
+            match &f.fault {
+                Fault::Frozen { motor } => {
+                    let held = f.held.get_or_insert_with(|| truth.clone());
+                    for (m, (slot, old)) in q.iter_mut().zip(held.iter()).enumerate() {
+                        if motor.is_none_or(|only| only == m) {
+                            *slot = *old;
+                        }
+                    }
+                }
+                Fault::FrozenInMotion { after } => {
+                    f.moving = f.moving.filter(|_| moves).or(moves.then_some(sample.at));
+                    if f.held.is_none() && f.moving.is_some_and(|since| sample.at.since(since) >= *after) {
+                        f.held = Some(truth.clone());
+                    }
+                    if let Some(held) = &f.held {
+                        q.clone_from_slice(held);
+                    }
+                }
+                Fault::Offset { motor, by } => {
+                    if let Some(slot) = q.get_mut(*motor) {
+                        *slot += by;
+                    }
+                }
+                Fault::Noise { sigma } => {
+                    for slot in &mut q {
+                        *slot = self.encoders.disturb(*slot, *sigma);
+                    }
+                }
+                Fault::Garbage(Garbage::NotANumber) => q.iter_mut().take(1).for_each(|slot| *slot = f64::NAN),
+                Fault::Garbage(Garbage::Infinite) => q.iter_mut().take(1).for_each(|slot| *slot = f64::INFINITY),
+                Fault::Garbage(Garbage::Short) => drop(q.pop()),
+                Fault::Garbage(Garbage::Long) => q.push(0.0),
+                Fault::Lost
+                | Fault::Silent
+                | Fault::Slow { .. }
+                | Fault::Gappy { .. }
+                | Fault::Repeated
+                | Fault::Sag { .. }
+                | Fault::Blocked { .. }
+                | Fault::Hardware { .. } => {}
+            }
+        }
+        sample.q = q.into();
+    }
+}
