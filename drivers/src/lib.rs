@@ -17,7 +17,7 @@
 //! use mobee_drivers::{SimHardware, SimSettings};
 //! use std::time::Duration;
 //!
-//! let axis = Axis { name: "elbow".into(), min: 0.0, max: 1.8, max_speed: 1.7, max_acceleration: 3.5, motion: Default::default() };
+//! let axis = Axis { name: "elbow".into(), min: 0.0, max: 1.8, max_speed: 1.7, max_acceleration: 3.5, ..Default::default() };
 //! let hardware = SimHardware::with_axes(vec![axis], &[0.5], &SimSettings::default(), 7);
 //! let mut driver = hardware.connect()?;
 //! driver.lease(Time::ZERO, Time::from_secs(10.0));

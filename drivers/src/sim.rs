@@ -233,6 +233,12 @@ impl Driver for SimDriver {
         let extra: Duration =
             board.on(now).filter_map(|f| if let Fault::Slow { extra } = f.fault { Some(extra) } else { None }).sum();
         let latency = board.latency + extra;
+        let moving = board.stopped_of(command);
+        let command = match &moving {
+            Some(motors) if motors.is_empty() => return Ok(()),
+            Some(motors) => &Command::Stop { motors: motors.clone() },
+            None => command,
+        };
         board.plant.command(now, command, latency).map_err(DriverFault::Refused)
     }
 
@@ -277,14 +283,8 @@ mod tests {
 
     #[test]
     fn a_panic_at_the_board_leaves_it_alive() {
-        let axis = Axis {
-            name: "a".into(),
-            min: -1.0,
-            max: 1.0,
-            max_speed: 1.0,
-            max_acceleration: 1.0,
-            motion: Default::default(),
-        };
+        let axis =
+            Axis { name: "a".into(), min: -1.0, max: 1.0, max_speed: 1.0, max_acceleration: 1.0, ..Default::default() };
         let hardware = SimHardware::with_axes(vec![axis], &[0.5], &SimSettings::default(), 1);
         let board = hardware.board.clone();
         let crash = std::thread::spawn(move || {

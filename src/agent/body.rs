@@ -368,7 +368,7 @@ mod tests {
             max: 3.0,
             max_speed: v,
             max_acceleration: a,
-            motion: Default::default(),
+            ..Default::default()
         };
         let axes = [axis(1.0, 2.0), axis(0.5, 1.0), axis(1.0, 1.0)];
         let target = Target { motors: vec![0, 1, 2], q: vec![1.0, -0.4, 0.2], speed: 0.5 };

@@ -28,6 +28,8 @@ fn narrator() -> Narrator {
         margin: 0.01,
         tolerance: 0.002,
         rest_speed: 0.01,
+        resolution: 0.0,
+        hold_error: 0.0,
         constraints: Vec::new(),
     };
     assert_eq!(narrator.line(&robot), None);

@@ -12,6 +12,7 @@ mod eyes_draw;
 mod frames;
 mod hand_goals;
 mod hard_sensing;
+mod hobby_arm;
 mod hostile_files;
 mod licenses;
 mod locator_files;

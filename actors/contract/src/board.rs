@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// One motor as described by its board.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Axis {
     /// The motor's name, as in the robot model.
     pub name: String,
@@ -21,6 +21,14 @@ pub struct Axis {
     /// What its encoder counts, for people.
     #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
     pub motion: JointMotion,
+    /// The smallest difference that its readings show, rad of encoder: one count of a coarse encoder, or the spread of a noisy one. 0: fine
+    /// enough for a rest to show within eight readings.
+    #[serde(default)]
+    pub resolution: f64,
+    /// By how much its joint may rest beside the commanded position, rad of encoder: the greatest load over the stiffness of a servo without
+    /// an integral term. 0: the board itself brings it there.
+    #[serde(default)]
+    pub hold_error: f64,
 }
 
 /// What a board can do.

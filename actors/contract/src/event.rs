@@ -48,6 +48,11 @@ impl WorldChange {
     }
 }
 
+/// Whether a measure need not be written.
+fn is_nothing(x: &f64) -> bool {
+    *x == 0.0
+}
+
 /// A robot's constraints: every clause must hold. A clause holds if one of its members has a positive value. This is the sum of the member's
 /// coefficients, each times the position of the motor with the given index (degrees), plus its constant.
 pub type Clauses = Vec<Vec<(Vec<(usize, f64)>, f64)>>;
@@ -118,6 +123,12 @@ pub enum Event {
         tolerance: f64,
         /// Speed below which a motor counts as at rest, rad/s.
         rest_speed: f64,
+        /// The smallest difference that its coarsest encoder shows, rad; absent where all are fine.
+        #[serde(default, skip_serializing_if = "is_nothing")]
+        resolution: f64,
+        /// How far beside its commanded position a motor may rest at most, rad; absent where boards hold exactly.
+        #[serde(default, skip_serializing_if = "is_nothing")]
+        hold_error: f64,
         /// Its constraints; absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         constraints: Clauses,

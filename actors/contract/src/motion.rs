@@ -358,7 +358,7 @@ mod tests {
             max: 1.0,
             max_speed: 0.5,
             max_acceleration: 2.0,
-            motion: Default::default(),
+            ..Default::default()
         };
         let target = Target { motors: vec![0, 7], q: vec![0.5, 0.5], speed: 0.5 };
         let motion = target.in_step(&[0.0], &[axis]);

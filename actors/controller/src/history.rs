@@ -12,7 +12,7 @@ pub use at::Unrecorded;
 
 use crate::distance;
 use crate::pulse::Pulse;
-use mobee_contract::{Pose, Sample, Time};
+use mobee_contract::{Axis, Pose, Sample, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -27,6 +27,10 @@ const FASTEST: f64 = 16.0;
 /// So many readings may be missing, as they are when a thread comes late, without a gap: a robot can't go far
 /// meanwhile.
 const FEW: u64 = 8;
+/// A motor whose readings differ by so many counts of its encoder stands.
+const COUNTS: f64 = 1.5;
+/// It is looked at for no longer than this, s, whatever its encoder shows.
+const LONGEST: f64 = 0.5;
 
 /// How far (rad, every motor) a robot may have gone on while nobody recorded it, for the path to have no gap there: the
 /// way back between two poses so near each other is watched like any other.
@@ -74,6 +78,17 @@ pub struct HistoryCore {
     cut: bool,
     /// Set while the newest pose was recorded by an earlier process.
     restored: bool,
+    /// Per motor with a coarse encoder how rest is judged.
+    coarse: Vec<Coarse>,
+}
+
+/// A motor whose encoder is too coarse to show within the window whether it rests.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Coarse {
+    /// It stands while its readings differ by no more, rad; zero: it is judged by the window.
+    band: f64,
+    /// For so long, s: in less time a motor that counts as moving might not leave the band.
+    secs: f64,
 }
 
 impl HistoryCore {
@@ -88,7 +103,19 @@ impl HistoryCore {
             unchanged: Time::ZERO,
             cut: false,
             restored: false,
+            coarse: Vec::new(),
         }
+    }
+
+    /// Judges rest by these encoders from now on. Within the window a count of a coarse encoder looks like several degrees a second: such a
+    /// motor stands if its readings stay within a count and a half for as long as one that moves at `rest_speed`, rad/s, takes to pass them.
+    pub fn set_encoders(&mut self, axes: &[Axis], rest_speed: f64) {
+        let coarse = |axis: &Axis| {
+            let band = COUNTS * axis.resolution;
+            let secs = band / rest_speed.max(1e-6);
+            if secs > USUAL * WINDOW as f64 { Coarse { band, secs: secs.min(LONGEST) } } else { Coarse::default() }
+        };
+        self.coarse = axes.iter().map(coarse).collect();
     }
 
     /// Records a pulse's pose and tells it the speed. Readings that are not newer than the last are passed over.
@@ -218,9 +245,32 @@ impl HistoryCore {
         let way = |from: usize, n: usize, m: usize| {
             (sum(from..from + n, m) - sum(from + n..from + 2 * n, m)).abs() / n as f64
         };
-        let motors = 0..last.q.len();
+        let motors = (0..last.q.len()).filter(|m| !self.stands(*m, last.at));
         let turn = |m: usize| way(start, half / 2, m).max(way(start + half, half / 2, m));
         motors.map(|m| way(start, half, m).max(turn(m) * 2.0 / 3.0)).fold(0.0, f64::max) / secs
+    }
+
+    /// Whether a motor with a coarse encoder stands; without one it is judged by the window.
+    fn stands(&self, motor: usize, now: Time) -> bool {
+        let Some(Coarse { band, secs }) = self.coarse.get(motor).copied().filter(|coarse| coarse.band > 0.0) else {
+            return false;
+        };
+        let since = Duration::from_secs_f64(secs);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for r in self.ring.iter().rev() {
+            let q = r.q.get(motor).copied().unwrap_or(f64::NAN);
+            (low, high) = (low.min(q), high.max(q));
+            if high - low > band {
+                return false;
+            }
+            if r.at + since <= now {
+                return true;
+            }
+            if r.after_gap || r.after_pause {
+                return false;
+            }
+        }
+        false
     }
 
     /// How many readings there are in the time of a usual one: a board that tells a thousand a second has ten times as

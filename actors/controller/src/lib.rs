@@ -11,6 +11,7 @@
 //! | [`reflex`] | Algorithm 6 | closes the filter, stops the robot, takes it back |
 //! | [`joint_retreat`] | | leads several robots back on one clock |
 //! | [`look_ahead`] | | where a robot would come to rest, and what is in the way there |
+//! | [`hold_offset`] | | how far beside its target a motor is commanded, so that its joint rests there |
 //! | [`stall`] | | motors that do not follow what they were told |
 //! | [`simultaneous`] | | how near robots come to each other at common instants |
 //! | [`gate`], [`command_guard`] | | the filter itself: a fencing token, and who asks for it |
@@ -33,6 +34,7 @@ pub mod command_guard;
 pub mod fields;
 pub mod gate;
 pub mod history;
+pub mod hold_offset;
 pub mod joint_retreat;
 pub mod kinds;
 pub mod ledger;

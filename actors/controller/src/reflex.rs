@@ -27,6 +27,7 @@ use contacts::Contacts;
 use floors::{Floors, Lately};
 use mobee_contract::{Cause, Command, CommitId, Event, Hold, Status, Time};
 use mobee_model::{Contact, Pair};
+pub use retreat::HALT_BRAKES;
 use retreat::Retreat;
 use room::Room;
 use std::sync::Arc;

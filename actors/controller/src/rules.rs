@@ -21,6 +21,9 @@ pub const DEEPER: f64 = 0.001;
 /// thread that comes late closes the filter; more, and a robot goes on for longer when nobody watches it any more.
 pub const FRESH_PERIODS: u32 = 5;
 
+/// What counts as reached is no less than so many counts of the coarsest encoder.
+const COUNTS: f64 = 2.0;
+
 /// Settings and board in the units of the inside: what the cores go by.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rules {
@@ -79,7 +82,7 @@ impl Rules {
             margin: controller.margin_m,
             reserve: controller.reserve_m.filter(|m| *m > 0.0 && controller.drive.has_reflex()),
             stall: controller.stall_deg.map(f64::to_radians),
-            tolerance: controller.tolerance_deg.to_radians(),
+            tolerance: controller.tolerance_deg.to_radians().max(COUNTS * coarsest(&board.axes)),
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,
             stream_quiet: Duration::from_secs_f64(controller.stream_quiet_s.clamp(1e-2, 1e2)),
@@ -122,6 +125,8 @@ impl Rules {
             margin: self.margin,
             tolerance: self.tolerance,
             rest_speed: self.rest_speed,
+            resolution: coarsest(&self.axes),
+            hold_error: self.axes.iter().map(|axis| axis.hold_error).fold(0.0, f64::max),
             constraints,
         };
         let (name, kind) = (self.robot.clone(), self.kind.to_owned());
@@ -137,6 +142,22 @@ impl Rules {
         self.reaction().as_secs_f64() + self.axes.iter().map(brakes).fold(0.0, f64::max)
     }
 
+    /// The greatest difference of any motor between two poses, rad, beyond what its load may move it by at rest.
+    pub fn beyond_hold_error(&self, a: &[f64], b: &[f64]) -> f64 {
+        let beyond = |(m, (a, b)): (usize, (&f64, &f64))| (a - b).abs() - self.hold_error(m);
+        if a.len() != b.len() { f64::INFINITY } else { a.iter().zip(b).enumerate().map(beyond).fold(0.0, f64::max) }
+    }
+
+    /// Whether the readings of a motor may be equal though it moves: by whole counts of an encoder.
+    pub fn has_coarse_encoders(&self) -> bool {
+        coarsest(&self.axes) > 0.0
+    }
+
+    /// By how much this motor's joint may rest beside its commanded position, rad.
+    pub fn hold_error(&self, motor: usize) -> f64 {
+        self.axes.get(motor).map_or(0.0, |axis| axis.hold_error)
+    }
+
     /// How far the motors are behind a stream of set-points: that of the board, and a period, in which they go from one to the next.
     pub fn follows(&self) -> Duration {
         self.latency + self.period
@@ -147,6 +168,11 @@ impl Rules {
     pub fn reaction(&self) -> Duration {
         self.latency + self.period * 2
     }
+}
+
+/// The resolution of the coarsest encoder, rad.
+fn coarsest(axes: &[Axis]) -> f64 {
+    axes.iter().map(|axis| axis.resolution).fold(0.0, f64::max)
 }
 
 /// The greatest difference of any motor between two poses, rad. Infinite if they don't belong to one robot: whatever is

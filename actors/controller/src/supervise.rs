@@ -164,6 +164,8 @@ struct MotionState {
     forces: Option<forces::Forces>,
     /// Since when the board has said that it is done, away from its target.
     done_since: Option<Time>,
+    /// When it was commanded to its target again, from which its board had left it, and how often.
+    held: Option<(Time, u32)>,
     /// What its motors were told, by which it is seen whether they follow.
     told: Errands,
 }

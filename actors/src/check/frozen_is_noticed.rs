@@ -1,6 +1,6 @@
 //! I26: encoders that freeze in a move are noticed: readings that are equal bit for bit while the motors should go on end the motion
 //! within half a second, or the time in which the motor with the longest way should have gone a degree at its mean speed, whichever is
-//! longer, and half a second more.
+//! longer, and half a second more; of coarse encoders (a joint of 4,096 counts) a fifth of the motion's time more, in which it begins.
 //!
 //! Wants the poses. Streams tell the journal of no set-point: what moves on behind frozen encoders there, and during the retreat, is seen by
 //! the witness of a simulation, which knows where the motors really are.
@@ -16,6 +16,8 @@ use std::time::Duration;
 const STILL: f64 = 0.5;
 /// What the time between two readings counts for at most: nothing can be noticed without a reading, and a process may be suspended.
 const GAP: Duration = Duration::from_millis(250);
+/// The share of a motion's time in which a coarse encoder may show nothing of it yet.
+const BEGINS: f64 = 0.2;
 /// How far from its target, rad, a motion is not about to end: 2 deg.
 const FAR: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
@@ -27,6 +29,10 @@ pub(super) struct FrozenIsNoticed {
 #[derive(Default)]
 struct Robot {
     units: MotorUnits,
+    /// Whether its encoders are so coarse that they rightly show the same while a motion begins.
+    coarse: bool,
+    /// How far beside its commanded position a motor may rest, rad.
+    hold_error: f64,
     newest: Option<Reading>,
     course: Option<ReferenceTrajectory>,
 }
@@ -55,7 +61,8 @@ impl Robot {
         // at a mean speed of half the greatest
         let secs = q.iter().zip(speed).filter_map(|(q, (_, v))| Some(2.0 * way(q)? / v.max(1e-6))).fold(0.0, f64::max);
         let degree = secs * 1f64.to_radians() / farthest.max(1e-9);
-        let within = Duration::try_from_secs_f64(STILL.max(degree) + STILL).ok()?;
+        let begins = if self.coarse { BEGINS * secs } else { 0.0 };
+        let within = Duration::try_from_secs_f64(STILL.max(degree) + STILL + begins).ok()?;
         Some(ReferenceTrajectory { target: q.to_vec(), within })
     }
 
@@ -76,7 +83,7 @@ impl Robot {
         let here: Vec<f64> = course.target.iter().map(of).collect();
         let there: Vec<f64> = course.target.iter().map(|(_, q)| *q).collect();
         let away = distance(&here, &there);
-        if still <= course.within || away < FAR {
+        if still <= course.within || away < FAR + self.hold_error {
             return None;
         }
         let (secs, within, away) = (still.as_secs_f64(), course.within.as_secs_f64(), self.units.told(away, 1));
@@ -90,8 +97,10 @@ impl Robot {
 impl Invariant for FrozenIsNoticed {
     fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, sliding, .. } => {
-                self.robots.entry(robot.clone()).or_default().units = MotorUnits::new(motors.len(), sliding);
+            Event::Robot { robot, motors, sliding, resolution, hold_error, .. } => {
+                let robot = self.robots.entry(robot.clone()).or_default();
+                robot.hold_error = *hold_error;
+                (robot.units, robot.coarse) = (MotorUnits::new(motors.len(), sliding), *resolution > 0.0);
             }
             Event::Command { robot, writer: Writer::Agent, kind, q, speed, .. } => {
                 self.robots.of(robot, |r| {

@@ -31,11 +31,11 @@ struct Rest {
 impl Invariant for HonestSafePose {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, sliding, fresh, rest_speed, period, .. } => {
+            Event::Robot { robot, motors, sliding, fresh, rest_speed, period, resolution, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
                 (rest.fresh, rest.rest_speed) = (*fresh, *rest_speed);
                 rest.units = MotorUnits::new(motors.len(), sliding);
-                rest.measured = Measured::new(*rest_speed, *period);
+                rest.measured = Measured::new(*rest_speed, *period, *resolution);
             }
             Event::Controller { robot, reflex, .. } => {
                 self.robots.entry(robot.clone()).or_default().no_reflex = !reflex;

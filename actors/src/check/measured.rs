@@ -20,14 +20,16 @@ const SLACK: f64 = 4.0;
 pub(super) struct Measured {
     rest_speed: f64,
     period: Duration,
+    /// The smallest difference that the coarsest encoder shows, rad: it may show that much of nothing.
+    resolution: f64,
     readings: VecDeque<(Time, Pose)>,
 }
 
 impl Measured {
-    /// Those of a robot that rests below this speed, rad/s, and is controlled with this period, seconds.
-    pub fn new(rest_speed: f64, period: f64) -> Measured {
+    /// Those of a robot that rests below this speed, rad/s, is controlled with this period, seconds, and read with this resolution, rad.
+    pub fn new(rest_speed: f64, period: f64, resolution: f64) -> Measured {
         let period = Duration::try_from_secs_f64(period).unwrap_or_default();
-        Measured { rest_speed, period, readings: VecDeque::new() }
+        Measured { rest_speed, period, resolution, readings: VecDeque::new() }
     }
 
     /// Takes the next reading.
@@ -71,7 +73,9 @@ impl Measured {
             let readings = window.clone().skip(skip).take(half);
             readings.filter_map(|(_, q)| q.get(motor)).sum::<f64>() / half as f64
         };
-        let fastest = (0..last.1.len()).map(|m| (mean(m, half) - mean(m, 0)).abs() / secs).fold(0.0, f64::max);
+        let fastest = (0..last.1.len())
+            .map(|m| ((mean(m, half) - mean(m, 0)).abs() - self.resolution).max(0.0) / secs)
+            .fold(0.0, f64::max);
         (secs > 0.0).then_some(fastest)
     }
 }

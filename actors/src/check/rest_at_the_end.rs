@@ -26,8 +26,8 @@ struct Newest {
 impl Invariant for RestAtTheEnd {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, sliding, rest_speed, period, .. } => {
-                let measured = Measured::new(*rest_speed, *period);
+            Event::Robot { robot, motors, sliding, rest_speed, period, resolution, .. } => {
+                let measured = Measured::new(*rest_speed, *period, *resolution);
                 let units = MotorUnits::new(motors.len(), sliding);
                 self.robots.insert(robot.clone(), Newest { units, measured, ending: false });
             }

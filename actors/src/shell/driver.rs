@@ -4,6 +4,7 @@ use crate::runtime::clock::ClockKind;
 use crate::wiring::{DriverMsg, HardwareHandle, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::{Command, Driver, DriverFault, Event, Sample, Time, Writer};
 use mobee_controller::command_guard::CommandGuard;
+use mobee_controller::hold_offset::HoldOffsets;
 use mobee_controller::pulse::Pulse;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
@@ -23,6 +24,7 @@ pub struct Driving {
     plug: HardwareHandle,
     driver: Option<Box<dyn Driver>>,
     guard: CommandGuard,
+    offsets: HoldOffsets,
     back_off: Duration,
     /// Whether the last reading made no sense.
     nonsense: bool,
@@ -44,12 +46,14 @@ impl Actor for DriverActor {
     ) -> Result<Driving, ActorProcessingErr> {
         let plug = context.parts.lock().plug.clone();
         let guard = CommandGuard::new(context.rules());
+        let offsets = HoldOffsets::new(&context.rules());
         let mut driving = Driving {
             shared,
             context,
             plug,
             driver: None,
             guard,
+            offsets,
             back_off: BACK_OFF.0,
             nonsense: false,
             beyond: false,
@@ -160,6 +164,9 @@ impl Driving {
         }
         self.beyond = beyond.is_some();
         if !self.nonsense && !self.beyond {
+            for (motor, offset) in self.offsets.learn(&sample) {
+                tracing::debug!(robot = self.context.name, motor, offset, "hold offset, rad");
+            }
             let answers = self.driver.as_ref().and_then(|driver| driver.answer_time());
             *self.context.answers.lock() = answers;
             self.context.to_history.push(Pulse { answers, ..Pulse::new(sample, &self.shared.none) });
@@ -191,7 +198,8 @@ impl Driving {
             return self.drop_command(token, writer, DriverFault::Lost.to_string());
         };
         driver.lease(now, Time(self.context.lease.load(Ordering::SeqCst)));
-        match driver.command(now, command) {
+        let sent = if self.offsets.are_used() { &self.offsets.apply(command, now) } else { command };
+        match driver.command(now, sent) {
             Ok(()) => {
                 self.guard.leads = driver.leads();
                 for event in self.guard.took(token, writer, command, now) {

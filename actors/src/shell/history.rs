@@ -24,7 +24,11 @@ impl Actor for HistoryActor {
         myself: ActorRef<HistoryMsg>,
         (shared, context): Self::Arguments,
     ) -> Result<Self::State, ActorProcessingErr> {
-        context.ledger.book().history.mark_gap();
+        let rules = context.rules();
+        let mut book = context.ledger.book();
+        book.history.mark_gap();
+        book.history.set_encoders(&rules.axes, rules.rest_speed);
+        drop(book);
         context.to_history.attach(Box::new(move || myself.send_message(HistoryMsg::Pulses).is_ok()));
         Ok((shared, context))
     }

@@ -306,6 +306,8 @@ mod tests {
             margin: 0.01,
             tolerance: 0.002,
             rest_speed: 0.01,
+            resolution: 0.0,
+            hold_error: 0.0,
             constraints: Vec::new(),
         };
         let reached = Event::Outcome {

@@ -19,6 +19,8 @@ pub fn robot(limit: f64, constraints: Clauses) -> Event {
         margin: 0.01,
         tolerance: 0.002,
         rest_speed: 0.01,
+        resolution: 0.0,
+        hold_error: 0.0,
         constraints,
     }
 }

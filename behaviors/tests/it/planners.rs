@@ -194,7 +194,7 @@ fn ends_that_can_t_be_are_told_with_the_reason() {
         max: 1.0,
         max_speed: 1.0,
         max_acceleration: 1.0,
-        motion: Default::default(),
+        ..Default::default()
     };
     let mut narrow =
         JointSpace::new(&scene, 0, &scene.home(), &[0, 1], &[axis("joint0"), axis("joint1")], CLEARANCE).unwrap();
@@ -275,7 +275,7 @@ fn a_motor_without_end_goes_over_the_seam_unless_its_board_counts_no_farther() {
         max: PI,
         max_speed: 1.0,
         max_acceleration: 1.0,
-        motion: Default::default(),
+        ..Default::default()
     };
     let axes = [axis("joint0"), axis("joint1")];
     let mut narrow = JointSpace::new(&scene, 0, &scene.home(), &[0, 1], &axes, CLEARANCE).unwrap();

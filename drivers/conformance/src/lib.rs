@@ -19,7 +19,7 @@
 //!         self.1 = self.1.max(then);
 //!     }
 //! }
-//! let axis = |name: &str| Axis { name: name.into(), min: -1.0, max: 1.0, max_speed: 1.7, max_acceleration: 3.5, motion: Default::default() };
+//! let axis = |name: &str| Axis { name: name.into(), min: -1.0, max: 1.0, max_speed: 1.7, max_acceleration: 3.5, ..Default::default() };
 //! let failures = conformance::failures(&mut || {
 //!     let hardware = SimHardware::with_axes(vec![axis("a"), axis("b")], &[0.0, 0.2], &SimSettings::default(), 1);
 //!     Box::new(Sim(hardware, Time::ZERO))

@@ -7,7 +7,7 @@ pub use imitated::Imitated;
 use crate::sim::dynamics::{ArmNumbers, ArmProfile, ServoSettings};
 use crate::sim::path::Profile;
 use mobee_contract::{Axis, KindError, suggestion};
-use mobee_model::{Object, ObjectClass, Primitive, Robot, Shape};
+use mobee_model::{JointMotion, Object, ObjectClass, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -18,6 +18,8 @@ use std::time::Duration;
 const RESOLUTION_DEG: f64 = 0.01;
 /// See above.
 const NOISE_DEG: f64 = 0.005;
+/// Readings of a noisy encoder at rest differ by so many standard deviations.
+const NOISE_SPREAD: f64 = 4.0;
 
 /// A box that is only in the simulated world, upright.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -190,6 +192,7 @@ impl SimSettings {
                 max_speed: m.limit_speed(self.max_speed_deg_per_s.to_radians()),
                 max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
                 motion: m.motion,
+                ..self.shows(m)
             };
             match self.imitates {
                 Some(robot) => robot.axis(axis),
@@ -197,6 +200,15 @@ impl SimSettings {
             }
         };
         robot.motors.iter().map(axis).collect()
+    }
+
+    /// What readings of this motor show, and how its servo holds it; of kinematic joints nothing is to be known.
+    fn shows(&self, motor: &mobee_model::Motor) -> Axis {
+        let Some(numbers) = self.arm() else { return Axis::default() };
+        let resolution = self.resolution().max(NOISE_SPREAD * self.noise()).to_radians();
+        let turns = motor.motion == JointMotion::Turn;
+        let servo = self.servo.clone().unwrap_or_default();
+        Axis { resolution, hold_error: if turns { servo.hold_error(&numbers) } else { 0.0 }, ..Axis::default() }
     }
 
     /// Where the robot's motors start, rad.

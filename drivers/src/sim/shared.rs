@@ -4,12 +4,15 @@ use super::dynamics::{DoneRule, Dynamics};
 use super::encoders::Encoders;
 use super::faults::{Active, Fault, Garbage};
 use super::plant::Plant;
-use mobee_contract::{DriverFault, Sample, Time};
+use mobee_contract::{Command, DriverFault, Sample, Time};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// A board that reports arrivals counts a joint as arrived within this, rad.
 const ARRIVED: f64 = 0.5 * std::f64::consts::PI / 180.0;
+
+/// A joint that is faster moves, rad/s.
+const MOVES: f64 = 1.0 * std::f64::consts::PI / 180.0;
 
 /// What all drivers of one simulated robot share: the hardware itself.
 #[derive(Debug)]
@@ -88,6 +91,17 @@ impl SharedPlant {
             done.iter_mut().zip(off).for_each(|(done, off)| *done &= off < ARRIVED);
         }
         done
+    }
+
+    /// Of a stop the motors that it is sent to, where a stop holds the measured position: those that move, or are commanded. One that rests
+    /// under its weight would sink with each stop. `None`: the command goes as it is.
+    pub fn stopped_of(&self, command: &Command) -> Option<Vec<usize>> {
+        let (Command::Stop { motors }, Some(arm)) = (command, &self.arm) else { return None };
+        let moves = |(m, (done, speed)): (usize, (bool, f64))| {
+            let named = motors.is_empty() || motors.contains(&m);
+            (named && (!done || speed.abs() > MOVES)).then_some(m)
+        };
+        Some(self.plant.done().into_iter().zip(arm.speeds()).enumerate().filter_map(moves).collect())
     }
 
     fn sag(&mut self, since: Time, now: Time) {

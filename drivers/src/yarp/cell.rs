@@ -379,6 +379,7 @@ pub fn describe(
         max_speed: layout.speeds.get(m).map_or(fastest, |v| v.min(fastest)),
         max_acceleration: settings.max_acceleration_deg_per_s2.to_radians(),
         motion: layout.motions.get(m).copied().unwrap_or_default(),
+        ..Default::default()
     };
     let mut axes: Vec<Axis> = (0..layout.motors()).map(unbounded).collect();
     for (patch, board) in layout.patches.iter().zip(boards) {

@@ -120,7 +120,7 @@ mod tests {
             max: 1.0,
             max_speed: 1.0,
             max_acceleration: 1.0,
-            motion: Default::default(),
+            ..Default::default()
         };
         let goes = |driven: bool, here: f64, to: f64| {
             let (axes, driven, q) = ([axis.clone()], [driven], [here]);

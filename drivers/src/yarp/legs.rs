@@ -167,7 +167,7 @@ mod tests {
             max: 3.0,
             max_speed: 1.0,
             max_acceleration: 4.0,
-            motion: Default::default(),
+            ..Default::default()
         };
         let axes = vec![axis("a"), axis("b"), axis("c")];
         Board { axes, period: PERIOD, latency: Duration::from_millis(50), position_direct: true }

@@ -32,7 +32,7 @@ fn axes() -> Vec<Axis> {
         max: max.to_radians(),
         max_speed: 100f64.to_radians(),
         max_acceleration: 200f64.to_radians(),
-        motion: Default::default(),
+        ..Default::default()
     };
     [("yaw", -50.0, 50.0), ("elbow", 15.0, 106.0), ("finger", 0.0, 250.0), ("stiff", 0.0, 1.0)].map(axis).to_vec()
 }

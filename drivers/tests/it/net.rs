@@ -178,6 +178,7 @@ fn simulated(robot: &Robot, part: &str) -> SimHardware {
         max_speed: 100f64.to_radians(),
         max_acceleration: 200f64.to_radians(),
         motion: m.motion,
+        ..Default::default()
     };
     let motors = &robot.motors[motors];
     let start: Vec<f64> = motors.iter().map(|m| m.home).collect();

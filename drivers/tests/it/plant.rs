@@ -15,7 +15,7 @@ fn axes() -> Vec<Axis> {
         max: 1.5,
         max_speed: 100f64.to_radians(),
         max_acceleration: 200f64.to_radians(),
-        motion: Default::default(),
+        ..Default::default()
     };
     (0..MOTORS).map(axis).collect()
 }

@@ -21,7 +21,7 @@ fn small(settings: &SimSettings) -> SimHardware {
         max: 1.0,
         max_speed: 1.7,
         max_acceleration: 3.5,
-        motion: Default::default(),
+        ..Default::default()
     };
     SimHardware::with_axes(vec![axis("a"), axis("b")], &[0.0, 0.2], settings, 3)
 }
@@ -133,14 +133,8 @@ fn readings_at_rest_are_within_a_tenth_of_a_degree_and_unbiased() {
 #[test]
 fn the_same_seed_and_calls_give_the_same_readings() {
     let once = |seed| {
-        let axis = Axis {
-            name: "a".into(),
-            min: -1.0,
-            max: 1.0,
-            max_speed: 1.7,
-            max_acceleration: 3.5,
-            motion: Default::default(),
-        };
+        let axis =
+            Axis { name: "a".into(), min: -1.0, max: 1.0, max_speed: 1.7, max_acceleration: 3.5, ..Default::default() };
         let hardware = SimHardware::with_axes(vec![axis.clone(), axis], &[0.0, 0.2], &SimSettings::default(), seed);
         let mut driver = hardware.connect().unwrap();
         let mut now = Time::ZERO;
@@ -260,7 +254,7 @@ fn a_run_of_ninety_minutes_is_read_out() {
         max: 1.0,
         max_speed: 1.7,
         max_acceleration: 3.5,
-        motion: Default::default(),
+        ..Default::default()
     };
     let hardware = SimHardware::with_axes((0..41).map(axis).collect(), &[0.0; 41], &SimSettings::default(), 3);
     let mut driver = hardware.connect().unwrap();
@@ -282,7 +276,7 @@ fn a_recorded_motion_streamed_backwards_keeps_to_its_path() {
             max: 1.5,
             max_speed: 1.7,
             max_acceleration: 3.5,
-            motion: Default::default(),
+            ..Default::default()
         })
         .to_vec();
     // at full speed the recording uses the whole acceleration, and its noise asks for more than the motors have

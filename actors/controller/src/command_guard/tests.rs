@@ -12,7 +12,7 @@ fn guard() -> CommandGuard {
         max: 3.0,
         max_speed,
         max_acceleration: 3.0,
-        motion: Default::default(),
+        ..Default::default()
     };
     let period = Duration::from_millis(10);
     let board = Board { axes: vec![axis(1.0), axis(2.0)], period, latency: Duration::ZERO, position_direct: true };

@@ -264,3 +264,26 @@ proptest! {
         prop_assert!(history.speed() < 0.5_f64.to_radians());
     }
 }
+
+/// A count of a hobby servo's encoder that flickers looks like two degrees a second within the window; a joint that creeps by more than its
+/// rest speed does not stand.
+#[test]
+fn a_coarse_encoder_that_flickers_is_at_rest_and_one_that_creeps_is_not() {
+    let count = std::f64::consts::TAU / 4096.0;
+    let speed = |resolution: f64, q: &dyn Fn(u64) -> f64| {
+        let mut history = HistoryCore::new(100);
+        let rest_speed = 0.5_f64.to_radians();
+        history.set_encoders(&[Axis { resolution, ..Default::default() }, Axis::default()], rest_speed);
+        let speed = |k| {
+            let mut pulse = pulse(k, 10 * k, (q(k) / count).floor() * count);
+            history.push(&mut pulse, STALE);
+            pulse.speed
+        };
+        (0..100).map(speed).skip(60).fold(0.0, f64::max) / rest_speed
+    };
+    let flickers = |k: u64| count * (100.5 + if k % 17 < 8 { 0.6 } else { 0.0 });
+    assert!(speed(0.0, &flickers) > 2.0, "as if its encoder were fine");
+    assert_eq!(speed(count, &flickers), 0.0);
+    let creeps = |k: u64| 2.0_f64.to_radians() * 0.01 * k as f64;
+    assert!(speed(count, &creeps) > 1.0);
+}

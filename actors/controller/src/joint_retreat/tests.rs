@@ -22,14 +22,8 @@ pub(crate) fn scene() -> Arc<Scene> {
 }
 
 pub(crate) fn rules(direct: bool) -> Arc<Rules> {
-    let axis = Axis {
-        name: "pan".into(),
-        min: -3.0,
-        max: 3.0,
-        max_speed: 3.0,
-        max_acceleration: 30.0,
-        motion: Default::default(),
-    };
+    let axis =
+        Axis { name: "pan".into(), min: -3.0, max: 3.0, max_speed: 3.0, max_acceleration: 30.0, ..Default::default() };
     let board = Board { axes: vec![axis], period: PERIOD, latency: Duration::ZERO, position_direct: direct };
     let controller = ControllerSettings { period_s: PERIOD.as_secs_f64(), ..ControllerSettings::default() };
     Arc::new(Rules::new("arm", vec!["arm".into()], &controller, &board))

@@ -46,8 +46,7 @@ mod tests {
     /// An arm of half a meter whose motor goes at this speed, rad/s, and brakes like this, rad/s^2.
     fn arm(max_speed: f64, max_acceleration: f64) -> (Robot, Arc<[Axis]>) {
         let robot = parse_robot("arm.xml", &ARM.replace("NAME", "arm").replace("HOME", "0")).unwrap().value;
-        let axis =
-            Axis { name: "pan".into(), min: -3.0, max: 3.0, max_speed, max_acceleration, motion: Default::default() };
+        let axis = Axis { name: "pan".into(), min: -3.0, max: 3.0, max_speed, max_acceleration, ..Default::default() };
         (robot, vec![axis].into())
     }
 

@@ -64,7 +64,7 @@ impl Plant {
             max: 3.0,
             max_speed: 3.0,
             max_acceleration: told,
-            motion: Default::default(),
+            ..Default::default()
         };
         let [period, latency] = [self.period, self.latency].map(Duration::from_secs_f64);
         let board = Board { axes: vec![axis], period, latency, position_direct: true };

@@ -77,7 +77,7 @@ impl ReflexCore {
                 let foreseen = met.is_none();
                 // one that was violated as the retreat began is what it leads out of
                 let newly_violated = pulse.violated.is_some() && !*violated;
-                let rests = at_rest && retreat.is_where_sent(&pulse.sample);
+                let rests = at_rest && retreat.is_where_sent(&pulse.sample, rules);
                 let way = room.look(broken.as_ref(), (foreseen, rests), self.robot, step.joint_retreat, now);
                 // a board that plans from way-point to way-point goes on by itself
                 let stops = way == Way::Blocked || (way == Way::Waits && !retreat.way().direct);

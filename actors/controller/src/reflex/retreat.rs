@@ -17,8 +17,9 @@ use std::time::Duration;
 const CATCH_UP: f64 = 1.05;
 /// How long after a halt the way is gone at its rate again, s.
 const EASE: f64 = 0.3;
-/// The share of its motors' acceleration with which a retreat comes to a halt, and the time over which its speed is taken, s.
-const BRAKES: f64 = 0.9;
+/// The share of its motors' acceleration with which a retreat comes to a halt.
+pub const HALT_BRAKES: f64 = 0.9;
+/// The time over which its speed is taken, s.
 const PACE_TIME: f64 = 0.06;
 
 /// A retreat that is being driven.
@@ -190,14 +191,16 @@ impl Retreat {
         let (Some((t0, a)), Some((t1, b))) = ends else { return 0.0 };
         let time = |(m, (a, b)): (&usize, (f64, f64))| {
             let speed = (b - a).abs() / (t1 - t0).max(1e-3);
-            rules.axes.get(*m).map_or(0.0, |axis| speed / (BRAKES * axis.max_acceleration.max(1e-6)))
+            rules.axes.get(*m).map_or(0.0, |axis| speed / (HALT_BRAKES * axis.max_acceleration.max(1e-6)))
         };
         self.way.motors.iter().zip(self.way.of(a).into_iter().zip(self.way.of(b))).map(time).fold(0.0, f64::max)
     }
 
     /// Whether it is where it was last sent, to a degree.
-    pub fn is_where_sent(&self, sample: &Sample) -> bool {
-        distance(&self.way.of(&sample.q), &self.written) <= FROZEN_WAY
+    pub fn is_where_sent(&self, sample: &Sample, rules: &Rules) -> bool {
+        let beside =
+            |(m, (q, written)): (&usize, (f64, &f64))| (q - written).abs() <= FROZEN_WAY + rules.hold_error(*m);
+        self.way.motors.iter().zip(self.way.of(&sample.q).into_iter().zip(&self.written)).all(beside)
     }
 
     /// The last set-point once more, if the robot rests beside it: it may have come as the lease was over, or never. A
@@ -205,7 +208,8 @@ impl Retreat {
     pub fn again(&mut self, sample: &Sample, now: Time, rules: &Rules) -> Option<Command> {
         let apart = distance(&self.way.of(&sample.q), &self.written);
         // farther than a degree it is not late but elsewhere: to send it straight from there is nobody's recorded path
-        let beside = apart > rules.tolerance && apart <= FROZEN_WAY;
+        let sag = self.way.motors.iter().map(|m| rules.hold_error(*m)).fold(0.0, f64::max);
+        let beside = apart > rules.tolerance && apart <= FROZEN_WAY + sag;
         if !(self.way.direct && beside && now >= self.last + rules.reaction()) {
             return None;
         }
@@ -226,7 +230,8 @@ impl Retreat {
         };
         self.way.motors.iter().zip(&self.written).all(|(m, written)| {
             let ((low, high), here) = (sent(*m), sample.q.get(*m).copied().unwrap_or(f64::NAN));
-            (low.min(*written) - FROZEN_WAY..=high.max(*written) + FROZEN_WAY).contains(&here)
+            let beside = FROZEN_WAY + rules.hold_error(*m);
+            (low.min(*written) - beside..=high.max(*written) + beside).contains(&here)
         })
     }
 

@@ -17,7 +17,7 @@ fn rules() -> Rules {
             max,
             max_speed: 100_f64.to_radians(),
             max_acceleration: 200_f64.to_radians(),
-            motion: Default::default(),
+            ..Default::default()
         }
     };
     let latency = Duration::from_millis(20);

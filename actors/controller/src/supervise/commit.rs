@@ -172,7 +172,7 @@ impl SuperviseCore {
             (open.id, open.target.clone())
         };
         // "done" of the target before says nothing of this one
-        self.motion.done_since = None;
+        (self.motion.done_since, self.motion.held) = (None, None);
         self.motion.started = Some(course.started(distance(&target, here), step.now));
         let (robot, motors) = (step.robot(), allowed(&commit, escape, step.rules));
         step.emit(Event::Amended { robot, id, target: target.clone(), motors: motors.clone(), stream: false });

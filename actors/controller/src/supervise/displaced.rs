@@ -3,6 +3,7 @@
 //! agents plan from where they believe the robot to be.
 
 use super::{Closing, Step, SuperviseCore};
+use crate::Rules;
 use crate::gate::Gate;
 use crate::pulse::Pulse;
 use mobee_contract::{Cause, Event, Hold, Status};
@@ -40,11 +41,13 @@ impl Resting {
         }
     }
 
-    /// Of the motors that are not commanded, the one that is farthest from its place, and how far that is, rad.
-    fn farthest(&mut self, q: &[f64], commanded: &[usize]) -> Option<(usize, f64)> {
+    /// Of the motors that are not commanded, the one that is farthest from its place, and how far that is, rad, beyond what the load of the
+    /// others' motion may move it by.
+    fn farthest(&mut self, q: &[f64], commanded: &[usize], rules: &Rules) -> Option<(usize, f64)> {
         self.places.resize(q.len(), None);
         let idle = self.places.iter_mut().zip(q).enumerate().filter(|(m, _)| !commanded.contains(m));
-        let ways = idle.map(|(m, (place, q))| (m, (q - place.get_or_insert(Place { q: *q, told: false }).q).abs()));
+        let way = |place: &mut Option<Place>, q: f64| (q - place.get_or_insert(Place { q, told: false }).q).abs();
+        let ways = idle.map(|(m, (place, q))| (m, (way(place, *q) - rules.hold_error(m)).max(0.0)));
         ways.max_by(|(_, a), (_, b)| a.total_cmp(b))
     }
 }
@@ -60,7 +63,7 @@ impl SuperviseCore {
         let retried = self.closing == Closing::Reflex || step.book.halted && matches!(self.closing, Closing::Settle(_));
         let motion = step.book.motion().or_else(|| self.retry.clone().filter(|_| retried));
         let commanded = motion.as_ref().map_or(&[][..], |motion| &motion.named);
-        let Some((motor, by)) = self.resting.farthest(&pulse.sample.q, commanded) else { return false };
+        let Some((motor, by)) = self.resting.farthest(&pulse.sample.q, commanded, step.rules) else { return false };
         for (count, share) in self.resting.beyond.iter_mut().zip([0.5, 1.0]) {
             *count = if by > share * step.rules.tolerance { *count + 1 } else { 0 };
         }

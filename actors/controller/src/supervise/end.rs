@@ -4,19 +4,27 @@
 //! measured pose, at rest, within the tolerance of the target (I2, I17). All is judged by `sampled_at`, when the
 //! reading was taken; `now` only tells whether it is still worth anything.
 
-use super::{Closing, Reading, Step, SuperviseCore, SuperviseOut};
+use super::{Closing, Reading, Started, Step, SuperviseCore, SuperviseOut};
 use crate::gate::Gate;
 use crate::ledger::{Open, SafePose, TransactionState};
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
-use crate::{Rules, distance};
-use mobee_contract::{Cause, Command, Event, Hold, Outcome, Status, Time, Writer};
+use crate::{Rules, distance, hold_offset};
+use mobee_contract::{Cause, Command, Event, Hold, Outcome, Status, Target, Time, Writer};
 use std::time::Duration;
 
 /// How long the board may say "done" away from the target, by the readings' time. Some say it for a reading or two
 /// between a command and its start; waiting for the motion's due time instead would leave an agent standing for seconds
 /// at a target that it will not reach.
 const MISSED: Duration = Duration::from_millis(200);
+/// The share of its path at its mean speed in which a joint has hardly begun to move.
+const BEGINS: f64 = 0.2;
+/// How long a joint may still move after its board has reported the end.
+const SETTLES: Duration = Duration::from_secs(1);
+/// How often a robot that rests beside its target is commanded there again.
+const HOLDS: u32 = 6;
+/// The share of full speed of such a move.
+const HOLD_SPEED: f64 = 0.1;
 
 impl SuperviseCore {
     /// A reading came through the whole chain: all live. Renew the lease, and see whether something has ended. The
@@ -186,7 +194,7 @@ impl SuperviseCore {
         let Some(Open { target, since, motion, .. }) = &step.book.open else { return };
         let (since, due) = (*since, motion.due());
         let done = pulse.sample.done.iter().all(|d| *d);
-        let away = distance(q, target);
+        let (away, far) = (distance(q, target), step.rules.beyond_hold_error(q, target));
         // later than the commit: a reading from before it shows the end of the motion before
         if done && at_rest && sampled_at > since && away <= step.rules.tolerance {
             self.done(pulse, step);
@@ -197,14 +205,51 @@ impl SuperviseCore {
         // there, but not yet known to rest, as after a gap in the readings, is not missed
         let elsewhere = done && reacted && away > step.rules.tolerance;
         self.motion.done_since = self.motion.done_since.filter(|_| elsewhere).or(elsewhere.then_some(sampled_at));
-        if self.motion.done_since.is_some_and(|t| sampled_at >= t + MISSED) || due.is_some_and(|due| sampled_at > due) {
+        // a board may report the end of its own trajectory: a joint that lags is still on its way then
+        let settled = |t: Time| sampled_at >= t + if at_rest { MISSED } else { SETTLES };
+        if elsewhere && at_rest && self.hold_there(pulse, step) {
+            self.keep_in_history(step);
+        } else if self.motion.done_since.is_some_and(settled) || due.is_some_and(|due| sampled_at > due) {
             self.roll_back(Cause::TargetMissed, step);
         // a robot that has nearly arrived stands still rightly
-        } else if away > FROZEN_WAY && self.is_frozen(sampled_at, pulse.unchanged, step.rules) {
+        } else if far > FROZEN_WAY && self.is_frozen(sampled_at, pulse.unchanged, step.rules) {
             self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
         } else {
             self.keep_in_history(step);
         }
+    }
+
+    /// The board left its joints beside the target, by no more than a servo may leave them under their load: it is commanded there again,
+    /// with the offsets that were measured meanwhile. Whether that is so, and the motion goes on.
+    fn hold_there(&mut self, pulse: &Pulse, step: &mut Step) -> bool {
+        let (sampled_at, q) = (pulse.sample.at, &pulse.sample.q);
+        let Some(open) = step.book.open.as_mut().filter(|_| self.motion.stream.is_none()) else { return false };
+        let left = |m: &usize| match (q.get(*m), open.target.get(*m)) {
+            (Some(q), Some(target)) => (q - target).abs() <= step.rules.tolerance + step.rules.hold_error(*m),
+            _ => false,
+        };
+        if !(open.named.iter().all(left) && open.named.iter().any(|m| step.rules.hold_error(*m) > 0.0)) {
+            return false;
+        }
+        let (since, times) = self.motion.held.unwrap_or((sampled_at, 0));
+        self.motion.held = Some((since, times));
+        if sampled_at < since + hold_offset::SETTLES + step.rules.reaction() {
+            return true;
+        }
+        if times == HOLDS {
+            return false;
+        }
+        self.motion.held = Some((step.now, times + 1));
+        let expected = SETTLES.as_secs_f64();
+        self.motion.started = Some(Started { at: step.now, distance_to_go: distance(q, &open.target), expected });
+        open.since = step.now;
+        open.motion = open.motion.until(open.motion.due().unwrap_or(step.now).max(step.now + SETTLES));
+        let to = |m: &usize| open.target.get(*m).copied();
+        let speed = if open.safe.is_none() { step.rules.escape_speed.min(HOLD_SPEED) } else { HOLD_SPEED };
+        let target = Target { motors: open.named.to_vec(), q: open.named.iter().filter_map(to).collect(), speed };
+        let command = Command::Move(target.in_step(q, &step.rules.axes));
+        step.command(self.token, Writer::Agent, command);
+        true
     }
 
     /// The robot rests at its target. An escape may have led to a pose that still touches: then the filter closes in
@@ -228,7 +273,9 @@ impl SuperviseCore {
     fn is_frozen(&self, sampled_at: Time, unchanged: Time, rules: &Rules) -> bool {
         let Some(started) = self.motion.started else { return false };
         let still = sampled_at.since(unchanged.max(started.at + rules.reaction()));
-        still >= FROZEN && started.mean_speed() * still.as_secs_f64() > FROZEN_WAY
+        // a coarse encoder rightly shows the same while a motion begins, and it has no noise
+        let begins = if rules.has_coarse_encoders() { BEGINS * started.distance_to_go } else { 0.0 };
+        still >= FROZEN && started.mean_speed() * still.as_secs_f64() > FROZEN_WAY + begins
     }
 
     /// A motion that outlasts the history takes its safe pose along, or there would be no recorded way back to it: all

@@ -13,7 +13,7 @@ const SECS: f64 = 0.02;
 fn rules(settings: FieldsSettings) -> (Rules, Arc<FieldRules>) {
     let axis = |name: &str, max_speed: f64| {
         let max_acceleration = 2.0 * max_speed;
-        Axis { name: name.into(), min: -1.5, max: 1.5, max_speed, max_acceleration, motion: Default::default() }
+        Axis { name: name.into(), min: -1.5, max: 1.5, max_speed, max_acceleration, ..Default::default() }
     };
     let board = Board {
         axes: vec![axis("a", 1.7), axis("b", 1.0), axis("c", 3.0)],

@@ -99,6 +99,7 @@ pub fn view(scene: &Arc<Scene>, q: &[f64]) -> View {
         max_speed: 1.7,
         max_acceleration: 3.5,
         motion: m.motion,
+        ..Default::default()
     });
     View {
         at: Time::default(),

@@ -25,7 +25,7 @@ fn field(settings: ForceFieldSettings, clauses: Vec<Clause>, q: &[f64]) -> Force
         max: 90.0_f64.to_radians(),
         max_speed: 1.0,
         max_acceleration: 1.0,
-        motion: Default::default(),
+        ..Default::default()
     };
     ForceField::new(settings, &part, &[axis("a"), axis("b")], q).unwrap()
 }

@@ -126,6 +126,8 @@ pub struct ArmNumbers {
 
 /// Sliding joints (fingers) of every profile: N/m, N s/m, N, kg.
 const SLIDE: [f64; 4] = [2_000.0, 60.0, 40.0, 0.1];
+/// What an arm sags by at most under its own weight, rad: more is a load that the arm is not made for.
+const MOST_SAG: f64 = 6.0 * std::f64::consts::PI / 180.0;
 /// A contact of links of metal or hard plastic, N/m.
 const CONTACT: f64 = 30_000.0;
 
@@ -184,7 +186,7 @@ impl ArmProfile {
                 inertia: &[0.05, 0.05, 0.04, 0.03],
                 friction: &[0.05],
                 lead: 0.0,
-                mass: 0.6,
+                mass: 0.5,
                 compensated: 0.0,
                 resolution_deg: 360.0 / 4096.0,
                 noise_deg: 0.0,
@@ -256,6 +258,12 @@ impl ServoSettings {
             }
         };
         robot.motors.iter().enumerate().map(servo).collect()
+    }
+
+    /// By how much weight may move a joint from its commanded position, rad; zero where the arm's own controller compensates it.
+    pub fn hold_error(&self, numbers: &ArmNumbers) -> f64 {
+        let [_, felt, _] = self.body(numbers);
+        if felt > 0.0 { MOST_SAG } else { 0.0 }
     }
 
     /// Mass, kg, share of the weight that the arm feels, and stiffness of contacts, N/m.

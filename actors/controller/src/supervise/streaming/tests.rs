@@ -10,7 +10,7 @@ fn rules() -> Rules {
         max: 3.0,
         max_speed,
         max_acceleration: 4.0,
-        motion: Default::default(),
+        ..Default::default()
     };
     let period = Duration::from_millis(10);
     let axes = vec![axis(1.0), axis(2.0)];

@@ -155,7 +155,7 @@ fn rest_and_tolerance_are_judged_at_their_bounds() {
     };
     assert_eq!([ended(0.99, 0.0), ended(0.99, 1.0)], [Status::Rest; 2]);
     assert_eq!([ended(1.0, 0.0), ended(1.0, 1.0)], [Status::Moving; 2], "it is there, and may still move");
-    assert_eq!(ended(1.0, 1.01), Status::Stopping, "it is done elsewhere");
+    assert_eq!(ended(0.99, 1.01), Status::Stopping, "it is done elsewhere");
 }
 
 /// A reading that was taken in the instant of a commit shows nothing of it.

@@ -31,7 +31,7 @@ impl Bench {
             max: 90.0_f64.to_radians(),
             max_speed: 50.0_f64.to_radians(),
             max_acceleration: 1.0,
-            motion: Default::default(),
+            ..Default::default()
         };
         let motor = |motion| Motor {
             name: String::new(),

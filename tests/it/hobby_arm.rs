@@ -1,0 +1,60 @@
+//! A hobby arm that sags, with encoders of 4,096 counts and a board whose stop holds the measured position: the paper's loop holds there too.
+
+use super::common::mobee_here;
+use serde_json::Value;
+use std::path::Path;
+
+/// Runs an SO-101 for five minutes with these tables beside the robot's; the counters of the summary.
+fn explores(folder: &Path, tables: &str, driver: &str, controller: &str) -> Value {
+    let file = folder.join("arm.toml");
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/so101.xml");
+    let text = format!(
+        r#"
+        {tables}
+        [[robot]]
+        name = "so101"
+        model = {model:?}
+        controller = {{ period_ms = 10, history = 6000 {controller} }}
+        driver = {{ kind = "sim", profile = "so101" {driver} }}
+        agent = {{ kind = "explorer", motors = ["so101_new_calib"], speed = 0.3, vertices = 20, neighbors = 6, seed = 3 }}
+        "#
+    );
+    std::fs::write(&file, text).expect("a behavior");
+    let out = folder.join("run");
+    let ran = mobee_here()
+        .arg("run")
+        .args([&file, Path::new("--out"), &out])
+        .args(["--clock", "virtual", "--for", "300", "--no-record", "--quiet", "--json"])
+        .output()
+        .expect("mobee starts");
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let summary: Value = serde_json::from_slice(&ran.stdout).expect("the summary is JSON");
+    summary["counters"].clone()
+}
+
+fn count(counters: &Value, name: &str) -> u64 {
+    counters[name].as_u64().unwrap_or_default()
+}
+
+/// It learns by how much it sags, reaches its targets, is taken back from a post, and never lies down.
+#[test]
+fn an_arm_that_sags_reaches_its_targets_and_is_taken_back() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let world = r#"<WorldList version="1.0"><object name="post" type="obstacle" px="0.28" py="0.10" pz="0.15"><capsule radius="0.02" height="0.5" hz="1"/></object></WorldList>"#;
+    let file = folder.path().join("post.xml");
+    std::fs::write(&file, world).expect("a world");
+    let counters = explores(folder.path(), &format!("world.file = {file:?}"), "", "");
+    let [committed, back, faulted] = ["committed", "rolled_back", "faulted"].map(|name| count(&counters, name));
+    assert!(committed >= 25 && back >= 4 && faulted <= 1, "{counters}");
+    assert_eq!(count(&counters, "hard_contacts"), 0, "{counters}");
+}
+
+/// A post that the model does not know: each motion that it stops is taken back.
+#[test]
+fn an_arm_that_sags_is_taken_back_from_what_it_does_not_know() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let post = r#", unknown = [{ name = "post", size_m = [0.04, 0.04, 0.5], at_m = [0.28, 0.10, 0.15] }]"#;
+    let counters = explores(folder.path(), "", post, ", stall_deg = 8");
+    let [committed, back, faulted] = ["committed", "rolled_back", "faulted"].map(|name| count(&counters, name));
+    assert!(committed >= 25 && back >= 1 && faulted == 0, "{counters}");
+}
