@@ -84,7 +84,7 @@ impl Runner {
         self.course.push(sample, rules.fresh);
         let moving = self.course.now();
         self.brakes.learn(&sample.q, &moving, open, rules);
-        self.ghosts = self.brakes.ahead(&sample.q, &moving, rules, &GHOSTS);
+        self.ghosts = self.brakes.ahead(&sample.q, &moving, open, rules, &GHOSTS);
     }
 
     /// A ghost of it, or where it is.

@@ -25,6 +25,9 @@ const JUMP: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const WINDOW: usize = 8;
 /// After a pause of so many control periods nobody knows how the robot came on.
 const PAUSE: u32 = 8;
+/// A retreat is stepped by readings, and goes no farther by one of them than in so many control periods: where readings are missing it is
+/// slower than it came.
+const STEP: u32 = 2;
 /// A motion of more readings is not judged.
 const KEPT: usize = 1 << 14;
 
@@ -137,7 +140,8 @@ impl RetreatPace {
         let pause = at.since(last.0);
         let mut next = Passed { at, q: q.clone(), moved: last.1 };
         if self.moves(newest, &next) {
-            next.moved += pause.as_secs_f64();
+            let counts = if self.back.is_some() { pause.min(self.pause / PAUSE * STEP) } else { pause };
+            next.moved += counts.as_secs_f64();
         }
         self.lost = pause > self.pause || self.jumps(newest, &next) || self.there.len() == KEPT;
         let Some(back) = &mut self.back else {

@@ -50,6 +50,8 @@ struct Motion {
     settling: bool,
     /// Whether it ended there without being back.
     missed: bool,
+    /// Whether set-points of its retreat were dropped, so that the last ones written are not its end.
+    dropped: bool,
     /// Whether the journal says why it may end otherwise.
     excused: bool,
     /// How often the reflex has told it to stop.
@@ -101,7 +103,8 @@ impl Robot {
 
     /// The retreat was stopped. One that got to its end, and was not back, must have led there.
     fn stopped(&mut self, reason: Hold) {
-        self.motion.missed = reason == Hold::RetreatMissed && self.motion.settling && !self.motion.excused;
+        let led = self.motion.settling && !self.motion.dropped && !self.motion.excused;
+        self.motion.missed = reason == Hold::RetreatMissed && led;
         self.excuse();
     }
 
@@ -181,7 +184,9 @@ impl Invariant for TakenBack {
             Event::RetreatWaits { .. } => self.all_taken_back(RetreatPace::halts),
             Event::State { robot, status } => self.of(robot, |r| r.enters(*status)),
             Event::RetreatStopped { robot, reason, .. } => self.of(robot, |r| r.stopped(*reason)),
-            Event::CommandDropped { robot, .. } => self.of(robot, |r| r.motion.missed = false),
+            Event::CommandDropped { robot, .. } => {
+                self.of(robot, |r| (r.motion.missed, r.motion.dropped) = (false, true))
+            }
             Event::Streamed { robot, writer: Writer::Reflex, last, .. } => self.with(robot, |r| r.misled(last)),
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
                 self.of(robot, |r| r.way.iter_mut().for_each(RetreatPace::is_moved))

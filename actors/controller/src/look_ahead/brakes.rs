@@ -1,6 +1,7 @@
 //! How far a robot goes on after it is told to stop: as its board says at first, then as it was measured.
 
 use super::course::{Motion, Moving};
+use crate::reflex::HALT_BRAKES;
 use crate::{Rules, within};
 use mobee_contract::{Axis, Pose};
 
@@ -29,8 +30,9 @@ pub(super) struct Brakes {
 
 impl Brakes {
     /// Where the robot would be after these parts of the time to rest if it were told to stop at this reading, each motor braking by itself.
-    pub fn ahead(&self, q: &Pose, motion: &Motion, rules: &Rules, parts: &[f64]) -> Vec<Pose> {
-        let stops: Vec<Stop> = stops(motion, rules);
+    /// `open`: by a stop; else it may be on its way back, and halts on its path.
+    pub fn ahead(&self, q: &Pose, motion: &Motion, open: bool, rules: &Rules, parts: &[f64]) -> Vec<Pose> {
+        let stops: Vec<Stop> = if open { stops(motion, rules) } else { halts(motion, rules) };
         if stops.iter().all(Stop::is_none) {
             return vec![q.clone(); parts.len()];
         }
@@ -71,10 +73,19 @@ impl Brakes {
 /// How each motor stops by its board's word.
 fn stops(motion: &Motion, rules: &Rules) -> Vec<Stop> {
     // a stop that is not told at this reading is told at the next one
-    let reaction = rules.latency.as_secs_f64() + motion.period;
+    stops_after(rules.latency.as_secs_f64() + motion.period, 1.0, motion, rules)
+}
+
+/// How each motor of a retreat halts: the board is a control period behind its set-points, which brake less hard than it can.
+fn halts(motion: &Motion, rules: &Rules) -> Vec<Stop> {
+    stops_after(rules.follows().as_secs_f64() + motion.period, HALT_BRAKES, motion, rules)
+}
+
+/// How each motor stops that goes on for so long, s, and brakes by this share of its greatest acceleration.
+fn stops_after(reaction: f64, share: f64, motion: &Motion, rules: &Rules) -> Vec<Stop> {
     let stop = |(m, axis): (&Moving, &Axis)| match m.speed.abs() < rules.rest_speed {
         true => Stop::default(),
-        false => Stop::new(*m, reaction, axis),
+        false => Stop::new(*m, reaction, share * axis.max_acceleration, axis.max_speed),
     };
     motion.motors.iter().zip(rules.axes.iter()).map(stop).collect()
 }
@@ -93,12 +104,12 @@ struct Stop {
 }
 
 impl Stop {
-    fn new(moving: Moving, reaction: f64, axis: &Axis) -> Stop {
-        let (sign, brakes) = (moving.speed.signum(), axis.max_acceleration.max(1e-6));
+    fn new(moving: Moving, reaction: f64, brakes: f64, max_speed: f64) -> Stop {
+        let (sign, brakes) = (moving.speed.signum(), brakes.max(1e-6));
         let (speed, gain) = (moving.speed.abs(), (moving.gain * sign).clamp(-brakes, brakes));
         // one that gets slower comes to rest, and does not turn round
         let time = if gain < 0.0 { reaction.min(-speed / gain) } else { reaction };
-        let then = (speed + gain * time).clamp(0.0, axis.max_speed.max(speed));
+        let then = (speed + gain * time).clamp(0.0, max_speed.max(speed));
         Stop { sign, speed, gain: (then - speed) / time.max(1e-9), time, then, brakes }
     }
 
