@@ -233,7 +233,7 @@ impl Driver for SimDriver {
         let extra: Duration =
             board.on(now).filter_map(|f| if let Fault::Slow { extra } = f.fault { Some(extra) } else { None }).sum();
         let latency = board.latency + extra;
-        let moving = board.stopped_of(command);
+        let moving = board.motors_to_stop(command);
         let command = match &moving {
             Some(motors) if motors.is_empty() => return Ok(()),
             Some(motors) => &Command::Stop { motors: motors.clone() },

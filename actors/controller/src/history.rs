@@ -91,6 +91,20 @@ struct Coarse {
     secs: f64,
 }
 
+impl Coarse {
+    /// `None`: the encoder is fine enough for the window.
+    fn new(resolution: f64, rest_speed: f64) -> Option<Coarse> {
+        let band = COUNTS * resolution;
+        let secs = band / rest_speed.max(1e-6);
+        (secs > USUAL * WINDOW as f64).then_some(Coarse { band, secs: secs.min(LONGEST) })
+    }
+}
+
+/// Whether an encoder of this resolution, rad, is too coarse to show within eight readings whether a motor moves at its rest speed, rad/s.
+pub fn is_coarse(resolution: f64, rest_speed: f64) -> bool {
+    Coarse::new(resolution, rest_speed).is_some()
+}
+
 impl HistoryCore {
     /// An empty ring of this length (at least a few poses).
     pub fn new(length: usize) -> HistoryCore {
@@ -110,12 +124,7 @@ impl HistoryCore {
     /// Judges rest by these encoders from now on. Within the window a count of a coarse encoder looks like several degrees a second: such a
     /// motor stands if its readings stay within a count and a half for as long as one that moves at `rest_speed`, rad/s, takes to pass them.
     pub fn set_encoders(&mut self, axes: &[Axis], rest_speed: f64) {
-        let coarse = |axis: &Axis| {
-            let band = COUNTS * axis.resolution;
-            let secs = band / rest_speed.max(1e-6);
-            if secs > USUAL * WINDOW as f64 { Coarse { band, secs: secs.min(LONGEST) } } else { Coarse::default() }
-        };
-        self.coarse = axes.iter().map(coarse).collect();
+        self.coarse = axes.iter().map(|axis| Coarse::new(axis.resolution, rest_speed).unwrap_or_default()).collect();
     }
 
     /// Records a pulse's pose and tells it the speed. Readings that are not newer than the last are passed over.

@@ -4,6 +4,7 @@
 //! cores compare with (radians, durations, all of them known). The translation is here, once.
 
 use crate::fields::FieldRules;
+use crate::history::is_coarse;
 use crate::look_ahead::braking_clearance;
 use crate::settings::{ControllerSettings, Drive};
 use mobee_contract::{Axis, Board, Event, MotorUnits, Pose};
@@ -125,7 +126,7 @@ impl Rules {
             margin: self.margin,
             tolerance: self.tolerance,
             rest_speed: self.rest_speed,
-            resolution: coarsest(&self.axes),
+            resolution: if self.has_coarse_encoders() { coarsest(&self.axes) } else { 0.0 },
             hold_error: self.axes.iter().map(|axis| axis.hold_error).fold(0.0, f64::max),
             constraints,
         };
@@ -150,7 +151,7 @@ impl Rules {
 
     /// Whether the readings of a motor may be equal though it moves: by whole counts of an encoder.
     pub fn has_coarse_encoders(&self) -> bool {
-        coarsest(&self.axes) > 0.0
+        is_coarse(coarsest(&self.axes), self.rest_speed)
     }
 
     /// By how much this motor's joint may rest beside its commanded position, rad.

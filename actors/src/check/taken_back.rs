@@ -184,9 +184,10 @@ impl Invariant for TakenBack {
             Event::RetreatWaits { .. } => self.all_taken_back(RetreatPace::halts),
             Event::State { robot, status } => self.of(robot, |r| r.enters(*status)),
             Event::RetreatStopped { robot, reason, .. } => self.of(robot, |r| r.stopped(*reason)),
-            Event::CommandDropped { robot, .. } => {
-                self.of(robot, |r| (r.motion.missed, r.motion.dropped) = (false, true))
-            }
+            Event::CommandDropped { robot, writer, .. } => self.of(robot, |r| {
+                r.motion.missed = false;
+                r.motion.dropped |= *writer == Writer::Reflex;
+            }),
             Event::Streamed { robot, writer: Writer::Reflex, last, .. } => self.with(robot, |r| r.misled(last)),
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
                 self.of(robot, |r| r.way.iter_mut().for_each(RetreatPace::is_moved))

@@ -61,6 +61,11 @@ impl Plant {
         Plant { rules, ..self }
     }
 
+    /// Whether a stop makes the measured position the commanded one.
+    pub(super) fn stop_holds_measured(&self) -> bool {
+        self.rules.stop == StopRule::Measured
+    }
+
     /// Where the joints are that follow its commanded positions, rad.
     pub(super) fn measure(&mut self, q: impl Iterator<Item = f64>) {
         self.measured.clear();

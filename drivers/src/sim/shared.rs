@@ -95,8 +95,10 @@ impl SharedPlant {
 
     /// Of a stop the motors that it is sent to, where a stop holds the measured position: those that move, or are commanded. One that rests
     /// under its weight would sink with each stop. `None`: the command goes as it is.
-    pub fn stopped_of(&self, command: &Command) -> Option<Vec<usize>> {
-        let (Command::Stop { motors }, Some(arm)) = (command, &self.arm) else { return None };
+    pub fn motors_to_stop(&self, command: &Command) -> Option<Vec<usize>> {
+        let (Command::Stop { motors }, Some(arm), true) = (command, &self.arm, self.plant.stop_holds_measured()) else {
+            return None;
+        };
         let moves = |(m, (done, speed)): (usize, (bool, f64))| {
             let named = motors.is_empty() || motors.contains(&m);
             (named && (!done || speed.abs() > MOVES)).then_some(m)

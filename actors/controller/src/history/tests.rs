@@ -287,3 +287,11 @@ fn a_coarse_encoder_that_flickers_is_at_rest_and_one_that_creeps_is_not() {
     let creeps = |k: u64| 2.0_f64.to_radians() * 0.01 * k as f64;
     assert!(speed(count, &creeps) > 1.0);
 }
+
+/// What loosens the judgement of frozen readings is a coarse encoder: one count of a hobby servo, not one of an industrial arm.
+#[test]
+fn only_a_hobby_servo_s_encoder_is_coarse() {
+    let rest_speed = 0.5_f64.to_radians();
+    assert!(is_coarse(std::f64::consts::TAU / 4096.0, rest_speed));
+    assert!([0.0, 0.0005, 0.02].iter().all(|deg: &f64| !is_coarse(deg.to_radians(), rest_speed)));
+}

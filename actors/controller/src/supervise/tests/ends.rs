@@ -146,8 +146,8 @@ fn a_motion_that_arrived_as_supervise_died_is_committed() {
     }
 }
 
-/// The board reports "done" elsewhere: missed after 0.2 s if it rests, after a second if it still moves. It says nothing: missed when the motion is overdue. The readings stand still while
-/// the motor should have gone a degree, and for half a second: frozen.
+/// The board reports "done" elsewhere: missed after 0.2 s if it rests, after a second if it still moves. It reports nothing: missed when
+/// the motion is overdue. The readings stand still while the motor should have gone a degree, and for half a second: frozen.
 #[test]
 fn a_motion_that_goes_nowhere_ends_in_time() {
     /// The time in milliseconds at which a motion to 1 rad ends, and the state then.
