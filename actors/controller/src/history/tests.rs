@@ -288,7 +288,7 @@ fn a_coarse_encoder_that_flickers_is_at_rest_and_one_that_creeps_is_not() {
     assert!(speed(count, &creeps) > 1.0);
 }
 
-/// What loosens the judgement of frozen readings is a coarse encoder: one count of a hobby servo, not one of an industrial arm.
+/// What loosens the judgment of frozen readings is a coarse encoder: one count of a hobby servo, not one of an industrial arm.
 #[test]
 fn only_a_hobby_servo_s_encoder_is_coarse() {
     let rest_speed = 0.5_f64.to_radians();
