@@ -87,6 +87,11 @@ impl Runner {
         self.ghosts = self.brakes.ahead(&sample.q, &moving, open, rules, &GHOSTS);
     }
 
+    /// Whether it would come to rest elsewhere than at `q`, where it is.
+    fn moves(&self, q: &Pose) -> bool {
+        self.ghosts.last().is_some_and(|rest| rest != q)
+    }
+
     /// A ghost of it, or where it is.
     fn ghost(&self, k: usize, q: &Pose) -> Pose {
         self.ghosts.get(k).filter(|ghost| ghost.len() == q.len()).unwrap_or(q).clone()
@@ -104,8 +109,8 @@ impl LookAhead {
             edited: true,
         };
         let robots: Vec<Runner> = rules.into_iter().map(runner).collect();
-        let reserves = || robots.iter().filter(|r| r.rules.is_some()).map(Runner::reserve);
-        let (most, least) = (reserves().fold(0.0, f64::max), reserves().fold(f64::INFINITY, f64::min));
+        let most = farthest(robots.iter().filter_map(|runner| runner.rules.as_deref()));
+        let least = robots.iter().filter(|r| r.rules.is_some()).map(Runner::reserve).fold(f64::INFINITY, f64::min);
         // of a way in such steps nothing nearer than half of the reserve is overlooked
         let sweep = || Sweep::of_all(scene.clone(), most, least / 2.0);
         let sweeps = || GHOSTS.map(|_| sweep());
@@ -138,7 +143,7 @@ impl LookAhead {
     ///
     /// # Arguments
     /// * `poses`: the newest of all robots, rad, in the scene's order.
-    /// * `near`: the pairs that are near it now, at least those within its reserve.
+    /// * `near`: the pairs that are near now, at least those within [`farthest`].
     /// * `open`: whether agents' commands reach the robot: while they don't, how it brakes is measured.
     pub fn read(
         &mut self,
@@ -181,10 +186,16 @@ impl LookAhead {
             }
             ways.push(Some(self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect()));
         }
+        // two robots that move both use up their reserve in the worst case
+        let moving: Vec<f64> =
+            self.robots.iter().zip(poses).map(|(r, q)| if r.moves(q) { r.reserve() } else { 0.0 }).collect();
         let comes = |c: &&Contact| {
-            let own = [c.pair.0.robot(), c.pair.1.robot()].contains(&Some(robot));
+            let pair = [c.pair.0.robot(), c.pair.1.robot()];
+            let own = pair.contains(&Some(robot));
+            let other = pair.into_iter().flatten().find(|of| *of != robot);
+            let others = other.and_then(|of| moving.get(of)).copied().unwrap_or(0.0);
             let present = || near.iter().find(|n| n.pair == c.pair).map_or(f64::INFINITY, |n| n.distance);
-            looks && own && c.distance < reserve && c.distance < present() - DEEPER
+            looks && own && c.distance < reserve + others && c.distance < present() - DEEPER
         };
         let groups = self.vicinity.near_groups(robot, poses, &ranges(&self.scene, poses, &self.sweeps, &ways));
         let mut met: Vec<Contact> = Vec::new();
@@ -199,6 +210,13 @@ impl LookAhead {
         let foreseen = |c: Contact| Foreseen { contact: c, edited: edits(c.pair.0).max(edits(c.pair.1)) };
         met.into_iter().map(foreseen).collect()
     }
+}
+
+/// The greatest distance at which a pair may matter to robots that go by these rules, meters: the sum of the two greatest reserves.
+pub fn farthest<'a>(rules: impl IntoIterator<Item = &'a Rules>) -> f64 {
+    let mut reserves: Vec<f64> = rules.into_iter().filter_map(|rules| rules.reserve).collect();
+    reserves.sort_by(|a, b| b.total_cmp(a));
+    reserves.iter().take(2).sum()
 }
 
 /// How far each motor of the scene is from its pose at most on the ways of the sweeps, rad of encoder.

@@ -5,7 +5,7 @@ use mobee_contract::{CommitId, Event, Pose, Status, WorldChange};
 use mobee_controller::RELEASE;
 use mobee_controller::gate::Gate;
 use mobee_controller::ledger::{Motion, Open};
-use mobee_controller::look_ahead::LookAhead;
+use mobee_controller::look_ahead::{self, LookAhead};
 use mobee_controller::simultaneous::Simultaneous;
 use mobee_model::{Contact, Edit, Field, Object, Scene, ShapeId, Watch};
 use nalgebra::{Isometry3, Vector3};
@@ -92,10 +92,11 @@ fn seen_at(object: &Object, at: [f64; 3]) -> Edit {
     Edit::Move { name: object.name.clone(), pose }
 }
 
-/// Watches as far as the robot with the greatest margin needs.
+/// Watches as far as the robot with the greatest margin needs, and as looking ahead does.
 fn watch(shared: &SharedContext, scene: &Arc<Scene>) -> Watch {
-    let margin = shared.robots.iter().map(|w| w.rules().margin).fold(0.0, f64::max);
-    Watch::new(scene.clone(), margin + RELEASE)
+    let rules: Vec<_> = shared.robots.iter().map(|w| w.rules()).collect();
+    let margin = rules.iter().map(|rules| rules.margin).fold(0.0, f64::max);
+    Watch::new(scene.clone(), (margin + RELEASE).max(look_ahead::farthest(rules.iter().map(|rules| &**rules))))
 }
 
 /// Looks between readings at the robots that there are now.
@@ -132,7 +133,7 @@ impl Model {
             }
             if let Some(ahead) = &mut self.ahead {
                 let open = Gate::opens(context.gate.token());
-                let foreseen = ahead.read(robot, &pulse.sample, &self.poses, &pulse.contacts, open);
+                let foreseen = ahead.read(robot, &pulse.sample, &self.poses, near, open);
                 if !foreseen.is_empty() {
                     pulse.foreseen = foreseen.into();
                 }

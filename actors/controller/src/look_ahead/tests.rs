@@ -188,3 +188,42 @@ fn without_a_reserve_nobody_looks_ahead() {
     let none = Rules { reserve: None, ..(*rules).clone() };
     assert!(LookAhead::new(&scene(), [Arc::new(none)]).is_none());
 }
+
+/// Two arms turn towards each other: the gap that would be left if both were stopped as the first is warned, meters. `second`: the speed
+/// of the second arm, rad/s.
+fn gap_left(second: f64) -> f64 {
+    let text = ARM.replace("HOME", "0");
+    let arm = |name: &str, y: f64| {
+        let robot = parse_robot("arm.xml", &text.replace("NAME", name)).unwrap().value;
+        (Arc::new(robot), Isometry3::translation(0.0, y, 0.0))
+    };
+    let scene = Arc::new(Scene::new(vec![arm("left", 0.0), arm("right", 0.3)], vec![]).unwrap());
+    let plant = Plant { from: 0.0, speed: 0.4, gain: 4.0, brakes: 20.0, latency: 0.004, period: 0.002 };
+    let mut ahead = LookAhead::new(&scene, [plant.rules(20.0), plant.rules(20.0)]).unwrap();
+    for k in 0..2000_u64 {
+        let t = 0.002 * k as f64;
+        let at = |on: f64| -> [Pose; 2] {
+            let stop = |speed: f64| speed * (0.1 + t) + on * speed * (0.004 + speed / 40.0);
+            [vec![stop(0.4)].into(), vec![-stop(second)].into()]
+        };
+        let poses = at(0.0);
+        let near = scene.contacts(&poses, 0.02);
+        let warned = [0, 1].map(|robot| {
+            let sample = Sample { seq: k, at: Time(k * 2_000_000), q: poses[robot].clone(), done: vec![false] };
+            !ahead.read(robot, &sample, &poses, &near, true).is_empty()
+        });
+        if warned[0] {
+            return scene.contacts(&at(1.0), 0.02).iter().map(|c| c.distance).fold(f64::INFINITY, f64::min);
+        }
+    }
+    unreachable!()
+}
+
+#[test]
+fn two_robots_that_move_leave_the_reserves_of_both_and_one_that_rests_adds_none() {
+    let (both, one) = (gap_left(0.4), gap_left(0.0));
+    // a period, and that stops may be slower than stated
+    let more = 0.5 * RESERVE;
+    assert!(one > RESERVE - 0.001 && one < RESERVE + more, "the other rests: {one}");
+    assert!(both > 2.0 * RESERVE - 0.001 && both < 2.0 * RESERVE + 2.0 * more, "both move: {both}");
+}
