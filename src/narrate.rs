@@ -195,6 +195,10 @@ impl Narrator {
                 let by = motion.told(*by, 1);
                 format!("{motor} does not follow, by {by}: something holds it that the model does not have")
             }
+            Cause::ExternalTorque { motor, torque, motion } => {
+                let unit = motion.effort_unit();
+                format!("{motor} is pushed with {torque:.1} {unit}, by something that the model does not have")
+            }
             Cause::Constraint { part, clause } => format!("constraint {clause} of {part} would not hold"),
             Cause::TargetMissed => "its target was not reached in time".into(),
             Cause::AgentDied => "its agent died or was stopped".into(),

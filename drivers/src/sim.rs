@@ -85,6 +85,7 @@ impl SimHardware {
             let plant = Plant::new(settings.axes(&context.robot), &start, settings.move_profile());
             board.plant = plant.with_rules(rules);
             board.arm = Some(Dynamics::new(servo.servos(&numbers, &context.robot), &start));
+            board.reports = Some(numbers.reports);
             board.done = rules.done;
         }
         Ok(SimHardware { start: Some(start).filter(|_| !settings.start_deg.is_empty()), ..hardware })
@@ -102,6 +103,7 @@ impl SimHardware {
             plant: Plant::new(axes, start, settings.move_profile()),
             arm: None,
             done: DoneRule::Trajectory,
+            reports: None,
             encoders: Encoders::new(settings, seed),
             latency: settings.latency(),
             unread: None,

@@ -51,6 +51,14 @@ impl JointMotion {
         }
     }
 
+    /// The unit of its torque or force.
+    pub fn effort_unit(self) -> &'static str {
+        match self {
+            JointMotion::Turn => "N m",
+            JointMotion::Slide => "N",
+        }
+    }
+
     /// What an encoder counts, for people: `deg` or `mm`.
     pub fn unit(self) -> &'static str {
         match self {

@@ -125,6 +125,9 @@ impl Config {
                 // below the tolerance a motor that rests beside its target would count as held
                 c.range(&at("controller.stall_deg"), deg, k.tolerance_deg.clamp(0.05, 45.0), 45.0, "deg");
             }
+            if let Some(nm) = k.contact_nm {
+                c.range(&at("controller.contact_nm"), nm, 0.0, 1e5, "N m");
+            }
             c.range(&at("controller.tolerance_deg"), k.tolerance_deg, 1e-3, 10.0, "deg");
             c.range(&at("controller.undo_s"), k.undo_s, 0.0, 3600.0, "s");
             if let Some(ms) = k.stale_ms {

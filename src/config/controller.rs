@@ -33,6 +33,10 @@ pub struct Controller {
     /// looks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stall_deg: Option<f64>,
+    /// A torque from outside of more than this, N m (N for joints that slide), is a contact with something that no model knows: the motion is
+    /// taken back. Default: what the driver states per motor, where its board reports torque, load or current. 0: nobody looks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact_nm: Option<f64>,
     /// A pose counts as reached within this, degrees per motor.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
@@ -53,8 +57,17 @@ pub struct Controller {
 }
 
 /// The settings that all kinds have.
-pub(super) const SHARED: &[&str] =
-    &["period_ms", "history", "margin_mm", "reserve_mm", "stall_deg", "tolerance_deg", "undo_s", "stale_ms"];
+pub(super) const SHARED: &[&str] = &[
+    "period_ms",
+    "history",
+    "margin_mm",
+    "reserve_mm",
+    "stall_deg",
+    "contact_nm",
+    "tolerance_deg",
+    "undo_s",
+    "stale_ms",
+];
 
 fn kind() -> String {
     DEFAULT_KIND.into()
@@ -128,6 +141,7 @@ impl Controller {
             margin_m: self.margin_mm * 1e-3,
             reserve_m: self.reserve_mm.map(|mm| mm * 1e-3),
             stall_deg: self.stall_deg,
+            contact_nm: self.contact_nm,
             tolerance_deg: self.tolerance_deg,
             undo_s: self.undo_s,
             stale_s: self.stale_ms.map(|ms| ms * 1e-3),

@@ -350,6 +350,7 @@ fn in_a_word(cause: Option<&Cause>) -> &'static str {
         Some(Cause::Contact(_)) => "contact",
         Some(Cause::Foreseen(_)) => "foreseen",
         Some(Cause::Stall { .. }) => "stall",
+        Some(Cause::ExternalTorque { .. }) => "external torque",
         Some(Cause::Constraint { .. }) => "constraint",
         Some(Cause::TargetMissed) => "target missed",
         Some(Cause::AgentDied) => "agent died",

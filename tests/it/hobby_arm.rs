@@ -1,4 +1,4 @@
-//! A hobby arm that sags, with encoders of 4,096 counts and a board whose stop holds the measured position: the paper's loop holds there too.
+//! Arms with servos, weight and contacts. A hobby arm that sags, with encoders of 4,096 counts and a board whose stop holds the measured position: the paper's loop holds there too.
 
 use super::common::mobee_here;
 use serde_json::Value;
@@ -6,17 +6,26 @@ use std::path::Path;
 
 /// Runs an SO-101 for five minutes with these tables beside the robot's; the counters of the summary.
 fn explores(folder: &Path, tables: &str, driver: &str, controller: &str) -> Value {
+    runs(folder, ("so101", "so101_new_calib", 0.3), (tables, driver, controller))
+}
+
+/// The same of any arm: its name, which is that of its profile, the motors to explore, and the share of full speed.
+fn runs(
+    folder: &Path,
+    (arm, motors, speed): (&str, &str, f64),
+    (tables, driver, controller): (&str, &str, &str),
+) -> Value {
     let file = folder.join("arm.toml");
-    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/so101.xml");
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("configs/robots/{arm}.xml"));
     let text = format!(
         r#"
         {tables}
         [[robot]]
-        name = "so101"
+        name = "{arm}"
         model = {model:?}
         controller = {{ period_ms = 10, history = 6000 {controller} }}
-        driver = {{ kind = "sim", profile = "so101" {driver} }}
-        agent = {{ kind = "explorer", motors = ["so101_new_calib"], speed = 0.3, vertices = 20, neighbors = 6, seed = 3 }}
+        driver = {{ kind = "sim", profile = "{arm}" {driver} }}
+        agent = {{ kind = "explorer", motors = ["{motors}"], speed = {speed}, vertices = 20, neighbors = 6, seed = 3 }}
         "#
     );
     std::fs::write(&file, text).expect("a behavior");
@@ -57,4 +66,17 @@ fn an_arm_that_sags_is_taken_back_from_what_it_does_not_know() {
     let counters = explores(folder.path(), "", post, ", stall_deg = 8");
     let [committed, back, faulted] = ["committed", "rolled_back", "faulted"].map(|name| count(&counters, name));
     assert!(committed >= 25 && back >= 1 && faulted == 0, "{counters}");
+}
+
+/// A stiff arm at full speed meets a post that the model does not know: its torque sensors show each contact, each motion is taken back, and
+/// no stall needs to be watched for.
+#[test]
+fn a_stiff_arm_is_taken_back_by_the_torque_of_a_contact() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let post = r#", unknown = [{ name = "post", size_m = [0.06, 0.06, 0.8], at_m = [0.3, 0.6, 0.4] }]"#;
+    let counters = runs(folder.path(), ("ur5", "ur5", 1.0), ("", post, ""));
+    let [committed, back, faulted] = ["committed", "rolled_back", "faulted"].map(|name| count(&counters, name));
+    assert!(committed >= 10 && back >= 5 && faulted <= 1, "{counters}");
+    let unwatched = runs(folder.path(), ("ur5", "ur5", 1.0), ("", post, ", contact_nm = 0"));
+    assert!(count(&unwatched, "rolled_back") < back, "without looking at torques: {unwatched}");
 }

@@ -29,6 +29,13 @@ pub struct Axis {
     /// an integral term. 0: the board itself brings it there.
     #[serde(default)]
     pub hold_error: f64,
+    /// The greatest distance by which a push from outside moves its joint from the commanded position before its torque gives way, rad of
+    /// encoder: greatest torque over stiffness. 0: not known, or nothing worth mention.
+    #[serde(default)]
+    pub deflection: f64,
+    /// The external torque in [`Sample::external`] above which something pushes it, N m (N where it slides). 0: the board reports none.
+    #[serde(default)]
+    pub contact_effort: f64,
 }
 
 /// What a board can do.
@@ -177,7 +184,7 @@ impl CommandKind {
 }
 
 /// One reading of all encoders.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
     /// Counts readings; a gap means that readings were lost.
     pub seq: u64,
@@ -187,6 +194,11 @@ pub struct Sample {
     pub q: Pose,
     /// Motion done, per motor: it rests, and no command given before `at` will still move it.
     pub done: Vec<bool>,
+    /// Per motor the torque from outside that the board reports or its driver derives from load or current, N m (N where it slides), in the
+    /// direction in which it pushes the joint; empty where nothing is reported. The weight that the arm's own controller compensates, and
+    /// the torque of its own motion, are none of it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub external: Vec<f64>,
 }
 
 /// A board's recent response times: round trips of requests, each counted by the time since the one before, as a slow board answers
@@ -259,6 +271,9 @@ pub enum DriverFault {
     /// The board itself reports a fault.
     #[error("the board reports a fault: {0}")]
     Hardware(String),
+    /// A motor is much faster than it was commanded: something pushes it, or another program drives it. In a motion it counts as a contact.
+    #[error("{0}")]
+    TooFast(String),
 }
 
 /// A robot's hardware, real or simulated, as its driver actor sees it.

@@ -129,6 +129,9 @@ pub enum Event {
         /// How far beside its commanded position a motor may rest at most, rad; absent where boards hold exactly.
         #[serde(default, skip_serializing_if = "is_nothing")]
         hold_error: f64,
+        /// The greatest distance by which a push moves a motor from its commanded position, rad; absent where nothing is known of it.
+        #[serde(default, skip_serializing_if = "is_nothing")]
+        deflection: f64,
         /// Its constraints; absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         constraints: Clauses,

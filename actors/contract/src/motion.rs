@@ -170,6 +170,16 @@ pub enum Cause {
         #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
         motion: JointMotion,
     },
+    /// The board reports a torque from outside: something pushes a motor.
+    ExternalTorque {
+        /// Its name.
+        motor: String,
+        /// The torque, N m (N where it slides), in the direction in which it pushes the joint.
+        torque: f64,
+        /// What its encoder counts.
+        #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
+        motion: JointMotion,
+    },
     /// A constraint of a body part does not hold.
     Constraint {
         /// The part's name.

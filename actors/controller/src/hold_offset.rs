@@ -138,7 +138,13 @@ mod tests {
         let direct = Command::Direct { motors: vec![0], q: vec![target] };
         let Command::Direct { q, .. } = offsets.apply(&direct, Time(from * MS)) else { panic!("another command") };
         for at in (from..=from + ms).step_by(10) {
-            let sample = Sample { seq: at, at: Time(at * MS), q: vec![q[0] - sag].into(), done: vec![true] };
+            let sample = Sample {
+                seq: at,
+                at: Time(at * MS),
+                q: vec![q[0] - sag].into(),
+                done: vec![true],
+                external: Vec::new(),
+            };
             offsets.learn(&sample);
         }
         q[0]
@@ -173,7 +179,13 @@ mod tests {
         let mut offsets = offsets();
         rest(&mut offsets, (0, 100), 0.5, 0.03);
         offsets.apply(&Command::Stop { motors: vec![] }, Time(110 * MS));
-        let sample = |at: u64| Sample { seq: at, at: Time(at * MS), q: vec![0.4].into(), done: vec![true] };
+        let sample = |at: u64| Sample {
+            seq: at,
+            at: Time(at * MS),
+            q: vec![0.4].into(),
+            done: vec![true],
+            external: Vec::new(),
+        };
         assert!((110..1000).step_by(10).all(|at| offsets.learn(&sample(at)).is_empty()));
     }
 }

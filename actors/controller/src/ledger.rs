@@ -131,10 +131,10 @@ impl TransactionState {
         Some(ended.map_or(MotionEnd::Failed, |ended| ended.end))
     }
 
-    /// The motor that stalled in a motion that failed by that, if it is remembered.
+    /// The motor that something held or pushed in a motion that failed by that, if it is remembered.
     pub fn stalled_in(&self, id: CommitId) -> Option<&str> {
         match &self.ends.iter().rev().find(|ended| ended.id == id)?.cause {
-            Some(Cause::Stall { motor, .. }) => Some(motor),
+            Some(Cause::Stall { motor, .. } | Cause::ExternalTorque { motor, .. }) => Some(motor),
             _ => None,
         }
     }

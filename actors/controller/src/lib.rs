@@ -12,6 +12,7 @@
 //! | [`joint_retreat`] | | leads several robots back on one clock |
 //! | [`look_ahead`] | | where a robot would come to rest, and what is in the way there |
 //! | [`hold_offset`] | | how far beside its target a motor is commanded, so that its joint rests there |
+//! | [`effort`] | | motors that something pushes, by the torques that the board reports |
 //! | [`stall`] | | motors that do not follow what they were told |
 //! | [`simultaneous`] | | how near robots come to each other at common instants |
 //! | [`gate`], [`command_guard`] | | the filter itself: a fencing token, and who asks for it |
@@ -31,6 +32,7 @@
 )]
 
 pub mod command_guard;
+pub mod effort;
 pub mod fields;
 pub mod gate;
 pub mod history;

@@ -23,7 +23,7 @@ pub const DEEPER: f64 = 0.001;
 pub const FRESH_PERIODS: u32 = 5;
 
 /// What counts as reached is no less than so many counts of the coarsest encoder.
-const COUNTS: f64 = 2.0;
+const COUNTS: f64 = 2.5;
 
 /// Settings and board in the units of the inside: what the cores go by.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,6 +49,8 @@ pub struct Rules {
     pub reserve: Option<f64>,
     /// The least lag at which a motor counts as stalled, rad; `None`: nobody looks.
     pub stall: Option<f64>,
+    /// The torque from outside from which on something pushes a motor, N m (N where it slides), of each motor; none where nobody looks.
+    pub contact_efforts: Vec<Option<f64>>,
     /// Greatest distance per motor at which a pose counts as reached, rad.
     pub tolerance: f64,
     /// Speed below which a motor counts as at rest, rad/s.
@@ -83,6 +85,7 @@ impl Rules {
             margin: controller.margin_m,
             reserve: controller.reserve_m.filter(|m| *m > 0.0 && controller.drive.has_reflex()),
             stall: controller.stall_deg.map(f64::to_radians),
+            contact_efforts: board.axes.iter().map(|axis| contact_effort(axis, controller.contact_nm)).collect(),
             tolerance: controller.tolerance_deg.to_radians().max(COUNTS * coarsest(&board.axes)),
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,
@@ -128,6 +131,7 @@ impl Rules {
             rest_speed: self.rest_speed,
             resolution: if self.has_coarse_encoders() { coarsest(&self.axes) } else { 0.0 },
             hold_error: self.axes.iter().map(|axis| axis.hold_error).fold(0.0, f64::max),
+            deflection: self.axes.iter().map(|axis| axis.deflection).fold(0.0, f64::max),
             constraints,
         };
         let (name, kind) = (self.robot.clone(), self.kind.to_owned());
@@ -159,6 +163,11 @@ impl Rules {
         self.axes.get(motor).map_or(0.0, |axis| axis.hold_error)
     }
 
+    /// By how much this motor's joint may be beside its commanded position while something pushes it, rad.
+    pub fn pushed_error(&self, motor: usize) -> f64 {
+        self.axes.get(motor).map_or(0.0, |axis| axis.hold_error.max(axis.deflection))
+    }
+
     /// How far the motors are behind a stream of set-points: that of the board, and a period, in which they go from one to the next.
     pub fn follows(&self) -> Duration {
         self.latency + self.period
@@ -169,6 +178,11 @@ impl Rules {
     pub fn reaction(&self) -> Duration {
         self.latency + self.period * 2
     }
+}
+
+/// The torque from which on something pushes this motor, if its board reports any: as the settings say, or the board.
+fn contact_effort(axis: &Axis, stated: Option<f64>) -> Option<f64> {
+    (axis.contact_effort > 0.0).then_some(stated.unwrap_or(axis.contact_effort)).filter(|least| *least > 0.0)
 }
 
 /// The resolution of the coarsest encoder, rad.

@@ -25,6 +25,10 @@ pub struct ControllerSettings {
     /// something; without it nobody looks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stall_deg: Option<f64>,
+    /// The torque from outside from which on something pushes a motor, N m (N where it slides); without it the board's own
+    /// ([`Axis::contact_effort`](mobee_contract::Axis::contact_effort)); zero: nobody looks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact_nm: Option<f64>,
     /// Greatest distance per motor at which a pose counts as reached, degrees.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
@@ -119,6 +123,7 @@ impl Default for ControllerSettings {
             margin_m: margin(),
             reserve_m: None,
             stall_deg: None,
+            contact_nm: None,
             tolerance_deg: tolerance(),
             rest_speed_deg: rest_speed(),
             escape_speed: escape_speed(),

@@ -31,6 +31,7 @@ mod stalled;
 mod stream;
 mod streaming;
 
+use crate::effort::EffortWatch;
 use crate::gate::Gate;
 use crate::ledger::TransactionState;
 use crate::ledger::Underway;
@@ -77,6 +78,8 @@ pub enum SuperviseIn<'a> {
     Tick,
     /// The board reports a fault.
     Fault(String),
+    /// A motor is much faster than it was commanded.
+    TooFast(String),
     /// The reflex closed the filter; the motors that brought together what touched, if it is known.
     Closed(u64, Cause, Option<BTreeSet<usize>>),
     /// The reflex tells how the retreat goes.
@@ -276,6 +279,8 @@ pub struct SuperviseCore {
     credits: Credits,
     /// Whether the motors follow, if anybody looks.
     stall: Option<StallWatch>,
+    /// Whether something pushes a motor, by the torques that the board reports.
+    effort: EffortWatch,
 }
 
 impl SuperviseCore {
@@ -302,6 +307,7 @@ impl SuperviseCore {
             shutdown: false,
             credits: Credits::full(now),
             stall: StallWatch::new(step.rules),
+            effort: EffortWatch::default(),
         };
         if open || Gate::opens(token) {
             // a crash of the process is the cause already if that is what happened
@@ -365,6 +371,14 @@ impl SuperviseCore {
             SuperviseIn::Fault(what) => {
                 // a board that is faulty says so at each question: once is enough
                 if self.status != Status::Holding(Hold::BoardFault) {
+                    self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), step);
+                }
+            }
+            SuperviseIn::TooFast(what) => {
+                // what something pushes is fast, too: in a motion it is taken back, and what drives a robot at rest is no contact
+                if self.is_moving() && self.token == step.gate.token() {
+                    self.roll_back(Cause::BoardFault(what), step);
+                } else if self.status != Status::Holding(Hold::BoardFault) && self.closing != Closing::Reflex {
                     self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), step);
                 }
             }

@@ -172,6 +172,9 @@ fn why(cause: &Cause) -> String {
         Cause::Stall { motor, by, motion } => {
             format!("{motor} does not follow, by {}: something holds it", motion.told(*by, 2))
         }
+        Cause::ExternalTorque { motor, torque, motion } => {
+            format!("{motor} is pushed with {torque:.1} {}", motion.effort_unit())
+        }
         Cause::Constraint { part, clause } => format!("constraint {clause} of {part}"),
         Cause::TargetMissed => "the target was missed".to_owned(),
         Cause::AgentDied => "the agent died".to_owned(),

@@ -3,11 +3,14 @@
 //! Wants the poses, and a journal that tells what is allowed (version 2). For a while after an amendment what was allowed before still
 //! is: the motor brakes. Where set-points are streamed it may be faster, as it catches up with those that came late, and as fast as it
 //! can if the board did not take some; a move that the driver makes of set-points counts as streamed; during the retreat it may be so fast as any commit has allowed it to be. A kink of its readings is no motion. What no commit names is a matter of I21.
+//!
+//! A joint that something pushes is as fast as that makes it: it springs back by what its servo gave way, and it is not judged for a contact
+//! that the filter closes for within half a second, until that is open again.
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
-use mobee_contract::{CommandKind, Event, MotorUnits, Pose, Time, Writer};
+use mobee_contract::{Cause, CommandKind, Event, MotorUnits, Pose, Time, Writer};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -19,6 +22,9 @@ const BOARD: (f64, f64) = (1.05, 0.25 * DEGREE);
 const CATCHES_UP: (f64, f64) = (2.75, 0.25 * DEGREE);
 /// How long what was allowed before an amendment, or the end of a motion, counts on.
 const BRAKES: Duration = Duration::from_secs(1);
+
+/// How long after a push the filter closes for it.
+const NOTICED: Duration = Duration::from_millis(500);
 
 #[derive(Default)]
 pub(super) struct AsFastAsAllowed {
@@ -34,6 +40,11 @@ struct Robot {
     closed: bool,
     /// Whether the motion is one of the board's own moves, and no stream of set-points.
     moves: bool,
+    /// By how much its joints spring back where a push ends, rad.
+    springs: f64,
+    /// Whether the filter has closed for something that pushes it; and what is wrong unless it does so soon.
+    pushed: bool,
+    pending: Vec<(Time, String)>,
     /// Until when set-points that the board did not take may be caught up with.
     behind: Time,
 }
@@ -81,18 +92,25 @@ impl Robot {
         self.motors.iter_mut().filter(|motor| motor.allowed > 0.0).for_each(|motor| motor.allow(at, 0.0));
     }
 
+    /// What has been wrong for so long that no contact was the reason.
+    fn due(&mut self, at: Time) -> Vec<String> {
+        let due = self.pending.iter().take_while(|(since, _)| *since + NOTICED <= at).count();
+        self.pending.drain(..due).map(|(_, wrong)| wrong).collect()
+    }
+
     fn judge(&mut self, robot: &str, at: Time) -> Vec<String> {
         let (since, back) = (self.window.since(), self.closed);
-        let streamed = back || !self.moves;
+        let (streamed, springs) = (back || !self.moves, self.springs);
         let mut wrong = Vec::new();
-        if since < self.behind {
+        if since < self.behind || self.pushed {
             return wrong;
         }
         for (m, motor) in self.motors.iter_mut().enumerate() {
             let ((way, secs), kink) = (self.window.way(m), self.window.kink(m));
             motor.kink = motor.kink.max(kink);
             let kink = if streamed { motor.kink } else { kink };
-            let Some(most) = motor.most(since, back, streamed).filter(|most| !motor.told && way > most * secs + kink)
+            let Some(most) =
+                motor.most(since, back, streamed).filter(|most| !motor.told && way > most * secs + kink + springs)
             else {
                 continue;
             };
@@ -107,15 +125,16 @@ impl Robot {
 impl Invariant for AsFastAsAllowed {
     fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, sliding, period, .. } => {
+            Event::Robot { robot, motors, sliding, period, hold_error, deflection, .. } => {
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|known| known.len() == motors.len());
                 let motor = |name: &String| Motor { name: name.clone(), ..Motor::default() };
                 let motors = known.unwrap_or_else(|| motors.iter().map(motor).collect());
                 let (window, units) = (Window::new(*period), MotorUnits::new(motors.len(), sliding));
-                self.robots.insert(
-                    robot.clone(),
-                    Robot { window, units, motors, open: false, closed: true, moves: false, behind: Time::ZERO },
-                );
+                let (springs, pending) = (hold_error.max(*deflection), Vec::new());
+                let (open, closed, moves, pushed, behind) = (false, true, false, false, Time::ZERO);
+                let robot_state =
+                    Robot { window, units, motors, open, closed, moves, springs, pushed, pending, behind };
+                self.robots.insert(robot.clone(), robot_state);
             }
             Event::Commit { robot, motors, .. } => self.robots.of(robot, |r| {
                 (r.open, r.moves) = (!motors.is_empty(), false);
@@ -132,10 +151,16 @@ impl Invariant for AsFastAsAllowed {
                 self.robots.of(robot, |r| r.moves = true);
             }
             Event::Enabled { robot, .. } => self.robots.of(robot, |r| {
-                r.closed = false;
+                (r.closed, r.pushed) = (false, false);
                 r.window.forget();
             }),
-            Event::Disabled { robot, .. } => self.robots.of(robot, |r| r.closed = true),
+            Event::Disabled { robot, cause, .. } => self.robots.of(robot, |r| {
+                r.closed = true;
+                if matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. } | Cause::Displaced { .. }) {
+                    r.pushed = true;
+                    r.pending.clear();
+                }
+            }),
             Event::CommandDropped { robot, .. } => self.robots.of(robot, |r| r.behind = line.at + BRAKES),
             Event::Outcome { robot, .. } => self.robots.of(robot, |r| r.ended(line.at)),
             _ => {}
@@ -145,7 +170,15 @@ impl Invariant for AsFastAsAllowed {
     fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         if state.window.take(at, q) {
-            found.say_all(state.judge(robot, at));
+            let wrong = state.judge(robot, at);
+            state.pending.extend(wrong.into_iter().map(|wrong| (at, wrong)));
+        }
+        found.say_all(state.due(at));
+    }
+
+    fn end(&mut self, found: &mut Found<'_>) {
+        for state in self.robots.values_mut() {
+            found.say_all(state.pending.drain(..).map(|(_, wrong)| wrong));
         }
     }
 

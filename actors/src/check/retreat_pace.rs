@@ -19,6 +19,10 @@ const EARLY: f64 = 0.1;
 /// How much longer the robot may be in motion, as a share and in seconds: it is made to wait, and catches up. So many seconds more each
 /// time it has to make a halt.
 const LONGER: (f64, f64) = (1.25, 0.5);
+/// For as many halts an arm that sags counts as it settles at the end.
+const SETTLES: u32 = 2;
+/// By so many times more it may be before its time: how far it sags differs on the way back.
+const SAGS: f64 = 3.0;
 /// A kink of the readings that is no motion, rad.
 const JUMP: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// How many readings tell motion from rest.
@@ -49,6 +53,8 @@ pub(super) struct RetreatPace {
     back: Option<Back>,
     /// How often it waited for a robot that was in its way.
     halts: u32,
+    /// How much of the way may have been made before its time, s.
+    early: f64,
     /// Whether a board is known to be late, so that the retreat waits for it again and again.
     late: bool,
     /// Set once the way there, or the retreat, can't be told.
@@ -78,6 +84,7 @@ impl RetreatPace {
             there,
             back: None,
             halts: 0,
+            early: EARLY,
             late: false,
             lost: false,
         };
@@ -118,6 +125,12 @@ impl RetreatPace {
     /// It makes a halt: another robot is in its way.
     pub fn halts(&mut self) {
         self.halts += 1;
+    }
+
+    /// Its arm sags: it is commanded higher, beside its path, and settles, once or twice.
+    pub fn sags(&mut self) {
+        self.halts += SETTLES;
+        self.early = SAGS * EARLY;
     }
 
     /// A board heeds late what it is told: how long the retreat takes is not judged.
@@ -169,7 +182,7 @@ impl RetreatPace {
         let gone = all - self.there.get(here)?.moved;
         let (secs, streamed) = (now.at.since(back.began).as_secs_f64(), back.streamed);
         self.back.iter_mut().for_each(|back| back.here = here);
-        (streamed && gone > secs + EARLY)
+        (streamed && gone > secs + self.early)
             .then(|| format!("has gone {gone:.2} s of its retreat in {secs:.2} s at {}", now.at))
     }
 

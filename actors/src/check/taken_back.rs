@@ -26,6 +26,8 @@ struct Robot {
     period: f64,
     tolerance: f64,
     rest_speed: f64,
+    /// Whether its arm sags, so that it settles by new commands at the end of a retreat.
+    sags: bool,
     newest: Option<(Time, Pose)>,
     safe: Option<Pose>,
     motion: Motion,
@@ -67,6 +69,7 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
         Cause::Contact(_) => Some("a contact"),
         Cause::Foreseen(_) => Some("a contact that was foreseen"),
         Cause::Stall { .. } => Some("a motor that stalled"),
+        Cause::ExternalTorque { .. } => Some("a torque from outside"),
         Cause::Constraint { .. } => Some("a constraint"),
         Cause::TargetMissed => Some("a target that was missed"),
         Cause::AgentDied => Some("its agent's death"),
@@ -80,6 +83,9 @@ impl Robot {
         let way = (!escape && !motors.is_empty())
             .then(|| RetreatPace::new(motors, self.rest_speed, self.period, &self.units));
         self.way = way.map(|mut way| {
+            if self.sags {
+                way.sags();
+            }
             self.newest.iter().for_each(|(at, q)| _ = way.take(*at, q));
             way
         });
@@ -152,9 +158,9 @@ impl Invariant for TakenBack {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let wrong = match &line.event {
             Event::Controller { robot, undo, .. } => self.of(robot, |r| r.undo = undo.unwrap_or(UNDO)),
-            Event::Robot { robot, motors, sliding, period, tolerance, rest_speed, fresh, .. } => {
+            Event::Robot { robot, motors, sliding, period, tolerance, rest_speed, fresh, hold_error, .. } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
-                robot.fresh = *fresh;
+                (robot.fresh, robot.sags) = (*fresh, *hold_error > 0.0);
                 (robot.period, robot.tolerance, robot.rest_speed) = (*period, *tolerance, *rest_speed);
                 robot.units = MotorUnits::new(motors.len(), sliding);
                 None
@@ -176,6 +182,10 @@ impl Invariant for TakenBack {
                 }
                 r.motion.cause = r.motion.cause.or(in_words(cause));
                 r.motion.closed = r.motion.closed.or(Some(line.at));
+                // held by something, it waits where it sticks
+                if matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. }) {
+                    r.way.iter_mut().for_each(RetreatPace::is_late);
+                }
             }),
             Event::RetreatBegan { robot, .. } => self.of(robot, |r| {
                 (r.motion.driven, r.motion.settling) = (true, false);

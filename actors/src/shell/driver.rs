@@ -179,6 +179,9 @@ impl Driving {
             DriverFault::Refused(what) | DriverFault::Hardware(what) => {
                 self.context.supervise.send(SuperviseMsg::Fault(what.clone()));
             }
+            DriverFault::TooFast(what) => {
+                self.context.supervise.send(SuperviseMsg::TooFast(what.clone()));
+            }
         }
         now + BACK_OFF.0
     }
@@ -212,6 +215,9 @@ impl Driving {
                     DriverFault::Lost => self.driver = None,
                     DriverFault::Hardware(what) => {
                         self.context.supervise.send(SuperviseMsg::Fault(what));
+                    }
+                    DriverFault::TooFast(what) => {
+                        self.context.supervise.send(SuperviseMsg::TooFast(what));
                     }
                     DriverFault::Refused(_) => {}
                 }

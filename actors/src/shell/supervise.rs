@@ -72,6 +72,7 @@ impl Actor for SuperviseActor {
             SuperviseMsg::AgentDied(agent) => supervise.on(SuperviseIn::AgentDied(agent)),
             SuperviseMsg::Tick => supervise.on(SuperviseIn::Tick),
             SuperviseMsg::Fault(what) => supervise.on(SuperviseIn::Fault(what)),
+            SuperviseMsg::TooFast(what) => supervise.on(SuperviseIn::TooFast(what)),
             SuperviseMsg::Closed(token, cause) => {
                 let blamed = match &cause {
                     Cause::Contact(contacts) | Cause::Foreseen(contacts) => {

@@ -308,6 +308,7 @@ mod tests {
             rest_speed: 0.01,
             resolution: 0.0,
             hold_error: 0.0,
+            deflection: 0.0,
             constraints: Vec::new(),
         };
         let reached = Event::Outcome {

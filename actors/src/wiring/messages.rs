@@ -46,6 +46,8 @@ pub enum SuperviseMsg {
     Tick,
     /// The board reports a fault.
     Fault(String),
+    /// A motor is much faster than it was commanded.
+    TooFast(String),
     /// The reflex closed the filter.
     Closed(u64, Cause),
     /// The reflex tells how the retreat goes.

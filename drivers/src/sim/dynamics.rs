@@ -11,7 +11,7 @@ mod external;
 mod profile;
 
 pub use external::ArmPhysics;
-pub use profile::{ArmNumbers, ArmProfile, BoardRules, DoneRule, Servo, ServoSettings, StopRule};
+pub use profile::{ArmNumbers, ArmProfile, BoardRules, DoneRule, EffortReport, Servo, ServoSettings, StopRule};
 
 use super::path::State;
 use external::ExternalTorques;
@@ -45,6 +45,8 @@ pub struct Dynamics {
     steps: u64,
     /// The commanded positions of the last step.
     wanted: Vec<f64>,
+    /// The torques from outside in the last step, per radian of encoder.
+    outside: Vec<f64>,
     /// Whether it rests where it was sent, so that nothing changes until something else is commanded.
     rests: bool,
     /// The greatest contact force so far, N, and for how long in a row one has been felt.
@@ -61,6 +63,7 @@ impl Dynamics {
             external: None,
             steps: 0,
             wanted: start.to_vec(),
+            outside: vec![0.0; start.len()],
             rests: false,
             greatest: 0.0,
             pressing: Duration::ZERO,
@@ -94,7 +97,8 @@ impl Dynamics {
         let states: Vec<State> = commanded.collect();
         let changed = states.iter().zip(&self.wanted).any(|(state, w)| state.q != *w);
         self.wanted = states.iter().map(|state| state.q).collect();
-        let mut outside = vec![0.0; self.joints.len()];
+        let mut outside = std::mem::take(&mut self.outside);
+        outside.fill(0.0);
         if let Some(external) = &mut self.external {
             let (q, v): (Vec<f64>, Vec<f64>) = self.joints.iter().map(|j| (j.q, j.v)).unzip();
             if self.steps.is_multiple_of(LOOK) && !self.rests {
@@ -110,6 +114,7 @@ impl Dynamics {
             joint.step(*state, *outside, dt);
             still &= joint.v.abs() < STILL && before.abs() < STILL && state.v == 0.0;
         }
+        self.outside = outside;
         self.rests = still;
         self.steps += 1;
     }
@@ -129,6 +134,11 @@ impl Dynamics {
         self.joints.iter().map(|j| j.effort / j.servo.unit)
     }
 
+    /// Torque of weight that is not compensated and of contacts on every joint, N m (N where a joint slides).
+    pub fn external(&self) -> impl Iterator<Item = f64> + '_ {
+        self.joints.iter().zip(&self.outside).map(|(j, outside)| outside / j.servo.unit)
+    }
+
     /// The greatest force so far with which it pushed anything, N.
     pub fn greatest_force(&self) -> f64 {
         self.greatest
@@ -143,7 +153,7 @@ impl Dynamics {
 impl ServoJoint {
     /// One step of implicit Euler under a torque from outside; the servo's own torque is limited.
     fn step(&mut self, commanded: State, outside: f64, dt: f64) {
-        let Servo { stiffness, damping, torque, inertia, friction, lead, .. } = self.servo;
+        let Servo { stiffness, damping, torque, inertia, friction, lead, stops, .. } = self.servo;
         let ahead = commanded.q - self.q;
         let wanted = stiffness * ahead + damping * (lead * commanded.v - self.v);
         let free = if wanted.abs() > torque {
@@ -159,7 +169,12 @@ impl ServoJoint {
         // dry friction takes speed away, and never turns it round
         let lost = dt / inertia * friction;
         self.v = if free.abs() <= lost { 0.0 } else { free - lost.copysign(free) };
-        self.q += dt * self.v;
+        let q = self.q + dt * self.v;
+        // an end stop takes all speed away
+        self.q = q.max(stops.0).min(stops.1);
+        if self.q != q {
+            self.v = 0.0;
+        }
     }
 }
 
@@ -168,7 +183,16 @@ mod tests {
     use super::*;
 
     fn servo() -> Servo {
-        Servo { stiffness: 20.0, damping: 1.0, torque: 3.0, inertia: 0.05, friction: 0.0, lead: 1.0, unit: 1.0 }
+        Servo {
+            stiffness: 20.0,
+            damping: 1.0,
+            torque: 3.0,
+            inertia: 0.05,
+            friction: 0.0,
+            lead: 1.0,
+            unit: 1.0,
+            stops: (-1.5, 1.5),
+        }
     }
 
     fn run(arm: &mut Dynamics, secs: f64, c: f64) {
@@ -203,6 +227,15 @@ mod tests {
         run(&mut stuck, 2.0, 0.1);
         let q = stuck.positions().next().unwrap();
         assert!(q > 0.05 && (0.1 - q) * 20.0 <= 0.5 + 1e-9, "{q}");
+    }
+
+    #[test]
+    fn an_end_stop_holds_whatever_pushes() {
+        let mut arm = Dynamics::new(vec![servo()], &[1.4]);
+        run(&mut arm, 2.0, 100.0);
+        assert_eq!((arm.positions().next(), arm.speeds().next()), (Some(1.5), Some(0.0)));
+        run(&mut arm, 4.0, 1.0);
+        assert!((arm.positions().next().unwrap() - 1.0).abs() < 1e-4, "it comes off again");
     }
 
     /// However stiff a servo is, the integration does not blow up.

@@ -4,7 +4,7 @@ mod imitated;
 
 pub use imitated::Imitated;
 
-use crate::sim::dynamics::{ArmNumbers, ArmProfile, ServoSettings};
+use crate::sim::dynamics::{ArmNumbers, ArmProfile, Servo, ServoSettings};
 use crate::sim::path::Profile;
 use mobee_contract::{Axis, KindError, suggestion};
 use mobee_model::{JointMotion, Object, ObjectClass, Primitive, Robot, Shape};
@@ -184,7 +184,8 @@ impl SimSettings {
 
     /// The robot's axes under these settings.
     pub fn axes(&self, robot: &Robot) -> Vec<Axis> {
-        let axis = |m: &mobee_model::Motor| {
+        let servos = self.arm().map(|numbers| self.servo.clone().unwrap_or_default().servos(&numbers, robot));
+        let axis = |(i, m): (usize, &mobee_model::Motor)| {
             let axis = Axis {
                 name: m.name.clone(),
                 min: m.min,
@@ -192,23 +193,25 @@ impl SimSettings {
                 max_speed: m.limit_speed(self.max_speed_deg_per_s.to_radians()),
                 max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
                 motion: m.motion,
-                ..self.shows(m)
+                ..self.shows(m, servos.as_ref().and_then(|servos| servos.get(i)))
             };
             match self.imitates {
                 Some(robot) => robot.axis(axis),
                 None => axis,
             }
         };
-        robot.motors.iter().map(axis).collect()
+        robot.motors.iter().enumerate().map(axis).collect()
     }
 
     /// What readings of this motor show, and how its servo holds it; of kinematic joints nothing is to be known.
-    fn shows(&self, motor: &mobee_model::Motor) -> Axis {
-        let Some(numbers) = self.arm() else { return Axis::default() };
+    fn shows(&self, motor: &mobee_model::Motor, servo: Option<&Servo>) -> Axis {
+        let (Some(numbers), Some(joint)) = (self.arm(), servo) else { return Axis::default() };
         let resolution = self.resolution().max(NOISE_SPREAD * self.noise()).to_radians();
         let turns = motor.motion == JointMotion::Turn;
         let servo = self.servo.clone().unwrap_or_default();
-        Axis { resolution, hold_error: if turns { servo.hold_error(&numbers) } else { 0.0 }, ..Axis::default() }
+        let (deflection, contact_effort) = servo.contact(&numbers, joint);
+        let (hold_error, deflection) = if turns { (servo.hold_error(&numbers), deflection) } else { (0.0, 0.0) };
+        Axis { resolution, hold_error, deflection, contact_effort, ..Axis::default() }
     }
 
     /// Where the robot's motors start, rad.

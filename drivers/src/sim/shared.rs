@@ -1,6 +1,6 @@
 //! The simulated hardware itself: board, arm and encoders, which all drivers of one robot share, and the faults they show.
 
-use super::dynamics::{DoneRule, Dynamics};
+use super::dynamics::{DoneRule, Dynamics, EffortReport};
 use super::encoders::Encoders;
 use super::faults::{Active, Fault, Garbage};
 use super::plant::Plant;
@@ -22,6 +22,8 @@ pub struct SharedPlant {
     /// The arm that follows them; `None`: its joints are where they are commanded.
     pub arm: Option<Dynamics>,
     pub done: DoneRule,
+    /// Which torque its board reports.
+    pub reports: Option<EffortReport>,
     pub encoders: Encoders,
     pub latency: Duration,
     /// The newest reading, until it is fetched.
@@ -46,7 +48,7 @@ impl SharedPlant {
                 Some(arm) => self.encoders.read(arm.positions()),
                 None => self.encoders.read(self.plant.positions()),
             };
-            let mut sample = Sample { seq, at: self.plant.now(), q, done: self.done() };
+            let mut sample = Sample { seq, at: self.plant.now(), q, done: self.done(), external: self.external() };
             self.falsify(&mut sample);
             self.unread = Some(sample);
         }
@@ -91,6 +93,16 @@ impl SharedPlant {
             done.iter_mut().zip(off).for_each(|(done, off)| *done &= off < ARRIVED);
         }
         done
+    }
+
+    /// Per motor the torque from outside that its board reports, N m (N where it slides); empty for kinematic joints.
+    fn external(&self) -> Vec<f64> {
+        match (&self.arm, self.reports) {
+            (Some(arm), Some(EffortReport::External)) => arm.external().collect(),
+            // a push makes the servo push back
+            (Some(arm), Some(EffortReport::Load)) => arm.efforts().map(|effort| -effort).collect(),
+            _ => Vec::new(),
+        }
     }
 
     /// Of a stop the motors that it is sent to, where a stop holds the measured position: those that move, or are commanded. One that rests

@@ -185,7 +185,7 @@ impl Driver for YarpDriver {
         let mut inner = cell.lock();
         usable(&inner, &self.reach.layout)?;
         if let Some(what) = inner.boards.iter_mut().find_map(|b| b.alarm.take()) {
-            return Err(DriverFault::Hardware(what));
+            return Err(DriverFault::TooFast(what));
         }
         if !std::mem::take(&mut inner.unread) {
             return Ok(None);
@@ -199,7 +199,7 @@ impl Driver for YarpDriver {
         }
         drop(inner);
         let at = self.time_of(joined.at, now);
-        Ok(Some(Sample { seq: joined.seq, at, q: joined.q, done: joined.done }))
+        Ok(Some(Sample { seq: joined.seq, at, q: joined.q, done: joined.done, external: Vec::new() }))
     }
 
     fn next_sample(&self, now: Time) -> Time {

@@ -177,7 +177,13 @@ fn only_the_present_token_passes_and_agents_only_while_open() {
 
 #[test]
 fn a_reading_has_a_number_for_each_motor() {
-    let reading = |q: &[f64], done: usize| Sample { seq: 1, at: Time(0), q: q.into(), done: vec![true; done] };
+    let reading = |q: &[f64], done: usize| Sample {
+        seq: 1,
+        at: Time(0),
+        q: q.into(),
+        done: vec![true; done],
+        external: Vec::new(),
+    };
     let wrong = |q: &[f64], done| guard().makes_no_sense(&reading(q, done));
     assert_eq!(wrong(&[0.0, -9.0], 2), None);
     assert_eq!(wrong(&[0.0], 2).as_deref(), Some("1 positions of 2 motors"));
@@ -190,8 +196,15 @@ fn a_reading_has_a_number_for_each_motor() {
 /// A motor may rest a little outside of its limits (-1..1 rad here), and no robot is farther out than 20 degrees.
 #[test]
 fn a_reading_far_beyond_the_limits_is_named() {
-    let beyond =
-        |q: f64| guard().is_beyond(&Sample { seq: 1, at: Time(0), q: vec![0.0, q].into(), done: vec![true; 2] });
+    let beyond = |q: f64| {
+        guard().is_beyond(&Sample {
+            seq: 1,
+            at: Time(0),
+            q: vec![0.0, q].into(),
+            done: vec![true; 2],
+            external: Vec::new(),
+        })
+    };
     let (min, max) = (guard().rules.axes[1].min, guard().rules.axes[1].max);
     assert_eq!([min - 0.34, max + 0.34].map(beyond), [None, None]);
     assert_eq!([min - BEYOND, max + BEYOND].map(beyond), [None, None], "the very bound is within it");

@@ -107,7 +107,13 @@ fn where_the_robot_is_and_what_is_under_way_is_known() {
     assert_eq!((motion.id, &motion.named[..], &motion.places), (CommitId(1), &[1][..], &book.places));
     assert_eq!(motion.safe, open(false).safe);
     assert_eq!(book.last_known(), Some(open(false).target), "nothing was recorded: where it was sent");
-    let sample = mobee_contract::Sample { seq: 1, at: Time(1), q: vec![0.0, 0.4, 0.0].into(), done: vec![true; 3] };
+    let sample = mobee_contract::Sample {
+        seq: 1,
+        at: Time(1),
+        q: vec![0.0, 0.4, 0.0].into(),
+        done: vec![true; 3],
+        external: Vec::new(),
+    };
     book.history.push(&mut crate::pulse::Pulse::new(sample, &Vec::new().into()), std::time::Duration::MAX);
     assert_eq!(book.last_known(), Some(vec![0.0, 0.4, 0.0].into()));
 }

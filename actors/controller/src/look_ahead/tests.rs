@@ -98,7 +98,7 @@ impl Plant {
             }
             let at = Time(start + (t * 1e9) as u64);
             let pose: Pose = vec![q].into();
-            let sample = Sample { seq: k, at, q: pose.clone(), done: vec![false] };
+            let sample = Sample { seq: k, at, q: pose.clone(), done: vec![false], external: Vec::new() };
             let foreseen = ahead.read(0, &sample, &[pose], &near(scene, q), told.is_infinite());
             if told.is_infinite() && !foreseen.is_empty() {
                 told = t;
@@ -151,7 +151,8 @@ fn nothing_is_trapped() {
     for k in 0..200_u64 {
         let t = 0.01 * k as f64;
         let pose: Pose = vec![inside - (t * t).min(2.0 * t).min(2.0)].into();
-        let sample = Sample { seq: k, at: Time(k * 10_000_000), q: pose.clone(), done: vec![false] };
+        let sample =
+            Sample { seq: k, at: Time(k * 10_000_000), q: pose.clone(), done: vec![false], external: Vec::new() };
         let met = ahead.read(0, &sample, std::slice::from_ref(&pose), &near(&scene, pose[0]), true);
         assert_eq!(met, [], "at {}", pose[0]);
     }
@@ -172,7 +173,13 @@ fn what_is_put_in_its_way_is_seen_at_once() {
                 if k == 60 {
                     ahead.set_scene(&Arc::new(far.edit(&Edit::Add(ball(angle))).unwrap()));
                 }
-                let sample = Sample { seq: k, at: Time(k * 10_000_000), q: pose.clone(), done: vec![false] };
+                let sample = Sample {
+                    seq: k,
+                    at: Time(k * 10_000_000),
+                    q: pose.clone(),
+                    done: vec![false],
+                    external: Vec::new(),
+                };
                 ahead.read(0, &sample, &[pose], &[], true).len()
             })
             .collect::<Vec<usize>>()
@@ -209,7 +216,13 @@ fn gap_left(second: f64) -> f64 {
         let poses = at(0.0);
         let near = scene.contacts(&poses, 0.02);
         let warned = [0, 1].map(|robot| {
-            let sample = Sample { seq: k, at: Time(k * 2_000_000), q: poses[robot].clone(), done: vec![false] };
+            let sample = Sample {
+                seq: k,
+                at: Time(k * 2_000_000),
+                q: poses[robot].clone(),
+                done: vec![false],
+                external: Vec::new(),
+            };
             !ahead.read(robot, &sample, &poses, &near, true).is_empty()
         });
         if warned[0] {

@@ -14,11 +14,11 @@ use super::floors::Floors;
 use super::retreat::{Parted, Retreat};
 use super::room::{Room, Way, another};
 use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Still, Then};
-use crate::distance;
 use crate::joint_retreat::{Asked, RetreatReply};
 use crate::ledger::Underway;
 use crate::look_ahead::Foreseen;
 use crate::pulse::Pulse;
+use crate::{Rules, distance};
 use mobee_contract::{Command, ControlMode, Event, Hold, Time};
 use mobee_model::Contact;
 use std::time::Duration;
@@ -26,6 +26,11 @@ use std::time::Duration;
 /// How long the robot may take to come to rest before it is stopped once more, to follow on its way, or to settle at
 /// its end. Long beside braking, so that only what does not obey is given up.
 const PATIENCE: Duration = Duration::from_secs(3);
+
+/// How long after a stop has had its effect a robot that only creeps counts as held.
+const HELD: Duration = Duration::from_millis(200);
+/// How fast it creeps at most, rad/s.
+const CREEPS: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
 impl ReflexCore {
     /// A reading while the filter is closed by us or for us.
@@ -51,7 +56,8 @@ impl ReflexCore {
                     step.stop(token);
                 }
                 // an earlier reading at rest may be from before the stop had its effect
-                if sampled_at >= *since + rules.reaction() && at_rest {
+                let stopped = at_rest || matches!(then, Then::Retreat(_)) && is_held(pulse, *since, rules);
+                if sampled_at >= *since + rules.reaction() && stopped {
                     match then.clone() {
                         Then::Retreat(_) => self.ask(step),
                         Then::Say(word) => self.say(token, word, step),
@@ -274,6 +280,13 @@ impl ReflexCore {
         step.out.push(ReflexOut::ReflexReport(word));
         self.turn(Phase::Watching, step);
     }
+}
+
+/// Whether something holds the robot that can't come to rest: the retreat is to take the load off it, from slow instead of from rest. An arm
+/// that presses creeps along what it presses against.
+fn is_held(pulse: &Pulse, stopped: Time, rules: &Rules) -> bool {
+    let gives = rules.axes.iter().any(|axis| axis.deflection > 0.0);
+    gives && pulse.speed < CREEPS && pulse.sample.at >= stopped + rules.reaction() + HELD
 }
 
 /// What others are to know of a retreat that waits from now on, or goes on: those it may be in the way of, and the journal.

@@ -199,7 +199,7 @@ impl Retreat {
     /// Whether it is where it was last sent, to a degree.
     pub fn is_where_sent(&self, sample: &Sample, rules: &Rules) -> bool {
         let beside =
-            |(m, (q, written)): (&usize, (f64, &f64))| (q - written).abs() <= FROZEN_WAY + rules.hold_error(*m);
+            |(m, (q, written)): (&usize, (f64, &f64))| (q - written).abs() <= FROZEN_WAY + rules.pushed_error(*m);
         self.way.motors.iter().zip(self.way.of(&sample.q).into_iter().zip(&self.written)).all(beside)
     }
 
@@ -208,7 +208,7 @@ impl Retreat {
     pub fn again(&mut self, sample: &Sample, now: Time, rules: &Rules) -> Option<Command> {
         let apart = distance(&self.way.of(&sample.q), &self.written);
         // farther than a degree it is not late but elsewhere: to send it straight from there is nobody's recorded path
-        let sag = self.way.motors.iter().map(|m| rules.hold_error(*m)).fold(0.0, f64::max);
+        let sag = self.way.motors.iter().map(|m| rules.pushed_error(*m)).fold(0.0, f64::max);
         let beside = apart > rules.tolerance && apart <= FROZEN_WAY + sag;
         if !(self.way.direct && beside && now >= self.last + rules.reaction()) {
             return None;
@@ -230,7 +230,7 @@ impl Retreat {
         };
         self.way.motors.iter().zip(&self.written).all(|(m, written)| {
             let ((low, high), here) = (sent(*m), sample.q.get(*m).copied().unwrap_or(f64::NAN));
-            let beside = FROZEN_WAY + rules.hold_error(*m);
+            let beside = FROZEN_WAY + rules.pushed_error(*m);
             (low.min(*written) - beside..=high.max(*written) + beside).contains(&here)
         })
     }

@@ -73,7 +73,13 @@ impl Run {
     fn pulse(&mut self, deg: f64) -> Pulse {
         self.ms += 10;
         let q = [deg + self.noise(), self.noise()].map(f64::to_radians);
-        let sample = Sample { seq: self.ms, at: Time(self.ms * 1_000_000), q: q.to_vec().into(), done: vec![false; 2] };
+        let sample = Sample {
+            seq: self.ms,
+            at: Time(self.ms * 1_000_000),
+            q: q.to_vec().into(),
+            done: vec![false; 2],
+            external: Vec::new(),
+        };
         Pulse::new(sample, &Vec::new().into())
     }
 

@@ -14,7 +14,7 @@ impl SuperviseCore {
     /// The motion is to be rolled back for a reason that supervise saw. An escape has no retreat: it is measured.
     pub(super) fn roll_back(&mut self, cause: Cause, step: &mut Step) {
         // what a motor stalls at is in no model, so that nobody knows where it was free of it: back to the beginning
-        if let (Cause::Stall { .. }, Some(open)) = (&cause, &mut step.book.open) {
+        if let (Cause::Stall { .. } | Cause::ExternalTorque { .. }, Some(open)) = (&cause, &mut step.book.open) {
             open.extent = Extent::Whole;
         }
         self.note_stop(step);

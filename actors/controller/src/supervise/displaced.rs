@@ -7,10 +7,14 @@ use crate::Rules;
 use crate::gate::Gate;
 use crate::pulse::Pulse;
 use mobee_contract::{Cause, Event, Hold, Status};
+use mobee_model::JointMotion;
 
 /// So many readings in a row must show it: noise shows it in one. Three take 30 ms at the usual rate, in which a motor
 /// that was let go of has not yet gone far.
 const READINGS: u32 = 3;
+
+/// By how much the arm's acceleration shakes a joint that slides, a gripper's finger, m.
+const PLAY_M: f64 = 0.002;
 
 /// Where the motors rest: each at its first reading at rest after the last motion that named it, so that none walks
 /// from rest to rest.
@@ -47,7 +51,11 @@ impl Resting {
         self.places.resize(q.len(), None);
         let idle = self.places.iter_mut().zip(q).enumerate().filter(|(m, _)| !commanded.contains(m));
         let way = |place: &mut Option<Place>, q: f64| (q - place.get_or_insert(Place { q, told: false }).q).abs();
-        let ways = idle.map(|(m, (place, q))| (m, (way(place, *q) - rules.hold_error(m)).max(0.0)));
+        let gives = |m: usize| {
+            let slides = rules.axes.get(m).is_some_and(|axis| !axis.motion.is_turn());
+            rules.hold_error(m).max(if slides { JointMotion::Slide.encoder(PLAY_M) } else { 0.0 })
+        };
+        let ways = idle.map(|(m, (place, q))| (m, (way(place, *q) - gives(m)).max(0.0)));
         ways.max_by(|(_, a), (_, b)| a.total_cmp(b))
     }
 }

@@ -41,7 +41,8 @@ impl SuperviseCore {
         if step.now > sampled_at + step.rules.fresh {
             return;
         }
-        if self.watch_stall(pulse, step) || self.watch_idle(pulse, step) || step.gate.token() != self.token {
+        let closes = self.watch_effort(pulse, step) || self.watch_stall(pulse, step) || self.watch_idle(pulse, step);
+        if closes || step.gate.token() != self.token {
             return; // somebody closed the filter, and will tell why
         }
         match self.closing {

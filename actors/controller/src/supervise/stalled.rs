@@ -1,10 +1,12 @@
-//! A motor that does not follow is held by something that no model knows: the filter closes, and the motion is taken
-//! back as after a contact, so that nothing is left pushing ([`crate::stall`]).
+//! A motor that does not follow, or that a torque from outside pushes, has met something that no model knows: the filter closes, and the
+//! motion is taken back as after a contact, so that nothing is left pushing ([`crate::stall`], [`crate::effort`]).
 
 use super::{Step, SuperviseCore, SuperviseOut};
+use crate::effort::Pushed;
 use crate::pulse::Pulse;
 use crate::stall::Stalled;
 use mobee_contract::{Cause, Event, Writer};
+use mobee_model::JointMotion;
 use std::collections::BTreeSet;
 
 impl SuperviseCore {
@@ -33,12 +35,28 @@ impl SuperviseCore {
             step.emit(Event::Warning { text });
         }
         let Some(Stalled { motor: index, by }) = stalled else { return false };
-        let axis = step.rules.axes.get(index);
-        let (motor, motion) = axis.map(|axis| (axis.name.clone(), axis.motion)).unwrap_or_default();
-        // whoever streams on would push again
-        self.hush(Some(BTreeSet::from([index])), step);
-        self.roll_back(Cause::Stall { motor, by, motion }, step);
+        let (motor, motion) = named(index, step);
+        self.takes_back(index, Cause::Stall { motor, by, motion }, step);
         true
+    }
+
+    /// A fresh reading: whether a torque from outside closes the filter. At rest it closes nothing: there is no motion to be taken back.
+    pub(super) fn watch_effort(&mut self, pulse: &Pulse, step: &mut Step) -> bool {
+        let moving = self.is_moving() && step.gate.token() == self.token;
+        let Some(Pushed { motor: index, torque }) = self.effort.read(&pulse.sample, step.rules).filter(|_| moving)
+        else {
+            return false;
+        };
+        let (motor, motion) = named(index, step);
+        self.takes_back(index, Cause::ExternalTorque { motor, torque, motion }, step);
+        true
+    }
+
+    /// Something that no model knows holds or pushes this motor.
+    fn takes_back(&mut self, motor: usize, cause: Cause, step: &mut Step) {
+        // whoever streams on would push again
+        self.hush(Some(BTreeSet::from([motor])), step);
+        self.roll_back(cause, step);
     }
 
     /// The motion has ended as it should.
@@ -47,4 +65,9 @@ impl SuperviseCore {
             watch.learn(&self.motion.told);
         }
     }
+}
+
+/// A motor's name, and what its encoder counts.
+fn named(motor: usize, step: &Step) -> (String, JointMotion) {
+    step.rules.axes.get(motor).map(|axis| (axis.name.clone(), axis.motion)).unwrap_or_default()
 }

@@ -22,6 +22,8 @@ pub struct Servo {
     pub lead: f64,
     /// What one radian of encoder is in the joint's own unit: 1 where it turns, meters where it slides.
     pub unit: f64,
+    /// Its mechanical end stops, rad of encoder.
+    pub stops: (f64, f64),
 }
 
 /// A kind of arm.
@@ -61,6 +63,15 @@ pub enum DoneRule {
     Trajectory,
     /// When the joint is within half a degree of its target, too.
     Arrived,
+}
+
+/// Which torque a board reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EffortReport {
+    /// The torque from outside, by torque sensors and a model of the arm.
+    External,
+    /// The servo's load: its own torque.
+    Load,
 }
 
 /// Servos, weight and board of a simulated arm. What is not given is the profile's. Lists are from the base on; the last number counts for
@@ -122,12 +133,16 @@ pub struct ArmNumbers {
     /// See above.
     pub noise_deg: f64,
     stop: StopRule,
+    /// Which torque it reports.
+    pub reports: EffortReport,
 }
 
 /// Sliding joints (fingers) of every profile: N/m, N s/m, N, kg.
 const SLIDE: [f64; 4] = [2_000.0, 60.0, 40.0, 0.1];
 /// What an arm sags by at most under its own weight, rad: more is a load that the arm is not made for.
 const MOST_SAG: f64 = 6.0 * std::f64::consts::PI / 180.0;
+/// The share of a joint's greatest torque from which on a torque from outside is a contact, by the kind of report: load has the weight in it.
+const CONTACT_EFFORT: (f64, f64) = (0.1, 0.6);
 /// A contact of links of metal or hard plastic, N/m.
 const CONTACT: f64 = 30_000.0;
 
@@ -149,6 +164,7 @@ impl ArmProfile {
                 resolution_deg: 0.01,
                 noise_deg: 0.005,
                 stop: StopRule::Commanded,
+                reports: EffortReport::External,
             },
             // MuJoCo Menagerie, franka_emika_panda: gains, force ranges, armature 0.1; link inertia estimated
             ArmProfile::Panda => ArmNumbers {
@@ -163,6 +179,7 @@ impl ArmProfile {
                 resolution_deg: 0.0005,
                 noise_deg: 0.0005,
                 stop: StopRule::Commanded,
+                reports: EffortReport::External,
             },
             // MuJoCo Menagerie, universal_robots_ur5e: gains and force ranges of its size3 and size1 joints; link inertia estimated
             ArmProfile::Ur5 => ArmNumbers {
@@ -177,6 +194,7 @@ impl ArmProfile {
                 resolution_deg: 0.001,
                 noise_deg: 0.001,
                 stop: StopRule::Commanded,
+                reports: EffortReport::External,
             },
             // STS3215: 4,096 counts, stall torque 2.9 N m at 12 V; gain and armature of the SO-101's MuJoCo model
             ArmProfile::So101 => ArmNumbers {
@@ -191,6 +209,7 @@ impl ArmProfile {
                 resolution_deg: 360.0 / 4096.0,
                 noise_deg: 0.0,
                 stop: StopRule::Measured,
+                reports: EffortReport::Load,
             },
         })
     }
@@ -240,6 +259,7 @@ impl ServoSettings {
                     friction: nth(friction, i),
                     lead,
                     unit: 1.0,
+                    stops: (motor.min, motor.max),
                 },
                 JointMotion::Slide => {
                     // meters per radian of encoder
@@ -253,6 +273,7 @@ impl ServoSettings {
                         friction: 0.0,
                         lead,
                         unit,
+                        stops: (motor.min, motor.max),
                     }
                 }
             }
@@ -264,6 +285,16 @@ impl ServoSettings {
     pub fn hold_error(&self, numbers: &ArmNumbers) -> f64 {
         let [_, felt, _] = self.body(numbers);
         if felt > 0.0 { MOST_SAG } else { 0.0 }
+    }
+
+    /// By how much a push moves a joint before its torque gives way, rad, and the reported torque from which on something pushes it, N m
+    /// (N where it slides).
+    pub fn contact(&self, numbers: &ArmNumbers, servo: &Servo) -> (f64, f64) {
+        let share = match numbers.reports {
+            EffortReport::External => CONTACT_EFFORT.0,
+            EffortReport::Load => CONTACT_EFFORT.1,
+        };
+        (servo.torque / servo.stiffness.max(1e-6), share * servo.torque / servo.unit)
     }
 
     /// Mass, kg, share of the weight that the arm feels, and stiffness of contacts, N/m.

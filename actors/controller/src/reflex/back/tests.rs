@@ -1,5 +1,6 @@
 //! Retreats from the stop to the end.
 
+use super::{HELD, is_held};
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use crate::joint_retreat::{JointRetreat, Participant, RetreatReply};
 use crate::ledger::{Extent, SafePose, Underway};
@@ -7,7 +8,7 @@ use crate::look_ahead::Foreseen;
 use crate::pulse::Pulse;
 use crate::reflex::tests::Alone;
 use crate::reflex::{ReflexIn, ReflexOut, ReflexReport};
-use mobee_contract::{Command, CommitId, Event, Hold, Sample, Status, Time};
+use mobee_contract::{Axis, Command, CommitId, Event, Hold, Sample, Status, Time};
 use mobee_model::{Contact, ShapeId};
 use std::cell::Cell;
 use std::ops::Range;
@@ -51,7 +52,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         if moves || wrong.stuck {
             unchanged = at;
         }
-        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true] };
+        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true], external: Vec::new() };
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: 0.001, points: Default::default() };
         let robot = Contact { pair: (pair.0, ShapeId::Robot { robot: 1, node: 0, shape: 0 }), ..near };
@@ -267,7 +268,7 @@ fn asked(
     let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
     for k in 0..500 {
         let at = start + PERIOD * k;
-        let sample = Sample { seq: u64::from(k), at, q: vec![q].into(), done: vec![true] };
+        let sample = Sample { seq: u64::from(k), at, q: vec![q].into(), done: vec![true], external: Vec::new() };
         let mut pulse = Pulse::new(sample, &contacts.into());
         pulse.speed = 0.0;
         other(&reflex.joint_retreat, at);
@@ -343,11 +344,29 @@ fn who_does_not_come_to_rest_is_stopped_again() {
     reflex.on(ReflexIn::RollBack { token, motion, again: false }, begun);
     let stops = (1..650).filter(|k| {
         let at = begun + PERIOD * *k;
-        let sample = Sample { seq: u64::from(*k), at, q: vec![0.0].into(), done: vec![false] };
+        let sample = Sample { seq: u64::from(*k), at, q: vec![0.0].into(), done: vec![false], external: Vec::new() };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         pulse.speed = 0.994_f64.powi(*k as i32).max(2.0 * rules(true).rest_speed);
         let out = reflex.read(&mut pulse, None, Status::Stopping, at);
         out.iter().any(|o| matches!(o, ReflexOut::Command(_, Command::Stop { .. })))
     });
     assert_eq!(stops.collect::<Vec<_>>(), [300, 600]);
+}
+
+/// An arm that presses creeps along what it presses against: it is taken back from slow. One that can't be pushed aside must rest.
+#[test]
+fn an_arm_that_creeps_while_something_holds_it_counts_as_stopped() {
+    let held = |deflection: f64, speed: f64, ms: u64| {
+        let mut rules = rules(true);
+        rules.axes = rules.axes.iter().map(|axis| Axis { deflection, ..axis.clone() }).collect();
+        let sample = Sample { at: Time(ms * 1_000_000), ..Sample::default() };
+        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        pulse.speed = speed;
+        is_held(&pulse, Time::ZERO, &rules)
+    };
+    let late = (rules(true).reaction() + HELD).as_millis() as u64;
+    assert!(held(0.1, 0.05, late));
+    assert!(!held(0.1, 0.05, late - 10), "it may still brake");
+    assert!(!held(0.1, 0.2, late), "that is no creeping");
+    assert!(!held(0.0, 0.05, late));
 }

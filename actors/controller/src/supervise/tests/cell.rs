@@ -437,7 +437,8 @@ impl Cell {
         self.moves = way.abs() >= self.rules.rest_speed * secs && !(done && way.abs() <= self.rules.tolerance);
         assert!(self.q.abs() <= 3.0 + 1e-9, "I5: past the limit, at {}", self.q);
         self.seq += 1;
-        let sample = Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done: vec![done] };
+        let sample =
+            Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done: vec![done], external: Vec::new() };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         self.book.history.push(&mut pulse, self.rules.fresh);
         if self.step.1 {

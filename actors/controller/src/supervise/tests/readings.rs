@@ -28,7 +28,8 @@ fn a_stream_behind_frozen_encoders_is_ended() {
             let at = begun + Duration::from_millis(10) * *k;
             let setpoints = Setpoints { motors: vec![0], values: Values::Velocity(vec![speed]) };
             cell.on(SuperviseIn::Stream("a".into(), setpoints), at);
-            let sample = Sample { seq: 1000 + u64::from(*k), at, q: vec![q].into(), done: vec![false] };
+            let sample =
+                Sample { seq: 1000 + u64::from(*k), at, q: vec![q].into(), done: vec![false], external: Vec::new() };
             let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
             (pulse.speed, pulse.unchanged) = (speed, if frozen { begun } else { at });
             cell.on(SuperviseIn::Pulse(&pulse), at);
@@ -51,7 +52,8 @@ fn a_robot_that_is_moved_at_rest_is_told_and_closes() {
     let (mut at, mut seq) = (cell.now, 1000);
     let mut read = |cell: &mut Cell, away: f64| {
         (at, seq) = (at + Duration::from_millis(10), seq + 1);
-        let sample = Sample { seq, at, q: vec![place + away * tolerance].into(), done: vec![true] };
+        let sample =
+            Sample { seq, at, q: vec![place + away * tolerance].into(), done: vec![true], external: Vec::new() };
         let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
         (pulse.speed, pulse.free, pulse.unchanged) = (0.0, true, at);
         let out = cell.on(SuperviseIn::Pulse(&pulse), at);
@@ -79,7 +81,7 @@ fn sets_out() -> (Cell, impl FnMut(&mut Cell, f64, Duration) -> Vec<SuperviseOut
     let (mut at, mut seq) = (cell.now, 1000);
     let read = move |cell: &mut Cell, q: f64, late: Duration| {
         (at, seq) = (at + Duration::from_millis(100), seq + 1);
-        let sample = Sample { seq, at, q: vec![q].into(), done: vec![true] };
+        let sample = Sample { seq, at, q: vec![q].into(), done: vec![true], external: Vec::new() };
         let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
         (pulse.speed, pulse.free, pulse.unchanged) = (0.0, true, at);
         cell.on(SuperviseIn::Pulse(&pulse), at + late)
@@ -126,7 +128,7 @@ fn a_target_is_reached_to_the_tolerance() {
 
 /// One reading of a motor, by which supervise is stepped as it is taken.
 fn read_at(cell: &mut Cell, at: Time, (q, speed, done): (f64, f64, bool)) -> Vec<SuperviseOut> {
-    let sample = Sample { seq: at.0, at, q: vec![q].into(), done: vec![done] };
+    let sample = Sample { seq: at.0, at, q: vec![q].into(), done: vec![done], external: Vec::new() };
     let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
     (pulse.speed, pulse.free, pulse.unchanged) = (speed, true, at);
     cell.on(SuperviseIn::Pulse(&pulse), at)
@@ -324,4 +326,23 @@ fn what_a_dead_agent_sent_before_is_not_carried_out() {
         });
         assert_eq!(ended, !cancelled, "{agent}: it is at its target");
     }
+}
+
+/// A joint that is much faster than it was commanded has met something: its motion is taken back. At rest another program drives it.
+#[test]
+fn a_joint_that_is_too_fast_is_a_contact_in_motion_and_a_fault_at_rest() {
+    let fast = || SuperviseIn::TooFast("elbow moves at 60 deg/s and was told 20".into());
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let now = cell.now;
+    commit_to(&mut cell, 1.0, now);
+    let out = cell.on(fast(), now);
+    assert!(out.iter().any(|out| matches!(out, SuperviseOut::RollBack { again: false, .. })), "{out:?}");
+    assert_eq!(cell.supervise.status(), Status::Stopping);
+    let mut still = Cell::new();
+    still.apply(Op::Samples(30));
+    let now = still.now;
+    let out = still.on(fast(), now);
+    assert!(!out.iter().any(|out| matches!(out, SuperviseOut::RollBack { .. })), "{out:?}");
+    assert_eq!(still.supervise.status(), Status::Holding(Hold::BoardFault));
 }

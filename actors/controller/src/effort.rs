@@ -1,0 +1,82 @@
+//! A contact by effort: the board reports a torque from outside that is greater than its arm knows in free motion.
+//!
+//! A stiff arm pushes with hundreds of newtons before it lags by a degree; its torque sensors, or its motors' currents, show the contact
+//! while it pushes with tens ([`Sample::external`]). Thresholds are per motor ([`Rules::contact_efforts`]).
+
+use crate::Rules;
+use mobee_contract::Sample;
+
+/// So many readings in a row must show it: noise, and the jerk with which a motor sets out, show it in one.
+const READINGS: u32 = 3;
+
+/// Watches the torques from outside of one robot.
+#[derive(Clone, Debug, Default)]
+pub struct EffortWatch {
+    /// Per motor how many readings in a row have been beyond its threshold.
+    beyond: Vec<u32>,
+}
+
+/// A motor that something pushes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pushed {
+    /// The motor.
+    pub motor: usize,
+    /// The torque, N m (N where it slides).
+    pub torque: f64,
+}
+
+impl EffortWatch {
+    /// A reading: the motor that is pushed most, by its threshold. Torques that are no numbers are none.
+    pub fn read(&mut self, sample: &Sample, rules: &Rules) -> Option<Pushed> {
+        self.beyond.resize(sample.external.len(), 0);
+        let limits = sample.external.iter().zip(&rules.contact_efforts).enumerate();
+        let shares = limits.map(|(motor, (torque, limit))| (motor, *torque, limit.map_or(0.0, |l| torque.abs() / l)));
+        let mut worst: Option<(Pushed, f64)> = None;
+        for ((motor, torque, share), beyond) in shares.zip(&mut self.beyond) {
+            *beyond = if share > 1.0 { beyond.saturating_add(1) } else { 0 };
+            if *beyond >= READINGS && worst.is_none_or(|(_, most)| share > most) {
+                worst = Some((Pushed { motor, torque }, share));
+            }
+        }
+        worst.map(|(pushed, _)| pushed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ControllerSettings;
+    use mobee_contract::{Axis, Board};
+    use std::time::Duration;
+
+    fn rules(contact_nm: Option<f64>) -> Rules {
+        let axis = |contact_effort| Axis {
+            max: 1.0,
+            max_speed: 1.0,
+            max_acceleration: 4.0,
+            contact_effort,
+            ..Axis::default()
+        };
+        let period = Duration::from_millis(10);
+        let board = Board { axes: vec![axis(5.0), axis(0.0)], period, latency: Duration::ZERO, position_direct: true };
+        Rules::new("r", vec![], &ControllerSettings { contact_nm, ..ControllerSettings::default() }, &board)
+    }
+
+    /// In which of these readings the first motor counts as pushed; the second, whose board reports none, never does.
+    fn pushed(rules: &Rules, torques: &[f64]) -> Vec<usize> {
+        let mut watch = EffortWatch::default();
+        let shows = |torque: f64| Sample { external: vec![torque, 1e6], ..Sample::default() };
+        let read = |(k, torque): (usize, &f64)| watch.read(&shows(*torque), rules).map(|pushed| (k, pushed));
+        let found: Vec<(usize, Pushed)> = torques.iter().enumerate().filter_map(read).collect();
+        assert!(found.iter().all(|(_, pushed)| pushed.motor == 0));
+        found.into_iter().map(|(k, _)| k).collect()
+    }
+
+    #[test]
+    fn three_readings_in_a_row_beyond_the_threshold_are_a_contact() {
+        let torques = [0.0, -6.0, -6.0, 4.0, 6.0, f64::NAN, 6.0, -6.0, 6.0, 6.0, 1.0];
+        assert_eq!(pushed(&rules(None), &torques), [8, 9]);
+        assert_eq!(pushed(&rules(Some(3.0)), &torques), [3, 4, 8, 9], "the threshold of the settings");
+        assert_eq!(pushed(&rules(Some(0.0)), &torques), [] as [usize; 0], "nobody looks");
+    }
+}
