@@ -30,6 +30,7 @@ fn narrator() -> Narrator {
         rest_speed: 0.01,
         resolution: 0.0,
         hold_error: 0.0,
+        deflection: 0.0,
         constraints: Vec::new(),
     };
     assert_eq!(narrator.line(&robot), None);

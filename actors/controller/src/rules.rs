@@ -18,6 +18,8 @@ pub const RELEASE: f64 = 0.002;
 /// What counts as deeper, meters: what touches gives a little as the robot starts on its way out, and its encoders are
 /// noisy.
 pub const DEEPER: f64 = 0.001;
+/// By how much the arm's acceleration may shake a joint that slides, a gripper's finger, m.
+pub const PLAY_M: f64 = 0.002;
 /// How many control periods a reading stays fresh, and a lease lasts, unless the settings say otherwise. Fewer, and a
 /// thread that comes late closes the filter; more, and a robot goes on for longer when nobody watches it any more.
 pub const FRESH_PERIODS: u32 = 5;

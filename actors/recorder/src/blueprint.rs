@@ -17,6 +17,7 @@ use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, LinkA
 use rerun::external::re_sdk_types::blueprint::datatypes::{self as shapes, TextLogColumnKind};
 use rerun::external::re_sdk_types::datatypes::{Range2D, TimeInt, TimeRange, TimeRangeBoundary, Uuid};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, StoreId, components};
+use std::collections::BTreeMap;
 
 /// Seconds of a trail that are shown.
 const TRAIL_SECS: i64 = 30;
@@ -57,7 +58,7 @@ fn publish(rec: &RecordingStream, write: impl FnOnce(&mut Print<'_>) -> Written)
     let (layout, storage) =
         RecordingStreamBuilder::new(application).blueprint().memory().map_err(|e| in_words("its layout", &e))?;
     layout.set_time_sequence("blueprint", 0);
-    let mut print = Print { rec: &layout, ids: 0 };
+    let mut print = Print { rec: &layout, counts: BTreeMap::new(), last: [0; 2] };
     write(&mut print)?;
     let messages = storage.take();
     let id: StoreId = messages.first().map(|m| m.store_id().clone()).ok_or("the layout is empty")?;
@@ -69,7 +70,10 @@ fn publish(rec: &RecordingStream, write: impl FnOnce(&mut Print<'_>) -> Written)
 /// A layout in the making.
 struct Print<'a> {
     rec: &'a RecordingStream,
-    ids: u8,
+    /// How many boxes of each class there are.
+    counts: BTreeMap<u8, u8>,
+    /// The newest box: its class, and its number in that.
+    last: [u8; 2],
 }
 
 /// A finished box of the layout: its path in the blueprint.
@@ -90,9 +94,30 @@ fn around(secs: i64) -> TimeRangeBoundary {
     TimeRangeBoundary::CursorRelative(TimeInt(secs * 1_000_000_000))
 }
 
-/// The bytes of the id with this number.
-fn uuid(number: u8) -> Uuid {
-    Uuid { bytes: [0x6d, 0x6f, 0x62, 0x65, 0, 0, 0x40, 0, 0x80, 0, 0, 0, 0, 0, 0, number] }
+/// The bytes of the id of a class's box with this number.
+fn uuid([class, number]: [u8; 2]) -> Uuid {
+    Uuid { bytes: [0x6d, 0x6f, 0x62, 0x65, 0, 0, 0x40, 0, 0x80, 0, 0, 0, 0, 0, class, number] }
+}
+
+/// The classes of boxes, each with ids of its own: the viewer keeps the state of a view by its id when the layout is sent again, and that of
+/// another class is none that it can draw with.
+const CLASSES: [&str; 11] = [
+    "3D",
+    "2D",
+    "Graph",
+    "TextLog",
+    "TextDocument",
+    "TimeSeries",
+    "StateTimeline",
+    "Horizontal",
+    "Vertical",
+    "Tabs",
+    "Grid",
+];
+
+/// The number of a class in ids.
+fn class_number(class: &str) -> u8 {
+    CLASSES.iter().zip(1..).find_map(|(known, number)| (*known == class).then_some(number)).unwrap_or(0)
 }
 
 impl Print<'_> {
@@ -110,7 +135,7 @@ impl Print<'_> {
     /// What is around the views: all of the window but the time line is theirs. Comes last, as the last box holds all others.
     fn frame(&mut self, time_line: PanelState, play: PlayState) -> Written {
         let viewport = look::ViewportBlueprint::new()
-            .with_root_container(rerun::blueprint::components::RootContainer(uuid(self.ids)))
+            .with_root_container(rerun::blueprint::components::RootContainer(uuid(self.last)))
             .with_auto_layout(false)
             .with_auto_views(false);
         self.log("viewport", &viewport)?;
@@ -130,6 +155,8 @@ impl Print<'_> {
     fn page(&mut self, page: &Page) -> Result<Place, String> {
         let Page { root, robots, eyes, front } = page;
         let scene = self.scene(page, front)?;
+        // before the maps, which come and shift the numbers of what follows
+        let eyes = self.eyes(root, eyes)?;
         // agents without a map leave no empty view; the layout is sent again when the first vertex comes
         let mut maps = Vec::new();
         for robot in robots.iter().filter(|robot| robot.bounds.is_some()) {
@@ -155,7 +182,7 @@ impl Print<'_> {
             }
         }
         let plots = self.tabs_open_at("Joints", &plots, open_plot(robots))?;
-        let right: Vec<Place> = self.eyes(root, eyes)?.into_iter().chain(maps).chain([texts]).collect();
+        let right: Vec<Place> = eyes.into_iter().chain(maps).chain([texts]).collect();
         let shares: &[f32] = match right.len() {
             3 => &[2.0, 2.0, 2.0],
             2 => &[3.0, 2.0],
@@ -270,7 +297,7 @@ impl Print<'_> {
     }
 
     fn view(&mut self, class: &str, name: &str, origin: &str) -> Result<Place, String> {
-        let path = self.id("view");
+        let path = self.id("view", class);
         let contents = look::ViewContents::new(["$origin/**"]);
         self.log(&format!("{path}/ViewContents"), &contents)?;
         let view = look::ViewBlueprint::new(class).with_display_name(name).with_space_origin(origin);
@@ -297,7 +324,7 @@ impl Print<'_> {
         contents: &[Place],
         shares: &[f32],
     ) -> Result<Place, String> {
-        let path = self.id("container");
+        let path = self.id("container", &format!("{kind:?}"));
         let mut container = look::ContainerBlueprint::new(kind)
             .with_display_name(name)
             .with_contents(contents.iter().map(String::as_str));
@@ -310,13 +337,36 @@ impl Print<'_> {
         Ok(path)
     }
 
-    /// A new box's path. Counted, not random: two recordings of one run open with equal layouts.
-    fn id(&mut self, what: &str) -> Place {
-        self.ids += 1;
-        format!("{what}/6d6f6265-0000-4000-8000-0000000000{:02x}", self.ids)
+    /// A new box's path. Counted by class, not random: two recordings of one run open with equal layouts.
+    fn id(&mut self, what: &str, class: &str) -> Place {
+        let class = class_number(class);
+        let number = self.counts.entry(class).or_default();
+        *number = number.saturating_add(1);
+        self.last = [class, *number];
+        format!("{what}/6d6f6265-0000-4000-8000-00000000{class:02x}{number:02x}")
     }
 
     fn log(&self, path: &str, what: &dyn AsComponents) -> Written {
         self.rec.log(path, what).map_err(|e| in_words("its layout", &e))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The layout is sent again with more boxes, as when the first vertex of a map comes.
+    #[test]
+    fn an_id_is_of_one_class_whatever_a_layout_has() {
+        let mut classes: BTreeMap<Place, &str> = BTreeMap::new();
+        for layout in [&["3D", "TextLog", "TimeSeries"][..], &["3D", "2D", "2D", "TextLog", "Tabs", "StateTimeline"]] {
+            let rec = RecordingStream::disabled();
+            let mut print = Print { rec: &rec, counts: BTreeMap::new(), last: [0; 2] };
+            for class in layout {
+                assert_ne!(class_number(class), 0, "{class}");
+                let before = classes.insert(print.id("view", class), class);
+                assert!(before.is_none_or(|before| before == *class), "{before:?} and {class}");
+            }
+        }
     }
 }

@@ -2,13 +2,15 @@
 //! whole run, so that it does not walk either. No command but a stop names it. What the journal says was moved by others has no place.
 //!
 //! Wants the poses, and a journal that tells which motors a commit names (version 2). A place is the mean of sixteen readings, and so is
-//! where the motor is now. An encoder that jumps, from one reading to the next or while none came, says nothing of its motor, which has
+//! where the motor is now. The load of the others' motion may move it: by the hold error of its servo, a joint that slides by 2 mm. An encoder that jumps, from one reading to the next or while none came, says nothing of its motor, which has
 //! its place where it is then said to be.
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, Event, MotorUnits, Pose, Time};
+use mobee_controller::PLAY_M;
+use mobee_model::JointMotion;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -31,6 +33,8 @@ struct Robot {
     names: Vec<String>,
     units: MotorUnits,
     tolerance: f64,
+    /// By how much the load of the others' motion may move a motor, rad.
+    hold_error: f64,
     window: Window,
     motors: Vec<Motor>,
     /// From when on places are taken: not before the robot has settled.
@@ -77,10 +81,12 @@ impl Robot {
                 continue;
             }
             let (here, kink) = (self.window.mean(m), self.window.kink(m));
+            let slides = !self.units.of(m).is_turn();
+            let gives = self.hold_error.max(if slides { JointMotion::Slide.encoder(PLAY_M) } else { 0.0 });
             match motor.place {
                 _ if self.window.jump(m) > JUMPS * self.tolerance => motor.place = None,
                 None if settled && self.window.way(m).0 <= 0.25 * self.tolerance => motor.place = Some(here),
-                Some(place) if (here - place).abs() > self.tolerance + kink => {
+                Some(place) if (here - place).abs() > self.tolerance + kink + gives => {
                     motor.place = None;
                     let name = self.names.get(m).map_or("?", String::as_str);
                     let by = self.units.of(m).told((here - place).abs(), 3);
@@ -98,16 +104,26 @@ impl Robot {
 impl Invariant for IdleMotorsStay {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, sliding, period, tolerance, .. } => {
+            Event::Robot { robot, motors, sliding, period, tolerance, hold_error, .. } => {
                 let window = Window::new(*period);
                 let (names, n) = (motors.clone(), motors.len());
                 let units = MotorUnits::new(n, sliding);
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|motors| motors.len() == n);
                 let motors = known.unwrap_or_else(|| vec![Motor::default(); n]);
-                let (tolerance, settled) = (*tolerance, line.at + SETTLES);
+                let (tolerance, hold_error, settled) = (*tolerance, *hold_error, line.at + SETTLES);
                 self.robots.insert(
                     robot.clone(),
-                    Robot { names, units, tolerance, window, motors, settled, untold: false, last: [None, None] },
+                    Robot {
+                        names,
+                        units,
+                        tolerance,
+                        hold_error,
+                        window,
+                        motors,
+                        settled,
+                        untold: false,
+                        last: [None, None],
+                    },
                 );
             }
             // nobody saw where it was while no process ran

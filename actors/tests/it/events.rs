@@ -21,6 +21,7 @@ pub fn robot(limit: f64, constraints: Clauses) -> Event {
         rest_speed: 0.01,
         resolution: 0.0,
         hold_error: 0.0,
+        deflection: 0.0,
         constraints,
     }
 }

@@ -3,18 +3,15 @@
 //! agents plan from where they believe the robot to be.
 
 use super::{Closing, Step, SuperviseCore};
-use crate::Rules;
 use crate::gate::Gate;
 use crate::pulse::Pulse;
+use crate::{PLAY_M, Rules};
 use mobee_contract::{Cause, Event, Hold, Status};
 use mobee_model::JointMotion;
 
 /// So many readings in a row must show it: noise shows it in one. Three take 30 ms at the usual rate, in which a motor
 /// that was let go of has not yet gone far.
 const READINGS: u32 = 3;
-
-/// By how much the arm's acceleration shakes a joint that slides, a gripper's finger, m.
-const PLAY_M: f64 = 0.002;
 
 /// Where the motors rest: each at its first reading at rest after the last motion that named it, so that none walks
 /// from rest to rest.

@@ -1,6 +1,7 @@
 //! Retreats from the stop to the end.
 
 use super::{HELD, is_held};
+use crate::Rules;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use crate::joint_retreat::{JointRetreat, Participant, RetreatReply};
 use crate::ledger::{Extent, SafePose, Underway};
@@ -357,8 +358,9 @@ fn who_does_not_come_to_rest_is_stopped_again() {
 #[test]
 fn an_arm_that_creeps_while_something_holds_it_counts_as_stopped() {
     let held = |deflection: f64, speed: f64, ms: u64| {
-        let mut rules = rules(true);
-        rules.axes = rules.axes.iter().map(|axis| Axis { deflection, ..axis.clone() }).collect();
+        let of = rules(true);
+        let axes = of.axes.iter().map(|axis| Axis { deflection, ..axis.clone() }).collect();
+        let rules = Rules { axes, ..(*of).clone() };
         let sample = Sample { at: Time(ms * 1_000_000), ..Sample::default() };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         pulse.speed = speed;
