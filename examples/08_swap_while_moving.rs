@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let controller = ControllerSettings { margin_m: 0.008, period_s: 0.01, ..first.robots[0].controller.clone() };
     let (reply, _) = tokio::sync::oneshot::channel();
     let offer = PartOffer {
-        part: NewPart::Controller(controller),
+        part: NewPart::Controller(Box::new(controller)),
         what: "one with a margin of 8 mm and a period of 10 ms".into(),
         terms: SwapPolicy::default(),
     };

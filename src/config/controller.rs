@@ -34,7 +34,7 @@ pub struct Controller {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stall_deg: Option<f64>,
     /// A torque from outside of more than this, N m (N for joints that slide), is a contact with something that no model knows: the motion is
-    /// taken back. Default: what the driver states per motor, where its board reports torque, load or current. 0: nobody looks.
+    /// taken back. Default: what the driver states per motor, where its board reports torque, load or current. 0: not watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact_nm: Option<f64>,
     /// A pose counts as reached within this, degrees per motor.

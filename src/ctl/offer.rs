@@ -285,7 +285,7 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
             if let Some(why) = worse {
                 return Err(format!("this controller is not taken while the robot runs: {why}"));
             }
-            let part = NewPart::Controller(setup.controller);
+            let part = NewPart::Controller(Box::new(setup.controller));
             Ok(Offered::Part(PartOffer { part, what: format!("the one from {file}"), terms }))
         }
         SwapPart::Driver => {

@@ -21,7 +21,7 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
         if values_of(&was.controller) != values_of(&is.controller)
             && let Some(setup) = new.robots.get(i)
         {
-            let part = NewPart::Controller(setup.controller.clone());
+            let part = NewPart::Controller(Box::new(setup.controller.clone()));
             let offer = PartOffer { part, what: what.into(), terms: SwapPolicy::default() };
             let (reply, _) = tokio::sync::oneshot::channel();
             controls.push(Control::SwapPart { robot: was.name.clone(), offer, reply });

@@ -7,7 +7,7 @@ mod pushed;
 pub use joint::Joint;
 
 use joint::stopped_by;
-use mobee_contract::{CommandKind, Event, MotorUnits, Pose, Status, Time, Writer};
+use mobee_contract::{CommandKind, Event, Hold, MotorUnits, Pose, Status, Time, Writer};
 use mobee_model::{Contact, Pair, Scene, ShapeId, Sweep};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -322,6 +322,8 @@ impl Witness {
     /// A pose that was read.
     pub fn pose(&mut self, robot: usize, at: Time, q: &Pose) {
         self.pass(at);
+        // of a robot whose readings stay away nobody knows how near it is
+        let unseen: Vec<bool> = self.robots.iter().map(|r| r.status == Status::Holding(Hold::Stale)).collect();
         let (Some(seen), Some(pose)) = (self.robots.get_mut(robot), self.poses.get_mut(robot)) else { return };
         *pose = q.clone();
         (seen.poses, seen.last) = (seen.poses + 1, at);
@@ -346,7 +348,9 @@ impl Witness {
             return;
         }
         let is_own = |s: ShapeId| s.robot() == Some(robot);
-        let own = |c: &Contact| (is_own(c.pair.0) || is_own(c.pair.1)) && c.distance < within && seen.is_too_near(c);
+        let is_seen = |s: ShapeId| s.robot().and_then(|of| unseen.get(of)).is_none_or(|unseen| !unseen);
+        let counts = |(a, b): Pair| (is_own(a) || is_own(b)) && is_seen(a) && is_seen(b);
+        let own = |c: &Contact| counts(c.pair) && c.distance < within && seen.is_too_near(c);
         let Some(contact) = scene.contacts(&self.poses, within).into_iter().find(own) else {
             seen.near = None;
             return;

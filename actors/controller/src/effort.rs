@@ -77,6 +77,6 @@ mod tests {
         let torques = [0.0, -6.0, -6.0, 4.0, 6.0, f64::NAN, 6.0, -6.0, 6.0, 6.0, 1.0];
         assert_eq!(pushed(&rules(None), &torques), [8, 9]);
         assert_eq!(pushed(&rules(Some(3.0)), &torques), [3, 4, 8, 9], "the threshold of the settings");
-        assert_eq!(pushed(&rules(Some(0.0)), &torques), [] as [usize; 0], "nobody looks");
+        assert_eq!(pushed(&rules(Some(0.0)), &torques), [] as [usize; 0], "not watched");
     }
 }

@@ -51,7 +51,7 @@ pub struct Rules {
     pub reserve: Option<f64>,
     /// The least lag at which a motor counts as stalled, rad; `None`: nobody looks.
     pub stall: Option<f64>,
-    /// The torque from outside from which on something pushes a motor, N m (N where it slides), of each motor; none where nobody looks.
+    /// The torque from outside from which on something pushes a motor, N m (N where it slides), of each motor; none where it is not watched.
     pub contact_efforts: Vec<Option<f64>>,
     /// Greatest distance per motor at which a pose counts as reached, rad.
     pub tolerance: f64,

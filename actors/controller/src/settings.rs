@@ -26,7 +26,7 @@ pub struct ControllerSettings {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stall_deg: Option<f64>,
     /// The torque from outside from which on something pushes a motor, N m (N where it slides); without it the board's own
-    /// ([`Axis::contact_effort`](mobee_contract::Axis::contact_effort)); zero: nobody looks.
+    /// ([`Axis::contact_effort`](mobee_contract::Axis::contact_effort)); zero: not watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact_nm: Option<f64>,
     /// Greatest distance per motor at which a pose counts as reached, degrees.

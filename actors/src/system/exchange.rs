@@ -42,7 +42,7 @@ const LOOK: Duration = Duration::from_millis(20);
 #[derive(Clone)]
 pub enum NewPart {
     /// Other settings of History, Supervise and Reflex.
-    Controller(ControllerSettings),
+    Controller(Box<ControllerSettings>),
     /// Another driver of the same board.
     Driver(Arc<dyn Hardware>),
 }
@@ -211,7 +211,7 @@ impl Exchange {
         let old = self.context.parts.lock().clone();
         match part {
             NewPart::Controller(controller) => {
-                let new = old.with_controller(controller);
+                let new = old.with_controller(*controller);
                 self.would_touch(old.rules.margin, new.rules.margin).map(|()| new)
             }
             NewPart::Driver(hardware) => {

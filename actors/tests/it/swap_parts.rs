@@ -111,7 +111,7 @@ fn driver(board: &SimHardware, wrong: Wrong, probation: f64) -> Control {
 fn controller(period_s: f64, margin_m: f64, history: usize, probation: f64) -> Control {
     let settings =
         ControllerSettings { period_s, margin_m, history, reserve_m: Some(0.0), ..ControllerSettings::default() };
-    offer(NewPart::Controller(settings), "Nothing".into(), probation)
+    offer(NewPart::Controller(Box::new(settings)), "Nothing".into(), probation)
 }
 
 /// The steps of all swaps, with the filter closed and every outcome given whenever one took over.

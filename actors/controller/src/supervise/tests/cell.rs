@@ -67,7 +67,7 @@ pub(super) enum Op {
 
 #[derive(Clone, Debug)]
 enum ToSupervise {
-    Pulse(Pulse),
+    Pulse(Box<Pulse>),
     Closed(u64, Cause),
     ReflexReport(ReflexReport),
 }
@@ -380,7 +380,7 @@ impl Cell {
             1 => match self.to_reflex.pop_front() {
                 Some(ToReflex::Pulse(mut pulse)) => {
                     self.reflex_on(ReflexIn::Pulse(&mut pulse));
-                    self.to_supervise.push_back(ToSupervise::Pulse(pulse));
+                    self.to_supervise.push_back(ToSupervise::Pulse(Box::new(pulse)));
                 }
                 Some(ToReflex::RollBack(token, motion, again)) => {
                     self.reflex_on(ReflexIn::RollBack { token, motion, again });
