@@ -1,7 +1,8 @@
 //! A contact by effort: the board reports a torque from outside that is greater than its arm knows in free motion.
 //!
 //! A stiff arm pushes with hundreds of newtons before it lags by a degree; its torque sensors, or its motors' currents, show the contact
-//! while it pushes with tens ([`Sample::external`]). Thresholds are per motor ([`Rules::contact_efforts`]).
+//! while it pushes with tens ([`Sample::external`]). Thresholds are per motor ([`Rules::contact_efforts`]). A torque that was there before the
+//! motion, of a payload or of the contact that an escape leads out of, counts by its change alone.
 
 use crate::Rules;
 use mobee_contract::Sample;
@@ -14,6 +15,8 @@ const READINGS: u32 = 3;
 pub struct EffortWatch {
     /// Per motor how many readings in a row have been beyond its threshold.
     beyond: Vec<u32>,
+    /// The torques of the last reading before the motion.
+    before: Vec<f64>,
 }
 
 /// A motor that something pushes.
@@ -26,11 +29,21 @@ pub struct Pushed {
 }
 
 impl EffortWatch {
-    /// A reading: the motor that is pushed most, by its threshold. Torques that are no numbers are none.
-    pub fn read(&mut self, sample: &Sample, rules: &Rules) -> Option<Pushed> {
+    /// A reading, in a motion or between two: the motor that is pushed most, by its threshold. Torques that are no numbers are none.
+    pub fn read(&mut self, sample: &Sample, moving: bool, rules: &Rules) -> Option<Pushed> {
         self.beyond.resize(sample.external.len(), 0);
+        if !moving {
+            self.beyond.fill(0);
+            self.before.clone_from(&sample.external);
+            return None;
+        }
+        let before = |motor: usize| self.before.get(motor).copied().filter(|torque| torque.is_finite()).unwrap_or(0.0);
         let limits = sample.external.iter().zip(&rules.contact_efforts).enumerate();
-        let shares = limits.map(|(motor, (torque, limit))| (motor, *torque, limit.map_or(0.0, |l| torque.abs() / l)));
+        let share = |(motor, (torque, limit)): (usize, (&f64, &Option<f64>))| {
+            let counts = torque.abs().min((torque - before(motor)).abs());
+            (motor, *torque, limit.map_or(0.0, |limit| counts / limit))
+        };
+        let shares = limits.map(share);
         let mut worst: Option<(Pushed, f64)> = None;
         for ((motor, torque, share), beyond) in shares.zip(&mut self.beyond) {
             *beyond = if share > 1.0 { beyond.saturating_add(1) } else { 0 };
@@ -66,7 +79,7 @@ mod tests {
     fn pushed(rules: &Rules, torques: &[f64]) -> Vec<usize> {
         let mut watch = EffortWatch::default();
         let shows = |torque: f64| Sample { external: vec![torque, 1e6], ..Sample::default() };
-        let read = |(k, torque): (usize, &f64)| watch.read(&shows(*torque), rules).map(|pushed| (k, pushed));
+        let read = |(k, torque): (usize, &f64)| watch.read(&shows(*torque), true, rules).map(|pushed| (k, pushed));
         let found: Vec<(usize, Pushed)> = torques.iter().enumerate().filter_map(read).collect();
         assert!(found.iter().all(|(_, pushed)| pushed.motor == 0));
         found.into_iter().map(|(k, _)| k).collect()
@@ -78,5 +91,16 @@ mod tests {
         assert_eq!(pushed(&rules(None), &torques), [8, 9]);
         assert_eq!(pushed(&rules(Some(3.0)), &torques), [3, 4, 8, 9], "the threshold of the settings");
         assert_eq!(pushed(&rules(Some(0.0)), &torques), [] as [usize; 0], "not watched");
+    }
+
+    /// A payload, or the contact that an escape leads out of: letting go of it is no contact, more of it is.
+    #[test]
+    fn a_torque_that_was_there_before_the_motion_counts_by_its_change() {
+        let (rules, mut watch) = (rules(None), EffortWatch::default());
+        let shows = |torque: f64| Sample { external: vec![torque, 0.0], ..Sample::default() };
+        assert_eq!(watch.read(&shows(8.0), false, &rules), None);
+        let mut read = |torque: f64| (0..5).filter_map(|_| watch.read(&shows(torque), true, &rules)).count();
+        assert_eq!([8.0, 12.5, 0.0].map(&mut read), [0; 3]);
+        assert_eq!([13.5, -6.0].map(&mut read), [3, 5]);
     }
 }

@@ -43,10 +43,8 @@ impl SuperviseCore {
     /// A fresh reading: whether a torque from outside closes the filter. At rest it closes nothing: there is no motion to be taken back.
     pub(super) fn watch_effort(&mut self, pulse: &Pulse, step: &mut Step) -> bool {
         let moving = self.is_moving() && step.gate.token() == self.token;
-        let Some(Pushed { motor: index, torque }) = self.effort.read(&pulse.sample, step.rules).filter(|_| moving)
-        else {
-            return false;
-        };
+        let pushed = self.effort.read(&pulse.sample, moving, step.rules);
+        let Some(Pushed { motor: index, torque }) = pushed else { return false };
         let (motor, motion) = named(index, step);
         self.takes_back(index, Cause::ExternalTorque { motor, torque, motion }, step);
         true
