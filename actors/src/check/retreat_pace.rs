@@ -55,6 +55,8 @@ pub(super) struct RetreatPace {
     halts: u32,
     /// How much of the way may have been made before its time, s.
     early: f64,
+    /// How far beside its path it may be, rad.
+    beside: f64,
     /// Whether a board is known to be late, so that the retreat waits for it again and again.
     late: bool,
     /// Set once the way there, or the retreat, can't be told.
@@ -85,6 +87,7 @@ impl RetreatPace {
             back: None,
             halts: 0,
             early: EARLY,
+            beside: BESIDE,
             late: false,
             lost: false,
         };
@@ -127,8 +130,9 @@ impl RetreatPace {
         self.halts += 1;
     }
 
-    /// Its arm sags: it is commanded higher, beside its path, and settles, once or twice.
-    pub fn sags(&mut self) {
+    /// Its arm sags, by so much at most, rad: it is commanded higher, beside its path, and settles, once or twice.
+    pub fn sags(&mut self, by: f64) {
+        self.beside += by;
         self.halts += SETTLES;
         self.early = SAGS * EARLY;
     }
@@ -174,7 +178,7 @@ impl RetreatPace {
     fn compare(&mut self, now: &Passed) -> Option<String> {
         let back = self.back.as_ref()?;
         let (all, was) = (self.there.back()?.moved, back.here);
-        let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= BESIDE) else {
+        let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= self.beside) else {
             let nearest = (0..=was).map(|i| self.beside(i, &now.q)).fold(f64::INFINITY, f64::min);
             let beside = self.units.told(nearest, 2);
             return Some(format!("is {beside} beside the way that it came, or not on it in order, at {}", now.at));

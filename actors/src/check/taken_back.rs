@@ -26,8 +26,8 @@ struct Robot {
     period: f64,
     tolerance: f64,
     rest_speed: f64,
-    /// Whether its arm sags, so that it settles by new commands at the end of a retreat.
-    sags: bool,
+    /// By how much its arm may sag, rad: it settles by new commands at the end of a retreat.
+    sags: f64,
     newest: Option<(Time, Pose)>,
     safe: Option<Pose>,
     motion: Motion,
@@ -83,8 +83,8 @@ impl Robot {
         let way = (!escape && !motors.is_empty())
             .then(|| RetreatPace::new(motors, self.rest_speed, self.period, &self.units));
         self.way = way.map(|mut way| {
-            if self.sags {
-                way.sags();
+            if self.sags > 0.0 {
+                way.sags(self.sags);
             }
             self.newest.iter().for_each(|(at, q)| _ = way.take(*at, q));
             way
@@ -160,7 +160,7 @@ impl Invariant for TakenBack {
             Event::Controller { robot, undo, .. } => self.of(robot, |r| r.undo = undo.unwrap_or(UNDO)),
             Event::Robot { robot, motors, sliding, period, tolerance, rest_speed, fresh, hold_error, .. } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
-                (robot.fresh, robot.sags) = (*fresh, *hold_error > 0.0);
+                (robot.fresh, robot.sags) = (*fresh, *hold_error);
                 (robot.period, robot.tolerance, robot.rest_speed) = (*period, *tolerance, *rest_speed);
                 robot.units = MotorUnits::new(motors.len(), sliding);
                 None
