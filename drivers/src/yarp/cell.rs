@@ -6,7 +6,7 @@ use super::gauge::Gauge;
 use super::layout::{Layout, disagreement};
 use super::motion::Motions;
 use super::pace::Pace;
-use mobee_contract::{AnswerTime, AsFound, Axis, Board, ControlMode, Pose};
+use mobee_contract::{AnswerTime, AsFound, Axis, Board, ControlMode, DriverFault, Pose};
 use mobee_yarp::board::{AxisFacts, RemoteState, mode};
 use mobee_yarp::{Bottle, Vocab};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -87,7 +87,7 @@ pub struct BoardFacts {
     /// What it is to be given back.
     pub owed: Owed,
     /// What went wrong that the filter must hear of, until it has.
-    pub alarm: Option<String>,
+    pub alarm: Option<DriverFault>,
     /// Whether a joint was faster than it was told, at the newest reading.
     pub outruns: bool,
     /// How long it takes to answer.

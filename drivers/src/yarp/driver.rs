@@ -184,8 +184,8 @@ impl Driver for YarpDriver {
         let cell = self.reach.cell.clone();
         let mut inner = cell.lock();
         usable(&inner, &self.reach.layout)?;
-        if let Some(what) = inner.boards.iter_mut().find_map(|b| b.alarm.take()) {
-            return Err(DriverFault::TooFast(what));
+        if let Some(fault) = inner.boards.iter_mut().find_map(|b| b.alarm.take()) {
+            return Err(fault);
         }
         if !std::mem::take(&mut inner.unread) {
             return Ok(None);

@@ -6,6 +6,7 @@ use super::clock::Arrivals;
 use super::layout::Layout;
 use super::motion::MeasuredSpeeds;
 use super::remote::Remote;
+use mobee_contract::DriverFault;
 use mobee_yarp::Vocab;
 use mobee_yarp::board::{LinkState, RemoteState};
 use std::sync::Arc;
@@ -87,7 +88,7 @@ impl BoardFacts {
             self.gauge.outran(what.joint, what.speed / what.most.max(1e-3));
         }
         if let Some(what) = too_fast.as_ref().filter(|_| !self.outruns) {
-            self.alarm = Some(what.in_words(layout, index));
+            self.alarm = Some(DriverFault::TooFast(what.in_words(layout, index)));
         }
         self.outruns = too_fast.is_some();
     }

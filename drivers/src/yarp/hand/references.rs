@@ -5,6 +5,7 @@
 
 use super::super::found::Restored;
 use super::{Hand, SLOWEST};
+use mobee_contract::DriverFault;
 use mobee_yarp::Value;
 use mobee_yarp::board::{Ask, Get, Joints, Quantity, Set};
 
@@ -33,7 +34,7 @@ impl Hand {
             "another program sets the reference speeds of {port} while MoBeE does, and the move was not made: end that program"
         );
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
-            known.alarm = Some(why.clone());
+            known.alarm = Some(DriverFault::Hardware(why.clone()));
         }
         Err(why)
     }

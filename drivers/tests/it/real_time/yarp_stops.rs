@@ -150,7 +150,7 @@ fn round(robot: &Rig, driver: &mut Box<dyn Driver>) -> Round {
     let round = robot.wait("an end of the move", |now| {
         driver.lease(now, now + Duration::from_millis(500));
         match driver.sample(now) {
-            Err(DriverFault::Hardware(why)) => Some(Round::Told(why)),
+            Err(DriverFault::Hardware(why) | DriverFault::TooFast(why)) => Some(Round::Told(why)),
             Err(other) => panic!("{other}"),
             Ok(sample) => {
                 let there = sample.is_some_and(|s| (s.q[0].to_degrees() - to).abs() < 0.5);
