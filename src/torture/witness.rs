@@ -322,7 +322,7 @@ impl Witness {
     /// A pose that was read.
     pub fn pose(&mut self, robot: usize, at: Time, q: &Pose) {
         self.pass(at);
-        // of a robot whose readings stay away nobody knows how near it is
+        // the position of a robot without readings is not known
         let unseen: Vec<bool> = self.robots.iter().map(|r| r.status == Status::Holding(Hold::Stale)).collect();
         let (Some(seen), Some(pose)) = (self.robots.get_mut(robot), self.poses.get_mut(robot)) else { return };
         *pose = q.clone();

@@ -108,8 +108,14 @@ impl CommandGuard {
         if sample.q.len() != n || sample.done.len() != n {
             return Some(format!("{} positions of {n} motors", sample.q.len()));
         }
-        let motor = sample.q.iter().position(|q| !q.is_finite())?;
-        self.rules.axes.get(motor).map(|axis| format!("{} is not a finite number", axis.name))
+        if !sample.external.is_empty() && sample.external.len() != n {
+            return Some(format!("{} external torques of {n} motors", sample.external.len()));
+        }
+        let not_finite = |list: &[f64]| list.iter().position(|x| !x.is_finite()).and_then(|m| self.rules.axes.get(m));
+        let position = not_finite(&sample.q).map(|axis| format!("{} is not a finite number", axis.name));
+        let torque =
+            || not_finite(&sample.external).map(|axis| format!("{}'s torque is not a finite number", axis.name));
+        position.or_else(torque)
     }
 
     /// A reading that no robot of this model can have: a motor far beyond its limits. Its name, and where it is said to

@@ -1,7 +1,7 @@
 //! A contact by effort: the board reports a torque from outside that is greater than its arm knows in free motion.
 //!
 //! A stiff arm pushes with hundreds of newtons before it lags by a degree; its torque sensors, or its motors' currents, show the contact
-//! while it pushes with tens ([`Sample::external`]). Thresholds are per motor ([`Rules::contact_efforts`]). A torque that was there before the
+//! while it pushes with tens ([`Sample::external`]). Thresholds are per motor ([`Rules::contact_effort`]). A torque that was there before the
 //! motion, of a payload or of the contact that an escape leads out of, counts by its change alone.
 
 use crate::Rules;
@@ -38,12 +38,11 @@ impl EffortWatch {
             return None;
         }
         let before = |motor: usize| self.before.get(motor).copied().filter(|torque| torque.is_finite()).unwrap_or(0.0);
-        let limits = sample.external.iter().zip(&rules.contact_efforts).enumerate();
-        let share = |(motor, (torque, limit)): (usize, (&f64, &Option<f64>))| {
+        let share = |(motor, torque): (usize, &f64)| {
             let counts = torque.abs().min((torque - before(motor)).abs());
-            (motor, *torque, limit.map_or(0.0, |limit| counts / limit))
+            (motor, *torque, rules.contact_effort(motor).map_or(0.0, |limit| counts / limit))
         };
-        let shares = limits.map(share);
+        let shares = sample.external.iter().enumerate().map(share);
         let mut worst: Option<(Pushed, f64)> = None;
         for ((motor, torque, share), beyond) in shares.zip(&mut self.beyond) {
             *beyond = if share > 1.0 { beyond.saturating_add(1) } else { 0 };
@@ -75,7 +74,7 @@ mod tests {
         Rules::new("r", vec![], &ControllerSettings { contact_nm, ..ControllerSettings::default() }, &board)
     }
 
-    /// In which of these readings the first motor counts as pushed; the second, whose board reports none, never does.
+    /// The readings in which the first motor counts as pushed; the second, whose board reports none, never does.
     fn pushed(rules: &Rules, torques: &[f64]) -> Vec<usize> {
         let mut watch = EffortWatch::default();
         let shows = |torque: f64| Sample { external: vec![torque, 1e6], ..Sample::default() };
@@ -91,6 +90,16 @@ mod tests {
         assert_eq!(pushed(&rules(None), &torques), [8, 9]);
         assert_eq!(pushed(&rules(Some(3.0)), &torques), [3, 4, 8, 9], "the threshold of the settings");
         assert_eq!(pushed(&rules(Some(0.0)), &torques), [] as [usize; 0], "not watched");
+    }
+
+    #[test]
+    fn a_threshold_for_a_board_that_reports_no_torque_is_named_as_unused() {
+        let mut rules = rules(Some(3.0));
+        assert_eq!(rules.unused(), None);
+        rules.axes = rules.axes.iter().map(|axis| Axis { contact_effort: 0.0, ..axis.clone() }).collect();
+        assert!(rules.unused().is_some_and(|text| text.contains("`controller.contact_nm` is not used")));
+        rules.contact_nm = Some(0.0);
+        assert_eq!(rules.unused(), None, "switched off");
     }
 
     /// A payload, or the contact that an escape leads out of: letting go of it is no contact, more of it is.

@@ -54,6 +54,6 @@ pub mod trajectory;
 
 pub use fields::{FieldRules, FieldsSettings};
 pub use kinds::{DEFAULT_KIND, RollbackSettings};
-pub use rules::{DEEPER, FRESH_PERIODS, PLAY_M, RELEASE, Rules, clamped, distance, within};
+pub use rules::{DEEPER, FRESH_PERIODS, RELEASE, Rules, clamped, distance, play, within};
 pub use settings::{ControllerSettings, Drive};
 pub use shared::Shared;

@@ -87,7 +87,7 @@ impl Runner {
         self.ghosts = self.brakes.ahead(&sample.q, &moving, open, rules, &GHOSTS);
     }
 
-    /// Whether it would come to rest elsewhere than at `q`, where it is.
+    /// True unless it rests at `q`, its position.
     fn moves(&self, q: &Pose) -> bool {
         self.ghosts.last().is_some_and(|rest| rest != q)
     }

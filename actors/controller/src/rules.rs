@@ -8,7 +8,7 @@ use crate::history::is_coarse;
 use crate::look_ahead::braking_clearance;
 use crate::settings::{ControllerSettings, Drive};
 use mobee_contract::{Axis, Board, Event, MotorUnits, Pose};
-use mobee_model::{Clause, Robot};
+use mobee_model::{Clause, JointMotion, Robot};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,8 +18,8 @@ pub const RELEASE: f64 = 0.002;
 /// What counts as deeper, meters: what touches gives a little as the robot starts on its way out, and its encoders are
 /// noisy.
 pub const DEEPER: f64 = 0.001;
-/// By how much the arm's acceleration may shake a joint that slides, a gripper's finger, m.
-pub const PLAY_M: f64 = 0.002;
+/// Displacement of a sliding joint, a gripper's finger, by the arm's acceleration, m.
+const PLAY_M: f64 = 0.002;
 /// How many control periods a reading stays fresh, and a lease lasts, unless the settings say otherwise. Fewer, and a
 /// thread that comes late closes the filter; more, and a robot goes on for longer when nobody watches it any more.
 pub const FRESH_PERIODS: u32 = 5;
@@ -51,8 +51,8 @@ pub struct Rules {
     pub reserve: Option<f64>,
     /// The least lag at which a motor counts as stalled, rad; `None`: nobody looks.
     pub stall: Option<f64>,
-    /// The torque from outside from which on something pushes a motor, N m (N where it slides), of each motor; none where it is not watched.
-    pub contact_efforts: Vec<Option<f64>>,
+    /// The external torque of a contact, N m (N where a motor slides), as the settings state it for all motors; `None`: as the board states it.
+    pub contact_nm: Option<f64>,
     /// Greatest distance per motor at which a pose counts as reached, rad.
     pub tolerance: f64,
     /// Speed below which a motor counts as at rest, rad/s.
@@ -87,7 +87,7 @@ impl Rules {
             margin: controller.margin_m,
             reserve: controller.reserve_m.filter(|m| *m > 0.0 && controller.drive.has_reflex()),
             stall: controller.stall_deg.map(f64::to_radians),
-            contact_efforts: board.axes.iter().map(|axis| contact_effort(axis, controller.contact_nm)).collect(),
+            contact_nm: controller.contact_nm,
             tolerance: controller.tolerance_deg.to_radians().max(COUNTS * coarsest(&board.axes)),
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,
@@ -114,7 +114,7 @@ impl Rules {
     }
 
     /// The robot of this model as the journal's readers know it.
-    pub fn described(&self, robot: &Robot) -> [Event; 2] {
+    pub fn described(&self, robot: &Robot) -> Vec<Event> {
         let constraints = robot.parts.iter().flat_map(|part| &part.clauses);
         let members = |clause: &Clause| clause.0.iter().map(|half| (half.terms.clone(), half.b)).collect();
         let constraints = constraints.map(members).collect();
@@ -140,7 +140,9 @@ impl Rules {
         let usual = Duration::from_secs_f64(ControllerSettings::default().undo_s);
         let undo = Some(self.undo).filter(|undo| *undo != usual).map(|undo| undo.as_secs_f64());
         let (clearance, stops) = (Some(self.reserve.unwrap_or_default()), Some(self.stops_within()));
-        [robot, Event::Controller { robot: name, kind, reflex: self.reflex, undo, clearance, stops }]
+        let controller = Event::Controller { robot: name, kind, reflex: self.reflex, undo, clearance, stops };
+        let unused = self.unused().map(|text| Event::Warning { text });
+        [robot, controller].into_iter().chain(unused).collect()
     }
 
     /// Longest time from a reading until the robot has stopped for it, at full speed, seconds.
@@ -165,6 +167,25 @@ impl Rules {
         self.axes.get(motor).map_or(0.0, |axis| axis.hold_error)
     }
 
+    /// The external torque from which on something pushes this motor, N m (N where it slides); `None`: its board reports none, or it is not
+    /// watched.
+    pub fn contact_effort(&self, motor: usize) -> Option<f64> {
+        let reported = self.axes.get(motor).map(|axis| axis.contact_effort).filter(|effort| *effort > 0.0)?;
+        Some(self.contact_nm.unwrap_or(reported)).filter(|least| *least > 0.0)
+    }
+
+    /// A setting that has no effect on this board, for people.
+    pub fn unused(&self) -> Option<String> {
+        let reports = self.axes.iter().any(|axis| axis.contact_effort > 0.0);
+        let stated = self.contact_nm.is_some_and(|nm| nm > 0.0);
+        (stated && !reports).then(|| {
+            format!(
+                "{}: `controller.contact_nm` is not used: its board reports no torque, load or current; remove it, or set `stall_deg`",
+                self.robot
+            )
+        })
+    }
+
     /// By how much this motor's joint may be beside its commanded position while something pushes it, rad.
     pub fn pushed_error(&self, motor: usize) -> f64 {
         self.axes.get(motor).map_or(0.0, |axis| axis.hold_error.max(axis.deflection))
@@ -182,9 +203,9 @@ impl Rules {
     }
 }
 
-/// The torque from which on something pushes this motor, if its board reports any: as the settings say, or the board.
-fn contact_effort(axis: &Axis, stated: Option<f64>) -> Option<f64> {
-    (axis.contact_effort > 0.0).then_some(stated.unwrap_or(axis.contact_effort)).filter(|least| *least > 0.0)
+/// The play of a joint, rad of encoder: none where it turns, [`PLAY_M`] where it slides.
+pub fn play(motion: JointMotion) -> f64 {
+    if motion.is_turn() { 0.0 } else { motion.encoder(PLAY_M) }
 }
 
 /// The resolution of the coarsest encoder, rad.

@@ -279,7 +279,7 @@ pub struct SuperviseCore {
     credits: Credits,
     /// Whether the motors follow, if anybody looks.
     stall: Option<StallWatch>,
-    /// Whether something pushes a motor, by the torques that the board reports.
+    /// Watches the external torques that the board reports.
     effort: EffortWatch,
 }
 

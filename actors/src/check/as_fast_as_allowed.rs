@@ -23,7 +23,7 @@ const CATCHES_UP: (f64, f64) = (2.75, 0.25 * DEGREE);
 /// How long what was allowed before an amendment, or the end of a motion, counts on.
 const BRAKES: Duration = Duration::from_secs(1);
 
-/// How long after a push the filter closes for it.
+/// Longest time from a push until the filter closes for it.
 const NOTICED: Duration = Duration::from_millis(500);
 
 #[derive(Default)]

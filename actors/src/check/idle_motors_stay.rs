@@ -9,8 +9,7 @@ use super::window::Window;
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, Event, MotorUnits, Pose, Time};
-use mobee_controller::PLAY_M;
-use mobee_model::JointMotion;
+use mobee_controller::play;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -81,8 +80,7 @@ impl Robot {
                 continue;
             }
             let (here, kink) = (self.window.mean(m), self.window.kink(m));
-            let slides = !self.units.of(m).is_turn();
-            let gives = self.hold_error.max(if slides { JointMotion::Slide.encoder(PLAY_M) } else { 0.0 });
+            let gives = self.hold_error.max(play(self.units.of(m)));
             match motor.place {
                 _ if self.window.jump(m) > JUMPS * self.tolerance => motor.place = None,
                 None if settled && self.window.way(m).0 <= 0.25 * self.tolerance => motor.place = Some(here),

@@ -191,6 +191,11 @@ fn a_reading_has_a_number_for_each_motor() {
     for not in [f64::NAN, f64::INFINITY] {
         assert_eq!(wrong(&[0.0, not], 2).as_deref(), Some("m is not a finite number"));
     }
+    let torques =
+        |external: &[f64]| guard().makes_no_sense(&Sample { external: external.to_vec(), ..reading(&[0.0, 0.0], 2) });
+    assert_eq!([torques(&[]), torques(&[0.0, -80.0])], [None, None]);
+    assert_eq!(torques(&[1.0]).as_deref(), Some("1 external torques of 2 motors"));
+    assert_eq!(torques(&[1.0, f64::NAN]).as_deref(), Some("m's torque is not a finite number"));
 }
 
 /// A motor may rest a little outside of its limits (-1..1 rad here), and no robot is farther out than 20 degrees.

@@ -27,9 +27,9 @@ use std::time::Duration;
 /// its end. Long beside braking, so that only what does not obey is given up.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// How long after a stop has had its effect a robot that only creeps counts as held.
+/// A robot that still creeps this long after its stop has had its effect is held.
 const HELD: Duration = Duration::from_millis(200);
-/// How fast it creeps at most, rad/s.
+/// Greatest speed of creeping, rad/s.
 const CREEPS: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
 impl ReflexCore {
@@ -282,8 +282,7 @@ impl ReflexCore {
     }
 }
 
-/// Whether something holds the robot that can't come to rest: the retreat is to take the load off it, from slow instead of from rest. An arm
-/// that presses creeps along what it presses against.
+/// True for a pressing arm, which creeps along the obstacle and does not come to rest: the retreat begins from slow and takes the load off.
 fn is_held(pulse: &Pulse, stopped: Time, rules: &Rules) -> bool {
     let gives = rules.axes.iter().any(|axis| axis.deflection > 0.0);
     gives && pulse.speed < CREEPS && pulse.sample.at >= stopped + rules.reaction() + HELD

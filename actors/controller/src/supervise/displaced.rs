@@ -5,9 +5,8 @@
 use super::{Closing, Step, SuperviseCore};
 use crate::gate::Gate;
 use crate::pulse::Pulse;
-use crate::{PLAY_M, Rules};
+use crate::{Rules, play};
 use mobee_contract::{Cause, Event, Hold, Status};
-use mobee_model::JointMotion;
 
 /// So many readings in a row must show it: noise shows it in one. Three take 30 ms at the usual rate, in which a motor
 /// that was let go of has not yet gone far.
@@ -48,10 +47,7 @@ impl Resting {
         self.places.resize(q.len(), None);
         let idle = self.places.iter_mut().zip(q).enumerate().filter(|(m, _)| !commanded.contains(m));
         let way = |place: &mut Option<Place>, q: f64| (q - place.get_or_insert(Place { q, told: false }).q).abs();
-        let gives = |m: usize| {
-            let slides = rules.axes.get(m).is_some_and(|axis| !axis.motion.is_turn());
-            rules.hold_error(m).max(if slides { JointMotion::Slide.encoder(PLAY_M) } else { 0.0 })
-        };
+        let gives = |m: usize| rules.hold_error(m).max(rules.axes.get(m).map_or(0.0, |axis| play(axis.motion)));
         let ways = idle.map(|(m, (place, q))| (m, (way(place, *q) - gives(m)).max(0.0)));
         ways.max_by(|(_, a), (_, b)| a.total_cmp(b))
     }

@@ -52,7 +52,7 @@ impl SuperviseCore {
 
     /// Something that no model knows holds or pushes this motor.
     fn takes_back(&mut self, motor: usize, cause: Cause, step: &mut Step) {
-        // whoever streams on would push again
+        // a stream that goes on would push again
         self.hush(Some(BTreeSet::from([motor])), step);
         self.roll_back(cause, step);
     }
