@@ -203,7 +203,7 @@ impl Rules {
     }
 }
 
-/// The play of a joint, rad of encoder: none where it turns, [`PLAY_M`] where it slides.
+/// The play of a joint, rad of encoder: none where it turns, 2 mm where it slides.
 pub fn play(motion: JointMotion) -> f64 {
     if motion.is_turn() { 0.0 } else { motion.encoder(PLAY_M) }
 }
