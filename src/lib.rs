@@ -7,6 +7,10 @@
 //! configs/behaviors/explore.toml ──config──> Config ──compose──> Setup ──run──> runs/explore-TIME/
 //! ```
 
+// registers itself as a physics engine
+#[cfg(feature = "mujoco")]
+use mobee_mujoco as _;
+
 #[macro_use]
 pub mod terminal;
 

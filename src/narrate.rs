@@ -160,6 +160,10 @@ impl Narrator {
             Event::HardContact { robot, names: (a, b), .. } => {
                 (News, "hard contacts", format!("{robot}: {a} touches {b}"))
             }
+            Event::Pushed { robot, newtons, secs, lasting } => {
+                let (weight, begun) = if *lasting { (News, "has been pushing") } else { (Detail, "pushed") };
+                (weight, "pushes", format!("{robot} {begun} something for {secs:.2} s, at most with {newtons:.1} N"))
+            }
             Event::State { robot, status } => return self.story(robot).turned(robot, *status),
             Event::Halted { robot } => {
                 let story = self.story(robot);

@@ -53,8 +53,9 @@ mod way;
 
 pub use replay::ReplayHardware;
 pub use sim::{
-    ArmProfile, DoneRule, Fault, FaultId, Garbage, Imitated, Plant, SIM, ServoSettings, SimBoard, SimClock, SimDriver,
-    SimFaults, SimHardware, SimSettings, StopRule, StoppingPath, UnknownBox, path, stopping_path,
+    ArmBody, ArmParts, ArmPhysics, ArmProfile, DoneRule, Fault, FaultId, Garbage, Imitated, Physics, PhysicsEngine,
+    Plant, Pushes, SIM, Servo, ServoSettings, SimBoard, SimClock, SimDriver, SimFaults, SimHardware, SimSettings,
+    StopRule, StoppingPath, UnknownBox, path, stopping_path,
 };
 pub use yarp::{
     Moves, PartSettings, Who, WireFault, YARP, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim, disagreement,

@@ -132,7 +132,7 @@ impl Driver for ReplayDriver {
         let at = Time(seq * self.period());
         let (q, next) = (self.played.table.at(at), self.played.table.at(at + self.played.board.period));
         let done = q.iter().zip(&next).map(|(q, next)| q == next).collect();
-        Ok(Some(Sample { seq, at, q: q.into(), done, external: Vec::new() }))
+        Ok(Some(Sample { seq, at, q: q.into(), done, ..Sample::default() }))
     }
 
     fn next_sample(&self, now: Time) -> Time {

@@ -1,6 +1,7 @@
 //! The simulated robot as hardware: one board that outlives its drivers, and the drivers themselves.
 
 mod board;
+mod body;
 mod braking;
 mod dynamics;
 mod encoders;
@@ -12,13 +13,13 @@ mod shared;
 
 pub(crate) use board::JointSettings;
 pub use board::{SimBoard, SimClock};
+pub use body::{ArmBody, ArmParts, Physics, PhysicsEngine, Pushes};
 pub use braking::{StoppingPath, stopping_path};
-pub use dynamics::{ArmProfile, DoneRule, ServoSettings, StopRule};
+pub use dynamics::{ArmPhysics, ArmProfile, DoneRule, Servo, ServoSettings, StopRule};
 pub use faults::{Fault, FaultId, Garbage, SimFaults};
 pub use plant::Plant;
 pub use settings::{Imitated, SimSettings, UnknownBox};
 
-use dynamics::{ArmPhysics, Dynamics};
 use encoders::Encoders;
 use mobee_contract as contract;
 use mobee_contract::{
@@ -84,7 +85,10 @@ impl SimHardware {
             let (rules, mut board) = (servo.rules(&numbers), lock(&hardware.board));
             let plant = Plant::new(settings.axes(&context.robot), &start, settings.move_profile());
             board.plant = plant.with_rules(rules);
-            board.arm = Some(Dynamics::new(servo.servos(&numbers, &context.robot), &start));
+            let servos = servo.servos(&numbers, &context.robot);
+            let [mass, ..] = servo.body(&numbers);
+            let parts = ArmParts { robot: context.robot.clone(), servos, start: start.clone(), mass };
+            board.arm = Some(body::body(settings.physics.engine()?, parts)?);
             board.reports = Some(numbers.reports);
             board.done = rules.done;
         }
@@ -147,7 +151,7 @@ impl SimHardware {
         let mut board = lock(&self.board);
         board.advance(now);
         match &board.arm {
-            Some(arm) => arm.speeds().collect(),
+            Some(arm) => arm.speeds(),
             None => board.plant.speeds().collect(),
         }
     }
@@ -156,14 +160,17 @@ impl SimHardware {
     pub fn efforts(&self, now: Time) -> Option<Vec<f64>> {
         let mut board = lock(&self.board);
         board.advance(now);
-        board.arm.as_ref().map(|arm| arm.efforts().collect())
+        board.arm.as_ref().map(|arm| arm.efforts())
     }
 
     /// The greatest force with which the arm has pushed anything so far, N, and for how long it has been pushing without a pause.
     pub fn pushed(&self, now: Time) -> (f64, Duration) {
         let mut board = lock(&self.board);
         board.advance(now);
-        board.arm.as_ref().map_or((0.0, Duration::ZERO), |arm| (arm.greatest_force(), arm.pressing()))
+        board.arm.as_mut().map_or((0.0, Duration::ZERO), |arm| {
+            let pushes = arm.pushes();
+            (pushes.greatest, pushes.pressing)
+        })
     }
 
     /// Per motor, if something holds it ([`Fault::Blocked`]): since when, and how far its board wants it beyond, rad.
@@ -205,7 +212,7 @@ impl Hardware for SimHardware {
         // a contact loses most of its energy in one stroke
         let damping = CONTACT_DAMPING_S * stiffness;
         if let Some(arm) = &mut lock(&self.board).arm {
-            arm.set_physics(ArmPhysics { scene, mass, felt, stiffness, damping });
+            arm.set_physics(ArmPhysics { scene, mass, felt, stiffness, damping })?;
         }
         Ok(())
     }

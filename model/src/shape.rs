@@ -1,6 +1,7 @@
 //! Convex shapes, and the simplest shapes that hold them.
 
 use nalgebra::{Isometry3, Vector3};
+use std::f64::consts::PI;
 
 /// A convex shape, centered at its origin. Sizes in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,6 +74,16 @@ impl Shape {
             Self::Capsule { radius, height } => {
                 radius - Vector3::new(p.x, (p.y.abs() - height / 2.0).max(0.0), p.z).norm()
             }
+        }
+    }
+
+    /// Its volume, m^3.
+    pub fn volume(&self) -> f64 {
+        match *self {
+            Self::Sphere { radius } => 4.0 / 3.0 * PI * radius.powi(3),
+            Self::Cylinder { radius, height } => PI * radius * radius * height,
+            Self::Box { size } => size.x * size.y * size.z,
+            Self::Capsule { radius, height } => PI * radius * radius * height + 4.0 / 3.0 * PI * radius.powi(3),
         }
     }
 

@@ -147,6 +147,9 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     if c.hard_contacts > 0 {
         lines.push(format!("{} hard contacts, at most {:.1} mm deep", c.hard_contacts, c.hard_contact_depth_mm));
     }
+    if c.push_n > 0.0 {
+        lines.push(format!("pushed something with at most {:.1} N, for at most {:.2} s", c.push_n, c.push_s));
+    }
     if c.displaced > 0 {
         let times = c.displaced;
         lines.push(format!(

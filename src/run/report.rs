@@ -63,14 +63,21 @@ fn counters(counts: &Value, verbose: bool) -> Vec<(String, String)> {
         Some(mm) => format!("{}, at most {mm:.1} mm deep", number(key)),
         None => number(key).to_string(),
     };
+    let pushed = counts["push_n"].as_f64().map(|newtons| {
+        let secs = counts["push_s"].as_f64().unwrap_or_default();
+        ("pushed".to_owned(), format!("at most with {newtons:.1} N, for at most {secs:.2} s"))
+    });
     // the end of the run cuts off a motion: no row of its own unless there is one
     let first = FIRST.iter().filter(|(key, _)| verbose || *key != "stopped" || number(key) > 0);
     let first = first.map(|(key, name)| ((*name).to_owned(), text(key)));
     let others = counts.as_object().into_iter().flatten().filter(|(key, value)| {
         let shown = value.as_u64().is_some_and(|n| n > 0) && *key != "samples";
-        value.is_number() && !FIRST.iter().any(|(first, _)| first == key) && (verbose || shown)
+        value.is_number()
+            && !key.starts_with("push_")
+            && !FIRST.iter().any(|(first, _)| first == key)
+            && (verbose || shown)
     });
-    first.chain(others.map(|(key, value)| (key.replace('_', " "), value.to_string()))).collect()
+    first.chain(pushed).chain(others.map(|(key, value)| (key.replace('_', " "), value.to_string()))).collect()
 }
 
 /// Prints it.

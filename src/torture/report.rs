@@ -44,6 +44,10 @@ pub struct Tally {
     pub hard_contacts: u64,
     /// See above.
     pub hard_contact_depth_mm: f64,
+    /// The greatest force with which a simulated robot pushed anything, N, and the longest time, s.
+    pub push_n: f64,
+    /// See above.
+    pub push_s: f64,
     /// Swaps: settled, reverted, refused.
     pub swaps: [u64; 3],
     /// What several robots did during the retreat at once.
@@ -91,6 +95,8 @@ impl Tally {
         self.escapes += c.escapes;
         self.hard_contacts += c.hard_contacts;
         self.hard_contact_depth_mm = self.hard_contact_depth_mm.max(c.hard_contact_depth_mm);
+        self.push_n = self.push_n.max(c.push_n);
+        self.push_s = self.push_s.max(c.push_s);
         self.gave_up += u64::from(c.is_given_up);
         self.growth = self.growth.into_iter().chain(ran.growth).reduce(f64::max);
     }
@@ -155,6 +161,9 @@ impl fmt::Display for Tally {
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
         let (hard, deep) = (self.hard_contacts, self.hard_contact_depth_mm);
         writeln!(f, "touched    {hard} hard contacts, at most {deep:.1} mm deep")?;
+        if self.push_n > 0.0 {
+            writeln!(f, "pushed     at most {:.1} N, for at most {:.2} s", self.push_n, self.push_s)?;
+        }
         let Joint { times, retreats, waited, stopped, nearer } = &self.joint;
         if *times > 0 {
             let mm = nearer * 1e3;

@@ -17,6 +17,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-drivers", &["mobee-contract", "mobee-model", "mobee-yarp"]),
     ("mobee-bridge", &["mobee-contract", "mobee-model", "mobee-yarp"]),
     ("mobee-conformance", &["mobee-contract"]),
+    ("mobee-mujoco", &["mobee-contract", "mobee-drivers", "mobee-model"]),
     ("mobee-controller", &["mobee-contract", "mobee-model"]),
     ("mobee-actors", &["mobee-contract", "mobee-controller", "mobee-model"]),
     ("mobee-recorder", &["mobee-contract", "mobee-model"]),
@@ -27,6 +28,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "mobee-contract",
             "mobee-behaviors",
             "mobee-drivers",
+            "mobee-mujoco",
             "mobee-bridge",
             "mobee-yarp",
             "mobee-controller",
@@ -37,7 +39,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
 ];
 
 /// Crate, and a dependency that no line of it names: it is there for the features that it asks for.
-const UNNAMED: &[(&str, &str)] = &[("mobee-recorder", "getrandom"), ("mobee-recorder", "regex")];
+const UNNAMED: &[(&str, &str)] = &[("mobee", "bytemuck"), ("mobee-recorder", "getrandom"), ("mobee-recorder", "regex")];
 
 fn packages() -> Vec<Value> {
     let out = Command::new(env!("CARGO"))

@@ -81,3 +81,44 @@ fn a_stiff_arm_is_taken_back_by_the_torque_of_a_contact() {
     let unwatched = runs(folder.path(), ("ur5", "ur5", 1.0), ("", post, ", contact_nm = 0"));
     assert!(count(&unwatched, "rolled_back") < back, "without looking at torques: {unwatched}");
 }
+
+/// The same loop on the physics of MuJoCo, a second opinion on forces. With the post in the model nothing is ever pushed; without, each
+/// contact is taken back.
+#[cfg(feature = "mujoco")]
+mod mujoco {
+    use super::{count, runs};
+
+    fn known(arm: (&str, &str, f64), at: [f64; 3]) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [x, y, z] = at;
+        let world = format!(
+            r#"<WorldList version="1.0"><object name="post" type="obstacle" px="{x}" py="{y}" pz="{z}"><box width="0.06" height="0.06" depth="0.8"/></object></WorldList>"#
+        );
+        let file = folder.path().join("post.xml");
+        std::fs::write(&file, world).expect("a world");
+        let counters = runs(folder.path(), arm, (&format!("world.file = {file:?}"), r#", physics = "mujoco""#, ""));
+        let [committed, back, faulted] = ["committed", "rolled_back", "faulted"].map(|name| count(&counters, name));
+        assert!(committed >= 10 && back >= 3 && faulted <= 1, "{counters}");
+        assert_eq!(counters["push_n"].as_f64(), None, "{counters}");
+    }
+
+    #[test]
+    fn a_stiff_arm_at_full_speed_never_pushes_what_the_model_knows() {
+        known(("panda", "arm", 1.0), [0.45, 0.0, 0.4]);
+    }
+
+    #[test]
+    fn an_arm_that_sags_never_pushes_what_the_model_knows() {
+        known(("so101", "so101_new_calib", 0.3), [0.28, 0.10, 0.15]);
+    }
+
+    #[test]
+    fn a_stiff_arm_is_taken_back_from_what_only_physics_knows() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let post = r#", physics = "mujoco", unknown = [{ name = "post", size_m = [0.06, 0.06, 0.8], at_m = [0.45, 0.0, 0.4] }]"#;
+        let counters = runs(folder.path(), ("panda", "arm", 0.3), ("", post, ", stall_deg = 2"));
+        let [committed, back, faulted] = ["committed", "rolled_back", "faulted"].map(|name| count(&counters, name));
+        assert!(committed >= 10 && back >= 5 && faulted == 0, "{counters}");
+        assert!(counters["push_n"].as_f64().is_some_and(|newtons| newtons > 20.0), "{counters}");
+    }
+}

@@ -199,6 +199,14 @@ pub struct Sample {
     /// the torque of its own motion, are none of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub external: Vec<f64>,
+    /// The greatest force with which the robot has pushed anything since the reading before, N. Only a simulation knows it; nothing that
+    /// moves the robot may use it. 0: none, or not known.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub contact_n: f64,
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 /// A board's recent response times: round trips of requests, each counted by the time since the one before, as a slow board answers

@@ -350,6 +350,18 @@ pub enum Event {
         /// The names of the two shapes.
         names: (String, String),
     },
+    /// A robot has pushed something, as a simulation with forces computes it: reported when it lets go, and in between when it has pushed for a
+    /// second.
+    Pushed {
+        /// Robot.
+        robot: String,
+        /// The greatest force so far, N.
+        newtons: f64,
+        /// For how long so far, s.
+        secs: f64,
+        /// Whether it still pushes.
+        lasting: bool,
+    },
     /// The retreat begins.
     RetreatBegan {
         /// Robot.

@@ -183,7 +183,7 @@ impl HistoryCore {
     /// end: a robot brakes when its program dies.
     pub fn restore(&mut self, poses: &[(Time, Pose)]) {
         for (k, (at, q)) in (1..).zip(poses) {
-            let sample = Sample { seq: k, at: *at, q: q.clone(), done: vec![true; q.len()], external: Vec::new() };
+            let sample = Sample { seq: k, at: *at, q: q.clone(), done: vec![true; q.len()], ..Sample::default() };
             self.push(&mut Pulse::new(sample, &Vec::new().into()), Duration::MAX);
         }
         self.restored = !self.ring.is_empty();

@@ -143,7 +143,7 @@ mod tests {
                 at: Time(at * MS),
                 q: vec![q[0] - sag].into(),
                 done: vec![true],
-                external: Vec::new(),
+                ..Sample::default()
             };
             offsets.learn(&sample);
         }
@@ -179,13 +179,8 @@ mod tests {
         let mut offsets = offsets();
         rest(&mut offsets, (0, 100), 0.5, 0.03);
         offsets.apply(&Command::Stop { motors: vec![] }, Time(110 * MS));
-        let sample = |at: u64| Sample {
-            seq: at,
-            at: Time(at * MS),
-            q: vec![0.4].into(),
-            done: vec![true],
-            external: Vec::new(),
-        };
+        let sample =
+            |at: u64| Sample { seq: at, at: Time(at * MS), q: vec![0.4].into(), done: vec![true], ..Sample::default() };
         assert!((110..1000).step_by(10).all(|at| offsets.learn(&sample(at)).is_empty()));
     }
 }

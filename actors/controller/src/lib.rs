@@ -42,6 +42,7 @@ pub mod kinds;
 pub mod ledger;
 pub mod look_ahead;
 pub mod pulse;
+mod pushing;
 pub mod reflex;
 pub mod rules;
 pub mod settings;

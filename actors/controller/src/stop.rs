@@ -58,7 +58,7 @@ mod tests {
         let (rules, mut stop) = (rules(true), Stop::told(Time::ZERO));
         let mut said = |ms: u64| {
             let at = Time(ms * 1_000_000);
-            let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+            let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false], ..Sample::default() };
             let mut pulse = Pulse::new(sample, &Vec::new().into());
             pulse.speed = speed(ms);
             stop.is_ignored(&pulse, &rules, at)

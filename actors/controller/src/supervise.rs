@@ -36,6 +36,7 @@ use crate::gate::Gate;
 use crate::ledger::TransactionState;
 use crate::ledger::Underway;
 use crate::pulse::Pulse;
+use crate::pushing::PushWatch;
 use crate::reflex::ReflexReport;
 use crate::shared::Shared;
 use crate::stall::{Errands, StallWatch};
@@ -281,6 +282,8 @@ pub struct SuperviseCore {
     stall: Option<StallWatch>,
     /// Watches the external torques that the board reports.
     effort: EffortWatch,
+    /// Reports with which force a simulated robot pushes.
+    push: PushWatch,
 }
 
 impl SuperviseCore {
@@ -308,6 +311,7 @@ impl SuperviseCore {
             credits: Credits::full(now),
             stall: StallWatch::new(step.rules),
             effort: EffortWatch::default(),
+            push: PushWatch::default(),
         };
         if open || Gate::opens(token) {
             // a crash of the process is the cause already if that is what happened

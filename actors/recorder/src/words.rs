@@ -96,6 +96,10 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
         }
         Event::ContactEnded { robot, names: (a, b), .. } => (robot, Debug, format!("{a} is clear of {b}")),
         Event::HardContact { robot, names: (a, b), .. } => (robot, Error, format!("{a} touches {b}")),
+        Event::Pushed { robot, newtons, secs, lasting } => {
+            let (weight, begun) = if *lasting { (Error, "has been pushing") } else { (Warn, "pushed") };
+            (robot, weight, format!("{begun} something for {secs:.2} s, at most with {newtons:.1} N"))
+        }
         Event::RetreatBegan { robot, id, secs, .. } => {
             (robot, Warn, format!("#{} goes back along {secs:.1} s of its path", id.0))
         }

@@ -30,6 +30,13 @@ pub struct RunCounts {
     pub hard_contacts: u64,
     /// The greatest depth of these, millimeters.
     pub hard_contact_depth_mm: f64,
+    /// The greatest force with which a simulated robot pushed anything, N, and the longest time for which it did, s. 0: none, or no
+    /// simulation with forces.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub push_n: f64,
+    /// See above.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub push_s: f64,
     /// Restarts of actors.
     pub restarts: u64,
     /// Groups that used up their restarts, those of sensors and services among them.
@@ -65,6 +72,10 @@ pub struct RunCounts {
     pub done: BTreeMap<String, Summary>,
 }
 
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
+}
+
 impl RunCounts {
     /// Takes in an event.
     pub fn note(&mut self, event: &Event) {
@@ -82,6 +93,9 @@ impl RunCounts {
             Event::Outcome { outcome: Outcome::Faulted, cause: Some(Cause::Asked), .. } => self.stopped += 1,
             Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,
             Event::ContactBegan { .. } => self.contacts += 1,
+            Event::Pushed { newtons, secs, .. } => {
+                (self.push_n, self.push_s) = (self.push_n.max(*newtons), self.push_s.max(*secs));
+            }
             Event::RetreatStopped { .. } => self.retreats_stopped += 1,
             Event::Displaced { .. } => self.displaced += 1,
             Event::Disabled { cause: Cause::Displaced { .. }, .. } => self.displaced += 1,

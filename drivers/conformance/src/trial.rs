@@ -40,7 +40,7 @@ impl<'a> DriverTrial<'a> {
     pub fn connect(bench: &'a mut dyn Bench, keeps_lease: bool) -> Result<DriverTrial<'a>, String> {
         let driver = bench.connect()?;
         let board = driver.board().clone();
-        let none = Sample { seq: 0, at: Time::ZERO, q: Vec::new().into(), done: Vec::new(), external: Vec::new() };
+        let none = Sample { seq: 0, at: Time::ZERO, q: Vec::new().into(), done: Vec::new(), ..Sample::default() };
         let mut trial = DriverTrial { bench, driver, board, last: none, keeps_lease };
         trial.first_reading()?;
         Ok(trial)

@@ -13,9 +13,10 @@ mod profile;
 pub use external::ArmPhysics;
 pub use profile::{ArmNumbers, ArmProfile, BoardRules, DoneRule, EffortReport, Servo, ServoSettings, StopRule};
 
+use super::body::{ArmBody, Pushes};
 use super::path::State;
 use external::ExternalTorques;
-use mobee_contract::Time;
+use mobee_contract::{KindError, Time};
 use std::time::Duration;
 
 /// Time between two steps of the integration.
@@ -49,9 +50,7 @@ pub struct Dynamics {
     outside: Vec<f64>,
     /// Whether it rests where it was sent, so that nothing changes until something else is commanded.
     rests: bool,
-    /// The greatest contact force so far, N, and for how long in a row one has been felt.
-    greatest: f64,
-    pressing: Duration,
+    pushes: Pushes,
 }
 
 impl Dynamics {
@@ -65,38 +64,35 @@ impl Dynamics {
             wanted: start.to_vec(),
             outside: vec![0.0; start.len()],
             rests: false,
-            greatest: 0.0,
-            pressing: Duration::ZERO,
+            pushes: Pushes::default(),
         }
     }
+}
 
-    /// Puts it among things: it has weight from now on, and touches them.
-    pub fn set_physics(&mut self, physics: ArmPhysics) {
+impl ArmBody for Dynamics {
+    fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError> {
         self.external = ExternalTorques::new(physics);
         self.rests = false;
+        Ok(())
     }
 
-    /// The time of the next step.
-    pub fn next(&self) -> Time {
+    fn next(&self) -> Time {
         Time::ZERO + STEP.saturating_mul(u32::try_from(self.steps + 1).unwrap_or(u32::MAX))
     }
 
-    /// Whether nothing changes as long as the commanded positions are these.
-    pub fn is_settled(&self, commanded: impl Iterator<Item = f64>) -> bool {
-        self.rests && commanded.zip(&self.wanted).all(|(c, w)| c == *w)
+    fn is_settled(&self, commanded: &[f64]) -> bool {
+        self.rests && self.wanted == commanded
     }
 
-    /// Passes over the time up to `now`, in which nothing changed.
-    pub fn skip(&mut self, now: Time) {
+    fn skip(&mut self, now: Time) {
         self.steps = self.steps.max(now.0 / u64::try_from(STEP.as_nanos()).unwrap_or(u64::MAX));
     }
 
-    /// One step, with the board's commanded states at its end.
-    pub fn step(&mut self, commanded: impl Iterator<Item = State>) {
+    fn step(&mut self, commanded: &[State]) {
         let dt = STEP.as_secs_f64();
-        let states: Vec<State> = commanded.collect();
-        let changed = states.iter().zip(&self.wanted).any(|(state, w)| state.q != *w);
-        self.wanted = states.iter().map(|state| state.q).collect();
+        let changed = commanded.iter().zip(&self.wanted).any(|(state, w)| state.q != *w);
+        self.wanted.clear();
+        self.wanted.extend(commanded.iter().map(|state| state.q));
         let mut outside = std::mem::take(&mut self.outside);
         outside.fill(0.0);
         if let Some(external) = &mut self.external {
@@ -105,11 +101,10 @@ impl Dynamics {
                 external.look(&q);
             }
             let force = external.torques(&q, &v, &mut outside);
-            self.greatest = self.greatest.max(force);
-            self.pressing = if force > 0.0 { self.pressing + STEP } else { Duration::ZERO };
+            self.pushes.note(force, STEP);
         }
         let mut still = !changed;
-        for ((joint, state), outside) in self.joints.iter_mut().zip(&states).zip(&outside) {
+        for ((joint, state), outside) in self.joints.iter_mut().zip(commanded).zip(&outside) {
             let before = joint.v;
             joint.step(*state, *outside, dt);
             still &= joint.v.abs() < STILL && before.abs() < STILL && state.v == 0.0;
@@ -119,34 +114,24 @@ impl Dynamics {
         self.steps += 1;
     }
 
-    /// Position of every joint, rad.
-    pub fn positions(&self) -> impl Iterator<Item = f64> + '_ {
-        self.joints.iter().map(|j| j.q)
+    fn positions(&self) -> Vec<f64> {
+        self.joints.iter().map(|j| j.q).collect()
     }
 
-    /// Speed of every joint, rad/s.
-    pub fn speeds(&self) -> impl Iterator<Item = f64> + '_ {
-        self.joints.iter().map(|j| j.v)
+    fn speeds(&self) -> Vec<f64> {
+        self.joints.iter().map(|j| j.v).collect()
     }
 
-    /// Torque of every servo, N m (N where a joint slides).
-    pub fn efforts(&self) -> impl Iterator<Item = f64> + '_ {
-        self.joints.iter().map(|j| j.effort / j.servo.unit)
+    fn efforts(&self) -> Vec<f64> {
+        self.joints.iter().map(|j| j.effort / j.servo.unit).collect()
     }
 
-    /// Torque of weight that is not compensated and of contacts on every joint, N m (N where a joint slides).
-    pub fn external(&self) -> impl Iterator<Item = f64> + '_ {
-        self.joints.iter().zip(&self.outside).map(|(j, outside)| outside / j.servo.unit)
+    fn external(&self) -> Vec<f64> {
+        self.joints.iter().zip(&self.outside).map(|(j, outside)| outside / j.servo.unit).collect()
     }
 
-    /// The greatest force so far with which it pushed anything, N.
-    pub fn greatest_force(&self) -> f64 {
-        self.greatest
-    }
-
-    /// For how long it has been pushing something without a pause.
-    pub fn pressing(&self) -> Duration {
-        self.pressing
+    fn pushes(&mut self) -> &mut Pushes {
+        &mut self.pushes
     }
 }
 
@@ -188,6 +173,7 @@ mod tests {
             damping: 1.0,
             torque: 3.0,
             inertia: 0.05,
+            rotor: 0.02,
             friction: 0.0,
             lead: 1.0,
             unit: 1.0,
@@ -197,7 +183,7 @@ mod tests {
 
     fn run(arm: &mut Dynamics, secs: f64, c: f64) {
         for _ in 0..(secs / STEP.as_secs_f64()).round() as usize {
-            arm.step([State::rest(c)].into_iter());
+            arm.step(&[State::rest(c)]);
         }
     }
 
@@ -207,25 +193,25 @@ mod tests {
         let mut arm = Dynamics::new(vec![servo()], &[0.0]);
         let (mut peak, zeta) = (0.0_f64, 1.0 / (2.0 * (20.0_f64 * 0.05).sqrt()));
         for _ in 0..4000 {
-            arm.step([State::rest(0.1)].into_iter());
-            peak = peak.max(arm.positions().next().unwrap());
+            arm.step(&[State::rest(0.1)]);
+            peak = peak.max(arm.positions()[0]);
         }
         let expected = 0.1 * (1.0 + (-std::f64::consts::PI * zeta / (1.0 - zeta * zeta).sqrt()).exp());
         assert!((peak - expected).abs() < 0.002, "{peak} and {expected}");
-        assert!((arm.positions().next().unwrap() - 0.1).abs() < 1e-5);
-        assert!(arm.is_settled([0.1].into_iter()));
+        assert!((arm.positions()[0] - 0.1).abs() < 1e-5);
+        assert!(arm.is_settled(&[0.1]));
     }
 
     #[test]
     fn the_torque_is_limited_and_dry_friction_holds() {
         let mut arm = Dynamics::new(vec![servo()], &[0.0]);
-        arm.step([State::rest(100.0)].into_iter());
-        assert_eq!(arm.efforts().next(), Some(3.0));
+        arm.step(&[State::rest(100.0)]);
+        assert_eq!(arm.efforts(), [3.0]);
         let mut stuck = Dynamics::new(vec![Servo { friction: 0.5, ..servo() }], &[0.0]);
         run(&mut stuck, 2.0, 0.02);
-        assert_eq!(stuck.positions().next(), Some(0.0), "0.4 N m do not overcome 0.5");
+        assert_eq!(stuck.positions(), [0.0], "0.4 N m do not overcome 0.5");
         run(&mut stuck, 2.0, 0.1);
-        let q = stuck.positions().next().unwrap();
+        let q = stuck.positions()[0];
         assert!(q > 0.05 && (0.1 - q) * 20.0 <= 0.5 + 1e-9, "{q}");
     }
 
@@ -233,9 +219,9 @@ mod tests {
     fn an_end_stop_holds_whatever_pushes() {
         let mut arm = Dynamics::new(vec![servo()], &[1.4]);
         run(&mut arm, 2.0, 100.0);
-        assert_eq!((arm.positions().next(), arm.speeds().next()), (Some(1.5), Some(0.0)));
+        assert_eq!((arm.positions()[0], arm.speeds()[0]), (1.5, 0.0));
         run(&mut arm, 4.0, 1.0);
-        assert!((arm.positions().next().unwrap() - 1.0).abs() < 1e-4, "it comes off again");
+        assert!((arm.positions()[0] - 1.0).abs() < 1e-4, "it comes off again");
     }
 
     /// However stiff a servo is, the integration does not blow up.
@@ -244,6 +230,6 @@ mod tests {
         let stiff = Servo { stiffness: 1e6, damping: 1e4, torque: 1e9, inertia: 0.001, ..servo() };
         let mut arm = Dynamics::new(vec![stiff], &[0.0]);
         run(&mut arm, 1.0, 1.0);
-        assert!((arm.positions().next().unwrap() - 1.0).abs() < 1e-6);
+        assert!((arm.positions()[0] - 1.0).abs() < 1e-6);
     }
 }

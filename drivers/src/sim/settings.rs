@@ -4,6 +4,7 @@ mod imitated;
 
 pub use imitated::Imitated;
 
+use crate::sim::body::Physics;
 use crate::sim::dynamics::{ArmNumbers, ArmProfile, Servo, ServoSettings};
 use crate::sim::path::Profile;
 use mobee_contract::{Axis, KindError, suggestion};
@@ -49,6 +50,11 @@ impl UnknownBox {
     }
 }
 
+/// Whether a file needs not name it.
+fn is_builtin(physics: &Physics) -> bool {
+    *physics == Physics::Builtin
+}
+
 /// Settings of a simulated robot. All have defaults. Degrees mean millimeters for motors that slide.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -58,6 +64,9 @@ pub struct SimSettings {
     pub imitates: Option<Imitated>,
     /// The kind of arm: `ideal` (kinematic joints), or `icub`, `panda`, `ur5`, `so101` with servos, weight and elastic contact.
     pub profile: ArmProfile,
+    /// Who computes how the arm moves: `builtin`, or `mujoco`; not with kinematic joints.
+    #[serde(skip_serializing_if = "is_builtin")]
+    pub physics: Physics,
     /// Servos, weight and board other than the profile's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub servo: Option<ServoSettings>,
@@ -91,6 +100,7 @@ impl Default for SimSettings {
         SimSettings {
             imitates: None,
             profile: ArmProfile::Ideal,
+            physics: Physics::Builtin,
             servo: None,
             unknown: Vec::new(),
             move_profile: Profile::default(),
@@ -159,6 +169,13 @@ impl SimSettings {
         });
         let servo = self.servo.as_ref().filter(|_| kinematic).map(|_| Err(needs("servo")));
         let unknown = self.unknown.first().filter(|_| kinematic).map(|_| Err(needs("unknown")));
+        let physics = (kinematic && self.physics != Physics::Builtin).then(|| Err(needs("physics")));
+        let unused =
+            self.physics.engine()?.into_iter().flat_map(|engine| engine.unused).filter_map(|(key, instead)| {
+                let given = self.servo.as_ref().is_some_and(|servo| servo.has(key));
+                let what = "the physics engine does not use this number";
+                given.then(|| Err(KindError::new(format!("servo.{key}"), what, format!("leave it out: {instead}"))))
+            });
         let imitates = self.imitates.filter(|_| !kinematic).map(|_| {
             let help = "leave one of the two out";
             Err(KindError::new("imitates", "what is imitated has kinematic joints, and the profile has servos", help))
@@ -177,14 +194,22 @@ impl SimSettings {
             size.chain(b.at_m.iter().map(move |x| (format!("unknown[{i}].at_m"), *x, -100.0, 100.0)))
         });
         KindError::gather(
-            servo.into_iter().chain(empty).chain(unknown).chain(imitates).chain(numbers).chain(sizes.map(wrong)),
+            servo
+                .into_iter()
+                .chain(empty)
+                .chain(physics)
+                .chain(unused)
+                .chain(unknown)
+                .chain(imitates)
+                .chain(numbers)
+                .chain(sizes.map(wrong)),
         )?;
         Ok(())
     }
 
     /// The robot's axes under these settings.
     pub fn axes(&self, robot: &Robot) -> Vec<Axis> {
-        let servos = self.arm().map(|numbers| self.servo.clone().unwrap_or_default().servos(&numbers, robot));
+        let servos = self.servos(robot);
         let axis = |(i, m): (usize, &mobee_model::Motor)| {
             let axis = Axis {
                 name: m.name.clone(),
@@ -201,6 +226,11 @@ impl SimSettings {
             }
         };
         robot.motors.iter().enumerate().map(axis).collect()
+    }
+
+    /// The servos of a robot's motors; `None`: kinematic joints.
+    pub fn servos(&self, robot: &Robot) -> Option<Vec<Servo>> {
+        Some(self.servo.clone().unwrap_or_default().servos(&self.arm()?, robot))
     }
 
     /// What readings of this motor show, and how its servo holds it; of kinematic joints nothing is to be known.

@@ -1,6 +1,7 @@
 //! The simulated hardware itself: board, arm and encoders, which all drivers of one robot share, and the faults they show.
 
-use super::dynamics::{DoneRule, Dynamics, EffortReport};
+use super::body::ArmBody;
+use super::dynamics::{DoneRule, EffortReport};
 use super::encoders::Encoders;
 use super::faults::{Active, Fault, Garbage};
 use super::plant::Plant;
@@ -20,7 +21,7 @@ pub struct SharedPlant {
     /// The board: it shapes the commanded positions.
     pub plant: Plant,
     /// The arm that follows them; `None`: its joints are where they are commanded.
-    pub arm: Option<Dynamics>,
+    pub arm: Option<Box<dyn ArmBody>>,
     pub done: DoneRule,
     /// Which torque its board reports.
     pub reports: Option<EffortReport>,
@@ -45,10 +46,12 @@ impl SharedPlant {
         if let Some((seq, at)) = self.encoders.take(now) {
             self.pass(at);
             let q = match &self.arm {
-                Some(arm) => self.encoders.read(arm.positions()),
+                Some(arm) => self.encoders.read(arm.positions().into_iter()),
                 None => self.encoders.read(self.plant.positions()),
             };
-            let mut sample = Sample { seq, at: self.plant.now(), q, done: self.done(), external: self.external() };
+            let contact_n = self.arm.as_mut().map_or(0.0, |arm| arm.pushes().read());
+            let (at, done, external) = (self.plant.now(), self.done(), self.external());
+            let mut sample = Sample { seq, at, q, done, external, contact_n };
             self.falsify(&mut sample);
             self.unread = Some(sample);
         }
@@ -65,13 +68,13 @@ impl SharedPlant {
     fn pass(&mut self, to: Time) {
         if let Some(arm) = &mut self.arm {
             while arm.next() <= to {
-                if self.plant.is_idle() && arm.is_settled(self.plant.positions()) {
+                if self.plant.is_idle() && arm.is_settled(&self.plant.positions().collect::<Vec<_>>()) {
                     arm.skip(to);
                     break;
                 }
                 self.plant.advance(arm.next());
-                arm.step(self.plant.states());
-                self.plant.measure(arm.positions());
+                arm.step(&self.plant.states().collect::<Vec<_>>());
+                self.plant.measure(arm.positions().into_iter());
             }
         }
         self.plant.advance(to);
@@ -80,7 +83,7 @@ impl SharedPlant {
     /// Where the joints are, rad.
     pub fn positions(&self) -> Vec<f64> {
         match &self.arm {
-            Some(arm) => arm.positions().collect(),
+            Some(arm) => arm.positions(),
             None => self.plant.positions().collect(),
         }
     }
@@ -89,7 +92,7 @@ impl SharedPlant {
     pub fn done(&self) -> Vec<bool> {
         let mut done = self.plant.done();
         if let (Some(arm), DoneRule::Arrived) = (&self.arm, self.done) {
-            let off = arm.positions().zip(self.plant.positions()).map(|(q, c)| (q - c).abs());
+            let off = arm.positions().into_iter().zip(self.plant.positions()).map(|(q, c)| (q - c).abs());
             done.iter_mut().zip(off).for_each(|(done, off)| *done &= off < ARRIVED);
         }
         done
@@ -98,9 +101,9 @@ impl SharedPlant {
     /// Per motor the torque from outside that its board reports, N m (N where it slides); empty for kinematic joints.
     fn external(&self) -> Vec<f64> {
         match (&self.arm, self.reports) {
-            (Some(arm), Some(EffortReport::External)) => arm.external().collect(),
+            (Some(arm), Some(EffortReport::External)) => arm.external(),
             // a push makes the servo push back
-            (Some(arm), Some(EffortReport::Load)) => arm.efforts().map(|effort| -effort).collect(),
+            (Some(arm), Some(EffortReport::Load)) => arm.efforts().into_iter().map(|effort| -effort).collect(),
             _ => Vec::new(),
         }
     }
@@ -154,6 +157,9 @@ impl SharedPlant {
     pub fn trouble(&self, now: Time) -> Result<(), DriverFault> {
         if self.on(now).any(|f| f.fault == Fault::Lost) {
             return Err(DriverFault::Lost);
+        }
+        if let Some(report) = self.arm.as_ref().and_then(|arm| arm.trouble()) {
+            return Err(DriverFault::Hardware(report));
         }
         let report = |f: &Active| if let Fault::Hardware { report } = &f.fault { Some(report.clone()) } else { None };
         self.on(now).find_map(report).map_or(Ok(()), |r| Err(DriverFault::Hardware(r)))

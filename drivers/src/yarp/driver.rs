@@ -199,7 +199,7 @@ impl Driver for YarpDriver {
         }
         drop(inner);
         let at = self.time_of(joined.at, now);
-        Ok(Some(Sample { seq: joined.seq, at, q: joined.q, done: joined.done, external: Vec::new() }))
+        Ok(Some(Sample { seq: joined.seq, at, q: joined.q, done: joined.done, ..Sample::default() }))
     }
 
     fn next_sample(&self, now: Time) -> Time {

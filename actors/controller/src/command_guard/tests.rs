@@ -182,7 +182,7 @@ fn a_reading_has_a_number_for_each_motor() {
         at: Time(0),
         q: q.into(),
         done: vec![true; done],
-        external: Vec::new(),
+        ..Sample::default()
     };
     let wrong = |q: &[f64], done| guard().makes_no_sense(&reading(q, done));
     assert_eq!(wrong(&[0.0, -9.0], 2), None);
@@ -207,7 +207,7 @@ fn a_reading_far_beyond_the_limits_is_named() {
             at: Time(0),
             q: vec![0.0, q].into(),
             done: vec![true; 2],
-            external: Vec::new(),
+            ..Sample::default()
         })
     };
     let (min, max) = (guard().rules.axes[1].min, guard().rules.axes[1].max);

@@ -52,7 +52,7 @@ mod tests {
                 at: ms(10 * k),
                 q: vec![(k as f64).to_radians()].into(),
                 done: vec![true],
-                external: Vec::new(),
+                ..Sample::default()
             };
             history.push(&mut Pulse::new(sample, &Vec::new().into()), Duration::from_millis(100));
         }
@@ -78,7 +78,7 @@ mod tests {
     fn nobody_knows_the_pose_within_a_gap() {
         let mut history = recorded(20);
         history.mark_gap();
-        let sample = Sample { seq: 21, at: ms(210), q: vec![0.0].into(), done: vec![true], external: Vec::new() };
+        let sample = Sample { seq: 21, at: ms(210), q: vec![0.0].into(), done: vec![true], ..Sample::default() };
         history.push(&mut Pulse::new(sample, &Vec::new().into()), Duration::from_millis(100));
         assert_eq!(deg(&history, ms(205)), Err(Unrecorded::NoMore));
         assert_eq!(deg(&history, ms(195)), Ok(19.5));

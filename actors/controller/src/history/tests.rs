@@ -7,7 +7,7 @@ const STALE: Duration = Duration::from_millis(100);
 
 fn pulse(seq: u64, ms: u64, q: f64) -> Pulse {
     let sample =
-        Sample { seq, at: Time(ms * 1_000_000), q: vec![q, 0.0].into(), done: vec![true; 2], external: Vec::new() };
+        Sample { seq, at: Time(ms * 1_000_000), q: vec![q, 0.0].into(), done: vec![true; 2], ..Sample::default() };
     Pulse::new(sample, &Vec::new().into())
 }
 
@@ -223,7 +223,7 @@ fn a_restored_path_goes_on_near_its_end() {
             at: Time(9_000_000_000),
             q: vec![q; motors].into(),
             done: vec![true; motors],
-            external: Vec::new(),
+            ..Sample::default()
         };
         history.push(&mut Pulse::new(sample, &Vec::new().into()), STALE);
         path(&history, Time(100_000_000)).is_ok()

@@ -39,7 +39,7 @@ pub(crate) fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f
         let leg = turns.windows(2).find(|w| at.secs() <= w[1].0 + 1e-9).unwrap();
         let part = (at.secs() - leg[0].0) / (leg[1].0 - leg[0].0);
         let q = (leg[0].1 + (leg[1].1 - leg[0].1) * part).to_radians();
-        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true], external: Vec::new() };
+        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true], ..Sample::default() };
         history.push(&mut Pulse::new(sample, &Vec::new().into()), PERIOD * 5);
     }
     let at = Time::ZERO + PERIOD * (safe * 100.0).round() as u32;
@@ -181,7 +181,7 @@ fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
     for k in 1..1000 {
         let now = Time::from_secs(5.0) + PERIOD * k;
         let _ = reading(&reflex.joint_retreat, &both[1], &mut other, now);
-        let sample = Sample { seq: u64::from(k), at: now, q: q.clone(), done: vec![true], external: Vec::new() };
+        let sample = Sample { seq: u64::from(k), at: now, q: q.clone(), done: vec![true], ..Sample::default() };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         pulse.speed = 0.0;
         let mut out = reflex.read(&mut pulse, None, Status::Stopping, now);

@@ -98,7 +98,7 @@ impl Plant {
             }
             let at = Time(start + (t * 1e9) as u64);
             let pose: Pose = vec![q].into();
-            let sample = Sample { seq: k, at, q: pose.clone(), done: vec![false], external: Vec::new() };
+            let sample = Sample { seq: k, at, q: pose.clone(), done: vec![false], ..Sample::default() };
             let foreseen = ahead.read(0, &sample, &[pose], &near(scene, q), told.is_infinite());
             if told.is_infinite() && !foreseen.is_empty() {
                 told = t;
@@ -152,7 +152,7 @@ fn nothing_is_trapped() {
         let t = 0.01 * k as f64;
         let pose: Pose = vec![inside - (t * t).min(2.0 * t).min(2.0)].into();
         let sample =
-            Sample { seq: k, at: Time(k * 10_000_000), q: pose.clone(), done: vec![false], external: Vec::new() };
+            Sample { seq: k, at: Time(k * 10_000_000), q: pose.clone(), done: vec![false], ..Sample::default() };
         let met = ahead.read(0, &sample, std::slice::from_ref(&pose), &near(&scene, pose[0]), true);
         assert_eq!(met, [], "at {}", pose[0]);
     }
@@ -178,7 +178,7 @@ fn what_is_put_in_its_way_is_seen_at_once() {
                     at: Time(k * 10_000_000),
                     q: pose.clone(),
                     done: vec![false],
-                    external: Vec::new(),
+                    ..Sample::default()
                 };
                 ahead.read(0, &sample, &[pose], &[], true).len()
             })
@@ -221,7 +221,7 @@ fn gap_left(second: f64) -> f64 {
                 at: Time(k * 2_000_000),
                 q: poses[robot].clone(),
                 done: vec![false],
-                external: Vec::new(),
+                ..Sample::default()
             };
             !ahead.read(robot, &sample, &poses, &near, true).is_empty()
         });

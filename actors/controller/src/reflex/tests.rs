@@ -78,7 +78,7 @@ fn one_of_them_stopped(which: impl Fn(u64) -> u64, by: impl Fn(u64) -> Option<f6
     };
     let read = |reflex: &mut Alone, ms: u64, status: Status, motion: Option<&Underway>| {
         let at = Time::from_secs(5.0) + Duration::from_millis(ms);
-        let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+        let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false], ..Sample::default() };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         (pulse.violated, pulse.depth) = (by(ms).map(|_| (0, 0)), by(ms).unwrap_or(0.0));
         let out = reflex.read(&mut pulse, motion, status, at);
@@ -121,7 +121,7 @@ fn an_agent_learns_from_what_touched_the_robot() {
     let mut read = |ms: u64, mm: Option<f64>| {
         let at = Time::from_secs(5.0) + Duration::from_millis(ms);
         let near = mm.map(|mm| Contact { pair, distance: mm * 1e-3, points: Default::default() });
-        let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+        let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false], ..Sample::default() };
         let mut pulse = Pulse::new(sample, &near.into_iter().collect::<Vec<_>>().into());
         reflex.read(&mut pulse, Some(&motion), Status::Moving, at);
         let mm = |c: &Contact| (c.distance * 1e3).round() as i32;
@@ -139,7 +139,7 @@ fn what_an_agent_may_learn_from_is_of_the_last_motion() {
     let mut reflex = Alone::new(rules(true));
     let mut read = |k: u64, commit: u64, object: Option<u32>| {
         let at = Time::from_secs(5.0) + PERIOD * k as u32;
-        let sample = Sample { seq: k, at, q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+        let sample = Sample { seq: k, at, q: vec![0.0].into(), done: vec![false], ..Sample::default() };
         let pair = |object| (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object, shape: 0 });
         let near = object.map(|o| Contact { pair: pair(o), distance: 0.001, points: Default::default() });
         let mut pulse = Pulse::new(sample, &near.into_iter().collect());
@@ -173,7 +173,7 @@ fn a_constraint_that_is_violated_at_rest_closes_the_filter() {
             at: Time::ZERO + PERIOD * k as u32,
             q: vec![0.0].into(),
             done: vec![true],
-            external: Vec::new(),
+            ..Sample::default()
         };
         let (at, mut pulse) = (sample.at, Pulse::new(sample, &Vec::new().into()));
         (pulse.speed, pulse.violated) = (0.0, violated.then_some((0, 0)));
@@ -192,7 +192,7 @@ fn what_touches_is_told_with_the_robot_that_it_touches() {
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: -0.001, points: Default::default() };
         let sample =
-            Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+            Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false], ..Sample::default() };
         let (at, mut pulse) = (sample.at, Pulse::new(sample, &vec![near].into()));
         let out = reflex.read(&mut pulse, None, status, at);
         let began = |o: &ReflexOut| matches!(o, ReflexOut::Event(Event::ContactBegan { robot, .. }) if robot == "arm");
@@ -213,7 +213,7 @@ fn only_an_escape_may_be_in_contact() {
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: 0.005, points: Default::default() };
         let sample =
-            Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+            Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false], ..Sample::default() };
         let (at, mut pulse) = (sample.at, Pulse::new(sample, &vec![near].into()));
         reflex.read(&mut pulse, Some(&motion), status, at);
         !reflex.gate.is_open()
@@ -234,7 +234,7 @@ fn what_is_foreseen_stops_a_motion() {
             Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let sample =
-            Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+            Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false], ..Sample::default() };
         let (at, mut pulse) = (sample.at, Pulse::new(sample, &Vec::new().into()));
         let contact = Contact { pair, distance: 0.004, points: Default::default() };
         pulse.foreseen = vec![Foreseen { contact, edited: 0 }].into();

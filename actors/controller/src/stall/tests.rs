@@ -78,7 +78,7 @@ impl Run {
             at: Time(self.ms * 1_000_000),
             q: q.to_vec().into(),
             done: vec![false; 2],
-            external: Vec::new(),
+            ..Sample::default()
         };
         Pulse::new(sample, &Vec::new().into())
     }

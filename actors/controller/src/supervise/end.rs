@@ -37,6 +37,9 @@ impl SuperviseCore {
         }
         let (q, speed, free) = (pulse.sample.q.clone(), pulse.speed, pulse.free);
         self.newest = Some(Reading { sampled_at, q, speed, at_rest, free });
+        if let Some(pushed) = self.push.read(&pulse.sample, &step.rules.robot) {
+            step.emit(pushed);
+        }
         // what was held up on its way is no ground for a decision (I8)
         if step.now > sampled_at + step.rules.fresh {
             return;

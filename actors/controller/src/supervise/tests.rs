@@ -281,7 +281,7 @@ fn a_target_that_was_reached_is_not_missed_while_nobody_knows_the_speed() {
         for (k, speed) in (1..=121).map(|k| (k, if k <= 120 { f64::INFINITY } else { 0.0 })) {
             let at = cell.now + Duration::from_millis(10) * k;
             let sample =
-                Sample { seq: 100 + u64::from(k), at, q: vec![q].into(), done: vec![true], external: Vec::new() };
+                Sample { seq: 100 + u64::from(k), at, q: vec![q].into(), done: vec![true], ..Sample::default() };
             let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
             (pulse.speed, pulse.free) = (speed, true);
             cell.on(SuperviseIn::Pulse(&pulse), at);
@@ -304,7 +304,7 @@ fn a_stop_that_shows_no_effect_is_said_again() {
         for k in 1..=100_u32 {
             let at = cell.now + Duration::from_millis(10) * k;
             let sample =
-                Sample { seq: 100 + u64::from(k), at, q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+                Sample { seq: 100 + u64::from(k), at, q: vec![0.0].into(), done: vec![false], ..Sample::default() };
             let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
             pulse.speed = if brakes { 0.5 - 0.005 * f64::from(k) } else { 0.5 };
             told += cell.on(SuperviseIn::Pulse(&pulse), at).iter().filter(|o| is_stop(o)).count();
@@ -325,7 +325,7 @@ fn the_reflex_says_nothing_before_the_robot_rests() {
     let mut reflex = Alone::new(Cell::new().rules);
     let read = |k: u64, speed: f64, reflex: &mut Alone| {
         let at = Time::ZERO + Duration::from_millis(10) * k as u32;
-        let sample = Sample { seq: k, at, q: vec![0.0].into(), done: vec![true], external: Vec::new() };
+        let sample = Sample { seq: k, at, q: vec![0.0].into(), done: vec![true], ..Sample::default() };
         let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
         pulse.speed = speed;
         reflex.read(&mut pulse, None, Status::Stopping, at)
@@ -363,7 +363,7 @@ fn the_filter_does_not_open_while_the_board_answers_too_slowly() {
     let mut cell = Cell::new();
     let mut read = |k: u32, over_ms: u64| {
         let at = Time::ZERO + Duration::from_millis(10) * k;
-        let sample = Sample { seq: u64::from(k), at, q: vec![0.0].into(), done: vec![true], external: Vec::new() };
+        let sample = Sample { seq: u64::from(k), at, q: vec![0.0].into(), done: vec![true], ..Sample::default() };
         let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
         let most = cell.rules.latency + Duration::from_millis(over_ms);
         pulse.answers = Some(AnswerTime { median: most, most, greatest: Duration::from_secs(1) });

@@ -1,6 +1,6 @@
 //! What acts on an arm from outside: its weight, and what it touches.
 
-use mobee_model::{Object, ObjectClass, Scene, SceneError, Shape, ShapeId, Watch};
+use mobee_model::{Object, ObjectClass, Scene, SceneError, ShapeId, Watch};
 use nalgebra::{Isometry3, Vector3};
 use std::sync::Arc;
 
@@ -72,7 +72,7 @@ impl ExternalTorques {
         let robot = physics.scene.robots().first()?;
         let moved = robot.nodes.iter().enumerate().filter(|(n, _)| robot.body(*n).is_some());
         let shapes: Vec<(usize, Vector3<f64>, f64)> = moved
-            .flat_map(|(n, node)| node.solids.iter().map(move |s| (n, s.pose.translation.vector, volume(&s.shape))))
+            .flat_map(|(n, node)| node.solids.iter().map(move |s| (n, s.pose.translation.vector, s.shape.volume())))
             .collect();
         let all: f64 = shapes.iter().map(|(_, _, volume)| volume).sum();
         let per_volume = if all > 0.0 { physics.mass * physics.felt * GRAVITY / all } else { 0.0 };
@@ -130,16 +130,5 @@ impl ExternalTorques {
             }
         }
         greatest
-    }
-}
-
-/// The volume of a shape, m^3.
-fn volume(shape: &Shape) -> f64 {
-    use std::f64::consts::PI;
-    match *shape {
-        Shape::Sphere { radius } => 4.0 / 3.0 * PI * radius.powi(3),
-        Shape::Cylinder { radius, height } => PI * radius * radius * height,
-        Shape::Box { size } => size.x * size.y * size.z,
-        Shape::Capsule { radius, height } => PI * radius * radius * height + 4.0 / 3.0 * PI * radius.powi(3),
     }
 }

@@ -16,6 +16,8 @@ pub struct Servo {
     pub torque: f64,
     /// kg m^2, the arm's part included.
     pub inertia: f64,
+    /// The part of the inertia that is its rotor's, kg m^2.
+    pub rotor: f64,
     /// Dry friction, N m.
     pub friction: f64,
     /// The share of the commanded speed that it feeds forward, 0 to 1: without, it lags by damping / stiffness seconds.
@@ -125,6 +127,7 @@ pub struct ArmNumbers {
     torque: &'static [f64],
     inertia: &'static [f64],
     friction: &'static [f64],
+    rotor: f64,
     lead: f64,
     mass: f64,
     compensated: f64,
@@ -158,6 +161,7 @@ impl ArmProfile {
                 torque: &[40.0, 40.0, 40.0, 20.0, 8.0],
                 inertia: &[0.6, 0.6, 0.3, 0.15, 0.02],
                 friction: &[1.0, 1.0, 0.6, 0.4, 0.05],
+                rotor: 0.05,
                 lead: 1.0,
                 mass: 8.0,
                 compensated: 1.0,
@@ -173,6 +177,7 @@ impl ArmProfile {
                 torque: &[87.0, 87.0, 87.0, 87.0, 12.0],
                 inertia: &[1.2, 1.2, 0.8, 0.6, 0.2],
                 friction: &[0.5, 0.5, 0.5, 0.5, 0.2],
+                rotor: 0.1,
                 lead: 1.0,
                 mass: 16.0,
                 compensated: 1.0,
@@ -188,6 +193,7 @@ impl ArmProfile {
                 torque: &[150.0, 150.0, 150.0, 28.0],
                 inertia: &[2.0, 2.0, 1.0, 0.2],
                 friction: &[2.0, 2.0, 2.0, 0.5],
+                rotor: 0.1,
                 lead: 1.0,
                 mass: 18.0,
                 compensated: 1.0,
@@ -203,6 +209,7 @@ impl ArmProfile {
                 torque: &[2.9],
                 inertia: &[0.05, 0.05, 0.04, 0.03],
                 friction: &[0.05],
+                rotor: 0.028,
                 lead: 0.0,
                 mass: 0.5,
                 compensated: 0.0,
@@ -257,6 +264,7 @@ impl ServoSettings {
                     torque: nth(torque, i),
                     inertia: nth(inertia, i),
                     friction: nth(friction, i),
+                    rotor: numbers.rotor,
                     lead,
                     unit: 1.0,
                     stops: (motor.min, motor.max),
@@ -271,6 +279,7 @@ impl ServoSettings {
                         torque: force * unit,
                         inertia: mass * unit * unit,
                         friction: 0.0,
+                        rotor: mass * unit * unit,
                         lead,
                         unit,
                         stops: (motor.min, motor.max),
@@ -312,6 +321,11 @@ impl ServoSettings {
             ("inertia_kgm2", self.inertia_kgm2.as_deref(), 1e-4, 1e4),
             ("friction_nm", self.friction_nm.as_deref(), 0.0, 1e4),
         ]
+    }
+
+    /// Whether it gives a number under this key.
+    pub fn has(&self, key: &str) -> bool {
+        serde_json::to_value(self).is_ok_and(|all| all.get(key).is_some())
     }
 
     /// The lists that have no number.

@@ -53,7 +53,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         if moves || wrong.stuck {
             unchanged = at;
         }
-        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true], external: Vec::new() };
+        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true], ..Sample::default() };
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: 0.001, points: Default::default() };
         let robot = Contact { pair: (pair.0, ShapeId::Robot { robot: 1, node: 0, shape: 0 }), ..near };
@@ -269,7 +269,7 @@ fn asked(
     let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
     for k in 0..500 {
         let at = start + PERIOD * k;
-        let sample = Sample { seq: u64::from(k), at, q: vec![q].into(), done: vec![true], external: Vec::new() };
+        let sample = Sample { seq: u64::from(k), at, q: vec![q].into(), done: vec![true], ..Sample::default() };
         let mut pulse = Pulse::new(sample, &contacts.into());
         pulse.speed = 0.0;
         other(&reflex.joint_retreat, at);
@@ -345,7 +345,7 @@ fn who_does_not_come_to_rest_is_stopped_again() {
     reflex.on(ReflexIn::RollBack { token, motion, again: false }, begun);
     let stops = (1..650).filter(|k| {
         let at = begun + PERIOD * *k;
-        let sample = Sample { seq: u64::from(*k), at, q: vec![0.0].into(), done: vec![false], external: Vec::new() };
+        let sample = Sample { seq: u64::from(*k), at, q: vec![0.0].into(), done: vec![false], ..Sample::default() };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         pulse.speed = 0.994_f64.powi(*k as i32).max(2.0 * rules(true).rest_speed);
         let out = reflex.read(&mut pulse, None, Status::Stopping, at);

@@ -22,7 +22,7 @@ fn apart(stands: (f64, f64)) -> (f64, f64) {
     for seq in 0..1000 {
         now = now + PERIOD;
         let held = (stands.0..stands.1).contains(&now.secs());
-        let sample = Sample { seq, at: now, q: vec![q].into(), done: vec![false], external: Vec::new() };
+        let sample = Sample { seq, at: now, q: vec![q].into(), done: vec![false], ..Sample::default() };
         let Ok(command) = retreat.step(&joint_retreat, &sample, now, &rules) else { panic!("nobody was lost") };
         if let Some(Command::Direct { q: to, .. }) = command {
             apart = apart.max((to[0] - q).abs().to_degrees());
@@ -72,7 +72,7 @@ fn written_late(
 ) -> Option<(f64, Option<f64>)> {
     let at = Time::from_secs(5.0) + rules.reaction() + Duration::from_secs_f64(secs);
     let sample =
-        Sample { seq: 1, at: at - late, q: vec![deg.to_radians()].into(), done: vec![done], external: Vec::new() };
+        Sample { seq: 1, at: at - late, q: vec![deg.to_radians()].into(), done: vec![done], ..Sample::default() };
     let round = |rad: f64| (rad.to_degrees() * 1e6).round() / 1e6;
     match retreat.step(joint_retreat, &sample, at, rules).unwrap_or_else(|_| panic!("nobody was lost")) {
         Some(Command::Direct { q, .. }) => Some((round(q[0]), None)),
@@ -113,7 +113,7 @@ fn a_halt_is_on_the_path() {
         let (mut now, mut q, mut sent) = (Time::from_secs(5.0), 90_f64.to_radians(), Vec::new());
         for seq in 0..300 {
             now = now + PERIOD;
-            let sample = Sample { seq, at: now, q: vec![q].into(), done: vec![false], external: Vec::new() };
+            let sample = Sample { seq, at: now, q: vec![q].into(), done: vec![false], ..Sample::default() };
             let done = match seq < 200 {
                 true => retreat.step(&joint_retreat, &sample, now, &rules),
                 false => retreat.stay(&joint_retreat, &sample, now, &rules),
@@ -178,7 +178,7 @@ fn the_last_set_point_is_said_again_to_who_rests_beside_it() {
             at: now,
             q: vec![90_f64.to_radians() + off].into(),
             done: vec![true],
-            external: Vec::new(),
+            ..Sample::default()
         };
         let mut said = |now: Time| match retreat.again(&sample, now, &rules) {
             Some(Command::Direct { motors, q }) => motors == [0] && q == [90_f64.to_radians()],

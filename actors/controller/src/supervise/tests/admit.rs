@@ -13,7 +13,7 @@ fn rests() -> Cell {
 /// The newest reading of it tells this speed, and whether nothing touches it.
 fn reads(cell: &mut Cell, speed: f64, free: bool) {
     let at = cell.now + Duration::from_millis(10);
-    let sample = Sample { seq: 1000, at, q: vec![cell.q].into(), done: vec![true], external: Vec::new() };
+    let sample = Sample { seq: 1000, at, q: vec![cell.q].into(), done: vec![true], ..Sample::default() };
     let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
     (pulse.speed, pulse.free, pulse.unchanged) = (speed, free, at);
     cell.on(SuperviseIn::Pulse(&pulse), at);

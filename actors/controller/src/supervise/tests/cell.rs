@@ -438,7 +438,7 @@ impl Cell {
         assert!(self.q.abs() <= 3.0 + 1e-9, "I5: past the limit, at {}", self.q);
         self.seq += 1;
         let sample =
-            Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done: vec![done], external: Vec::new() };
+            Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done: vec![done], ..Sample::default() };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         self.book.history.push(&mut pulse, self.rules.fresh);
         if self.step.1 {

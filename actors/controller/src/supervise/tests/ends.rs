@@ -160,7 +160,7 @@ fn a_motion_that_goes_nowhere_ends_in_time() {
         for k in 1..2000_u64 {
             let at = begun + Duration::from_millis(10 * k);
             let (q, done, frozen) = reading(10 * k);
-            let sample = Sample { seq: 100 + k, at, q: vec![q].into(), done: vec![done], external: Vec::new() };
+            let sample = Sample { seq: 100 + k, at, q: vec![q].into(), done: vec![done], ..Sample::default() };
             let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
             (pulse.speed, pulse.free) = (if frozen { 0.0 } else { 0.1 }, true);
             pulse.unchanged = if frozen { begun } else { at };

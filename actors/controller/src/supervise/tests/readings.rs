@@ -29,7 +29,7 @@ fn a_stream_behind_frozen_encoders_is_ended() {
             let setpoints = Setpoints { motors: vec![0], values: Values::Velocity(vec![speed]) };
             cell.on(SuperviseIn::Stream("a".into(), setpoints), at);
             let sample =
-                Sample { seq: 1000 + u64::from(*k), at, q: vec![q].into(), done: vec![false], external: Vec::new() };
+                Sample { seq: 1000 + u64::from(*k), at, q: vec![q].into(), done: vec![false], ..Sample::default() };
             let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
             (pulse.speed, pulse.unchanged) = (speed, if frozen { begun } else { at });
             cell.on(SuperviseIn::Pulse(&pulse), at);
@@ -53,7 +53,7 @@ fn a_robot_that_is_moved_at_rest_is_told_and_closes() {
     let mut read = |cell: &mut Cell, away: f64| {
         (at, seq) = (at + Duration::from_millis(10), seq + 1);
         let sample =
-            Sample { seq, at, q: vec![place + away * tolerance].into(), done: vec![true], external: Vec::new() };
+            Sample { seq, at, q: vec![place + away * tolerance].into(), done: vec![true], ..Sample::default() };
         let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
         (pulse.speed, pulse.free, pulse.unchanged) = (0.0, true, at);
         let out = cell.on(SuperviseIn::Pulse(&pulse), at);
@@ -81,7 +81,7 @@ fn sets_out() -> (Cell, impl FnMut(&mut Cell, f64, Duration) -> Vec<SuperviseOut
     let (mut at, mut seq) = (cell.now, 1000);
     let read = move |cell: &mut Cell, q: f64, late: Duration| {
         (at, seq) = (at + Duration::from_millis(100), seq + 1);
-        let sample = Sample { seq, at, q: vec![q].into(), done: vec![true], external: Vec::new() };
+        let sample = Sample { seq, at, q: vec![q].into(), done: vec![true], ..Sample::default() };
         let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
         (pulse.speed, pulse.free, pulse.unchanged) = (0.0, true, at);
         cell.on(SuperviseIn::Pulse(&pulse), at + late)
@@ -128,7 +128,7 @@ fn a_target_is_reached_to_the_tolerance() {
 
 /// One reading of a motor, by which supervise is stepped as it is taken.
 fn read_at(cell: &mut Cell, at: Time, (q, speed, done): (f64, f64, bool)) -> Vec<SuperviseOut> {
-    let sample = Sample { seq: at.0, at, q: vec![q].into(), done: vec![done], external: Vec::new() };
+    let sample = Sample { seq: at.0, at, q: vec![q].into(), done: vec![done], ..Sample::default() };
     let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
     (pulse.speed, pulse.free, pulse.unchanged) = (speed, true, at);
     cell.on(SuperviseIn::Pulse(&pulse), at)

@@ -32,7 +32,7 @@ impl Two {
     /// The next reading: where the motors are, and which of them are done; the robot rests if both are.
     fn read(&mut self, q: [f64; 2], done: [bool; 2]) -> Vec<SuperviseOut> {
         (self.now, self.seq) = (self.now + Duration::from_millis(10), self.seq + 1);
-        let sample = Sample { seq: self.seq, at: self.now, q: q.into(), done: done.into(), external: Vec::new() };
+        let sample = Sample { seq: self.seq, at: self.now, q: q.into(), done: done.into(), ..Sample::default() };
         let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
         self.book.history.push(&mut pulse, self.rules.fresh);
         pulse.speed = if done == [true, true] { 0.0 } else { 0.5 };

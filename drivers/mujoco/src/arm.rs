@@ -1,0 +1,331 @@
+//! An arm that MuJoCo moves.
+
+use crate::mjcf::{STEP_S, actuator_name, geom_name, joint_name, leaders, write};
+use mobee_contract::{KindError, Time};
+use mobee_drivers::path::State;
+use mobee_drivers::{ArmBody, ArmParts, ArmPhysics, Physics, PhysicsEngine, Pushes, Servo};
+use mobee_model::{Hinge, Scene};
+use mujoco_rs::prelude::{MjData, MjModel};
+use mujoco_rs::wrappers::mj_model::MjtObjBase;
+use nalgebra::{Isometry3, Matrix3, Vector3};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Time between two steps.
+const STEP: Duration = Duration::from_millis((STEP_S * 1e3) as u64);
+/// Slower than this (rad/s) a joint rests.
+const STILL: f64 = 1e-6;
+/// MuJoCo's warnings after which its state is worth nothing: positions, speeds or accelerations that are no numbers.
+const BAD_STATE: std::ops::RangeInclusive<usize> = 3..=5;
+
+inventory::submit! {
+    PhysicsEngine {
+        physics: Physics::Mujoco,
+        make: |parts| Ok(Box::new(MujocoArm::new(parts)?)),
+        unused: &[
+            ("inertia_kgm2", "MuJoCo computes it from the shapes and `mass_kg`"),
+            ("contact_n_per_m", "MuJoCo's contacts have a stiffness of their own"),
+        ],
+    }
+}
+
+/// One joint of the skeleton in MuJoCo's state.
+#[derive(Clone, Debug)]
+struct Joint {
+    hinge: Hinge,
+    /// Index into positions and speeds: every joint has one degree of freedom.
+    dof: usize,
+}
+
+/// One motor.
+#[derive(Clone, Copy, Debug)]
+struct MotorJoint {
+    servo: Servo,
+    /// The joint that stands for it, as an index into the joints, and its actuator. `None`: it moves nothing.
+    leader: Option<(usize, usize)>,
+    /// Where it stands, rad, if it moves nothing.
+    q: f64,
+}
+
+/// The geometry of a shape's contacts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Owner {
+    /// MuJoCo's body.
+    body: usize,
+    /// Of the world's shapes each counts for itself, of the robot's those of one link together.
+    thing: usize,
+}
+
+/// An arm as a MuJoCo model and its state.
+#[derive(Debug)]
+pub struct MujocoArm {
+    data: MjData<Box<MjModel>>,
+    joints: Vec<Joint>,
+    motors: Vec<MotorJoint>,
+    /// By MuJoCo's number of the geom.
+    owners: Vec<Owner>,
+    /// The share of the weight that is not compensated.
+    felt: f64,
+    steps: u64,
+    wanted: Vec<f64>,
+    external: Vec<f64>,
+    rests: bool,
+    pushes: Pushes,
+}
+
+impl MujocoArm {
+    /// An arm at rest, alone, and without weight.
+    ///
+    /// # Errors
+    /// A robot that MuJoCo does not accept.
+    pub fn new(parts: ArmParts) -> Result<MujocoArm, KindError> {
+        let scene = Scene::new(vec![(parts.robot, Isometry3::identity())], Vec::new());
+        let scene = Arc::new(scene.map_err(|e| refused(&e))?);
+        let physics = ArmPhysics { scene, mass: parts.mass, felt: 0.0, stiffness: 0.0, damping: 0.0 };
+        MujocoArm::load(&physics, parts.servos, &parts.start, 0)
+    }
+
+    /// At rest at these positions, rad, after so many steps.
+    fn load(physics: &ArmPhysics, servos: Vec<Servo>, q: &[f64], steps: u64) -> Result<MujocoArm, KindError> {
+        let xml = write(physics, &servos).ok_or_else(|| refused(&"there is no robot"))?;
+        let model = MjModel::from_xml_string(&xml).map_err(|e| refused(&e))?;
+        let id = |kind: MjtObjBase, name: &str| {
+            model.name_to_id(kind, name).ok_or_else(|| refused(&format!("MuJoCo's model has no {name}")))
+        };
+        let scene = &physics.scene;
+        let robot = scene.robots().first().ok_or_else(|| refused(&"there is no robot"))?;
+        let hinges: &[Hinge] = scene.skeletons().first().map_or(&[], |skeleton| &skeleton.joints);
+        let joints = hinges
+            .iter()
+            .enumerate()
+            .map(|(i, hinge)| Ok(Joint { hinge: hinge.clone(), dof: id(MjtObjBase::mjOBJ_JOINT, &joint_name(i))? }));
+        let joints = joints.collect::<Result<Vec<Joint>, KindError>>()?;
+        let leaders = leaders(robot, hinges);
+        let motors = servos.into_iter().zip(leaders).zip(q).enumerate().map(|(m, ((servo, leader), q))| {
+            let actuator = leader.map(|_| id(MjtObjBase::mjOBJ_ACTUATOR, &actuator_name(m))).transpose()?;
+            Ok(MotorJoint { servo, leader: leader.zip(actuator), q: *q })
+        });
+        let motors = motors.collect::<Result<Vec<MotorJoint>, KindError>>()?;
+        let mut owners = vec![Owner { body: 0, thing: 0 }; model.ngeom() as usize];
+        for i in 0..scene.colliders().count() {
+            let geom = id(MjtObjBase::mjOBJ_GEOM, &geom_name(i))?;
+            let body = model.geom_bodyid().get(geom).and_then(|body| usize::try_from(*body).ok()).unwrap_or(0);
+            if let Some(owner) = owners.get_mut(geom) {
+                *owner = Owner { body, thing: if body == 0 { geom } else { 0 } };
+            }
+        }
+        let mut data = MjData::try_new(Box::new(model)).map_err(|e| refused(&e))?;
+        for joint in &joints {
+            if let Some(slot) = data.qpos_mut().get_mut(joint.dof) {
+                *slot = joint.hinge.position(q);
+            }
+        }
+        let mut arm = MujocoArm {
+            data,
+            joints,
+            external: vec![0.0; motors.len()],
+            motors,
+            owners,
+            felt: physics.felt,
+            steps,
+            wanted: q.to_vec(),
+            rests: false,
+            pushes: Pushes::default(),
+        };
+        arm.control(&q.iter().map(|q| State::rest(*q)).collect::<Vec<_>>());
+        arm.data.forward();
+        Ok(arm)
+    }
+
+    /// The joint and the actuator that stand for a motor.
+    fn leader(&self, motor: &MotorJoint) -> Option<(&Joint, usize)> {
+        let (joint, actuator) = motor.leader?;
+        Some((self.joints.get(joint)?, actuator))
+    }
+
+    /// Hands commanded states to the position servos. One that feeds speed forward is commanded ahead by as much as its damping costs.
+    fn control(&mut self, commanded: &[State]) {
+        let targets: Vec<(usize, f64)> = self
+            .motors
+            .iter()
+            .zip(commanded)
+            .filter_map(|(motor, state)| {
+                let (joint, actuator) = self.leader(motor)?;
+                let Servo { lead, damping, stiffness, .. } = motor.servo;
+                let q = state.q + lead * damping / stiffness.max(1e-9) * state.v;
+                Some((actuator, joint.hinge.min + (q - joint.hinge.limits.0) * joint.hinge.gain))
+            })
+            .collect();
+        for (actuator, target) in targets {
+            if let Some(slot) = self.data.ctrl_mut().get_mut(actuator) {
+                *slot = target;
+            }
+        }
+        for (motor, state) in self.motors.iter_mut().zip(commanded) {
+            motor.q = state.q;
+        }
+    }
+
+    /// Contact forces of the last step: the greatest between a link and one thing, N, and the torques that they are for each degree of
+    /// freedom.
+    fn contacts(&self) -> (f64, Vec<f64>) {
+        let mut torques = vec![0.0; self.joints.len()];
+        let mut forces: BTreeMap<(Owner, Owner), f64> = BTreeMap::new();
+        for (i, contact) in self.data.contact().iter().enumerate() {
+            let Ok([normal, along, across, ..]) = self.data.try_contact_force(i) else { continue };
+            if normal <= 0.0 {
+                continue;
+            }
+            let force = Matrix3::from_column_slice(&contact.frame) * Vector3::new(normal, along, across);
+            let owner = |geom: i32| usize::try_from(geom).ok().and_then(|geom| self.owners.get(geom)).copied();
+            let (Some(a), Some(b)) = (owner(contact.geom1), owner(contact.geom2)) else { continue };
+            *forces.entry((a, b)).or_default() += normal;
+            for (owner, sign) in [(a, -1.0), (b, 1.0)] {
+                let Ok((jacobian, _)) = self.data.try_jac(true, false, &contact.pos, owner.body) else { continue };
+                for (row, component) in jacobian.chunks(self.joints.len().max(1)).zip(force.iter()) {
+                    torques.iter_mut().zip(row).for_each(|(torque, j)| *torque += sign * j * component);
+                }
+            }
+        }
+        (forces.into_values().fold(0.0, f64::max), torques)
+    }
+
+    /// Torques of all joints of a motor, as its own.
+    fn of_motor(&self, m: usize, of: impl Fn(&Joint) -> f64) -> f64 {
+        let unit = self.motors.get(m).map_or(1.0, |motor| motor.servo.unit);
+        self.joints.iter().filter(|joint| joint.hinge.motor == m).map(|joint| joint.hinge.gain * of(joint)).sum::<f64>()
+            / unit
+    }
+}
+
+impl ArmBody for MujocoArm {
+    fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError> {
+        let servos = self.motors.iter().map(|motor| motor.servo).collect();
+        *self = MujocoArm::load(&physics, servos, &self.positions(), self.steps)?;
+        Ok(())
+    }
+
+    fn next(&self) -> Time {
+        Time::ZERO + STEP.saturating_mul(u32::try_from(self.steps + 1).unwrap_or(u32::MAX))
+    }
+
+    fn is_settled(&self, commanded: &[f64]) -> bool {
+        self.rests && self.wanted == commanded
+    }
+
+    fn skip(&mut self, now: Time) {
+        self.steps = self.steps.max(now.0 / u64::try_from(STEP.as_nanos()).unwrap_or(u64::MAX));
+    }
+
+    fn step(&mut self, commanded: &[State]) {
+        let changed = commanded.iter().zip(&self.wanted).any(|(state, w)| state.q != *w);
+        let before = self.data.qvel().iter().all(|v| v.abs() < STILL);
+        self.wanted.clear();
+        self.wanted.extend(commanded.iter().map(|state| state.q));
+        self.control(commanded);
+        self.data.step();
+        self.steps += 1;
+        let still = before && self.data.qvel().iter().all(|v| v.abs() < STILL);
+        self.rests = still && !changed && commanded.iter().all(|state| state.v == 0.0);
+        let (greatest, torques) = self.contacts();
+        self.pushes.note(greatest, STEP);
+        let at = |list: &[f64], joint: &Joint| list.get(joint.dof).copied().unwrap_or_default();
+        let external = |m| {
+            // the bias is what holds the arm against its weight and its own turning
+            self.of_motor(m, |joint| at(&torques, joint) - self.felt * at(self.data.qfrc_bias(), joint))
+        };
+        self.external = (0..self.motors.len()).map(external).collect();
+    }
+
+    fn positions(&self) -> Vec<f64> {
+        let position = |motor: &MotorJoint| {
+            let Some((Joint { hinge, dof }, _)) = self.leader(motor) else { return motor.q };
+            let joint = self.data.qpos().get(*dof).copied().unwrap_or_default();
+            hinge.limits.0 + (joint - hinge.min) / hinge.gain
+        };
+        self.motors.iter().map(position).collect()
+    }
+
+    fn speeds(&self) -> Vec<f64> {
+        let speed = |motor: &MotorJoint| {
+            let (joint, _) = self.leader(motor)?;
+            Some(self.data.qvel().get(joint.dof)? / joint.hinge.gain)
+        };
+        self.motors.iter().map(|motor| speed(motor).unwrap_or_default()).collect()
+    }
+
+    fn efforts(&self) -> Vec<f64> {
+        let effort = |motor: &MotorJoint| {
+            let (joint, actuator) = self.leader(motor)?;
+            Some(self.data.actuator_force().get(actuator)? * joint.hinge.gain / motor.servo.unit)
+        };
+        self.motors.iter().map(|motor| effort(motor).unwrap_or_default()).collect()
+    }
+
+    fn external(&self) -> Vec<f64> {
+        self.external.clone()
+    }
+
+    fn pushes(&mut self) -> &mut Pushes {
+        &mut self.pushes
+    }
+
+    fn trouble(&self) -> Option<String> {
+        let bad =
+            |(i, warning): (usize, &mujoco_rs::mujoco_c::mjWarningStat)| BAD_STATE.contains(&i) && warning.number > 0;
+        let unstable = self.data.warning().iter().enumerate().any(bad);
+        unstable.then(|| "MuJoCo's simulation became unstable: give softer servos or a greater mass".into())
+    }
+}
+
+/// What MuJoCo does not accept.
+fn refused(why: &dyn std::fmt::Display) -> KindError {
+    KindError::new(
+        "physics",
+        format!("MuJoCo can't simulate this robot: {why}"),
+        "leave `physics` out, or report the robot",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_drivers::SimSettings;
+    use mobee_model::load_robot;
+    use nalgebra::Point3;
+    use std::path::Path;
+
+    /// MuJoCo puts every shape where the robot model does, at any pose: joints that slide, motors with several joints, and arms on
+    /// turned bases among them.
+    #[test]
+    fn every_shape_is_where_the_robot_model_has_it() {
+        for name in ["icub", "katana", "panda", "so101", "ur5"] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../configs/robots/{name}.xml"));
+            let robot = Arc::new(load_robot(path).unwrap().value);
+            let base = Isometry3::new(Vector3::new(0.1, -0.4, 0.7), Vector3::new(0.0, 0.3, 1.0));
+            let scene: Arc<Scene> = Arc::new(Scene::new(vec![(robot.clone(), base)], Vec::new()).unwrap());
+            let settings: SimSettings = serde_json::from_str(r#"{ "profile": "panda" }"#).unwrap();
+            let servos = settings.servos(&robot).unwrap();
+            let physics = ArmPhysics { scene: scene.clone(), mass: 5.0, felt: 1.0, stiffness: 0.0, damping: 0.0 };
+            for share in [0.0, 0.31, 0.77, 1.0] {
+                let q: Vec<f64> = robot.motors.iter().map(|m| m.min + share * (m.max - m.min)).collect();
+                let arm = MujocoArm::load(&physics, servos.clone(), &q, 0).unwrap();
+                let mut frames = Vec::new();
+                scene.skeletons()[0].place(&q, &mut frames);
+                for (i, shape) in scene.colliders().enumerate() {
+                    let geom = arm.data.model().name_to_id(MjtObjBase::mjOBJ_GEOM, &geom_name(i)).unwrap();
+                    let there = Point3::from(arm.data.geom_xpos()[geom]);
+                    // MuJoCo moves a hull's frame to its center of mass
+                    let here = match shape.hull() {
+                        Some(_) => continue,
+                        None => frames[shape.frame] * shape.pose * Point3::origin(),
+                    };
+                    assert!((here - there).norm() < 1e-9, "{name}, shape {i}: {here} and {there}");
+                }
+                let back = arm.positions();
+                assert!(q.iter().zip(&back).all(|(a, b)| (a - b).abs() < 1e-9), "{name}: {q:?} and {back:?}");
+            }
+        }
+    }
+}
