@@ -27,6 +27,7 @@ mod crew;
 #[cfg(test)]
 mod deaths;
 mod driver;
+mod encoder;
 mod fan;
 mod found;
 mod gauge;

@@ -33,6 +33,10 @@ pub struct Axis {
     /// encoder: greatest torque over stiffness. 0: not known, or nothing worth mention.
     #[serde(default)]
     pub deflection: f64,
+    /// By how much its joint may go beyond the board's own path while it brakes as hard as it can, rad of encoder: inertia times acceleration
+    /// over stiffness. 0: not known, or nothing worth mention.
+    #[serde(default)]
+    pub overshoot: f64,
     /// The external torque in [`Sample::external`] above which something pushes it, N m (N where it slides). 0: the board reports none.
     #[serde(default)]
     pub contact_effort: f64,

@@ -21,7 +21,7 @@ mod brakes;
 mod clearance;
 mod course;
 
-pub use clearance::{braking_clearance, stop_error};
+pub use clearance::{FastClearance, braking_clearance, stop_error};
 
 use crate::simultaneous::note;
 use crate::{DEEPER, Rules};
@@ -76,6 +76,12 @@ struct Runner {
 impl Runner {
     fn reserve(&self) -> f64 {
         self.rules.as_ref().and_then(|rules| rules.reserve).unwrap_or(0.0)
+    }
+
+    /// The clearance while it goes on so far after a stop, meters: what is foreseen of a long way is less exact.
+    fn reserve_after(&self, way: f64) -> f64 {
+        let fast = self.rules.as_ref().map_or(FastClearance::default(), |rules| rules.fast_clearance);
+        self.reserve().max(fast.after(way))
     }
 
     /// Takes in a reading; its ghost moves on. `open`: whether agents' commands reach the robot.
@@ -155,9 +161,10 @@ impl LookAhead {
     ) -> Vec<Foreseen> {
         let Some(runner) = self.robots.get_mut(robot) else { return Vec::new() };
         runner.follow(sample, open);
-        let (reserve, looks, edited) = (runner.reserve(), runner.rules.is_some(), std::mem::take(&mut runner.edited));
+        let (looks, edited) = (runner.rules.is_some(), std::mem::take(&mut runner.edited));
         let last = self.sweeps.len() - 1;
-        let rests = runner.ghost(last, &sample.q);
+        let stopping = self.scene.travel(robot, &sample.q, &runner.ghost(last, &sample.q));
+        let reserve = runner.reserve_after(stopping);
         // nothing gets nearer while every robot is where it rests; the first reading of a rest ends the ways that led there
         if self.robots.iter().zip(poses).all(|(runner, q)| runner.rules.is_some() && runner.ghost(last, q) == *q) {
             if self.resting.replace(poses.to_vec()).is_some() {
@@ -172,7 +179,7 @@ impl LookAhead {
                 sweep.begin(&rested);
             }
         }
-        let is_far = self.scene.travel(robot, &sample.q, &rests) > 2.0 * reserve;
+        let is_far = stopping > 2.0 * reserve;
         let mut ways: Vec<Option<Vec<Pose>>> = Vec::with_capacity(GHOSTS.len());
         for (k, sweep) in self.sweeps.iter_mut().enumerate() {
             if k < last && !is_far {
@@ -187,8 +194,11 @@ impl LookAhead {
             ways.push(Some(self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect()));
         }
         // two robots that move both use up their reserve in the worst case
-        let moving: Vec<f64> =
-            self.robots.iter().zip(poses).map(|(r, q)| if r.moves(q) { r.reserve() } else { 0.0 }).collect();
+        let clearance = |(r, (runner, q)): (usize, (&Runner, &Pose))| match runner.moves(q) {
+            true => runner.reserve_after(self.scene.travel(r, q, &runner.ghost(last, q))),
+            false => 0.0,
+        };
+        let moving: Vec<f64> = self.robots.iter().zip(poses).enumerate().map(clearance).collect();
         let comes = |c: &&Contact| {
             let pair = [c.pair.0.robot(), c.pair.1.robot()];
             let own = pair.contains(&Some(robot));
@@ -214,7 +224,8 @@ impl LookAhead {
 
 /// The greatest distance at which a pair may matter to robots that go by these rules, meters: the sum of the two greatest reserves.
 pub fn farthest<'a>(rules: impl IntoIterator<Item = &'a Rules>) -> f64 {
-    let mut reserves: Vec<f64> = rules.into_iter().filter_map(|rules| rules.reserve).collect();
+    let mut reserves: Vec<f64> =
+        rules.into_iter().filter_map(|rules| Some(rules.reserve?.max(rules.fast_clearance.most))).collect();
     reserves.sort_by(|a, b| b.total_cmp(a));
     reserves.iter().take(2).sum()
 }

@@ -5,7 +5,7 @@
 
 use crate::fields::FieldRules;
 use crate::history::is_coarse;
-use crate::look_ahead::braking_clearance;
+use crate::look_ahead::{FastClearance, braking_clearance};
 use crate::settings::{ControllerSettings, Drive};
 use mobee_contract::{Axis, Board, Event, MotorUnits, Pose};
 use mobee_model::{Clause, JointMotion, Robot};
@@ -49,6 +49,8 @@ pub struct Rules {
     pub margin: f64,
     /// Braking clearance: what must be left when the robot has braked, meters; `None`: the reflex does not look ahead.
     pub reserve: Option<f64>,
+    /// The braking clearance while the robot is fast, where that is greater than `reserve`.
+    pub fast_clearance: FastClearance,
     /// The least lag at which a motor counts as stalled, rad; `None`: nobody looks.
     pub stall: Option<f64>,
     /// The external torque of a contact, N m (N where a motor slides), as the settings state it for all motors; `None`: as the board states it.
@@ -86,6 +88,7 @@ impl Rules {
             position_direct: board.position_direct,
             margin: controller.margin_m,
             reserve: controller.reserve_m.filter(|m| *m > 0.0 && controller.drive.has_reflex()),
+            fast_clearance: FastClearance::default(),
             stall: controller.stall_deg.map(f64::to_radians),
             contact_nm: controller.contact_nm,
             tolerance: controller.tolerance_deg.to_radians().max(COUNTS * coarsest(&board.axes)),
@@ -105,6 +108,7 @@ impl Rules {
     pub fn driving(mut self, controller: &ControllerSettings, robot: &Robot) -> Rules {
         if controller.reserve_m.is_none() && self.reflex {
             self.reserve = Some(braking_clearance(robot, &self.axes, self.reaction(), self.margin));
+            self.fast_clearance = FastClearance::new(robot, &self.axes, self.reaction());
         }
         match &controller.drive {
             Drive::Straight | Drive::Blind => {}

@@ -241,7 +241,8 @@ impl SimSettings {
         let servo = self.servo.clone().unwrap_or_default();
         let (deflection, contact_effort) = servo.contact(&numbers, joint);
         let (hold_error, deflection) = if turns { (servo.hold_error(&numbers), deflection) } else { (0.0, 0.0) };
-        Axis { resolution, hold_error, deflection, contact_effort, ..Axis::default() }
+        let overshoot = joint.overshoot(self.max_acceleration_deg_per_s2.to_radians());
+        Axis { resolution, hold_error, deflection, contact_effort, overshoot, ..Axis::default() }
     }
 
     /// Where the robot's motors start, rad.

@@ -1,7 +1,9 @@
 //! The brake of one board: stops go out on a line of their own, so that none waits for the answer to something else.
 //!
 //! An order that is under way when a stop overtakes it may be carried out after it: the hand stops the board once more on
-//! the line of the orders. A stop that shows no effect in the readings is said again until the board rests.
+//! the line of the orders. A stop goes to the joints that move or were commanded to, and one that shows no effect in the readings is
+//! sent again: to the joints that go on as before. A joint that sinks is none of them: a board that takes the measured position for the
+//! new target would lower it with each stop.
 
 use super::cell::{SharedBoards, instant};
 use super::hand::Halt;
@@ -20,6 +22,12 @@ const LOOK: Duration = Duration::from_millis(20);
 const TRIED: f64 = 0.5;
 /// A stop has an effect if it takes off this share of a joint's speed, from one look at its effect to the next.
 const SLOWER: f64 = 0.75;
+/// Slower than this (deg/s) a joint may just as well sink as go on: such stops are sent again a few times, and not without end.
+const SINKS: f64 = 15.0;
+/// So many times.
+const SINKS_AGAIN: u32 = 3;
+/// A joint that was slower than this (deg/s) as it was stopped had no direction yet.
+const STILL: f64 = 1.0;
 
 /// The brake of one board.
 pub struct Brake {
@@ -51,15 +59,19 @@ impl Brake {
                 _ = end.changed() => break,
                 _ = self.halt.changed() => {
                     let halt = self.halt.borrow_and_update().clone();
-                    effect = Some(self.watch(halt.tickets.get(self.index).copied().unwrap_or_default()));
-                    open = self.stop().await;
+                    let ticket = halt.tickets.get(self.index).copied().unwrap_or_default();
+                    effect = None;
+                    if let Some(joints) = halt.stops(self.index) {
+                        effect = Some(self.watch(ticket, joints.clone()));
+                        open = self.stop(joints).await;
+                    }
                 }
                 _ = look.tick() => {
                     if !open || self.is_doubted() {
-                        open = self.stop().await;
-                    } else if self.shows_none(&mut effect) {
-                        tracing::warn!(board = self.port, "a stop shows no effect, and is said again");
-                        open = self.stop().await;
+                        open = self.stop(Joints::All).await;
+                    } else if let Some(joints) = self.shows_none(&mut effect) {
+                        tracing::warn!(board = self.port, "a stop shows no effect, and is sent again");
+                        open = self.stop(joints).await;
                     } else if self.is_idle() && self.now() >= tried + TRIED {
                         tried = self.now();
                         open = self.is_good().await;
@@ -67,7 +79,7 @@ impl Brake {
                 }
             }
         }
-        self.stop().await;
+        self.stop(Joints::All).await;
     }
 
     fn now(&self) -> f64 {
@@ -85,13 +97,13 @@ impl Brake {
     }
 
     /// Says a stop; whether the line is good. Drivers are told if it is not: without a brake a board is not used.
-    async fn stop(&mut self) -> bool {
+    async fn stop(&mut self, joints: Joints) -> bool {
         if !self.is_ours() {
             return false;
         }
         // not given up for the next one, as a question is: to connect anew for each would leave a slow board without a line
         let asked = self.now();
-        let answer = self.line.say(&Ask::Set(Set::Stop(Joints::All))).await;
+        let answer = self.line.say(&Ask::Set(Set::Stop(joints))).await;
         self.answered(asked, &answer);
         let trouble = match answer {
             Ok(answer) if reply::is_ok(&answer) => None,
@@ -131,7 +143,7 @@ impl Brake {
         self.is_ours() && self.cell.lock().boards.get(self.index).is_some_and(|known| !known.motions.is_busy())
     }
 
-    fn watch(&self, ticket: u64) -> Effect {
+    fn watch(&self, ticket: u64, joints: Joints) -> Effect {
         let said = self.now();
         let speeds =
             self.cell.lock().boards.get(self.index).map(|known| known.motions.speeds(said - super::motion::WHILE));
@@ -139,29 +151,29 @@ impl Brake {
             Some(MeasuredSpeeds::At(speeds)) => Some(speeds),
             _ => None,
         };
-        Effect { ticket, said, speeds }
+        Effect { ticket, joints, said, first: speeds.clone(), speeds, sinking: 0 }
     }
 
-    /// Whether the last stop is to be said again.
-    fn shows_none(&self, effect: &mut Option<Effect>) -> bool {
-        let Some(watched) = effect else { return false };
+    /// The joints that the last stop is to be sent to again.
+    fn shows_none(&self, effect: &mut Option<Effect>) -> Option<Joints> {
+        let watched = effect.as_mut()?;
         let now = self.now();
         let inner = self.cell.lock();
-        let Some(known) = inner.boards.get(self.index) else { return false };
+        let known = inner.boards.get(self.index)?;
         if known.moved > watched.ticket || self.cell.is_let_go() {
             *effect = None;
-            return false;
+            return None;
         }
         if now < watched.said + self.latency + super::motion::WHILE {
-            return false;
+            return None;
         }
         match watched.seen(now, known.motions.speeds(watched.said + self.latency)) {
             Seen::Rest => {
                 *effect = None;
-                false
+                None
             }
-            Seen::Slower => false,
-            Seen::Nothing => true,
+            Seen::Slower => None,
+            Seen::Nothing(joints) => Some(joints),
         }
     }
 }
@@ -171,17 +183,23 @@ impl Brake {
 struct Effect {
     /// The halt's ticket: what is ordered after it may move.
     ticket: u64,
+    /// What was stopped.
+    joints: Joints,
     /// When it was said last, or seen to have an effect, s.
     said: f64,
-    /// How fast the joints were at the last look, deg/s.
+    /// How fast the joints were as they were stopped, and at the last look, deg/s.
+    first: Option<Vec<f64>>,
     speeds: Option<Vec<f64>>,
+    /// How often the stop was sent again to joints that are slow.
+    sinking: u32,
 }
 
 #[derive(Debug, PartialEq)]
 enum Seen {
     Rest,
     Slower,
-    Nothing,
+    /// It goes on, at least with these joints.
+    Nothing(Joints),
 }
 
 impl Effect {
@@ -190,14 +208,29 @@ impl Effect {
         self.said = now;
         let speeds = match speeds {
             MeasuredSpeeds::Rest => return Seen::Rest,
-            // without readings nobody knows: one stop more does no harm
-            MeasuredSpeeds::Unknown => return Seen::Nothing,
+            // without readings nothing shows whether they obey
+            MeasuredSpeeds::Unknown => return Seen::Nothing(self.joints.clone()),
             MeasuredSpeeds::At(speeds) => speeds,
         };
         let before = self.speeds.replace(speeds.clone());
-        let slower = |(now, before): (&f64, &f64)| *now <= SLOWER * before;
-        let all = before.is_some_and(|before| speeds.iter().zip(&before).all(slower));
-        if all { Seen::Slower } else { Seen::Nothing }
+        let of = |list: &Option<Vec<f64>>, j: usize| list.as_ref().and_then(|list| list.get(j)).copied();
+        let goes_on = |(j, speed): (usize, &f64)| {
+            let stopped = match &self.joints {
+                Joints::All => true,
+                Joints::One(joint) => *joint == j,
+                Joints::Group(joints) => joints.contains(&j),
+            };
+            let same_way = of(&self.first, j).is_none_or(|first| first.abs() < STILL || first * speed > 0.0);
+            let unchecked = of(&before, j).is_none_or(|before| speed.abs() > SLOWER * before.abs());
+            stopped && same_way && unchecked
+        };
+        let going: Vec<usize> = speeds.iter().enumerate().filter(|(j, v)| goes_on((*j, v))).map(|(j, _)| j).collect();
+        if going.is_empty() {
+            return Seen::Slower;
+        }
+        let fast = going.iter().any(|j| speeds.get(*j).is_some_and(|speed| speed.abs() >= SINKS));
+        self.sinking += u32::from(!fast);
+        if !fast && self.sinking > SINKS_AGAIN { Seen::Slower } else { Seen::Nothing(Joints::Group(going)) }
     }
 }
 

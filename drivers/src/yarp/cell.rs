@@ -84,6 +84,8 @@ pub struct BoardFacts {
     pub pace: Pace,
     /// Whether what they are told means speeds.
     pub gauge: Gauge,
+    /// Whether it accepts reference accelerations and keeps greater ones of its own.
+    pub own_acceleration: bool,
     /// What it is to be given back.
     pub owed: Owed,
     /// What went wrong that the filter must hear of, until it has.
@@ -154,6 +156,7 @@ impl SharedBoards {
             moved: 0,
             pace: Pace::new(p.motors.len()),
             gauge: Gauge::new(p.motors.len()),
+            own_acceleration: false,
             owed: Owed::new(p.motors.len()),
             alarm: None,
             outruns: false,
@@ -397,6 +400,11 @@ pub fn describe(
             }
             if axis.min >= axis.max {
                 return Err(format!("the limits of {} at {port} and in the model have nothing in common", axis.name));
+            }
+            let measured = board.motions.resolutions().nth(joint).unwrap_or_default();
+            axis.resolution = settings.resolution_deg.unwrap_or(measured).to_radians();
+            if axis.motion.is_turn() {
+                axis.hold_error = settings.hold_error_deg.to_radians();
             }
             axis.max_speed = fact.max_speed.map_or(axis.max_speed, |v| v.to_radians().min(axis.max_speed));
         }

@@ -263,12 +263,14 @@ impl Reach {
 
     /// Stops all boards before anything else; motions that wait in their queues are dropped.
     pub fn stop_all(&self, inner: &mut Inner) {
+        let now = self.cell.secs(instant());
+        let joints = inner.boards.iter().map(|b| b.motions.to_stop(now)).collect();
         let all = |b: &mut super::cell::BoardFacts| {
             let joints: Vec<usize> = (0..b.q.len()).collect();
             b.motions.order(&joints, End::Seen)
         };
         let tickets: Vec<u64> = inner.boards.iter_mut().map(all).collect();
-        self.halt.tell(|halt| Arc::new(Halt { epoch: halt.epoch + 1, tickets }));
+        self.halt.tell(|halt| Arc::new(Halt { epoch: halt.epoch + 1, tickets, joints }));
     }
 
     /// Queues a command with every board it concerns: with all or with none.

@@ -34,6 +34,20 @@ pub struct Halt {
     pub epoch: u64,
     /// The newest ticket of each board when the halt was called.
     pub tickets: Vec<u64>,
+    /// The joints of each board that moved or were commanded to: only these are stopped, as a joint that rests under its weight would sink
+    /// with each stop that makes the measured position its target. `None`, or no entry: all.
+    pub joints: Vec<Option<Vec<usize>>>,
+}
+
+impl Halt {
+    /// What is stopped of a board; `None`: nothing of it moves.
+    pub fn stops(&self, board: usize) -> Option<Joints> {
+        match self.joints.get(board).cloned().flatten() {
+            Some(joints) if joints.is_empty() => None,
+            Some(joints) => Some(Joints::Group(joints)),
+            None => Some(Joints::All),
+        }
+    }
 }
 
 /// An order for one board.
@@ -237,7 +251,13 @@ impl Hand {
             return;
         }
         self.handled = halt.epoch;
-        self.stop_all().await;
+        match halt.stops(self.index) {
+            Some(joints) => drop(self.stop(joints).await),
+            None => {
+                self.speeds.clear();
+                self.board.hush();
+            }
+        }
         let ticket = halt.tickets.get(self.index).copied().unwrap_or_default();
         let now = self.cell.secs(super::cell::instant());
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
@@ -245,16 +265,20 @@ impl Hand {
         }
     }
 
-    /// Stops all joints; whether the board says that it did. A board that is not ours is left alone: even to connect to it
-    /// under a name that another run has would take that run's connection away.
     async fn stop_all(&mut self) -> bool {
+        self.stop(Joints::All).await
+    }
+
+    /// Stops joints; whether the board says that it did. A board that is not ours is left alone: even to connect to it
+    /// under a name that another run has would take that run's connection away.
+    async fn stop(&mut self, joints: Joints) -> bool {
         self.speeds.clear();
         if !self.cell.is_ours(self.index) {
             return true;
         }
         self.board.hush();
         for _ in 0..3 {
-            match self.say(&Ask::Set(Set::Stop(Joints::All))).await {
+            match self.say(&Ask::Set(Set::Stop(joints.clone()))).await {
                 Ok(answer) if reply::is_ok(&answer) => return true,
                 Ok(_) => tracing::warn!(board = self.board.port(), "the board answers [fail] to stop"),
                 Err(error) => {

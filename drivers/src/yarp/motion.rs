@@ -7,12 +7,13 @@
 //! Position moves end when the board says so. Stops, set-points and velocities have no end that a board would tell: there, and
 //! where a board does not answer the question, the encoders count.
 
+use super::encoder::Encoder;
 use std::collections::VecDeque;
 
 /// How long encoders must rest, s.
 pub const WHILE: f64 = 0.1;
-/// By how much encoders at rest may differ within that time, deg: their noise.
-const NOISE: f64 = 0.08;
+/// A joint whose readings drift by less than this from one half of that time to the other is steady: it rests, but for noise. Degrees.
+const DRIFT: f64 = 0.1;
 /// Most states that are kept for this.
 const MOST: usize = 256;
 
@@ -32,7 +33,7 @@ pub enum MeasuredSpeeds {
     Unknown,
     /// All rest, but for the noise of encoders.
     Rest,
-    /// At least one moves, deg/s.
+    /// At least one moves, deg/s; negative where readings decrease.
     At(Vec<f64>),
 }
 
@@ -55,6 +56,9 @@ enum Doing {
 pub struct Motions {
     joints: Vec<Doing>,
     window: VecDeque<(f64, Vec<f64>)>,
+    encoders: Vec<Encoder>,
+    /// How many states have come.
+    states: u64,
     board_tells: bool,
     tickets: u64,
 }
@@ -62,7 +66,14 @@ pub struct Motions {
 impl Motions {
     /// A board of so many joints at rest.
     pub fn new(axes: usize) -> Motions {
-        Motions { joints: vec![Doing::Rest; axes], window: VecDeque::new(), board_tells: true, tickets: 0 }
+        Motions {
+            joints: vec![Doing::Rest; axes],
+            window: VecDeque::new(),
+            encoders: vec![Encoder::default(); axes],
+            states: 0,
+            board_tells: true,
+            tickets: 0,
+        }
     }
 
     /// These joints are told something; the ticket names it.
@@ -128,11 +139,15 @@ impl Motions {
             self.window.pop_front();
         }
         let covered = is_covered(&self.window);
+        self.states += 1;
+        for (j, (encoder, q)) in self.encoders.iter_mut().zip(q).enumerate() {
+            encoder.read(*q, covered && is_steady(&self.window, j));
+        }
         for (j, slot) in self.joints.iter_mut().enumerate() {
             let Doing::Busy { end, given: Some(given), arrived, .. } = *slot else { continue };
             let over = match end {
                 End::Told => arrived,
-                End::Seen => covered && at >= given + WHILE && rests(&self.window, j),
+                End::Seen => covered && at >= given + WHILE && rests(&self.window, &self.encoders, j),
             };
             if over {
                 *slot = Doing::Rest;
@@ -143,6 +158,24 @@ impl Motions {
     /// The states before were of another life of the board.
     pub fn forget(&mut self) {
         self.window.clear();
+        self.encoders.iter_mut().for_each(Encoder::forget);
+    }
+
+    /// How many states have come so far.
+    pub fn states(&self) -> u64 {
+        self.states
+    }
+
+    /// What a reading of each joint may be off by, deg.
+    pub fn resolutions(&self) -> impl Iterator<Item = f64> + '_ {
+        self.encoders.iter().map(Encoder::resolution)
+    }
+
+    /// The joints that a stop is for: those that move, or were commanded to. `None`: states show too little, and it is for all.
+    pub fn to_stop(&self, now: f64) -> Option<Vec<usize>> {
+        let fresh = self.window.back().is_some_and(|(at, _)| *at >= now - WHILE);
+        let moves = |j: &usize| !self.rests(*j);
+        (fresh && is_covered(&self.window)).then(|| (0..self.joints.len()).filter(moves).collect())
     }
 
     /// Motion done, per joint.
@@ -159,16 +192,16 @@ impl Motions {
         if *ended < since || secs < 0.5 * WHILE {
             return MeasuredSpeeds::Unknown;
         }
-        if (0..to.len()).all(|j| rests(&self.window, j)) {
+        if (0..to.len()).all(|j| rests(&self.window, &self.encoders, j)) {
             return MeasuredSpeeds::Rest;
         }
-        MeasuredSpeeds::At(from.iter().zip(to).map(|(a, b)| (b - a).abs() / secs).collect())
+        MeasuredSpeeds::At(from.iter().zip(to).map(|(a, b)| (b - a) / secs).collect())
     }
 
     /// Whether a joint has nothing to do and its encoder shows that it rests.
     pub fn rests(&self, joint: usize) -> bool {
         let over = self.joints.get(joint) == Some(&Doing::Rest);
-        over && is_covered(&self.window) && rests(&self.window, joint)
+        over && is_covered(&self.window) && rests(&self.window, &self.encoders, joint)
     }
 
     /// Whether any motion is under way.
@@ -182,7 +215,17 @@ fn is_covered(window: &VecDeque<(f64, Vec<f64>)>) -> bool {
     window.front().zip(window.back()).is_some_and(|((begun, _), (ended, _))| *begun <= ended - WHILE)
 }
 
-fn rests(window: &VecDeque<(f64, Vec<f64>)>, joint: usize) -> bool {
+/// Whether the readings of a joint drift no more than noise does.
+fn is_steady(window: &VecDeque<(f64, Vec<f64>)>, joint: usize) -> bool {
+    let half = window.len() / 2;
+    let mean = |skipped: usize| {
+        let readings = window.iter().skip(skipped).take(half).filter_map(|(_, q)| q.get(joint));
+        readings.sum::<f64>() / half as f64
+    };
+    half >= 2 && (mean(window.len() - half) - mean(0)).abs() <= DRIFT
+}
+
+fn rests(window: &VecDeque<(f64, Vec<f64>)>, encoders: &[Encoder], joint: usize) -> bool {
     let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
     for (_, q) in window {
         let v = q.get(joint).copied().unwrap_or(f64::NAN);
@@ -191,7 +234,7 @@ fn rests(window: &VecDeque<(f64, Vec<f64>)>, joint: usize) -> bool {
         }
         (least, most) = (least.min(v), most.max(v));
     }
-    most - least <= NOISE
+    encoders.get(joint).is_some_and(|encoder| most - least <= encoder.play())
 }
 
 #[cfg(test)]

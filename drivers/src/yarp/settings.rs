@@ -49,6 +49,14 @@ pub struct YarpDriverSettings {
     /// Maximum acceleration of every motor, also in braking, deg/s^2.
     #[serde(default = "max_acceleration")]
     pub max_acceleration_deg_per_s2: f64,
+    /// By how much a joint may rest beside its commanded position under weight that nothing compensates, deg: the greatest load over the
+    /// stiffness of its servo. 0: the boards bring joints to their targets, as an integral term does.
+    #[serde(default)]
+    pub hold_error_deg: f64,
+    /// Resolution of the encoders, deg or mm: one count, or four standard deviations of their noise. Default: as the states at the
+    /// connection show, which a coarse encoder that rests on one count does not (a turn of 4,096 counts: 0.088).
+    #[serde(default)]
+    pub resolution_deg: Option<f64>,
     /// Whether the boards accept position-direct set-points; the retreat streams them, otherwise it uses thinned way-points.
     #[serde(default = "yes")]
     pub position_direct: bool,
@@ -128,6 +136,8 @@ impl YarpDriverSettings {
             connect_s: connect_s(),
             max_speed_deg_per_s: max_speed(),
             max_acceleration_deg_per_s2: max_acceleration(),
+            hold_error_deg: 0.0,
+            resolution_deg: None,
             position_direct: true,
             moves: Moves::Position,
         }
@@ -146,6 +156,8 @@ impl YarpDriverSettings {
             ("connect_s", self.connect_s, 0.0, 600.0),
             ("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 10_000.0),
             ("max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e6),
+            ("hold_error_deg", self.hold_error_deg, 0.0, 30.0),
+            ("resolution_deg", self.resolution_deg.unwrap_or_default(), 0.0, 10.0),
         ];
         let number = |(name, value, least, most): (&str, f64, f64, f64)| {
             // written so that not-a-number fails

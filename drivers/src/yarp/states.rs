@@ -11,6 +11,9 @@ use mobee_yarp::Vocab;
 use mobee_yarp::board::{LinkState, RemoteState};
 use std::sync::Arc;
 
+/// So many states show what the encoders of a board do at rest.
+const MEASURED: u64 = 15;
+
 /// Takes the states of one board as they come.
 pub async fn states(
     cell: Arc<SharedBoards>,
@@ -42,14 +45,20 @@ pub async fn states(
                 let at = arrivals.state_at(cell.secs(newest.arrived), newest.stamp, ahead);
                 let lost = board.lost();
                 if let Some(at) = at {
-                    take(&cell, &layout, index, &newest, at, lost);
+                    take(&cell, (&layout, &settings), index, &newest, (at, lost));
                 }
             }
         }
     }
 }
 
-fn take(cell: &SharedBoards, layout: &Layout, index: usize, state: &Arc<RemoteState>, at: f64, lost: u64) {
+fn take(
+    cell: &SharedBoards,
+    (layout, settings): (&Layout, &YarpDriverSettings),
+    index: usize,
+    state: &Arc<RemoteState>,
+    (at, lost): (f64, u64),
+) {
     let mut inner = cell.lock();
     let Some(known) = inner.boards.get_mut(index) else { return };
     let units = layout.patches.get(index).map(|patch| patch.units.clone()).unwrap_or_default();
@@ -71,9 +80,14 @@ fn take(cell: &SharedBoards, layout: &Layout, index: usize, state: &Arc<RemoteSt
     known.motions.read(at, &q);
     known.gauge.read(at, &q);
     known.q = q;
+    let measured = inner.board.is_none();
+    let Some(known) = inner.boards.get_mut(index) else { return };
     known.look_at_the_pace(at, layout, index);
     inner.join(layout);
     drop(inner);
+    if measured {
+        cell.describe(layout, settings);
+    }
     cell.ring();
 }
 
@@ -81,7 +95,10 @@ impl BoardFacts {
     /// Whether joints are too fast now. It is said once: who has heard of it must go on seeing what the board does.
     fn look_at_the_pace(&mut self, now: f64, layout: &Layout, index: usize) {
         let too_fast = match self.motions.speeds(now) {
-            MeasuredSpeeds::At(speeds) => self.pace.exceeded(&speeds, now),
+            MeasuredSpeeds::At(speeds) => {
+                let speeds: Vec<f64> = speeds.iter().map(|speed| speed.abs()).collect();
+                self.pace.exceeded(&speeds, now)
+            }
             MeasuredSpeeds::Rest | MeasuredSpeeds::Unknown => None,
         };
         if let Some(what) = &too_fast {
@@ -95,10 +112,11 @@ impl BoardFacts {
 }
 
 impl SharedBoards {
-    /// Describes the robot's board, once the facts of all its boards are known.
+    /// Describes the robot's board, once the facts of all its boards are known, and their states show what encoders do at rest.
     fn describe(&self, layout: &Layout, settings: &YarpDriverSettings) {
         let mut inner = self.lock();
-        if inner.board.is_some() {
+        let measured = inner.boards.iter().all(|known| known.motions.states() >= MEASURED);
+        if inner.board.is_some() || !measured {
             return;
         }
         match describe(layout, &inner.boards, settings) {

@@ -112,7 +112,8 @@ fn where_the_robot_is_and_what_is_under_way_is_known() {
         at: Time(1),
         q: vec![0.0, 0.4, 0.0].into(),
         done: vec![true; 3],
-        ..Sample::default()
+        external: Vec::new(),
+        contact_n: 0.0,
     };
     book.history.push(&mut crate::pulse::Pulse::new(sample, &Vec::new().into()), std::time::Duration::MAX);
     assert_eq!(book.last_known(), Some(vec![0.0, 0.4, 0.0].into()));

@@ -28,6 +28,16 @@ pub struct Servo {
     pub stops: (f64, f64),
 }
 
+/// A joint moves more than its own inertia where others move beside it.
+const COUPLED: f64 = 2.0;
+
+impl Servo {
+    /// By how much it goes beyond its commanded path while that brakes like this, rad/s^2; rad.
+    pub fn overshoot(&self, acceleration: f64) -> f64 {
+        COUPLED * self.inertia * acceleration / self.stiffness.max(1e-6)
+    }
+}
+
 /// A kind of arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]

@@ -18,7 +18,7 @@ struct Line {
 
 impl StopLine for Line {
     fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
-        let word = if *request == Ask::Set(Set::Stop(Joints::All)) { "stop" } else { "question" };
+        let word = if matches!(request, Ask::Set(Set::Stop(_))) { "stop" } else { "question" };
         let ms = self.cell.as_ref().map_or(0.0, |cell| cell.secs(instant()) * 1e3);
         self.said.lock().unwrap().push((ms.round() as u64, word));
         let answer = if *self.broken.lock().unwrap() { reply::fail() } else { reply::ok() };
@@ -72,7 +72,7 @@ impl Rig {
     fn stops(&self, ticket: u64) {
         self.halt.send_modify(|halt| {
             let epoch = halt.epoch + 1;
-            *halt = Arc::new(Halt { epoch, tickets: vec![ticket] });
+            *halt = Arc::new(Halt { epoch, tickets: vec![ticket], joints: Vec::new() });
         });
     }
 
@@ -185,13 +185,51 @@ async fn a_doubted_line_shows_that_it_is_good() {
 
 #[test]
 fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
-    let mut effect = Effect { ticket: 1, said: 0.0, speeds: None };
-    let mut look = |speeds: &[f64]| effect.seen(0.0, MeasuredSpeeds::At(speeds.to_vec()));
-    assert_eq!(look(&[20.0, 0.0]), Seen::Nothing, "nothing to compare with yet");
-    assert_eq!(look(&[12.0, 0.0]), Seen::Slower);
-    assert_eq!(look(&[11.9, 0.0]), Seen::Nothing);
-    assert_eq!(look(&[9.5, 0.0]), Seen::Nothing, "so much it may slow down as its motion ends anyway");
-    assert_eq!(look(&[6.0, 8.0]), Seen::Nothing, "another one sets out");
-    assert_eq!(effect.seen(0.0, MeasuredSpeeds::Unknown), Seen::Nothing);
+    let watched = |joints: Joints, first: Option<Vec<f64>>| Effect {
+        ticket: 1,
+        joints,
+        said: 0.0,
+        speeds: first.clone(),
+        first,
+        sinking: 0,
+    };
+    let at = |speeds: &[f64]| MeasuredSpeeds::At(speeds.to_vec());
+    let on = |joints: &[usize]| Seen::Nothing(Joints::Group(joints.to_vec()));
+    let mut effect = watched(Joints::All, None);
+    assert_eq!(effect.seen(0.0, at(&[30.0, 0.0])), on(&[0, 1]), "nothing to compare with yet");
+    assert_eq!(effect.seen(0.0, at(&[20.0, 0.0])), Seen::Slower);
+    assert_eq!(effect.seen(0.0, at(&[19.9, 0.0])), on(&[0]));
+    assert_eq!(effect.seen(0.0, at(&[16.0, 0.0])), on(&[0]), "so much it may slow down as its motion ends anyway");
+    assert_eq!(effect.seen(0.0, at(&[10.0, 18.0])), on(&[1]), "another one sets out");
+    assert_eq!(effect.seen(0.0, MeasuredSpeeds::Unknown), Seen::Nothing(Joints::All));
     assert_eq!(effect.seen(0.0, MeasuredSpeeds::Rest), Seen::Rest);
+    // of a group only its own joints count, and only in the direction in which they went
+    let mut effect = watched(Joints::Group(vec![0, 1]), Some(vec![20.0, 20.0, 20.0]));
+    assert_eq!(effect.seen(0.0, at(&[20.0, -20.0, 20.0])), on(&[0]));
+}
+
+/// An arm that sinks after each stop looks like one that goes on, but slowly: it is not lowered without end.
+#[test]
+fn a_slow_joint_is_stopped_again_a_few_times_only() {
+    let speeds = Some(vec![9.0]);
+    let mut effect = Effect { ticket: 1, joints: Joints::All, said: 0.0, first: speeds.clone(), speeds, sinking: 0 };
+    let again = (0..20).filter(|_| effect.seen(0.0, MeasuredSpeeds::At(vec![9.0])) != Seen::Slower).count();
+    assert_eq!(again, 3);
+}
+
+/// What rests is not stopped: it would sink.
+#[tokio::test(start_paused = true)]
+async fn a_halt_that_names_no_joint_is_no_stop() {
+    let mut rig = Rig::new();
+    rig.goes(0.0, 0.5).await;
+    let joints = rig.cell.lock().boards[0].motions.to_stop(rig.cell.secs(instant()));
+    assert_eq!(joints, Some(vec![]));
+    rig.halt.send_modify(|halt| {
+        *halt = Arc::new(Halt { epoch: 1, tickets: vec![0], joints: vec![joints] });
+    });
+    assert_eq!(rig.counted(0.0, 1.0).await.0, 0);
+    rig.goes(20.0, 0.3).await;
+    assert_eq!(rig.cell.lock().boards[0].motions.to_stop(rig.cell.secs(instant())), Some(vec![0]));
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    assert_eq!(rig.cell.lock().boards[0].motions.to_stop(rig.cell.secs(instant())), None, "it is not read any more");
 }

@@ -14,6 +14,16 @@ const ATTEMPTS: usize = 3;
 /// A reference that is read back as this much more is another one.
 const ROUNDING: f64 = 1.01;
 
+/// Which references a board goes by.
+enum InForce {
+    /// Those that were sent.
+    Ours,
+    /// The speeds that were sent, and the accelerations that it was found with: it keeps its own.
+    Found,
+    /// Greater ones that somebody else set.
+    Others,
+}
+
 impl Hand {
     /// Sets references, and sees that they are in force.
     pub(super) async fn refer(
@@ -23,13 +33,27 @@ impl Hand {
         acc: Option<&[f64]>,
     ) -> Result<(), String> {
         let told = |v: &[f64]| v.iter().map(|v| v.max(SLOWEST)).collect::<Vec<f64>>();
-        let (speed, acc) = (speed.map(told), acc.map(told));
+        let keeps_its_own = self.cell.lock().boards.get(self.index).is_some_and(|known| known.own_acceleration);
+        let (speed, acc) = (speed.map(told), acc.filter(|_| !keeps_its_own).map(told));
+        let mut keeps_its_own = true;
         for _ in 0..ATTEMPTS {
-            if self.tell_references(joints, speed.as_deref(), acc.as_deref()).await? {
-                return Ok(());
+            match self.tell_references(joints, speed.as_deref(), acc.as_deref()).await? {
+                InForce::Ours => return Ok(()),
+                InForce::Found => {}
+                InForce::Others => keeps_its_own = false,
             }
         }
         let port = self.board.port();
+        if keeps_its_own {
+            let mut inner = self.cell.lock();
+            if let Some(known) = inner.boards.get_mut(self.index) {
+                known.own_acceleration = true;
+            }
+            inner.news = Some(format!(
+                "{port} accepts reference accelerations and keeps its own, which are greater: its moves go by these, and accelerations are no longer sent"
+            ));
+            return Ok(());
+        }
         let why = format!(
             "another program sets the reference speeds of {port} while MoBeE does, and the move was not made: end that program"
         );
@@ -51,14 +75,14 @@ impl Hand {
         }
     }
 
-    /// Tells the references once; whether the board then has none that is greater. A board without accelerations to set, or that
+    /// Tells the references once; by which the board then goes. A board without accelerations to set, or that
     /// does not tell what it has, is no reason not to move.
     async fn tell_references(
         &self,
         joints: &[usize],
         speed: Option<&[f64]>,
         acc: Option<&[f64]>,
-    ) -> Result<bool, String> {
+    ) -> Result<InForce, String> {
         let group = || Joints::Group(joints.to_vec());
         if let Some(speed) = speed {
             self.changes(Restored::Speed, joints);
@@ -74,20 +98,44 @@ impl Hand {
                 Err(why) => tracing::debug!(board = self.board.port(), why, "no accelerations"),
             }
         }
-        let mut good = self.has(Quantity::ReferenceSpeed, joints, speed).await?;
-        if taken {
-            good &= self.has(Quantity::ReferenceAcceleration, joints, acc).await?;
+        if !self.greater(Quantity::ReferenceSpeed, joints, speed).await?.is_empty() {
+            return Ok(InForce::Others);
         }
-        Ok(good)
+        if !taken {
+            return Ok(InForce::Ours);
+        }
+        let greater = self.greater(Quantity::ReferenceAcceleration, joints, acc).await?;
+        let inner = self.cell.lock();
+        let found = inner.boards.get(self.index).map_or(&[][..], |known| known.owed.findings());
+        let as_found = |(j, read): &(usize, f64)| {
+            let found = found.get(*j).and_then(|found| found.acceleration);
+            found.is_some_and(|found| (found.abs() - read).abs() <= (ROUNDING - 1.0) * read)
+        };
+        Ok(match greater.is_empty() {
+            true => InForce::Ours,
+            false if greater.iter().all(as_found) => InForce::Found,
+            false => InForce::Others,
+        })
     }
 
-    async fn has(&self, what: Quantity, joints: &[usize], told: Option<&[f64]>) -> Result<bool, String> {
-        let Some(told) = told else { return Ok(true) };
+    /// The joints of which the board reads back a greater reference than this, each with that reference.
+    async fn greater(
+        &self,
+        what: Quantity,
+        joints: &[usize],
+        told: Option<&[f64]>,
+    ) -> Result<Vec<(usize, f64)>, String> {
+        let Some(told) = told else { return Ok(Vec::new()) };
         let asked = Ask::Get(Get::Values(what, Joints::Group(joints.to_vec())));
         let answer = self.say(&asked).await.map_err(|e| e.to_string())?;
         let Some(read) = answer.get(2).and_then(Value::as_list).and_then(mobee_yarp::Bottle::numbers) else {
-            return Ok(true);
+            return Ok(Vec::new());
         };
-        Ok(read.len() != told.len() || read.iter().zip(told).all(|(read, told)| read.abs() <= told * ROUNDING))
+        if read.len() != told.len() {
+            return Ok(Vec::new());
+        }
+        let all = joints.iter().zip(read.iter().zip(told));
+        let greater = all.filter(|(_, (read, told))| read.abs() > **told * ROUNDING);
+        Ok(greater.map(|(j, (read, _))| (*j, read.abs())).collect())
     }
 }

@@ -61,6 +61,24 @@ async fn no_move_is_made_at_greater_accelerations_than_were_told() {
     assert!(rig.told().contains(&moves()), "it has none to set");
 }
 
+/// A board that accepts accelerations and keeps those that it was found with is no other program's doing: the move is made, the operator
+/// reads why, and accelerations are not sent again.
+#[tokio::test(start_paused = true)]
+async fn a_board_that_keeps_its_own_accelerations_moves_by_these() {
+    let rig = Rig::owing().await;
+    let found = rig.known(|known| known.owed.findings()[1].acceleration);
+    assert!(found.is_some_and(|found| found > 5.0), "{found:?}");
+    rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Acceleration(..))).then(|| Trick::Says(reply::ok())));
+    rig.order(both(5.0));
+    rig.after(50).await;
+    let sent = || rig.told().iter().filter(|set| matches!(set, Set::Acceleration(..))).count();
+    assert!(rig.told().contains(&moves()));
+    assert_eq!((sent(), rig.known(|known| known.alarm.take())), (3, None));
+    rig.order(both(5.0));
+    rig.after(50).await;
+    assert_eq!(sent(), 3, "once is enough");
+}
+
 /// A board that does not tell its references is believed; one that does not answer is not.
 #[tokio::test(start_paused = true)]
 async fn no_move_is_made_before_references_were_read_back() {

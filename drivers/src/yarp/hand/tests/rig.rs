@@ -283,7 +283,7 @@ impl Rig {
     pub fn halts(&self) {
         let ticket = self.known(|known| known.motions.order(&[0, 1], End::Seen));
         self.halt.send_modify(|halt| {
-            *halt = Arc::new(Halt { epoch: halt.epoch + 1, tickets: vec![0, ticket] });
+            *halt = Arc::new(Halt { epoch: halt.epoch + 1, tickets: vec![0, ticket], joints: Vec::new() });
         });
     }
 
