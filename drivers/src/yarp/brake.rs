@@ -22,10 +22,10 @@ const LOOK: Duration = Duration::from_millis(20);
 const TRIED: f64 = 0.5;
 /// A stop has an effect if it takes off this share of a joint's speed, from one look at its effect to the next.
 const SLOWER: f64 = 0.75;
-/// Slower than this (deg/s) a joint may just as well sink as go on: such stops are sent again a few times, and not without end.
+/// Slower than this (deg/s) a joint may just as well sink as go on.
 const SINKS: f64 = 15.0;
-/// So many times.
-const SINKS_AGAIN: u32 = 3;
+/// A joint that sinks after a stop has come to rest by then, s: one that still moves goes on.
+const SUNK: f64 = 0.5;
 /// A joint that was slower than this (deg/s) as it was stopped had no direction yet.
 const STILL: f64 = 1.0;
 
@@ -151,7 +151,7 @@ impl Brake {
             Some(MeasuredSpeeds::At(speeds)) => Some(speeds),
             _ => None,
         };
-        Effect { ticket, joints, said, first: speeds.clone(), speeds, sinking: 0 }
+        Effect { ticket, joints, said, first: speeds.clone(), speeds, sent: said }
     }
 
     /// The joints that the last stop is to be sent to again.
@@ -190,8 +190,8 @@ struct Effect {
     /// How fast the joints were as they were stopped, and at the last look, deg/s.
     first: Option<Vec<f64>>,
     speeds: Option<Vec<f64>>,
-    /// How often the stop was sent again to joints that are slow.
-    sinking: u32,
+    /// When it was sent last, s.
+    sent: f64,
 }
 
 #[derive(Debug, PartialEq)]
@@ -229,8 +229,11 @@ impl Effect {
             return Seen::Slower;
         }
         let fast = going.iter().any(|j| speeds.get(*j).is_some_and(|speed| speed.abs() >= SINKS));
-        self.sinking += u32::from(!fast);
-        if !fast && self.sinking > SINKS_AGAIN { Seen::Slower } else { Seen::Nothing(Joints::Group(going)) }
+        if !fast && now < self.sent + SUNK {
+            return Seen::Slower;
+        }
+        self.sent = now;
+        Seen::Nothing(Joints::Group(going))
     }
 }
 

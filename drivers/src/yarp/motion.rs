@@ -328,6 +328,25 @@ mod tests {
         assert_eq!(m.speeds(2.2), MeasuredSpeeds::Rest);
     }
 
+    /// An encoder of 4,096 counts that stands between two of them, and one with noise, rest all the same; a joint that creeps does not.
+    #[test]
+    fn coarse_and_noisy_encoders_rest() {
+        let count = 360.0 / 4096.0;
+        let flickers = |i: u32| if i % 3 == 0 { count } else { 0.0 };
+        // a cheap noise: the digits of a multiple of an irrational number, 0.03 deg
+        let noise = |i: u32| 0.1 * ((f64::from(i) * 0.754_877_666) % 1.0 - 0.5);
+        for (q, rests) in [(&flickers as &dyn Fn(u32) -> f64, true), (&noise, true), (&|i| 0.1 * f64::from(i), false)] {
+            let mut m = Motions::new(1);
+            let read = |m: &mut Motions, n: std::ops::Range<u32>| n.for_each(|i| m.read(0.01 * f64::from(i), &[q(i)]));
+            read(&mut m, 0..100);
+            let ticket = m.order(&[0], End::Seen);
+            m.given(ticket, 1.0);
+            read(&mut m, 100..130);
+            assert_eq!(!m.is_busy(), rests);
+            assert_eq!(m.to_stop(1.29), Some(if rests { vec![] } else { vec![0] }));
+        }
+    }
+
     /// States of another life of the board say nothing of this one: a joint rests once it was seen to for a while.
     #[test]
     fn a_rest_is_seen_anew_in_each_life_of_a_board() {
