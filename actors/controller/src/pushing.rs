@@ -67,7 +67,7 @@ mod tests {
 
     #[test]
     fn a_contact_that_bounces_is_one_episode() {
-        let bouncing = |ms: u64| if (100..400).contains(&ms) && ms % 50 == 0 { ms as f64 } else { 0.0 };
+        let bouncing = |ms: u64| if (100..400).contains(&ms) && ms.is_multiple_of(50) { ms as f64 } else { 0.0 };
         assert_eq!(episodes(bouncing), [(350.0, 0.25, false)]);
         let twice = |ms: u64| if [100, 300].contains(&ms) { 5.0 } else { 0.0 };
         assert_eq!(episodes(twice), [(5.0, 0.0, false), (5.0, 0.0, false)]);

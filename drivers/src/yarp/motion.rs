@@ -332,7 +332,7 @@ mod tests {
     #[test]
     fn coarse_and_noisy_encoders_rest() {
         let count = 360.0 / 4096.0;
-        let flickers = |i: u32| if i % 3 == 0 { count } else { 0.0 };
+        let flickers = |i: u32| if i.is_multiple_of(3) { count } else { 0.0 };
         // a cheap noise: the digits of a multiple of an irrational number, 0.03 deg
         let noise = |i: u32| 0.1 * ((f64::from(i) * 0.754_877_666) % 1.0 - 0.5);
         for (q, rests) in [(&flickers as &dyn Fn(u32) -> f64, true), (&noise, true), (&|i| 0.1 * f64::from(i), false)] {
