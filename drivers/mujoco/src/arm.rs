@@ -48,7 +48,7 @@ struct MotorJoint {
     q: f64,
 }
 
-/// The geometry of a shape's contacts.
+/// The thing that a geom is part of: forces on all geoms of one thing are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Owner {
     /// MuJoCo's body.

@@ -80,12 +80,12 @@ fn take(
     known.motions.read(at, &q);
     known.gauge.read(at, &q);
     known.q = q;
-    let measured = inner.board.is_none();
+    let undescribed = inner.board.is_none();
     let Some(known) = inner.boards.get_mut(index) else { return };
     known.look_at_the_pace(at, layout, index);
     inner.join(layout);
     drop(inner);
-    if measured {
+    if undescribed {
         cell.describe(layout, settings);
     }
     cell.ring();

@@ -193,7 +193,7 @@ impl Judge {
     pub fn said(&mut self, board: usize, line: Line, ask: &Ask, now: Time) {
         let touched = touched(ask).map(|joints| self.strangers(board, joints, now));
         let Some(watched) = self.boards.get_mut(board) else { return };
-        let is_stop = matches!(ask, Ask::Set(Set::Stop(Joints::All)));
+        let is_stop = matches!(ask, Ask::Set(Set::Stop(_)));
         if is_stop {
             (watched.owed, watched.said, watched.ignored) = (None, Some(now), None);
         }
@@ -282,15 +282,16 @@ impl Judge {
         let excused = died || now < watched.excused + BACK;
         let mut found = Vec::new();
         let saying_one = watched.is_being_stopped();
+        let fastest = v.iter().map(|v| v.abs().to_degrees()).fold(0.0, f64::max);
         if let Some(since) = watched.owed.filter(|since| now.since(*since) > AT_ONCE) {
-            if !excused && !saying_one {
+            // a board that rests is sent none
+            if !excused && !saying_one && fastest > REST {
                 found.push(format!("{}: a stop of {since} was not said until {now}", watched.port));
             }
             if !saying_one {
                 watched.owed = None;
             }
         }
-        let fastest = v.iter().map(|v| v.abs().to_degrees()).fold(0.0, f64::max);
         if let Some(since) = watched.stopped.filter(|since| !excused && now.since(*since) > RESTS && fastest > REST) {
             let late = now.since(watched.excused + BACK) > RESTS;
             if late {
