@@ -55,7 +55,7 @@ pub use replay::ReplayHardware;
 pub use sim::{
     ArmBody, ArmParts, ArmPhysics, ArmProfile, DoneRule, Fault, FaultId, Garbage, Imitated, Physics, PhysicsEngine,
     Plant, Pushes, SIM, Servo, ServoSettings, SimBoard, SimClock, SimDriver, SimFaults, SimHardware, SimSettings,
-    StopRule, StoppingPath, UnknownBox, path, stopping_path,
+    StepClock, StopRule, StoppingPath, UnknownBox, path, stopping_path,
 };
 pub use yarp::{
     Moves, PartSettings, Who, WireFault, YARP, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim, disagreement,

@@ -13,7 +13,7 @@ mod shared;
 
 pub(crate) use board::JointSettings;
 pub use board::{SimBoard, SimClock};
-pub use body::{ArmBody, ArmParts, Physics, PhysicsEngine, Pushes};
+pub use body::{ArmBody, ArmParts, Physics, PhysicsEngine, Pushes, StepClock};
 pub use braking::{StoppingPath, stopping_path};
 pub use dynamics::{ArmPhysics, ArmProfile, DoneRule, Servo, ServoSettings, StopRule};
 pub use faults::{Fault, FaultId, Garbage, SimFaults};

@@ -115,7 +115,8 @@ impl CommandGuard {
         let position = not_finite(&sample.q).map(|axis| format!("{} is not a finite number", axis.name));
         let torque =
             || not_finite(&sample.external).map(|axis| format!("{}'s torque is not a finite number", axis.name));
-        position.or_else(torque)
+        let force = || (!sample.contact_n.is_finite()).then(|| "the contact force is not a finite number".to_owned());
+        position.or_else(torque).or_else(force)
     }
 
     /// A reading that no robot of this model can have: a motor far beyond its limits. Its name, and where it is said to

@@ -1,9 +1,9 @@
 //! An arm that MuJoCo moves.
 
 use crate::mjcf::{STEP_S, actuator_name, geom_name, joint_name, leaders, write};
-use mobee_contract::{KindError, Time};
+use mobee_contract::KindError;
 use mobee_drivers::path::State;
-use mobee_drivers::{ArmBody, ArmParts, ArmPhysics, Physics, PhysicsEngine, Pushes, Servo};
+use mobee_drivers::{ArmBody, ArmParts, ArmPhysics, Physics, PhysicsEngine, Pushes, Servo, StepClock};
 use mobee_model::{Hinge, Scene};
 use mujoco_rs::prelude::{MjData, MjModel};
 use mujoco_rs::wrappers::mj_model::MjtObjBase;
@@ -67,10 +67,8 @@ pub struct MujocoArm {
     owners: Vec<Owner>,
     /// The share of the weight that is not compensated.
     felt: f64,
-    steps: u64,
-    wanted: Vec<f64>,
+    clock: StepClock,
     external: Vec<f64>,
-    rests: bool,
     pushes: Pushes,
 }
 
@@ -83,11 +81,12 @@ impl MujocoArm {
         let scene = Scene::new(vec![(parts.robot, Isometry3::identity())], Vec::new());
         let scene = Arc::new(scene.map_err(|e| refused(&e))?);
         let physics = ArmPhysics { scene, mass: parts.mass, felt: 0.0, stiffness: 0.0, damping: 0.0 };
-        MujocoArm::load(&physics, parts.servos, &parts.start, 0)
+        let clock = StepClock::new(STEP, &parts.start);
+        MujocoArm::load(&physics, parts.servos, &parts.start, clock)
     }
 
-    /// At rest at these positions, rad, after so many steps.
-    fn load(physics: &ArmPhysics, servos: Vec<Servo>, q: &[f64], steps: u64) -> Result<MujocoArm, KindError> {
+    /// At rest at these positions, rad; its steps go on from the clock's.
+    fn load(physics: &ArmPhysics, servos: Vec<Servo>, q: &[f64], mut clock: StepClock) -> Result<MujocoArm, KindError> {
         let xml = write(physics, &servos).ok_or_else(|| refused(&"there is no robot"))?;
         let model = MjModel::from_xml_string(&xml).map_err(|e| refused(&e))?;
         let id = |kind: MjtObjBase, name: &str| {
@@ -121,6 +120,7 @@ impl MujocoArm {
                 *slot = joint.hinge.position(q);
             }
         }
+        clock.wake();
         let mut arm = MujocoArm {
             data,
             joints,
@@ -128,9 +128,7 @@ impl MujocoArm {
             motors,
             owners,
             felt: physics.felt,
-            steps,
-            wanted: q.to_vec(),
-            rests: false,
+            clock,
             pushes: Pushes::default(),
         };
         arm.control(&q.iter().map(|q| State::rest(*q)).collect::<Vec<_>>());
@@ -202,32 +200,20 @@ impl MujocoArm {
 impl ArmBody for MujocoArm {
     fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError> {
         let servos = self.motors.iter().map(|motor| motor.servo).collect();
-        *self = MujocoArm::load(&physics, servos, &self.positions(), self.steps)?;
+        *self = MujocoArm::load(&physics, servos, &self.positions(), self.clock.clone())?;
         Ok(())
     }
 
-    fn next(&self) -> Time {
-        Time::ZERO + STEP.saturating_mul(u32::try_from(self.steps + 1).unwrap_or(u32::MAX))
-    }
-
-    fn is_settled(&self, commanded: &[f64]) -> bool {
-        self.rests && self.wanted == commanded
-    }
-
-    fn skip(&mut self, now: Time) {
-        self.steps = self.steps.max(now.0 / u64::try_from(STEP.as_nanos()).unwrap_or(u64::MAX));
+    fn clock(&mut self) -> &mut StepClock {
+        &mut self.clock
     }
 
     fn step(&mut self, commanded: &[State]) {
-        let changed = commanded.iter().zip(&self.wanted).any(|(state, w)| state.q != *w);
-        let before = self.data.qvel().iter().all(|v| v.abs() < STILL);
-        self.wanted.clear();
-        self.wanted.extend(commanded.iter().map(|state| state.q));
+        let is_still = |data: &MjData<Box<MjModel>>| data.qvel().iter().all(|v| v.abs() < STILL);
+        let before = is_still(&self.data);
         self.control(commanded);
         self.data.step();
-        self.steps += 1;
-        let still = before && self.data.qvel().iter().all(|v| v.abs() < STILL);
-        self.rests = still && !changed && commanded.iter().all(|state| state.v == 0.0);
+        self.clock.step(commanded, before && is_still(&self.data));
         let (greatest, torques) = self.contacts();
         self.pushes.note(greatest, STEP);
         let at = |list: &[f64], joint: &Joint| list.get(joint.dof).copied().unwrap_or_default();
@@ -310,7 +296,7 @@ mod tests {
             let physics = ArmPhysics { scene: scene.clone(), mass: 5.0, felt: 1.0, stiffness: 0.0, damping: 0.0 };
             for share in [0.0, 0.31, 0.77, 1.0] {
                 let q: Vec<f64> = robot.motors.iter().map(|m| m.min + share * (m.max - m.min)).collect();
-                let arm = MujocoArm::load(&physics, servos.clone(), &q, 0).unwrap();
+                let arm = MujocoArm::load(&physics, servos.clone(), &q, StepClock::new(STEP, &q)).unwrap();
                 let mut frames = Vec::new();
                 scene.skeletons()[0].place(&q, &mut frames);
                 for (i, shape) in scene.colliders().enumerate() {

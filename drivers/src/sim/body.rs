@@ -20,14 +20,8 @@ pub trait ArmBody: Debug + Send {
     /// A scene or settings that the engine can't simulate.
     fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError>;
 
-    /// The time of the next step.
-    fn next(&self) -> Time;
-
-    /// Whether nothing changes as long as the commanded positions are these.
-    fn is_settled(&self, commanded: &[f64]) -> bool;
-
-    /// Passes over the time up to `now`, in which nothing changed.
-    fn skip(&mut self, now: Time);
+    /// Its steps so far.
+    fn clock(&mut self) -> &mut StepClock;
 
     /// One step, with the board's commanded states at its end.
     fn step(&mut self, commanded: &[State]);
@@ -50,6 +44,64 @@ pub trait ArmBody: Debug + Send {
     /// Why its state can't be computed any longer, if it can't.
     fn trouble(&self) -> Option<String> {
         None
+    }
+}
+
+/// The steps of an arm: of one length, from time zero on, whoever reads the arm when.
+#[derive(Clone, Debug)]
+pub struct StepClock {
+    length: Duration,
+    steps: u64,
+    /// The commanded positions of the last step.
+    commanded: Vec<f64>,
+    /// Whether the arm rests where it was sent, so that nothing changes until something else is commanded.
+    rests: bool,
+}
+
+impl StepClock {
+    /// An arm at rest at `start`, rad, at time zero, which the first step shows to rest.
+    pub fn new(length: Duration, start: &[f64]) -> StepClock {
+        StepClock { length, steps: 0, commanded: start.to_vec(), rests: false }
+    }
+
+    /// The time of the next step.
+    pub fn next(&self) -> Time {
+        Time::ZERO + self.length.saturating_mul(u32::try_from(self.steps + 1).unwrap_or(u32::MAX))
+    }
+
+    /// How many steps there were.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Whether the arm rested in the last step.
+    pub fn rests(&self) -> bool {
+        self.rests
+    }
+
+    /// Whether nothing changes as long as the commanded positions are these.
+    pub fn is_settled(&self, commanded: &[f64]) -> bool {
+        self.rests && self.commanded == commanded
+    }
+
+    /// Passes over the time up to `now`, in which nothing changed.
+    pub fn skip(&mut self, now: Time) {
+        self.steps = self.steps.max(now.0 / u64::try_from(self.length.as_nanos()).unwrap_or(u64::MAX));
+    }
+
+    /// Counts a step under these commanded states, in which the joints were `still`.
+    pub fn step(&mut self, commanded: &[State], still: bool) {
+        let as_before =
+            commanded.iter().zip(&self.commanded).all(|(state, before)| state.q == *before && state.v == 0.0);
+        self.rests = still && as_before;
+        self.commanded.clear();
+        self.commanded.extend(commanded.iter().map(|state| state.q));
+        self.steps += 1;
+    }
+
+    /// Something else has changed than what is commanded.
+    pub fn wake(&mut self) {
+        self.rests = false;
     }
 }
 
@@ -93,7 +145,7 @@ pub struct ArmParts {
 
 /// A physics engine of another crate. Register it with `inventory::submit!`.
 pub struct PhysicsEngine {
-    /// Which one it is.
+    /// Its name in settings.
     pub physics: Physics,
     /// Makes an arm, which has neither weight nor contacts until [`ArmBody::set_physics`].
     /// Errors: a robot that it can't simulate.
@@ -104,7 +156,7 @@ pub struct PhysicsEngine {
 
 inventory::collect!(PhysicsEngine);
 
-/// Who computes how an arm moves.
+/// The physics that moves a simulated arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Physics {

@@ -13,10 +13,10 @@ mod profile;
 pub use external::ArmPhysics;
 pub use profile::{ArmNumbers, ArmProfile, BoardRules, DoneRule, EffortReport, Servo, ServoSettings, StopRule};
 
-use super::body::{ArmBody, Pushes};
+use super::body::{ArmBody, Pushes, StepClock};
 use super::path::State;
 use external::ExternalTorques;
-use mobee_contract::{KindError, Time};
+use mobee_contract::KindError;
 use std::time::Duration;
 
 /// Time between two steps of the integration.
@@ -42,14 +42,9 @@ struct ServoJoint {
 pub struct Dynamics {
     joints: Vec<ServoJoint>,
     external: Option<ExternalTorques>,
-    /// Steps since time zero.
-    steps: u64,
-    /// The commanded positions of the last step.
-    wanted: Vec<f64>,
+    clock: StepClock,
     /// The torques from outside in the last step, per radian of encoder.
     outside: Vec<f64>,
-    /// Whether it rests where it was sent, so that nothing changes until something else is commanded.
-    rests: bool,
     pushes: Pushes,
 }
 
@@ -60,10 +55,8 @@ impl Dynamics {
         Dynamics {
             joints: servos.into_iter().zip(start).map(joint).collect(),
             external: None,
-            steps: 0,
-            wanted: start.to_vec(),
+            clock: StepClock::new(STEP, start),
             outside: vec![0.0; start.len()],
-            rests: false,
             pushes: Pushes::default(),
         }
     }
@@ -72,46 +65,34 @@ impl Dynamics {
 impl ArmBody for Dynamics {
     fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError> {
         self.external = ExternalTorques::new(physics);
-        self.rests = false;
+        self.clock.wake();
         Ok(())
     }
 
-    fn next(&self) -> Time {
-        Time::ZERO + STEP.saturating_mul(u32::try_from(self.steps + 1).unwrap_or(u32::MAX))
-    }
-
-    fn is_settled(&self, commanded: &[f64]) -> bool {
-        self.rests && self.wanted == commanded
-    }
-
-    fn skip(&mut self, now: Time) {
-        self.steps = self.steps.max(now.0 / u64::try_from(STEP.as_nanos()).unwrap_or(u64::MAX));
+    fn clock(&mut self) -> &mut StepClock {
+        &mut self.clock
     }
 
     fn step(&mut self, commanded: &[State]) {
         let dt = STEP.as_secs_f64();
-        let changed = commanded.iter().zip(&self.wanted).any(|(state, w)| state.q != *w);
-        self.wanted.clear();
-        self.wanted.extend(commanded.iter().map(|state| state.q));
         let mut outside = std::mem::take(&mut self.outside);
         outside.fill(0.0);
         if let Some(external) = &mut self.external {
             let (q, v): (Vec<f64>, Vec<f64>) = self.joints.iter().map(|j| (j.q, j.v)).unzip();
-            if self.steps.is_multiple_of(LOOK) && !self.rests {
+            if self.clock.steps().is_multiple_of(LOOK) && !self.clock.rests() {
                 external.look(&q);
             }
             let force = external.torques(&q, &v, &mut outside);
             self.pushes.note(force, STEP);
         }
-        let mut still = !changed;
+        let mut still = true;
         for ((joint, state), outside) in self.joints.iter_mut().zip(commanded).zip(&outside) {
             let before = joint.v;
             joint.step(*state, *outside, dt);
-            still &= joint.v.abs() < STILL && before.abs() < STILL && state.v == 0.0;
+            still &= joint.v.abs() < STILL && before.abs() < STILL;
         }
         self.outside = outside;
-        self.rests = still;
-        self.steps += 1;
+        self.clock.step(commanded, still);
     }
 
     fn positions(&self) -> Vec<f64> {
@@ -199,7 +180,7 @@ mod tests {
         let expected = 0.1 * (1.0 + (-std::f64::consts::PI * zeta / (1.0 - zeta * zeta).sqrt()).exp());
         assert!((peak - expected).abs() < 0.002, "{peak} and {expected}");
         assert!((arm.positions()[0] - 0.1).abs() < 1e-5);
-        assert!(arm.is_settled(&[0.1]));
+        assert!(arm.clock().is_settled(&[0.1]));
     }
 
     #[test]

@@ -64,7 +64,7 @@ pub struct SimSettings {
     pub imitates: Option<Imitated>,
     /// The kind of arm: `ideal` (kinematic joints), or `icub`, `panda`, `ur5`, `so101` with servos, weight and elastic contact.
     pub profile: ArmProfile,
-    /// Who computes how the arm moves: `builtin`, or `mujoco`; not with kinematic joints.
+    /// The physics that moves the arm: `builtin`, or `mujoco`; not with kinematic joints.
     #[serde(skip_serializing_if = "is_builtin")]
     pub physics: Physics,
     /// Servos, weight and board other than the profile's.

@@ -67,12 +67,12 @@ impl SharedPlant {
     /// Lets board and arm move on to `to`.
     fn pass(&mut self, to: Time) {
         if let Some(arm) = &mut self.arm {
-            while arm.next() <= to {
-                if self.plant.is_idle() && arm.is_settled(&self.plant.positions().collect::<Vec<_>>()) {
-                    arm.skip(to);
+            while arm.clock().next() <= to {
+                if self.plant.is_idle() && arm.clock().is_settled(&self.plant.positions().collect::<Vec<_>>()) {
+                    arm.clock().skip(to);
                     break;
                 }
-                self.plant.advance(arm.next());
+                self.plant.advance(arm.clock().next());
                 arm.step(&self.plant.states().collect::<Vec<_>>());
                 self.plant.measure(arm.positions().into_iter());
             }

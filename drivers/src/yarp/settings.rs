@@ -50,7 +50,8 @@ pub struct YarpDriverSettings {
     #[serde(default = "max_acceleration")]
     pub max_acceleration_deg_per_s2: f64,
     /// By how much a joint may rest beside its commanded position under weight that nothing compensates, deg: the greatest load over the
-    /// stiffness of its servo. 0: the boards bring joints to their targets, as an integral term does.
+    /// stiffness of its servo. Joints that slide are taken to have none. 0: the boards bring joints to their targets, as an integral
+    /// term does.
     #[serde(default)]
     pub hold_error_deg: f64,
     /// Resolution of the encoders, deg or mm: one count, or four standard deviations of their noise. Default: as the states at the

@@ -196,6 +196,10 @@ fn a_reading_has_a_number_for_each_motor() {
     assert_eq!([torques(&[]), torques(&[0.0, -80.0])], [None, None]);
     assert_eq!(torques(&[1.0]).as_deref(), Some("1 external torques of 2 motors"));
     assert_eq!(torques(&[1.0, f64::NAN]).as_deref(), Some("m's torque is not a finite number"));
+    let pushes = |contact_n| guard().makes_no_sense(&Sample { contact_n, ..reading(&[0.0, 0.0], 2) });
+    assert_eq!(pushes(30.0), None);
+    // the journal has no word for it
+    assert_eq!(pushes(f64::INFINITY).as_deref(), Some("the contact force is not a finite number"));
 }
 
 /// A motor may rest a little outside of its limits (-1..1 rad here), and no robot is farther out than 20 degrees.
