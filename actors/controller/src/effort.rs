@@ -3,12 +3,26 @@
 //! A stiff arm pushes with hundreds of newtons before it lags by a degree; its torque sensors, or its motors' currents, show the contact
 //! while it pushes with tens ([`Sample::external`]). Thresholds are per motor ([`Rules::contact_effort`]). A torque that was there before the
 //! motion, of a payload or of the contact that an escape leads out of, counts by its change alone.
+//!
+//! A servo that reports its own load has the arm's weight in it, so that its threshold is high, and a slow arm pushes for seconds before it
+//! gets there. But weight changes with the pose, and a contact with time: load that rises within one of the [`WINDOWS`] by more than the
+//! arm's motion explains is a contact, too.
 
-use crate::Rules;
-use mobee_contract::Sample;
+use crate::{Rules, distance};
+use mobee_contract::{Pose, Sample, Time};
+use std::collections::VecDeque;
+use std::time::Duration;
 
 /// So many readings in a row must show it: noise, and the jerk with which a motor sets out, show it in one.
 const READINGS: u32 = 3;
+
+/// The times within which a rise of the load counts: of a fast arm, and of a slow one.
+const WINDOWS: [Duration; 2] = [Duration::from_millis(400), Duration::from_millis(1200)];
+/// The share of its threshold by which load must rise within one: at rest, and more per radian that a joint of the arm has moved meanwhile,
+/// which changes the weight and takes speed. An uncompensated hobby arm needs half of each in free motions.
+const RISE: (f64, f64) = (0.25, 1.0);
+/// So many readings are remembered at most.
+const REMEMBERED: usize = 512;
 
 /// Watches the torques from outside of one robot.
 #[derive(Clone, Debug, Default)]
@@ -17,6 +31,8 @@ pub struct EffortWatch {
     beyond: Vec<u32>,
     /// The torques of the last reading before the motion.
     before: Vec<f64>,
+    /// The readings of the longest window, oldest first: torques and positions.
+    window: VecDeque<(Time, Vec<f64>, Pose)>,
 }
 
 /// A motor that something pushes.
@@ -35,12 +51,25 @@ impl EffortWatch {
         if !moving {
             self.beyond.fill(0);
             self.before.clone_from(&sample.external);
+            self.window.clear();
             return None;
         }
+        let has_weight = |motor: usize| rules.hold_error(motor) > 0.0;
+        let mut rose = Vec::new();
+        if (0..sample.external.len()).any(has_weight) {
+            self.remember(sample);
+            rose = WINDOWS.iter().filter_map(|window| self.rose(sample, *window)).collect();
+        }
+        let rises = |motor: usize, limit: f64| {
+            let rise =
+                |(rose, moved): &(Vec<f64>, f64)| rose.get(motor).map_or(0.0, |rose| rose / (RISE.0 + RISE.1 * moved));
+            if has_weight(motor) { rose.iter().map(rise).fold(0.0, f64::max) / limit } else { 0.0 }
+        };
         let before = |motor: usize| self.before.get(motor).copied().filter(|torque| torque.is_finite()).unwrap_or(0.0);
         let share = |(motor, torque): (usize, &f64)| {
             let counts = torque.abs().min((torque - before(motor)).abs());
-            (motor, *torque, rules.contact_effort(motor).map_or(0.0, |limit| counts / limit))
+            let share = rules.contact_effort(motor).map_or(0.0, |limit| (counts / limit).max(rises(motor, limit)));
+            (motor, *torque, share)
         };
         let shares = sample.external.iter().enumerate().map(share);
         let mut worst: Option<(Pushed, f64)> = None;
@@ -51,6 +80,21 @@ impl EffortWatch {
             }
         }
         worst.map(|(pushed, _)| pushed)
+    }
+
+    fn remember(&mut self, sample: &Sample) {
+        let longest = WINDOWS.into_iter().max().unwrap_or_default();
+        while self.window.len() >= REMEMBERED || self.window.get(1).is_some_and(|(at, ..)| *at + longest <= sample.at) {
+            self.window.pop_front();
+        }
+        self.window.push_back((sample.at, sample.external.clone(), sample.q.clone()));
+    }
+
+    /// By how much each motor's torque has changed within a window, N m, and how far a joint of the arm has moved meanwhile, rad.
+    fn rose(&self, sample: &Sample, window: Duration) -> Option<(Vec<f64>, f64)> {
+        let (_, then, q) = self.window.iter().find(|(at, ..)| *at + window > sample.at)?;
+        let rose = |(now, then): (&f64, &f64)| Some((now - then).abs()).filter(|rose| rose.is_finite()).unwrap_or(0.0);
+        Some((sample.external.iter().zip(then).map(rose).collect(), distance(&sample.q, q)))
     }
 }
 
@@ -100,6 +144,32 @@ mod tests {
         assert!(rules.unused().is_some_and(|text| text.contains("`controller.contact_nm` is not used")));
         rules.contact_nm = Some(0.0);
         assert_eq!(rules.unused(), None, "switched off");
+    }
+
+    /// A hobby arm, which carries its weight by its load: by how much that rises in a second, how fast the arm moves, rad/s, and after how
+    /// many ms that is a contact.
+    fn rises(hold_error: f64, per_second: f64, speed: f64) -> Option<u64> {
+        let of = rules(None);
+        let axes = of.axes.iter().map(|axis| Axis { hold_error, ..axis.clone() }).collect();
+        let (rules, mut watch) = (Rules { axes, ..of }, EffortWatch::default());
+        let mut read = |ms: u64, moving: bool| {
+            let secs = ms as f64 * 1e-3;
+            let (external, q) = (vec![1.0 + per_second * secs, 0.0], vec![speed * secs, 0.0].into());
+            let sample = Sample { at: Time(ms * 1_000_000), external, q, ..Sample::default() };
+            watch.read(&sample, moving, &rules).is_some()
+        };
+        assert!(!read(0, false));
+        (10..950).step_by(10).find(|ms| read(*ms, true))
+    }
+
+    #[test]
+    fn load_that_rises_though_the_arm_hardly_moves_is_a_contact() {
+        // the threshold is 5 N m
+        assert!(rises(0.1, 5.0, 0.05).is_some_and(|ms| (250..330).contains(&ms)), "{:?}", rises(0.1, 5.0, 0.05));
+        assert!(rises(0.1, 2.0, 0.05).is_some_and(|ms| (700..780).contains(&ms)), "slower");
+        assert_eq!(rises(0.1, 0.9, 0.0), None, "so fast the weight may change");
+        assert_eq!(rises(0.1, 5.0, 1.0), None, "so far it may change on the way");
+        assert_eq!(rises(0.0, 5.0, 0.05), None, "its board compensates the weight: the level says it");
     }
 
     /// A payload, or the contact that an escape leads out of: letting go of it is no contact, more of it is.

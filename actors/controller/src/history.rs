@@ -51,6 +51,13 @@ pub struct Recorded {
     after_pause: bool,
 }
 
+impl Recorded {
+    /// A pose that comes next on the way, without a gap; rad, rad/s.
+    pub fn next(at: Time, q: Pose, speed: f64) -> Recorded {
+        Recorded { at, q, speed, after_gap: false, after_pause: false }
+    }
+}
+
 /// The recorded poses do not reach back that far without a gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the history reaches back to {oldest} without a gap, not to {asked}")]

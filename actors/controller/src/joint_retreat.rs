@@ -67,6 +67,8 @@ pub struct Asked {
     pub places: Places,
     /// How far back the motion is taken.
     pub extent: Extent,
+    /// Whether it was stopped by something that no model knows.
+    pub pressed: bool,
 }
 
 impl Asked {
@@ -82,7 +84,7 @@ impl Asked {
         scene: Arc<Scene>,
         poses: Vec<Pose>,
     ) -> Result<Participant, HistoryTooShort> {
-        let Asked { robot, safe: SafePose { since, q: safe }, again, named, places, extent } = self;
+        let Asked { robot, safe: SafePose { since, q: safe }, again, named, places, extent, pressed } = self;
         let (past, start) = history.past(since)?;
         let end = match extent {
             Extent::Whole | Extent::Stream => start,
@@ -91,9 +93,12 @@ impl Asked {
                 past.partition_point(|r| r.at <= until).saturating_sub(1).max(start)
             }
         };
-        let mut participant = Participant { robot, rules, past, start, end, safe, again, named, places, scene, poses };
+        let mut participant =
+            Participant { robot, rules, past, start, end, safe, again, pressed, named, places, scene, poses };
         if again {
             participant.without_detour();
+        } else if pressed {
+            participant.leave_straight();
         }
         Ok(participant)
     }

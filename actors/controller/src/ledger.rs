@@ -87,7 +87,8 @@ impl TransactionState {
     pub fn motion(&self) -> Option<Underway> {
         let open = self.open.as_ref()?;
         let (safe, named, places) = (open.safe.clone(), open.named.clone(), self.places.clone());
-        Some(Underway { id: open.id, safe, named, places, extent: open.extent })
+        let pressed = matches!(open.cause, Some(Cause::Stall { .. } | Cause::ExternalTorque { .. }));
+        Some(Underway { id: open.id, safe, named, places, extent: open.extent, pressed })
     }
 
     /// A motion whose outcome was given before has been taken back after all.

@@ -248,4 +248,4 @@ fn ranges(scene: &Scene, poses: &[Pose], sweeps: &[Sweep], ways: &[Option<Vec<Po
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -185,6 +185,7 @@ impl Invariant for TakenBack {
                 // held by something, it waits where it sticks
                 if matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. }) {
                     r.way.iter_mut().for_each(RetreatPace::is_late);
+                    r.way.iter_mut().for_each(RetreatPace::is_pressed);
                 }
             }),
             Event::RetreatBegan { robot, .. } => self.of(robot, |r| {

@@ -14,14 +14,20 @@ use crate::history::Recorded;
 use crate::ledger::{Places, SafePose, home};
 use crate::{RELEASE, Rules, distance};
 use mobee_contract::{Axis, Pose, Time};
-use mobee_model::{Robot, Scene, ShapeId, Sweep};
+use mobee_model::{Contact, Robot, Scene, ShapeId, Sweep};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Share of a motor's greatest speed that a set-point may ask for: what is left is for catching up.
 const SHARE: f64 = 0.95;
 /// How far thinned way-points may be off the recorded path, rad: at an arm's length of a meter 4 mm, less than half of
 /// the usual margin.
 const THIN: f64 = 0.004;
+/// How far from its stop a robot that pushes something unknown leaves its recorded path for the straight line, rad: what was recorded there
+/// is how it was braked, bent and shaken.
+const LEAVES: f64 = 3.0 * std::f64::consts::PI / 180.0;
+/// The share of its motors' acceleration with which it sets out on that line.
+const SETS_OUT: f64 = 0.5;
 /// How many poses of a sweep cost as much as to see whether a robot may rest where it ends.
 const AT_ONCE: usize = 8;
 
@@ -42,6 +48,8 @@ pub struct Participant {
     pub safe: Pose,
     /// Whether it is another try after a failed one: it goes by itself.
     pub again: bool,
+    /// Whether it pushes something that no model knows.
+    pub pressed: bool,
     /// The motors that its motion has named.
     pub named: Arc<[usize]>,
     /// Where its motors had been sent when the motion began.
@@ -73,23 +81,66 @@ impl Participant {
         }
     }
 
+    /// Replaces what was recorded within [`LEAVES`] of where the robot is now by the straight line from there, gone as fast as the motion
+    /// was at most: a robot that something unknown has stopped is not to push it for as long as it has been stopped by it.
+    ///
+    /// Left as it is where that line is not free in the model; and beside other robots, which pass only where they were recorded.
+    pub fn leave_straight(&mut self) {
+        let (Some(here), 1) = (self.past.last().map(|r| r.q.clone()), self.scene.robots().len()) else { return };
+        let leaves = self.past.iter().enumerate().rev().take_while(|(i, _)| *i >= self.end);
+        let Some((from, joins)) = leaves.into_iter().find(|(_, r)| distance(&r.q, &here) >= LEAVES) else { return };
+        let joins = joins.clone();
+        let at = |share: f64| -> Pose { here.iter().zip(joins.q.iter()).map(|(a, b)| a + (b - a) * share).collect() };
+        let way = distance(&joins.q, &here);
+        let fits = |(axis, (a, b)): (&Axis, (&f64, &f64))| axis.max_acceleration * way / (a - b).abs().max(1e-9);
+        let gains = self.rules.axes.iter().zip(here.iter().zip(joins.q.iter())).map(fits).fold(f64::INFINITY, f64::min);
+        let driven = self.past.get(self.end..=from).unwrap_or_default().iter().map(|r| r.speed);
+        let fastest = driven.filter(|speed| speed.is_finite()).fold(self.rules.rest_speed, f64::max);
+        let gains = (SETS_OUT * gains).max(1e-3);
+        // it gains speed, and goes on at it
+        let ramp = (fastest / gains).min((2.0 * way / gains).sqrt());
+        let speed = gains * ramp;
+        let secs = ramp + (way - 0.5 * speed * ramp) / speed;
+        let period = self.rules.period.as_secs_f64().max(1e-3);
+        let steps = (secs / period).ceil().clamp(1.0, 1000.0) as usize;
+        let share = |t: f64| (0.5 * gains * t.min(ramp).powi(2) + speed * (t - ramp).max(0.0)) / way;
+        let line: Vec<Recorded> = (0..steps)
+            .rev()
+            .map(|k| {
+                let left = secs * k as f64 / steps as f64;
+                Recorded::next(joins.at + Duration::from_secs_f64(secs - left), at(share(left)), speed)
+            })
+            .collect();
+        let free = |q: &Pose| self.near(q, &self.poses, self.rules.margin).is_empty() && self.bears(q);
+        if line.iter().step_by(4).all(|r| free(&r.q)) {
+            self.past.truncate(from + 1);
+            self.past.extend(line);
+        }
+    }
+
+    /// The contacts of the robot in a pose, with the other robots at `poses`, up to this distance, m.
+    fn near(&self, q: &Pose, poses: &[Pose], distance: f64) -> Vec<Contact> {
+        let mut poses = poses.to_vec();
+        poses.get_mut(self.robot).into_iter().for_each(|own| *own = q.clone());
+        let own = |shape: ShapeId| shape.robot() == Some(self.robot);
+        let mut all = self.scene.contacts(&poses, distance);
+        all.retain(|c| own(c.pair.0) || own(c.pair.1));
+        all
+    }
+
+    /// Whether a pose violates no constraint of the robot.
+    fn bears(&self, q: &Pose) -> bool {
+        let bears = |robot: &Arc<Robot>| robot.violated(q).next().is_none();
+        self.scene.robots().get(self.robot).is_none_or(bears)
+    }
+
     /// Whether the robot may rest in this recorded pose, with the other robots at `poses`: nothing is nearer than where a
     /// contact ends, but what was as near at the safe pose and does not touch, and no constraint is violated.
     fn is_free(&self, index: usize, poses: &[Pose]) -> bool {
         let Some(recorded) = self.past.get(index) else { return false };
-        let mut poses = poses.to_vec();
-        let mut near = |q: &Pose| {
-            poses.get_mut(self.robot).into_iter().for_each(|own| *own = q.clone());
-            let own = |shape: ShapeId| shape.robot() == Some(self.robot);
-            let mut all = self.scene.contacts(&poses, self.rules.margin + RELEASE);
-            all.retain(|c| own(c.pair.0) || own(c.pair.1));
-            all
-        };
+        let near = |q: &Pose| self.near(q, poses, self.rules.margin + RELEASE);
         let there = near(&recorded.q);
-        let bears = |robot: &Arc<Robot>| robot.violated(&recorded.q).next().is_none();
-        if there.iter().any(|c| c.distance < self.rules.margin)
-            || !self.scene.robots().get(self.robot).is_none_or(bears)
-        {
+        if there.iter().any(|c| c.distance < self.rules.margin) || !self.bears(&recorded.q) {
             return false;
         }
         let safe = if there.is_empty() { Vec::new() } else { near(&self.safe) };
@@ -122,9 +173,17 @@ pub struct RetreatPath {
     pub farther: bool,
     /// Whether it ends too early, since another robot stands in the way.
     pub blocked: bool,
+    /// Whether it leads off something that no model knows: joints that this has bent come along late.
+    pub pressed: bool,
 }
 
 impl RetreatPath {
+    /// How far a motor may be from a set-point for that, rad: as far as the path leads straight off what it pushes.
+    pub fn bent(&self, set_point: &[f64]) -> f64 {
+        let leaves = |(_, stop): &(f64, Pose)| self.pressed && distance(&self.of(stop), set_point) < LEAVES;
+        if self.points.first().is_some_and(leaves) { LEAVES } else { 0.0 }
+    }
+
     /// What a whole pose says of the motors that go it.
     pub fn of(&self, q: &[f64]) -> Vec<f64> {
         self.motors.iter().filter_map(|m| q.get(*m)).copied().collect()
@@ -408,6 +467,7 @@ impl Plan {
                 end: SafePose { since: leg.ends_at(), q: leg.recorded() },
                 farther: leg.end < leg.who.start,
                 blocked: leg.blocked,
+                pressed: leg.who.pressed,
             }
         };
         self.legs.iter().map(way).collect()

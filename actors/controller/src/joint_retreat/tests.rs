@@ -51,6 +51,7 @@ pub(crate) fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f
         named: vec![0].into(),
         places: vec![None].into(),
         extent: Extent::Whole,
+        pressed: false,
     };
     asked.participant(rules(direct), &history, scene(), scene().home()).unwrap()
 }
@@ -173,8 +174,14 @@ fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
     let both = [recorded(0, true, &A, 0.3), recorded(1, true, &short, 4.0)];
     let mut reflex = Alone::new(rules(true));
     let safe = Some(SafePose { since: both[0].past[both[0].start].at, q: both[0].safe.clone() });
-    let motion =
-        Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
+    let motion = Underway {
+        id: CommitId(1),
+        safe,
+        named: vec![0].into(),
+        places: vec![None].into(),
+        extent: Extent::Whole,
+        pressed: false,
+    };
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));
     let (mut q, mut words, mut other) = (both[0].past.last().unwrap().q.clone(), Vec::new(), None);

@@ -71,6 +71,8 @@ pub struct Underway {
     pub places: Places,
     /// How far back it is taken.
     pub extent: Extent,
+    /// Whether something that no model knows stopped it: its motors push that until the retreat has taken them off it.
+    pub pressed: bool,
 }
 
 /// How far back a motion is taken.

@@ -14,7 +14,7 @@ const RESERVE: f64 = 0.005;
 const LENGTH: f64 = 0.53;
 
 /// A ball of 5 cm, 45 cm from the axis, at this angle, rad.
-fn ball(at: f64) -> Object {
+pub(crate) fn ball(at: f64) -> Object {
     Object {
         name: "ball".into(),
         class: ObjectClass::Obstacle,

@@ -56,8 +56,15 @@ impl ReflexCore {
                     step.stop(token);
                 }
                 // an earlier reading at rest may be from before the stop had its effect
-                let stopped = at_rest || matches!(then, Then::Retreat(_)) && is_held(pulse, *since, rules);
-                if sampled_at >= *since + rules.reaction() && stopped {
+                let (held, pressed) = match then {
+                    Then::Retreat(back) => (
+                        is_held(pulse, *since, rules),
+                        back.motion.pressed && gives(rules) && rules.position_direct && !back.again,
+                    ),
+                    Then::Say(_) => (false, false),
+                };
+                // what pushes something is not to be braked into it: set-points to where it is take the load off at once
+                if pressed && sampled_at > *since || sampled_at >= *since + rules.reaction() && (at_rest || held) {
                     match then.clone() {
                         Then::Retreat(_) => self.ask(step),
                         Then::Say(word) => self.say(token, word, step),
@@ -76,6 +83,9 @@ impl ReflexCore {
                     *still = Still { unchanged, written, sampled_at };
                 }
                 // by the way of the set-points, too: at a recorded rest readings may well be equal for long
+                if retreat.takes_load_off() {
+                    self.floors.note(&self.near);
+                }
                 let long = sampled_at.since(still.sampled_at) >= FROZEN;
                 let frozen = long && distance(retreat.written(), &still.written) > FROZEN_WAY;
                 let met = self.floors.broken(close);
@@ -205,8 +215,9 @@ impl ReflexCore {
             RetreatReply::Wait => {}
             RetreatReply::Bring => {
                 let Back { motion, safe, again } = back;
-                let Underway { named, places, extent, .. } = motion;
-                step.out.push(ReflexOut::Bring(Asked { robot: self.robot, safe, again, named, places, extent }));
+                let Underway { named, places, extent, pressed, .. } = motion;
+                let robot = self.robot;
+                step.out.push(ReflexOut::Bring(Asked { robot, safe, again, named, places, extent, pressed }));
             }
             RetreatReply::Go(way) => {
                 // another robot has to pass where this one would rest: an earlier rest is its safe pose from now on, and what the
@@ -282,10 +293,14 @@ impl ReflexCore {
     }
 }
 
+/// Whether the robot's joints give way where something pushes them.
+fn gives(rules: &Rules) -> bool {
+    rules.axes.iter().any(|axis| axis.deflection > 0.0)
+}
+
 /// True for a pressing arm, which creeps along the obstacle and does not come to rest: the retreat begins from slow and takes the load off.
 fn is_held(pulse: &Pulse, stopped: Time, rules: &Rules) -> bool {
-    let gives = rules.axes.iter().any(|axis| axis.deflection > 0.0);
-    gives && pulse.speed < CREEPS && pulse.sample.at >= stopped + rules.reaction() + HELD
+    gives(rules) && pulse.speed < CREEPS && pulse.sample.at >= stopped + rules.reaction() + HELD
 }
 
 /// What others are to know of a retreat that waits from now on, or goes on: those it may be in the way of, and the journal.

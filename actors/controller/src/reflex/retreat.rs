@@ -81,6 +81,11 @@ impl Retreat {
         self.behind.map_or(Duration::ZERO, |since| now.since(since))
     }
 
+    /// Whether the robot pushes something, and has not come along yet.
+    pub fn takes_load_off(&self) -> bool {
+        self.way.pressed && self.clock == 0.0
+    }
+
     /// Whether the last set-point has been written.
     pub fn is_over(&self) -> bool {
         self.next >= self.way.points.len()
@@ -228,9 +233,10 @@ impl Retreat {
             let passed = self.way.points.iter().take(self.next).skip(first).filter_map(|(_, q)| q.get(m));
             passed.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (q.min(low), q.max(high)))
         };
+        let bent = self.way.bent(&self.written);
         self.way.motors.iter().zip(&self.written).all(|(m, written)| {
             let ((low, high), here) = (sent(*m), sample.q.get(*m).copied().unwrap_or(f64::NAN));
-            let beside = FROZEN_WAY + rules.pushed_error(*m);
+            let beside = FROZEN_WAY + rules.pushed_error(*m) + bent;
             (low.min(*written) - beside..=high.max(*written) + beside).contains(&here)
         })
     }

@@ -40,7 +40,7 @@ impl Alone {
     /// A reading while this is under way.
     pub fn read(&mut self, pulse: &mut Pulse, motion: Option<&Underway>, status: Status, now: Time) -> Vec<ReflexOut> {
         self.book.status = status;
-        self.book.open = motion.map(|Underway { id, safe, named, places, extent }| {
+        self.book.open = motion.map(|Underway { id, safe, named, places, extent, .. }| {
             self.book.places = places.clone();
             let (target, named, safe) = (pulse.sample.q.clone(), named.clone(), safe.clone());
             let (agent, motion) = ("a".into(), Motion::Move { due: now });
@@ -75,6 +75,7 @@ fn one_of_them_stopped(which: impl Fn(u64) -> u64, by: impl Fn(u64) -> Option<f6
         named: vec![0].into(),
         places: vec![None].into(),
         extent: Extent::Whole,
+        pressed: false,
     };
     let read = |reflex: &mut Alone, ms: u64, status: Status, motion: Option<&Underway>| {
         let at = Time::from_secs(5.0) + Duration::from_millis(ms);
@@ -116,6 +117,7 @@ fn an_agent_learns_from_what_touched_the_robot() {
         named: vec![0].into(),
         places: vec![None].into(),
         extent: Extent::Whole,
+        pressed: false,
     };
     let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
     let mut read = |ms: u64, mm: Option<f64>| {
@@ -149,6 +151,7 @@ fn what_an_agent_may_learn_from_is_of_the_last_motion() {
             named: vec![0].into(),
             places: vec![None].into(),
             extent: Extent::Whole,
+            pressed: false,
         };
         reflex.read(&mut pulse, Some(&motion), Status::Moving, at);
         reflex.reflex.seen().iter().map(|c| c.pair.1).collect::<Vec<_>>()
@@ -208,8 +211,14 @@ fn only_an_escape_may_be_in_contact() {
         let mut reflex = Alone::new(rules(true));
         reflex.gate.open(reflex.gate.token()).unwrap();
         let safe = safe.map(|q: f64| SafePose { since: Time::ZERO, q: vec![q].into() });
-        let motion =
-            Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
+        let motion = Underway {
+            id: CommitId(1),
+            safe,
+            named: vec![0].into(),
+            places: vec![None].into(),
+            extent: Extent::Whole,
+            pressed: false,
+        };
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: 0.005, points: Default::default() };
         let sample =
@@ -230,8 +239,14 @@ fn what_is_foreseen_stops_a_motion() {
         let mut reflex = Alone::new(rules(true));
         reflex.gate.open(reflex.gate.token()).unwrap();
         let safe = safe.map(|q: f64| SafePose { since: Time::ZERO, q: vec![q].into() });
-        let motion =
-            Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
+        let motion = Underway {
+            id: CommitId(1),
+            safe,
+            named: vec![0].into(),
+            places: vec![None].into(),
+            extent: Extent::Whole,
+            pressed: false,
+        };
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let sample =
             Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false], ..Sample::default() };

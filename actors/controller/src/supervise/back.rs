@@ -5,7 +5,7 @@
 //! are messages, which may come late or after somebody has closed anew; each is judged by the token that it belongs to.
 
 use super::{Closing, MotionState, Step, SuperviseCore, SuperviseOut};
-use crate::ledger::Extent;
+use crate::ledger::{Extent, Underway};
 use crate::reflex::ReflexReport;
 use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
 use std::collections::BTreeSet;
@@ -14,13 +14,15 @@ impl SuperviseCore {
     /// The motion is to be rolled back for a reason that supervise saw. An escape has no retreat: it is measured.
     pub(super) fn roll_back(&mut self, cause: Cause, step: &mut Step) {
         // what a motor stalls at is in no model, so that nobody knows where it was free of it: back to the beginning
-        if let (Cause::Stall { .. } | Cause::ExternalTorque { .. }, Some(open)) = (&cause, &mut step.book.open) {
+        let pressed = matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. });
+        if let (true, Some(open)) = (pressed, &mut step.book.open) {
             open.extent = Extent::Whole;
         }
         self.note_stop(step);
         let motion = step.book.motion();
         match motion.filter(|m| !m.is_escape()) {
             Some(motion) => {
+                let motion = Underway { pressed, ..motion };
                 self.close(cause.clone(), step);
                 step.give_cause(cause);
                 self.closing = Closing::Reflex;

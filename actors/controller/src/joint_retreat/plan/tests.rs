@@ -3,7 +3,9 @@
 use super::*;
 use crate::joint_retreat::SLICE;
 use crate::joint_retreat::tests::{A, B, recorded, rules, scene};
+use crate::look_ahead::tests::ball;
 use mobee_model::{Robot, Watch};
+use nalgebra::Isometry3;
 use std::time::Duration;
 
 /// A robot that rested at the first of these angles (radians), moved, and rests at the second; its way ends at the first rest.
@@ -359,4 +361,49 @@ fn a_stream_ends_where_nothing_touches() {
     // where that is free already, it is gone to
     let (who, met) = end(300 - at + 20, 0.0);
     assert_eq!(met.since, who.past[at - 20].at);
+}
+
+/// A robot that was alone, came to 30 degrees within a second, and was held there for so long while something bent and shook it.
+fn held(secs: f64, swings: f64) -> Participant {
+    let mut turns = vec![(0.0, 0.0), (1.0, 0.0), (2.0, 30.0)];
+    let swing = |k: u32| (2.0 + 0.1 * f64::from(k), 30.0 + if k % 2 == 0 { swings } else { -swings });
+    turns.extend((1..=(secs * 10.0) as u32).map(swing));
+    let scene = Arc::new(Scene::new(vec![(scene().robots()[0].clone(), Isometry3::identity())], Vec::new()).unwrap());
+    let who = recorded(0, true, &turns, 0.5);
+    Participant { poses: scene.home(), scene, pressed: true, ..who }
+}
+
+/// How it was held is not gone through once more: it leaves the place within 3 degrees of it on the straight line, as fast as it came.
+#[test]
+fn what_something_unknown_held_is_left_straight() {
+    for (secs, swings) in [(0.5, 1.0), (2.0, 1.0), (2.0, 0.1)] {
+        let mut who = held(secs, swings);
+        let (stop, recorded) = (who.past.last().unwrap().q[0].to_degrees(), alone(who.clone()).end());
+        who.leave_straight();
+        let way = alone(who);
+        assert!((way.points[0].1[0].to_degrees() - stop).abs() < 1e-9, "it begins where the robot is");
+        let left = way.points.iter().find(|(_, q)| q[0].to_degrees() < stop - 3.0).unwrap().0;
+        assert!(left < 0.25, "{left} s for 3 degrees at 30 degrees a second");
+        assert!(way.points.windows(2).all(|w| w[0].1[0] >= w[1].1[0]), "straight back");
+        assert!(way.end() < 1.4 && way.end() < recorded + 0.1, "{} s, {recorded} s as recorded", way.end());
+        let bent = way.bent(&[(stop - 2.0).to_radians()]).to_degrees();
+        assert!((bent - 3.0).abs() < 1e-9 && way.bent(&[(stop - 4.0).to_radians()]) == 0.0);
+    }
+}
+
+/// Beside another robot, or near something that the model knows, the recorded path stands.
+#[test]
+fn a_recorded_path_beside_others_stands() {
+    let beside = Participant { scene: scene(), poses: scene().home(), ..held(1.0, 1.0) };
+    let near = {
+        let (who, post) = (held(1.0, 1.0), ball(29_f64.to_radians()));
+        let robot = (scene().robots()[0].clone(), Isometry3::identity());
+        Participant { scene: Arc::new(Scene::new(vec![robot], vec![post]).unwrap()), ..who }
+    };
+    for who in [beside, near] {
+        let before = who.past.clone();
+        let mut who = who;
+        who.leave_straight();
+        assert!(who.past == before);
+    }
 }

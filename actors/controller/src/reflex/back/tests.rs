@@ -13,6 +13,7 @@ use mobee_contract::{Axis, Command, CommitId, Event, Hold, Sample, Status, Time}
 use mobee_model::{Contact, ShapeId};
 use std::cell::Cell;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// What is wrong with a reading during the retreat.
 #[derive(Clone, Copy, Default)]
@@ -79,8 +80,14 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
     };
     read(0, &mut reflex, None, goal);
     let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
-    let motion =
-        Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
+    let motion = Underway {
+        id: CommitId(1),
+        safe,
+        named: vec![0].into(),
+        places: vec![None].into(),
+        extent: Extent::Whole,
+        pressed: false,
+    };
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));
     for k in 1..1500 {
@@ -264,8 +271,14 @@ fn asked(
 ) -> Vec<(u32, bool)> {
     let start = Time::from_secs(5.0);
     let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
-    let motion =
-        Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into(), extent: Extent::Whole };
+    let motion = Underway {
+        id: CommitId(1),
+        safe,
+        named: vec![0].into(),
+        places: vec![None].into(),
+        extent: Extent::Whole,
+        pressed: false,
+    };
     let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
     for k in 0..500 {
         let at = start + PERIOD * k;
@@ -340,6 +353,7 @@ fn who_does_not_come_to_rest_is_stopped_again() {
         named: vec![0].into(),
         places: vec![None].into(),
         extent: Extent::Whole,
+        pressed: false,
     };
     let token = reflex.gate.close();
     reflex.on(ReflexIn::RollBack { token, motion, again: false }, begun);
@@ -371,4 +385,36 @@ fn an_arm_that_creeps_while_something_holds_it_counts_as_stopped() {
     assert!(!held(0.1, 0.05, late - 10), "it may still brake");
     assert!(!held(0.1, 0.2, late), "that is no creeping");
     assert!(!held(0.0, 0.05, late));
+}
+
+/// What pushes something is sent to where it is by the very next readings; any other arm brakes to rest before its retreat.
+#[test]
+fn an_arm_that_pushes_something_unknown_is_taken_off_it_at_once() {
+    let begins = |deflection: f64, pressed: bool| {
+        let of = rules(true);
+        let axes = of.axes.iter().map(|axis| Axis { deflection, ..axis.clone() }).collect();
+        let mut reflex = Alone::new(Arc::new(Rules { axes, ..(*of).clone() }));
+        let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 40.0), (5.0, 40.0)], 0.5);
+        let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
+        let motion = Underway {
+            id: CommitId(1),
+            safe,
+            named: vec![0].into(),
+            places: vec![None].into(),
+            extent: Extent::Whole,
+            pressed,
+        };
+        let (token, begun) = (reflex.gate.close(), Time::from_secs(5.0));
+        reflex.on(ReflexIn::RollBack { token, motion, again: false }, begun);
+        (1..100).find(|k| {
+            let at = begun + PERIOD * *k;
+            let sample = Sample { seq: u64::from(*k), at, q: vec![0.7].into(), done: vec![false], ..Sample::default() };
+            let mut pulse = Pulse::new(sample, &Vec::new().into());
+            pulse.speed = 0.99_f64.powi(*k as i32);
+            let out = reflex.read(&mut pulse, None, Status::Stopping, at);
+            out.iter().any(|o| matches!(o, ReflexOut::Bring(_)))
+        })
+    };
+    assert_eq!(begins(0.1, true), Some(1));
+    assert_eq!([begins(0.1, false), begins(0.0, true)], [None; 2], "still in motion");
 }
