@@ -29,6 +29,7 @@
 //! | I29 | agents are told the truth | `committed` is said only within the tolerance of the target; the built-in agent is told how its motion ended once, after its outcome and before it commits again, and it is what the outcome says |
 //! | I31 | displacement at rest closes the filter | a robot that is moved at rest, by no command of its filter, closes it: beyond the tolerance it is told of and does not stay open |
 //! | I34 | no avoidable hard contact | a robot that looks ahead touches nothing that it could have stopped before |
+//! | I35 | nothing is pushed for long | what a simulated robot pushes, it pushes for a second at most, beside the time in which it brakes and comes back |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
 //! journal where there are any ([`crate::record::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25, I26 and I31 want them. I15 is judged where a simulation
@@ -42,6 +43,7 @@ mod closes_at_once;
 mod constraints_close;
 mod contact_closes;
 mod contacts_hold;
+mod disturbances;
 mod failed_edges;
 mod fresh_readings;
 mod frozen_is_noticed;
@@ -57,6 +59,7 @@ mod nothing_vanishes;
 mod one_outcome;
 mod orphans;
 mod poses;
+mod released;
 mod removed_stays_removed;
 mod rest_at_the_end;
 mod restart_does_not_move;

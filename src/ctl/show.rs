@@ -140,6 +140,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         c.contacts,
         c.restarts
     ));
+    lines.extend(c.failed_by().map(|causes| format!("motions failed by: {causes}")));
     if c.pictures_skipped + c.regions_omitted > 0 {
         let (pictures, regions) = (c.pictures_skipped, c.regions_omitted);
         lines.push(format!("{pictures} pictures were skipped, {regions} regions left out; the journal says why"));

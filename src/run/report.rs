@@ -114,6 +114,7 @@ pub(super) fn print(
     for (name, value) in counters(&summary["counters"], output.verbose) {
         row(&name, value);
     }
+    done.end.counts.failed_by().into_iter().for_each(|causes| row("failed by", causes));
     for (i, line) in recent.iter().enumerate() {
         row(if i == 0 { "last that failed" } else { "" }, line.clone());
     }

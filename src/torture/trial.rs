@@ -32,6 +32,8 @@ const GROWS: f64 = 1.0;
 /// A board's fault that is over sooner may pass unseen.
 const LASTS: Duration = Duration::from_millis(60);
 /// Why a commit ended as faulted: an escape has no retreat, and stops where it would make something worse.
+/// A motion whose outcome gives no cause.
+const UNTOLD: &str = "no cause given";
 pub(super) const ESCAPE: &str = "escape";
 /// The run was over.
 pub(super) const END: &str = "end of run";
@@ -116,14 +118,14 @@ impl Sink for Watch {
                         let why = match self.escapes.get(robot) {
                             Some(true) => ESCAPE,
                             _ if self.ending && *cause == Some(Cause::Asked) => END,
-                            _ => in_a_word(cause.as_ref()),
+                            _ => cause.as_ref().map_or(UNTOLD, Cause::word),
                         };
                         *self.faulted.entry(why).or_default() += 1;
                     }
                     _ => {}
                 }
                 if let Event::Disabled { cause, .. } = &**event {
-                    *self.closed.entry(in_a_word(Some(cause))).or_default() += 1;
+                    *self.closed.entry(cause.word()).or_default() += 1;
                 }
                 if let Event::Swap { step, .. } = &**event {
                     let [settled, reverted, refused] = &mut self.swaps;
@@ -342,26 +344,6 @@ fn board_faults(planned: &[Planned], boards: &[Option<SimHardware>]) -> Vec<Vec<
         begins.collect()
     };
     (0..boards.len()).map(of).collect()
-}
-
-/// Why a motion did not reach its target, for the tally.
-fn in_a_word(cause: Option<&Cause>) -> &'static str {
-    match cause {
-        Some(Cause::Contact(_)) => "contact",
-        Some(Cause::Foreseen(_)) => "foreseen",
-        Some(Cause::Stall { .. }) => "stall",
-        Some(Cause::ExternalTorque { .. }) => "external torque",
-        Some(Cause::Constraint { .. }) => "constraint",
-        Some(Cause::TargetMissed) => "target missed",
-        Some(Cause::AgentDied) => "agent died",
-        Some(Cause::Stale) => "stale",
-        Some(Cause::ActorDied(_)) => "actor died",
-        Some(Cause::Crashed) => "crashed",
-        Some(Cause::BoardFault(_)) => "board fault",
-        Some(Cause::Displaced { .. }) => "displaced",
-        Some(Cause::Asked) => "asked",
-        None => "untold",
-    }
 }
 
 /// What is done to the system when, but for swaps; in no order.

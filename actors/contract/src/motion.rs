@@ -213,6 +213,27 @@ pub enum Cause {
     Asked,
 }
 
+impl Cause {
+    /// Its kind in a word or two, to be counted by.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Cause::Contact(_) => "contact",
+            Cause::Foreseen(_) => "contact foreseen",
+            Cause::Stall { .. } => "stall",
+            Cause::ExternalTorque { .. } => "external torque",
+            Cause::Constraint { .. } => "constraint",
+            Cause::TargetMissed => "target missed",
+            Cause::AgentDied => "agent died",
+            Cause::Stale => "stale readings",
+            Cause::ActorDied(_) => "actor died",
+            Cause::Crashed => "crash",
+            Cause::BoardFault(_) => "board fault",
+            Cause::Displaced { .. } => "displaced",
+            Cause::Asked => "stopped on request",
+        }
+    }
+}
+
 /// For how long whoever streamed into something must be silent, once the filter is open again, to be heard again.
 pub const SILENCE: Duration = Duration::from_millis(500);
 

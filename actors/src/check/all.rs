@@ -21,6 +21,7 @@ use super::moved_at_rest::MovedAtRest;
 use super::nothing_vanishes::NothingVanishes;
 use super::one_outcome::OneOutcome;
 use super::orphans::Orphans;
+use super::released::Released;
 use super::removed_stays_removed::RemovedStaysRemoved;
 use super::rest_at_the_end::RestAtTheEnd;
 use super::restart_does_not_move::RestartDoesNotMove;
@@ -95,6 +96,7 @@ pub const ALL: &[InvariantEntry] = &[
     of::<ToldTheTruth>("I29", "agents are told the truth", Wants::Events),
     of::<MovedAtRest>("I31", "displacement at rest closes the filter", Wants::Poses),
     of::<HardContacts>("I34", "no avoidable hard contact", Wants::Events),
+    of::<Released>("I35", "nothing is pushed for long", Wants::Events),
 ];
 
 /// The names of those that a journal is judged by, with or without measured poses, as a sentence has them: `I1-I7, I9 and I10`.

@@ -5,19 +5,16 @@
 //! Algorithm 6, without a reflex, or with a robot that is driven so, is counted and breaks nothing; one whose journal does not state the
 //! clearance is not judged.
 
+use super::disturbances::Disturbances;
 use super::touches::Touches;
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
-use crate::record::names::HEALED;
-use mobee_contract::{Cause, Event, SwapStep, Time};
+use mobee_contract::{Event, Time};
 use mobee_model::Pair;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
-
-/// How long after a disturbance no contact is held against a controller.
-const DISTURBED: Duration = Duration::from_secs(3);
 
 /// The hard contacts of a run, each an episode, by the rule that applies to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -60,9 +57,7 @@ pub(super) struct HardContacts {
     robots: Vec<Driven>,
     /// When each object was last put where it is.
     edited: BTreeMap<String, Time>,
-    /// When anything failed last, and whether faults are being injected.
-    disturbed: Option<Time>,
-    injecting: bool,
+    disturbances: Disturbances,
 }
 
 #[derive(Default)]
@@ -135,8 +130,7 @@ impl HardContacts {
             self.edited.get(object).is_some_and(|edited| at.since(*edited) <= stops)
         };
         let escapes = robots.iter().flatten().any(|r| r.escapes);
-        let disturbed = self.injecting || self.disturbed.is_some_and(|last| at.since(last) <= DISTURBED);
-        if escapes || disturbed || is_late(&names.0) || is_late(&names.1) {
+        if escapes || self.disturbances.excuse(at) || is_late(&names.0) || is_late(&names.1) {
             return Rule::Unavoidable;
         }
         Rule::Avoidable
@@ -144,6 +138,7 @@ impl HardContacts {
 
     /// What the rules depend on.
     fn follow(&mut self, at: Time, event: &Event) {
+        self.disturbances.note(at, event);
         match event {
             Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
                 self.robots.push(Driven { name: robot.clone(), ..Driven::default() });
@@ -155,17 +150,6 @@ impl HardContacts {
             Event::Commit { robot, escape, .. } => self.of(robot, |r| r.escapes = *escape),
             Event::Outcome { robot, .. } => self.of(robot, |r| r.escapes = false),
             Event::World { object, .. } => drop(self.edited.insert(object.clone(), at)),
-            Event::Injected { fault } => (self.injecting, self.disturbed) = (fault != HEALED, Some(at)),
-            Event::Swap { step: SwapStep::TookOver { .. } | SwapStep::Reverted { .. }, .. }
-            | Event::Died { .. }
-            | Event::Restarted { .. }
-            | Event::Resumed { .. }
-            | Event::Displaced { .. }
-            | Event::Disabled {
-                cause:
-                    Cause::Stale | Cause::ActorDied(_) | Cause::Crashed | Cause::BoardFault(_) | Cause::Displaced { .. },
-                ..
-            } => self.disturbed = Some(at),
             _ => {}
         }
     }

@@ -1,4 +1,4 @@
-//! I34: which hard contacts are held against a controller, and which are only counted.
+//! I34: which hard contacts are held against a controller, and which are only counted. I35: how long it may push.
 
 use crate::events::{R, enabled, robot, started};
 use mobee_actors::check::{Checker, HardContactTally};
@@ -41,8 +41,8 @@ fn moved(object: &str) -> Event {
     Event::World { object: object.into(), what: WorldChange::Moved, class: None, at: None }
 }
 
-/// Runs under a controller with this clearance: all hard contacts, and what breaks I34.
-fn judged(clearance: Option<f64>, rest: Run) -> (HardContactTally, Vec<String>) {
+/// A run under a controller with this clearance.
+fn checked(clearance: Option<f64>, rest: Run) -> Checker {
     let mut run: Run =
         vec![(0.0, started()), (0.0, robot(1.0, Vec::new())), (0.0, controller(clearance)), (0.1, enabled(1))];
     run.extend(rest);
@@ -50,8 +50,18 @@ fn judged(clearance: Option<f64>, rest: Run) -> (HardContactTally, Vec<String>) 
     for (n, (at, event)) in (0..).zip(run) {
         checker.on(&JournalLine { line: n + 1, n, at: Time::from_secs(at), event, hash: String::new() });
     }
-    let of = |v: &mobee_actors::check::Violation| (v.invariant == "I34").then(|| v.to_string());
-    (checker.hard_contacts(), checker.violations().iter().filter_map(of).collect())
+    checker
+}
+
+/// How a run breaks this invariant.
+fn broken(checker: &Checker, invariant: &str) -> Vec<String> {
+    checker.violations().iter().filter(|v| v.invariant == invariant).map(ToString::to_string).collect()
+}
+
+/// All hard contacts of a run, and how it breaks I34.
+fn judged(clearance: Option<f64>, rest: Run) -> (HardContactTally, Vec<String>) {
+    let checker = checked(clearance, rest);
+    (checker.hard_contacts(), broken(&checker, "I34"))
 }
 
 #[test]
@@ -111,4 +121,27 @@ fn contacts_under_algorithm_6_and_in_older_journals_are_counted_only() {
     let (older, broken) = judged(None, run());
     assert_eq!((older.episodes, older.unjudged, broken.len()), (1, 1, 0));
     assert!(older.to_string().contains("not judged"), "{older}");
+}
+
+/// A push of 90 N that ends, or not, after so many seconds.
+fn pushed(secs: f64, lasting: bool) -> Event {
+    Event::Pushed { robot: R.into(), newtons: 90.0, secs, lasting }
+}
+
+/// The robot brakes within half a second, and comes back in as long: two seconds are allowed.
+#[test]
+fn who_goes_on_pushing_breaks_a_promise() {
+    let of = |rest: Run| broken(&checked(Some(0.01), rest), "I35");
+    let ends = |secs: f64| vec![(5.0, commit(false)), (7.0, pushed(1.0, true)), (6.0 + secs, pushed(secs, false))];
+    assert!(of(ends(1.9)).is_empty());
+    let told = of(ends(2.1));
+    assert!(told.len() == 1 && told[0].contains("pushed something for 2.10 s, with at most 90.0 N"), "{told:?}");
+    let escape = vec![(5.0, commit(true)), (9.0, pushed(4.0, false))];
+    assert!(of(escape).is_empty(), "an escape sets out in contact");
+    let stale = Event::Disabled { robot: R.into(), token: 2, cause: Cause::Stale };
+    let blind = vec![(5.0, commit(false)), (7.0, stale), (9.0, pushed(4.0, false))];
+    assert!(of(blind).is_empty(), "nobody saw it");
+    let end = Event::Ended { reason: "time".into() };
+    let open = |end_at: f64| vec![(5.0, commit(false)), (7.0, pushed(1.0, true)), (end_at, end.clone())];
+    assert_eq!((of(open(7.5)).len(), of(open(17.0)).len()), (0, 1), "it pushed until the end");
 }
