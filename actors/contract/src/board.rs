@@ -107,6 +107,8 @@ pub struct Paces {
     pub seen: Vec<f64>,
     /// Whether the board honors reference speeds, as far as is known.
     pub fair: bool,
+    /// Whether it accepted a reference acceleration, and was then found to have another of its own.
+    pub own_acceleration: bool,
 }
 
 /// The commands of a board.
