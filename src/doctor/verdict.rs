@@ -213,8 +213,8 @@ fn speeds(m: &Measured, settings: &mut Settings) -> Option<Finding> {
     let of_board = m.paces.iter().find(|paces| !paces.fair || paces.seen.len() > MOVES);
     let (seen, fair, board) = match of_board {
         Some(paces) => (&paces.seen, paces.fair, paces.board.as_str()),
-        // a simulation counts no stretches of its own
-        None if m.paces.is_empty() && !seen.is_empty() => {
+        // a simulation counts no stretches of its own, and a driver may have counted too few
+        None if !seen.is_empty() && m.yarp().is_none_or(|yarp| yarp.moves == Moves::Position) => {
             (seen, seen.iter().all(|ratio| FAIR.contains(ratio)), "its board")
         }
         None => {

@@ -120,6 +120,18 @@ fn a_simulation_gets_no_settings_of_a_driver() {
     assert!(grades.contains(&Grade::Bad) && text.contains("does not honor"), "{text}");
 }
 
+/// Where the driver has timed too few stretches, the moves themselves tell; but not those that are made of set-points.
+#[test]
+fn speeds_are_judged_by_the_moves_where_the_driver_counted_too_few() {
+    let few = [Paces { board: "/arm".into(), seen: vec![1.2; 3], fair: true, own_acceleration: false }];
+    let (_, text, _) = judged(&good(), &axis(), &few, &robot(yarp(), json!({})));
+    assert!(text.contains("in 8 stretches: its board honors reference speeds"), "{text}");
+    let mut streamed = yarp();
+    streamed["moves"] = "set-points".into();
+    let (_, text, _) = judged(&good(), &axis(), &few, &robot(streamed, json!({})));
+    assert!(text.contains("could not be measured"), "{text}");
+}
+
 #[test]
 fn a_stop_that_does_not_hold_is_bad() {
     let stop = |end, took| Some(StopFigures { speed: 10.0, on: 6.0, took, drift: -2.0, end });
