@@ -2,8 +2,8 @@
 
 mod cameras;
 
-use crate::compose::{derive_seed, driver_of};
-use crate::config::{Config, ConfigError, RobotConfig};
+use crate::compose::{compose, derive_seed, driver_of};
+use crate::config::{Config, ConfigError, RobotConfig, Source};
 use crate::signals::Interrupt;
 use miette::Report;
 use mobee_contract::Context;
@@ -67,7 +67,7 @@ impl Simulated {
         }
         let prefix = |robot: &str| args.prefix.clone().unwrap_or_else(|| format!("/{robot}Sim"));
         let clock = SimClock::start(args.speed, wall());
-        let (mut all, mut by_robot) = (Vec::new(), Vec::new());
+        let (mut all, mut by_robot, mut arms) = (Vec::new(), Vec::new(), false);
         for (i, robot) in config.robot.iter().enumerate() {
             let prefix = prefix(&robot.name);
             let model = Config::beside(&source, &robot.model);
@@ -75,6 +75,7 @@ impl Simulated {
             let seed = derive_seed(config.seed, &format!("{}/driver", robot.name));
             let at = format!("robot[{i}].driver");
             let settings = settings(robot, &at, &source)?;
+            arms |= settings.arm().is_some();
             let context = Context { robot: Arc::new(model), seed };
             let boards = SimBoard::all(&settings, &context, clock)
                 .map_err(|e| source.error(&format!("{at}.{}", e.path), e.what.clone(), e.help.clone()))?;
@@ -82,12 +83,27 @@ impl Simulated {
             all.extend(boards.iter().map(|b| (format!("{prefix}/{}", b.part()), b.clone())));
             by_robot.push(boards);
         }
+        if arms {
+            place(&by_robot, &config, &source)?;
+        }
         let cameras = cameras::cameras(&config, &source, prefix, &by_robot, clock)?;
         Ok(Simulated { boards: all, cameras, clock })
     }
 }
 
-fn settings(robot: &RobotConfig, at: &str, source: &crate::config::Source) -> Result<SimSettings, ConfigError> {
+/// Gives the arms weight, and the things around them to touch.
+fn place(robots: &[cameras::RobotBoards], config: &Config, source: &Source) -> Result<(), Report> {
+    let scene = compose(cameras::bare(config), source)?.scene;
+    for (i, boards) in robots.iter().enumerate() {
+        for board in boards {
+            let at = format!("robot[{i}].driver");
+            board.place(&scene, i).map_err(|e| source.error(&format!("{at}.{}", e.path), e.what, e.help))?;
+        }
+    }
+    Ok(())
+}
+
+fn settings(robot: &RobotConfig, at: &str, source: &Source) -> Result<SimSettings, ConfigError> {
     let (kind, settings) = driver_of(source, at, &robot.driver)?;
     if kind != SIM {
         let what = format!("robot {} has a driver of kind `{kind}`: there is nothing to simulate", robot.name);

@@ -58,6 +58,6 @@ pub use sim::{
     StepClock, StopRule, StoppingPath, UnknownBox, path, stopping_path,
 };
 pub use yarp::{
-    Moves, PartSettings, Who, WireFault, YARP, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim, disagreement,
-    joint_kind,
+    Encoder, Moves, PartSettings, Who, WireFault, YARP, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim,
+    disagreement, joint_kind,
 };

@@ -44,6 +44,7 @@ mod states;
 mod thread;
 
 pub use driver::YarpDriver;
+pub use encoder::Encoder;
 pub use layout::{disagreement, joint_kind};
 pub use settings::{Moves, PartSettings, YarpDriverSettings};
 pub use sim::{Who, WireFault, YarpSim};
@@ -244,6 +245,7 @@ impl Hardware for YarpHardware {
             board: patch.port.clone(),
             seen: known.gauge.seen().to_vec(),
             fair: !known.gauge.is_unfair(),
+            own_acceleration: known.own_acceleration,
         };
         self.layout.patches.iter().zip(&inner.boards).map(of).collect()
     }

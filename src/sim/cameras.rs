@@ -36,13 +36,7 @@ pub(super) fn cameras(
     if config.sensor.is_empty() {
         return Ok(Vec::new());
     }
-    // the world alone: whoever looks at it or moves in it does so elsewhere, so that only time can tell when things are moved
-    let mut bare = config.clone();
-    (bare.sensor, bare.yarp) = (Vec::new(), None);
-    bare.script.retain(|step| matches!(step.when, StepTrigger::AtS(_)));
-    bare.bridge.clear();
-    bare.robot.iter_mut().for_each(|robot| robot.agent = None);
-    let Composition { scene, script, .. } = compose(bare, source)?;
+    let Composition { scene, script, .. } = compose(bare(config), source)?;
     let world = Arc::new(Mutex::new(World::new(scene, script)));
     let scene = lock(&world).at(Time::ZERO);
     let mut served = Vec::new();
@@ -63,6 +57,16 @@ pub(super) fn cameras(
         }
     }
     Ok(served)
+}
+
+/// The world and its robots alone: whatever looks at it or moves in it does so elsewhere, so that only time can tell when things are moved.
+pub(super) fn bare(config: &Config) -> Config {
+    let mut bare = config.clone();
+    (bare.sensor, bare.yarp) = (Vec::new(), None);
+    bare.script.retain(|step| matches!(step.when, StepTrigger::AtS(_)));
+    bare.bridge.clear();
+    bare.robot.iter_mut().for_each(|robot| robot.agent = None);
+    bare
 }
 
 /// What is there, and what the file's script does to it by the simulation's clock.

@@ -18,6 +18,7 @@ mod licenses;
 mod locator_files;
 mod looking_ahead;
 mod map_cache;
+mod measuring_boards;
 mod new_behavior;
 mod planted_defects;
 mod private_runs;

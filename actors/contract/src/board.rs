@@ -38,8 +38,15 @@ pub struct Axis {
     #[serde(default)]
     pub overshoot: f64,
     /// The external torque in [`Sample::external`] above which something pushes it, N m (N where it slides). 0: the board reports none.
+    /// [`Axis::UNRATED`]: it reports torques, and its driver can't tell which of them is a contact.
     #[serde(default)]
     pub contact_effort: f64,
+}
+
+impl Axis {
+    /// The [`contact_effort`](Axis::contact_effort) of a board that reports torques of unknown meaning, N m: no arm reaches it, so a contact by
+    /// torque is watched only with a threshold of the settings.
+    pub const UNRATED: f64 = 1e12;
 }
 
 /// What a board can do.
@@ -100,6 +107,8 @@ pub struct Paces {
     pub seen: Vec<f64>,
     /// Whether the board honors reference speeds, as far as is known.
     pub fair: bool,
+    /// Whether it accepted a reference acceleration, and was then found to have another of its own.
+    pub own_acceleration: bool,
 }
 
 /// The commands of a board.

@@ -9,6 +9,7 @@
 
 use crate::{Imitated, SimHardware, SimSettings, joint_kind};
 use mobee_contract::{Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Time};
+use mobee_model::Scene;
 use mobee_yarp::board::{
     Ask, Device, Get, JointKind, Joints, Quantity, Reply, Set, Shadow, ShadowAxis, Streamed, Units, mode, reply,
 };
@@ -73,8 +74,7 @@ impl SimBoard {
     pub fn all(settings: &SimSettings, context: &Context, clock: SimClock) -> Result<Vec<SimBoard>, KindError> {
         settings.validate()?;
         if settings.arm().is_some() {
-            let what = "`mobee sim` serves each part as a board of its own, with kinematic joints";
-            return Err(KindError::new("profile", what, "leave the profile out, or let `mobee run` simulate the arm"));
+            return SimBoard::arm(settings, context, clock).map(|board| vec![board]);
         }
         let (axes, start) = (settings.axes(&context.robot), settings.start(&context.robot)?);
         let mut boards = Vec::new();
@@ -93,6 +93,28 @@ impl SimBoard {
             boards.push(SimBoard::new(&part.name, hardware, clock).map_err(lost)?.counting(&units));
         }
         Ok(boards)
+    }
+
+    /// The board of an arm with servos, which has neither weight nor contacts until [`SimBoard::place`].
+    fn arm(settings: &SimSettings, context: &Context, clock: SimClock) -> Result<SimBoard, KindError> {
+        let mut parts = context.robot.parts.iter().filter(|part| !part.motors.is_empty());
+        let (Some(part), None) = (parts.next(), parts.next()) else {
+            let what = "`mobee sim` serves each part as a board of its own, and the joints of this profile push each other across parts";
+            let help = "leave the profile out, or let `mobee run` simulate the arm: only a robot of one part can have one here";
+            return Err(KindError::new("profile", what, help));
+        };
+        let lost = |e: DriverFault| KindError::new("", e.to_string(), "");
+        let units = Units::new(context.robot.motors.iter().map(|m| joint_kind(m.motion)));
+        let hardware = SimHardware::new(settings, context)?;
+        Ok(SimBoard::new(&part.name, hardware, clock).map_err(lost)?.counting(&units))
+    }
+
+    /// Puts its arm among the things of a scene, in which it is this robot; kinematic joints touch nothing.
+    ///
+    /// # Errors
+    /// A scene that the physics can't simulate.
+    pub fn place(&self, scene: &Scene, robot: usize) -> Result<(), KindError> {
+        self.lock().hardware.place(scene, robot)
     }
 
     /// A simulated board under the name of a part.
@@ -249,12 +271,15 @@ impl State {
         let done = self.hardware.done(now);
         let modes = self.driver.modes();
         let q = self.last.as_ref().map(|s| s.q.clone());
+        let external = self.last.as_ref().map(|s| s.external.clone()).unwrap_or_default();
         for (i, axis) in self.shadow.axes.iter_mut().enumerate() {
             if let Some(q) = q.as_ref().and_then(|q| q.get(i)) {
                 axis.q = axis.kind.to_wire(q.to_degrees());
             }
             axis.speed = axis.kind.to_wire(speeds.get(i).copied().unwrap_or_default().to_degrees());
             axis.done = done.get(i).copied().unwrap_or_default();
+            // a joint pushes back
+            axis.torque = external.get(i).map(|pushed| 0.0 - pushed);
             let known = modes.get(i).map_or(mode::UNKNOWN, |m| word(*m));
             axis.mode = if faulty { mode::HARDWARE_FAULT } else { known };
         }

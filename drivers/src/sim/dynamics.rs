@@ -65,6 +65,11 @@ impl Dynamics {
 impl ArmBody for Dynamics {
     fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError> {
         self.external = ExternalTorques::new(physics);
+        // the next look may be some steps away, in which an arm without weight would be found at rest
+        let q = self.positions();
+        if let Some(external) = &mut self.external {
+            external.look(&q);
+        }
         self.clock.wake();
         Ok(())
     }

@@ -99,6 +99,12 @@ pub struct BoardFacts {
 }
 
 impl BoardFacts {
+    /// The torques of its newest state, N m (N where a joint slides), if it vouches for them.
+    fn torques(&self) -> Option<&[f64]> {
+        let joints = &self.told.as_ref()?.joints;
+        joints.torque.valid().filter(|torques| torques.len() == joints.axes())
+    }
+
     /// It answered a question of `asked` now. An answer's stamp is of some time in between.
     pub fn answered(&mut self, asked: f64, now: f64, answer: &Bottle) {
         self.answers.note(now, now - asked);
@@ -135,6 +141,8 @@ pub struct Joined {
     pub q: Pose,
     /// Motion done.
     pub done: Vec<bool>,
+    /// Torques with which something pushes the motors, N m (N where they slide); empty if no board reports any.
+    pub external: Vec<f64>,
 }
 
 impl SharedBoards {
@@ -311,11 +319,17 @@ impl Inner {
         }
         let mut q = layout.home.clone();
         let mut done = vec![true; q.len()];
+        let mut external = vec![0.0; if self.boards.iter().any(|b| b.torques().is_some()) { q.len() } else { 0 }];
         let mut lost = 0;
         for (patch, board) in layout.patches.iter().zip(&mut self.boards) {
             let slots = q.iter_mut().zip(&mut done).skip(patch.motors.start).take(patch.motors.len());
             for ((slot, rests), (deg, over)) in slots.zip(board.q.iter().zip(board.motions.done())) {
                 (*slot, *rests) = (deg.to_radians(), over);
+            }
+            let pushed = external.iter_mut().skip(patch.motors.start).take(patch.motors.len());
+            for (slot, torque) in pushed.zip(board.torques().unwrap_or_default()) {
+                // the board reports what its joint exerts, which pushes back
+                *slot = if torque.is_finite() { 0.0 - torque } else { 0.0 };
             }
             lost = lost.max(board.lost.0.saturating_sub(board.lost.1));
             board.lost.1 = board.lost.0;
@@ -323,7 +337,7 @@ impl Inner {
         }
         let at = self.boards.iter().map(|b| b.read_at).fold(f64::INFINITY, f64::min);
         let seq = self.joined.as_ref().map_or(0, |j| j.seq + 1 + lost);
-        self.joined = Some(Joined { seq, at, q: q.into(), done });
+        self.joined = Some(Joined { seq, at, q: q.into(), done, external });
         self.unread = true;
         for (patch, board) in layout.patches.iter().zip(&self.boards) {
             for (motor, word) in patch.motors.clone().zip(&board.modes) {
@@ -405,6 +419,9 @@ pub fn describe(
             axis.resolution = settings.resolution_deg.unwrap_or(measured).to_radians();
             if axis.motion.is_turn() {
                 axis.hold_error = settings.hold_error_deg.to_radians();
+            }
+            if board.torques().is_some() {
+                axis.contact_effort = Axis::UNRATED;
             }
             axis.max_speed = fact.max_speed.map_or(axis.max_speed, |v| v.to_radians().min(axis.max_speed));
         }

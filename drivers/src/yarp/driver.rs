@@ -1,6 +1,6 @@
 //! The driver: checks, marks, queues, and never waits.
 
-use super::cell::{Inner, SharedBoards, Trouble, holds, instant};
+use super::cell::{Inner, Joined, SharedBoards, Trouble, holds, instant};
 use super::check::{CheckedAgainst, CheckedCommand};
 use super::fan::Fan;
 use super::hand::{Do, Halt, Order};
@@ -199,7 +199,8 @@ impl Driver for YarpDriver {
         }
         drop(inner);
         let at = self.time_of(joined.at, now);
-        Ok(Some(Sample { seq: joined.seq, at, q: joined.q, done: joined.done, ..Sample::default() }))
+        let Joined { seq, q, done, external, .. } = joined;
+        Ok(Some(Sample { seq, at, q, done, external, ..Sample::default() }))
     }
 
     fn next_sample(&self, now: Time) -> Time {

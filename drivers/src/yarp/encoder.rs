@@ -71,20 +71,25 @@ impl Encoder {
         (self.last, self.before) = (None, None);
     }
 
-    /// One count; zero if the encoder shows none.
-    fn count(&self) -> f64 {
+    /// Standard deviation of its noise at rest, deg.
+    pub fn noise(&self) -> f64 {
+        self.variance.sqrt()
+    }
+
+    /// One count, deg; zero if the encoder shows none.
+    pub fn count(&self) -> f64 {
         self.step.filter(|_| self.multiples >= MULTIPLES).unwrap_or(0.0)
     }
 
     /// By how much readings of a joint at rest may differ, deg.
     pub fn play(&self) -> f64 {
-        let noise = SPREAD.0 * self.variance.sqrt();
+        let noise = SPREAD.0 * self.noise();
         (COUNTS * self.count()).max(noise).clamp(LEAST, MOST)
     }
 
     /// What a single reading may be off by, deg: a count, or four standard deviations of its noise.
     pub fn resolution(&self) -> f64 {
-        self.count().max(SPREAD.1 * self.variance.sqrt()).min(MOST)
+        self.count().max(SPREAD.1 * self.noise()).min(MOST)
     }
 }
 

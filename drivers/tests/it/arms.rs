@@ -1,8 +1,10 @@
 //! Simulated arms of second order: they sag, lag and push as their profiles say, and the same whoever reads them when.
 
 use mobee_contract::{Command, Context, Driver, Hardware, Move, Time};
-use mobee_drivers::SimHardware;
+use mobee_drivers::{SimBoard, SimClock, SimHardware};
 use mobee_model::{Robot, Scene};
+use mobee_yarp::JointField;
+use mobee_yarp::board::Device;
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -184,4 +186,48 @@ fn servo_numbers_without_a_joint_are_refused() {
         assert_eq!(refused.path, "servo.torque_nm");
         assert!(refused.to_string().contains(cause), "{refused}");
     }
+}
+
+/// The boards of a robot as `mobee sim` serves them.
+async fn boards(name: &str, settings: Value) -> Result<Vec<SimBoard>, String> {
+    let robot = robot(name);
+    let context = Context { robot: robot.clone(), seed: 5 };
+    let settings = mobee_contract::settings(&settings).map_err(|e| e.to_string())?;
+    let clock = SimClock::start(1.0, 0.0);
+    tokio::time::advance(Duration::from_millis(7)).await;
+    let boards = SimBoard::all(&settings, &context, clock).map_err(|e| e.to_string())?;
+    let scene = Scene::new(vec![(robot, Isometry3::identity())], vec![]).unwrap();
+    boards.iter().try_for_each(|board| board.place(&scene, 0)).map_err(|e| e.to_string())?;
+    Ok(boards)
+}
+
+/// An arm behind YARP moves as the arm inside the program, and publishes what its joints exert; kinematic joints exert nothing.
+#[tokio::test(start_paused = true)]
+async fn a_served_arm_sags_and_publishes_its_torques() {
+    for (profile, sags) in [("so101", true), ("ideal", false)] {
+        let boards = boards("so101", json!({ "profile": profile })).await.unwrap();
+        let [board] = boards.as_slice() else { panic!("a board for its only part") };
+        let start = board.positions();
+        tokio::time::advance(Duration::from_secs(3)).await;
+        let (_, joints) = board.state().unwrap();
+        let sagged = most(&moved(&start, &board.positions()));
+        assert_eq!(sagged > 0.3, sags, "{profile}: {sagged} deg");
+        if !sags {
+            assert_eq!(joints.torque, JointField::unknown(6));
+            continue;
+        }
+        let torques = joints.torque.valid().unwrap();
+        assert!(torques.len() == 6 && (0.05..2.9).contains(&most(torques)), "{torques:?}");
+        // its servos hold it up: what they exert is against the direction in which it sags
+        let shoulder = moved(&start, &board.positions())[1];
+        assert!(torques[1] * shoulder < 0.0, "{torques:?} N m, {shoulder} deg");
+    }
+}
+
+/// Joints of one arm push each other, wherever its boards are cut: boards of several parts can't simulate that.
+#[tokio::test(start_paused = true)]
+async fn a_robot_of_several_boards_has_kinematic_joints_there() {
+    let refused = boards("icub", json!({ "profile": "icub" })).await.err().unwrap();
+    assert!(refused.contains("the joints of this profile push each other across parts"), "{refused}");
+    assert!(boards("icub", json!({})).await.unwrap().len() > 1);
 }

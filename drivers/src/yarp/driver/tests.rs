@@ -5,8 +5,9 @@ use super::super::cell::describe;
 use super::super::layout::Patch;
 use super::*;
 
-use mobee_contract::Move;
-use mobee_yarp::board::{AxisFacts, JointKind, mode};
+use mobee_contract::{Axis, Move};
+use mobee_yarp::board::{AxisFacts, JointKind, RemoteState, mode};
+use mobee_yarp::{JointData, JointField};
 
 const FIVE: [&str; 5] = ["pitch", "roll", "alone", "yaw", "elbow"];
 
@@ -286,6 +287,40 @@ async fn a_reading_is_joined_of_all_boards() {
     assert_eq!(inner.fault(&layout), None);
     inner.boards[1].modes[1] = mode::HARDWARE_FAULT;
     assert_eq!(inner.fault(&layout).unwrap(), "motor elbow (joint 1 of /trunk) has a hardware fault");
+}
+
+/// What a board's newest state reports of torques.
+fn reports(known: &mut super::super::cell::BoardFacts, torque: JointField) {
+    let joints = JointData { position: JointField::known(vec![0.0; 2]), torque, ..JointData::default() };
+    known.told = Some(Arc::new(RemoteState { seq: 0, stamp: None, arrived: instant(), joints }));
+}
+
+/// The joint of a board pushes against what pushes it. What a board does not vouch for, and what is no number, is no torque.
+#[tokio::test(start_paused = true)]
+async fn torques_that_a_board_vouches_for_are_what_pushes_its_motors() {
+    let cases = [
+        (JointField::known(vec![1.5, -2.0]), vec![0.0, 0.0, 0.0, -1.5, 2.0]),
+        (JointField::known(vec![f64::NAN, f64::INFINITY]), vec![0.0; 5]),
+        (JointField { values: vec![1.5, -2.0], valid: false }, vec![]),
+        (JointField::known(vec![1.5]), vec![]),
+        (JointField::known(vec![1.5, 2.0, 3.0]), vec![]),
+    ];
+    for (torque, expected) in cases {
+        let mut rig = rig();
+        reports(&mut rig.cell.lock().boards[1], torque.clone());
+        assert_eq!(rig.read(Time::from_secs(1.0)).external, expected, "{torque:?}");
+    }
+}
+
+/// The force guard looks at the motors whose board reports torques, by a threshold of the settings alone.
+#[tokio::test(start_paused = true)]
+async fn what_a_torque_means_is_for_the_settings_to_state() {
+    let rig = rig();
+    let mut inner = rig.cell.lock();
+    reports(&mut inner.boards[1], JointField::known(vec![0.5, 0.5]));
+    let board = describe(&layout(), &inner.boards, &settings()).unwrap().unwrap();
+    let stated: Vec<f64> = board.axes.iter().map(|axis| axis.contact_effort).collect();
+    assert_eq!(stated, [0.0, 0.0, 0.0, Axis::UNRATED, Axis::UNRATED]);
 }
 
 /// The narrower limits and the lower speeds count; what has nothing in common is said.

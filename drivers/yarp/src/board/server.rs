@@ -153,6 +153,8 @@ impl super::Shadow {
             JointField::known(self.axes.iter().map(|a| i32::from_le_bytes(of(a).0.to_le_bytes())).collect())
         };
         let none = || JointField::unknown(self.axes.len());
+        // one flag vouches for all joints
+        let torque: Option<Vec<f64>> = self.axes.iter().map(|a| a.torque).collect();
         JointData {
             position: known(|a| a.q),
             velocity: known(|a| a.speed),
@@ -160,7 +162,7 @@ impl super::Shadow {
             motor_position: none(),
             motor_velocity: none(),
             motor_acceleration: none(),
-            torque: none(),
+            torque: torque.map_or_else(none, JointField::known),
             pwm: none(),
             current: none(),
             control_modes: words(|a| a.mode),

@@ -41,6 +41,8 @@ pub struct ShadowAxis {
     pub vel_ref: f64,
     /// Last position-direct set-point.
     pub direct_ref: f64,
+    /// Torque that the joint exerts, N m (N where it slides); `None`: the board does not measure it.
+    pub torque: Option<f64>,
 }
 
 impl ShadowAxis {
@@ -63,6 +65,7 @@ impl ShadowAxis {
             done: true,
             vel_ref: 0.0,
             direct_ref: q,
+            torque: None,
         }
     }
 
