@@ -1,6 +1,7 @@
 //! From a configuration to a system that is ready to run: every file read, every part built, every name checked.
 
 mod checks;
+mod rest;
 mod script;
 mod sensors;
 
@@ -90,6 +91,7 @@ struct Built {
     model: Arc<Robot>,
     hardware: Option<Arc<dyn Hardware>>,
     agent: Option<(AgentMaker, Requirements)>,
+    rest: Option<rest::Rest>,
 }
 
 fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -> Result<Composition, Complaints> {
@@ -105,12 +107,13 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             if config.clock == ClockMode::Virtual && hardware.as_ref().is_some_and(|h| !h.runs_in_virtual_time()) {
                 wrong.push(by_the_wall(source, &at("driver"), "driver"));
             }
-            Built { hardware, agent: None, model }
+            Built { hardware, agent: None, rest: None, model }
         }));
     }
     let objects = wrong.keep(world(&config, source, &mut warnings));
     let scene = objects.and_then(|objects| scene(&config, &built, objects));
     let resolved_goals = agents(&config, source, &mut built, scene.as_ref().and_then(|s| s.as_ref().ok()), &mut wrong);
+    rest::all(&config, source, &mut built, &resolved_goals, &mut wrong);
     let bridges = bridges(&config, source, &mut wrong);
     let whole: Option<Vec<Built>> = built.into_iter().collect();
     let (Some(built), Some(scene)) = (whole, scene) else { return Err(wrong.of_something()) };
@@ -132,7 +135,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
 
     let mut robots = Vec::new();
     if wrong.is_empty() {
-        for (i, (Built { model, hardware, agent }, r)) in built.into_iter().zip(&config.robot).enumerate() {
+        for (i, (Built { model, hardware, agent, rest }, r)) in built.into_iter().zip(&config.robot).enumerate() {
             let Some(hardware) = hardware else { continue };
             wrong.keep(hardware.place(&scene, i).map_err(|e| placed(source, &format!("robot[{i}].driver"), e)));
             let at = format!("robot[{i}].controller");
@@ -152,6 +155,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
                 hardware,
                 controller,
                 agent: agent.map(|(maker, _)| maker),
+                rest: rest.map(|(rest, _)| rest),
             });
         }
     }
