@@ -10,8 +10,8 @@ pub(crate) use sensors::camera as sensor_camera;
 use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, SensorSetup, TruthCell, named_apart};
 use mobee_behaviors::hand_goal::{self, HandGoals, ResolvedGoal};
-use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
-use mobee_controller::look_ahead::stop_error;
+use mobee_contract::{Agent, Axis, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
+use mobee_controller::look_ahead::{FastClearance, stop_error};
 use mobee_controller::{ControllerSettings, RELEASE};
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -19,6 +19,7 @@ use serde_json::Value;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Everything built and checked, nothing started.
 pub struct Composition {
@@ -415,10 +416,14 @@ pub(crate) fn margin_warning(
     let own = r.agent.as_ref().map(|a| a.get("speed").and_then(Value::as_f64).unwrap_or(0.1));
     let speed = own.into_iter().chain(foreign).reduce(f64::max)?;
     let board = hardware.connect().ok()?.board().clone();
-    let period = std::time::Duration::from_secs_f64(controller.period_s);
+    let period = Duration::from_secs_f64(controller.period_s);
     if controller.reserve_m != Some(0.0) {
         let reaction = board.latency + period * 2;
-        let needed = stop_error(robot, &board.axes, reaction, speed);
+        let needed = match controller.reserve_m {
+            Some(_) => clearance_needed(robot, &board.axes, reaction, speed),
+            // it grows with the speed
+            None => stop_error(robot, &board.axes, reaction, speed),
+        };
         let clearance = controller.reserve_m.unwrap_or(controller.margin_m);
         let key = if controller.reserve_m.is_some() { "reserve_mm" } else { "margin_mm" };
         return (clearance < needed).then(|| {
@@ -433,6 +438,16 @@ pub(crate) fn margin_warning(
     }
     let warning = mobee_drivers::stopping_path(robot, &board, period, speed).warning(controller.margin_m, robot)?;
     Some(format!("{}: {warning}", r.name))
+}
+
+/// The braking clearance that a robot needs at a share of its motors' maximum speeds, meters. Arguments as for [`stop_error`].
+pub(crate) fn clearance_needed(robot: &Robot, axes: &[Axis], reaction: Duration, speed: f64) -> f64 {
+    let way = |(axis, reach): (&Axis, f64)| {
+        let speed = speed * axis.max_speed.abs();
+        reach * (speed * reaction.as_secs_f64() + speed * speed / (2.0 * axis.max_acceleration.max(1e-6)))
+    };
+    let way: f64 = axes.iter().zip(robot.reach()).map(way).sum();
+    stop_error(robot, axes, reaction, speed).max(FastClearance::new(robot, axes, reaction).after(way))
 }
 
 /// A seed for one part of the run, from the run's seed and the part's name (FNV-1a, then a final mix).

@@ -18,6 +18,12 @@ use std::path::Path;
 
 /// An SRDF's group of fewer is not an arm.
 const FEWEST_MOTORS: usize = 3;
+/// The control period of what is written, and the speed with which it explores.
+const PERIOD_MS: u64 = 20;
+/// See above.
+const SPEED: f64 = 0.1;
+/// The margin of a controller that states none.
+const MARGIN_MM: f64 = 10.0;
 
 /// Writes the robot, an empty world and a behavior that explores; says what was decided.
 ///
@@ -42,7 +48,12 @@ pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &
     let chain = chain::choose(&imported).ok_or_else(|| {
         miette!(help = "a robot explores with a motor at least", "{} has no motor that moves", urdf.display())
     })?;
-    let driver = driver::text(driver, &imported.robot, &plain_name(&imported.robot.name), model);
+    let driver = driver::text(
+        driver,
+        &imported.robot,
+        (&plain_name(&imported.robot.name), model),
+        imported.margin_mm.unwrap_or(MARGIN_MM),
+    );
     let texts = [
         (&robot, model_convert::text(urdf, &robot, &imported)?),
         (&world, WORLD.to_owned()),
@@ -121,14 +132,14 @@ seed = 1
 [[robot]]
 name = "{name}"
 model = {model}
-controller = {{ period_ms = 20, history = 6000{margin}{implied} }} # the history holds a minute of poses{why}
+controller = {{ period_ms = {PERIOD_MS}, history = 6000{margin}{implied} }} # the history holds a minute of poses{why}
 {driver}
 [robot.agent]
 kind = "explorer"
 motors = [{motors}]
 vertices = 20
 neighbors = 10
-speed = 0.1
+speed = {SPEED}
 validation = "lazy"
 {ranges}{poses}"#,
         top = driver.top,

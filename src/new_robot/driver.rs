@@ -1,7 +1,11 @@
 //! Which driver the behavior of a robot of one's own gets: a simulated arm like the robot, by our physics or MuJoCo's, or its boards behind YARP.
 
-use mobee_drivers::ArmProfile;
+use super::{PERIOD_MS, SPEED};
+use crate::compose::clearance_needed;
+use mobee_controller::look_ahead::braking_clearance;
+use mobee_drivers::{ArmProfile, SimSettings};
 use mobee_model::Robot;
+use std::time::Duration;
 
 /// The kinds of drivers that `mobee new --driver` writes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -27,8 +31,8 @@ pub(super) struct DriverText {
     pub told: String,
 }
 
-/// The driver of a robot whose name in the behavior is `name`, and whose file is called `model`.
-pub(super) fn text(driver: NewDriver, robot: &Robot, name: &str, model: &str) -> DriverText {
+/// The driver of a robot whose name in the behavior is `name`, and whose file is called `model`, with this margin.
+pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str), margin_mm: f64) -> DriverText {
     let profile = profile([robot.name.as_str(), model]);
     let [word, controller, like] = match profile {
         // hobby servos lag by degrees: what is beyond is held by something
@@ -38,20 +42,22 @@ pub(super) fn text(driver: NewDriver, robot: &Robot, name: &str, model: &str) ->
         ArmProfile::Icub => ["icub", "", "an iCub"],
         ArmProfile::Arm | ArmProfile::Ideal => ["arm", "", "an arm of no particular make"],
     };
-    let controller = controller.to_owned();
+    let (reserve, remark) = reserve(robot, profile, margin_mm);
+    let controller = reserve + controller;
     match driver {
         NewDriver::Sim => DriverText {
             top: String::new(),
             controller,
-            table: format!(
-                "driver = {{ kind = \"sim\", profile = \"{word}\" }} # simulated as {like}; kinematic joints: profile = \"ideal\"\n"
-            ),
+            table: remark
+                + &format!(
+                    "driver = {{ kind = \"sim\", profile = \"{word}\" }} # simulated as {like}; kinematic joints: profile = \"ideal\"\n"
+                ),
             told: format!("  driver: simulated as {like} (profile `{word}`)\n"),
         },
         NewDriver::Mujoco => DriverText {
             top: String::new(),
             controller,
-            table: mujoco(word),
+            table: remark + &mujoco(word),
             told: format!(
                 "  driver: simulated as {like} (profile `{word}`) by MuJoCo; the program needs the feature `mujoco`, which this one {}\n",
                 if cfg!(feature = "mujoco") { "has" } else { "lacks: cargo build --release --features mujoco" }
@@ -59,6 +65,31 @@ pub(super) fn text(driver: NewDriver, robot: &Robot, name: &str, model: &str) ->
         },
         NewDriver::Yarp => yarp(robot, name),
     }
+}
+
+/// The braking clearance of an arm that explores, as a setting of its controller, and a remark on it. By default it is that of full speed, and
+/// grows with the speed: the reflex then follows pairs that are far apart, which takes many times as much processor time. Nothing where
+/// the margin is too small for it.
+fn reserve(robot: &Robot, profile: ArmProfile, margin_mm: f64) -> (String, String) {
+    let settings = SimSettings { profile, ..SimSettings::default() };
+    let axes = settings.axes(robot);
+    let reaction = settings.latency() + Duration::from_millis(PERIOD_MS) * 2;
+    let needed = |speed: f64| clearance_needed(robot, &axes, reaction, speed) * 1e3;
+    let usual = braking_clearance(robot, &axes, reaction, margin_mm * 1e-3) * 1e3;
+    let exact = usual.max(needed(SPEED));
+    if exact > margin_mm + 1e-6 {
+        return (String::new(), String::new());
+    }
+    let mm = ((exact * 10.0).ceil() / 10.0).min(margin_mm);
+    let fast = (1..=20_u8).map(|n| f64::from(n) / 20.0).take_while(|speed| needed(*speed) <= mm).last();
+    let remark = match fast {
+        Some(1.0) => String::new(),
+        fast => format!(
+            "# `reserve_mm` is the braking clearance up to speed = {}. Without it, it grows with the speed, at many times the processor time.\n",
+            fast.unwrap_or(SPEED)
+        ),
+    };
+    (format!(", reserve_mm = {mm}"), remark)
 }
 
 fn mujoco(profile: &str) -> String {
