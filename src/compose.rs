@@ -414,7 +414,8 @@ pub(crate) fn margin_warning(
         return None;
     }
     let own = r.agent.as_ref().map(|a| a.get("speed").and_then(Value::as_f64).unwrap_or(0.1));
-    let speed = own.into_iter().chain(foreign).reduce(f64::max)?;
+    let to_rest = r.rest.as_ref().map(|rest| rest.table().speed.or(own).unwrap_or(0.1));
+    let speed = own.into_iter().chain(to_rest).chain(foreign).reduce(f64::max)?;
     let board = hardware.connect().ok()?.board().clone();
     let period = Duration::from_secs_f64(controller.period_s);
     if controller.reserve_m != Some(0.0) {
@@ -425,11 +426,14 @@ pub(crate) fn margin_warning(
             None => stop_error(robot, &board.axes, reaction, speed),
         };
         let clearance = controller.reserve_m.unwrap_or(controller.margin_m);
-        let key = if controller.reserve_m.is_some() { "reserve_mm" } else { "margin_mm" };
+        let remedy = match controller.reserve_m {
+            Some(_) => "give a greater `reserve_mm`, or none: it then follows from the robot and its speed",
+            None => "give a greater `margin_mm`",
+        };
         return (clearance < needed).then(|| {
             format!(
                 "{}: at this speed a stop may end {:.1} mm elsewhere than foreseen, which is more than its braking clearance of {:.1} mm; \
-                 move more slowly, or give a greater `{key}`",
+                 move more slowly, or {remedy}",
                 r.name,
                 needed * 1e3,
                 clearance * 1e3
