@@ -15,7 +15,7 @@ use std::time::Duration;
 const TICK: Duration = Duration::from_millis(20);
 /// Before a commit that was refused is tried again.
 const PAUSE: Duration = Duration::from_millis(100);
-/// How long a robot may hold before the motion is given up: it will not move before somebody acts.
+/// How long a robot may hold, or give no readings, before the motion is given up: it will not move before somebody acts.
 const HOLD_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Moves all robots to their rest poses. The robots' own agents make no more motions from now on.
@@ -33,6 +33,7 @@ pub(super) async fn move_to_rest(shared: &Arc<SharedContext>, rests: &[Option<Re
             context,
             filtered: filtered.as_ref(),
             name: format!("{}/rest", context.name).into(),
+            begun: shared.clock.now(),
             until: shared.clock.now() + rest.within,
             within: rest.within,
         };
@@ -66,6 +67,7 @@ struct Motion<'a> {
     filtered: &'a dyn Filtered,
     /// As which agent it commits.
     name: Arc<str>,
+    begun: Time,
     until: Time,
     within: Duration,
 }
@@ -126,6 +128,7 @@ impl Motion<'_> {
 
     /// Waits until the robot rests and every outcome is given.
     async fn settle(&self) -> Result<(), String> {
+        let mut held_since = None;
         loop {
             if self.filtered.is_halted() {
                 return Err("it is halted".into());
@@ -134,7 +137,15 @@ impl Motion<'_> {
             if latest.ready {
                 return Ok(());
             }
-            self.in_time(latest.status)?;
+            let now = self.shared.clock.now();
+            match latest.status {
+                Status::Holding(hold) if now > *held_since.get_or_insert(now) + HOLD_TIMEOUT => {
+                    return Err(format!("it holds: {hold}"));
+                }
+                Status::Holding(_) => {}
+                _ => held_since = None,
+            }
+            self.in_time()?;
             self.pause(TICK).await;
         }
     }
@@ -145,7 +156,7 @@ impl Motion<'_> {
             if let Some(end) = self.filtered.end_of(id) {
                 return Ok(end);
             }
-            self.in_time(self.filtered.latest().status)?;
+            self.in_time()?;
             self.pause(TICK).await;
         }
     }
@@ -156,7 +167,7 @@ impl Motion<'_> {
         mut agent: Box<dyn Agent>,
         last: Option<MotionEnd>,
     ) -> Result<(Box<dyn Agent>, Intent), String> {
-        self.in_time(self.filtered.latest().status)?;
+        self.in_time()?;
         let view = self.shared.view(self.context);
         let left = self.until.since(self.shared.clock.now());
         let ask = move || {
@@ -170,11 +181,16 @@ impl Motion<'_> {
         self.filtered.commit(Commit { agent: self.name.clone(), target, speeds }).await
     }
 
-    fn in_time(&self, status: Status) -> Result<(), String> {
-        if self.shared.clock.now() < self.until {
+    /// Whether there is time left, and readings come.
+    fn in_time(&self) -> Result<(), String> {
+        let (latest, now) = (self.filtered.latest(), self.shared.clock.now());
+        if now > latest.at.max(self.begun) + HOLD_TIMEOUT {
+            return Err("no readings come from it".into());
+        }
+        if now < self.until {
             return Ok(());
         }
-        let state = match status {
+        let state = match latest.status {
             Status::Holding(hold) => format!("it holds: {hold}"),
             Status::Retreating => "it was retreating".into(),
             Status::Moving | Status::Escaping => "it was still moving".into(),
