@@ -1,6 +1,7 @@
 //! From a configuration to a system that is ready to run: every file read, every part built, every name checked.
 
 mod checks;
+mod rest;
 mod script;
 mod sensors;
 
@@ -9,8 +10,8 @@ pub(crate) use sensors::camera as sensor_camera;
 use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, SensorSetup, TruthCell, named_apart};
 use mobee_behaviors::hand_goal::{self, HandGoals, ResolvedGoal};
-use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
-use mobee_controller::look_ahead::stop_error;
+use mobee_contract::{Agent, Axis, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
+use mobee_controller::look_ahead::{FastClearance, stop_error};
 use mobee_controller::{ControllerSettings, RELEASE};
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -18,6 +19,7 @@ use serde_json::Value;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Everything built and checked, nothing started.
 pub struct Composition {
@@ -90,6 +92,7 @@ struct Built {
     model: Arc<Robot>,
     hardware: Option<Arc<dyn Hardware>>,
     agent: Option<(AgentMaker, Requirements)>,
+    rest: Option<rest::Rest>,
 }
 
 fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -> Result<Composition, Complaints> {
@@ -105,12 +108,13 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             if config.clock == ClockMode::Virtual && hardware.as_ref().is_some_and(|h| !h.runs_in_virtual_time()) {
                 wrong.push(by_the_wall(source, &at("driver"), "driver"));
             }
-            Built { hardware, agent: None, model }
+            Built { hardware, agent: None, rest: None, model }
         }));
     }
     let objects = wrong.keep(world(&config, source, &mut warnings));
     let scene = objects.and_then(|objects| scene(&config, &built, objects));
     let resolved_goals = agents(&config, source, &mut built, scene.as_ref().and_then(|s| s.as_ref().ok()), &mut wrong);
+    rest::all(&config, source, &mut built, &resolved_goals, &mut wrong);
     let bridges = bridges(&config, source, &mut wrong);
     let whole: Option<Vec<Built>> = built.into_iter().collect();
     let (Some(built), Some(scene)) = (whole, scene) else { return Err(wrong.of_something()) };
@@ -132,7 +136,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
 
     let mut robots = Vec::new();
     if wrong.is_empty() {
-        for (i, (Built { model, hardware, agent }, r)) in built.into_iter().zip(&config.robot).enumerate() {
+        for (i, (Built { model, hardware, agent, rest }, r)) in built.into_iter().zip(&config.robot).enumerate() {
             let Some(hardware) = hardware else { continue };
             wrong.keep(hardware.place(&scene, i).map_err(|e| placed(source, &format!("robot[{i}].driver"), e)));
             let at = format!("robot[{i}].controller");
@@ -152,6 +156,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
                 hardware,
                 controller,
                 agent: agent.map(|(maker, _)| maker),
+                rest: rest.map(|(rest, _)| rest),
             });
         }
     }
@@ -409,18 +414,26 @@ pub(crate) fn margin_warning(
         return None;
     }
     let own = r.agent.as_ref().map(|a| a.get("speed").and_then(Value::as_f64).unwrap_or(0.1));
-    let speed = own.into_iter().chain(foreign).reduce(f64::max)?;
+    let to_rest = r.rest.as_ref().map(|rest| rest.table().speed.or(own).unwrap_or(0.1));
+    let speed = own.into_iter().chain(to_rest).chain(foreign).reduce(f64::max)?;
     let board = hardware.connect().ok()?.board().clone();
-    let period = std::time::Duration::from_secs_f64(controller.period_s);
+    let period = Duration::from_secs_f64(controller.period_s);
     if controller.reserve_m != Some(0.0) {
         let reaction = board.latency + period * 2;
-        let needed = stop_error(robot, &board.axes, reaction, speed);
+        let needed = match controller.reserve_m {
+            Some(_) => clearance_needed(robot, &board.axes, reaction, speed),
+            // it grows with the speed
+            None => stop_error(robot, &board.axes, reaction, speed),
+        };
         let clearance = controller.reserve_m.unwrap_or(controller.margin_m);
-        let key = if controller.reserve_m.is_some() { "reserve_mm" } else { "margin_mm" };
+        let remedy = match controller.reserve_m {
+            Some(_) => "give a greater `reserve_mm`, or none: it then follows from the robot and its speed",
+            None => "give a greater `margin_mm`",
+        };
         return (clearance < needed).then(|| {
             format!(
                 "{}: at this speed a stop may end {:.1} mm elsewhere than foreseen, which is more than its braking clearance of {:.1} mm; \
-                 move more slowly, or give a greater `{key}`",
+                 move more slowly, or {remedy}",
                 r.name,
                 needed * 1e3,
                 clearance * 1e3
@@ -429,6 +442,16 @@ pub(crate) fn margin_warning(
     }
     let warning = mobee_drivers::stopping_path(robot, &board, period, speed).warning(controller.margin_m, robot)?;
     Some(format!("{}: {warning}", r.name))
+}
+
+/// The braking clearance that a robot needs at a share of its motors' maximum speeds, meters. Arguments as for [`stop_error`].
+pub(crate) fn clearance_needed(robot: &Robot, axes: &[Axis], reaction: Duration, speed: f64) -> f64 {
+    let way = |(axis, reach): (&Axis, f64)| {
+        let speed = speed * axis.max_speed.abs();
+        reach * (speed * reaction.as_secs_f64() + speed * speed / (2.0 * axis.max_acceleration.max(1e-6)))
+    };
+    let way: f64 = axes.iter().zip(robot.reach()).map(way).sum();
+    stop_error(robot, axes, reaction, speed).max(FastClearance::new(robot, axes, reaction).after(way))
 }
 
 /// A seed for one part of the run, from the run's seed and the part's name (FNV-1a, then a final mix).

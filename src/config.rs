@@ -12,6 +12,7 @@ mod difference;
 mod error;
 mod include;
 mod layer;
+mod rest;
 mod sensor;
 mod shape;
 pub mod show;
@@ -23,6 +24,7 @@ pub use controller::{Controller, schema as controller_schema};
 pub use difference::{Difference, differences};
 pub use error::ConfigError;
 pub use mobee_contract::{nearest, suggestion};
+pub use rest::{RestConfig, RestTable};
 pub(crate) use sensor::paths;
 pub use sensor::{EyeConfig, SensorConfig, WorldGateConfig};
 pub use shape::{Misfit, misfits};
@@ -129,13 +131,17 @@ pub struct RobotConfig {
     #[serde(default)]
     pub base: Base,
     /// `kind` and settings of the driver; see `mobee kinds`.
-    #[serde(default = "simulated")]
+    #[serde(default = "default_driver")]
     pub driver: Value,
     /// The controller: `kind` (default: `rollback`), what all kinds have, and the kind's settings; see `mobee kinds`.
     pub controller: Controller,
     /// `kind` and settings of the agent; see `mobee kinds`. Absent: no agent.
     #[serde(default)]
     pub agent: Option<Value>,
+    /// Where the robot is moved when the run ends, over edges that are certified free, under the reflex: `home` (the robot file's), the name of a
+    /// pose of its agent, or a table with `pose` or `q_deg`, and `speed` and `within_s`. Absent: it stops where it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rest: Option<RestConfig>,
 }
 
 /// A pose in the world.
@@ -230,8 +236,13 @@ pub(crate) fn maps(agent: &mut Value) -> Vec<(String, &mut Value)> {
 fn one() -> u64 {
     1
 }
-pub(crate) fn simulated() -> Value {
+fn default_driver() -> Value {
     serde_json::json!({ "kind": SIM })
+}
+
+/// The driver that replaces a robot's own: kinematic joints.
+pub(crate) fn simulated() -> Value {
+    serde_json::json!({ "kind": SIM, "profile": "ideal" })
 }
 
 impl RobotConfig {
@@ -394,7 +405,7 @@ fn leave_out(value: &mut Value, m: &shape::Misfit) {
         (Some(i), "controller") if m.steps.len() > 3 && !controller::SHARED.contains(&step(3)) => {
             out(&mut value["robot"][i]["controller"], step(3));
         }
-        (Some(i), key @ ("agent" | "driver")) => out(&mut value["robot"][i], key),
+        (Some(i), key @ ("agent" | "driver" | "rest")) => out(&mut value["robot"][i], key),
         (Some(i), key) if m.at_key && m.steps.len() == 3 => out(&mut value["robot"][i], key),
         (Some(i), key) if m.at_key && m.steps.len() == 4 => out(&mut value["robot"][i][key], step(3)),
         (Some(_), _) => {}

@@ -3,6 +3,7 @@
 use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{ClockMode, ConfigError};
+use mobee::new_robot::NewDriver;
 use mobee::robot_import::ImportArgs;
 use mobee::{
     agent, bench, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare, model_convert,
@@ -109,6 +110,9 @@ enum Command {
         /// The URDF of your own robot: it is converted, and explores.
         #[arg(long, value_name = "URDF")]
         robot: Option<PathBuf>,
+        /// What drives it.
+        #[arg(long, value_name = "DRIVER", value_enum, default_value_t, requires = "robot")]
+        driver: NewDriver,
         #[command(flatten)]
         import: Box<ImportArgs>,
     },
@@ -350,8 +354,8 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             }
             Ok(ExitCode::SUCCESS)
         }
-        Command::New { name, from, robot: Some(urdf), import } => {
-            terminal::out(&new_robot::command(&name, &from, &urdf, &import)?);
+        Command::New { name, from, robot: Some(urdf), driver, import } => {
+            terminal::out(&new_robot::command(&name, &from, &urdf, driver, &import)?);
             Ok(ExitCode::SUCCESS)
         }
         Command::Schema => {

@@ -5,7 +5,7 @@
 use crate::compose::compose;
 use crate::config::Config;
 use mobee_contract::{
-    Cause, EdgeState, Event, Hold, MotorUnits, Note, Outcome, Pose, Status, SwapPart, SwapStep, Time,
+    Cause, EdgeState, Event, Hold, MotorUnits, Note, Outcome, Pose, RestStep, Status, SwapPart, SwapStep, Time,
 };
 use mobee_controller::distance;
 use mobee_model::{Contact, Labels, Robot, Scene, ShapeId};
@@ -329,6 +329,10 @@ fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
         }
         Event::Done { robot, summary } => {
             (News, "agents done", format!("{robot}: its agent is done: {}", summary.text))
+        }
+        Event::Rest { robot, step } => {
+            let weight = if matches!(step, RestStep::Missed { .. }) { Warning } else { News };
+            (weight, "rest poses", format!("{robot}: {step}"))
         }
         Event::AgentActs { robot, acts } => {
             let what = if *acts { "acts again" } else { "pauses" };

@@ -1,11 +1,15 @@
 //! `mobee new --robot`: a behavior for a robot of one's own, from its URDF.
 
 mod chain;
+mod driver;
+
+pub use driver::NewDriver;
 
 use crate::model_convert;
 use crate::new::{SCHEMA, file_stem, save_all};
 use crate::robot_import::{ImportArgs, Imported, plain_name};
 use chain::Chain;
+use driver::DriverText;
 use miette::{Report, miette};
 use mobee_model::{JointMotion, Robot};
 use std::collections::BTreeMap;
@@ -14,12 +18,18 @@ use std::path::Path;
 
 /// An SRDF's group of fewer is not an arm.
 const FEWEST_MOTORS: usize = 3;
+/// The control period of what is written, and the speed with which it explores.
+const PERIOD_MS: u64 = 20;
+/// See above.
+const SPEED: f64 = 0.1;
+/// The margin of a controller that states none.
+const MARGIN_MM: f64 = 10.0;
 
 /// Writes the robot, an empty world and a behavior that explores; says what was decided.
 ///
 /// # Errors
 /// If the URDF can't be converted, or a file would be written over. Nothing is written then.
-pub fn command(name: &str, from: &str, urdf: &Path, import: &ImportArgs) -> Result<String, Report> {
+pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &ImportArgs) -> Result<String, Report> {
     if from != "explore" {
         return Err(miette!(
             help = "leave --from out, and change the agent in the file that is written",
@@ -38,15 +48,22 @@ pub fn command(name: &str, from: &str, urdf: &Path, import: &ImportArgs) -> Resu
     let chain = chain::choose(&imported).ok_or_else(|| {
         miette!(help = "a robot explores with a motor at least", "{} has no motor that moves", urdf.display())
     })?;
+    let driver = driver::text(
+        driver,
+        &imported.robot,
+        (&plain_name(&imported.robot.name), model),
+        imported.margin_mm.unwrap_or(MARGIN_MM),
+    );
     let texts = [
         (&robot, model_convert::text(urdf, &robot, &imported)?),
         (&world, WORLD.to_owned()),
-        (&behavior, behavior_text(&stem, &imported, model, &chain.motors)),
+        (&behavior, behavior_text(&stem, &imported, (model, &driver), &chain.motors)),
         (&schema, crate::schema::text()),
     ];
     save_all(&texts.each_ref().map(|(file, text)| (file.as_path(), text.as_str())))?;
     let mut out = model_convert::summary(&robot, &imported);
     out += &explored(&imported.robot, &chain);
+    out += &driver.told;
     texts.iter().for_each(|(file, _)| out += &format!("{}\n", file.display()));
     Ok(out + &format!("now: mobee run {}\n", behavior.display()))
 }
@@ -95,7 +112,7 @@ const WORLD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 </WorldList>
 "#;
 
-fn behavior_text(stem: &str, imported: &Imported, model: &str, chain: &[usize]) -> String {
+fn behavior_text(stem: &str, imported: &Imported, (model, driver): (&str, &DriverText), chain: &[usize]) -> String {
     let robot: &Robot = &imported.robot;
     let name = plain_name(&robot.name);
     // what TOML writes between quotes is what it reads
@@ -110,22 +127,24 @@ fn behavior_text(stem: &str, imported: &Imported, model: &str, chain: &[usize]) 
 #   mobee run {stem}.toml
 
 seed = 1
-world.file = "{stem}-world.xml"
+{top}world.file = "{stem}-world.xml"
 
 [[robot]]
 name = "{name}"
 model = {model}
-controller = {{ period_ms = 20, history = 6000{margin} }} # the history holds a minute of poses{why}
-driver = {{ kind = "sim" }}
-
+controller = {{ period_ms = {PERIOD_MS}, history = 6000{margin}{implied} }} # the history holds a minute of poses{why}
+{driver}
 [robot.agent]
 kind = "explorer"
 motors = [{motors}]
 vertices = 20
 neighbors = 10
-speed = 0.1
+speed = {SPEED}
 validation = "lazy"
 {ranges}{poses}"#,
+        top = driver.top,
+        implied = driver.controller,
+        driver = driver.table,
         ranges = one_turn(robot, chain),
         poses = poses_text(&imported.poses),
         model = text(&format!("{model}.xml")),

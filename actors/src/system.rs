@@ -5,6 +5,7 @@ mod inject;
 mod overload;
 mod past;
 mod report;
+mod rest;
 mod restart;
 mod run;
 mod tree;
@@ -28,6 +29,7 @@ use mobee_controller::ControllerSettings;
 use mobee_model::{Edit, Scene};
 use std::fmt;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Makes an agent, at the start and after each of its deaths.
 pub type AgentMaker = Arc<dyn Fn() -> Result<Box<dyn Agent>, String> + Send + Sync>;
@@ -88,6 +90,23 @@ pub struct RobotSetup {
     pub controller: ControllerSettings,
     /// Its agent, if it has one.
     pub agent: Option<AgentMaker>,
+    /// Where it is moved when the run ends in order; `None`: it stops where it is.
+    pub rest: Option<RestSetup>,
+}
+
+/// The motion to a robot's rest pose.
+#[derive(Clone)]
+pub struct RestSetup {
+    /// Makes the agent that plans the motion. When it is done, the robot is at its rest pose if the summary has the figure [`RestSetup::REACHED`]
+    /// and that is positive; otherwise the summary's text says why not.
+    pub maker: AgentMaker,
+    /// The longest time that the motion may take, plans and retries included.
+    pub within: Duration,
+}
+
+impl RestSetup {
+    /// The name of the figure that counts the goals that were reached.
+    pub const REACHED: &str = "goals_reached";
 }
 
 /// What a running system can be told.

@@ -23,13 +23,13 @@ use crate::runtime::clock::Clock;
 use crate::runtime::load::Loads;
 use crate::runtime::stream::Stream;
 use mobee_contract::{
-    AnswerTime, Board, Event, Hardware, Latest, Note, SeenObject, Snapshot, SwapPart, SwapStep, Time,
+    AnswerTime, Board, Event, Hardware, Latest, Note, SeenObject, Snapshot, SwapPart, SwapStep, Time, View,
 };
 use mobee_controller::gate::Gate;
 use mobee_controller::joint_retreat::JointRetreat;
 use mobee_controller::ledger::Ledger;
 use mobee_controller::pulse::Pulse;
-use mobee_controller::{ControllerSettings, Rules, Shared};
+use mobee_controller::{ControllerSettings, RELEASE, Rules, Shared};
 use mobee_model::{Contact, Pair, Robot, Scene};
 use ractor::{ActorRef, Message};
 use std::collections::{BTreeMap, BTreeSet};
@@ -255,6 +255,22 @@ impl SharedContext {
     pub fn movers(&self, contacts: &[Contact], robot: usize) -> BTreeSet<usize> {
         let scene = self.scene.lock().clone();
         contacts.iter().flat_map(|contact| contact.movers(scene.robots(), robot)).collect()
+    }
+
+    /// What a robot's planner may know now.
+    pub fn view(&self, context: &RobotContext) -> View {
+        let latest = context.latest.lock().clone();
+        let rules = context.rules();
+        View {
+            at: latest.at,
+            robot: context.robot,
+            axes: rules.axes.clone(),
+            poses: self.robots.iter().map(|w| w.latest.lock().q.clone()).collect(),
+            scene: self.scene.lock().clone(),
+            contacts: latest.contacts,
+            clearance: rules.margin + RELEASE,
+            seen: self.seen.lock().values().flatten().cloned().collect(),
+        }
     }
 
     /// Tells and counts an event.

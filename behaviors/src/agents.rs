@@ -6,6 +6,7 @@ mod named;
 mod plan;
 mod random;
 mod reach;
+mod rest;
 mod roadmap;
 mod scripted;
 mod tour;
@@ -16,6 +17,7 @@ pub use named::NamedPose;
 pub use plan::{PlanAgent, PlanSettings};
 pub use random::{Random, RandomSettings};
 pub use reach::{GazeSettings, ReachAgent, ReachSettings};
+pub use rest::RestAgent;
 pub use roadmap::{RoadmapAgent, RoadmapSettings};
 pub use scripted::{Scripted, ScriptedPose, ScriptedSettings};
 

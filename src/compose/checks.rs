@@ -123,8 +123,9 @@ impl Poses<'_> {
     /// Poses that an agent's settings name, while the other robots are at home.
     fn named(&self, built: &[Built], wrong: &mut Complaints, warnings: &mut Vec<String>) {
         for (i, (r, b)) in self.config.robot.iter().zip(built).enumerate() {
-            let poses = b.agent.iter().flat_map(|(_, means)| &means.poses);
-            for SetPose { path, q, optional } in poses {
+            let of_agent = b.agent.iter().flat_map(|(_, means)| &means.poses).map(|pose| ("agent.", pose));
+            let of_rest = b.rest.iter().map(|(_, pose)| ("", pose));
+            for (table, SetPose { path, q, optional }) in of_agent.chain(of_rest) {
                 let mut poses = self.scene.home();
                 if let Some(own) = poses.get_mut(i) {
                     *own = Arc::from(q.clone());
@@ -142,7 +143,7 @@ impl Poses<'_> {
                     warnings.push(format!("{}: {path}: {what}; the reflex will undo the way there", r.name));
                 } else {
                     let help = "change the pose, or move the object; no motion could end here";
-                    wrong.push(self.source.error(&format!("robot[{i}].agent.{path}"), what, help));
+                    wrong.push(self.source.error(&format!("robot[{i}].{table}{path}"), what, help));
                 }
             }
         }

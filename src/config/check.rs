@@ -140,6 +140,9 @@ impl Config {
                     c.say(e.path.trim_end_matches('.'), e.what, help);
                 }
             }
+            if let Some(rest) = &r.rest {
+                rest.check(&at("rest"), c);
+            }
             c.range(&at("base.yaw_deg"), r.base.yaw_deg, -360.0, 360.0, "deg");
         }
     }

@@ -3,6 +3,7 @@
 use super::{Done, Folder};
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::system::Reason;
+use mobee_contract::RestStep;
 use mobee_model::Labels;
 use serde_json::{Value, json};
 
@@ -23,7 +24,7 @@ pub fn summary(done: &Done) -> Value {
     let wall = done.wall.as_secs_f64();
     // a resumed run has passed a part of its time in an earlier process
     let passed = end.ended_at.since(done.began).as_secs_f64();
-    json!({
+    let mut summary = json!({
         "reason": end.reason.to_string(),
         "simulated_s": end.ended_at.secs(),
         "wall_s": wall,
@@ -32,7 +33,20 @@ pub fn summary(done: &Done) -> Value {
         "journal_hash": done.whole.then_some(&done.hash),
         "complaints": done.complaints,
         "overload": done.overload.as_ref().map(|(what, _)| what),
-    })
+    });
+    if !end.counts.rest.is_empty() {
+        summary["rest"] = end.counts.rest.iter().map(|(robot, step)| (robot.clone(), json!(rest(step)))).collect();
+    }
+    summary
+}
+
+/// How the motion to a robot's rest pose ended.
+fn rest(step: &RestStep) -> String {
+    match step {
+        RestStep::Reached => "reached".into(),
+        RestStep::Missed { why } => format!("not reached: {why}"),
+        RestStep::Begun => "not reached".into(),
+    }
 }
 
 /// Why a run has ended, for people.
@@ -122,6 +136,12 @@ pub(super) fn print(
         row(robot, s.text.clone());
         for (name, value) in &s.figures {
             row(&format!("  {name}"), value.to_string());
+        }
+    }
+    for (robot, step) in &done.end.counts.rest {
+        match step {
+            RestStep::Reached => row("rest pose", format!("{robot} rests there")),
+            _ => row("attention", format!("{robot} holds where it is; rest pose {}", rest(step))),
         }
     }
     for (name, why) in &done.end.counts.down {

@@ -26,6 +26,7 @@ mod reach_over_yarp;
 mod reaching;
 mod real_time;
 mod replay;
+mod rest_pose;
 mod resume_evidence;
 mod roadmap_files;
 mod roadmap_trajectories;

@@ -86,6 +86,49 @@ fn a_robot_of_ones_own_explores_from_its_urdf_without_an_edit() {
     assert!(said(&alone).contains("part \"rail arm\" is called `rail_arm`"), "{}", said(&alone));
 }
 
+/// A robot's own driver: a plausible arm, the arm of its make, MuJoCo's physics or boards behind YARP; each file passes `check`.
+#[test]
+fn a_robot_of_ones_own_gets_the_driver_that_is_asked_for() {
+    let cases = [
+        ("rail.urdf", "sim", r#"driver = { kind = "sim", profile = "arm" }"#),
+        ("so101.urdf", "sim", "stall_deg = 8 }"),
+        (
+            "rail.urdf",
+            "yarp",
+            r#"driver = { kind = "yarp", parts = [{ part = "rail_arm", port = "/rail_armSim/rail_arm" }] }"#,
+        ),
+        ("rail.urdf", "mujoco", r#"driver = { kind = "sim", profile = "arm", physics = "mujoco" }"#),
+    ];
+    for (urdf, driver, expected) in cases {
+        let dir = tempfile::tempdir().expect("a folder");
+        std::fs::write(dir.path().join(urdf), RAIL_ARM).expect("written");
+        let made = mobee(dir.path(), &["new", "pick", "--robot", urdf, "--driver", driver, "--poses", "200"]);
+        assert!(made.status.success(), "{driver}: {}", said(&made));
+        assert_eq!(said(&made).contains("the feature `mujoco`"), driver == "mujoco", "{}", said(&made));
+        let text = std::fs::read_to_string(dir.path().join("pick.toml")).expect("the behavior");
+        assert!(text.contains(expected), "{driver}: {text}");
+        let checked = mobee(dir.path(), &["check", "pick.toml"]);
+        let runs = driver != "mujoco" || cfg!(feature = "mujoco");
+        assert_eq!(checked.status.success(), runs, "{driver}: {}", said(&checked));
+        // the obstacle that a comment shows can be taken as it is
+        if let Some(line) = text.lines().find(|line| line.starts_with("# driver")).filter(|_| runs) {
+            let taken = text.replace(&format!("\n{expected}\n"), "\n").replace(line, line.trim_start_matches("# "));
+            std::fs::write(dir.path().join("taken.toml"), taken).expect("written");
+            let checked = mobee(dir.path(), &["check", "taken.toml"]);
+            assert!(checked.status.success(), "{}", said(&checked));
+        }
+    }
+    let dir = tempfile::tempdir().expect("a folder");
+    std::fs::write(dir.path().join("rail.urdf"), RAIL_ARM).expect("written");
+    let other = mobee(dir.path(), &["new", "other", "--robot", "rail.urdf", "--driver", "gazebo"]);
+    assert_eq!(other.status.code(), Some(2));
+    assert!(said(&other).contains("[possible values: sim, yarp, mujoco]"), "{}", said(&other));
+    let alone = mobee(dir.path(), &["new", "other", "--driver", "mujoco"]);
+    assert_eq!(alone.status.code(), Some(2));
+    assert!(said(&alone).contains("--robot"), "{}", said(&alone));
+    assert!(!dir.path().join("other.toml").exists());
+}
+
 /// The whole corpus takes hours; `tools/corpus` alone goes through it.
 #[test]
 fn robots_that_people_own_explore_without_an_edit() {

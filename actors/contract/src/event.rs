@@ -2,7 +2,7 @@
 
 use crate::{
     Admission, Cause, CommandKind, CommitId, Hold, IntentKind, Located, MotionEnd, Note, Outcome, Pose, Refusal,
-    Region, Status, Summary, SwapPart, SwapStep, Time,
+    Region, RestStep, Status, Summary, SwapPart, SwapStep, Time,
 };
 use mobee_model::{Contact, JointMotion};
 use serde::{Deserialize, Serialize};
@@ -564,6 +564,13 @@ pub enum Event {
         /// How many items may wait (I7); 0 if not recorded.
         #[serde(default)]
         capacity: u64,
+    },
+    /// A step of the motion to a robot's rest pose, at the end of a run.
+    Rest {
+        /// Robot.
+        robot: String,
+        /// The step.
+        step: RestStep,
     },
     /// Last event: the run ended in an orderly way.
     Ended {

@@ -88,6 +88,31 @@ pub enum MotionEnd {
     Failed,
 }
 
+/// A step of the motion to a robot's rest pose, at the end of a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "step", rename_all = "snake_case")]
+pub enum RestStep {
+    /// The run ends, and the robot is moved to its rest pose.
+    Begun,
+    /// The robot rests there.
+    Reached,
+    /// The robot rests elsewhere and holds there.
+    Missed {
+        /// Why.
+        why: String,
+    },
+}
+
+impl fmt::Display for RestStep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RestStep::Begun => f.write_str("moves to its rest pose, as the run ends"),
+            RestStep::Reached => f.write_str("rests at its rest pose"),
+            RestStep::Missed { why } => write!(f, "did not reach its rest pose, and holds where it is: {why}"),
+        }
+    }
+}
+
 /// The one outcome of an accepted commit (I2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

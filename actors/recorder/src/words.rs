@@ -1,6 +1,6 @@
 //! Events in words, for the log: where it belongs, how grave it is, and one sentence.
 
-use mobee_contract::{Cause, EdgeState, Event, Hold, Note, Outcome, Status, SwapStep};
+use mobee_contract::{Cause, EdgeState, Event, Hold, Note, Outcome, RestStep, Status, SwapStep};
 use mobee_model::Contact;
 
 /// How grave.
@@ -113,6 +113,9 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
         }
         Event::Note { robot, note } => return note_line(robot, note, &|id| vertex(robot, id)),
         Event::Done { robot, summary } => (robot, Info, format!("done: {}", summary.text)),
+        Event::Rest { robot, step } => {
+            (robot, if matches!(step, RestStep::Missed { .. }) { Warn } else { Info }, step.to_string())
+        }
         Event::AgentActs { robot, acts } => {
             (robot, Info, if *acts { "its own agent acts again" } else { "its own agent makes way" }.to_owned())
         }

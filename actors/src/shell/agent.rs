@@ -7,7 +7,6 @@ use crate::wiring::{AgentMsg, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::{
     Commit, CommitId, Event, Hold, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Status, Target, Verdict, View,
 };
-use mobee_controller::RELEASE;
 use mobee_controller::supervise::Revision;
 use planners::{Last, PlannerHost};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
@@ -117,18 +116,7 @@ impl Actor for AgentActor {
 
 impl Planning {
     fn view(&self) -> View {
-        let latest = self.context.latest.lock().clone();
-        let rules = self.context.rules();
-        View {
-            at: latest.at,
-            robot: self.context.robot,
-            axes: rules.axes.clone(),
-            poses: self.shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect(),
-            scene: self.shared.scene.lock().clone(),
-            contacts: latest.contacts,
-            clearance: rules.margin + RELEASE,
-            seen: self.shared.seen.lock().values().flatten().cloned().collect(),
-        }
+        self.shared.view(&self.context)
     }
 
     fn ask_after(&self, myself: &ActorRef<AgentMsg>, pause: Duration) {

@@ -2,6 +2,7 @@
 
 use super::exchange::{Beside, Exchanges};
 use super::inject::inject;
+use super::rest::{give_up, move_to_rest};
 use super::restart::restart;
 use super::{Control, Cues, Reason, RobotSetup, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
 use crate::runtime::attempt::{Given, attempt};
@@ -31,6 +32,8 @@ const TICK: Duration = Duration::from_millis(100);
 const TELL: Duration = Duration::from_secs(1);
 /// How long robots may take to come to rest at the end.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// Why robots are not moved to their rest poses, or not to their end.
+const ABORTED: &str = "the run was stopped at once";
 /// How long a robot without readings is waited for: nothing would show that it rests.
 const BLIND: Duration = Duration::from_secs(2);
 
@@ -150,6 +153,7 @@ async fn conduct(
     let mut somebody = acting > 0 || is_kept();
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
     let sensors = std::mem::take(&mut setup.sensors);
+    let rests: Vec<_> = setup.robots.iter_mut().map(|robot| robot.rest.take()).collect();
     let truth = setup.truth.take();
     let looked_at = sensors.iter().filter(|s| s.is_simulated).flat_map(|s| s.keeps().to_vec()).collect();
     let shared = wire(setup, &boards, clock.clone(), troubles, looked_at);
@@ -181,6 +185,7 @@ async fn conduct(
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
     let mut listening = true;
+    let mut is_aborted = false;
     let reason = loop {
         let now = clock.now();
         let planned = faults.front().map(|(at, _)| *at);
@@ -198,6 +203,7 @@ async fn conduct(
             Some(Control::Stop) => break Reason::Interrupted,
             Some(Control::Abort) => {
                 abandon(&shared).await;
+                is_aborted = true;
                 break Reason::Interrupted;
             }
             Some(Control::SwapAgent { robot, offer, reply }) => match without_agent(&shared, &robot) {
@@ -245,6 +251,18 @@ async fn conduct(
         }
     };
     let in_order = async {
+        match reason {
+            Reason::Interrupted if is_aborted => give_up(&shared, &rests, ABORTED),
+            Reason::GaveUp => give_up(&shared, &rests, "a part used up its restarts"),
+            Reason::NoJournal => give_up(&shared, &rests, "the journal can't be written"),
+            Reason::Done | Reason::Time | Reason::Interrupted if rests.iter().any(Option::is_some) => {
+                // programs outside begin no more motions, but an operator can still halt the robots
+                posts.iter().filter(|post| post.keeps_run()).for_each(|post| post.vacate("the run ends"));
+                exchanges.end().await;
+                move_to_rest(&shared, &rests).await;
+            }
+            Reason::Done | Reason::Time | Reason::Interrupted => {}
+        }
         if let Some(services) = &services {
             let _ = ractor::call!(services, GroupMsg::Stop);
         }
@@ -254,7 +272,14 @@ async fn conduct(
     tokio::select! {
         biased;
         () = in_order => {}
-        () = told_to_abort(&mut controls) => abandon(&shared).await,
+        () = told_to_abort(&mut controls) => {
+            abandon(&shared).await;
+            give_up(&shared, &rests, ABORTED);
+            // those that an operator halts robots through had gone on
+            if let Some(services) = services.as_ref().filter(|_| rests.iter().any(Option::is_some)) {
+                let _ = ractor::call!(services, GroupMsg::Stop);
+            }
+        }
     }
     if let Some(seen) = &seen {
         let _ = ractor::call!(seen, GroupMsg::Stop);

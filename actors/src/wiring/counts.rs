@@ -1,7 +1,7 @@
 //! What is counted while a run goes on.
 
 use crate::check::touches::Touches;
-use mobee_contract::{Cause, Event, Outcome, Status, Summary, SwapPart, SwapStep};
+use mobee_contract::{Cause, Event, Outcome, RestStep, Status, Summary, SwapPart, SwapStep};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -71,6 +71,9 @@ pub struct RunCounts {
     pub(crate) touches: Touches,
     /// The filters' states, by robot.
     pub status: BTreeMap<String, Status>,
+    /// The newest step of each robot's motion to its rest pose.
+    #[serde(skip)]
+    pub rest: BTreeMap<String, RestStep>,
     /// What the agents said at their end, by robot.
     pub done: BTreeMap<String, Summary>,
 }
@@ -127,6 +130,11 @@ impl RunCounts {
             // the new agent may have more to do
             Event::Swap { robot, part: SwapPart::Agent, step: SwapStep::TookOver { .. } } => {
                 self.done.remove(robot);
+            }
+            // the resumed run has an end of its own
+            Event::Resumed { .. } => self.rest.clear(),
+            Event::Rest { robot, step } => {
+                self.rest.insert(robot.clone(), step.clone());
             }
             Event::Done { robot, summary } => {
                 self.done.insert(robot.clone(), summary.clone());

@@ -51,6 +51,7 @@ fn collide(history: usize, left: &[(f64, f64, f64)], right: &[(f64, f64, f64)]) 
             name: name.into(),
             hardware: Arc::new(hardware),
             controller: ControllerSettings { history, reserve_m: Some(0.0), ..ControllerSettings::default() },
+            rest: None,
             agent: Some(Arc::new(move || Ok(Box::new(Plan(steps.clone(), false)) as Box<dyn Agent>))),
         });
     }

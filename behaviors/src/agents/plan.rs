@@ -64,6 +64,8 @@ pub struct PlanAgent {
     route: Vec<u32>,
     tour: Tour,
     tries: Tries,
+    /// Why the last goal that was given up was.
+    why: String,
 }
 
 /// What was tried for this goal.
@@ -125,7 +127,13 @@ impl PlanAgent {
             route: Vec::new(),
             tour: Tour::default(),
             tries: Tries::default(),
+            why: String::new(),
         })
+    }
+
+    /// Why the goal that was missed last was given up; `None`: no goal was.
+    pub(super) fn why_missed(&self) -> Option<&str> {
+        Some(self.why.as_str()).filter(|why| !why.is_empty())
     }
 
     /// The map that has come about so far.
@@ -162,6 +170,7 @@ impl PlanAgent {
             let (length, straight) = self.ways.lengths(&leg, &self.route);
             if self.route.is_empty() || length > DETOUR * straight {
                 if self.tries.plans >= PLANS {
+                    self.why = format!("{PLANS} plans failed");
                     self.walker.log(format!("goal {goal} is given up after {PLANS} plans"));
                     return None;
                 }
@@ -245,6 +254,7 @@ impl PlanAgent {
             }
             _ => {
                 self.walker.log(format!("no plan to goal {goal}, which is given up: {text}"));
+                self.why = format!("there is no plan: {text}");
                 None
             }
         }

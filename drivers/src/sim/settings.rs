@@ -62,7 +62,7 @@ pub struct SimSettings {
     /// A robot to imitate, such as `iCub_SIM`; its measured behavior replaces `move_profile` and the model's limits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imitates: Option<Imitated>,
-    /// The kind of arm: `ideal` (kinematic joints), or `icub`, `panda`, `ur5`, `so101` with servos, weight and elastic contact.
+    /// The kind of arm: `ideal` (kinematic joints), or `arm` (of no particular make), `icub`, `panda`, `ur5`, `so101` with servos, weight and elastic contact.
     pub profile: ArmProfile,
     /// The physics that moves the arm: `builtin`, or `mujoco`; not with kinematic joints.
     #[serde(skip_serializing_if = "is_builtin")]

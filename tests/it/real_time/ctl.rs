@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// A run that can be controlled.
 pub(crate) struct Run {
-    child: Child,
+    pub(crate) child: Child,
     /// Its folder.
     pub(crate) out: std::path::PathBuf,
 }

@@ -9,6 +9,7 @@ mod doctor;
 mod filter_transparency;
 mod old_program;
 mod process_faults;
+mod rest_pose;
 mod second_run;
 mod slides_over_yarp;
 mod swap_over_yarp;

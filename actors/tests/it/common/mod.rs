@@ -4,7 +4,7 @@ use mobee_actors::check::{Violation, check_events};
 use mobee_actors::record::tap::{Collected, Pictures, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{
-    AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, SensorSetup, Setup, TruthCell, run_under,
+    AgentMaker, Control, RestSetup, RobotSetup, RunEnd, ScriptStep, SensorSetup, Setup, TruthCell, run_under,
 };
 use mobee_contract::*;
 use mobee_controller::{ControllerSettings, Drive};
@@ -105,6 +105,8 @@ pub struct Trial {
     pub clock: ClockKind,
     /// Instead of the one that goes through the poses.
     pub agent: Option<AgentMaker>,
+    /// The motion at its end.
+    pub rest: Option<RestSetup>,
     /// Who is told behind queues, beside what the test sees.
     pub sinks: Vec<SinkSpec>,
     pub sensors: Vec<SensorSetup>,
@@ -129,6 +131,7 @@ impl Default for Trial {
             undo_s: ControllerSettings::default().undo_s,
             clock: ClockKind::Virtual,
             agent: None,
+            rest: None,
             sinks: Vec::new(),
             sensors: Vec::new(),
             truth: None,
@@ -231,6 +234,7 @@ impl Trial {
                     ..ControllerSettings::default()
                 },
                 agent: Some(self.agent.unwrap_or(Arc::new(agent))),
+                rest: self.rest,
             }],
             seed: self.seed,
             clock: self.clock,

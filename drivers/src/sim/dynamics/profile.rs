@@ -45,6 +45,8 @@ pub enum ArmProfile {
     /// Kinematic joints: they are where the board commands them, without weight, lag or force.
     #[default]
     Ideal,
+    /// An arm of no particular make: weight compensated, servos of 5 to 6 Hz that lag a little, a 16-bit encoder.
+    Arm,
     /// An iCub's arms: stiff position loops of a board that compensates the weight by its integral term.
     Icub,
     /// Franka Panda: weight compensated, servo gains and torques of its MuJoCo Menagerie model.
@@ -164,6 +166,22 @@ impl ArmProfile {
     pub fn numbers(self) -> Option<ArmNumbers> {
         Some(match self {
             ArmProfile::Ideal => return None,
+            // no arm's data: critically damped servos of 35 rad/s, between an iCub's and a UR5's; inertia and torque of an arm of 8 kg
+            ArmProfile::Arm => ArmNumbers {
+                stiffness: &[1200.0, 1200.0, 750.0, 370.0, 120.0],
+                damping: &[70.0, 70.0, 43.0, 21.0, 7.0],
+                torque: &[80.0, 80.0, 60.0, 30.0, 12.0],
+                inertia: &[1.0, 1.0, 0.6, 0.3, 0.1],
+                friction: &[0.8, 0.8, 0.6, 0.3, 0.1],
+                rotor: 0.05,
+                lead: 0.9,
+                mass: 8.0,
+                compensated: 1.0,
+                resolution_deg: 360.0 / 65_536.0,
+                noise_deg: 0.001,
+                stop: StopRule::Commanded,
+                reports: EffortReport::External,
+            },
             // torques: iCub arm data sheet (shoulder 40, elbow 20, wrist 0.65 N m); stiffness and inertia estimated
             ArmProfile::Icub => ArmNumbers {
                 stiffness: &[800.0, 800.0, 500.0, 300.0, 60.0],
