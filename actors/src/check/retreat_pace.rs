@@ -209,7 +209,7 @@ impl RetreatPace {
         let back = self.back.as_ref()?;
         let (all, was) = (back.all, back.here);
         let swings = self.pressed && now.at.since(back.began).as_secs_f64() < SWINGS;
-        let allowed = self.beside + if swings { 0.5 * LEAVES } else { 0.0 };
+        let allowed = self.beside + if swings { LEAVES } else { 0.0 };
         let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= allowed) else {
             let nearest = (0..=was).map(|i| self.beside(i, &now.q)).fold(f64::INFINITY, f64::min);
             let beside = self.units.told(nearest, 2);
