@@ -63,6 +63,8 @@ pub(super) struct RetreatPace {
     early: f64,
     /// How far beside its path it may be, rad.
     beside: f64,
+    /// A count of its encoders, rad: one that flickers is no motion.
+    count: f64,
     /// Whether a board is known to be late, so that the retreat waits for it again and again.
     late: bool,
     /// Whether something unknown held it: it leaves that on a straight line of its own.
@@ -100,6 +102,7 @@ impl RetreatPace {
             halts: 0,
             early: EARLY,
             beside: BESIDE,
+            count: 0.0,
             late: false,
             pressed: false,
             lost: false,
@@ -154,6 +157,11 @@ impl RetreatPace {
         self.beside += by;
         self.halts += SETTLES;
         self.early = SAGS * EARLY;
+    }
+
+    /// Its encoders have counts of so much, rad.
+    pub fn counts(&mut self, count: f64) {
+        self.count = count;
     }
 
     /// Something unknown held it.
@@ -273,6 +281,6 @@ impl RetreatPace {
             let (older, newer) = window.split_at(half.min(window.len()));
             (sum(newer) - sum(older)).abs() / half as f64
         };
-        self.motors.iter().map(way).fold(0.0, f64::max) >= self.rest_speed * secs
+        self.motors.iter().map(way).fold(0.0, f64::max) >= self.rest_speed * secs + self.count
     }
 }

@@ -26,6 +26,8 @@ struct Robot {
     period: f64,
     tolerance: f64,
     rest_speed: f64,
+    /// A count of its encoders, rad.
+    resolution: f64,
     /// By how much its arm may sag, rad: it settles by new commands at the end of a retreat.
     sags: f64,
     newest: Option<(Time, Pose)>,
@@ -83,6 +85,7 @@ impl Robot {
         let way = (!escape && !motors.is_empty())
             .then(|| RetreatPace::new(motors, self.rest_speed, self.period, &self.units));
         self.way = way.map(|mut way| {
+            way.counts(self.resolution);
             if self.sags > 0.0 {
                 way.sags(self.sags);
             }
@@ -158,9 +161,20 @@ impl Invariant for TakenBack {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let wrong = match &line.event {
             Event::Controller { robot, undo, .. } => self.of(robot, |r| r.undo = undo.unwrap_or(UNDO)),
-            Event::Robot { robot, motors, sliding, period, tolerance, rest_speed, fresh, hold_error, .. } => {
+            Event::Robot {
+                robot,
+                motors,
+                sliding,
+                period,
+                tolerance,
+                rest_speed,
+                fresh,
+                hold_error,
+                resolution,
+                ..
+            } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
-                (robot.fresh, robot.sags) = (*fresh, *hold_error);
+                (robot.fresh, robot.sags, robot.resolution) = (*fresh, *hold_error, *resolution);
                 (robot.period, robot.tolerance, robot.rest_speed) = (*period, *tolerance, *rest_speed);
                 robot.units = MotorUnits::new(motors.len(), sliding);
                 None

@@ -178,10 +178,10 @@ pub struct RetreatPath {
 }
 
 impl RetreatPath {
-    /// How far a motor may be from a set-point for that, rad: as far as the path leads straight off what it pushes.
-    pub fn bent(&self, set_point: &[f64]) -> f64 {
+    /// Whether a set-point is on the straight line off what the robot pushes: joints that this has bent or hooked are not waited for there.
+    pub fn takes_off(&self, set_point: &[f64]) -> bool {
         let leaves = |(_, stop): &(f64, Pose)| self.pressed && distance(&self.of(stop), set_point) < LEAVES;
-        if self.points.first().is_some_and(leaves) { LEAVES } else { 0.0 }
+        self.points.first().is_some_and(leaves)
     }
 
     /// What a whole pose says of the motors that go it.

@@ -78,7 +78,8 @@ impl ReflexCore {
             }
             Phase::Retreating { token, retreat, back, violated, still, room } => {
                 let token = *token;
-                if still.unchanged != pulse.unchanged {
+                // joints that are hooked stand still on the first line
+                if still.unchanged != pulse.unchanged || retreat.takes_load_off() {
                     let (unchanged, written) = (pulse.unchanged, retreat.written().to_vec());
                     *still = Still { unchanged, written, sampled_at };
                 }

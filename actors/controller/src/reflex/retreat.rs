@@ -81,9 +81,9 @@ impl Retreat {
         self.behind.map_or(Duration::ZERO, |since| now.since(since))
     }
 
-    /// Whether the robot pushes something, and has not come along yet.
+    /// Whether it still leads straight off what the robot pushes: joints that this has bent, or hooked, come along late.
     pub fn takes_load_off(&self) -> bool {
-        self.way.pressed && self.clock == 0.0
+        self.way.takes_off(&self.written)
     }
 
     /// Whether the last set-point has been written.
@@ -226,6 +226,9 @@ impl Retreat {
     /// is held up, is not: to go on without the robot would lead it straight to where the clock is then, beside its
     /// recorded path.
     fn is_followed(&self, sample: &Sample, now: Time, rules: &Rules) -> bool {
+        if self.takes_load_off() {
+            return true;
+        }
         // what it was sent to since then may still be on its way to the board, or the reading on its way from it
         let since = self.clock - (rules.reaction() + now.since(sample.at)).as_secs_f64();
         let first = self.way.points.partition_point(|(t, _)| *t <= since).saturating_sub(1);
@@ -233,10 +236,9 @@ impl Retreat {
             let passed = self.way.points.iter().take(self.next).skip(first).filter_map(|(_, q)| q.get(m));
             passed.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (q.min(low), q.max(high)))
         };
-        let bent = self.way.bent(&self.written);
         self.way.motors.iter().zip(&self.written).all(|(m, written)| {
             let ((low, high), here) = (sent(*m), sample.q.get(*m).copied().unwrap_or(f64::NAN));
-            let beside = FROZEN_WAY + rules.pushed_error(*m) + bent;
+            let beside = FROZEN_WAY + rules.pushed_error(*m);
             (low.min(*written) - beside..=high.max(*written) + beside).contains(&here)
         })
     }
