@@ -100,7 +100,7 @@ impl SimBoard {
         let mut parts = context.robot.parts.iter().filter(|part| !part.motors.is_empty());
         let (Some(part), None) = (parts.next(), parts.next()) else {
             let what = "`mobee sim` serves each part as a board of its own, and the joints of this profile push each other across parts";
-            let help = "leave the profile out, or let `mobee run` simulate the arm: only a robot of one part can have one here";
+            let help = "give `mobee sim` kinematic joints (--set robot.NAME.driver.profile=ideal), or let `mobee run` simulate the arm: only a robot of one part can have a profile here";
             return Err(KindError::new("profile", what, help));
         };
         let lost = |e: DriverFault| KindError::new("", e.to_string(), "");

@@ -28,7 +28,10 @@ fn served(network: &Network) -> Served {
         mobee_in(network.path()).args(["new", "pick", "--robot", urdf, "--poses", "500"]).output().expect("mobee");
     assert!(made.status.success(), "{}", said(&made));
     let mut sim = network.command(env!("CARGO_BIN_EXE_mobee"));
-    let sim = sim.args(["sim", "pick.toml"]).current_dir(network.path()).stdout(Stdio::null());
+    let sim = sim
+        .args(["sim", "pick.toml", "--set", "robot.rail_arm.driver.profile=ideal"])
+        .current_dir(network.path())
+        .stdout(Stdio::null());
     let sim = Served(sim.spawn().expect("mobee starts"));
     let port = format!("{SIM}/rpc:i");
     let exists = network.command(env!("CARGO_BIN_EXE_mobee")).args(["yarp", "exists", "--wait", "60", &port]).status();
@@ -52,7 +55,8 @@ fn behind_yarp(network: &Network, front: &str, agent: bool) -> PathBuf {
     let pick = std::fs::read_to_string(network.path().join("pick.toml")).expect("a behavior");
     let parts = format!("parts = [{{ part = \"rail_arm\", port = \"{SIM}\" }}]");
     let driver = format!("driver = {{ kind = \"yarp\", max_speed_deg_per_s = 100.0, {parts} }}");
-    let mut pick = pick.replace("driver = { kind = \"sim\" }", &driver);
+    let written = pick.lines().find(|line| line.starts_with("driver = ")).expect("a driver").to_owned();
+    let mut pick = pick.replace(&written, &driver);
     assert!(pick.contains(&driver), "{pick}");
     if !agent {
         pick.truncate(pick.find("[robot.agent]").expect("an agent"));

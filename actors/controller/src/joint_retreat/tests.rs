@@ -169,19 +169,12 @@ fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
     use crate::ledger::Underway;
     use crate::reflex::tests::Alone;
     use crate::reflex::{ReflexIn, ReflexOut, ReflexReport};
-    use mobee_contract::{Command, CommitId, Hold, Status};
+    use mobee_contract::{Command, Hold, Status};
     let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
     let both = [recorded(0, true, &A, 0.3), recorded(1, true, &short, 4.0)];
     let mut reflex = Alone::new(rules(true));
     let safe = Some(SafePose { since: both[0].past[both[0].start].at, q: both[0].safe.clone() });
-    let motion = Underway {
-        id: CommitId(1),
-        safe,
-        named: vec![0].into(),
-        places: vec![None].into(),
-        extent: Extent::Whole,
-        pressed: false,
-    };
+    let motion = Underway::of_one_motor(1, safe);
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));
     let (mut q, mut words, mut other) = (both[0].past.last().unwrap().q.clone(), Vec::new(), None);

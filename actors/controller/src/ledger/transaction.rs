@@ -95,6 +95,13 @@ impl Extent {
 }
 
 impl Underway {
+    /// A move of the first motor, which was never sent anywhere, back to this safe pose.
+    #[cfg(test)]
+    pub(crate) fn of_one_motor(id: u64, safe: Option<SafePose>) -> Underway {
+        let (named, places) = (vec![0].into(), vec![None].into());
+        Underway { id: CommitId(id), safe, named, places, extent: Extent::Whole, pressed: false }
+    }
+
     /// Whether it leads out of a contact, and has nowhere to be taken back to.
     pub fn is_escape(&self) -> bool {
         self.safe.is_none()

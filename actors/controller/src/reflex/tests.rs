@@ -3,12 +3,12 @@
 use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
 use crate::joint_retreat::tests::{PERIOD, rules};
-use crate::ledger::{Extent, Motion, Open, SafePose, TransactionState, Underway};
+use crate::ledger::{Motion, Open, SafePose, TransactionState, Underway};
 use crate::look_ahead::Foreseen;
 use crate::pulse::Pulse;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
 use crate::{Rules, Shared};
-use mobee_contract::{Cause, CommitId, Event, Hold, Sample, Status, Time};
+use mobee_contract::{Cause, Event, Hold, Sample, Status, Time};
 use mobee_model::{Contact, Pair, ShapeId};
 use std::sync::Arc;
 use std::time::Duration;
@@ -69,14 +69,7 @@ fn stopped(by: impl Fn(u64) -> Option<f64>) -> Option<u64> {
 /// The same of more escapes, one after the other.
 fn one_of_them_stopped(which: impl Fn(u64) -> u64, by: impl Fn(u64) -> Option<f64>) -> Option<u64> {
     let mut reflex = Alone::new(rules(true));
-    let motion = |id| Underway {
-        id: CommitId(id),
-        safe: None,
-        named: vec![0].into(),
-        places: vec![None].into(),
-        extent: Extent::Whole,
-        pressed: false,
-    };
+    let motion = |id| Underway::of_one_motor(id, None);
     let read = |reflex: &mut Alone, ms: u64, status: Status, motion: Option<&Underway>| {
         let at = Time::from_secs(5.0) + Duration::from_millis(ms);
         let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false], ..Sample::default() };
@@ -111,14 +104,7 @@ fn an_escape_violates_nothing_more_deeply() {
 fn an_agent_learns_from_what_touched_the_robot() {
     let mut reflex = Alone::new(rules(true));
     reflex.gate.open(reflex.gate.token()).unwrap();
-    let motion = Underway {
-        id: CommitId(1),
-        safe: None,
-        named: vec![0].into(),
-        places: vec![None].into(),
-        extent: Extent::Whole,
-        pressed: false,
-    };
+    let motion = Underway::of_one_motor(1, None);
     let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
     let mut read = |ms: u64, mm: Option<f64>| {
         let at = Time::from_secs(5.0) + Duration::from_millis(ms);
@@ -145,14 +131,7 @@ fn what_an_agent_may_learn_from_is_of_the_last_motion() {
         let pair = |object| (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object, shape: 0 });
         let near = object.map(|o| Contact { pair: pair(o), distance: 0.001, points: Default::default() });
         let mut pulse = Pulse::new(sample, &near.into_iter().collect());
-        let motion = Underway {
-            id: CommitId(commit),
-            safe: None,
-            named: vec![0].into(),
-            places: vec![None].into(),
-            extent: Extent::Whole,
-            pressed: false,
-        };
+        let motion = Underway::of_one_motor(commit, None);
         reflex.read(&mut pulse, Some(&motion), Status::Moving, at);
         reflex.reflex.seen().iter().map(|c| c.pair.1).collect::<Vec<_>>()
     };
@@ -211,14 +190,7 @@ fn only_an_escape_may_be_in_contact() {
         let mut reflex = Alone::new(rules(true));
         reflex.gate.open(reflex.gate.token()).unwrap();
         let safe = safe.map(|q: f64| SafePose { since: Time::ZERO, q: vec![q].into() });
-        let motion = Underway {
-            id: CommitId(1),
-            safe,
-            named: vec![0].into(),
-            places: vec![None].into(),
-            extent: Extent::Whole,
-            pressed: false,
-        };
+        let motion = Underway::of_one_motor(1, safe);
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: 0.005, points: Default::default() };
         let sample =
@@ -239,14 +211,7 @@ fn what_is_foreseen_stops_a_motion() {
         let mut reflex = Alone::new(rules(true));
         reflex.gate.open(reflex.gate.token()).unwrap();
         let safe = safe.map(|q: f64| SafePose { since: Time::ZERO, q: vec![q].into() });
-        let motion = Underway {
-            id: CommitId(1),
-            safe,
-            named: vec![0].into(),
-            places: vec![None].into(),
-            extent: Extent::Whole,
-            pressed: false,
-        };
+        let motion = Underway::of_one_motor(1, safe);
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let sample =
             Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false], ..Sample::default() };

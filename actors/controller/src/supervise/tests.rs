@@ -331,14 +331,7 @@ fn the_reflex_says_nothing_before_the_robot_rests() {
         reflex.read(&mut pulse, None, Status::Stopping, at)
     };
     let safe = Some(crate::ledger::SafePose { since: Time::ZERO, q: vec![0.0].into() });
-    let motion = Underway {
-        id: CommitId(1),
-        safe,
-        named: vec![0].into(),
-        places: vec![None].into(),
-        extent: Extent::Whole,
-        pressed: false,
-    };
+    let motion = Underway::of_one_motor(1, safe);
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::ZERO);
     let (mut stops, mut given_up) = (0, 0);

@@ -366,7 +366,7 @@ fn a_stream_ends_where_nothing_touches() {
 /// A robot that was alone, came to 30 degrees within a second, and was held there for so long while something bent and shook it.
 fn held(secs: f64, swings: f64) -> Participant {
     let mut turns = vec![(0.0, 0.0), (1.0, 0.0), (2.0, 30.0)];
-    let swing = |k: u32| (2.0 + 0.1 * f64::from(k), 30.0 + if k % 2 == 0 { swings } else { -swings });
+    let swing = |k: u32| (2.0 + 0.1 * f64::from(k), 30.0 + if k.is_multiple_of(2) { swings } else { -swings });
     turns.extend((1..=(secs * 10.0) as u32).map(swing));
     let scene = Arc::new(Scene::new(vec![(scene().robots()[0].clone(), Isometry3::identity())], Vec::new()).unwrap());
     let who = recorded(0, true, &turns, 0.5);

@@ -4,12 +4,12 @@ use super::{HELD, is_held};
 use crate::Rules;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use crate::joint_retreat::{JointRetreat, Participant, RetreatReply};
-use crate::ledger::{Extent, SafePose, Underway};
+use crate::ledger::{SafePose, Underway};
 use crate::look_ahead::Foreseen;
 use crate::pulse::Pulse;
 use crate::reflex::tests::Alone;
 use crate::reflex::{ReflexIn, ReflexOut, ReflexReport};
-use mobee_contract::{Axis, Command, CommitId, Event, Hold, Sample, Status, Time};
+use mobee_contract::{Axis, Command, Event, Hold, Sample, Status, Time};
 use mobee_model::{Contact, ShapeId};
 use std::cell::Cell;
 use std::ops::Range;
@@ -80,14 +80,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
     };
     read(0, &mut reflex, None, goal);
     let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
-    let motion = Underway {
-        id: CommitId(1),
-        safe,
-        named: vec![0].into(),
-        places: vec![None].into(),
-        extent: Extent::Whole,
-        pressed: false,
-    };
+    let motion = Underway::of_one_motor(1, safe);
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));
     for k in 1..1500 {
@@ -271,14 +264,7 @@ fn asked(
 ) -> Vec<(u32, bool)> {
     let start = Time::from_secs(5.0);
     let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
-    let motion = Underway {
-        id: CommitId(1),
-        safe,
-        named: vec![0].into(),
-        places: vec![None].into(),
-        extent: Extent::Whole,
-        pressed: false,
-    };
+    let motion = Underway::of_one_motor(1, safe);
     let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
     for k in 0..500 {
         let at = start + PERIOD * k;
@@ -347,14 +333,7 @@ fn who_is_back_and_stands_in_the_way_asks_once_more() {
 #[test]
 fn who_does_not_come_to_rest_is_stopped_again() {
     let (mut reflex, begun) = (Alone::new(rules(true)), Time::from_secs(5.0));
-    let motion = Underway {
-        id: CommitId(1),
-        safe: None,
-        named: vec![0].into(),
-        places: vec![None].into(),
-        extent: Extent::Whole,
-        pressed: false,
-    };
+    let motion = Underway::of_one_motor(1, None);
     let token = reflex.gate.close();
     reflex.on(ReflexIn::RollBack { token, motion, again: false }, begun);
     let stops = (1..650).filter(|k| {
@@ -396,14 +375,7 @@ fn an_arm_that_pushes_something_unknown_is_taken_off_it_at_once() {
         let mut reflex = Alone::new(Arc::new(Rules { axes, ..(*of).clone() }));
         let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 40.0), (5.0, 40.0)], 0.5);
         let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
-        let motion = Underway {
-            id: CommitId(1),
-            safe,
-            named: vec![0].into(),
-            places: vec![None].into(),
-            extent: Extent::Whole,
-            pressed,
-        };
+        let motion = Underway { pressed, ..Underway::of_one_motor(1, safe) };
         let (token, begun) = (reflex.gate.close(), Time::from_secs(5.0));
         reflex.on(ReflexIn::RollBack { token, motion, again: false }, begun);
         (1..100).find(|k| {
