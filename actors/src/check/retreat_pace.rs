@@ -28,7 +28,7 @@ const LEAVES: f64 = 3.0 * std::f64::consts::PI / 180.0;
 /// See above.
 const JOINS: f64 = 3.0;
 /// For how long after that the joints that were bent may swing about their path, s.
-const SWINGS: f64 = 0.5;
+const SWINGS: f64 = 1.0;
 /// A kink of the readings that is no motion, rad.
 const JUMP: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// How many readings tell motion from rest.
@@ -69,6 +69,8 @@ pub(super) struct RetreatPace {
     late: bool,
     /// Whether something unknown held it: it leaves that on a straight line of its own.
     pressed: bool,
+    /// By how much that may have bent its joints, rad.
+    bends: f64,
     /// Set once the way there, or the retreat, can't be told.
     lost: bool,
 }
@@ -105,6 +107,7 @@ impl RetreatPace {
             count: 0.0,
             late: false,
             pressed: false,
+            bends: 0.0,
             lost: false,
         };
         way.join(motors);
@@ -164,9 +167,9 @@ impl RetreatPace {
         self.count = count;
     }
 
-    /// Something unknown held it.
-    pub fn is_pressed(&mut self) {
-        self.pressed = true;
+    /// Something unknown held it, which bends its joints by so much at most, rad. How long the retreat takes is not judged.
+    pub fn is_pressed(&mut self, bends: f64) {
+        (self.pressed, self.late, self.bends) = (true, true, bends);
     }
 
     /// A board heeds late what it is told: how long the retreat takes is not judged.
@@ -217,7 +220,7 @@ impl RetreatPace {
         let back = self.back.as_ref()?;
         let (all, was) = (back.all, back.here);
         let swings = self.pressed && now.at.since(back.began).as_secs_f64() < SWINGS;
-        let allowed = self.beside + if swings { LEAVES } else { 0.0 };
+        let allowed = self.beside + if swings { LEAVES + self.bends } else { 0.0 };
         let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= allowed) else {
             let nearest = (0..=was).map(|i| self.beside(i, &now.q)).fold(f64::INFINITY, f64::min);
             let beside = self.units.told(nearest, 2);

@@ -28,6 +28,8 @@ struct Robot {
     rest_speed: f64,
     /// A count of its encoders, rad.
     resolution: f64,
+    /// By how much its joints give way where something pushes them, rad.
+    bends: f64,
     /// By how much its arm may sag, rad: it settles by new commands at the end of a retreat.
     sags: f64,
     newest: Option<(Time, Pose)>,
@@ -171,10 +173,12 @@ impl Invariant for TakenBack {
                 fresh,
                 hold_error,
                 resolution,
+                deflection,
                 ..
             } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
                 (robot.fresh, robot.sags, robot.resolution) = (*fresh, *hold_error, *resolution);
+                robot.bends = *deflection;
                 (robot.period, robot.tolerance, robot.rest_speed) = (*period, *tolerance, *rest_speed);
                 robot.units = MotorUnits::new(motors.len(), sliding);
                 None
@@ -198,8 +202,8 @@ impl Invariant for TakenBack {
                 r.motion.closed = r.motion.closed.or(Some(line.at));
                 // held by something, it waits where it sticks
                 if matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. }) {
-                    r.way.iter_mut().for_each(RetreatPace::is_late);
-                    r.way.iter_mut().for_each(RetreatPace::is_pressed);
+                    let bends = r.bends;
+                    r.way.iter_mut().for_each(|way| way.is_pressed(bends));
                 }
             }),
             Event::RetreatBegan { robot, .. } => self.of(robot, |r| {
