@@ -94,7 +94,7 @@ impl Asked {
             }
         };
         let mut participant =
-            Participant { robot, rules, past, start, end, safe, again, pressed, named, places, scene, poses };
+            Participant { robot, rules, past, start, end, safe, again, pressed: false, named, places, scene, poses };
         if again {
             participant.without_detour();
         } else if pressed {

@@ -190,6 +190,11 @@ impl Rules {
         })
     }
 
+    /// Whether the robot's joints give way where something pushes them.
+    pub fn gives(&self) -> bool {
+        self.axes.iter().any(|axis| axis.deflection > 0.0)
+    }
+
     /// By how much this motor's joint may be beside its commanded position while something pushes it, rad.
     pub fn pushed_error(&self, motor: usize) -> f64 {
         self.axes.get(motor).map_or(0.0, |axis| axis.hold_error.max(axis.deflection))

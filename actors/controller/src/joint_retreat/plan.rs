@@ -48,7 +48,7 @@ pub struct Participant {
     pub safe: Pose,
     /// Whether it is another try after a failed one: it goes by itself.
     pub again: bool,
-    /// Whether it pushes something that no model knows.
+    /// Whether its way begins straight off something that no model knows.
     pub pressed: bool,
     /// The motors that its motion has named.
     pub named: Arc<[usize]>,
@@ -84,8 +84,12 @@ impl Participant {
     /// Replaces what was recorded within [`LEAVES`] of where the robot is now by the straight line from there, gone as fast as the motion
     /// was at most: a robot that something unknown has stopped is not to push it for as long as it has been stopped by it.
     ///
-    /// Left as it is where that line is not free in the model; and beside other robots, which pass only where they were recorded.
+    /// Left as it is where joints don't give way, where that line is not free in the model, and beside other robots, which pass only where
+    /// they were recorded.
     pub fn leave_straight(&mut self) {
+        if !self.rules.gives() {
+            return;
+        }
         let (Some(here), 1) = (self.past.last().map(|r| r.q.clone()), self.scene.robots().len()) else { return };
         let leaves = self.past.iter().enumerate().rev().take_while(|(i, _)| *i >= self.end);
         let Some((from, joins)) = leaves.into_iter().find(|(_, r)| distance(&r.q, &here) >= LEAVES) else { return };
@@ -115,6 +119,7 @@ impl Participant {
         if line.iter().step_by(4).all(|r| free(&r.q)) {
             self.past.truncate(from + 1);
             self.past.extend(line);
+            self.pressed = true;
         }
     }
 

@@ -59,7 +59,7 @@ impl ReflexCore {
                 let (held, pressed) = match then {
                     Then::Retreat(back) => (
                         is_held(pulse, *since, rules),
-                        back.motion.pressed && gives(rules) && rules.position_direct && !back.again,
+                        back.motion.pressed && rules.gives() && rules.position_direct && !back.again,
                     ),
                     Then::Say(_) => (false, false),
                 };
@@ -84,7 +84,7 @@ impl ReflexCore {
                     *still = Still { unchanged, written, sampled_at };
                 }
                 // by the way of the set-points, too: at a recorded rest readings may well be equal for long
-                if retreat.takes_load_off() {
+                if retreat.brakes() {
                     self.floors.note(&self.near);
                 }
                 let long = sampled_at.since(still.sampled_at) >= FROZEN;
@@ -294,14 +294,9 @@ impl ReflexCore {
     }
 }
 
-/// Whether the robot's joints give way where something pushes them.
-fn gives(rules: &Rules) -> bool {
-    rules.axes.iter().any(|axis| axis.deflection > 0.0)
-}
-
 /// True for a pressing arm, which creeps along the obstacle and does not come to rest: the retreat begins from slow and takes the load off.
 fn is_held(pulse: &Pulse, stopped: Time, rules: &Rules) -> bool {
-    gives(rules) && pulse.speed < CREEPS && pulse.sample.at >= stopped + rules.reaction() + HELD
+    rules.gives() && pulse.speed < CREEPS && pulse.sample.at >= stopped + rules.reaction() + HELD
 }
 
 /// What others are to know of a retreat that waits from now on, or goes on: those it may be in the way of, and the journal.

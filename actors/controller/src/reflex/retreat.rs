@@ -81,6 +81,11 @@ impl Retreat {
         self.behind.map_or(Duration::ZERO, |since| now.since(since))
     }
 
+    /// Whether a robot that pushes something has not had its first set-point yet: it brakes.
+    pub fn brakes(&self) -> bool {
+        self.way.pressed && self.clock == 0.0
+    }
+
     /// Whether it still leads straight off what the robot pushes: joints that this has bent, or hooked, come along late.
     pub fn takes_load_off(&self) -> bool {
         self.way.takes_off(&self.written)
