@@ -34,7 +34,7 @@ fn moved(joint: Joint, share: f64) -> Record {
     let commanded = |t: f64| {
         let k = (t / each).floor().max(0.0);
         let gone = way(t - k * each);
-        if k as u64 % 2 == 0 { gone } else { 6.0 - gone }
+        if (k as u64).is_multiple_of(2) { gone } else { 6.0 - gone }
     };
     record.readings = read(4.0 * each, |t| {
         let since = t - (t / each).floor() * each;
