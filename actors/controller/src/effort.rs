@@ -5,7 +5,7 @@
 //! motion, of a payload or of the contact that an escape leads out of, counts by its change alone.
 //!
 //! A servo that reports its own load has the arm's weight in it, so that its threshold is high, and a slow arm pushes for seconds before it
-//! gets there. But weight changes with the pose, and a contact with time: load that rises within one of the [`WINDOWS`] by more than the
+//! gets there. But weight changes with the pose, and a contact with time: load that rises within a second by more than the
 //! arm's motion explains is a contact, too.
 
 use crate::{Rules, distance};

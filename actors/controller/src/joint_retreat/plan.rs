@@ -81,7 +81,7 @@ impl Participant {
         }
     }
 
-    /// Replaces what was recorded within [`LEAVES`] of where the robot is now by the straight line from there, gone as fast as the motion
+    /// Replaces what was recorded within three degrees of where the robot is now by the straight line from there, gone as fast as the motion
     /// was at most: a robot that something unknown has stopped is not to push it for as long as it has been stopped by it.
     ///
     /// Left as it is where joints don't give way, where that line is not free in the model, and beside other robots, which pass only where
