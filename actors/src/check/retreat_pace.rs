@@ -23,12 +23,6 @@ const LONGER: (f64, f64) = (1.25, 0.5);
 const SETTLES: u32 = 2;
 /// By so many times more it may be before its time: how far it sags differs on the way back.
 const SAGS: f64 = 3.0;
-/// How far from its stop a robot that something unknown held comes back to its path at the latest, rad, and how long that may take, s.
-const LEAVES: f64 = 3.0 * std::f64::consts::PI / 180.0;
-/// See above.
-const JOINS: f64 = 3.0;
-/// For how long after that the joints that were bent may swing about their path, s.
-const SWINGS: f64 = 1.0;
 /// A kink of the readings that is no motion, rad.
 const JUMP: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// How many readings tell motion from rest.
@@ -67,10 +61,8 @@ pub(super) struct RetreatPace {
     count: f64,
     /// Whether a board is known to be late, so that the retreat waits for it again and again.
     late: bool,
-    /// Whether something unknown held it: it leaves that on a straight line of its own.
+    /// Whether something unknown has bent its joints: it leaves that on a line of its own, and how it was shaken is no path.
     pressed: bool,
-    /// By how much that may have bent its joints, rad.
-    bends: f64,
     /// Set once the way there, or the retreat, can't be told.
     lost: bool,
 }
@@ -85,8 +77,6 @@ struct Back {
     newest: VecDeque<Passed>,
     /// Whether set-points are streamed, so that its rate is told.
     streamed: bool,
-    /// Whether it has yet to come back to its path.
-    joins: bool,
 }
 
 impl RetreatPace {
@@ -107,7 +97,6 @@ impl RetreatPace {
             count: 0.0,
             late: false,
             pressed: false,
-            bends: 0.0,
             lost: false,
         };
         way.join(motors);
@@ -122,7 +111,7 @@ impl RetreatPace {
 
     /// The retreat begins. Another one after a failed one is not judged: it leaves out detours.
     pub fn turn(&mut self, at: Time) {
-        if self.back.is_some() {
+        if self.back.is_some() || self.pressed {
             return self.forget();
         }
         // the board is later than its `latency_ms`: stopped before it showed any motion, it sets out after all until the stop reaches
@@ -131,13 +120,8 @@ impl RetreatPace {
             return self.forget();
         }
         let newest = self.there.range(self.there.len().saturating_sub(WINDOW)..).cloned().collect();
-        let last = self.there.len().saturating_sub(1);
-        let from_stop =
-            |i: &usize| self.there.back().zip(self.there.get(*i)).map_or(0.0, |(a, b)| self.apart(&a.q, &b.q));
-        let joins = (0..last).rev().find(|i| from_stop(i) >= LEAVES).filter(|_| self.pressed);
-        let Some(here) = joins.or((!self.pressed).then_some(last)) else { return self.forget() };
-        let all = self.there.get(here).map_or(0.0, |joined| joined.moved);
-        self.back = Some(Back { began: at, here, all, newest, streamed: true, joins: self.pressed });
+        let (here, all) = (self.there.len().saturating_sub(1), self.there.back().map_or(0.0, |last| last.moved));
+        self.back = Some(Back { began: at, here, all, newest, streamed: true });
     }
 
     /// Where the robot was on the way there, at the instant of one of its readings.
@@ -167,9 +151,9 @@ impl RetreatPace {
         self.count = count;
     }
 
-    /// Something unknown held it, which bends its joints by so much at most, rad. How long the retreat takes is not judged.
-    pub fn is_pressed(&mut self, bends: f64) {
-        (self.pressed, self.late, self.bends) = (true, true, bends);
+    /// Something unknown has bent its joints.
+    pub fn is_pressed(&mut self) {
+        self.pressed = true;
     }
 
     /// A board heeds late what it is told: how long the retreat takes is not judged.
@@ -211,17 +195,9 @@ impl RetreatPace {
 
     /// Whether the way there is what it was: the place that is nearest to the beginning, in order, and when the robot was there.
     fn compare(&mut self, now: &Passed) -> Option<String> {
-        if self.back.as_ref()?.joins {
-            let joined = self.beside(self.back.as_ref()?.here, &now.q) <= self.beside;
-            self.back.iter_mut().filter(|_| joined).for_each(|back| (back.joins, back.began) = (false, now.at));
-            let secs = now.at.since(self.back.as_ref()?.began).as_secs_f64();
-            return (secs > JOINS).then(|| format!("has not come back to its path in {secs:.2} s at {}", now.at));
-        }
         let back = self.back.as_ref()?;
         let (all, was) = (back.all, back.here);
-        let swings = self.pressed && now.at.since(back.began).as_secs_f64() < SWINGS;
-        let allowed = self.beside + if swings { LEAVES + self.bends } else { 0.0 };
-        let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= allowed) else {
+        let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= self.beside) else {
             let nearest = (0..=was).map(|i| self.beside(i, &now.q)).fold(f64::INFINITY, f64::min);
             let beside = self.units.told(nearest, 2);
             return Some(format!("is {beside} beside the way that it came, or not on it in order, at {}", now.at));

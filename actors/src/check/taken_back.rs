@@ -202,8 +202,9 @@ impl Invariant for TakenBack {
                 r.motion.closed = r.motion.closed.or(Some(line.at));
                 // held by something, it waits where it sticks
                 if matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. }) {
-                    let bends = r.bends;
-                    r.way.iter_mut().for_each(|way| way.is_pressed(bends));
+                    r.way.iter_mut().for_each(RetreatPace::is_late);
+                    let gives = r.bends > 0.0;
+                    r.way.iter_mut().filter(|_| gives).for_each(RetreatPace::is_pressed);
                 }
             }),
             Event::RetreatBegan { robot, .. } => self.of(robot, |r| {
