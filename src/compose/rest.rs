@@ -33,7 +33,10 @@ pub(super) fn all(
         let (Some(rest), Some(b)) = (&r.rest, b) else { continue };
         let table = rest.table();
         // settings that are out of bounds were complained of before
-        if table.pose.is_some() == table.q_deg.is_some() || !(0.1..=3600.0).contains(&table.within_s) {
+        if table.pose.is_some() == table.q_deg.is_some()
+            || !(0.1..=3600.0).contains(&table.within_s)
+            || table.speed.is_some_and(|speed| !(speed > 0.0 && speed <= 1.0))
+        {
             continue;
         }
         let seed = derive_seed(config.seed, &format!("{}/rest", r.name));

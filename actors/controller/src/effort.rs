@@ -8,7 +8,7 @@
 //! gets there. But weight changes with the pose, and a contact with time: load that rises within a second by more than the
 //! arm's motion explains is a contact, too.
 
-use crate::{Rules, distance};
+use crate::Rules;
 use mobee_contract::{Pose, Sample, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -21,6 +21,10 @@ const WINDOWS: [Duration; 2] = [Duration::from_millis(400), Duration::from_milli
 /// The share of its threshold by which load must rise within one: at rest, and more per radian that a joint of the arm has moved meanwhile,
 /// which changes the weight and takes speed.
 const RISE: (f64, f64) = (0.3, 2.0);
+/// The share of the latter for a joint that stands itself: little of the weight that it carries changes then.
+const STANDING: f64 = 0.25;
+/// A joint that has moved by less stands, rad, or by two counts of its encoder.
+const STANDS: f64 = 0.3 * std::f64::consts::PI / 180.0;
 /// So many readings are remembered at most.
 const REMEMBERED: usize = 512;
 
@@ -61,8 +65,8 @@ impl EffortWatch {
             rose = WINDOWS.iter().filter_map(|window| self.rose(sample, *window)).collect();
         }
         let rises = |motor: usize, limit: f64| {
-            let rise =
-                |(rose, moved): &(Vec<f64>, f64)| rose.get(motor).map_or(0.0, |rose| rose / (RISE.0 + RISE.1 * moved));
+            let count = rules.axes.get(motor).map_or(0.0, |axis| axis.resolution);
+            let rise = |rise: &Rise| rise.share(motor, STANDS.max(2.0 * count));
             if has_weight(motor) { rose.iter().map(rise).fold(0.0, f64::max) / limit } else { 0.0 }
         };
         let before = |motor: usize| self.before.get(motor).copied().filter(|torque| torque.is_finite()).unwrap_or(0.0);
@@ -90,11 +94,31 @@ impl EffortWatch {
         self.window.push_back((sample.at, sample.external.clone(), sample.q.clone()));
     }
 
-    /// By how much each motor's torque has changed within a window, N m, and how far a joint of the arm has moved meanwhile, rad.
-    fn rose(&self, sample: &Sample, window: Duration) -> Option<(Vec<f64>, f64)> {
+    /// What has changed within a window.
+    fn rose(&self, sample: &Sample, window: Duration) -> Option<Rise> {
         let (_, then, q) = self.window.iter().find(|(at, ..)| *at + window > sample.at)?;
-        let rose = |(now, then): (&f64, &f64)| Some((now - then).abs()).filter(|rose| rose.is_finite()).unwrap_or(0.0);
-        Some((sample.external.iter().zip(then).map(rose).collect(), distance(&sample.q, q)))
+        let change = |(now, then): (&f64, &f64)| Some((now - then).abs()).filter(|by| by.is_finite()).unwrap_or(0.0);
+        Some(Rise {
+            torques: sample.external.iter().zip(then).map(change).collect(),
+            moved: sample.q.iter().zip(q.iter()).map(change).collect(),
+        })
+    }
+}
+
+/// By how much torques, N m, and positions, rad, have changed within a window.
+struct Rise {
+    torques: Vec<f64>,
+    moved: Vec<f64>,
+}
+
+impl Rise {
+    /// How much of its threshold a motor's torque has risen by, beyond what the arm's motion explains: N m over the share that counts. A
+    /// joint that has moved by no more than `stands`, rad, stands.
+    fn share(&self, motor: usize, stands: f64) -> f64 {
+        let arm = self.moved.iter().copied().fold(0.0, f64::max);
+        let own = self.moved.get(motor).copied().unwrap_or_default();
+        let per_radian = if own <= stands { STANDING * RISE.1 } else { RISE.1 };
+        self.torques.get(motor).map_or(0.0, |rose| rose / (RISE.0 + per_radian * arm))
     }
 }
 
@@ -146,31 +170,32 @@ mod tests {
         assert_eq!(rules.unused(), None, "switched off");
     }
 
-    /// A hobby arm, which carries its weight by its load: by how much that rises in a second, how fast the arm moves, rad/s, and after how
-    /// many ms that is a contact.
-    fn rises(hold_error: f64, per_second: f64, speed: f64) -> Option<u64> {
+    /// A hobby arm, which carries its weight by its load: by how much that rises in a second, how fast the joint and another one move, rad/s,
+    /// and after how many ms that is a contact.
+    fn rises(hold_error: f64, per_second: f64, (own, other): (f64, f64)) -> Option<u64> {
         let of = rules(None);
         let axes = of.axes.iter().map(|axis| Axis { hold_error, ..axis.clone() }).collect();
         let (rules, mut watch) = (Rules { axes, ..of }, EffortWatch::default());
         let mut read = |ms: u64, moving: bool| {
             let secs = ms as f64 * 1e-3;
-            let (external, q) = (vec![1.0 + per_second * secs, 0.0], vec![speed * secs, 0.0].into());
+            let (external, q) = (vec![1.0 + per_second * secs, 0.0], vec![own * secs, other * secs].into());
             let sample = Sample { at: Time(ms * 1_000_000), external, q, ..Sample::default() };
             watch.read(&sample, moving, &rules).is_some()
         };
         assert!(!read(0, false));
-        (10..1100).step_by(10).find(|ms| read(*ms, true))
+        (10..1200).step_by(10).find(|ms| read(*ms, true))
     }
 
     #[test]
     fn load_that_rises_though_the_arm_hardly_moves_is_a_contact() {
         // the threshold is 5 N m
-        let contact = |per_second: f64, speed: f64| rises(0.1, per_second, speed).unwrap_or(u64::MAX);
-        assert!((300..390).contains(&contact(5.0, 0.05)), "{}", contact(5.0, 0.05));
-        assert!((850..1030).contains(&contact(2.0, 0.02)), "slower: {}", contact(2.0, 0.02));
-        assert_eq!(rises(0.1, 0.9, 0.0), None, "so fast the weight may change");
-        assert_eq!(rises(0.1, 2.0, 0.3), None, "so far it may change on the way");
-        assert_eq!(rises(0.0, 4.0, 0.05), None, "its board compensates the weight: the level says it");
+        let contact = |per_second: f64, speeds| rises(0.1, per_second, speeds).unwrap_or(u64::MAX);
+        assert!((300..390).contains(&contact(5.0, (0.05, 0.0))), "{}", contact(5.0, (0.05, 0.0)));
+        assert!((850..1030).contains(&contact(2.0, (0.02, 0.02))), "slower: {}", contact(2.0, (0.02, 0.02)));
+        assert!((1000..1200).contains(&contact(2.0, (0.0, 0.2))), "it stands: {}", contact(2.0, (0.0, 0.2)));
+        assert_eq!(rises(0.1, 2.0, (0.2, 0.2)), None, "it moves, and its weight with it");
+        assert_eq!(rises(0.1, 0.9, (0.0, 0.0)), None, "so fast the weight may change");
+        assert_eq!(rises(0.0, 4.0, (0.05, 0.0)), None, "its board compensates the weight: the level says it");
     }
 
     /// A payload, or the contact that an escape leads out of: letting go of it is no contact, more of it is.

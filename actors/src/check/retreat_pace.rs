@@ -61,8 +61,6 @@ pub(super) struct RetreatPace {
     count: f64,
     /// Whether a board is known to be late, so that the retreat waits for it again and again.
     late: bool,
-    /// Whether something unknown has bent its joints: it leaves that on a line of its own, and how it was shaken is no path.
-    pressed: bool,
     /// Set once the way there, or the retreat, can't be told.
     lost: bool,
 }
@@ -72,8 +70,6 @@ struct Back {
     began: Time,
     /// Where on the way there the robot is now.
     here: usize,
-    /// How long it had been in motion where the retreat takes that way up, s.
-    all: f64,
     newest: VecDeque<Passed>,
     /// Whether set-points are streamed, so that its rate is told.
     streamed: bool,
@@ -96,7 +92,6 @@ impl RetreatPace {
             beside: BESIDE,
             count: 0.0,
             late: false,
-            pressed: false,
             lost: false,
         };
         way.join(motors);
@@ -111,7 +106,7 @@ impl RetreatPace {
 
     /// The retreat begins. Another one after a failed one is not judged: it leaves out detours.
     pub fn turn(&mut self, at: Time) {
-        if self.back.is_some() || self.pressed {
+        if self.back.is_some() {
             return self.forget();
         }
         // the board is later than its `latency_ms`: stopped before it showed any motion, it sets out after all until the stop reaches
@@ -120,8 +115,7 @@ impl RetreatPace {
             return self.forget();
         }
         let newest = self.there.range(self.there.len().saturating_sub(WINDOW)..).cloned().collect();
-        let (here, all) = (self.there.len().saturating_sub(1), self.there.back().map_or(0.0, |last| last.moved));
-        self.back = Some(Back { began: at, here, all, newest, streamed: true });
+        self.back = Some(Back { began: at, here: self.there.len().saturating_sub(1), newest, streamed: true });
     }
 
     /// Where the robot was on the way there, at the instant of one of its readings.
@@ -149,11 +143,6 @@ impl RetreatPace {
     /// Its encoders have counts of so much, rad.
     pub fn counts(&mut self, count: f64) {
         self.count = count;
-    }
-
-    /// Something unknown has bent its joints.
-    pub fn is_pressed(&mut self) {
-        self.pressed = true;
     }
 
     /// A board heeds late what it is told: how long the retreat takes is not judged.
@@ -196,7 +185,7 @@ impl RetreatPace {
     /// Whether the way there is what it was: the place that is nearest to the beginning, in order, and when the robot was there.
     fn compare(&mut self, now: &Passed) -> Option<String> {
         let back = self.back.as_ref()?;
-        let (all, was) = (back.all, back.here);
+        let (all, was) = (self.there.back()?.moved, back.here);
         let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= self.beside) else {
             let nearest = (0..=was).map(|i| self.beside(i, &now.q)).fold(f64::INFINITY, f64::min);
             let beside = self.units.told(nearest, 2);

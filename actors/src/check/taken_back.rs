@@ -203,8 +203,8 @@ impl Invariant for TakenBack {
                 // held by something, it waits where it sticks
                 if matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. }) {
                     r.way.iter_mut().for_each(RetreatPace::is_late);
-                    let gives = r.bends > 0.0;
-                    r.way.iter_mut().filter(|_| gives).for_each(RetreatPace::is_pressed);
+                    // an arm whose joints it has bent leaves it on a line of its own: how it was shaken is no path
+                    r.way = r.way.take().filter(|_| r.bends <= 0.0);
                 }
             }),
             Event::RetreatBegan { robot, .. } => self.of(robot, |r| {
