@@ -120,13 +120,17 @@ struct Expiries {
 }
 
 /// Groups of pairs of a scene, as [`Watch::near_groups`] finds them.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PairGroups(Vec<u32>);
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PairGroups {
+    groups: Vec<u32>,
+    /// The distance up to which their pairs matter, m.
+    within: f64,
+}
 
 impl PairGroups {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.groups.is_empty()
     }
 }
 
@@ -311,7 +315,7 @@ impl<E: Engine> Watch<E> {
                 break;
             }
             self.due.pop();
-            let (first, clock) = self.look_at(g, None, poses, &mut placed);
+            let (first, clock) = self.look_at(g, (self.within, None), poses, &mut placed);
             again.push(Reverse(Due { at: Clock(settled + (first - clock)), group: g }));
         }
         // Only now: a group with a contact is due again at once, and would be popped forever.
@@ -323,7 +327,8 @@ impl<E: Engine> Watch<E> {
         &self.found
     }
 
-    /// The contacts at the next poses of the stream, of the pairs of these groups alone, sorted by pair.
+    /// The contacts at the next poses of the stream, of the pairs of these groups alone, sorted by pair: those nearer than the distance up
+    /// to which they were found, or than the watch's own margin.
     ///
     /// # Arguments
     /// * `poses`: as for [`Watch::update`].
@@ -334,8 +339,8 @@ impl<E: Engine> Watch<E> {
         self.partial = true;
         self.found.clear();
         let mut placed = false;
-        for g in &groups.0 {
-            self.look_at(*g, None, poses, &mut placed);
+        for g in &groups.groups {
+            self.look_at(*g, (groups.within, None), poses, &mut placed);
         }
         if !placed {
             self.counters.idle += 1;
@@ -344,13 +349,15 @@ impl<E: Engine> Watch<E> {
         &self.found
     }
 
-    /// The groups of a robot's pairs that may come nearer than the margin while no motor is farther from these poses than its range. Of all
+    /// The groups of a robot's pairs that may come nearer than a distance while no motor is farther from these poses than its range. Of all
     /// others no pair does.
     ///
     /// # Arguments
     /// * `poses`: as for [`Watch::update`]: the next of the stream.
     /// * `ranges`: per motor, in the order of the scene's robots and their motors, rad of encoder.
-    pub fn near_groups<P: AsRef<[f64]>>(&mut self, robot: usize, poses: &[P], ranges: &[f64]) -> PairGroups {
+    /// * `within`: that distance, m, at most the watch's margin.
+    pub fn near_groups<P: AsRef<[f64]>>(&mut self, robot: usize, poses: &[P], ranges: &[f64], within: f64) -> PairGroups {
+        let within = within.min(self.within);
         self.counters.updates += 1;
         self.advance(poses);
         self.partial = true;
@@ -363,20 +370,27 @@ impl<E: Engine> Watch<E> {
             let travel = &scene.world().groups[*g as usize].travel;
             let range = |motor: u32| ranges.get(motor as usize).copied().unwrap_or_default();
             let range: f64 = travel.iter().map(|term| term.reach * range(term.motor)).sum();
-            let (first, clock) = self.look_at(*g, Some(range), poses, &mut placed);
+            let (first, clock) = self.look_at(*g, (within, Some(range)), poses, &mut placed);
             if clock >= first {
                 near.push(*g);
             }
         }
         self.of_robot[robot] = groups;
-        PairGroups(near)
+        PairGroups { groups: near, within }
     }
 
-    /// Looks at the pairs of a group that are due, or would be if their clock ran on by a range, meters.
+    /// Looks at the pairs of a group that may be nearer than a distance of at most the margin, or would be if their clock ran on by a range,
+    /// meters.
     ///
     /// # Returns
     /// When the first of its pairs is due again; and its clock, with the range and what its motors are astray by if there is a range.
-    fn look_at<P: AsRef<[f64]>>(&mut self, g: u32, range: Option<f64>, poses: &[P], placed: &mut bool) -> (f64, f64) {
+    fn look_at<P: AsRef<[f64]>>(
+        &mut self,
+        g: u32,
+        (within, range): (f64, Option<f64>),
+        poses: &[P],
+        placed: &mut bool,
+    ) -> (f64, f64) {
         let (bodies, world) = (self.scene.bodies(), self.scene.world());
         let (group, expiries) = (&world.groups[g as usize], &mut self.groups[g as usize]);
         let (mut clock, mut stray) = (0.0, 0.0);
@@ -385,7 +399,9 @@ impl<E: Engine> Watch<E> {
             clock += term.reach * motor.traveled;
             stray += term.reach * motor.since_turn;
         }
-        let until = clock + stray + range.unwrap_or(0.0);
+        let within = within.min(self.within);
+        // pairs are due by the margin: by a lesser distance they are due so much later
+        let until = clock + stray + range.unwrap_or(0.0) - (self.within - within);
         let first = expiries.renew(&group.pairs, until, |pair| {
             // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
             if !*placed {
@@ -395,11 +411,11 @@ impl<E: Engine> Watch<E> {
             }
             world.engine.place_pair(&mut self.placement, pair);
             self.counters.looked += 1;
-            let enough = self.within + range.unwrap_or(0.0) + MEASURE_RANGE;
+            let enough = within + range.unwrap_or(0.0) + MEASURE_RANGE;
             let distance = match world.engine.near(&self.placement, pair, enough) {
                 Near::Within(proximity) => {
                     self.counters.measured += 1;
-                    if proximity.distance < self.within || proximity.distance <= 0.0 {
+                    if proximity.distance < within || proximity.distance <= 0.0 {
                         self.found.push(world.contact(PairProximity { pair, proximity }));
                     }
                     proximity.distance

@@ -71,6 +71,8 @@ struct Seen {
     name: String,
     units: MotorUnits,
     margin: f64,
+    /// Whether its joints give way: it may come half as near on the way back as it has been, since its sag differs.
+    gives: bool,
     period: Duration,
     rest_speed: f64,
     /// Whether its controller has a reflex.
@@ -117,6 +119,7 @@ impl Seen {
             name: name.into(),
             units: MotorUnits::default(),
             margin,
+            gives: false,
             period,
             rest_speed,
             reflex: true,
@@ -151,18 +154,23 @@ impl Seen {
     /// Which promise is to be kept now, and what is too near for it if it was not near from the start.
     fn watched(&self) -> Option<(&'static str, f64)> {
         match (&self.back, self.open, self.status) {
-            (Some(_), false, _) if self.waits.is_none() => Some(("I9", self.margin - DEEPER)),
+            (Some(_), false, _) if self.waits.is_none() => Some(("I9", self.margin - self.granted(self.margin))),
             (None, true, Status::Moving) if self.reflex => Some(("I19", self.margin - NEARER)),
-            (None, true, Status::Escaping) => Some(("I24", self.margin - DEEPER)),
+            (None, true, Status::Escaping) => Some(("I24", self.margin - self.granted(self.margin))),
             _ => None,
         }
+    }
+
+    /// By how much a pair may come nearer than that while it is taken back or escapes, m.
+    fn granted(&self, least: f64) -> f64 {
+        if self.gives { DEEPER.max(0.5 * least + NEARER) } else { DEEPER }
     }
 
     /// Whether a contact that is nearer than [`Seen::watched`] says is too near.
     fn is_too_near(&self, contact: &Contact) -> bool {
         let escape = self.escape.0.iter().flatten().filter(|_| self.status == Status::Escaping);
         let start = self.back.iter().flatten().chain(escape).find(|c| c.pair == contact.pair);
-        start.is_none_or(|start| contact.distance < start.distance - DEEPER)
+        start.is_none_or(|start| contact.distance < start.distance - self.granted(start.distance))
     }
 }
 
@@ -198,16 +206,16 @@ impl Witness {
         self.pass(at);
         match event {
             Event::Injected { .. } | Event::Died { .. } | Event::Restarted { .. } => self.disturbed = at,
-            Event::Robot { robot, motors, sliding, margin, period, rest_speed, .. } => {
+            Event::Robot { robot, motors, sliding, margin, period, rest_speed, deflection, .. } => {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
                 let rules = (*margin, period, *rest_speed);
                 let units = MotorUnits::new(motors.len(), sliding);
                 if let Some(known) = self.robots.iter_mut().find(|r| r.name == *robot) {
                     (known.margin, known.period, known.rest_speed) = rules;
-                    known.units = units;
+                    (known.units, known.gives) = (units, *deflection > 0.0);
                 } else {
                     let mut seen = Seen::new(robot, rules, at);
-                    seen.units = units;
+                    (seen.units, seen.gives) = (units, *deflection > 0.0);
                     seen.faults = self.faults.get(self.robots.len()).cloned().unwrap_or_default();
                     self.robots.push(seen);
                 }

@@ -207,7 +207,11 @@ impl LookAhead {
             let present = || near.iter().find(|n| n.pair == c.pair).map_or(f64::INFINITY, |n| n.distance);
             looks && own && c.distance < reserve + others && c.distance < present() - DEEPER
         };
-        let groups = self.vicinity.near_groups(robot, poses, &ranges(&self.scene, poses, &self.sweeps, &ways));
+        // a slow robot needs little clearance: what is farther off is not measured
+        let others = moving.iter().enumerate().filter(|(of, _)| *of != robot).map(|(_, clearance)| *clearance);
+        let within = reserve + others.fold(0.0, f64::max);
+        let ranges = ranges(&self.scene, poses, &self.sweeps, &ways);
+        let groups = self.vicinity.near_groups(robot, poses, &ranges, within);
         let mut met: Vec<Contact> = Vec::new();
         for (sweep, way) in self.sweeps.iter_mut().zip(&ways) {
             let Some(ghosts) = way else { continue };

@@ -385,7 +385,7 @@ impl ReflexCore {
                 self.escape.as_ref().map_or((None, None), |escape| (Some(&escape.floors), escape.depth));
             // one that set out violating nothing may violate nothing
             let deeper = depth.is_none_or(|depth| pulse.depth > depth + NOISE);
-            match floors.and_then(|f| f.broken(close)) {
+            match floors.and_then(|f| f.broken(close, step.rules)) {
                 Some(c) => Some(Cause::Contact(vec![*c])),
                 None if deeper => pulse.violated.map(|v| constraint(v, step.rules)),
                 None => None,

@@ -195,6 +195,12 @@ impl Rules {
         self.axes.iter().any(|axis| axis.deflection > 0.0)
     }
 
+    /// By how much a pair may come nearer than it has been while the robot backs out of contact, m. An arm whose joints give way leaves its
+    /// recorded path by its sag, which is not the same on the way there and on the way back: half of the distance is left.
+    pub fn granted(&self, least: f64) -> f64 {
+        if self.gives() { DEEPER.max(0.5 * least) } else { DEEPER }
+    }
+
     /// By how much this motor's joint may be beside its commanded position while something pushes it, rad.
     pub fn pushed_error(&self, motor: usize) -> f64 {
         self.axes.get(motor).map_or(0.0, |axis| axis.hold_error.max(axis.deflection))

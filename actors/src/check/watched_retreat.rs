@@ -2,7 +2,7 @@
 //! reads its encoders in its own time, it takes a second one: a reading of all is as old as its oldest part.
 //!
 //! A pair may come 1 mm nearer than its margin, or than it was as the retreat began, since that is not followed to the hair
-//! and a pair that all but touches must be able to part. One that is nearer as its contact begins, or as it touches, must
+//! and a pair that all but touches must be able to part; half as near, where joints give way. One that is nearer as its contact begins, or as it touches, must
 //! stop it. The same holds from the sample that showed a contact deepen (`RetreatStopped::seen`). After the stop the reflex
 //! writes no move and no set-point until a new transaction. A retreat that waits for another robot to get out of its way has stopped as
 //! well, until it goes on; and so has one that the reflex stops because the robots of a joint retreat part, until it begins anew: what is
@@ -31,6 +31,8 @@ struct Way {
     /// Whether it is behind boards, each of which reads its encoders in its own time: what is read of all is as old as the oldest part.
     has_boards: bool,
     margin: f64,
+    /// Whether its joints give way: its sag differs on the way there and on the way back.
+    gives: bool,
     /// The pairs that were nearer than the margin as the retreat began.
     near: Vec<Contact>,
     retreating: bool,
@@ -53,9 +55,13 @@ impl Way {
 
     /// A contact during the retreat, which has to stop it if it is nearer than it may be.
     fn meet(&mut self, contact: &Contact, at: Time) {
+        let granted = |least: f64| if self.gives { DEEPER.max(0.5 * least) } else { DEEPER };
         let too_near = match self.near.iter().find(|c| c.pair == contact.pair) {
-            Some(start) => contact.distance < start.distance.min(self.margin) - DEEPER,
-            None => contact.distance < self.margin - DEEPER || contact.distance <= 0.0,
+            Some(start) => {
+                let least = start.distance.min(self.margin);
+                contact.distance < least - granted(least)
+            }
+            None => contact.distance < self.margin - granted(self.margin) || contact.distance <= 0.0,
         };
         if too_near && self.driven && self.stopped.is_none() {
             self.contact.get_or_insert(at);
@@ -73,10 +79,11 @@ impl Way {
 impl Invariant for WatchedRetreat {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, period, margin, .. } => {
+            Event::Robot { robot, period, margin, deflection, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 way.period = Duration::try_from_secs_f64(*period).unwrap_or_default();
                 way.margin = *margin;
+                way.gives = *deflection > 0.0;
             }
             Event::Found { robot, .. } => self.robots.entry(robot.clone()).or_default().has_boards = true,
             Event::World { .. } => self.changed = line.at,

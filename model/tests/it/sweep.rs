@@ -100,8 +100,10 @@ fn groups_that_are_left_out_have_nothing_near() {
         };
         let from = last.as_ref().map_or_else(|| vec![0.0; here.concat().len()], |last| away(last));
         let ranges: Vec<f64> = away(&ahead).iter().zip(from).map(|(to, from)| to.max(from)).collect();
-        let groups = watch.near_groups(robot, &here, &ranges);
-        let own = |c: &&Contact| [c.pair.0.robot(), c.pair.1.robot()].contains(&Some(robot));
+        // now and then up to a lesser distance than the margin
+        let within = WITHIN * [1.0, 0.3, 0.7][k % 3];
+        let groups = watch.near_groups(robot, &here, &ranges, within);
+        let own = |c: &&Contact| c.distance < within && [c.pair.0.robot(), c.pair.1.robot()].contains(&Some(robot));
         let expected: Vec<Contact> = all.to(&ahead).iter().filter(own).copied().collect();
         let found: Vec<Contact> = some.to_of(&ahead, &groups).iter().filter(own).copied().collect();
         assert_eq!(found, expected, "step {k}");

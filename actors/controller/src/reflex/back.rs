@@ -89,8 +89,8 @@ impl ReflexCore {
                 }
                 let long = sampled_at.since(still.sampled_at) >= FROZEN;
                 let frozen = long && distance(retreat.written(), &still.written) > FROZEN_WAY;
-                let met = self.floors.broken(close);
-                let broken = met.or_else(|| self.floors.broken(&ahead)).copied();
+                let met = self.floors.broken(close, rules);
+                let broken = met.or_else(|| self.floors.broken(&ahead, rules)).copied();
                 let foreseen = met.is_none();
                 // one that was violated as the retreat began is what it leads out of
                 let newly_violated = pulse.violated.is_some() && !*violated;
@@ -141,7 +141,7 @@ impl ReflexCore {
             }
             Phase::Settling { token, since, retreat, back, violated, room } => {
                 let (token, way) = (*token, retreat.way());
-                let broken = self.floors.broken(close).copied();
+                let broken = self.floors.broken(close, rules).copied();
                 // where it was sent it stays: who drives into it there is waited for as on the way
                 let met = room.look(broken.as_ref(), (false, at_rest), self.robot, step.joint_retreat, now);
                 if met == Way::Blocked || (pulse.violated.is_some() && !*violated) {

@@ -1,6 +1,6 @@
 //! How near pairs may come while a robot backs out of contact: as near as they have been, on the way there.
 
-use crate::DEEPER;
+use crate::Rules;
 use mobee_contract::Time;
 use mobee_model::Contact;
 use std::collections::VecDeque;
@@ -51,14 +51,14 @@ impl Floors {
         self.least.iter().filter(|c| c.distance < self.margin).copied().collect()
     }
 
-    /// The first pair that is nearer than it may be, by more than [`DEEPER`]: what presses against something gives a
+    /// The first pair that is nearer than it may be, by more than [`Rules::granted`]: what presses against something gives a
     /// little as it starts. What was apart stays apart.
-    pub fn broken<'a>(&self, near: &'a [Contact]) -> Option<&'a Contact> {
+    pub fn broken<'a>(&self, near: &'a [Contact], rules: &Rules) -> Option<&'a Contact> {
         near.iter().find(|c| {
             let least = self.least.iter().find(|l| l.pair == c.pair).map_or(self.margin, |l| l.distance);
             let start = least.min(self.margin);
             let touches = start > 2.0 * APART && c.distance < APART;
-            touches || c.distance < start - DEEPER
+            touches || c.distance < start - rules.granted(start)
         })
     }
 }
@@ -108,7 +108,10 @@ impl Lately {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::DEEPER;
+    use crate::joint_retreat::tests::rules;
     use crate::reflex::contacts::tests::{MARGIN, near};
+    use mobee_contract::Axis;
 
     /// A way back through several motions may come as near as each of them did, and no nearer.
     #[test]
@@ -140,7 +143,11 @@ mod tests {
     #[test]
     fn nothing_comes_nearer_than_it_has_been() {
         let mut floors = Floors::new(MARGIN, &[near(1, 4.0), near(2, 15.0)]);
-        let broken = |floors: &Floors, node, mm| floors.broken(&[near(9, 30.0), near(node, mm)]).map(|c| c.pair);
+        let rules = rules(true);
+        let broken = |floors: &Floors, node, mm| {
+            let near = [near(9, 30.0), near(node, mm)];
+            floors.broken(&near, &rules).map(|c| c.pair)
+        };
         let hit = |node| Some(near(node, 0.0).pair);
         assert_eq!((broken(&floors, 1, 3.1), broken(&floors, 1, 2.9)), (None, hit(1)));
         assert_eq!((broken(&floors, 2, 9.1), broken(&floors, 2, 8.9)), (None, hit(2)), "it was free");
@@ -149,12 +156,23 @@ mod tests {
         assert_eq!((broken(&apart, 1, 0.4), broken(&apart, 1, 0.2)), (None, hit(1)), "what is apart stays apart");
         assert_eq!(broken(&apart, 2, -0.5), None, "that touches, as far as encoders can tell");
         let granted = Contact { distance: MARGIN - DEEPER, ..near(3, 0.0) };
-        assert_eq!(floors.broken(&[granted]), None, "all of the millimeter");
+        assert_eq!(floors.broken(&[granted], &rules), None, "all of the millimeter");
         floors.note(&[near(1, 2.0), near(2, 16.0), near(3, 5.0)]);
         floors.note(&[near(1, 6.0)]);
         assert_eq!((broken(&floors, 1, 1.1), broken(&floors, 1, 0.9)), (None, hit(1)), "the deepest counts");
         assert_eq!((broken(&floors, 3, 4.1), broken(&floors, 3, 3.9)), (None, hit(3)));
         assert_eq!(floors.touched(), [near(1, 2.0), near(3, 5.0)]);
         assert_eq!(Floors::new(MARGIN, &[near(1, 10.0)]).touched(), []);
+    }
+
+    /// An arm that sags is not on its recorded path: it may come half as near as it has been.
+    #[test]
+    fn an_arm_whose_joints_give_way_is_granted_half_of_the_distance() {
+        let mut rules = Rules::clone(&rules(true));
+        rules.axes = rules.axes.iter().map(|axis| Axis { deflection: 0.02, ..axis.clone() }).collect();
+        let floors = Floors::new(MARGIN, &[near(1, 4.0), near(2, 0.8)]);
+        for (node, mm, stops) in [(1, 2.1, false), (1, 1.9, true), (3, 5.1, false), (3, 4.9, true), (2, 0.25, true)] {
+            assert_eq!(floors.broken(&[near(node, mm)], &rules).is_some(), stops, "{node} at {mm} mm");
+        }
     }
 }
