@@ -144,7 +144,7 @@ fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Re
     }
     match mobee_actors::check::check(scratch.path()) {
         Ok(report) => {
-            let counted = report.violations.iter().filter(|v| wires::counts(v.invariant, &planned));
+            let counted = report.violations.iter().filter(|v| wires::counts(v, &planned));
             wrong.extend(counted.map(|v| format!("in the journal of seed {}: {v}", args.first)))
         }
         Err(e) => wrong.push(format!("I13 broken: the journal of seed {} is not as it was written: {e}", args.first)),
