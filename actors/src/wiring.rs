@@ -96,6 +96,8 @@ pub struct RobotContext {
     pub latest: LatestCell<Latest>,
     /// How long its board took to answer of late.
     pub answers: LatestCell<Option<AnswerTime>>,
+    /// The hold offset of each motor that has one, by its index, rad.
+    pub hold_offsets: LatestCell<BTreeMap<usize, f64>>,
     /// The first three links of the pulse; the last is [`SharedContext::to_model`].
     pub to_history: Stream<Pulse>,
     /// See above.

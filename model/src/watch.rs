@@ -356,7 +356,13 @@ impl<E: Engine> Watch<E> {
     /// * `poses`: as for [`Watch::update`]: the next of the stream.
     /// * `ranges`: per motor, in the order of the scene's robots and their motors, rad of encoder.
     /// * `within`: that distance, m, at most the watch's margin.
-    pub fn near_groups<P: AsRef<[f64]>>(&mut self, robot: usize, poses: &[P], ranges: &[f64], within: f64) -> PairGroups {
+    pub fn near_groups<P: AsRef<[f64]>>(
+        &mut self,
+        robot: usize,
+        poses: &[P],
+        ranges: &[f64],
+        within: f64,
+    ) -> PairGroups {
         let within = within.min(self.within);
         self.counters.updates += 1;
         self.advance(poses);

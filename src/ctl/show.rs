@@ -106,6 +106,10 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         if let Some(answers) = robot.answers {
             let _ = write!(line, "; its board {answers}");
         }
+        if !robot.hold_offsets.is_empty() {
+            let each = robot.hold_offsets.iter().map(|(motor, rad)| format!("{motor} {:+.1}", rad.to_degrees()));
+            let _ = write!(line, "; hold offsets: {} deg", each.collect::<Vec<_>>().join(", "));
+        }
         for (part, step) in robot.swaps.iter().filter(|(part, step)| is_news(now, &robot.name, **part, step)) {
             let _ = write!(line, "; swap of the {part}: {}", in_words(*part, step));
         }
@@ -227,6 +231,7 @@ mod tests {
             age,
             fresh,
             answers: None,
+            hold_offsets: Vec::new(),
             has_agent: true,
             acts: true,
             touches: Vec::new(),
@@ -306,6 +311,7 @@ mod tests {
                     most: Duration::from_millis(3),
                     greatest: Duration::from_millis(40),
                 }),
+                hold_offsets: vec![("shoulder".into(), 0.031), ("elbow".into(), -0.014)],
                 acts: false,
                 swaps: BTreeMap::from([(SwapPart::Agent, SwapStep::Settled)]),
                 ..robot(Status::Rest, 10)
@@ -327,7 +333,7 @@ mod tests {
         };
         let lines = lines(&report(112, 700), Some(&report(110, 500)));
         let expected = "\
-icub  ARMED: rests; its agent is paused and will not move it before `mobee ctl resume icub`; its board answers in 1.2 ms, nine of ten in 3.0 ms, all in 40.0 ms; swap of the agent: settled: its probation is over
+icub  ARMED: rests; its agent is paused and will not move it before `mobee ctl resume icub`; its board answers in 1.2 ms, nine of ten in 3.0 ms, all in 40.0 ms; hold offsets: shoulder +1.8, elbow -0.8 deg; swap of the agent: settled: its probation is over
 yarp  swap of the bridge: settled: its probation is over
 eyes  cup at 0.300 -0.100 1.000 m, seen 3.0 s ago, STALE
 112.0 s: 0 motions, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts

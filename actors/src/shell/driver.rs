@@ -60,6 +60,7 @@ impl Actor for DriverActor {
             due: None,
         };
         driving.context.lease.store(0, Ordering::SeqCst);
+        driving.context.hold_offsets.lock().clear();
         driving.connect();
         driving.context.driver.connect(myself.clone());
         let _ = myself.send_message(DriverMsg::Poll);
@@ -164,8 +165,9 @@ impl Driving {
         }
         self.beyond = beyond.is_some();
         if !self.nonsense && !self.beyond {
-            for (motor, offset) in self.offsets.learn(&sample) {
-                tracing::debug!(robot = self.context.name, motor, offset, "hold offset, rad");
+            let learned = self.offsets.learn(&sample);
+            if !learned.is_empty() {
+                self.context.hold_offsets.lock().extend(learned);
             }
             let answers = self.driver.as_ref().and_then(|driver| driver.answer_time());
             *self.context.answers.lock() = answers;

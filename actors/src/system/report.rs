@@ -52,6 +52,8 @@ pub struct RobotReport {
     pub fresh: Duration,
     /// How long its board took to answer of late, if that is known.
     pub answers: Option<AnswerTime>,
+    /// The motors that are commanded beside their targets, so that they rest there: name and offset, rad.
+    pub hold_offsets: Vec<(String, f64)>,
     /// Whether it has an agent of its own.
     pub has_agent: bool,
     /// Whether its own agent may make motions.
@@ -119,12 +121,16 @@ impl RobotReport {
         let pair = |c: &Contact| (scene.label(c.pair.0), scene.label(c.pair.1), c.distance);
         let mut touches: Vec<_> = latest.contacts.iter().map(pair).collect();
         touches.sort_by(|a, b| a.2.total_cmp(&b.2));
+        let rules = context.rules();
+        let offsets = context.hold_offsets.lock().clone();
+        let hold_offset = |(m, offset): (usize, f64)| Some((rules.axes.get(m)?.name.clone(), offset));
         RobotReport {
             name: context.name.clone(),
             status: latest.status,
             age: now.since(latest.at),
-            fresh: context.rules().fresh,
+            fresh: rules.fresh,
             answers: *context.answers.lock(),
+            hold_offsets: offsets.into_iter().filter_map(hold_offset).collect(),
             has_agent: context.slot.lock().maker.is_some(),
             acts: context.agent_acts.load(Ordering::SeqCst),
             touches,

@@ -335,6 +335,7 @@ fn wire(
             lease: AtomicU64::new(0),
             latest: LatestCell::new(latest),
             answers: LatestCell::default(),
+            hold_offsets: LatestCell::default(),
             to_history: stream("driver>history"),
             to_reflex: stream("model>reflex"),
             to_supervise: stream("reflex>supervise"),

@@ -108,23 +108,29 @@ fn a_foreign_agent_and_the_built_in_one_take_turns() {
                 let q = robot.latest().q;
                 assert!((q[2].to_degrees() - 3.0).abs() < 0.2, "{q:?}");
                 assert!((q[1].to_degrees() - 1.0 - f64::from(turn)).abs() < 0.2, "{q:?}");
-                let before = running.now();
                 robot.let_agent_act(true).unwrap();
-                for _ in 0..PATIENCE {
-                    if robot.latest().status == Status::Moving || running.now() > before + Duration::from_secs(4) {
-                        break;
+                // on a busy machine the motion that was seen may be over before the commit comes
+                for attempt in 0..5 {
+                    let before = running.now();
+                    for _ in 0..PATIENCE {
+                        if robot.latest().status == Status::Moving || running.now() > before + Duration::from_secs(4) {
+                            break;
+                        }
+                        pause().await;
                     }
-                    pause().await;
+                    match robot.commit(commit(0, 0.0, 20.0)).await {
+                        Err(Refusal::Busy) => break,
+                        Ok(id) if attempt < 4 => assert_eq!(end_of(&robot, id).await, MotionEnd::Reached),
+                        own => panic!("the built-in agent's motion was joined: {own:?}"),
+                    }
                 }
-                let own = robot.commit(commit(0, 0.0, 20.0)).await;
-                assert!(own == Err(Refusal::Busy), "the built-in agent's motion was joined: {own:?}");
             }
             Ok(())
         })
     });
     warned(&ran, None);
     let agents = commits_of(&ran);
-    assert!(agents.iter().filter(|a| *a == "other").count() == 3, "{agents:?}");
+    assert!(agents.iter().filter(|a| *a == "other").count() >= 3, "{agents:?}");
     assert!(agents.iter().filter(|a| *a == "arm/agent").count() >= 3, "{agents:?}");
     assert_eq!(ran.violations(), vec![]);
 }
