@@ -213,13 +213,15 @@ impl Retreat {
         self.way.motors.iter().zip(self.way.of(&sample.q).into_iter().zip(&self.written)).all(beside)
     }
 
-    /// The last set-point once more, if the robot rests beside it: it may have come as the lease was over, or never. A
-    /// reaction apart, so that the one before may show first.
+    /// The last set-point once more, if the robot rests beside it or beside the safe pose: it may have come as the lease was over, or
+    /// never, or with the hold offsets of another pose. A reaction apart, so that the one before may show first.
     pub fn again(&mut self, sample: &Sample, now: Time, rules: &Rules) -> Option<Command> {
-        let apart = distance(&self.way.of(&sample.q), &self.written);
+        let here = self.way.of(&sample.q);
+        let apart = distance(&here, &self.written);
+        let missed = apart.max(distance(&here, &self.way.of(&self.way.end.q)));
         // farther than a degree it is not late but elsewhere: to send it straight from there is nobody's recorded path
         let sag = self.way.motors.iter().map(|m| rules.pushed_error(*m)).fold(0.0, f64::max);
-        let beside = apart > rules.tolerance && apart <= FROZEN_WAY + sag;
+        let beside = missed > rules.tolerance && apart <= FROZEN_WAY + sag;
         if !(self.way.direct && beside && now >= self.last + rules.reaction()) {
             return None;
         }

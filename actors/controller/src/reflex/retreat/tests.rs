@@ -170,8 +170,10 @@ fn the_clock_waits_for_who_does_not_follow() {
 #[test]
 fn the_last_set_point_is_said_again_to_who_rests_beside_it() {
     let tolerance = rules(true).tolerance;
-    let again = |direct: bool, off: f64, early: u64| {
+    // the safe pose is so far beside the last set-point: its motor had been sent there, and rested beside it
+    let beside = |direct: bool, off: f64, early: u64, safe: f64| {
         let (_, mut retreat, rules) = way(direct, &[(0.0, 90.0), (1.0, 60.0)]);
+        retreat.way.end.q = vec![90_f64.to_radians() + safe].into();
         let now = Time::from_secs(5.0) + rules.reaction() * 2 - Duration::from_nanos(early);
         let sample = Sample {
             seq: 1,
@@ -187,6 +189,7 @@ fn the_last_set_point_is_said_again_to_who_rests_beside_it() {
         };
         (said(now), said(now + rules.reaction() - Duration::from_nanos(1)), said(now + rules.reaction()))
     };
+    let again = |direct: bool, off: f64, early: u64| beside(direct, off, early, 0.0);
     for off in [1.1 * tolerance, -1.1 * tolerance, 0.99 * FROZEN_WAY, -0.99 * FROZEN_WAY] {
         assert_eq!(again(true, off, 0), (true, false, true), "{off} rad off");
         assert!(!again(true, off, 1).0, "too soon");
@@ -195,6 +198,8 @@ fn the_last_set_point_is_said_again_to_who_rests_beside_it() {
     for off in [0.0, 0.9 * tolerance, -0.9 * tolerance, 1.01 * FROZEN_WAY, -1.01 * FROZEN_WAY] {
         assert_eq!(again(true, off, 0), (false, false, false), "{off} rad off");
     }
+    let (off, safe) = (0.9 * tolerance, -0.2 * tolerance);
+    assert_eq!(beside(true, off, 0, safe), (true, false, true), "where it was sent, and not at the safe pose");
 }
 
 /// The next way-point is moved to once the last one was reached: the board says so, and the motor is there; and as fast as it was passed.
