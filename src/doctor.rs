@@ -11,6 +11,8 @@ mod watched;
 
 use crate::compose::{compose, driver_of};
 use crate::config::{Config, Source};
+use crate::new::save_all;
+use crate::roadmap::may_write;
 use mobee_contract::{JointLimits, suggestion};
 use mobee_drivers::{YARP, YarpDriverSettings};
 use mobee_model::JointMotion;
@@ -38,6 +40,9 @@ pub struct DoctorArgs {
     /// needs 12 degrees (or mm) of free space toward the middle of its range; at 20 % of its maximum speed it is stopped halfway.
     #[arg(long = "move", value_name = "MOTOR", requires = "file")]
     moves: Option<String>,
+    /// Write the settings that the file lacks into this new file, which includes the measured one: a run of it uses both.
+    #[arg(long, value_name = "NEW.toml", requires = "moves")]
+    write: Option<PathBuf>,
 }
 
 /// How something is.
@@ -88,8 +93,11 @@ impl fmt::Display for Finding {
 /// Looks at everything and prints it as it goes; exit code 1 if anything is bad.
 ///
 /// # Errors
-/// If there is no asynchronous runtime.
+/// If there is no asynchronous runtime, or the file of `--write` exists or can't be written.
 pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
+    if let Some(new) = &args.write {
+        may_write(new, false)?;
+    }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| miette::Report::msg(format!("no asynchronous runtime: {e}")))?;
     let worst = Cell::new(Grade::Ok);
@@ -130,13 +138,35 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
             let (findings, settings) = moves::measure(file, &args.set, motor)?;
             tell(findings);
             if !settings.is_empty() {
-                println!("\nsettings for {}, as measured with {motor}:\n\n{settings}", file.display());
+                let printed = settings.toml();
+                println!("\nsettings for {}, as measured with {motor}:\n\n{printed}", file.display());
+            }
+            match &args.write {
+                Some(_) if settings.is_empty() => println!("no file is written: {} lacks no setting", file.display()),
+                Some(new) => {
+                    let text = settings.layer(&included(file, new)?, motor);
+                    save_all(&[(new.as_path(), text.as_str())])?;
+                    println!("written into {}, which includes {}", new.display(), file.display());
+                }
+                None => {}
             }
         } else {
             tell(vec![not(suggestion(motor, "motor with a board", &motors))]);
         }
     }
     Ok(if worst.get() == Grade::Bad { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// The path by which a new file includes this one: its name in the same folder, or the whole path.
+fn included(file: &Path, new: &Path) -> Result<String, miette::Report> {
+    let whole = |path: &Path| {
+        let why = |e: std::io::Error| miette::Report::msg(format!("can't find {}: {e}", path.display()));
+        path.canonicalize().map_err(why)
+    };
+    let parent = new.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let (file, folder) = (whole(file)?, whole(parent)?);
+    let path = file.strip_prefix(&folder).unwrap_or(&file);
+    Ok(path.to_string_lossy().into_owned())
 }
 
 /// A robot behind YARP.

@@ -9,7 +9,7 @@
 
 use super::Finding;
 use super::measures::Figures;
-use super::verdict::{Measured, verdict};
+use super::verdict::{Measured, Settings, verdict};
 use super::watched::{Observed, Shared, StopTrial, Watched, lock};
 use crate::compose::{Composition, compose};
 use crate::config::Config;
@@ -153,7 +153,7 @@ impl Agent for ToAndFro {
 ///
 /// # Errors
 /// If the run can't be begun.
-pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<(Vec<Finding>, String), Report> {
+pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<(Vec<Finding>, Settings), Report> {
     let (mut config, source) = Config::load(file, set)?;
     config.name = format!("doctor-{motor}");
     // it ends when all is measured

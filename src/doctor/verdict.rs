@@ -37,14 +37,16 @@ pub(super) struct Measured<'a> {
 
 /// Settings that the file lacks, as lines of TOML with the reason for each.
 #[derive(Default)]
-struct Settings {
+pub(super) struct Settings {
+    /// The robot's name.
+    robot: String,
     driver: Vec<String>,
     controller: Vec<String>,
 }
 
 /// One finding for each measure, and the settings to write into the file; empty if it needs none.
-pub(super) fn verdict(measured: &Measured) -> (Vec<Finding>, String) {
-    let mut settings = Settings::default();
+pub(super) fn verdict(measured: &Measured) -> (Vec<Finding>, Settings) {
+    let mut settings = Settings { robot: measured.robot.name.clone(), ..Settings::default() };
     let findings = [
         resolution(measured, &mut settings),
         sag(measured, &mut settings),
@@ -56,16 +58,33 @@ pub(super) fn verdict(measured: &Measured) -> (Vec<Finding>, String) {
         torque(measured, &mut settings),
     ];
     stall(measured, &mut settings);
-    (findings.into_iter().flatten().collect(), settings.toml(&measured.robot.name))
+    (findings.into_iter().flatten().collect(), settings)
 }
 
 impl Settings {
-    fn toml(&self, robot: &str) -> String {
+    pub(super) fn is_empty(&self) -> bool {
+        self.driver.is_empty() && self.controller.is_empty()
+    }
+
+    /// For a person, who copies them.
+    pub(super) fn toml(&self) -> String {
         let table = |name: &str, lines: &[String]| match lines {
             [] => String::new(),
-            lines => format!("# in the table `{name}` of robot {robot}\n{}\n", lines.join("\n")),
+            lines => format!("# in the table `{name}` of robot {}\n{}\n", self.robot, lines.join("\n")),
         };
         table("driver", &self.driver) + &table("controller", &self.controller)
+    }
+
+    /// A configuration that includes the measured one and adds these.
+    pub(super) fn layer(&self, included: &str, motor: &str) -> String {
+        let text = |s: &str| toml::Value::String(s.into()).to_string();
+        let table = |name: &str, lines: &[String]| match lines {
+            [] => String::new(),
+            lines => format!("\n[robot.{name}]\n{}\n", lines.join("\n")),
+        };
+        let head = format!("# As `mobee doctor --move {motor}` measured.\ninclude = [{}]\n", text(included));
+        let robot = format!("\n[[robot]]\nname = {}\n", text(&self.robot));
+        head + &robot + &table("driver", &self.driver) + &table("controller", &self.controller)
     }
 }
 

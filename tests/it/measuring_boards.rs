@@ -6,7 +6,16 @@ use std::path::Path;
 /// Measures a motor of an arm with this driver and these further settings of the controller: exit code, findings, and settings.
 fn measured(arm: &str, motor: &str, driver: &str, controller: &str) -> (Option<i32>, String, String) {
     let folder = tempfile::tempdir().expect("a folder");
-    let file = folder.path().join("arm.toml");
+    measured_in(folder.path(), arm, (motor, driver, controller), &[])
+}
+
+fn measured_in(
+    folder: &Path,
+    arm: &str,
+    (motor, driver, controller): (&str, &str, &str),
+    more: &[&str],
+) -> (Option<i32>, String, String) {
+    let file = folder.join("arm.toml");
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("configs/robots/{arm}.xml"));
     let text = format!(
         r#"
@@ -20,7 +29,7 @@ fn measured(arm: &str, motor: &str, driver: &str, controller: &str) -> (Option<i
         "#
     );
     std::fs::write(&file, text).expect("a behavior");
-    let out = mobee_here().arg("doctor").arg(&file).args(["--move", motor]).current_dir(&folder).output();
+    let out = mobee_here().arg("doctor").arg(&file).args(["--move", motor]).args(more).current_dir(folder).output();
     let out = out.expect("mobee starts");
     let said = String::from_utf8_lossy(&out.stdout).into_owned();
     let (said, settings) = said.split_once("\nsettings for ").unwrap_or((said.as_str(), ""));
@@ -76,4 +85,24 @@ fn a_motor_that_is_not_there_is_not_moved() {
     let (code, said, settings) = measured("so101", "shoulder_left", r#"profile = "so101""#, "");
     assert!(code == Some(1) && settings.is_empty(), "{said}{settings}");
     assert!(said.contains("was not moved") && said.contains("did you mean `shoulder_lift`?"), "{said}");
+}
+
+/// What is measured goes into a new file, which a run can use at once; a file that is there stays as it is.
+#[test]
+fn the_settings_are_written_into_a_file_that_includes_the_measured_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let of = |profile| ("shoulder_lift", profile, "");
+    let write = ["--write", "tuned.toml"];
+    let (code, _, settings) = measured_in(folder.path(), "so101", of(r#"profile = "so101""#), &write);
+    assert!(code == Some(0) && settings.contains("written into tuned.toml, which includes "), "{settings}");
+    let text = std::fs::read_to_string(folder.path().join("tuned.toml")).expect("the new file");
+    assert!(text.contains("include = [\"arm.toml\"]") && text.contains("[robot.controller]\nstall_deg = "), "{text}");
+    let check = mobee_here().args(["check", "tuned.toml"]).current_dir(&folder).output().expect("mobee starts");
+    assert!(check.status.success(), "{}", String::from_utf8_lossy(&check.stderr));
+
+    let again = ["doctor", "arm.toml", "--move", "shoulder_lift", "--write", "tuned.toml"];
+    let again = mobee_here().args(again).current_dir(&folder).output().expect("mobee starts");
+    let refused = String::from_utf8_lossy(&again.stderr).into_owned();
+    assert!(!again.status.success() && refused.contains("exists already"), "{refused}");
+    assert_eq!(std::fs::read_to_string(folder.path().join("tuned.toml")).expect("the new file"), text);
 }

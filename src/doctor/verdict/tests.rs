@@ -37,7 +37,7 @@ fn paces(fair: bool, own_acceleration: bool) -> Vec<Paces> {
 fn judged(figures: &Figures, axis: &Axis, paces: &[Paces], robot: &RobotConfig) -> (Vec<Grade>, String, String) {
     let (found, settings) = verdict(&Measured { figures, axis, paces, robot, folder: Path::new("run"), coarse: None });
     let text = found.iter().map(ToString::to_string).collect::<Vec<String>>().join("\n");
-    (found.iter().map(|f| f.grade).collect(), text, settings)
+    (found.iter().map(|f| f.grade).collect(), text, settings.toml())
 }
 
 /// The lines of the settings without comments.
@@ -108,7 +108,7 @@ fn another_motor_may_be_the_one_that_does_not_rest() {
         "{}",
         found[0]
     );
-    assert_eq!(keys(&settings), ["resolution_deg = 0.0879"]);
+    assert_eq!(keys(&settings.toml()), ["resolution_deg = 0.0879"]);
 }
 
 /// A simulation's driver has other keys of these names, which describe the arm that it simulates.
