@@ -19,7 +19,7 @@ pub(crate) struct Rows<'py> {
     /// Number of rows.
     pub rows: usize,
     width: usize,
-    /// Whether one row was given as such, not as a batch of one.
+    /// True for one row of shape `(width,)`, false for a batch.
     pub single: bool,
 }
 
@@ -36,8 +36,10 @@ impl<'py> Rows<'py> {
             [rows, n] if n == width => (rows, false),
             ref shape => {
                 let message = format!("{what} has shape {}", shape_text(shape));
-                let remedy =
-                    format!("give ({width},) for one configuration or (N, {width}) for a batch; {}", joints.told());
+                let remedy = format!(
+                    "give ({width},) for one configuration or (N, {width}) for a batch; {}",
+                    joints.description()
+                );
                 return Err(Failure::new("shape", message, remedy).at(what).into());
             }
         };
@@ -133,7 +135,7 @@ fn numbers<'py>(what: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, Py
     checked_size(what, array.cast_into::<PyArrayDyn<f64>>().map_err(PyErr::from)?)
 }
 
-/// Whether its numbers can be read where they are.
+/// Tests that the numbers can be read in place.
 fn is_plain(array: &Bound<'_, PyArrayDyn<f64>>) -> bool {
     array.is_c_contiguous() && array.data().is_aligned()
 }
@@ -171,7 +173,7 @@ fn shape_text(shape: &[usize]) -> String {
     }
 }
 
-/// A vector with room for so many, or a failure where there is no memory for it.
+/// An empty vector with room for `rows * each` numbers; a failure if there is no memory for it.
 pub(crate) fn reserved<T>(rows: usize, each: usize) -> Result<Vec<T>, Failure> {
     let (mut all, numbers) = (Vec::new(), rows.saturating_mul(each));
     if numbers > MAX_NUMBERS {

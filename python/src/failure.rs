@@ -1,4 +1,4 @@
-//! Why a call gave no answer: what `mobee.MobeeError` carries. No Python here.
+//! Failures of calls, as `mobee.MobeeError` carries them. No Python here.
 
 use mobee_fast::FastError;
 use mobee_model::{FileError, ImportError, SceneError};
@@ -8,11 +8,11 @@ use mobee_model::{FileError, ImportError, SceneError};
 pub(crate) struct Failure {
     /// For programs: stable, one word.
     pub code: &'static str,
-    /// What is wrong.
+    /// The fact, as a sentence.
     pub message: String,
-    /// Where: an argument such as `q[3]`, or a file with line and column.
+    /// The place: an argument such as `q[3]`, or a file with line and column.
     pub place: Option<String>,
-    /// What to do about it.
+    /// The remedy, as a sentence.
     pub remedy: String,
 }
 

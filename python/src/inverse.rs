@@ -8,14 +8,14 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// Two solutions are one if no motor is farther apart than this, rad of encoder.
 const SAME: f64 = 1e-3;
 
-/// What to reach, and how hard to try.
+/// The pose to reach, and the effort.
 #[derive(Clone, Debug)]
 pub(crate) struct Goal {
-    /// Where the frame's origin is to be, in the base frame, meters.
+    /// Position of the frame's origin in the base frame, meters.
     pub at: Vector3<f64>,
-    /// How the frame is to be turned; `None`: in any way.
+    /// Orientation of the frame in the base frame; `None`: any.
     pub turn: Option<UnitQuaternion<f64>>,
-    /// How near is near enough, meters and rad.
+    /// Largest residuals of a solution, meters and rad.
     pub tolerance: (f64, f64),
     /// Starts at most, the seed included.
     pub attempts: usize,
@@ -30,7 +30,7 @@ pub(crate) struct Goal {
 pub(crate) struct Solution {
     /// All motors, rad of encoder.
     pub pose: Vec<f64>,
-    /// How far it is off, meters and rad.
+    /// Residuals, meters and rad.
     pub off: (f64, f64),
 }
 
@@ -71,7 +71,7 @@ pub(crate) fn solve(
     found
 }
 
-/// What is to become zero: a meter counts [`PER_METER`] radians.
+/// The vector that is minimized: a meter counts [`PER_METER`] radians.
 fn residual(chain: &Chain, goal: &Goal, pose: &[f64]) -> Vec<f64> {
     let frame = chain.forward(pose);
     let place = (frame.translation.vector - goal.at) * PER_METER;
@@ -79,7 +79,7 @@ fn residual(chain: &Chain, goal: &Goal, pose: &[f64]) -> Vec<f64> {
     place.iter().chain(turn.iter().flat_map(|turn| turn.iter())).copied().collect()
 }
 
-/// How far a pose is off, meters and rad.
+/// Residuals of a pose, meters and rad.
 fn off(chain: &Chain, goal: &Goal, pose: &[f64]) -> (f64, f64) {
     let frame = chain.forward(pose);
     let turn = goal.turn.map_or(0.0, |wanted| frame.rotation.angle_to(&wanted));

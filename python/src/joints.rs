@@ -3,18 +3,22 @@
 use crate::failure::Failure;
 use mobee_model::{JointMotion, Motor, Robot};
 
-/// How far beyond a limit a joint may be by rounding, rad or m.
+/// Tolerance of a joint limit for rounding, rad or m.
 const ROUNDING: f64 = 1e-9;
+/// A joint without end is put within its limits from as far as this, rad: beyond, rounding is no longer small.
+const MAX_TURNED: f64 = 1e6;
 /// No more joints are named in a message.
 const MOST_NAMED: usize = 12;
 
-/// What a configuration beyond a joint limit is.
+/// Treatment of a configuration beyond a joint limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Beyond {
     /// An error: there is no answer for it.
     Refused,
     /// Passed on as it is, for a query that answers for it.
     Passed,
+    /// The same, and joints without end are not put within their limits, as the way to there would be another one.
+    Straight,
 }
 
 /// The joints of a configuration: those of one robot, or of all robots of a scene in their order.
@@ -91,9 +95,10 @@ impl Joints {
                     continue;
                 }
                 let within = encoder.max(motor.min).min(motor.max);
-                let turned = motor.nearest_equivalent(within, encoder);
+                let turned = if can_turn(motor, encoder) { motor.nearest_equivalent(within, encoder) } else { encoder };
                 *q = match () {
                     () if (encoder - within).abs() <= ROUNDING * scale => within,
+                    () if beyond == Beyond::Straight => encoder,
                     () if turned >= motor.min && turned <= motor.max => turned,
                     () if beyond == Beyond::Passed => encoder,
                     () => return Err(self.refusal(j, *q).at(place(what, first, r))),
@@ -103,12 +108,12 @@ impl Joints {
         Ok(())
     }
 
-    /// Whether each row, rad or meters, is within the limits, but for rounding and whole turns of joints without end.
+    /// Tests which rows, rad or meters, are within the limits, but for rounding and whole turns of joints without end.
     pub fn within(&self, rows: &[f64]) -> Vec<bool> {
         let sound = |(q, (motor, scale)): (&f64, (&Motor, &f64))| {
             let tolerance = ROUNDING * scale;
             let encoder = q * scale;
-            motor.continuous || (encoder >= motor.min - tolerance && encoder <= motor.max + tolerance)
+            can_turn(motor, encoder) || (encoder >= motor.min - tolerance && encoder <= motor.max + tolerance)
         };
         let all = |row: &[f64]| row.iter().zip(self.motors.iter().zip(&self.scale)).all(sound);
         rows.chunks(self.len().max(1)).map(all).collect()
@@ -129,7 +134,7 @@ impl Joints {
     }
 
     /// The joints in words: how many, and which.
-    pub fn told(&self) -> String {
+    pub fn description(&self) -> String {
         let named = self.names.iter().take(MOST_NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
         let more = if self.names.len() > MOST_NAMED { ", ..." } else { "" };
         format!("{} joints: {named}{more}", self.len())
@@ -139,6 +144,11 @@ impl Joints {
 /// Rad of encoder per rad or meter.
 fn scale(motion: JointMotion) -> f64 {
     motion.encoder(1.0)
+}
+
+/// Tests for a joint without end at a position so near that turns can be counted.
+fn can_turn(motor: &Motor, encoder: f64) -> bool {
+    motor.continuous && encoder.abs() <= MAX_TURNED
 }
 
 /// The argument, with its row if it is one of many.

@@ -4,8 +4,8 @@
 //! Python ──arrays, place──> checked numbers ──joints──> rad of encoder ──> model, fast engine ──> results ──> Python
 //! ```
 //!
-//! What needs no Python (`failure`, `joints`, `pose`, `chain`, `inverse`) is tested by `tests/`, all else by pytest. No call panics, whatever
-//! is given; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
+//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`) are tested by `tests/`, all others by pytest. No call panics, whatever
+//! its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
 //!
 //! Units toward Python: radians, or meters for prismatic joints; the model counts "rad of encoder" (`mobee_model::Motor`).
 
@@ -16,6 +16,7 @@ mod inverse;
 mod joints;
 mod load;
 mod place;
+mod plan;
 mod pose;
 mod raise;
 mod results;
@@ -26,11 +27,13 @@ mod world;
 
 use pyo3::prelude::*;
 
-/// What `mobee` is made of.
+/// The compiled part of `mobee`.
 #[pymodule]
 mod _native {
     #[pymodule_export]
     use crate::load::load;
+    #[pymodule_export]
+    use crate::plan::{PyNoPlan, PyPlan};
     #[pymodule_export]
     use crate::results::{PyBlocked, PyContact, PyFree, PyIk, PyUnproved};
     #[pymodule_export]

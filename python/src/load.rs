@@ -19,10 +19,10 @@ const MAX_BYTES: u64 = 64 * MIB;
 const MAX_FOLDERS: usize = 1000;
 /// The outermost element of a robot file.
 const ROBOT_FILE: &str = "<ZeroPositionKinematicTree";
-/// What lines of a robot file's comment begin with that are warnings.
+/// Prefix of the lines of a robot file's comment that are warnings.
 const WARNING: &str = "warning: ";
 
-/// What the first and the last line of that comment begin with.
+/// Prefixes of the first and the last line of that comment.
 const FRAME: [&str; 2] = ["Converted from ", "Made from inputs "];
 
 /// Loads a robot from a URDF or from a robot file (ZRP XML).
@@ -38,7 +38,7 @@ const FRAME: [&str; 2] = ["Converted from ", "Made from inputs "];
 /// srdf : str or os.PathLike, optional
 ///     The SRDF that belongs to a URDF: pairs of links that need no test, groups (`Robot.parts`), the home pose.
 /// packages : dict[str, path], optional
-///     Where packages are that the URDF names as ``package://NAME/...``.
+///     Folders of the packages that the URDF names as ``package://NAME/...``.
 /// mesh_dirs : sequence of paths, optional
 ///     More folders to search for packages and meshes. Those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH and the five above the URDF are
 ///     always searched.
@@ -51,13 +51,13 @@ const FRAME: [&str; 2] = ["Converted from ", "Made from inputs "];
 /// part : str, optional
 ///     Name of the one part with all joints; default: a part for each group of the SRDF.
 /// overshoot : float
-///     How far shapes may stick out of a mesh, meters.
+///     Largest distance by which shapes stick out of a mesh, meters.
 /// shapes : int
-///     How many shapes a link may have, 1 to 64.
+///     Most shapes of a link, 1 to 64.
 /// poses : int
 ///     Random configurations at which pairs are found that need no test; 0: none.
 /// cache : bool
-///     Whether to use the cache.
+///     Use the cache.
 /// progress : callable, optional
 ///     Called with the step and the share of it that is done, about 30 times a second.
 ///
@@ -153,14 +153,14 @@ fn urdf(path: &Path, options: &ImportOptions, cache: Option<&Path>, reports: &Re
     let cached = cache.map(|folder| folder.join(format!("{name}-{inputs}.xml")));
     let known = cached.as_ref().and_then(|file| {
         let text = read_text(file, MAX_BYTES).ok()?;
-        // one that is damaged is made anew
+        // a damaged file is replaced
         Some((parse_robot(&file.display().to_string(), &text).ok()?.value, text))
     });
     let (model, text) = match known {
         Some(known) => known,
         None => {
             let mut imported = options.import(path, &mut |step, share| {
-                // nobody may listen, or not as fast
+                // dropped if the caller has gone or is slower
                 let _ = reports.try_send((step, share));
             })?;
             let warnings = imported.warnings.iter().map(|w| format!("{WARNING}{w}"));
@@ -175,8 +175,8 @@ fn urdf(path: &Path, options: &ImportOptions, cache: Option<&Path>, reports: &Re
             (parse_robot(&path.display().to_string(), &text)?.value, text)
         }
     };
-    let said = comment(&text);
-    Ok(PyRobot::new(model, &rotations, text, said))
+    let comments = comment(&text);
+    Ok(PyRobot::new(model, &rotations, text, comments))
 }
 
 /// Notes and warnings in a robot file's first comment.
@@ -189,7 +189,7 @@ fn comment(text: &str) -> (Vec<String>, Vec<String>) {
     (notes, warnings.iter().filter_map(|w| w.strip_prefix(WARNING)).map(str::to_owned).collect())
 }
 
-/// Where imported robots are: `$XDG_CACHE_HOME/mobee/robots`, or `~/.cache/mobee/robots`.
+/// The folder of imported robots: `$XDG_CACHE_HOME/mobee/robots`, or `~/.cache/mobee/robots`.
 fn cache_folder() -> Option<PathBuf> {
     let of = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let cache = of("XDG_CACHE_HOME").or_else(|| of("HOME").map(|home| home.join(".cache")))?;

@@ -18,7 +18,7 @@ pub(crate) struct PoseArguments<'a, 'py> {
     pub quat_wxyz: Option<&'a Bound<'py, PyAny>>,
 }
 
-/// What was given of a pose.
+/// The given parts of a pose.
 pub(crate) struct PoseParts {
     /// The pose, if it has a position; not turned where no orientation was given.
     pub pose: Option<Isometry3<f64>>,

@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// How far a rotation may be from one, and the length of a quaternion from 1: what `float32` rounds off, and some.
+/// Tolerance of a rotation matrix and of a quaternion's length: above the rounding of `float32`.
 const TOLERANCE: f64 = 1e-4;
 /// Larger coordinates are refused: their squares still fit.
 const MAX_COORDINATE_M: f64 = 1e6;

@@ -1,11 +1,11 @@
-//! What queries return.
+//! Results of queries.
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
 use crate::arrays::array;
 
-/// Two shapes that touch, or are nearer than asked for.
+/// Two shapes that touch, or are nearer than a given distance.
 ///
 /// Attributes
 /// ----------
@@ -58,7 +58,7 @@ impl PyFree {
 /// Attributes
 /// ----------
 /// at : float
-///     Where, as a share of the way from 0 to 1: ``q0 + at * (q1 - q0)``. What is before it is free, but for stretches on which nothing
+///     The place as a share of the way from 0 to 1: ``q0 + at * (q1 - q0)``. The edge before it is free, but for stretches on which nothing
 ///     moves a millimeter.
 /// by : tuple[str, str] or None
 ///     The two shapes that are too near; None for a joint limit or a constraint of the robot's file.
@@ -112,7 +112,7 @@ impl PyUnproved {
 /// q : ndarray (dof,)
 ///     The configuration, rad or m.
 /// position_error : float
-///     How far the frame's origin is from its goal, meters.
+///     Distance of the frame's origin from its goal, meters.
 /// angle_error : float
 ///     By how much the frame is turned away from its goal, rad; 0 if any orientation would do.
 #[pyclass(name = "Ik", module = "mobee", frozen)]

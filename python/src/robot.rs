@@ -43,12 +43,12 @@ impl PyRobot {
     /// # Arguments
     /// * `rotations`: of each link, `root_from_link` with all joints at zero, where they are known.
     /// * `text`: the robot file.
-    /// * `said`: notes and warnings.
+    /// * `comments`: notes and warnings.
     pub fn new(
         model: Robot,
         rotations: &BTreeMap<String, UnitQuaternion<f64>>,
         text: String,
-        said: (Vec<String>, Vec<String>),
+        comments: (Vec<String>, Vec<String>),
     ) -> Self {
         let skeleton = Skeleton::new(&model, Isometry3::identity());
         let nodes = model.nodes.iter().enumerate().filter_map(|(i, node)| Some((node.name.as_deref()?, i)));
@@ -61,7 +61,7 @@ impl PyRobot {
             }
         }
         let joints = Arc::new(Joints::new([&model]));
-        let (notes, warnings) = said;
+        let (notes, warnings) = comments;
         Self { model: Arc::new(model), joints, frames, text, notes, warnings }
     }
 
@@ -172,13 +172,13 @@ impl PyRobot {
         self.frames.keys().cloned().collect()
     }
 
-    /// What the import decided, a line each: shapes, home, pairs.
+    /// Decisions of the import, a line each: shapes, home, pairs.
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.notes.clone()
     }
 
-    /// What is odd in the robot's files, a line each with its place.
+    /// Warnings about the robot's files, a line each with its place.
     #[getter]
     fn warnings(&self) -> Vec<String> {
         self.warnings.clone()
@@ -251,13 +251,13 @@ impl PyRobot {
     /// frame : str
     ///     One of `frames`.
     /// seed : array (dof,), optional
-    ///     Where to begin, and which solutions come first: those nearest to it. Default: home. Joints that don't move the frame stay there.
+    ///     The first start; solutions are sorted by their distance from it. Default: home. Joints that don't move the frame stay there.
     /// scene : Scene, optional
     ///     Only solutions that are free in this scene, with other robots at home.
     /// attempts, solutions : int
     ///     Starts at most, and solutions at most.
     /// position_tolerance, angle_tolerance : float
-    ///     How near is near enough, meters and rad.
+    ///     Largest residuals of a solution, meters and rad.
     /// random_seed : int
     ///     Seed of the random starts: equal seeds, equal answers.
     ///

@@ -1,9 +1,10 @@
-//! `mobee.Scene`: robots and obstacles, and who touches whom.
+//! `mobee.Scene`: robots and obstacles, and their contacts.
 
 use crate::arrays::{Rows, array, reserved};
 use crate::failure::Failure;
 use crate::joints::{Beyond, Joints};
 use crate::place::PoseArguments;
+use crate::plan::{Found, PyPlan, Search};
 use crate::results::{PyBlocked, PyContact, PyFree, PyUnproved};
 use crate::robot::PyRobot;
 use crate::wait::{background, chunks};
@@ -21,8 +22,10 @@ const MAX_ROBOTS: usize = 64;
 const FIRST_FREE: usize = 1024;
 const FIRST_SCALAR: usize = 16;
 const FIRST_EDGES: usize = 32;
+/// Goals of a plan at most.
+const MAX_GOALS: usize = 1000;
 /// Contacts that a call returns at most.
-const MAX_CONTACTS: usize = 10_000_000;
+const MAX_CONTACTS: usize = 1_000_000;
 
 /// Robots and obstacles in one world, as they were when it was made; it never changes.
 ///
@@ -33,7 +36,7 @@ const MAX_CONTACTS: usize = 10_000_000;
 /// world : World, optional
 ///     Obstacles, as they are now.
 /// bases : array (4, 4) or sequence of them, optional
-///     Where each robot stands, ``world_from_base``; default: at the origin.
+///     Base of each robot, ``world_from_base``; default: at the origin.
 /// clearance : float
 ///     Pairs of shapes must be farther apart than this to be free, meters.
 ///
@@ -59,7 +62,7 @@ pub(crate) struct OfRobot {
 }
 
 impl OfRobot {
-    /// Whether the robot is free at a pose, rad of encoder.
+    /// Tests that the robot is free at a pose, rad of encoder.
     pub fn is_free(&self, pose: &[f64]) -> bool {
         let mut poses = self.scene.home();
         if let Some(own) = poses.get_mut(self.robot) {
@@ -170,7 +173,7 @@ fn robots_of(robots: &Bound<'_, PyAny>) -> PyResult<Vec<Py<PyRobot>>> {
     Ok(all)
 }
 
-/// Where each robot stands.
+/// The base of each robot.
 fn bases_of(bases: Option<&Bound<'_, PyAny>>, robots: usize) -> PyResult<Vec<Isometry3<f64>>> {
     let Some(bases) = bases else { return Ok(vec![Isometry3::identity(); robots]) };
     let one = |pose: &Bound<'_, PyAny>| {
@@ -246,7 +249,7 @@ impl PyScene {
         self.clearance
     }
 
-    /// Whether configurations are free: within the limits, all pairs of shapes farther apart than the clearance, and all constraints of
+    /// Tests which configurations are free: within the limits, all pairs of shapes farther apart than the clearance, and all constraints of
     /// the robots' files satisfied. The verdicts are those of the exact engine, whatever the size of the batch.
     ///
     /// Parameters
@@ -360,21 +363,21 @@ impl PyScene {
             }
             Ok(found)
         })?;
-        let told = |found: &Vec<Contact>| PyList::new(py, found.iter().map(|c| self.contact(c)).collect::<Vec<_>>());
+        let list = |found: &Vec<Contact>| PyList::new(py, found.iter().map(|c| self.contact(c)).collect::<Vec<_>>());
         match all.first() {
-            Some(found) if rows.single => told(found),
-            _ => PyList::new(py, all.iter().map(told).collect::<PyResult<Vec<_>>>()?),
+            Some(found) if rows.single => list(found),
+            _ => PyList::new(py, all.iter().map(list).collect::<PyResult<Vec<_>>>()?),
         }
     }
 
-    /// Whether straight lines in joint space are free: proved for every configuration on them, not sampled.
+    /// Tests whether straight lines in joint space are free: proved for every configuration on them, not sampled.
     ///
     /// Joints go straight from `q0` to `q1`, continuous ones too.
     ///
     /// Parameters
     /// ----------
     /// q0, q1 : array (dof,) or (N, dof)
-    ///     Where each edge begins and ends, rad or m. One of the two may be a single configuration for all edges of a batch.
+    ///     Beginnings and ends of the edges, rad or m. One of the two may be a single configuration for all edges of a batch.
     ///
     /// Returns
     /// -------
@@ -413,7 +416,7 @@ impl PyScene {
             from.load(which(&from).0, which(&from).1, &mut starts)?;
             to.load(which(&to).0, which(&to).1, &mut ends)?;
             for (name, rows, numbers) in [("q0", &from, &mut starts), ("q1", &to, &mut ends)] {
-                self.joints.convert(name, numbers, (!rows.single).then_some(first), Beyond::Passed)?;
+                self.joints.convert(name, numbers, (!rows.single).then_some(first), Beyond::Straight)?;
             }
             let row = |all: &[f64], single: bool, i: usize| {
                 let i = if single { 0 } else { i };
@@ -438,6 +441,75 @@ impl PyScene {
             _ => {
                 let all = all.iter().map(|v| self.verdict(py, v)).collect::<PyResult<Vec<_>>>()?;
                 Ok(PyList::new(py, all)?.into_any())
+            }
+        }
+    }
+
+    /// A path from one configuration to another on edges that are proved free (RRT-Connect, then shortcuts).
+    ///
+    /// Parameters
+    /// ----------
+    /// start : array (dof,)
+    ///     The configuration of all robots, rad or m.
+    /// goal : array (dof,) or (K, dof)
+    ///     One goal, or several, of which the nearest is tried first; `Ik.q` of `Robot.ik`, for a pose of a frame. One
+    ///     robot moves: the others stand at `start`.
+    /// seed : int
+    ///     Seed of everything random: equal seeds, equal paths.
+    /// budget : int
+    ///     Straight lines that may be judged, for all goals together, at most.
+    /// shorten : bool
+    ///     Make the path shorter by shortcuts.
+    ///
+    /// Returns
+    /// -------
+    /// Plan or NoPlan
+    ///     `NoPlan` is false in a condition, and has the reason.
+    ///
+    /// Raises
+    /// ------
+    /// MobeeError
+    ///     code ``robots`` (more than one would move), ``limits``, ``bounds``, and as `free`.
+    #[pyo3(signature = (start, goal, *, seed=0, budget=100_000, shorten=true))]
+    fn plan<'py>(
+        &self,
+        py: Python<'py>,
+        start: &Bound<'py, PyAny>,
+        goal: &Bound<'py, PyAny>,
+        seed: u64,
+        budget: u64,
+        shorten: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let mut ends: Vec<Vec<f64>> = Vec::new();
+        for (what, given, most) in [("start", start, 1), ("goal", goal, MAX_GOALS)] {
+            let rows = Rows::configurations(what, given, &self.joints)?;
+            if rows.rows == 0 || rows.rows > most || (most == 1 && !rows.single) {
+                let remedy = format!("give one start, and 1 to {MAX_GOALS} goals");
+                return Err(Failure::new("shape", format!("{what} has {} rows", rows.rows), remedy).at(what).into());
+            }
+            let mut numbers = Vec::new();
+            rows.load(0, rows.rows, &mut numbers)?;
+            self.joints.convert(what, &mut numbers, (!rows.single).then_some(0), Beyond::Refused)?;
+            ends.extend(numbers.chunks_exact(self.joints.len()).map(<[f64]>::to_vec));
+        }
+        let start = ends.remove(0);
+        let search = Search {
+            scene: Arc::clone(&self.scene),
+            clearance: self.clearance,
+            start,
+            goals: ends,
+            seed,
+            budget,
+            shorten,
+        };
+        let found = background(py, None, move |cancelled, _| search.run(cancelled))?;
+        match found {
+            Err(reason) => Ok(Bound::new(py, reason)?.into_any()),
+            Ok(found) => {
+                let rows = found.poses.len();
+                let path = found.poses.iter().flat_map(|pose| self.joints.configuration(pose)).collect();
+                let Found { goal, length, evaluations, .. } = found;
+                Ok(Bound::new(py, PyPlan { path, rows, goal, length, evaluations })?.into_any())
             }
         }
     }

@@ -8,9 +8,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How often signals are looked at.
-const LOOK: Duration = Duration::from_millis(30);
-/// How long a chunk of a batch should take.
+/// Period of looking at signals.
+const SIGNAL_PERIOD: Duration = Duration::from_millis(30);
+/// Desired duration of a chunk of a batch.
 const CHUNK: Duration = Duration::from_millis(10);
 /// The largest chunk, rows.
 const MOST_ROWS: usize = 1 << 16;
@@ -19,12 +19,12 @@ const MAX_REPORTS: usize = 64;
 /// Stack of a worker: as the main thread has.
 const STACK_BYTES: usize = 8 << 20;
 
-/// Whether the caller has gone.
+/// Set when the caller has gone.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cancelled(Arc<AtomicBool>);
 
 impl Cancelled {
-    /// Whether nobody waits for the result any more.
+    /// Tests that the result is no longer needed.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -50,7 +50,7 @@ pub(crate) fn background<T: Send + 'static>(
     let (done, result) = sync_channel(1);
     let seen = cancelled.clone();
     let run = move || {
-        // nobody may wait any more
+        // fails if the caller has gone
         let _ = done.send(work(&seen, &reports));
     };
     thread::Builder::new().name("mobee".to_owned()).stack_size(STACK_BYTES).spawn(run).map_err(|e| {
@@ -69,7 +69,7 @@ fn wait<T: Send>(
 ) -> PyResult<Result<T, Failure>> {
     loop {
         let (back, got) = py.detach(move || {
-            let got = result.recv_timeout(LOOK);
+            let got = result.recv_timeout(SIGNAL_PERIOD);
             (result, got)
         });
         result = back;

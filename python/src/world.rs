@@ -21,21 +21,21 @@ const MAX_HULL: usize = 112;
 #[pyclass(name = "Shape", module = "mobee", frozen, subclass)]
 pub(crate) struct PyShape {
     primitives: Vec<Primitive>,
-    said: String,
+    text: String,
 }
 
 #[pymethods]
 impl PyShape {
     fn __repr__(&self) -> &str {
-        &self.said
+        &self.text
     }
 }
 
 impl PyShape {
     /// One primitive about the origin.
-    fn one(shape: Shape, rotation: UnitQuaternion<f64>, said: String) -> PyResult<Self> {
+    fn one(shape: Shape, rotation: UnitQuaternion<f64>, text: String) -> PyResult<Self> {
         let pose = Isometry3::from_parts(Vector3::zeros().into(), rotation);
-        let shape = PyShape { primitives: vec![Primitive { shape, pose }], said };
+        let shape = PyShape { primitives: vec![Primitive { shape, pose }], text };
         // sizes are checked here, not where the shape is used
         checked(&object("shape", &shape, Isometry3::identity()))?;
         Ok(shape)
@@ -60,8 +60,8 @@ pub(crate) struct PyBox;
 impl PyBox {
     #[new]
     fn new(size: [f64; 3]) -> PyResult<PyClassInitializer<Self>> {
-        let said = format!("Box({}, {}, {})", size[0], size[1], size[2]);
-        let shape = PyShape::one(Shape::Box { size: size.into() }, UnitQuaternion::identity(), said)?;
+        let text = format!("Box({}, {}, {})", size[0], size[1], size[2]);
+        let shape = PyShape::one(Shape::Box { size: size.into() }, UnitQuaternion::identity(), text)?;
         Ok(PyClassInitializer::from(shape).add_subclass(PyBox))
     }
 }
@@ -79,8 +79,8 @@ pub(crate) struct PySphere;
 impl PySphere {
     #[new]
     fn new(radius: f64) -> PyResult<PyClassInitializer<Self>> {
-        let said = format!("Sphere({radius})");
-        let shape = PyShape::one(Shape::Sphere { radius }, UnitQuaternion::identity(), said)?;
+        let text = format!("Sphere({radius})");
+        let shape = PyShape::one(Shape::Sphere { radius }, UnitQuaternion::identity(), text)?;
         Ok(PyClassInitializer::from(shape).add_subclass(PySphere))
     }
 }
@@ -98,8 +98,8 @@ pub(crate) struct PyCylinder;
 impl PyCylinder {
     #[new]
     fn new(radius: f64, length: f64) -> PyResult<PyClassInitializer<Self>> {
-        let said = format!("Cylinder({radius}, {length})");
-        let shape = PyShape::one(Shape::Cylinder { radius, height: length }, along_z(), said)?;
+        let text = format!("Cylinder({radius}, {length})");
+        let shape = PyShape::one(Shape::Cylinder { radius, height: length }, along_z(), text)?;
         Ok(PyClassInitializer::from(shape).add_subclass(PyCylinder))
     }
 }
@@ -119,8 +119,8 @@ pub(crate) struct PyCapsule;
 impl PyCapsule {
     #[new]
     fn new(radius: f64, length: f64) -> PyResult<PyClassInitializer<Self>> {
-        let said = format!("Capsule({radius}, {length})");
-        let shape = PyShape::one(Shape::Capsule { radius, height: length }, along_z(), said)?;
+        let text = format!("Capsule({radius}, {length})");
+        let shape = PyShape::one(Shape::Capsule { radius, height: length }, along_z(), text)?;
         Ok(PyClassInitializer::from(shape).add_subclass(PyCapsule))
     }
 }
@@ -132,14 +132,14 @@ impl PyCapsule {
 /// points : array (N, 3)
 ///     Meters, 112 points at most.
 /// overshoot : float
-///     How far the shapes may stick out, meters.
+///     Largest distance by which the shapes stick out, meters.
 /// shapes : int
-///     How many shapes there may be, 1 to 64.
+///     Most shapes, 1 to 64.
 ///
 /// Attributes
 /// ----------
 /// overshoot : float
-///     How far they do stick out, meters.
+///     Distance by which they stick out, meters.
 #[pyclass(name = "Hull", module = "mobee", frozen, extends = PyShape, get_all)]
 pub(crate) struct PyHull {
     overshoot: f64,
@@ -162,7 +162,7 @@ impl PyHull {
             hull.map(|hull| hull.mesh())
                 .map_err(|why| Failure::new("mesh", format!("the hull {why}"), "give other points"))
         })?;
-        let shape = PyShape { primitives, said: format!("Hull({count} points, overshoot={overshoot:.4})") };
+        let shape = PyShape { primitives, text: format!("Hull({count} points, overshoot={overshoot:.4})") };
         Ok(PyClassInitializer::from(shape).add_subclass(PyHull { overshoot }))
     }
 }
@@ -176,14 +176,14 @@ impl PyHull {
 /// triangles : array (M, 3) of whole numbers, optional
 ///     With corners: each triangle by three rows of them.
 /// overshoot : float
-///     How far the shapes may stick out, meters.
+///     Largest distance by which the shapes stick out, meters.
 /// shapes : int
-///     How many shapes there may be, 1 to 64.
+///     Most shapes, 1 to 64.
 ///
 /// Attributes
 /// ----------
 /// overshoot : float
-///     How far they do stick out, meters.
+///     Distance by which they stick out, meters.
 #[pyclass(name = "Mesh", module = "mobee", frozen, extends = PyShape, get_all)]
 pub(crate) struct PyMesh {
     overshoot: f64,
@@ -222,8 +222,8 @@ impl PyMesh {
             Ok(path) => Ok(load_mesh(path)?),
             Err(mesh) => Ok(mesh),
         })?;
-        let said = format!("Mesh({} shapes, overshoot={overshoot:.4})", primitives.len());
-        let shape = PyShape { primitives, said };
+        let text = format!("Mesh({} shapes, overshoot={overshoot:.4})", primitives.len());
+        let shape = PyShape { primitives, text };
         Ok(PyClassInitializer::from(shape).add_subclass(PyMesh { overshoot }))
     }
 }
@@ -254,10 +254,11 @@ fn fitted(
 #[derive(Default)]
 pub(crate) struct PyWorld {
     objects: Mutex<Vec<Arc<Object>>>,
+    warnings: Vec<String>,
 }
 
 impl PyWorld {
-    /// What is in it now.
+    /// A copy of the objects.
     pub fn snapshot(&self) -> Vec<Object> {
         self.objects().iter().map(|o| Object::clone(o)).collect()
     }
@@ -294,7 +295,7 @@ impl PyWorld {
         Self::default()
     }
 
-    /// Reads a world file (XML). Targets and ghosts are kept: they never collide.
+    /// Reads a world file (XML). Its targets and ghosts never collide.
     ///
     /// Raises
     /// ------
@@ -302,8 +303,9 @@ impl PyWorld {
     ///     code ``file``.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let objects = background(py, None, move |_, _| Ok(load_world(path)?.value))?;
-        Ok(Self { objects: Mutex::new(objects.into_iter().map(Arc::new).collect()) })
+        let loaded = background(py, None, move |_, _| Ok(load_world(path)?))?;
+        let objects = Mutex::new(loaded.value.into_iter().map(Arc::new).collect());
+        Ok(Self { objects, warnings: loaded.warnings.iter().map(ToString::to_string).collect() })
     }
 
     /// Adds an obstacle.
@@ -388,6 +390,12 @@ impl PyWorld {
     #[getter]
     fn names(&self) -> Vec<String> {
         self.objects().iter().map(|o| o.name.clone()).collect()
+    }
+
+    /// Warnings about the world's file, a line each with its place.
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.warnings.clone()
     }
 
     fn __len__(&self) -> usize {

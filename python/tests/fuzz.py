@@ -147,6 +147,7 @@ def main(calls: int, seed: int) -> None:
             (scene.distance, "q", {}),
             (scene.contacts, "q", dict(within="number")),
             (scene.edge, "q q", {}),
+            (scene.plan, "q q", dict(seed="number")),
             (robot.fk, "q frame", {}),
             (robot.jacobian, "q frame", {}),
             (robot.ik, "q frame", dict(seed="q", scene="scene", position_tolerance="number", random_seed="number")),
@@ -174,6 +175,8 @@ def main(calls: int, seed: int) -> None:
         options = {k: one(kind) for k, kind in keywords.items() if rng.random() < 0.3}
         if target == robot.ik:
             options["attempts"] = 3
+        if target == scene.plan:
+            options["budget"] = 50
         if target == world.remove:
             world.add(f"other {outcomes.total()}", mobee.Sphere(0.1), position=(2, 2, 2))
         try:

@@ -63,7 +63,7 @@ def test_a_child_process_goes_on(ur5: mobee.Robot) -> None:
     assert os.waitpid(child, 0)[1] == 0
 
 
-@pytest.mark.parametrize("call", ["free", "distance", "contacts", "edge", "fk", "ik", "load"])
+@pytest.mark.parametrize("call", ["free", "distance", "contacts", "edge", "fk", "ik", "plan", "load"])
 def test_ctrl_c_ends_a_call(repository: Path, call: str) -> None:
     # alone, so that nothing else catches the signal
     program = f"""
@@ -72,6 +72,11 @@ import numpy as np
 import mobee
 robot = mobee.load({str(repository / "configs/robots/ur5.xml")!r})
 scene = mobee.Scene(robot)
+def walled():
+    world = mobee.World()
+    for i, (x, y) in enumerate([(0.25, 0), (-0.25, 0), (0, 0.25), (0, -0.25)]):
+        world.add(str(i), mobee.Box((0.02 if x else 3, 0.02 if y else 3, 3)), position=(x, y, 0))
+    return mobee.Scene(robot, world)
 q = np.broadcast_to(robot.home, (2_000_000, 6)).copy()
 calls = dict(
     free=lambda: [scene.free(q) for _ in range(100)],
@@ -80,6 +85,7 @@ calls = dict(
     edge=lambda: scene.edge(q, q + 0.1),
     fk=lambda: [robot.fk(q, "tool0") for _ in range(100)],
     ik=lambda: robot.ik(frame="tool0", position=(9, 9, 9), attempts=1_000_000),
+    plan=lambda: walled().plan(robot.home, robot.home + 3, budget=10**9),
     load=lambda: mobee.load({str(repository / "tests/data/rail_arm.urdf")!r}, poses=10_000_000, cache=False),
 )
 sent = []

@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
-from typing import Any, final, overload
+from typing import Any, Literal, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,8 @@ __all__ = [
     "Hull",
     "Ik",
     "Mesh",
+    "NoPlan",
+    "Plan",
     "Robot",
     "Scene",
     "Shape",
@@ -154,6 +156,8 @@ class World:
     def remove(self, name: str) -> None: ...
     @property
     def names(self) -> list[str]: ...
+    @property
+    def warnings(self) -> list[str]: ...
     def __len__(self) -> int: ...
     def __contains__(self, key: object, /) -> bool: ...
 
@@ -191,6 +195,36 @@ class Scene:
     def edge(self, q0: Sequence[float], q1: Sequence[float]) -> Free | Blocked | Unproved: ...
     @overload
     def edge(self, q0: ArrayLike, q1: ArrayLike) -> Any: ...
+
+    def plan(
+        self,
+        start: ArrayLike,
+        goal: ArrayLike,
+        *,
+        seed: int = 0,
+        budget: int = 100_000,
+        shorten: bool = True,
+    ) -> Plan | NoPlan: ...
+
+@final
+class Plan:
+    @property
+    def path(self) -> NDArray[np.float64]: ...
+    @property
+    def goal(self) -> int: ...
+    @property
+    def length(self) -> float: ...
+    @property
+    def evaluations(self) -> int: ...
+    def __bool__(self) -> Literal[True]: ...
+
+@final
+class NoPlan:
+    @property
+    def code(self) -> str: ...
+    @property
+    def reason(self) -> str: ...
+    def __bool__(self) -> Literal[False]: ...
 
 @final
 class Contact:
