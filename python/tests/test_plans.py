@@ -34,7 +34,8 @@ def test_every_edge_of_a_plan_is_certified(scene: mobee.Scene) -> None:
 
 def test_the_nearest_goal_that_can_be_reached_is_taken(scene: mobee.Scene, ur5: mobee.Robot) -> None:
     beyond_the_post = GOAL.copy()
-    nearer = START + 0.1
+    nearer = START - 0.1
+    assert scene.free(nearer)
     plan = scene.plan(START, np.stack([beyond_the_post, nearer]))
     assert isinstance(plan, mobee.Plan) and plan.goal == 1
     # a pose of a frame: the goals are what inverse kinematics finds

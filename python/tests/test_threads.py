@@ -72,11 +72,18 @@ import numpy as np
 import mobee
 robot = mobee.load({str(repository / "configs/robots/ur5.xml")!r})
 scene = mobee.Scene(robot)
-def walled():
+def caged():
     world = mobee.World()
-    for i, (x, y) in enumerate([(0.25, 0), (-0.25, 0), (0, 0.25), (0, -0.25)]):
-        world.add(str(i), mobee.Box((0.02 if x else 3, 0.02 if y else 3, 3)), position=(x, y, 0))
-    return mobee.Scene(robot, world)
+    wrist = robot.fk(robot.home, "wrist_2_link")[:3, 3]
+    for i, (axis, sign) in enumerate([(1, 1), (1, -1), (2, 1), (2, -1), (0, 1)]):
+        size, place = np.full(3, 0.8), wrist.copy()
+        size[0], size[axis] = 0.9, 0.02
+        place[0] -= 0.3 if axis else 0
+        place[axis] += 0.17 * sign
+        world.add(str(i), mobee.Box(size), position=place)
+    scene = mobee.Scene(robot, world)
+    assert scene.free(robot.home)
+    return scene
 q = np.broadcast_to(robot.home, (2_000_000, 6)).copy()
 calls = dict(
     free=lambda: [scene.free(q) for _ in range(100)],
@@ -85,7 +92,7 @@ calls = dict(
     edge=lambda: scene.edge(q, q + 0.1),
     fk=lambda: [robot.fk(q, "tool0") for _ in range(100)],
     ik=lambda: robot.ik(frame="tool0", position=(9, 9, 9), attempts=1_000_000),
-    plan=lambda: walled().plan(robot.home, robot.home + 3, budget=10**9),
+    plan=lambda: caged().plan(robot.home, robot.home + [3.1, 0, 0, 0, 0, 0], budget=10**9),
     load=lambda: mobee.load({str(repository / "tests/data/rail_arm.urdf")!r}, poses=10_000_000, cache=False),
 )
 sent = []
