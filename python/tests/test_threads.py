@@ -109,8 +109,8 @@ except KeyboardInterrupt:
     os._exit(0)
 os._exit(3)
 """
-    best = min(_interrupted(program) for _ in range(2))
-    assert best < 0.1
+    # a machine that is busy may be late, but not every time
+    assert any(_interrupted(program) < 0.1 for _ in range(3))
 
 
 def _interrupted(program: str) -> float:
@@ -141,7 +141,7 @@ def test_no_call_leaks(ur5: mobee.Robot) -> None:
     for _ in range(500):
         rounds()
     before = resident()
-    for _ in range(2000):
+    for _ in range(1000):
         rounds()
     assert resident() - before < 2 << 20
 

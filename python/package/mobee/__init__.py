@@ -10,7 +10,8 @@
 Units are radians, meters and seconds, as ``float64``; a prismatic joint's position is meters. Poses are 4x4 arrays. Every query takes one
 configuration ``(dof,)`` or a batch ``(N, dof)``. Batches release the interpreter's lock, and Ctrl-C ends a call within 0.1 s.
 
-Errors are `MobeeError`; arguments of another type than stated are `TypeError`, as everywhere in Python.
+Errors are `MobeeError`; arguments of another type than stated are `TypeError` or
+`ValueError`, as everywhere in Python.
 """
 
 from ._error import MobeeError
