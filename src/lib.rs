@@ -23,7 +23,6 @@ pub mod ctl;
 pub mod detector;
 pub mod doctor;
 pub mod eyes;
-mod import_inputs;
 pub mod inspect;
 pub mod kinds;
 pub mod locator;

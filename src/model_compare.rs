@@ -1,9 +1,9 @@
 //! `mobee model compare`: contact by a robot's shapes against contact by the meshes of its URDF.
 
-use crate::robot_import::{SEED, Steps, UrdfArgs};
+use crate::robot_import::{Steps, UrdfArgs};
 use crate::terminal;
 use miette::{Report, miette};
-use mobee_model::{Comparison, Surfaces, compare, load_robot, load_surfaces};
+use mobee_model::{Comparison, IMPORT_SEED, Surfaces, compare, load_robot, load_surfaces};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -19,7 +19,7 @@ pub struct CompareArgs {
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     poses: u32,
     /// The seed of the poses.
-    #[arg(long, default_value_t = SEED)]
+    #[arg(long, default_value_t = IMPORT_SEED)]
     seed: u64,
     #[command(flatten)]
     read: UrdfArgs,

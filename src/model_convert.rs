@@ -1,10 +1,9 @@
 //! `mobee model convert`: a URDF becomes a robot file.
 
-use crate::import_inputs;
 use crate::roadmap::save_text;
-use crate::robot_import::{ImportArgs, Imported};
+use crate::robot_import::ImportArgs;
 use miette::{Report, miette};
-use mobee_model::{Robot, parse_robot, write_robot};
+use mobee_model::{Imported, Robot};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -40,29 +39,9 @@ pub fn command(args: &ConvertArgs) -> Result<String, Report> {
         ));
     }
     let imported = args.import.import(&args.urdf)?;
-    let text = text(&args.urdf, &args.xml, &imported)?;
+    let text = imported.file_text(&args.urdf, &args.xml)?;
     save_text(&args.xml, &text)?;
     Ok(summary(&args.xml, &imported))
-}
-
-/// The robot file, with what was decided as a comment.
-///
-/// # Errors
-/// If it could not be read back: then it is not written.
-pub fn text(urdf: &Path, xml: &Path, imported: &Imported) -> Result<String, Report> {
-    let text = write_robot(&imported.robot);
-    let from = urdf.file_name().unwrap_or_default().to_string_lossy();
-    let mut note = format!("Converted from {from} by `mobee model convert`.\n");
-    imported.decided.iter().for_each(|line| note = format!("{note}  {line}\n"));
-    note = format!("{note}  {}\n", import_inputs::line(&imported.inputs));
-    // two hyphens would end a comment
-    let note = format!("<!--\n  {}-->\n", note.replace("--", "- -"));
-    let text = match text.split_once("?>\n") {
-        Some((declaration, rest)) => format!("{declaration}?>\n{note}{rest}"),
-        None => note + &text,
-    };
-    parse_robot(&xml.display().to_string(), &text)?;
-    Ok(text)
 }
 
 /// What came of it, for people.

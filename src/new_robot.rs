@@ -7,11 +7,11 @@ pub use driver::NewDriver;
 
 use crate::model_convert;
 use crate::new::{SCHEMA, file_stem, save_all};
-use crate::robot_import::{ImportArgs, Imported, plain_name};
+use crate::robot_import::ImportArgs;
 use chain::Chain;
 use driver::DriverText;
 use miette::{Report, miette};
-use mobee_model::{JointMotion, Robot};
+use mobee_model::{Imported, JointMotion, Robot, plain_name};
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
@@ -55,7 +55,7 @@ pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &
         imported.margin_mm.unwrap_or(MARGIN_MM),
     );
     let texts = [
-        (&robot, model_convert::text(urdf, &robot, &imported)?),
+        (&robot, imported.file_text(urdf, &robot)?),
         (&world, WORLD.to_owned()),
         (&behavior, behavior_text(&stem, &imported, (model, &driver), &chain.motors)),
         (&schema, crate::schema::text()),

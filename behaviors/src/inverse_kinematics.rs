@@ -12,11 +12,11 @@ const LONGEST: f64 = 0.3;
 /// Sum of squares that is as good as nothing.
 const DONE: f64 = 1e-9;
 /// What a meter counts, beside a radian: a millimeter is as bad as 0.6 degrees.
-pub(crate) const PER_METER: f64 = 10.0;
+pub const PER_METER: f64 = 10.0;
 
 /// The motors that are free to move, and within which limits.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct MotorGroup {
+pub struct MotorGroup {
     /// Indices into `Robot::motors`.
     pub motors: Vec<usize>,
     /// Least and greatest position of each, rad of encoder.

@@ -24,7 +24,7 @@ pub mod agents;
 pub mod detectors;
 pub mod group;
 pub mod hand_goal;
-mod inverse_kinematics;
+pub mod inverse_kinematics;
 pub mod learned_file;
 pub mod locators;
 pub mod map_file;

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! robot.xml ──zrp──> Robot ──┐
-//! robot.urdf ─urdf─> Robot ──┤
+//! robot.urdf ─urdf─> Robot ──┤   (import: with pairs that need no test, and a free home)
 //! world.xml ──world─> Object ┴─> Scene ──(poses)──> transforms, contacts, clearance
 //! ```
 //!
@@ -22,6 +22,7 @@ mod field;
 pub mod file;
 mod fit;
 mod hull;
+mod import;
 mod kinematics;
 mod law;
 mod left_out;
@@ -50,6 +51,7 @@ pub use error::{Excerpt, FileError, Loaded};
 pub use field::Field;
 pub use fit::{Fit, FitOptions, Fitted, fit_link};
 pub use hull::{Hull, Hulls};
+pub use import::{IMPORT_SEED, ImportError, ImportOptions, Imported, plain_name, ros_package_folders};
 pub use kinematics::MarkerPose;
 pub use law::{ForceLaw, Influences, JointLaw};
 pub use mesh::Mesh;

@@ -33,6 +33,7 @@ use crate::{Fit, FitOptions, JointMotion, LinkSurface, Robot};
 use build::Built;
 use document::{Document, Link};
 pub use mesh::load_mesh;
+use nalgebra::UnitQuaternion;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -134,6 +135,31 @@ pub fn load_urdf_with_surfaces(path: impl AsRef<Path>, options: &UrdfOptions) ->
 pub fn load_surfaces(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<Vec<LinkSurface>>, FileError> {
     let loaded = read(&Source::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), false)?;
     Ok(Loaded { value: loaded.value.surfaces, warnings: loaded.warnings })
+}
+
+/// The orientation of every link of a URDF file with all joints at zero, `root_from_link`.
+///
+/// # Errors
+/// As [`load_urdf`].
+pub(crate) fn load_link_rotations(
+    path: &Path,
+    options: &UrdfOptions,
+) -> Result<BTreeMap<String, UnitQuaternion<f64>>, FileError> {
+    let source = Source::read(path, MAX_BYTES)?;
+    let urdf = document::read(&source, options.visual)?;
+    let tree = tree::Tree::new(&source, &urdf, options, &mut Vec::new())?;
+    let mut rotations = BTreeMap::new();
+    let mut todo = vec![(tree.root, UnitQuaternion::identity())];
+    while let Some((link, turn)) = todo.pop() {
+        rotations.insert(urdf.links[link].name.clone(), turn);
+        for &joint in &tree.leaving[link] {
+            let what = &urdf.joints[joint];
+            let position = if let tree::Drive::Fixed(position) = tree.drives[joint] { position } else { 0.0 };
+            let moved = build::axis(&what.axis).map(|axis| build::motion(what).by(&axis, position).rotation);
+            todo.push((tree.child[joint], turn * what.origin.rotation * moved.unwrap_or_default()));
+        }
+    }
+    Ok(rotations)
 }
 
 /// The options with the folders above the file, in which packages are looked for.

@@ -1,8 +1,7 @@
 //! Which motors a robot of one's own explores with: its arm, without the fingers.
 
 use super::FEWEST_MOTORS;
-use crate::robot_import::Imported;
-use mobee_model::{NodeKind, Robot};
+use mobee_model::{Imported, NodeKind, Robot};
 use std::collections::BTreeSet;
 
 /// With more motors than this, an exploration by trial reaches little of what there is.

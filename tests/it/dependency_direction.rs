@@ -21,6 +21,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-controller", &["mobee-contract", "mobee-model"]),
     ("mobee-actors", &["mobee-contract", "mobee-controller", "mobee-model"]),
     ("mobee-recorder", &["mobee-contract", "mobee-model"]),
+    ("mobee-python", &["mobee-behaviors", "mobee-fast", "mobee-model"]),
     (
         "mobee",
         &[
@@ -39,7 +40,13 @@ const ALLOWED: &[(&str, &[&str])] = &[
 ];
 
 /// Crate, and a dependency that no line of it names: it is there for the features that it asks for.
-const UNNAMED: &[(&str, &str)] = &[("mobee", "bytemuck"), ("mobee-recorder", "getrandom"), ("mobee-recorder", "regex")];
+const UNNAMED: &[(&str, &str)] = &[
+    ("mobee", "bytemuck"),
+    ("mobee-recorder", "getrandom"),
+    ("mobee-recorder", "regex"),
+    // its build script does
+    ("mobee-python", "pyo3-build-config"),
+];
 
 fn packages() -> Vec<Value> {
     let out = Command::new(env!("CARGO"))

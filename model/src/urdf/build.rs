@@ -422,7 +422,7 @@ fn placed(mesh: &Mesh, turn: bool, scale: &Vector3<f64>, link_from_mesh: &Isomet
 }
 
 /// How a joint of the file moves.
-fn motion(joint: &Joint) -> JointMotion {
+pub(super) fn motion(joint: &Joint) -> JointMotion {
     match joint.joint_type {
         JointType::Prismatic => JointMotion::Slide,
         _ => JointMotion::Turn,
@@ -430,6 +430,6 @@ fn motion(joint: &Joint) -> JointMotion {
 }
 
 /// A joint's axis in its own frame, if it has a direction.
-fn axis(xyz: &Vector3<f64>) -> Option<Unit<Vector3<f64>>> {
+pub(super) fn axis(xyz: &Vector3<f64>) -> Option<Unit<Vector3<f64>>> {
     Unit::try_new(*xyz, 1e-9)
 }

@@ -5,6 +5,7 @@ mod engines;
 mod fields;
 mod fit;
 mod hulls;
+mod import;
 mod mesh_files;
 mod oracle;
 mod oracle_load;

@@ -1,8 +1,8 @@
 //! What a robot file was made from, as one number: who asks for the same again needs no second fit.
 
-use miette::{IntoDiagnostic, Report, WrapErr};
-use mobee_model::LinkSurface;
-use mobee_model::file::{MIB, read, read_text};
+use super::ImportError;
+use crate::LinkSurface;
+use crate::file::{MIB, read, read_text};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
@@ -17,11 +17,16 @@ const WORD: &str = "Made from inputs ";
 ///
 /// # Errors
 /// If a file can't be read.
-pub(crate) fn digest(options: &str, urdf: &Path, srdf: Option<&Path>, links: &[LinkSurface]) -> Result<String, Report> {
+pub(super) fn digest(
+    options: &str,
+    urdf: &Path,
+    srdf: Option<&Path>,
+    links: &[LinkSurface],
+) -> Result<String, ImportError> {
     let mut all = Sha256::new();
     all.update(format!("{VERSION} {} {options}", env!("CARGO_PKG_VERSION")));
     for path in std::iter::once(urdf).chain(srdf) {
-        let bytes = read(path, LONGEST).into_diagnostic().wrap_err_with(|| format!("can't read {}", path.display()))?;
+        let bytes = read(path, LONGEST).map_err(|source| ImportError::Unreadable { path: path.to_owned(), source })?;
         all.update((bytes.len() as u64).to_le_bytes());
         all.update(bytes);
     }
@@ -37,12 +42,12 @@ pub(crate) fn digest(options: &str, urdf: &Path, srdf: Option<&Path>, links: &[L
 }
 
 /// The line that says it in the robot file's comment.
-pub(crate) fn line(digest: &str) -> String {
+pub(super) fn line(digest: &str) -> String {
     format!("{WORD}{digest}.")
 }
 
 /// The number that a robot file says it was made from.
-pub(crate) fn named(xml: &Path) -> Option<String> {
+pub(super) fn named(xml: &Path) -> Option<String> {
     let text = read_text(xml, LONGEST).ok()?;
     let (_, rest) = text.split_once(WORD)?;
     Some(rest.split_once('.')?.0.to_owned())

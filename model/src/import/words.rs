@@ -1,0 +1,76 @@
+//! What an import decided, in words: a line each, for robot files and for people.
+
+use crate::{Comparison, Fit, Nearer, Robot};
+use std::collections::BTreeMap;
+
+/// No more motors are named that home moves.
+const MOST_TOLD: usize = 8;
+
+/// Which joints stand still as the SRDF calls them passive, if any do.
+pub(super) fn passive(held: &BTreeMap<String, f64>) -> Option<String> {
+    let names: Vec<String> = held.iter().map(|(name, q)| format!("{name} (at {q} rad or m)")).collect();
+    (!names.is_empty())
+        .then(|| format!("without a motor and still, as the SRDF calls them passive: {}", names.join(", ")))
+}
+
+/// Which motors a pose has at their limits, as it would put them beyond.
+pub(super) fn at_limits(robot: &Robot, beyond: &[(usize, f64)]) -> String {
+    let one = |(m, wanted): &(usize, f64)| {
+        let motor = robot.motors.get(*m)?;
+        let limit = if *wanted < motor.min { motor.min } else { motor.max };
+        let [limit, wanted] = [limit, *wanted].map(f64::to_degrees);
+        Some(format!("{} at its limit of {limit:.1} {}, not at {wanted:.1}", motor.name, motor.motion.unit()))
+    };
+    let all: Vec<String> = beyond.iter().filter_map(one).collect();
+    if all.is_empty() { String::new() } else { format!(", but {}", all.join(", ")) }
+}
+
+/// Which motors are elsewhere, and by how much in their units.
+pub(super) fn told(robot: &Robot, moved: &[(usize, f64)]) -> String {
+    let one = |(m, by): &(usize, f64)| {
+        let motor = robot.motors.get(*m)?;
+        let by = by.to_degrees();
+        let digits = if by.abs() < 9.5 { 1 } else { 0 };
+        Some(format!("{} by {by:.digits$} {}", motor.name, motor.motion.unit()))
+    };
+    let mut all: Vec<String> = moved.iter().take(MOST_TOLD).filter_map(one).collect();
+    if moved.len() > all.len() {
+        all.push(format!("and {} more", moved.len() - all.len()));
+    }
+    all.join(", ")
+}
+
+/// Links whose shapes stick out farther than was asked for, if there are any.
+pub(super) fn coarse(fits: &BTreeMap<String, Fit>, most: f64) -> Option<String> {
+    let over = fits.iter().map(|(link, fit)| (fit.overshoot(), link)).filter(|(by, _)| by * 1e3 >= most * 1e3 + 0.5);
+    let mut over: Vec<(f64, &String)> = over.collect();
+    over.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (by, link) = over.first()?;
+    let (links, by, most) = (over.len(), by * 1e3, most * 1e3);
+    Some(format!(
+        "shapes stick out by more than {most:.0} mm at {links} link(s), by {by:.0} mm at most ({link}); more shapes stick out \
+         less: --shapes N"
+    ))
+}
+
+/// How well the finished shapes stand for the meshes.
+pub(super) fn verdict(seen: &Comparison) -> String {
+    let missed = if seen.missed == 0 { "none".to_owned() } else { format!("{} contacts", seen.missed) };
+    format!(
+        "shapes against meshes at {} random configurations: of the free ones {:.1} % are blocked, {missed} missed",
+        seen.poses,
+        100.0 * seen.blocked_share()
+    )
+}
+
+/// What became of a link that was fitted closer.
+pub(super) fn said(Nearer { link, shapes: (before, after), hulls, overshoot }: &Nearer) -> String {
+    let why = "as its shapes touched falsely";
+    let shapes = if after == before { format!("{after} shapes") } else { format!("{after} shapes, not {before}") };
+    let now = match hulls {
+        0 => format!("within {:.0} mm", overshoot * 1e3),
+        some if some == after => "all with hulls".to_owned(),
+        some => format!("{some} of them with hulls"),
+    };
+    format!("link {link}: fitted closer, {why}: {shapes}, {now}")
+}

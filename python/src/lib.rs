@@ -1,0 +1,45 @@
+//! The Python package `mobee`: models, kinematics, collision queries and certified edges.
+//!
+//! ```text
+//! Python ──arrays, place──> checked numbers ──joints──> rad of encoder ──> model, fast engine ──> results ──> Python
+//! ```
+//!
+//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`) are tested by `tests/`, all others by pytest. No call panics, whatever
+//! its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
+//!
+//! Units toward Python: radians, or meters for prismatic joints; the model counts "rad of encoder" (`mobee_model::Motor`).
+
+mod arrays;
+mod chain;
+mod failure;
+mod inverse;
+mod joints;
+mod load;
+mod place;
+mod plan;
+mod pose;
+mod raise;
+mod results;
+mod robot;
+mod scene;
+mod wait;
+mod world;
+
+use pyo3::prelude::*;
+
+/// The compiled part of `mobee`.
+#[pymodule]
+mod _native {
+    #[pymodule_export]
+    use crate::load::load;
+    #[pymodule_export]
+    use crate::plan::{PyNoPlan, PyPlan};
+    #[pymodule_export]
+    use crate::results::{PyBlocked, PyContact, PyFree, PyIk, PyUnproved};
+    #[pymodule_export]
+    use crate::robot::PyRobot;
+    #[pymodule_export]
+    use crate::scene::PyScene;
+    #[pymodule_export]
+    use crate::world::{PyBox, PyCapsule, PyCylinder, PyHull, PyMesh, PyShape, PySphere, PyWorld};
+}

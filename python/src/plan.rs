@@ -1,0 +1,185 @@
+//! Plans: certified paths of one robot of a scene.
+
+use crate::arrays::array;
+use crate::failure::Failure;
+use crate::wait::Cancelled;
+use mobee_behaviors::planners::{JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
+use mobee_model::{Robot, Scene};
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use std::ops::{ControlFlow, Range};
+use std::sync::Arc;
+
+/// Straight lines that shortcuts may have judged, at most.
+const SHORTCUTS: u64 = 10_000;
+
+/// A path on edges that are proved free: at every configuration on it all pairs are farther apart than the scene's clearance. True in a
+/// condition.
+///
+/// Attributes
+/// ----------
+/// path : ndarray (M, dof)
+///     Configurations from start to goal, rad or m; joints go straight from one to the next. A joint without end ends in the turn that
+///     is nearest.
+/// goal : int
+///     Which of the goals it leads to.
+/// length : float
+///     In joint space: the sum of the edges' Euclidean lengths, where a meter counts as 1000 degrees, rad.
+/// evaluations : int
+///     Straight lines that were judged to find it.
+#[pyclass(name = "Plan", module = "mobee", frozen)]
+pub(crate) struct PyPlan {
+    pub path: Vec<f64>,
+    pub rows: usize,
+    #[pyo3(get)]
+    pub goal: usize,
+    #[pyo3(get)]
+    pub length: f64,
+    #[pyo3(get)]
+    pub evaluations: u64,
+}
+
+#[pymethods]
+impl PyPlan {
+    #[getter]
+    fn path<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        array(py, self.path.clone(), &[self.rows, self.path.len() / self.rows.max(1)])
+    }
+
+    fn __bool__(&self) -> bool {
+        true
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Plan({} configurations, length={:.3}, evaluations={})", self.rows, self.length, self.evaluations)
+    }
+}
+
+/// Why there is no plan. False in a condition.
+///
+/// Attributes
+/// ----------
+/// code : str
+///     ``blocked`` or ``limits`` (an end can't be stood at), or ``exhausted`` (the budget is spent; there may be a path all the same).
+/// reason : str
+///     In words, of the goal that was tried last.
+#[pyclass(name = "NoPlan", module = "mobee", frozen, get_all)]
+pub(crate) struct PyNoPlan {
+    pub code: &'static str,
+    pub reason: String,
+}
+
+#[pymethods]
+impl PyNoPlan {
+    fn __bool__(&self) -> bool {
+        false
+    }
+
+    fn __repr__(&self) -> String {
+        format!("NoPlan({}: {})", self.code, self.reason)
+    }
+}
+
+/// A search for a path; poses are of all robots, one after the other, rad of encoder.
+pub(crate) struct Search {
+    pub scene: Arc<Scene>,
+    pub clearance: f64,
+    pub start: Vec<f64>,
+    /// One at least.
+    pub goals: Vec<Vec<f64>>,
+    pub seed: u64,
+    pub budget: u64,
+    pub shorten: bool,
+}
+
+/// A path of all robots.
+pub(crate) struct Found {
+    pub poses: Vec<Vec<f64>>,
+    pub goal: usize,
+    pub length: f64,
+    pub evaluations: u64,
+}
+
+impl Search {
+    /// Tries the goals, the nearest first, until one is reached or the budget is spent.
+    ///
+    /// # Errors
+    /// If more than one robot would move.
+    pub fn run(&self, cancelled: &Cancelled) -> Result<Result<Found, PyNoPlan>, Failure> {
+        let (robot, columns) = self.mover()?;
+        let motors: Vec<usize> = (0..columns.len()).collect();
+        let poses: Vec<&[f64]> = self.columns().into_iter().map(|own| slice(&self.start, &own)).collect();
+        let mut space = JointSpace::new(&self.scene, robot, &poses, &motors, &[], self.clearance)?;
+        let from = slice(&self.start, &columns).to_vec();
+        let far = |goal: &Vec<f64>| {
+            let to = space.toward(&from, slice(goal, &columns));
+            from.iter().zip(&to).map(|(a, b)| (a - b) * (a - b)).sum::<f64>()
+        };
+        let mut order: Vec<(f64, usize)> = self.goals.iter().map(far).zip(0..).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut reason = PyNoPlan { code: "exhausted", reason: "the budget is spent".to_owned() };
+        for (_, goal) in order {
+            let budget = self.budget.saturating_sub(space.evaluations());
+            let Some(end) = self.goals.get(goal).filter(|_| budget > 0) else { break };
+            let goal_pose = slice(end, &columns).to_vec();
+            let problem = PlanningProblem { start: from.clone(), goal: goal_pose, seed: self.seed, budget };
+            let mut watch = |_| if cancelled.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            let path = match RrtConnect::default().plan(&mut space, &problem, &mut watch) {
+                Ok(path) if self.shorten => shorten(&mut space, path, self.seed, SHORTCUTS.min(budget)),
+                Ok(path) => path,
+                Err(why) => {
+                    reason = PyNoPlan { code: code(&why), reason: why.text(&self.scene, robot) };
+                    continue;
+                }
+            };
+            let whole = |own: &Vec<f64>| {
+                let mut pose = self.start.clone();
+                if let Some(place) = pose.get_mut(columns.clone()) {
+                    place.copy_from_slice(own);
+                }
+                pose
+            };
+            let poses = path.poses.iter().map(whole).collect();
+            return Ok(Ok(Found { poses, goal, length: path.length(), evaluations: space.evaluations() }));
+        }
+        Ok(Err(reason))
+    }
+
+    /// The robot that moves, and its columns; the first if none does.
+    fn mover(&self) -> Result<(usize, Range<usize>), Failure> {
+        let all = self.columns();
+        let moves = |own: &Range<usize>| self.goals.iter().any(|goal| slice(goal, own) != slice(&self.start, own));
+        let mut movers = all.iter().cloned().enumerate().filter(|(_, own)| moves(own));
+        let first = movers.next().or_else(|| all.iter().cloned().enumerate().next());
+        if let (Some((a, _)), Some((b, _))) = (&first, movers.next()) {
+            let name = |r: usize| self.scene.robots().get(r).map_or("?", |robot| robot.name.as_str());
+            let message = format!("start and goal differ for {} and for {}", name(*a), name(b));
+            return Err(Failure::new("robots", message, "plan for one robot after the other").at("goal"));
+        }
+        first.ok_or_else(|| Failure::new("robots", "the scene has no robot", "give one"))
+    }
+
+    /// Each robot's share of a pose.
+    fn columns(&self) -> Vec<Range<usize>> {
+        let mut first = 0;
+        let own = |robot: &Arc<Robot>| {
+            let own = first..first + robot.motors.len();
+            first = own.end;
+            own
+        };
+        self.scene.robots().iter().map(own).collect()
+    }
+}
+
+fn slice<'a>(pose: &'a [f64], own: &Range<usize>) -> &'a [f64] {
+    pose.get(own.clone()).unwrap_or_default()
+}
+
+fn code(why: &NoPath) -> &'static str {
+    match why {
+        NoPath::Blocked { .. } => "blocked",
+        NoPath::Limits { .. } => "limits",
+        NoPath::Malformed(_) => "malformed",
+        NoPath::Exhausted { .. } | NoPath::Cancelled => "exhausted",
+    }
+}

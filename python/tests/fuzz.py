@@ -1,0 +1,195 @@
+"""Random calls with hostile arguments: `python fuzz.py CALLS SEED`. Prints what became of them."""
+
+from __future__ import annotations
+
+import collections
+import random
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import mobee
+
+ROBOTS = Path(__file__).parents[2] / "configs/robots"
+EXPECTED = (mobee.MobeeError, TypeError, OverflowError)
+
+
+class Liar(np.ndarray):
+    shape = property(lambda self: (6,))
+    dtype = property(lambda self: np.dtype("float64"))
+    size = 6
+
+
+class Raises:
+    def __array__(self, *args: Any, **kwargs: Any) -> Any:
+        raise RuntimeError("never an array")
+
+    def __iter__(self) -> Any:
+        raise RuntimeError("never a sequence")
+
+    def __len__(self) -> int:
+        raise RuntimeError("no length")
+
+    def __float__(self) -> float:
+        raise RuntimeError("no number")
+
+    def __fspath__(self) -> str:
+        raise RuntimeError("no path")
+
+
+class Other:
+    def __array__(self, *args: Any, **kwargs: Any) -> Any:
+        return "not an array"
+
+
+def endless() -> Any:
+    while True:
+        yield 1.0
+
+
+def misaligned() -> Any:
+    return np.frombuffer(b"\0" * 49, dtype=np.uint8)[1:].view(np.float64)
+
+
+def numbers(rng: random.Random, robot: mobee.Robot) -> Any:
+    """What comes where an array is expected."""
+    nan = robot.home.copy()
+    nan[rng.randrange(len(nan))] = rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e308, 5e-324])
+    kinds = ["f2", "f4", ">f8", "i1", "i8", "u8", "bool", "c16", "O", "U3", "S3", "M8[s]", "g"]
+    shapes: list[tuple[int, ...]] = [(), (0,), (0, 6), (6, 0), (5,), (7, 6), (2, 3, 6), (1,) * 30]
+    choices: list[Any] = [
+        lambda: robot.home,
+        lambda: np.stack([robot.lower, robot.upper]),
+        lambda: list(robot.home),
+        lambda: nan,
+        lambda: np.stack([nan, robot.home]),
+        lambda: np.eye(4),
+        lambda: np.zeros(3),
+        lambda: np.eye(4) * rng.choice([np.nan, 2.0, -1.0, 0.0]),
+        lambda: np.zeros(rng.choice(shapes)),
+        lambda: np.broadcast_to(np.zeros(6), (rng.choice([10, 2**40]), 6)),
+        lambda: np.zeros((6, 6))[:, ::-1],
+        lambda: np.zeros((12, 6))[::-3],
+        lambda: np.zeros(6, dtype=rng.choice(kinds)),
+        lambda: np.zeros(6, dtype=[("a", "f8")]),
+        lambda: np.ma.masked_array(np.zeros(6), mask=np.arange(6) == 0),
+        lambda: np.zeros(36).view(Liar),
+        lambda: np.matrix(np.zeros(6)),
+        misaligned,
+        lambda: memoryview(np.zeros(6)),
+        lambda: memoryview(np.zeros((3, 6)))[::2],
+        lambda: [[0.0] * 6, [0.0] * 5],
+        lambda: [None] * 6,
+        lambda: ["1"] * 6,
+        lambda: [10**400] * 6,
+    ]
+    return rng.choice(choices)()
+
+
+def anything(rng: random.Random, others: list[Any]) -> Any:
+    """What comes where it is least expected."""
+    texts = ["", "tool0", "ee_link", "\0", "\udcff", "x" * 10_000, "/dev/zero", "/", "../..", "no.urdf"]
+    scalars: list[Any] = [True, 0, -1, 2**63, 2**200, 1e-3, 1.5, float("nan"), float("inf"), 1j]
+    choices: list[Any] = [
+        Raises,
+        Other,
+        endless,
+        lambda: rng.choice(others),
+        lambda: [rng.choice(others), rng.choice(others)],
+        lambda: rng.choice([mobee.Free, mobee.Robot, mobee.Scene, np.ndarray, lambda *a: 1 / 0]),
+        lambda: {"q": 1},
+        object,
+        lambda: None,
+        lambda: b"bytes",
+        lambda: rng.choice(scalars),
+        lambda: rng.choice(texts),
+    ]
+    return rng.choice(choices)()
+
+
+def main(calls: int, seed: int) -> None:
+    warnings.simplefilter("ignore")
+    rng = random.Random(seed)
+    robots = [mobee.load(ROBOTS / name) for name in ("ur5.xml", "katana.xml")]
+    world = mobee.World()
+    world.add("ball", mobee.Sphere(0.1), position=(1, 1, 1))
+    scenes = [mobee.Scene(robot, world) for robot in robots]
+    outcomes: collections.Counter[str] = collections.Counter()
+    for _ in range(calls):
+        i = rng.randrange(2)
+        robot, scene = robots[i], scenes[i]
+        others = [robot, scene, world, mobee.Sphere(0.1), robot.home]
+
+        def one(kind: str) -> Any:
+            if rng.random() < 0.2:
+                return anything(rng, others)
+            of_kind: dict[str, Any] = {
+                "q": lambda: numbers(rng, robot),
+                "frame": lambda: rng.choice([*robot.frames, "nothing"]),
+                "robots": lambda: rng.choice([robot, robots, [robot, robot], []]),
+                "scene": lambda: rng.choice(scenes),
+                "world": lambda: world,
+                "shape": lambda: rng.choice([mobee.Box((1, 1, 1)), mobee.Capsule(0.1, 0.0)]),
+                "name": lambda: rng.choice(["ball", "x", "", "\0", "\U0001f916"]),
+                "number": lambda: rng.choice([0.1, 1, 0, -1, float("nan"), float("inf"), 1e308, 5e-324]),
+                "path": lambda: rng.choice(["no.urdf", "/dev/null", "/dev/zero", "/", "\0", ROBOTS / "ur5.xml"]),
+                "triangles": lambda: rng.choice([[[0, 1, 2]], [[0, 1, 2**40]], [[-1, 0, 1]], [], [[0, 1]], [[9, 9, 9]]]),
+            }
+            return of_kind[kind]()
+
+        pose = dict(pose="q", position="q", quat_xyzw="q", quat_wxyz="q")
+        fit = dict(overshoot="number", shapes="number")
+        targets: list[tuple[Any, str, dict[str, str]]] = [
+            (scene.free, "q", {}),
+            (scene.distance, "q", {}),
+            (scene.contacts, "q", dict(within="number")),
+            (scene.edge, "q q", {}),
+            (scene.plan, "q q", dict(seed="number")),
+            (robot.fk, "q frame", {}),
+            (robot.jacobian, "q frame", {}),
+            (robot.ik, "q frame", dict(seed="q", scene="scene", position_tolerance="number", random_seed="number")),
+            (robot.ik, "", dict(frame="frame", position="q", quat_xyzw="q", quat_wxyz="q")),
+            (mobee.World().add, "name shape", pose),
+            (world.move, "name", pose),
+            (world.remove, "name", {}),
+            (mobee.World.load, "path", {}),
+            (mobee.Scene, "robots", dict(world="world", bases="q", clearance="number")),
+            (mobee.load, "path", dict(srdf="path", mesh_dirs="q", part="name", progress="name", **fit)),
+            (mobee.Box, "q", {}),
+            (mobee.Sphere, "number", {}),
+            (mobee.Cylinder, "number number", {}),
+            (mobee.Capsule, "number number", {}),
+            (mobee.Hull, "q", fit),
+            (mobee.Mesh, "q", dict(triangles="triangles", **fit)),
+            (mobee.MobeeError, "name name", {}),
+            (mobee.Robot, "", {}),
+            (mobee.Contact, "", {}),
+        ]
+        target, positional, keywords = rng.choice(targets)
+        arguments = [one(kind) for kind in positional.split()]
+        if rng.random() < 0.05:
+            arguments = arguments[1:] if rng.random() < 0.5 else [*arguments, None]
+        options = {k: one(kind) for k, kind in keywords.items() if rng.random() < 0.3}
+        if target == robot.ik:
+            options["attempts"] = 3
+        if target == scene.plan:
+            options["budget"] = 50
+        if target == world.remove:
+            world.add(f"other {outcomes.total()}", mobee.Sphere(0.1), position=(2, 2, 2))
+        try:
+            repr(target(*arguments, **options))
+            outcomes["answered"] += 1
+        except EXPECTED as e:
+            str(e)
+            outcomes[getattr(e, "code", None) or type(e).__name__] += 1
+        except (RuntimeError, ZeroDivisionError, ValueError, UnicodeEncodeError, MemoryError) as e:
+            # of the argument's own methods, of Python's conversions of it
+            outcomes[f"passed on: {type(e).__name__}"] += 1
+    print(f"{calls} calls:", dict(outcomes.most_common()))
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]))

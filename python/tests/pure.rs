@@ -1,0 +1,157 @@
+//! What needs no Python, and the table of verdicts that pytest compares with.
+#![allow(dead_code)] // of each file only a part is tested here
+
+#[path = "../src/chain.rs"]
+mod chain;
+#[path = "../src/failure.rs"]
+mod failure;
+#[path = "../src/joints.rs"]
+mod joints;
+#[path = "../src/pose.rs"]
+mod pose;
+
+use chain::Chain;
+use joints::{Beyond, Joints};
+use mobee_model::{Robot, Scene, Skeleton, load_robot, parse_robot, random_poses};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use std::fmt::Write;
+use std::sync::Arc;
+
+/// One joint that slides 0 to 200 mm, one that turns -90 to 90 degrees.
+fn arm() -> Robot {
+    let xml = r#"<ZeroPositionKinematicTree robotName="arm"><bodypart name="arm">
+      <motor name="lift" idx="0" minPos="0" maxPos="200"/><motor name="turn" idx="1" minPos="-90" maxPos="90"/>
+      <link name="foot" z="0.1"><motor name="lift"><joint type="prismatic" z="1" minPos="0" maxPos="200"><link z="0.1"><motor name="turn"><joint y="1" minPos="-90" maxPos="90">
+        <link x="0.3"><link name="tip" x="0.1"><marker name="tip"/></link></link></joint></motor></link></joint></motor></link></bodypart></ZeroPositionKinematicTree>"#;
+    parse_robot("arm.xml", xml).expect("an arm").value
+}
+
+fn shipped(name: &str) -> Robot {
+    load_robot(format!("{}/../configs/robots/{name}.xml", env!("CARGO_MANIFEST_DIR"))).expect("a shipped robot").value
+}
+
+fn chain_of(robot: &Robot, node: usize) -> Chain {
+    Chain::new(&Skeleton::new(robot, Isometry3::identity()), node, &UnitQuaternion::identity()).expect("a node")
+}
+
+#[test]
+fn configurations_are_radians_and_meters() {
+    let robot = arm();
+    let joints = Joints::new([&robot]);
+    assert_eq!(joints.units().collect::<Vec<_>>(), ["m", "rad"]);
+    let upper = joints.si(|m| m.max);
+    assert!((upper[0] - 0.2).abs() < 1e-12 && (upper[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-12, "{upper:?}");
+    let mut row = [0.15, 0.5];
+    joints.convert("q", &mut row, None, Beyond::Refused).expect("within");
+    assert!((row[0].to_degrees() - 150.0).abs() < 1e-9, "the encoder counts millimeters: {row:?}");
+    let back = joints.configuration(&row);
+    assert!((back[0] - 0.15).abs() < 1e-12 && (back[1] - 0.5).abs() < 1e-12);
+}
+
+#[test]
+fn what_is_beyond_a_limit_is_refused_or_passed_and_rounding_is_neither() {
+    let robot = arm();
+    let joints = Joints::new([&robot]);
+    let refused = joints.convert("q", &mut [0.1, 0.0, 0.21, 0.0], Some(7), Beyond::Refused).expect_err("beyond");
+    assert_eq!((refused.code, refused.place.as_deref()), ("limits", Some("q[8]")));
+    assert!(refused.message.contains("lift at 0.210000 m") && refused.message.contains("0.200000"), "{refused:?}");
+    let mut passed = [0.21, 0.0];
+    joints.convert("q", &mut passed, None, Beyond::Passed).expect("passed");
+    assert!((passed[0].to_degrees() - 210.0).abs() < 1e-9);
+    assert_eq!(joints.within(&[0.21, 0.0, 0.2 + 1e-12, 0.0]), [false, true]);
+    let mut rounded = [0.2 + 1e-12, 0.0];
+    joints.convert("q", &mut rounded, None, Beyond::Refused).expect("rounding");
+    assert_eq!(rounded[0], robot.motors[0].max);
+    for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        for beyond in [Beyond::Passed, Beyond::Refused] {
+            let refused = joints.convert("q", &mut [0.1, wrong], None, beyond).expect_err("not finite");
+            assert_eq!((refused.code, refused.place.as_deref()), ("not_finite", Some("q")));
+        }
+    }
+}
+
+#[test]
+fn a_chain_is_the_models_own_kinematics() {
+    for robot in [arm(), shipped("ur5"), shipped("icub")] {
+        for pose in random_poses(&robot, 3).take(20) {
+            let mut frames = Vec::new();
+            robot.forward(&pose, &mut frames);
+            for (node, expected) in frames.iter().enumerate().step_by(7) {
+                let frame = chain_of(&robot, node).forward(&pose);
+                let apart = (frame.translation.vector - expected.translation.vector).norm();
+                assert!(apart < 1e-12 && frame.rotation.angle_to(&expected.rotation) < 1e-7, "{} {node}", robot.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_jacobian_is_the_derivative_of_its_chain() {
+    for robot in [arm(), shipped("ur5"), shipped("icub")] {
+        let (motors, step) = (robot.motors.len(), 1e-6);
+        let chain = chain_of(&robot, robot.nodes.len() - 1);
+        let within =
+            |q: Vec<f64>| q.iter().zip(&robot.motors).map(|(q, m)| m.min + (q - m.min) * 0.99 + 1e-5).collect();
+        let pose: Vec<f64> = random_poses(&robot, 5).map(within).next().expect("a pose");
+        let mut jacobian = vec![f64::NAN; 6 * motors];
+        chain.jacobian(&pose, motors, &mut jacobian);
+        for m in 0..motors {
+            let at = |by: f64| {
+                let mut pose = pose.clone();
+                pose[m] += by;
+                chain.forward(&pose)
+            };
+            let (before, after) = (at(-step), at(step));
+            let linear = (after.translation.vector - before.translation.vector) / (2.0 * step);
+            let angular = (after.rotation * before.rotation.inverse()).scaled_axis() / (2.0 * step);
+            let column = Vector3::from_fn(|r, _| jacobian[r * motors + m]);
+            let turn = Vector3::from_fn(|r, _| jacobian[(r + 3) * motors + m]);
+            assert!((column - linear).norm() < 1e-7 && (turn - angular).norm() < 1e-7, "{} {m}", robot.name);
+        }
+    }
+}
+
+#[test]
+fn only_rotations_are_taken_for_poses() {
+    let matrix = |m: [f64; 16]| pose::from_matrix("pose", &m);
+    let sound = Isometry3::new(Vector3::new(0.1, 0.2, 0.3), Vector3::new(0.4, -0.5, 0.6));
+    let read = matrix(pose::matrix(&sound)).expect("a pose");
+    assert!(
+        (read.inverse() * sound).translation.vector.norm() < 1e-12 && read.rotation.angle_to(&sound.rotation) < 1e-7
+    );
+    let mut wrong = vec![[f64::NAN; 16], [0.0; 16], [1.0; 16]];
+    for (entry, value) in [(0, 2.0), (0, -1.0), (3, 1e300), (3, f64::INFINITY), (12, 0.1), (15, 0.0)] {
+        let mut m = pose::matrix(&Isometry3::identity());
+        m[entry] = value;
+        wrong.push(m);
+    }
+    for m in wrong {
+        let failure = matrix(m).expect_err("no pose");
+        assert!(["pose", "not_finite"].contains(&failure.code) && !failure.remedy.is_empty(), "{failure:?}");
+    }
+    for q in [[0.0; 4], [f64::NAN; 4], [f64::INFINITY, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 2.0]] {
+        assert!(pose::from_quaternion("q", q).is_err(), "{q:?}");
+    }
+}
+
+/// `ur5_verdicts.csv` has the scalar engine's verdicts: configuration, free (1 or 0), distance. Written anew with `MOBEE_WRITE=1`.
+#[test]
+fn the_table_of_verdicts_is_the_engines() {
+    let robot = Arc::new(shipped("ur5"));
+    let joints = Joints::new([robot.as_ref()]);
+    let scene = Scene::new(vec![(Arc::clone(&robot), Isometry3::identity())], Vec::new()).expect("a scene");
+    let mut table = String::new();
+    for pose in random_poses(&robot, 11).take(200) {
+        joints.configuration(&pose).iter().for_each(|q| {
+            let _ = write!(table, "{q},");
+        });
+        let distance = scene.clearance(&[&pose], f64::INFINITY).expect("pairs").distance;
+        let _ = writeln!(table, "{},{distance:.9}", i32::from(scene.free(&[&pose], 0.0)));
+    }
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/ur5_verdicts.csv");
+    if std::env::var_os("MOBEE_WRITE").is_some() {
+        std::fs::write(path, &table).expect("the table is written");
+    }
+    let kept = std::fs::read_to_string(path).expect("the table");
+    assert!(kept.lines().eq(table.lines()), "the engine's verdicts changed: MOBEE_WRITE=1 writes them anew");
+}

@@ -1,0 +1,16 @@
+"""Hostile calls: an answer or an exception, and never an abort. In a process of its own, so that one would be seen."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+CALLS = 10_000
+
+
+def test_no_call_aborts(tmp_path: Path) -> None:
+    program = Path(__file__).with_name("fuzz.py")
+    done = subprocess.run([sys.executable, str(program), str(CALLS), "1"], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, f"{done.returncode}: {done.stderr[-2000:]}"
+    assert f"{CALLS} calls" in done.stdout
