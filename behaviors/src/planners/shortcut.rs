@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 const ROUNDS: usize = 16;
 const ROUND_GAIN: f64 = 5e-3;
 /// Shortcuts between random points that are tried in a round, and the share of the path's length that one must gain.
-const RANDOM: usize = 12;
+const RANDOM: usize = 8;
 const GAIN: f64 = 1e-3;
 /// Shares of the shorter of its two lines at which a corner is cut, the first that is free.
 const CUTS: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
@@ -31,10 +31,13 @@ pub fn shorten(space: &mut JointSpace, path: JointPath, seed: u64, budget: u64) 
     let before = path.evaluations;
     let mut best = path.poses;
     let mut shortener = Shortener { space, end, rng: ChaCha8Rng::seed_from_u64(seed) };
-    for _ in 0..ROUNDS {
+    for round in 0..ROUNDS {
         let whole = shortener.length(&best);
         let mut poses = best.clone();
-        shortener.skip(&mut poses);
+        // Later on cuts do what skips can.
+        if round == 0 {
+            shortener.skip(&mut poses);
+        }
         shortener.cut_corners(&mut poses);
         shortener.cut_across(&mut poses);
         poses.dedup();

@@ -134,11 +134,32 @@ impl JointSpace {
         Ok(space)
     }
 
+    /// The space of a view, as [`JointSpace::of`] makes it: the one that was kept where that [fits](JointSpace::fits), or one that is made
+    /// with what that one has of the robots.
+    ///
+    /// # Errors
+    /// A clearance that is negative or not finite.
+    pub fn renewed(
+        kept: Option<JointSpace>,
+        view: &View,
+        motors: &[usize],
+        room: f64,
+    ) -> Result<JointSpace, FastError> {
+        match kept {
+            Some(kept) if kept.fits(view, motors, room) => Ok(kept),
+            Some(kept) if kept.is_of(view, motors, room) => kept.among(&view.scene, &view.poses),
+            _ => Self::of(view, motors, room),
+        }
+    }
+
     /// Whether it is still the space of these motors in this view, as [`JointSpace::of`] makes it, wherever everybody stands.
     pub fn fits(&self, view: &View, motors: &[usize], room: f64) -> bool {
-        let clearance = view.clearance + room;
-        let same = self.epoch == view.scene.epoch() && self.clearance == clearance && self.robot == view.robot;
-        same && self.motors == motors
+        self.epoch == view.scene.epoch() && self.is_of(view, motors, room)
+    }
+
+    /// Whether it is of these motors and this clearance, whatever stands about them.
+    fn is_of(&self, view: &View, motors: &[usize], room: f64) -> bool {
+        self.clearance == view.clearance + room && self.robot == view.robot && self.motors == motors
     }
 
     /// Everything that the group does not move is here now. A motor that rests at its limit may read a little more, which no line can

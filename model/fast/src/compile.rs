@@ -75,6 +75,9 @@ impl Sized {
     }
 }
 
+/// The most balls around groups that are stored.
+const MAX_GROUP_BALLS: usize = 512;
+
 /// Facts about the robots of a scene alone, which hold whatever stands about them; for one clearance.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RobotFacts {
@@ -82,11 +85,63 @@ pub(crate) struct RobotFacts {
     pub pairs: Vec<(IndexPair, bool)>,
     /// Per solid of a robot: a ball that holds it at every pose; in the world.
     swept: Vec<Sphere>,
+    /// Hands and fingers, for the robots' solids and pairs that they were found for.
+    hands: Option<Hands>,
+    /// Balls around the groups of solids of the robots.
+    group_balls: Vec<(Vec<usize>, Sphere)>,
     /// Of the pairs that can meet: in how many lanes each decided when the order of tests was learned.
     pub decided: Vec<(IndexPair, u32)>,
 }
 
+/// Regions and their branches, with what they depend on.
+#[derive(Clone, Debug)]
+struct Hands {
+    order: Vec<usize>,
+    pairs: Vec<(usize, usize)>,
+    regions: Vec<Region>,
+    branches: Vec<Region>,
+}
+
 impl RobotFacts {
+    /// The hands and fingers of the robots, found anew unless these are the solids and pairs that are known.
+    fn hands(
+        &mut self,
+        frames: &[LaneFrame],
+        groups: &[Range<usize>],
+        order: &[usize],
+        sized: &[Sized],
+        pairs: &[(usize, usize)],
+    ) -> (Vec<Region>, Vec<Region>) {
+        let robots = self.swept.len();
+        let own_order: Vec<usize> = order.iter().copied().filter(|s| *s < robots).collect();
+        let own_pairs: Vec<(usize, usize)> = pairs.iter().copied().filter(|(_, b)| *b < robots).collect();
+        if let Some(known) = self.hands.as_ref().filter(|h| h.order == own_order && h.pairs == own_pairs) {
+            return (known.regions.clone(), known.branches.clone());
+        }
+        let regions = regions(frames, groups, order, sized, pairs);
+        let branches = branches(frames, &regions, order, sized);
+        let found = (regions.clone(), branches.clone());
+        self.hands = Some(Hands { order: own_order, pairs: own_pairs, regions, branches });
+        found
+    }
+
+    /// The ball around the solids of a group, in their frame.
+    fn group_ball(&mut self, solids: &[usize], sized: &[Sized]) -> Sphere {
+        if let Some((_, ball)) = self.group_balls.iter().find(|(known, _)| known == solids) {
+            return *ball;
+        }
+        let balls: Vec<Sphere> = solids.iter().map(|s| sized[*s].ball()).collect();
+        let ball = Sphere::around(&balls);
+        if solids.iter().all(|s| *s < self.swept.len()) {
+            // Obstacles decide which solids can meet anything, so a group may have many forms over time.
+            if self.group_balls.len() >= MAX_GROUP_BALLS {
+                self.group_balls.clear();
+            }
+            self.group_balls.push((solids.to_vec(), ball));
+        }
+        ball
+    }
+
     /// Whether a pair can meet, if that is known.
     fn can_meet(&self, pair: IndexPair) -> Option<bool> {
         let at = self.pairs.binary_search_by_key(&pair, |(pair, _)| *pair).ok()?;
@@ -111,18 +166,17 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64, facts: 
     let mut order: Vec<usize> = (0..sized.len()).filter(|s| used[*s]).collect();
     order.sort_by_key(|s| sized[*s].frame);
     let groups = groups(&order, &sized, &frames);
-    let regions = regions(&frames, &groups, &order, &sized, &pairs);
+    let (regions, branches) = facts.hands(&frames, &groups, &order, &sized, &pairs);
     let mut program = Program { frames: frames.len(), ..Program::default() };
-    let branches = branches(&frames, &regions, &order, &sized);
     place_frames(&mut program, &frames, &branches, &order, &sized);
     constraints(&mut program, scene);
     place_solids(&mut program, &order, &sized, &groups, &frames);
     let mut layout = Layout::new(&groups, clearance);
     for range in &groups {
-        let balls: Vec<Sphere> = order[range.clone()].iter().map(|s| sized[*s].ball()).collect();
+        let ball = facts.group_ball(&order[range.clone()], &sized);
         let frame = sized[order[range.start]].frame;
         let region = regions.iter().position(|r| r.has[frame]);
-        add_ball(&mut program, &mut layout, &frames, (frame, Sphere::around(&balls)), Some(region));
+        add_ball(&mut program, &mut layout, &frames, (frame, ball), Some(region));
     }
     for region in &regions {
         add_ball(&mut program, &mut layout, &frames, (region.root, region.ball), None);

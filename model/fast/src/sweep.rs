@@ -15,6 +15,9 @@ impl Sphere {
     /// A small ball around balls: the center goes toward the farthest one by ever smaller steps (Bădoiu and Clarkson).
     pub fn around(balls: &[Sphere]) -> Sphere {
         let Some(first) = balls.first() else { return Sphere { center: Vector3::zeros(), radius: 0.0 } };
+        if balls.len() == 1 {
+            return *first;
+        }
         let mut center = first.center;
         let reach = |center: &Vector3<f64>, ball: &Sphere| (ball.center - center).norm() + ball.radius;
         for step in 1..=200 {

@@ -293,7 +293,8 @@ fn a_deep_contact_of_hulls_ends_its_edge_soon() {
         intervals.sort_unstable();
         assert!(intervals.len() > 50, "only {} are blocked", intervals.len());
         let (median, most) = (intervals[intervals.len() / 2], intervals[intervals.len() * 9 / 10]);
-        assert!(median <= 256 && most <= 1000, "{median} intervals in the median, {most} for one in ten");
+        eprintln!("seed {seed}: {median} intervals in the median, {most} for one in ten");
+        assert!(median <= 256 && most <= 256, "{median} intervals in the median, {most} for one in ten");
     }
 }
 
