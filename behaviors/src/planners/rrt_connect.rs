@@ -96,7 +96,7 @@ impl Search<'_> {
             let domain = self.trees[grown].radius_mut(near).map_or(f64::INFINITY, |r| *r);
             if far > domain && outside < MAX_OUTSIDE {
                 outside += 1;
-                if outside % WATCH_EVERY == 0 {
+                if outside.is_multiple_of(WATCH_EVERY) {
                     self.pay(0)?;
                 }
                 continue;

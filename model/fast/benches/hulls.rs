@@ -58,8 +58,11 @@ fn hulled(robot: &Robot) -> Robot {
 fn obstacles() -> Vec<Object> {
     let ball = |i: usize| {
         let (angle, far) = (2.399_963 * i as f64, 0.35 + 0.02 * i as f64);
-        let shape =
-            if i % 2 == 0 { Shape::Sphere { radius: 0.06 } } else { Shape::Box { size: Vector3::new(0.3, 0.3, 0.03) } };
+        let shape = if i.is_multiple_of(2) {
+            Shape::Sphere { radius: 0.06 }
+        } else {
+            Shape::Box { size: Vector3::new(0.3, 0.3, 0.03) }
+        };
         Object {
             name: format!("o{i}"),
             class: ObjectClass::Obstacle,

@@ -109,7 +109,7 @@ pub(crate) fn run(
         let (begun, mut calls) = (processor_ms(), 0_u32);
         found = RrtConnect::default().plan(&mut space, &asked, &mut |_| {
             calls = calls.wrapping_add(1);
-            let late = calls % CLOCK_EVERY == 0 && processor_ms() - begun > settings.limit_s * 1e3;
+            let late = calls.is_multiple_of(CLOCK_EVERY) && processor_ms() - begun > settings.limit_s * 1e3;
             if late { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         Ok(())
