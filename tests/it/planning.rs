@@ -54,7 +54,7 @@ fn problem_files_that_are_none_are_refused_with_place_and_remedy() {
         ("0.03,0.14]", "0.03,-0.14]", "cylinders[0] has a size that is not positive"),
         ("-0.5233762", "-0.1233762", "quaternion whose length is not 1"),
         ("\"robot\":\"panda\"", "\"robot\":\"../panda\"", "names no file"),
-        ("{", "", "expected value"),
+        ("{", "", "invalid type: string"),
         // all else is right, but there is no robot beside the file
         ("\"index\":1", "\"index\":100", "neither panda_spherized.urdf nor panda.urdf"),
     ] {
