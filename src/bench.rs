@@ -1,5 +1,6 @@
-//! `mobee bench`: what behaviors achieve, over many seeded scenes in virtual time.
+//! `mobee bench`: what behaviors achieve, over many seeded scenes in virtual time, and how fast planners are.
 
+mod plan;
 mod reach;
 mod scene;
 
@@ -11,6 +12,8 @@ use std::process::ExitCode;
 pub enum BenchCommand {
     /// Reach for an object in random scenes: how often it is reached, how fast, how exactly, and why not.
     Reach(reach::ReachBenchArgs),
+    /// Plan the problems of files, such as MotionBenchMaker's: how many are solved, how fast, and how long the paths are.
+    Plan(plan::PlanBenchArgs),
 }
 
 /// Measures, and says what came of it.
@@ -20,5 +23,6 @@ pub enum BenchCommand {
 pub fn command(command: &BenchCommand) -> Result<ExitCode, Report> {
     match command {
         BenchCommand::Reach(args) => reach::command(args),
+        BenchCommand::Plan(args) => plan::command(args),
     }
 }

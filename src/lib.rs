@@ -35,6 +35,7 @@ mod narrate;
 pub mod new;
 pub mod new_robot;
 mod outside;
+pub mod plan;
 pub mod replay;
 pub mod roadmap;
 pub mod robot_import;

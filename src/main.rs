@@ -7,8 +7,8 @@ use mobee::new_robot::NewDriver;
 use mobee::robot_import::ImportArgs;
 use mobee::{
     agent, bench, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare, model_convert,
-    model_eval, model_info, model_view, new, new_robot, replay, roadmap, run, schema, sim, terminal, torture, view,
-    yarp,
+    model_eval, model_info, model_view, new, new_robot, plan, replay, roadmap, run, schema, sim, terminal, torture,
+    view, yarp,
 };
 use mobee_behaviors::detectors::onnx;
 use std::io::Write;
@@ -45,6 +45,8 @@ enum Command {
         #[command(subcommand)]
         command: ModelCommand,
     },
+    /// Plan a certified path of a robot among the objects of a world.
+    Plan(Box<plan::PlanArgs>),
     /// Build, look at, validate, merge and plan on roadmaps in files.
     Roadmap {
         #[command(subcommand)]
@@ -90,7 +92,7 @@ enum Command {
     Sim(sim::SimArgs),
     /// Search for faults: run a behavior in virtual time under seeded random faults, checking all invariants.
     Torture(torture::TortureArgs),
-    /// Measure what a behavior achieves in many random scenes, in virtual time.
+    /// Measure what a behavior achieves in many random scenes, in virtual time, or how fast planning problems are solved.
     Bench {
         #[command(subcommand)]
         command: bench::BenchCommand,
@@ -343,6 +345,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Torture(args) => torture::command(&args),
+        Command::Plan(args) => plan::command(&args),
         Command::Bench { command } => bench::command(&command),
         Command::Kinds { name } => {
             terminal::out(&kinds::listing(name.as_deref())?);

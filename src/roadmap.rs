@@ -13,6 +13,9 @@ mod trajectory;
 mod validate;
 mod view;
 
+pub(crate) use path::{positive, share};
+pub(crate) use trajectory::{Speeds, Trajectory};
+
 use crate::config::{Complaints, ConfigError};
 use miette::{Report, miette};
 use mobee_behaviors::map_file::MapFile;

@@ -47,7 +47,7 @@ pub struct PathArgs {
 }
 
 /// A share of the maximum speed.
-fn share(text: &str) -> Result<f64, String> {
+pub(crate) fn share(text: &str) -> Result<f64, String> {
     let share: f64 = text.parse().map_err(|_| "give a number".to_owned())?;
     if share > 0.0 && share <= 1.0 {
         Ok(share)
@@ -57,7 +57,7 @@ fn share(text: &str) -> Result<f64, String> {
 }
 
 /// A number above zero.
-fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| "give a number".to_owned())?;
     if (1e-6..=1e6).contains(&number) { Ok(number) } else { Err("give a number from 0.000001 to 1000000".to_owned()) }
 }

@@ -19,7 +19,7 @@ const PER_UNIT: f64 = 1e7;
 
 /// How fast motors go.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Speeds {
+pub(crate) struct Speeds {
     /// Share of each motor's maximum speed.
     pub share: f64,
     /// Maximum speed of motors whose robot file states none, deg/s (mm/s).
@@ -27,7 +27,7 @@ pub(super) struct Speeds {
 }
 
 /// Joint values and times along a path.
-pub(super) struct Trajectory<'a> {
+pub(crate) struct Trajectory<'a> {
     robot: &'a Robot,
     motors: Vec<&'a Motor>,
     speeds: Speeds,
@@ -47,11 +47,26 @@ struct Point {
 impl<'a> Trajectory<'a> {
     /// Over the vertices of a path, a point for each.
     pub fn new(map: &Roadmap, path: &[u32], robot: &'a Robot, speeds: Speeds) -> Trajectory<'a> {
-        let motors: Vec<&Motor> = map.motors().iter().filter_map(|m| robot.motors.get(*m)).collect();
+        let vertices = path.iter().filter_map(|id| Some((*id, map.vertex(*id)?)));
+        let poses = vertices.map(|(id, vertex)| (Some((id, vertex.name.clone())), map.group(&vertex.q)));
+        Self::over(poses, map.motors(), robot, speeds)
+    }
+
+    /// Over the poses of a path of these motors, rad of encoder, a point for each.
+    pub fn through(poses: &[Vec<f64>], motors: &[usize], robot: &'a Robot, speeds: Speeds) -> Trajectory<'a> {
+        Self::over(poses.iter().map(|q| (None, q.clone())), motors, robot, speeds)
+    }
+
+    fn over(
+        poses: impl Iterator<Item = (Option<(u32, Option<String>)>, Vec<f64>)>,
+        motors: &[usize],
+        robot: &'a Robot,
+        speeds: Speeds,
+    ) -> Trajectory<'a> {
+        let motors: Vec<&Motor> = motors.iter().filter_map(|m| robot.motors.get(*m)).collect();
         let fastest = |m: &Motor| m.max_speed.unwrap_or(speeds.unstated_deg_per_s.to_radians()) * speeds.share;
         let mut points: Vec<Point> = Vec::new();
-        for (id, vertex) in path.iter().filter_map(|id| Some((*id, map.vertex(*id)?))) {
-            let goal = map.group(&vertex.q);
+        for (vertex, goal) in poses {
             let (t_s, q) = match points.last() {
                 None => (0.0, goal),
                 Some(last) => {
@@ -66,7 +81,7 @@ impl<'a> Trajectory<'a> {
                     (last.t_s + longest.max(MIN_LEG_S), q)
                 }
             };
-            points.push(Point { t_s, vertex: Some((id, vertex.name.clone())), q });
+            points.push(Point { t_s, vertex, q });
         }
         Trajectory { robot, motors, speeds, points }
     }

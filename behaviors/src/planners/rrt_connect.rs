@@ -1,29 +1,46 @@
-//! RRT-Connect: two trees of certified straight lines grow from start and goal toward each other.
+//! RRT-Connect: two trees of straight lines grow from start and goal toward each other, and the path between them is certified.
 //!
-//! Kuffner and LaValle, *RRT-Connect: An Efficient Approach to Single-Query Path Planning* (2000): one tree is extended by a step
-//! toward a random pose, and the other is then led greedily, step by step, toward where that came to. Here [`WIDTH`] random poses are
-//! extended to at once, and the other tree is led toward all that were reached at once, because lines that are judged together are
-//! hardly dearer than one. What comes out depends on the problem alone, not on how lines are judged.
+//! Kuffner and LaValle, *RRT-Connect: An Efficient Approach to Single-Query Path Planning* (2000): the smaller tree is extended by a
+//! step toward a random pose, and the other one is then led step by step toward the pose that was reached.
+//!
+//! ```text
+//! search: lines looked at in places ──> path ──certify──> all free: done
+//!    ^                                               └──> lines refuted: cut out of their trees, and the search goes on
+//!    └─────────────────────────────────────────────────────────┘
+//! ```
+//!
+//! Most lines of a search are thrown away, so they are only sampled; the lines of a path are proved. Where samples mislead
+//! repeatedly, each line is certified at once.
+//!
+//! A node at which steps fail attracts only random poses that are near (Yershova et al., *Dynamic-Domain RRTs*, 2005): a tree in
+//! a corner does not waste its lines on the walls around it.
 
 use super::tree::Tree;
-use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem, apart, between};
+use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::ops::ControlFlow;
 
-/// How many poses are extended to at once.
-const WIDTH: usize = 16;
+/// A node at which a step was blocked attracts poses within this number of steps, less after each further failure, and at least one.
+const DOMAIN_STEPS: f64 = 4.0;
+const DOMAIN_CHANGE: f64 = 1e-4;
+/// A random pose that is outside every domain is used all the same after this number of them: a search never starves.
+const MAX_OUTSIDE: u32 = 400;
+/// The watch is called once in this number of poses that are outside.
+const WATCH_EVERY: u32 = 64;
+/// After this number of refuted paths lines are certified at once.
+const MAX_REFUTED: u32 = 8;
 
-/// RRT-Connect on certified edges.
+/// RRT-Connect with certified paths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RrtConnect {
-    /// The longest straight line of its trees, as a share of the diagonal of the space.
-    pub range: f64,
+    /// The longest straight line of its trees, rad; a meter of a sliding joint counts as a radian.
+    pub step: f64,
 }
 
 impl Default for RrtConnect {
     fn default() -> Self {
-        RrtConnect { range: 0.2 }
+        RrtConnect { step: 1.0 }
     }
 }
 
@@ -36,17 +53,13 @@ impl Planner for RrtConnect {
     ) -> Result<JointPath, NoPath> {
         let (start, goal) = space.ends(problem)?;
         let begun = space.evaluations();
-        let step = (self.range * space.extent()).max(1e-6);
-        let trees = [Tree::new(space, start), Tree::new(space, goal)];
+        let step = self.step.max(1e-6);
+        let trees = [Tree::new(space, &start), Tree::new(space, &goal)];
         let end = begun.saturating_add(problem.budget);
-        Search { space, trees, step, begun, end, watch }.run(problem.seed)
+        let search =
+            Search { space, trees, step, begun, end, refuted: 0, target: Vec::new(), ahead: Vec::new(), watch };
+        search.run(problem.seed)
     }
-}
-
-/// A tree that is led toward a node of the other one.
-struct Front {
-    node: u32,
-    toward: u32,
 }
 
 struct Search<'a> {
@@ -57,102 +70,143 @@ struct Search<'a> {
     /// The space's count of evaluations at the beginning, and at which it ends.
     begun: u64,
     end: u64,
+    /// Paths that were refuted so far.
+    refuted: u32,
+    /// Buffers: where a tree is led to, and the next pose on the way.
+    target: Vec<f64>,
+    ahead: Vec<f64>,
     watch: &'a mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
 }
 
 impl Search<'_> {
-    fn run(&mut self, seed: u64) -> Result<JointPath, NoPath> {
+    fn run(mut self, seed: u64) -> Result<JointPath, NoPath> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        // first the straight line: the goal's tree is led to the start
-        let (mut grown, mut fresh) = (0, vec![0]);
+        // First the straight line, as a whole.
+        if let Some(path) = self.straight()? {
+            return Ok(path);
+        }
+        let (mut draw, mut outside) = (Vec::new(), 0);
         loop {
-            if let Some(path) = self.connect(grown, &fresh)? {
+            // The smaller tree is extended, so that both ends are explored alike.
+            let grown = usize::from(self.trees[1].len() < self.trees[0].len());
+            self.space.sample_into(&mut rng, &mut draw);
+            let near = self.trees[grown].nearest(&draw);
+            self.space.toward_into(self.trees[grown].pose(near), &draw, &mut self.target);
+            let far = self.space.weighted(self.trees[grown].pose(near), &self.target);
+            let domain = self.trees[grown].radius_mut(near).map_or(f64::INFINITY, |r| *r);
+            if far > domain && outside < MAX_OUTSIDE {
+                outside += 1;
+                if outside.is_multiple_of(WATCH_EVERY) {
+                    self.pay(0)?;
+                }
+                continue;
+            }
+            outside = 0;
+            let share = (self.step / far).min(1.0);
+            let reached = self.advance(grown, near, share)?;
+            self.adapt_domain(grown, near, reached.is_some());
+            if let Some(node) = reached
+                && let Some(path) = self.connect(grown, node)?
+            {
                 return Ok(path);
             }
-            // the smaller tree is extended, so that both ends are explored alike
-            grown = usize::from(self.trees[1].len() < self.trees[0].len());
-            let draws: Vec<_> = (0..WIDTH).map(|_| self.space.sample(&mut rng)).collect();
-            fresh = self.extend(grown, &draws)?;
         }
     }
 
-    /// A step from a tree toward each of these poses; answers the nodes that were reached.
-    fn extend(&mut self, tree: usize, toward: &[Vec<f64>]) -> Result<Vec<u32>, NoPath> {
-        let steps = toward.iter().map(|q| {
-            let from = self.trees[tree].nearest(q);
-            (from, self.advance(self.trees[tree].pose(from), q).0)
-        });
-        let steps: Vec<(u32, Vec<f64>)> = steps.collect();
-        let free = self.certify(tree, &steps)?;
-        let reached = steps.into_iter().zip(free).filter(|(_, free)| *free);
-        Ok(reached.map(|((from, pose), _)| self.trees[tree].add(from, pose)).collect())
+    /// The straight line from start to goal, if it is free.
+    fn straight(&mut self) -> Result<Option<JointPath>, NoPath> {
+        let goal = self.trees[1].pose(0).to_vec();
+        self.space.toward_into(self.trees[0].pose(0), &goal, &mut self.target);
+        match self.advance(0, 0, 1.0)? {
+            Some(node) => self.path([node, 0]),
+            None => Ok(None),
+        }
     }
 
-    /// Leads the other tree toward these nodes of a tree, until every way is blocked, or one has arrived: then the path.
-    fn connect(&mut self, tree: usize, nodes: &[u32]) -> Result<Option<JointPath>, NoPath> {
+    /// A node's domain shrinks where a step was blocked, and grows a little where it was not.
+    fn adapt_domain(&mut self, tree: usize, node: u32, is_free: bool) {
+        let step = self.step;
+        let Some(radius) = self.trees[tree].radius_mut(node) else { return };
+        if is_free {
+            *radius *= 1.0 + DOMAIN_CHANGE;
+        } else if radius.is_finite() {
+            *radius = (*radius * (1.0 - DOMAIN_CHANGE)).max(step);
+        } else {
+            *radius = DOMAIN_STEPS * step;
+        }
+    }
+
+    /// Adds the pose at a share of the line from a node to the target, if the line to there is free.
+    fn advance(&mut self, tree: usize, from: u32, share: f64) -> Result<Option<u32>, NoPath> {
+        self.pay(1)?;
+        let here = self.trees[tree].pose(from);
+        self.ahead.clear();
+        self.ahead
+            .extend(here.iter().zip(&self.target).map(|(a, b)| if share < 1.0 { a + (b - a) * share } else { *b }));
+        let free = if self.refuted < MAX_REFUTED {
+            self.space.samples_free(here, &self.ahead)
+        } else {
+            self.space.all_free([(here, self.ahead.as_slice())])
+        };
+        Ok(free.then(|| self.trees[tree].add(from, &self.ahead)))
+    }
+
+    /// Leads the other tree to a node of a tree until a line is blocked, or it arrives: then the path, if it is certified.
+    fn connect(&mut self, tree: usize, node: u32) -> Result<Option<JointPath>, NoPath> {
         let other = 1 - tree;
-        let front =
-            |toward: &u32| Front { node: self.trees[other].nearest(self.trees[tree].pose(*toward)), toward: *toward };
-        let mut fronts: Vec<Front> = nodes.iter().map(front).collect();
-        while !fronts.is_empty() {
-            let ahead = |f: &Front| self.advance(self.trees[other].pose(f.node), self.trees[tree].pose(f.toward));
-            let (steps, arrives): (Vec<_>, Vec<bool>) =
-                fronts.iter().map(|f| (f, ahead(f))).map(|(f, (pose, arrives))| ((f.node, pose), arrives)).unzip();
-            let free = self.certify(other, &steps)?;
-            let mut next = Vec::new();
-            for (((mut front, (from, pose)), free), arrives) in fronts.into_iter().zip(steps).zip(free).zip(arrives) {
-                if !free {
-                    continue;
-                }
-                front.node = self.trees[other].add(from, pose);
-                if !arrives {
-                    next.push(front);
-                } else if let Some(path) = self.path(tree, &front)? {
-                    return Ok(Some(path));
-                }
+        let goal = self.trees[tree].pose(node).to_vec();
+        let mut at = self.trees[other].nearest(&goal);
+        self.space.toward_into(self.trees[other].pose(at), &goal, &mut self.target);
+        let far = self.space.weighted(self.trees[other].pose(at), &self.target);
+        let mut left = (far / self.step).ceil().max(1.0);
+        while left >= 1.0 {
+            match self.advance(other, at, 1.0 / left)? {
+                Some(next) => at = next,
+                None => return Ok(None),
             }
-            fronts = next;
+            left -= 1.0;
+        }
+        let met = if tree == 0 { [node, at] } else { [at, node] };
+        self.path(met)
+    }
+
+    /// The path through the two nodes at which the trees met, if all its lines are certified as they will be driven, motors without
+    /// end unwound. Lines that are not are cut out of their trees.
+    fn path(&mut self, met: [u32; 2]) -> Result<Option<JointPath>, NoPath> {
+        let mut here = self.trees[0].to_root(met[0]);
+        here.reverse();
+        let there = self.trees[1].to_root(met[1]);
+        // Both hold the pose where they met.
+        let poses =
+            here.iter().map(|n| self.trees[0].pose(*n)).chain(there.iter().skip(1).map(|n| self.trees[1].pose(*n)));
+        let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), evaluations: 0 };
+        for pose in poses {
+            let pose = path.poses.last().map_or_else(|| pose.to_vec(), |last| self.space.toward(last, pose));
+            path.poses.push(pose);
+        }
+        self.pay(path.poses.len().saturating_sub(1))?;
+        if path.poses.iter().any(|q| self.space.outside(q).is_some()) {
+            return Ok(None);
+        }
+        let free = self.space.free_lines(path.edges());
+        path.evaluations = self.space.evaluations() - self.begun;
+        if free.iter().all(|free| *free) {
+            return Ok(Some(path));
+        }
+        self.refuted += 1;
+        // A line of a tree is named by its node that is farther from the root.
+        let lines = here.iter().skip(1).map(|n| (0, *n)).chain(there.iter().map(|n| (1, *n)));
+        let refuted: Vec<(usize, u32)> = lines.zip(free).filter(|(_, free)| !*free).map(|(line, _)| line).collect();
+        for tree in [0, 1] {
+            let cut: Vec<u32> = refuted.iter().filter(|(t, _)| *t == tree).map(|(_, node)| *node).collect();
+            if !cut.is_empty() {
+                self.trees[tree].prune(&cut);
+            }
         }
         Ok(None)
     }
 
-    /// At most a step toward a pose, the short way; whether that is all of it.
-    fn advance(&self, from: &[f64], to: &[f64]) -> (Vec<f64>, bool) {
-        let to = self.space.toward(from, to);
-        let far = apart(from, &to);
-        if far <= self.step { (to, true) } else { (between(from, &to, self.step / far), false) }
-    }
-
-    /// The path through where the trees met. Motors without end are unwound along it, and its lines are judged as they will be driven;
-    /// `None` if one is not free that way.
-    fn path(&mut self, tree: usize, met: &Front) -> Result<Option<JointPath>, NoPath> {
-        let (mut here, there) = (self.trees[tree].to_root(met.toward), self.trees[1 - tree].to_root(met.node));
-        here.reverse();
-        // both hold the pose where they met
-        here.extend(there.into_iter().skip(1));
-        if tree == 1 {
-            here.reverse();
-        }
-        let mut poses: Vec<Vec<f64>> = Vec::with_capacity(here.len());
-        for pose in here {
-            poses.push(poses.last().map_or_else(|| pose.clone(), |last| self.space.toward(last, &pose)));
-        }
-        self.pay(poses.len().saturating_sub(1))?;
-        let mut path = JointPath { poses, evaluations: 0 };
-        let inside = path.poses.iter().all(|q| self.space.outside(q).is_none());
-        let free = inside && self.space.all_free(path.edges());
-        path.evaluations = self.space.evaluations() - self.begun;
-        Ok(free.then_some(path))
-    }
-
-    /// Judges straight lines that begin at nodes of a tree.
-    fn certify(&mut self, tree: usize, steps: &[(u32, Vec<f64>)]) -> Result<Vec<bool>, NoPath> {
-        self.pay(steps.len())?;
-        let edges = steps.iter().map(|(from, pose)| (self.trees[tree].pose(*from), pose.as_slice()));
-        Ok(self.space.free_lines(edges))
-    }
-
-    /// Whether so many more lines may be judged.
+    /// Whether this number of further lines may be judged.
     fn pay(&mut self, lines: usize) -> Result<(), NoPath> {
         let evaluations = self.space.evaluations() - self.begun;
         let poses = self.trees.iter().map(Tree::len).sum();

@@ -5,10 +5,14 @@ use crate::group::allowed;
 use crate::short_way::JointMetric;
 use mobee_contract::{Axis, View};
 use mobee_fast::{EdgeVerdict, FastError, FastScene};
-use mobee_model::{Motor, Pair, Scene};
+use mobee_model::{Motor, Scene};
 use rand::Rng;
 use std::f64::consts::TAU;
 
+/// Poses that are looked at on a line, per radian of it.
+const SAMPLES_PER_RAD: f64 = 32.0;
+/// A line with more intervals than this that are not proved at a time goes close along something.
+const EASY_INTERVALS: usize = 32;
 /// How far outside its limits a motor may be by rounding, rad.
 const ROUNDING: f64 = 1e-9;
 
@@ -25,6 +29,8 @@ pub struct JointSpace {
     motors: Vec<usize>,
     joints: Vec<Motor>,
     metric: JointMetric,
+    /// What each coordinate counts, per rad of encoder: a meter of a sliding joint as much as a radian of a turning one.
+    weights: Vec<f64>,
     /// Where each of them is in a pose of the scene, and such a pose.
     columns: Vec<usize>,
     rest: Vec<f64>,
@@ -65,8 +71,7 @@ impl JointSpace {
         axes: &[Axis],
         clearance: f64,
     ) -> Result<JointSpace, FastError> {
-        let own = |shape: u32| scene.shape_id(shape).and_then(|id| id.robot()) == Some(robot);
-        let fast = FastScene::of_pairs(scene, clearance, |a, b| own(a) || own(b))?;
+        let fast = FastScene::of_pairs(scene, clearance, has_part(scene, robot))?;
         let model = scene.robots().get(robot);
         let narrowed = |m: &usize| {
             let motor = model?.motors.get(*m)?;
@@ -76,6 +81,7 @@ impl JointSpace {
         let (motors, joints): (Vec<usize>, Vec<Motor>) = motors.iter().filter_map(narrowed).unzip();
         let before: usize = scene.robots().iter().take(robot).map(|r| r.motors.len()).sum();
         let metric = JointMetric::of_each(joints.iter().map(Some));
+        let weights = joints.iter().map(|m| 1.0 / m.motion.encoder(1.0)).collect();
         let columns = motors.iter().map(|m| before + m).collect();
         let mut space = JointSpace {
             fast,
@@ -85,6 +91,7 @@ impl JointSpace {
             motors,
             joints,
             metric,
+            weights,
             columns,
             rest: Vec::new(),
             avoided: Vec::new(),
@@ -98,11 +105,61 @@ impl JointSpace {
         Ok(space)
     }
 
+    /// The same motors among other obstacles: what was proved of the robots is used again, so this is several times as quick as
+    /// [`JointSpace::new`]. Nothing is avoided or held any more.
+    ///
+    /// # Errors
+    /// None but for those of [`JointSpace::new`].
+    pub fn among<P: AsRef<[f64]>>(&self, scene: &Scene, poses: &[P]) -> Result<JointSpace, FastError> {
+        let fast = self.fast.among(scene, has_part(scene, self.robot))?;
+        let mut space = JointSpace {
+            fast,
+            robot: self.robot,
+            epoch: scene.epoch(),
+            clearance: self.clearance,
+            motors: self.motors.clone(),
+            joints: self.joints.clone(),
+            metric: self.metric.clone(),
+            weights: self.weights.clone(),
+            columns: self.columns.clone(),
+            rest: Vec::new(),
+            avoided: Vec::new(),
+            held: Vec::new(),
+            evaluations: 0,
+            edges: Vec::new(),
+            verdicts: Vec::new(),
+            free: Vec::new(),
+        };
+        space.stand(scene, poses);
+        Ok(space)
+    }
+
+    /// The space of a view, as [`JointSpace::of`] makes it: the one that was kept where that [fits](JointSpace::fits), or one that is made
+    /// with what that one has of the robots.
+    ///
+    /// # Errors
+    /// A clearance that is negative or not finite.
+    pub fn renewed(
+        kept: Option<JointSpace>,
+        view: &View,
+        motors: &[usize],
+        room: f64,
+    ) -> Result<JointSpace, FastError> {
+        match kept {
+            Some(kept) if kept.fits(view, motors, room) => Ok(kept),
+            Some(kept) if kept.is_of(view, motors, room) => kept.among(&view.scene, &view.poses),
+            _ => Self::of(view, motors, room),
+        }
+    }
+
     /// Whether it is still the space of these motors in this view, as [`JointSpace::of`] makes it, wherever everybody stands.
     pub fn fits(&self, view: &View, motors: &[usize], room: f64) -> bool {
-        let clearance = view.clearance + room;
-        let same = self.epoch == view.scene.epoch() && self.clearance == clearance && self.robot == view.robot;
-        same && self.motors == motors
+        self.epoch == view.scene.epoch() && self.is_of(view, motors, room)
+    }
+
+    /// Whether it is of these motors and this clearance, whatever stands about them.
+    fn is_of(&self, view: &View, motors: &[usize], room: f64) -> bool {
+        self.clearance == view.clearance + room && self.robot == view.robot && self.motors == motors
     }
 
     /// Everything that the group does not move is here now. A motor that rests at its limit may read a little more, which no line can
@@ -143,25 +200,54 @@ impl JointSpace {
         self.held = self.motors.iter().map(at).collect();
     }
 
+    /// What each coordinate counts in the lengths of planners, per rad of encoder: 1 where a joint turns, and where it slides as much
+    /// as makes a meter a radian (an encoder's rad of a slide are 57 mm).
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// Length of the straight line between two poses as they are, turns included, by the weights: rad and m.
+    pub fn weighted(&self, from: &[f64], to: &[f64]) -> f64 {
+        let ways = from.iter().zip(to).zip(&self.weights).map(|((a, b), weight)| (b - a) * weight);
+        ways.map(|way| way * way).sum::<f64>().sqrt()
+    }
+
+    /// As [`JointSpace::sample`], into a buffer.
+    pub fn sample_into(&self, rng: &mut impl Rng, pose: &mut Vec<f64>) {
+        pose.clear();
+        for i in 0..self.joints.len() {
+            pose.push(self.draw(i, rng));
+        }
+    }
+
+    /// As [`JointSpace::toward`], into a buffer.
+    pub fn toward_into(&self, from: &[f64], to: &[f64], nearest: &mut Vec<f64>) {
+        nearest.clear();
+        let ends = from.iter().zip(to);
+        nearest.extend(self.joints.iter().zip(ends).map(|(motor, (from, to))| motor.nearest_equivalent(*from, *to)));
+    }
+
     /// A pose within the limits, all alike likely.
     pub fn sample(&self, rng: &mut impl Rng) -> Vec<f64> {
-        let draw = |(i, motor): (usize, &Motor)| {
-            if let Some(Some(held)) = self.held.get(i) {
-                return *held;
-            }
-            let (min, max) = motor.range();
-            if max > min { rng.random_range(min..=max) } else { min }
-        };
-        self.joints.iter().enumerate().map(draw).collect()
+        let mut pose = Vec::with_capacity(self.joints.len());
+        self.sample_into(rng, &mut pose);
+        pose
+    }
+
+    /// A position of a motor of the group, by its index in the group.
+    fn draw(&self, i: usize, rng: &mut impl Rng) -> f64 {
+        if let Some(Some(held)) = self.held.get(i) {
+            return *held;
+        }
+        let (min, max) = self.joints.get(i).map_or((0.0, 0.0), Motor::range);
+        if max > min { rng.random_range(min..=max) } else { min }
     }
 
     /// The pose that is the same as `to` and has the shortest way from `from`, within the limits.
     pub fn toward(&self, from: &[f64], to: &[f64]) -> Vec<f64> {
-        self.joints
-            .iter()
-            .zip(from.iter().zip(to))
-            .map(|(motor, (from, to))| motor.nearest_equivalent(*from, *to))
-            .collect()
+        let mut nearest = Vec::with_capacity(to.len());
+        self.toward_into(from, to, &mut nearest);
+        nearest
     }
 
     /// The first motor of the group that can't be at this pose, an index into `Robot::motors`.
@@ -226,11 +312,7 @@ impl JointSpace {
         for (from, to) in edges {
             whole(&mut self.edges, &self.rest, &self.columns, from);
             whole(&mut self.edges, &self.rest, &self.columns, to);
-            // the robot takes the short way, so no other is of use
-            let long = (self.toward(from, to) != to).then_some(0.0);
-            shut.push(
-                long.or_else(|| self.avoided.iter().find_map(|(pose, radius)| self.passes(from, to, pose, *radius))),
-            );
+            shut.push(self.is_shut(from, to));
         }
         shut
     }
@@ -244,6 +326,42 @@ impl JointSpace {
             self.free.clear();
         }
         shut.iter().enumerate().map(|(i, shut)| shut.is_none() && self.free.get(i) == Some(&true)).collect()
+    }
+
+    /// Whether a straight line is free where it is looked at, and none that [`JointSpace::certify`] shuts whatever the scene says: no
+    /// proof, but several times as quick as one. Counts as a line that is judged.
+    pub fn samples_free(&mut self, from: &[f64], to: &[f64]) -> bool {
+        self.evaluations += 1;
+        if self.is_shut(from, to).is_some() {
+            return false;
+        }
+        self.edges.clear();
+        whole(&mut self.edges, &self.rest, &self.columns, from);
+        whole(&mut self.edges, &self.rest, &self.columns, to);
+        let poses = (self.weighted(from, to) * SAMPLES_PER_RAD).ceil() as usize;
+        // can't fail: they are whole poses
+        self.fast.samples_free(&self.edges, poses).unwrap_or(false)
+    }
+
+    /// Whether a straight line is certified free without much ado: one that goes close along something counts as not free. What is
+    /// blocked is mostly seen by samples. Counts as a line that is judged.
+    pub fn is_easily_free(&mut self, from: &[f64], to: &[f64]) -> bool {
+        // The line is left in the buffer.
+        if !self.samples_free(from, to) {
+            return false;
+        }
+        let certified = self.fast.edges_free_within(&self.edges, EASY_INTERVALS, &mut self.free);
+        certified.is_ok() && self.free == [true]
+    }
+
+    /// Where a straight line may not be driven whatever the scene says, if anywhere.
+    fn is_shut(&self, from: &[f64], to: &[f64]) -> Option<f64> {
+        // the robot takes the short way, so no other is of use
+        let short = |(motor, (from, to)): (&Motor, (&f64, &f64))| motor.nearest_equivalent(*from, *to) == *to;
+        if !self.joints.iter().zip(from.iter().zip(to)).all(short) {
+            return Some(0.0);
+        }
+        self.avoided.iter().find_map(|(pose, radius)| self.passes(from, to, pose, *radius))
     }
 
     /// Whether all of these straight lines are free.
@@ -276,22 +394,22 @@ impl JointSpace {
                 return Err(NoPath::Limits { end, motor });
             }
         }
-        for (end, q) in [(PathEnd::Start, &start), (PathEnd::Goal, &goal)] {
-            if let Err(pair) = self.stands_free(q) {
-                return Err(NoPath::Blocked { end, pair });
+        let verdicts = self.certify([(start.as_slice(), start.as_slice()), (goal.as_slice(), goal.as_slice())]);
+        for (end, verdict) in [PathEnd::Start, PathEnd::Goal].into_iter().zip(verdicts) {
+            match verdict {
+                EdgeVerdict::Free => {}
+                EdgeVerdict::Blocked(obstruction) => return Err(NoPath::Blocked { end, pair: obstruction.pair }),
+                EdgeVerdict::Uncertified { .. } => return Err(NoPath::Blocked { end, pair: None }),
             }
         }
         Ok((start, goal))
     }
+}
 
-    /// Whether a pose is free; if not, what is too near, unless it is a constraint.
-    fn stands_free(&mut self, q: &[f64]) -> Result<(), Option<Pair>> {
-        match self.certify([(q, q)]).first() {
-            Some(EdgeVerdict::Free) => Ok(()),
-            Some(EdgeVerdict::Blocked(obstruction)) => Err(obstruction.pair),
-            _ => Err(None),
-        }
-    }
+/// Whether a robot has part in a pair of shapes.
+fn has_part(scene: &Scene, robot: usize) -> impl Fn(u32, u32) -> bool {
+    let own = move |shape: u32| scene.shape_id(shape).and_then(|id| id.robot()) == Some(robot);
+    move |a, b| own(a) || own(b)
 }
 
 /// Adds a pose of the whole scene: the group's share put in its columns.

@@ -1,53 +1,147 @@
-//! A tree of poses that can be reached from its root by certified straight lines.
+//! A tree of poses that can be reached from its root by straight lines.
 
 use super::JointSpace;
-use crate::roadmap::neighbors::{Flat, Neighbors};
+use std::f64::consts::TAU;
+
+/// Nodes whose distances are computed together.
+const BLOCK: usize = 16;
 
 /// Grows from one end of a problem.
 pub(super) struct Tree {
-    /// Each in the turn that it was reached in.
-    poses: Vec<Vec<f64>>,
+    /// Each in the turn that it was reached in, one after the other.
+    poses: Vec<f64>,
     parents: Vec<u32>,
-    near: Flat,
+    /// Per node: how far a random pose may be for a step toward it to be tried. Infinite until a step is blocked.
+    radii: Vec<f64>,
+    near: NearestScan,
+    dimension: usize,
 }
 
 impl Tree {
-    pub fn new(space: &JointSpace, root: Vec<f64>) -> Tree {
-        let mut near = Flat::new(root.len(), space.metric());
-        near.add(0, &root);
-        Tree { poses: vec![root], parents: vec![0], near }
+    pub fn new(space: &JointSpace, root: &[f64]) -> Tree {
+        let near = NearestScan::new(space);
+        let mut tree = Tree { poses: Vec::new(), parents: Vec::new(), radii: Vec::new(), near, dimension: root.len() };
+        tree.add(0, root);
+        tree
     }
 
     pub fn len(&self) -> usize {
-        self.poses.len()
+        self.parents.len()
     }
 
     pub fn pose(&self, node: u32) -> &[f64] {
-        self.poses.get(node as usize).map_or(&[], |q| q)
+        let first = node as usize * self.dimension;
+        self.poses.get(first..first + self.dimension).unwrap_or(&[])
     }
 
     /// The node nearest to a pose.
-    pub fn nearest(&self, q: &[f64]) -> u32 {
-        self.near.knn(q, 1).first().map_or(0, |(_, node)| *node)
+    pub fn nearest(&mut self, q: &[f64]) -> u32 {
+        self.near.nearest(q)
     }
 
-    pub fn add(&mut self, parent: u32, pose: Vec<f64>) -> u32 {
-        let node = self.poses.len() as u32;
-        self.near.add(node, &pose);
-        self.poses.push(pose);
+    pub fn add(&mut self, parent: u32, pose: &[f64]) -> u32 {
+        let node = self.parents.len() as u32;
+        self.poses.extend(pose);
         self.parents.push(parent);
+        self.radii.push(f64::INFINITY);
+        self.near.add(pose);
         node
     }
 
-    /// The poses from a node to the root.
-    pub fn to_root(&self, node: u32) -> Vec<Vec<f64>> {
+    pub fn radius_mut(&mut self, node: u32) -> Option<&mut f64> {
+        self.radii.get_mut(node as usize)
+    }
+
+    /// The nodes from one to the root.
+    pub fn to_root(&self, node: u32) -> Vec<u32> {
         let (mut path, mut at) = (Vec::new(), node);
         loop {
-            path.push(self.pose(at).to_vec());
+            path.push(at);
             match self.parents.get(at as usize) {
                 Some(parent) if *parent < at => at = *parent,
                 _ => return path,
             }
         }
+    }
+
+    /// Takes out nodes, and all that hang on them. The root stays.
+    pub fn prune(&mut self, cut: &[u32]) {
+        let mut kept: Vec<Option<u32>> = Vec::with_capacity(self.len());
+        let (poses, parents, radii) =
+            (std::mem::take(&mut self.poses), std::mem::take(&mut self.parents), std::mem::take(&mut self.radii));
+        self.near.clear();
+        for (node, ((parent, radius), pose)) in
+            parents.iter().zip(radii).zip(poses.chunks(self.dimension.max(1))).enumerate()
+        {
+            let parent = if node == 0 { Some(0) } else { kept.get(*parent as usize).copied().flatten() };
+            let stays = node == 0 || !cut.contains(&(node as u32));
+            let moved = parent.filter(|_| stays).map(|parent| self.add(parent, pose));
+            if let Some(slot) = moved.and_then(|node| self.radius_mut(node)) {
+                *slot = radius;
+            }
+            kept.push(moved);
+        }
+    }
+}
+
+/// Nearest neighbor by a scan in single precision: trees are small, and the nearest node is only where a step begins.
+struct NearestScan {
+    /// Per coordinate what it is multiplied by, and the length of a turn if turns do not count.
+    axes: Vec<(f64, Option<f32>)>,
+    /// Block after block of nodes, coordinate by coordinate; far away where there is no node yet.
+    blocks: Vec<[f32; BLOCK]>,
+    len: usize,
+    query: Vec<f32>,
+}
+
+impl NearestScan {
+    fn new(space: &JointSpace) -> Self {
+        let metric = space.metric();
+        let axis = |(i, weight): (usize, &f64)| (*weight, metric.turns(i).then_some((TAU * weight) as f32));
+        let axes = space.weights().iter().enumerate().map(axis).collect();
+        NearestScan { axes, blocks: Vec::new(), len: 0, query: Vec::new() }
+    }
+
+    fn clear(&mut self) {
+        self.blocks.clear();
+        self.len = 0;
+    }
+
+    fn add(&mut self, q: &[f64]) {
+        let lane = self.len % BLOCK;
+        if lane == 0 {
+            self.blocks.extend(self.axes.iter().map(|_| [f32::INFINITY; BLOCK]));
+        }
+        let first = self.blocks.len() - self.axes.len();
+        for ((row, q), (weight, _)) in self.blocks[first..].iter_mut().zip(q).zip(&self.axes) {
+            row[lane] = (q * weight) as f32;
+        }
+        self.len += 1;
+    }
+
+    fn nearest(&mut self, q: &[f64]) -> u32 {
+        self.query.clear();
+        self.query.extend(q.iter().zip(&self.axes).map(|(q, (weight, _))| (q * weight) as f32));
+        let mut best = [(f32::INFINITY, 0_u32); BLOCK];
+        for (block, rows) in self.blocks.chunks(self.axes.len().max(1)).enumerate() {
+            let mut sum = [0.0_f32; BLOCK];
+            for ((row, q), (_, turn)) in rows.iter().zip(&self.query).zip(&self.axes) {
+                for (sum, x) in sum.iter_mut().zip(row) {
+                    let mut way = x - q;
+                    if let Some(turn) = turn {
+                        way -= (way / turn).round() * turn;
+                    }
+                    *sum += way * way;
+                }
+            }
+            for (best, sum) in best.iter_mut().zip(sum) {
+                if sum < best.0 {
+                    *best = (sum, block as u32);
+                }
+            }
+        }
+        let all = best.iter().enumerate().map(|(lane, (far, block))| (*far, block * BLOCK as u32 + lane as u32));
+        let nearest = all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        nearest.map_or(0, |(_, node)| node.min(self.len.saturating_sub(1) as u32))
     }
 }

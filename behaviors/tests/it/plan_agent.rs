@@ -155,10 +155,15 @@ fn in_a_world_that_never_rests_the_map_is_bounded_and_what_is_told_is_the_map() 
                         _ => {}
                     }
                 }
+                // the post came nearer than plans keep, and not so near that the robot is caught
+                let escapes =
+                    |n: &Note| matches!(n, Note::Log { text } if text.starts_with("no plan: where the robot is"));
+                let escaped = run.notes.iter().any(escapes);
                 for (_, to, reached) in &run.motions {
                     assert!(reached, "a certified edge failed");
                     let is_there = |id: &u32| told[id].iter().zip(to).all(|(a, b)| (a - b).abs() < 1e-9);
-                    assert!(plan.iter().any(is_there), "no vertex of the plan is driven to");
+                    let known = escaped || plan.iter().any(is_there);
+                    assert!(known, "no vertex of the plan is driven to: {:?}", run.notes);
                 }
                 assert!(agent.map().len() <= vertices);
             }

@@ -57,6 +57,11 @@ impl Bound {
     /// How far any point of a solid is displaced, meters: its center at `center` in the frame, and no point farther
     /// than `size` from that.
     pub fn solid(self, center: f64, size: f64) -> f64 {
-        self.shifted(center).place + 2.0 * (self.turn + 2.0 * SHIFT) * size
+        self.shifted(center).place + self.axes() * size
+    }
+
+    /// Error of a solid's axes, spectral norm.
+    pub fn axes(self) -> f64 {
+        2.0 * (self.turn + 2.0 * SHIFT)
     }
 }

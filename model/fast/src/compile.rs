@@ -9,11 +9,11 @@ use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
 use crate::limits::constraints;
-use crate::program::{Ball, Form, Group, Held, PairTest, Program, Solid};
+use crate::program::{Ball, BallAndBox, Form, Group, Held, PairTest, Program, Solid};
 use crate::proof::Proofs;
 use crate::regions::{Region, branches, regions};
 use crate::steps::{Layout, Size};
-use crate::sweep::{Sphere, least_distance};
+use crate::sweep::{Sphere, in_world, least_distance};
 use mobee_model::{Collider, IndexPair, InnerCapsule, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::ops::Range;
@@ -35,6 +35,8 @@ pub(crate) struct Sized {
     pub shape: Shape,
     /// How far any of its points is displaced by rounding, meters.
     error: f64,
+    /// Error of its axes, spectral norm.
+    turn: f64,
     /// Whether only a hull within the shape is solid.
     hull: bool,
     /// A capsule within what is solid.
@@ -49,7 +51,8 @@ impl Sized {
     fn size(&self) -> Size {
         let capsule = self.shape.bounding_capsule();
         let ball = self.shape.bounding_radius();
-        Size { ball, half: capsule.half_axis.norm(), radius: capsule.radius, error: self.error }
+        let turn = self.is_box().then_some(self.turn);
+        Size { ball, half: capsule.half_axis.norm(), radius: capsule.radius, error: self.error, turn }
     }
 
     /// Balls that hold the extreme points of its core; of a shape with a hull those of the shape, as a hull within something round moves
@@ -72,28 +75,108 @@ impl Sized {
     }
 }
 
-/// Compiles a scene, or these pairs of it, for one clearance, meters.
-pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Compiled {
+/// The most balls around groups that are stored.
+const MAX_GROUP_BALLS: usize = 512;
+
+/// Facts about the robots of a scene alone, which hold whatever stands about them; for one clearance.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RobotFacts {
+    /// Pairs of the robots' solids in order, and whether each can meet.
+    pub pairs: Vec<(IndexPair, bool)>,
+    /// Per solid of a robot: a ball that holds it at every pose; in the world.
+    swept: Vec<Sphere>,
+    /// Hands and fingers, for the robots' solids and pairs that they were found for.
+    hands: Option<Hands>,
+    /// Balls around the groups of solids of the robots.
+    group_balls: Vec<(Vec<usize>, Sphere)>,
+    /// Of the pairs that can meet: in how many lanes each decided when the order of tests was learned.
+    pub decided: Vec<(IndexPair, u32)>,
+}
+
+/// Regions and their branches, with what they depend on.
+#[derive(Clone, Debug)]
+struct Hands {
+    order: Vec<usize>,
+    pairs: Vec<(usize, usize)>,
+    regions: Vec<Region>,
+    branches: Vec<Region>,
+}
+
+impl RobotFacts {
+    /// The hands and fingers of the robots, found anew unless these are the solids and pairs that are known.
+    fn hands(
+        &mut self,
+        frames: &[LaneFrame],
+        groups: &[Range<usize>],
+        order: &[usize],
+        sized: &[Sized],
+        pairs: &[(usize, usize)],
+    ) -> (Vec<Region>, Vec<Region>) {
+        let robots = self.swept.len();
+        let own_order: Vec<usize> = order.iter().copied().filter(|s| *s < robots).collect();
+        let own_pairs: Vec<(usize, usize)> = pairs.iter().copied().filter(|(_, b)| *b < robots).collect();
+        if let Some(known) = self.hands.as_ref().filter(|h| h.order == own_order && h.pairs == own_pairs) {
+            return (known.regions.clone(), known.branches.clone());
+        }
+        let regions = regions(frames, groups, order, sized, pairs);
+        let branches = branches(frames, &regions, order, sized);
+        let found = (regions.clone(), branches.clone());
+        self.hands = Some(Hands { order: own_order, pairs: own_pairs, regions, branches });
+        found
+    }
+
+    /// The ball around the solids of a group, in their frame.
+    fn group_ball(&mut self, solids: &[usize], sized: &[Sized]) -> Sphere {
+        if let Some((_, ball)) = self.group_balls.iter().find(|(known, _)| known == solids) {
+            return *ball;
+        }
+        let balls: Vec<Sphere> = solids.iter().map(|s| sized[*s].ball()).collect();
+        let ball = Sphere::around(&balls);
+        if solids.iter().all(|s| *s < self.swept.len()) {
+            // Obstacles decide which solids can meet anything, so a group may have many forms over time.
+            if self.group_balls.len() >= MAX_GROUP_BALLS {
+                self.group_balls.clear();
+            }
+            self.group_balls.push((solids.to_vec(), ball));
+        }
+        ball
+    }
+
+    /// Whether a pair can meet, if that is known.
+    fn can_meet(&self, pair: IndexPair) -> Option<bool> {
+        let at = self.pairs.binary_search_by_key(&pair, |(pair, _)| *pair).ok()?;
+        self.pairs.get(at).map(|(_, meet)| *meet)
+    }
+
+    /// In how many lanes a pair decided, if that is known.
+    pub fn decided(&self, pair: IndexPair) -> Option<u32> {
+        let at = self.decided.binary_search_by_key(&pair, |(pair, _)| *pair).ok()?;
+        self.decided.get(at).map(|(_, lanes)| *lanes)
+    }
+}
+
+/// Compiles a scene, or these pairs of it, for one clearance, meters. Facts that are missing are added.
+pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64, facts: &mut RobotFacts) -> Compiled {
     let frames = frames(scene);
     let colliders: Vec<&Collider> = scene.colliders().collect();
     let sized: Vec<Sized> = colliders.iter().map(|c| sized(c, &frames)).collect();
-    let (pairs, pruned) = pairs_that_can_meet(kept, &sized, &frames, clearance);
-    let used = |s: &usize| pairs.iter().any(|(a, b)| *a == *s || *b == *s);
-    let mut order: Vec<usize> = (0..sized.len()).filter(used).collect();
+    let (pairs, pruned) = pairs_that_can_meet(kept, &sized, &frames, clearance, facts);
+    let mut used = vec![false; sized.len()];
+    pairs.iter().for_each(|(a, b)| (used[*a], used[*b]) = (true, true));
+    let mut order: Vec<usize> = (0..sized.len()).filter(|s| used[*s]).collect();
     order.sort_by_key(|s| sized[*s].frame);
     let groups = groups(&order, &sized, &frames);
-    let regions = regions(&frames, &groups, &order, &sized, &pairs);
+    let (regions, branches) = facts.hands(&frames, &groups, &order, &sized, &pairs);
     let mut program = Program { frames: frames.len(), ..Program::default() };
-    let branches = branches(&frames, &regions, &order, &sized);
     place_frames(&mut program, &frames, &branches, &order, &sized);
     constraints(&mut program, scene);
     place_solids(&mut program, &order, &sized, &groups, &frames);
     let mut layout = Layout::new(&groups, clearance);
     for range in &groups {
-        let balls: Vec<Sphere> = order[range.clone()].iter().map(|s| sized[*s].ball()).collect();
+        let ball = facts.group_ball(&order[range.clone()], &sized);
         let frame = sized[order[range.start]].frame;
         let region = regions.iter().position(|r| r.has[frame]);
-        add_ball(&mut program, &mut layout, &frames, (frame, Sphere::around(&balls)), Some(region));
+        add_ball(&mut program, &mut layout, &frames, (frame, ball), Some(region));
     }
     for region in &regions {
         add_ball(&mut program, &mut layout, &frames, (region.root, region.ball), None);
@@ -103,9 +186,10 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
         layout.add_branch(groups.iter().map(|g| branch.has[sized[order[g.start]].frame]));
     }
     list_balls(&mut program);
-    let place = |s: usize| order.iter().position(|o| *o == s).unwrap_or_default();
+    let mut place = vec![0; sized.len()];
+    order.iter().enumerate().for_each(|(i, s)| place[*s] = i);
     for &(a, b) in &pairs {
-        let test = pair_test((place(a), &sized[a]), (place(b), &sized[b]), (a as u32, b as u32), clearance);
+        let test = pair_test((place[a], &sized[a]), (place[b], &sized[b]), (a as u32, b as u32), clearance);
         program.pairs.push(test);
     }
     layout.solids = order.iter().map(|s| sized[*s].size()).collect();
@@ -147,7 +231,7 @@ fn sized(collider: &Collider, frames: &[LaneFrame]) -> Sized {
     let pose = frame.choice.inverse() * collider.pose;
     let error = frame.bound.solid(pose.translation.vector.norm(), collider.shape.bounding_radius());
     let (hull, inner) = (collider.hull().is_some(), collider.inner_capsule());
-    Sized { frame: collider.frame, pose, shape: collider.shape, error, hull, inner }
+    Sized { frame: collider.frame, pose, shape: collider.shape, error, turn: frame.bound.axes(), hull, inner }
 }
 
 /// The pairs but for those that are proved to keep apart, and how many these are.
@@ -156,16 +240,41 @@ fn pairs_that_can_meet(
     sized: &[Sized],
     frames: &[LaneFrame],
     clearance: f64,
+    facts: &mut RobotFacts,
 ) -> (Vec<(usize, usize)>, usize) {
     // A little more, for the rounding of this here and of the reference.
     let distance = clearance + REFERENCE;
+    // Obstacles come last, on the frame of the world.
+    let world = frames.len() - 1;
+    let robots = sized.iter().position(|s| s.frame == world).unwrap_or(sized.len());
+    if facts.swept.len() != robots {
+        facts.swept = sized[..robots].iter().map(|s| in_world(frames, s.frame, s.ball())).collect();
+    }
     let mut proofs = Proofs::new(frames, sized, distance);
-    let meet = |&(p, q): &(usize, usize)| {
+    let mut found = Vec::new();
+    let mut pairs = Vec::new();
+    for &pair in kept {
+        let (p, q) = (pair.0 as usize, pair.1 as usize);
         let (a, b) = (&sized[p], &sized[q]);
-        least_distance(frames, (a.frame, a.ball()), (b.frame, b.ball())) <= distance && !proofs.apart(p, q)
-    };
-    let all = kept.iter().map(|(a, b)| (*a as usize, *b as usize));
-    let pairs: Vec<_> = all.filter(meet).collect();
+        let meet = if let Some(swept) = facts.swept.get(p).filter(|_| q >= robots) {
+            let obstacle = in_world(frames, b.frame, b.ball());
+            (swept.center - obstacle.center).norm() - swept.radius - obstacle.radius <= distance
+        } else if let Some(known) = facts.can_meet(pair) {
+            known
+        } else {
+            let meet =
+                least_distance(frames, (a.frame, a.ball()), (b.frame, b.ball())) <= distance && !proofs.apart(p, q);
+            found.push((pair, meet));
+            meet
+        };
+        if meet {
+            pairs.push((p, q));
+        }
+    }
+    if !found.is_empty() {
+        facts.pairs.extend(found);
+        facts.pairs.sort_unstable();
+    }
     let pruned = kept.len() - pairs.len();
     (pairs, pruned)
 }
@@ -307,6 +416,10 @@ fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance:
     let round_radii: f64 =
         [x, y].map(|s| if s.is_round() { s.shape.bounding_capsule().radius } else { 0.0 }).iter().sum();
     let up = |x: f64| (x * (1.0 + 4.0 * U)) as f32;
+    let ball_and_box = ((x.is_ball() && y.is_box()) || (x.is_box() && y.is_ball())) && !x.hull && !y.hull;
+    // The ball's center may be farther from the box than the box is large.
+    let turn = if x.is_box() { x.turn } else { y.turn };
+    let measured = band + turn * (balls + clearance);
     PairTest {
         a: left,
         b: right,
@@ -317,6 +430,10 @@ fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance:
         inner: ((inside + clearance - band) * (1.0 - 4.0 * U)) as f32,
         apart: up(round_radii + clearance + band),
         round: is_round,
+        ball_and_box: ball_and_box.then(|| BallAndBox {
+            inner: ((round_radii + clearance - measured) * (1.0 - 4.0 * U)) as f32,
+            apart: up(round_radii + clearance + measured),
+        }),
         held: (x.hull || y.hull).then(|| Held {
             half: [0, 1].map(|i| ([x, y][i].inner.share * capsules[i].half_axis.norm()) as f32),
             inner: ((x.inner.radius + y.inner.radius + clearance - band) * (1.0 - 4.0 * U)) as f32,
@@ -327,5 +444,13 @@ fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance:
 impl Sized {
     fn is_round(&self) -> bool {
         matches!(self.shape, Shape::Sphere { .. } | Shape::Capsule { .. })
+    }
+
+    fn is_box(&self) -> bool {
+        matches!(self.shape, Shape::Box { .. })
+    }
+
+    fn is_ball(&self) -> bool {
+        matches!(self.shape, Shape::Sphere { .. })
     }
 }

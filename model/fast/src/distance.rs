@@ -12,7 +12,7 @@
 
 use crate::kernel::Block;
 use crate::lanes::{Lanes, Mask};
-use crate::program::{Form, PairTest, Program, Solid};
+use crate::program::{BallAndBox, Form, PairTest, Program, Solid};
 use crate::vector::{Rows3, V3};
 
 /// Projections before a pair is left to the reference.
@@ -65,6 +65,9 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     if near == 0 {
         return APART;
     }
+    if let Some(sizes) = &pair.ball_and_box {
+        return measure::<L, MOVES>(&a, &b, between, sizes, near, motion);
+    }
     // Axes of the capsules that hold them, their nearest points, and the direction from the second to the first.
     let (u, v) = (a.axis(0), b.axis(0));
     let half = [L::splat(pair.half[0]), L::splat(pair.half[1])];
@@ -96,6 +99,42 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     solid::<MOVES>(pair, found, held)
 }
 
+/// A ball and a box, in closed form.
+#[inline(always)]
+fn measure<L: Lanes, const MOVES: bool>(
+    a: &Placed<L>,
+    b: &Placed<L>,
+    between: V3<L>,
+    sizes: &BallAndBox,
+    near: Mask,
+    motion: L,
+) -> Found {
+    let squared = if let Form::Box { half, .. } = a.form {
+        beyond::<L>(a, half, between)
+    } else if let Form::Box { half, .. } = b.form {
+        beyond::<L>(b, half, between)
+    } else {
+        // Cannot be: nothing is known of such a pair.
+        return Found { touching: 0, doubtful: near, open: near, stuck: 0 };
+    };
+    let touching = touching(squared, sizes.inner) & near;
+    let far = L::splat(sizes.apart);
+    let free = (far * far).below(squared);
+    let open = if MOVES { near & !((far + motion) * (far + motion)).below(squared) } else { near };
+    Found { touching, doubtful: near & !touching & !free, open, stuck: 0 }
+}
+
+/// Squared distance of a point from a box, given the way between its center and the point.
+#[inline(always)]
+fn beyond<L: Lanes>(solid: &Placed<L>, half: [f32; 3], way: V3<L>) -> L {
+    let mut squared = L::splat(0.0);
+    for i in 0..3 {
+        let over = (solid.axis(i).dot(way).abs() - L::splat(half[i])).max(L::splat(0.0));
+        squared = over.mul_add(over, squared);
+    }
+    squared
+}
+
 /// What is known of a pair whose shapes may hold hulls: shapes that are apart have hulls that are apart, hulls touch where capsules
 /// within them do, and of all others the reference knows.
 #[inline(always)]
@@ -107,7 +146,8 @@ fn solid<const MOVES: bool>(pair: &PairTest, found: Found, held: Mask) -> Found 
     Found { touching: held, doubtful: (found.touching | found.doubtful) & !held, open: found.open, stuck }
 }
 
-/// The lanes in which a ball's center is nearer to the axis of a solid's capsule, up to this half length, than that.
+/// The lanes in which a ball's center is nearer to the axis of a solid's capsule, up to this half length, or to a box, than
+/// that.
 #[inline(always)]
 pub(crate) fn beside<L: Lanes, const MOVES: bool>(
     program: &Program,
@@ -118,6 +158,9 @@ pub(crate) fn beside<L: Lanes, const MOVES: bool>(
 ) -> Mask {
     let solid = placed::<L>(program, block, of as usize);
     let way = V3::load(&block.centers[ball as usize]).minus(solid.center);
+    if let Form::Box { half, .. } = solid.form {
+        return within::<L, MOVES>(beyond::<L>(&solid, half, way), within_squared, motion);
+    }
     let axis = solid.axis(0);
     let off = way.against(axis, way.dot(axis).clamp(L::splat(half)));
     within::<L, MOVES>(off.squared(), within_squared, motion)

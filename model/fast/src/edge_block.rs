@@ -73,19 +73,35 @@ impl FastScene {
         }
     }
 
-    /// Asks the scalar engine about what the lanes could not tell.
+    /// Asks the scalar engine about what the lanes could not tell: whether a pair may touch on the interval, and if so,
+    /// whether it touches at the middle. One contact decides a lane, so that a deep one is not halved down to the
+    /// resolution.
     fn resolve_stuck(&mut self, edges: &[f64], block: &[Interval], level: u32, pose: &mut Vec<f64>) {
         let stuck = std::mem::take(&mut self.intervals.stuck);
-        for Stuck { unit, pair, lanes, motion } in &stuck {
-            for (lane, interval) in block.iter().enumerate().filter(|(lane, _)| lanes >> lane & 1 != 0) {
-                let margin = self.clearance + f64::from(motion.0[lane]) + REFERENCE;
-                self.figures.stuck += 1;
-                self.pose_at(edges, interval.edge as usize, middle(interval, level), pose);
-                if self.reference.any_touches(pose, [self.program.pairs[*pair].ids].into_iter(), margin) {
-                    match self.intervals.open.iter_mut().find(|(open, _)| open == unit) {
-                        Some((_, open)) => *open |= 1 << lane,
-                        None => self.intervals.open.push((*unit, 1 << lane)),
+        let lanes = stuck.iter().fold(0, |all, s| all | s.lanes);
+        for (lane, interval) in block.iter().enumerate().filter(|(lane, _)| lanes >> lane & 1 != 0) {
+            let mut stands = false;
+            for Stuck { unit, pair, motion, .. } in stuck.iter().filter(|s| s.lanes >> lane & 1 != 0) {
+                // Where something touches it does not matter what else does, only that it may.
+                if self.intervals.touching[lane] == NONE {
+                    if !stands {
+                        self.pose_at(edges, interval.edge as usize, middle(interval, level), pose);
+                        self.reference.stand(pose);
+                        stands = true;
                     }
+                    let ids = self.program.pairs[*pair].ids;
+                    let margin = self.clearance + f64::from(motion.0[lane]) + REFERENCE;
+                    self.figures.stuck += 1;
+                    if !self.reference.touches(ids, margin) {
+                        continue;
+                    }
+                    if self.reference.touches(ids, self.clearance) {
+                        self.intervals.touching[lane] = *pair;
+                    }
+                }
+                match self.intervals.open.iter_mut().find(|(open, _)| open == unit) {
+                    Some((_, open)) => *open |= 1 << lane,
+                    None => self.intervals.open.push((*unit, 1 << lane)),
                 }
             }
         }

@@ -125,7 +125,7 @@ impl FastScene {
     /// If the numbers are not a whole number of edges.
     pub fn certify(&mut self, edges: &[f64], verdicts: &mut Vec<EdgeVerdict>) -> Result<(), FastError> {
         verdicts.clear();
-        self.halve_all(edges, COARSER, |state| {
+        self.halve_all(edges, (COARSER, MOST_OPEN), |state| {
             verdicts.push(match (state.blocked, state.uncertified) {
                 (Some(obstruction), _) => EdgeVerdict::Blocked(obstruction),
                 (None, Some(at)) => EdgeVerdict::Uncertified { at },
@@ -140,13 +140,28 @@ impl FastScene {
     /// # Errors
     /// As [`FastScene::certify`].
     pub fn edges_free(&mut self, edges: &[f64], free: &mut Vec<bool>) -> Result<(), FastError> {
+        self.edges_free_within(edges, MOST_OPEN, free)
+    }
+
+    /// As [`FastScene::edges_free`], but an edge is given up where more than `most` of its intervals are not proved at a time, and
+    /// counts as not free: one that goes close along something takes long to certify, and who has a choice takes another.
+    ///
+    /// # Errors
+    /// As [`FastScene::certify`].
+    pub fn edges_free_within(&mut self, edges: &[f64], most: usize, free: &mut Vec<bool>) -> Result<(), FastError> {
         free.clear();
-        self.halve_all(edges, MOST_LEVELS, |state| free.push(state.blocked.is_none() && state.uncertified.is_none()))
+        let is_free = |state: &State| state.blocked.is_none() && state.uncertified.is_none();
+        self.halve_all(edges, (MOST_LEVELS, most.min(MOST_OPEN)), |state| free.push(is_free(state)))
     }
 
     /// Calls with what became of each edge. The place of a contact is known by so many halvings less well than the
-    /// resolution.
-    fn halve_all(&mut self, edges: &[f64], coarser: u32, mut done: impl FnMut(&State)) -> Result<(), FastError> {
+    /// resolution; an edge with more intervals open than the second number is given up.
+    fn halve_all(
+        &mut self,
+        edges: &[f64],
+        limits: (u32, usize),
+        mut done: impl FnMut(&State),
+    ) -> Result<(), FastError> {
         let motors = self.motors();
         if motors == 0 || !edges.len().is_multiple_of(2 * motors) {
             return Err(FastError::Edges { given: edges.len(), motors });
@@ -154,7 +169,7 @@ impl FastScene {
         let mut buffers = std::mem::take(&mut self.edges);
         self.keep_still(edges, &mut buffers);
         for edges in edges.chunks(2 * motors * TOGETHER) {
-            self.halve_together(edges, coarser, &mut buffers);
+            self.halve_together(edges, limits, &mut buffers);
             buffers.states.iter().for_each(&mut done);
         }
         self.edges = buffers;
@@ -187,7 +202,7 @@ impl FastScene {
         }
     }
 
-    fn halve_together(&mut self, edges: &[f64], coarser: u32, all: &mut Edges) {
+    fn halve_together(&mut self, edges: &[f64], (coarser, most_open): (u32, usize), all: &mut Edges) {
         let length = 2 * self.motors();
         all.states.clear();
         all.open.clear();
@@ -211,7 +226,7 @@ impl FastScene {
                 self.judge_block(edges, block, level, all);
             }
             all.open = open;
-            halve(all, level, coarser);
+            halve(all, level, (coarser, most_open));
             std::mem::swap(&mut all.units, &mut all.next_units);
             level += 1;
         }
@@ -254,7 +269,7 @@ impl FastScene {
 
 /// The next level: both halves of what is not proved, but for what comes after a contact; and what is too short to be
 /// halved, or too much.
-fn halve(all: &mut Edges, level: u32, coarser: u32) {
+fn halve(all: &mut Edges, level: u32, (coarser, most_open): (u32, usize)) {
     all.open.clear();
     let parts = f64::from(1u32 << level);
     for of_edge in all.next.chunk_by(|a, b| a.edge == b.edge) {
@@ -263,7 +278,7 @@ fn halve(all: &mut Edges, level: u32, coarser: u32) {
         let before = |index: u32, parts: f64| state.blocked.is_none_or(|b| f64::from(index) / parts < b.at);
         let counted = of_edge.iter().take_while(|i| before(i.index, parts)).count();
         let levels = if state.blocked.is_some() { state.levels.saturating_sub(coarser) } else { state.levels };
-        if level < levels && counted <= MOST_OPEN {
+        if level < levels && counted <= most_open {
             for interval in &of_edge[..counted] {
                 for index in [2 * interval.index, 2 * interval.index + 1] {
                     if before(index, 2.0 * parts) {

@@ -1,6 +1,6 @@
 //! A scene compiled for many poses.
 
-use crate::compile::{Compiled, compile};
+use crate::compile::{Compiled, RobotFacts, compile};
 use crate::edges::Edges;
 use crate::intervals::Intervals;
 use crate::isa::{InstructionSet, Runner, checked};
@@ -15,6 +15,8 @@ use std::sync::Arc;
 /// Most poses that the order of tests is learned from, and how many for each pair: few pairs are in order soon.
 const SAMPLE: usize = 4096;
 const SAMPLE_PAIR: usize = 8;
+/// Poses that the order of tests with obstacles is learned from, where that of the robots' own is known.
+const SAMPLE_OBSTACLES: usize = 256;
 /// Poses of a block that satisfy the constraints and are judged at once; fewer wait for others.
 const FULL: u32 = 12;
 /// Their seed: equal scenes have equal programs.
@@ -98,6 +100,8 @@ pub struct FastScene {
     pub(crate) intervals: Intervals,
     pub(crate) edges: Edges,
     pub(crate) reference: Reference,
+    /// What holds of the robots, whatever stands about them.
+    facts: Arc<RobotFacts>,
     /// Per cut of the program: the poses that wait there for a full block.
     waiting: Vec<Vec<usize>>,
     pub(crate) figures: FastFigures,
@@ -124,7 +128,7 @@ impl FastScene {
     /// # Errors
     /// As [`FastScene::new`], and if the processor lacks the instructions.
     pub fn with_instructions(scene: &Scene, clearance: f64, set: InstructionSet) -> Result<Self, FastError> {
-        Self::compiled(scene, scene.pairs().to_vec(), clearance, set)
+        Self::compiled(scene, scene.pairs().to_vec(), clearance, set, RobotFacts::default())
     }
 
     /// As [`FastScene::new`], for some pairs alone: a robot with itself, with the world, or with one object. Limits and
@@ -138,22 +142,47 @@ impl FastScene {
     /// As [`FastScene::new`].
     pub fn of_pairs(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
         let kept = scene.pairs().iter().copied().filter(|(a, b)| keep(*a, *b)).collect();
-        Self::compiled(scene, kept, clearance, best())
+        Self::compiled(scene, kept, clearance, best(), RobotFacts::default())
     }
 
-    fn compiled(scene: &Scene, kept: Vec<IndexPair>, clearance: f64, set: InstructionSet) -> Result<Self, FastError> {
+    /// The same robots among other obstacles, as [`FastScene::of_pairs`]: what was proved and learned of the robots themselves is
+    /// used again, which is most of the work. Compiles from the beginning if the robots are not the same ones at the same
+    /// places.
+    ///
+    /// # Errors
+    /// None but for what [`FastScene::of_pairs`] has.
+    pub fn among(&self, scene: &Scene, keep: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
+        let before = self.reference.scene();
+        let (robots, others) = (scene.robots(), before.robots());
+        let is_same = robots.len() == others.len()
+            && robots.iter().zip(others).all(|(a, b)| Arc::ptr_eq(a, b))
+            && (0..robots.len()).all(|r| scene.base(r) == before.base(r));
+        let facts = if is_same { RobotFacts::clone(&self.facts) } else { RobotFacts::default() };
+        let kept = scene.pairs().iter().copied().filter(|(a, b)| keep(*a, *b)).collect();
+        Self::compiled(scene, kept, self.clearance, self.runner.set(), facts)
+    }
+
+    fn compiled(
+        scene: &Scene,
+        kept: Vec<IndexPair>,
+        clearance: f64,
+        set: InstructionSet,
+        mut facts: RobotFacts,
+    ) -> Result<Self, FastError> {
         if !(0.0..f64::INFINITY).contains(&clearance) {
             return Err(FastError::Clearance(clearance));
         }
         let runner = checked(set).ok_or(FastError::Instructions(set))?;
-        let Compiled { program, layout, pruned, mut movers } = compile(scene, &kept, clearance);
+        let Compiled { program, layout, pruned, mut movers } = compile(scene, &kept, clearance, &mut facts);
         let figures = FastFigures { pairs: kept.len(), pruned, ..FastFigures::default() };
         let block = Block::new(&program);
         let reference = Reference::new(scene, kept);
         let program = Arc::new(program);
         let (intervals, edges) = Default::default();
         let waiting = Vec::new();
-        let mut fast = FastScene { program, clearance, runner, block, intervals, edges, reference, waiting, figures };
+        let facts = Arc::new(facts);
+        let mut fast =
+            FastScene { program, clearance, runner, block, intervals, edges, reference, facts, waiting, figures };
         let decided = fast.evidence(scene);
         let program = Arc::make_mut(&mut fast.program);
         layout.write(program, &decided);
@@ -169,7 +198,9 @@ impl FastScene {
         let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SEED)).collect();
         // All the way with every lane: none goes on elsewhere.
         Arc::make_mut(&mut self.program).cuts = vec![0, self.program.units.len()];
-        for _ in 0..SAMPLE.min(SAMPLE_PAIR * self.program.pairs.len()) / WIDTH {
+        let most = if self.facts.decided.is_empty() { SAMPLE } else { SAMPLE_OBSTACLES };
+        let poses = most.min(SAMPLE_PAIR * self.program.pairs.len());
+        for _ in 0..poses / WIDTH {
             for lane in 0..WIDTH {
                 let pose: Vec<f64> = robots.iter_mut().filter_map(Iterator::next).flatten().collect();
                 self.load(lane, &pose);
@@ -178,7 +209,27 @@ impl FastScene {
             let asked = !violated;
             self.runner.judge(&self.program, &mut self.block, asked, 0);
         }
-        std::mem::take(&mut self.block.decided)
+        let mut decided = std::mem::take(&mut self.block.decided);
+        self.share_evidence(scene, &mut decided, poses);
+        decided
+    }
+
+    /// Learns of the robots' own pairs, or puts what is known of them in place of what few poses showed. Counts are those of
+    /// [`SAMPLE`] poses.
+    fn share_evidence(&mut self, scene: &Scene, decided: &mut [u32], poses: usize) {
+        let pairs = self.program.pairs.iter().map(|pair| pair.ids).zip(decided.iter_mut());
+        if !self.facts.decided.is_empty() {
+            let more = SAMPLE / poses.max(1);
+            for (pair, lanes) in pairs {
+                *lanes = self.facts.decided(pair).unwrap_or(*lanes * more as u32);
+            }
+            return;
+        }
+        let is_robot = |shape: u32| scene.shape_id(shape).is_some_and(|id| id.robot().is_some());
+        let own = pairs.filter(|((a, b), _)| is_robot(*a) && is_robot(*b));
+        let mut known: Vec<(IndexPair, u32)> = own.map(|(pair, lanes)| (pair, *lanes)).collect();
+        known.sort_unstable();
+        Arc::make_mut(&mut self.facts).decided = known;
     }
 
     /// The instructions that it runs with.
@@ -291,7 +342,7 @@ impl FastScene {
     }
 
     /// Whether a pair that is in doubt in this lane touches.
-    fn doubt_touches(&mut self, pose: &[f64], lane: Mask) -> bool {
+    pub(crate) fn doubt_touches(&mut self, pose: &[f64], lane: Mask) -> bool {
         let doubts = self.block.doubts.iter().filter(|(_, lanes)| lanes & lane != 0);
         let pairs = doubts.map(|(pair, _)| self.program.pairs[*pair].ids);
         self.reference.any_touches(pose, pairs, self.clearance)

@@ -38,6 +38,8 @@ pub(crate) struct Block {
     turns: Vec<Option<Box<[Row; 2]>>>,
     /// Lanes in which rounding could decide about a pair: (pair, lanes).
     pub doubts: Vec<(usize, Mask)>,
+    /// Whether the lanes are poses of one line, so that a contact in any lane ends the judgment of all.
+    pub one_decides: bool,
     /// Per pair, in how many lanes it decided; empty unless evidence is gathered.
     pub decided: Vec<u32>,
 }
@@ -164,7 +166,7 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
             Step::Pair(index) => {
                 let found = test_pair::<L, false>(program, block, &program.pairs[index], live, L::splat(0.0));
                 if found.touching | found.doubtful != 0 {
-                    live &= !found.touching;
+                    live = if block.one_decides && found.touching != 0 { 0 } else { live & !found.touching };
                     if found.doubtful != 0 {
                         block.doubts.push((index, found.doubtful));
                     }

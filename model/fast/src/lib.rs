@@ -33,6 +33,7 @@
 //! * **Edges** (`edges.rs`, `intervals.rs`): intervals of edges in the lanes, each judged at its middle with a bound on what
 //!   moves from there to its ends (`motion.rs`, `levers.rs`) as a margin. What is too near is halved, and both halves
 //!   are asked about it alone.
+//! * **Samples** (`samples.rs`): one line looked at in places, no proof: what a search asks first.
 //! * **Instructions** (`isa.rs`): AVX-512, AVX2 or none, chosen at run time; one source, generic over the lanes
 //!   (`lanes.rs`).
 //!
@@ -57,6 +58,7 @@ mod program;
 mod proof;
 mod reference;
 mod regions;
+mod samples;
 mod steps;
 mod sweep;
 #[cfg(test)]

@@ -191,8 +191,19 @@ pub(crate) struct PairTest {
     pub apart: f32,
     /// Whether the capsules are the shapes themselves.
     pub round: bool,
+    /// If one is a ball and the other a box, both without hulls: their distance has a closed form.
+    pub ball_and_box: Option<BallAndBox>,
     /// If of a shape only its hull is solid: what is known to be solid of both.
     pub held: Option<Held>,
+}
+
+/// Thresholds for the distance of a ball's center and a box, meters.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BallAndBox {
+    /// Nearer than this: not free.
+    pub inner: f32,
+    /// Farther than this: free.
+    pub apart: f32,
 }
 
 /// Capsules within two solids, on the axes of those that hold them: near ones prove a contact.
@@ -208,7 +219,7 @@ pub(crate) struct Held {
 pub(crate) enum Step {
     /// If two centers (balls, then solids) are farther apart than this in every lane that counts: on to step `skip`.
     Near { a: u32, b: u32, within_squared: f32, skip: u32 },
-    /// The same of a ball's center and the axis of a solid's capsule, up to this half length.
+    /// The same of a ball's center and the axis of a solid's capsule, up to this half length, or a box itself.
     Beside { ball: u32, of: u32, half: f32, within_squared: f32, skip: u32 },
     /// Place a region, unless it is.
     Region(usize),

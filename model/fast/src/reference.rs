@@ -21,6 +21,11 @@ impl Reference {
         Reference { scene: scene.clone(), engine, placement: Default::default(), frames: Vec::new(), pairs }
     }
 
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// Who a collider is.
     pub fn shape_id(&self, collider: u32) -> Option<ShapeId> {
         self.scene.shape_id(collider)
@@ -50,7 +55,13 @@ impl Reference {
     }
 
     /// Whether any of these pairs touches.
-    pub fn any_touches(&mut self, pose: &[f64], pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
+    pub fn any_touches(&mut self, pose: &[f64], mut pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
+        self.stand(pose);
+        pairs.any(|pair| self.touches(pair, clearance))
+    }
+
+    /// Places everything at a pose.
+    pub fn stand(&mut self, pose: &[f64]) {
         let mut frames = std::mem::take(&mut self.frames);
         frames.clear();
         for (skeleton, own) in self.scene.skeletons().iter().zip(self.robots(pose)) {
@@ -59,12 +70,11 @@ impl Reference {
         frames.push(Isometry3::identity());
         self.frames = frames;
         self.engine.place_frames(&self.frames, &mut self.placement);
-        for pair in pairs {
-            self.engine.place_pair(&mut self.placement, pair);
-            if self.engine.touches(&self.placement, pair, clearance) {
-                return true;
-            }
-        }
-        false
+    }
+
+    /// Whether a pair touches at the pose of [`Reference::stand`].
+    pub fn touches(&mut self, pair: IndexPair, clearance: f64) -> bool {
+        self.engine.place_pair(&mut self.placement, pair);
+        self.engine.touches(&self.placement, pair, clearance)
     }
 }

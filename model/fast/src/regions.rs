@@ -13,6 +13,7 @@ const REGION: f64 = 0.12;
 const REGION_FRAMES: usize = 3;
 
 /// A subtree that is small at every pose: a hand, or a finger of it, which is placed on demand.
+#[derive(Clone, Debug)]
 pub(crate) struct Region {
     /// A hand's uppermost frame, which is always placed.
     pub root: usize,

@@ -51,6 +51,8 @@ pub(crate) struct Size {
     pub radius: f64,
     /// How far rounding displaces any of its points.
     pub error: f64,
+    /// Of a box: by how much rounding can be wrong about its axes (spectral norm).
+    pub turn: Option<f64>,
 }
 
 impl Layout {
@@ -156,13 +158,17 @@ impl Layout {
         (within * within * (1.0 + TESTS)) as f32
     }
 
-    /// A ball's center that is farther from the axis of a solid's capsule has nothing of the solid near it.
+    /// A ball's center that is farther from the axis of a solid's capsule, or from a box itself, has nothing of the solid near
+    /// it.
     ///
-    /// The solid's error counts twice: for where its axis is, and for where on it the nearest point is looked for.
+    /// The solid's error counts twice: for where its axis is, and for where on it the nearest point is looked for. Of a box
+    /// the center may be farther away than the box is large, so its axes' error counts along all of that way.
     pub fn beside_squared(&self, ball: usize, of: usize) -> f32 {
         let ((r, e), solid) = (self.balls[ball], self.solids[of]);
-        let within = r + solid.radius + self.clearance;
-        let within = within + (within + solid.half) * TESTS + e + 2.0 * solid.error;
+        let (radius, beyond, share) =
+            solid.turn.map_or((solid.radius, solid.half, TESTS), |turn| (0.0, solid.ball, TESTS + turn));
+        let within = r + radius + self.clearance;
+        let within = within + (within + beyond) * share + e + 2.0 * solid.error;
         (within * within * (1.0 + TESTS)) as f32
     }
 }

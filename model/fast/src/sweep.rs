@@ -15,6 +15,9 @@ impl Sphere {
     /// A small ball around balls: the center goes toward the farthest one by ever smaller steps (Bădoiu and Clarkson).
     pub fn around(balls: &[Sphere]) -> Sphere {
         let Some(first) = balls.first() else { return Sphere { center: Vector3::zeros(), radius: 0.0 } };
+        if balls.len() == 1 {
+            return *first;
+        }
         let mut center = first.center;
         let reach = |center: &Vector3<f64>, ball: &Sphere| (ball.center - center).norm() + ball.radius;
         for step in 1..=200 {
@@ -81,12 +84,15 @@ pub(crate) fn common(frames: &[LaneFrame], a: usize, b: usize) -> Option<usize> 
     above(frames, a).find(|f| above(frames, b).any(|g| g == *f))
 }
 
+/// Where a ball of a frame can be in the world.
+pub(crate) fn in_world(frames: &[LaneFrame], frame: usize, ball: Sphere) -> Sphere {
+    let base = above(frames, frame).last().unwrap_or(frame);
+    ball.swept(frames, frame, base).moved(&frames[base].fixed)
+}
+
 /// A distance that two balls keep at every pose, meters.
 pub(crate) fn least_distance(frames: &[LaneFrame], a: (usize, Sphere), b: (usize, Sphere)) -> f64 {
-    let world = |(frame, ball): (usize, Sphere)| {
-        let base = above(frames, frame).last().unwrap_or(frame);
-        ball.swept(frames, frame, base).moved(&frames[base].fixed)
-    };
+    let world = |(frame, ball): (usize, Sphere)| in_world(frames, frame, ball);
     let (p, q) = match common(frames, a.0, b.0) {
         Some(common) => (a.1.swept(frames, a.0, common), b.1.swept(frames, b.0, common)),
         None => (world(a), world(b)),

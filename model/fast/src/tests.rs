@@ -2,7 +2,7 @@
 
 use crate::bound::U;
 use crate::chain::LaneFrame;
-use crate::compile::{Compiled, compile};
+use crate::compile::{Compiled, RobotFacts, compile};
 use crate::isa::{InstructionSet, checked};
 use crate::kernel::{Block, place_group, place_region, sine_cosine, start_placing};
 use crate::lanes::{Lanes, Mask, Portable, Row, WIDTH, WideRow};
@@ -29,7 +29,7 @@ fn scene(name: &str) -> (Arc<Robot>, Scene) {
 /// Calls with the poses that lanes were given, and the block that they were judged in, for each set of instructions.
 fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &Block, &[usize])) {
     let (robot, scene) = scene(name);
-    let mut compiled = compile(&scene, scene.pairs(), 10.0);
+    let mut compiled = compile(&scene, scene.pairs(), 10.0, &mut RobotFacts::default());
     // Everything is near at ten meters, but nothing touches by then that would end the block: only frames are asked for
     // here.
     compiled.program.units.clear();
@@ -87,7 +87,7 @@ fn frames_keep_to_their_bounds() {
 fn a_pair_keeps_the_distance_that_is_proved() {
     for name in ["icub", "katana"] {
         let (robot, scene) = scene(name);
-        let frames = compile(&scene, scene.pairs(), 0.0).movers.frames;
+        let frames = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).movers.frames;
         let balls: Vec<(usize, Sphere)> = scene
             .colliders()
             .map(|c| {
@@ -116,7 +116,8 @@ fn a_pair_keeps_the_distance_that_is_proved() {
 fn what_moves_keeps_to_its_bound() {
     for name in ["icub", "katana", "panda"] {
         let (robot, scene) = scene(name);
-        let Compiled { mut program, layout, mut movers, .. } = compile(&scene, scene.pairs(), 0.0);
+        let Compiled { mut program, layout, mut movers, .. } =
+            compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default());
         layout.write_motions(&mut program, &mut movers);
         let (mut block, mut motions) = (Block::new(&program), Motions::new(&program));
         let mut poses = random_poses(&robot, 6);
@@ -204,7 +205,7 @@ fn a_ball_holds_the_balls_it_is_around() {
 #[test]
 fn fingers_are_regions_of_their_own() {
     let (_, scene) = scene("icub");
-    let program = compile(&scene, scene.pairs(), 0.0).program;
+    let program = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).program;
     let fingers = program.regions.iter().skip(1).filter(|joints| (3..=4).contains(&joints.len())).count();
     assert_eq!(fingers, 10, "two hands: {:?}", program.regions);
     // A finger's ball is asked about before the finger is placed: it is on what carries the finger.
@@ -221,8 +222,12 @@ fn pairs_that_are_left_out_keep_apart() {
     for (name, least) in [("icub", 70), ("katana", 0), ("panda", 0)] {
         let (robot, scene) = scene(name);
         for clearance in [0.0, 0.02] {
-            let kept: BTreeSet<IndexPair> =
-                compile(&scene, scene.pairs(), clearance).program.pairs.iter().map(|pair| pair.ids).collect();
+            let kept: BTreeSet<IndexPair> = compile(&scene, scene.pairs(), clearance, &mut RobotFacts::default())
+                .program
+                .pairs
+                .iter()
+                .map(|pair| pair.ids)
+                .collect();
             let left: Vec<Pair> = scene
                 .pairs()
                 .iter()
@@ -251,7 +256,7 @@ fn pairs_that_are_left_out_keep_apart() {
 fn a_point_crosses_joints_as_they_stand() {
     for name in ["icub", "panda"] {
         let (robot, scene) = scene(name);
-        let frames = compile(&scene, scene.pairs(), 0.0).movers.frames;
+        let frames = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).movers.frames;
         let proofs = Proofs::new(&frames, &[], 0.0);
         let (mut ways, mut worst) = (0, 0.0f64);
         for pose in random_poses(&robot, 8).take(20) {
@@ -288,7 +293,7 @@ fn a_point_crosses_joints_as_they_stand() {
 #[test]
 fn sine_and_cosine_keep_to_their_bound() {
     let (_, scene) = scene("katana");
-    let mut joint = Some(compile(&scene, scene.pairs(), 0.0).program.joints[0].clone());
+    let mut joint = Some(compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).program.joints[0].clone());
     let mut worst = 0.0f64;
     for turns in [0.0, 1.0, -1000.0] {
         let joint = joint.as_mut().expect("a joint");

@@ -74,10 +74,7 @@ impl<'a> Writer<'a> {
     pub fn two_units(&mut self, (u, v): (Unit, Unit), pairs: Vec<usize>) {
         match (u, v) {
             // They are the units, and were asked already.
-            (Unit::Group(g), Unit::Group(h)) => {
-                self.place([g, h]);
-                self.pairs_of((g, h), pairs);
-            }
+            (Unit::Group(g), Unit::Group(h)) => self.pairs_of((g, h), pairs),
             (_, Unit::Group(h)) => {
                 self.steps.push(Step::Group(h));
                 let hand = self.layout.unit_ball(u);
@@ -120,24 +117,30 @@ impl<'a> Writer<'a> {
                 for ([g, h], pairs) in w.by(pairs, |w, p| w.groups(p)) {
                     w.region(g);
                     w.region(h);
-                    w.within(
-                        |w| w.near(g, h),
-                        |w| {
-                            w.place([g, h]);
-                            w.pairs_of((g, h), pairs);
-                        },
-                    );
+                    w.within(|w| w.near(g, h), |w| w.pairs_of((g, h), pairs));
                 }
             };
             self.within(|w| w.near(finger, other), both);
         }
     }
 
-    /// All pairs of two groups; where there are many, shape by shape of the first against the second's ball.
+    /// All pairs of two groups; where there are many, shape by shape of the first against the second's ball. A box that is
+    /// alone in its group is compared with the other's ball first, as the ball around a board holds much that is not near it.
     fn pairs_of(&mut self, (g, h): (usize, usize), pairs: Vec<usize>) {
         let size = |group: usize| self.layout.groups[group].len();
         let (one, other) = if size(g) <= size(h) { (g, h) } else { (h, g) };
         let pairs: Vec<usize> = self.by(pairs, |_, p| p).into_iter().map(|(p, _)| p).collect();
+        let solid = self.layout.groups[one].start;
+        if size(one) == 1 && self.layout.solids[solid].turn.is_some() {
+            self.place([one, one]);
+            let rest = |w: &mut Self| {
+                w.place([other, other]);
+                w.steps.extend(pairs.into_iter().map(Step::Pair));
+            };
+            self.within(|w| w.beside(other, solid), rest);
+            return;
+        }
+        self.place([g, h]);
         if size(other) < MANY {
             self.steps.extend(pairs.into_iter().map(Step::Pair));
             return;
@@ -156,8 +159,11 @@ impl<'a> Writer<'a> {
         }
     }
 
-    fn place(&mut self, groups: [usize; 2]) {
-        self.steps.extend(groups.map(Step::Group));
+    fn place(&mut self, [one, other]: [usize; 2]) {
+        self.steps.push(Step::Group(one));
+        if other != one {
+            self.steps.push(Step::Group(other));
+        }
     }
 
     /// Places what a group hangs on, unless that always is.

@@ -58,8 +58,7 @@ impl Ways {
     pub fn look(&mut self, leg: &Leg, view: &View) -> Result<(), FastError> {
         for (kept, room) in [(&mut self.space, 0.0), (&mut self.roomy, ROOM)] {
             let motors = leg.map.motors();
-            let fitting = kept.take().filter(|space| space.fits(view, motors, room));
-            let mut space = fitting.map_or_else(|| JointSpace::of(view, motors, room), Ok)?;
+            let mut space = JointSpace::renewed(kept.take(), view, motors, room)?;
             space.stand(&view.scene, &view.poses);
             avoid_failed(&mut space, leg);
             *kept = Some(space);

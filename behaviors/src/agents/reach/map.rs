@@ -135,8 +135,7 @@ impl ReachAgent {
     /// The space of the map's motors in the scene as it is now.
     pub(super) fn look_at_scene(&mut self, view: &View) {
         let motors = self.walker.map.motors();
-        let kept = self.space.take().filter(|space| space.fits(view, motors, 0.0));
-        let mut space = kept.or_else(|| JointSpace::of(view, motors, 0.0).ok());
+        let mut space = JointSpace::renewed(self.space.take(), view, motors, 0.0).ok();
         if let Some(space) = &mut space {
             space.stand(&view.scene, &view.poses);
         }

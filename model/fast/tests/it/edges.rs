@@ -274,3 +274,84 @@ fn edges_that_leave_the_limits() {
     let refused = fast.certify(&vec![0.0; 3 * motors], &mut Vec::new());
     assert_eq!(refused, Err(FastError::Edges { given: 3 * motors, motors }));
 }
+
+/// A contact that only the scalar engine can tell ends its edge where it is found, and is not halved down to the resolution.
+#[test]
+fn a_deep_contact_of_hulls_ends_its_edge_soon() {
+    for seed in [1, 4] {
+        let scene = Scene::new(vec![(hulled(&made_up("one", seed), seed), Isometry3::identity())], obstacles(seed, 3));
+        let scene = scene.expect("a scene");
+        let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
+        let (mut free, mut intervals) = (Vec::new(), Vec::new());
+        for edge in edges(&scene, seed, 200, 1.0).chunks_exact(2 * fast.motors()) {
+            let before = fast.figures().intervals;
+            fast.edges_free(edge, &mut free).expect("a whole edge");
+            if free == [false] {
+                intervals.push(fast.figures().intervals - before);
+            }
+        }
+        intervals.sort_unstable();
+        assert!(intervals.len() > 50, "only {} are blocked", intervals.len());
+        let (median, most) = (intervals[intervals.len() / 2], intervals[intervals.len() * 9 / 10]);
+        eprintln!("seed {seed}: {median} intervals in the median, {most} for one in ten");
+        assert!(median <= 256 && most <= 256, "{median} intervals in the median, {most} for one in ten");
+    }
+}
+
+/// A sample is what the pose is, hulls and constraints included, and an edge that is certified has free samples.
+#[test]
+fn samples_of_an_edge_are_its_poses() {
+    let scenes = [
+        Scene::new(vec![(shipped("icub"), Isometry3::identity())], obstacles(3, 20)),
+        Scene::new(vec![(shipped("katana"), Isometry3::identity())], obstacles(5, 6)),
+        Scene::new(vec![(hulled(&made_up("one", 1), 1), Isometry3::identity())], obstacles(1, 3)),
+    ];
+    let mut all = [0; 2];
+    for (s, scene) in scenes.into_iter().enumerate() {
+        let scene = scene.expect("a scene");
+        let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
+        let edges = [edges(&scene, 7, 150, 0.02), edges(&scene, 8, 150, 0.2)].concat();
+        let (mut verdicts, mut free, mut seen) = (Vec::new(), Vec::new(), [0; 2]);
+        fast.certify(&edges, &mut verdicts).expect("whole edges");
+        for (e, (edge, verdict)) in edges.chunks_exact(2 * fast.motors()).zip(verdicts).enumerate() {
+            let sampled = fast.samples_free(edge, 20).expect("a whole edge");
+            let (from, to) = edge.split_at(edge.len() / 2);
+            let poses: Vec<f64> = (1..=32).flat_map(|k| between(from, to, f64::from(k) / 32.0)).collect();
+            fast.free(&poses, &mut free).expect("whole poses");
+            assert_eq!(sampled, !free.contains(&false), "scene {s}, edge {e}");
+            assert!(sampled || verdict != EdgeVerdict::Free, "scene {s}, edge {e}: certified, but not free");
+            seen[usize::from(sampled)] += 1;
+        }
+        all.iter_mut().zip(seen).for_each(|(all, seen)| *all += seen);
+    }
+    assert!(all.iter().all(|count| *count > 100), "{all:?} blocked and free");
+}
+
+/// What is known of a robot is true whatever stands about it.
+#[test]
+fn a_robot_among_other_obstacles_has_the_verdicts_of_a_new_scene() {
+    let (robot, other) = (shipped("icub"), shipped("icub"));
+    let place = Isometry3::translation(0.1, 0.2, 0.3);
+    let alone = Scene::new(vec![(robot.clone(), place)], Vec::new()).expect("a scene");
+    let mut fast = FastScene::new(&alone, 0.005).expect("it compiles");
+    let same = |robot: &Arc<Robot>, place, seed| {
+        Scene::new(vec![(robot.clone(), place)], obstacles(seed, 12)).expect("a scene")
+    };
+    let scenes = [
+        same(&robot, place, 3),
+        same(&robot, place, 4),
+        same(&robot, Isometry3::identity(), 4),
+        same(&other, place, 5),
+    ];
+    for (s, scene) in scenes.iter().enumerate() {
+        fast = fast.among(scene, |_, _| true).expect("it compiles");
+        let mut fresh = FastScene::new(scene, 0.005).expect("it compiles");
+        assert_eq!((fast.figures().pairs, fast.figures().pruned), (fresh.figures().pairs, fresh.figures().pruned));
+        let edges = edges(scene, 6, 150, 0.05);
+        let (mut a, mut b) = (Vec::new(), Vec::new());
+        fast.certify(&edges, &mut a).expect("whole edges");
+        fresh.certify(&edges, &mut b).expect("whole edges");
+        let kind = |v: &EdgeVerdict| matches!(v, EdgeVerdict::Free);
+        assert_eq!(a.iter().map(kind).collect::<Vec<_>>(), b.iter().map(kind).collect::<Vec<_>>(), "scene {s}");
+    }
+}

@@ -1,0 +1,281 @@
+//! `mobee plan`: a certified path of a robot from one pose to another among the objects of a world, without a configuration file.
+
+use crate::config::ConfigError;
+use crate::roadmap::{Speeds, Trajectory, may_write, positive, robot, save_text, scene, share};
+use crate::terminal;
+use miette::{Report, miette};
+use mobee_behaviors::group;
+use mobee_behaviors::hand_goal::HandGoals;
+use mobee_behaviors::planners::{JointPath, JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
+use mobee_contract::KindError;
+use mobee_model::{Robot, Scene};
+use rustix::time::{ClockId, clock_gettime};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// From where to where, and among what.
+#[derive(clap::Args, Clone, Debug)]
+pub struct PlanArgs {
+    /// Robot XML (`mobee model convert` makes one of a URDF).
+    robot: PathBuf,
+    /// World XML: objects to plan around.
+    #[arg(long, value_name = "FILE")]
+    world: Option<PathBuf>,
+    /// Where the robot is: `home`, values of all motors of --motors in degrees (mm where a motor slides) such as 0,-45,0, or
+    /// NAME=VALUE,NAME=VALUE with all others at home.
+    #[arg(long, value_name = "Q", default_value = "home", allow_hyphen_values = true)]
+    from: String,
+    /// Where it is to go: as --from, but motors that NAME=VALUE does not name stay where they are.
+    #[arg(long, value_name = "Q", allow_hyphen_values = true, required_unless_present = "to_hand")]
+    to: Option<String>,
+    /// Instead: where its hand is to go, meters and degrees, in the world's frame; without roll, pitch and yaw in any orientation.
+    #[arg(long, value_name = "X,Y,Z[,R,P,Y]", allow_hyphen_values = true, conflicts_with = "to")]
+    to_hand: Option<String>,
+    /// The marker that stands for the hand, if the robot has several.
+    #[arg(long, value_name = "MARKER", requires = "to_hand")]
+    hand: Option<String>,
+    /// Parts and motors that move, separated by commas; default: all.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    motors: Vec<String>,
+    /// Nearer than this to anything is not free.
+    #[arg(long, value_name = "MM", default_value_t = 12.0, value_parser = crate::robot_import::millimeters(0.0, 1000.0))]
+    clearance_mm: f64,
+    /// The seed of all randomness: equal questions have equal answers.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Processor time for the search.
+    #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = positive)]
+    time: f64,
+    /// Do not make the path shorter.
+    #[arg(long)]
+    raw: bool,
+    /// Also write joint values with times as a table; `-`: standard output. The header names each motor with its unit.
+    #[arg(long, value_name = "FILE|-")]
+    csv: Option<PathBuf>,
+    /// Also write them as JSON; `-`: standard output.
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<PathBuf>,
+    /// Share of each motor's maximum speed. Between two way-points the motors move at constant speed and arrive together.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = share)]
+    speed: f64,
+    /// Maximum speed of motors whose robot file states none, deg/s or mm/s.
+    #[arg(long, value_name = "DEG_PER_S", default_value_t = 100.0, value_parser = positive)]
+    max_speed: f64,
+    /// Write joint values every so many seconds, and at the end, instead of at each way-point.
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    every: Option<f64>,
+    /// Replace the written files if they exist.
+    #[arg(long)]
+    force: bool,
+}
+
+/// The most lines that are judged to make a path shorter.
+const SHORTEN_LINES: u64 = 5000;
+
+/// Plans, prints what was found, and writes it.
+///
+/// # Errors
+/// If a file can't be read or written, or an argument fits neither robot nor world.
+pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
+    let is_terminal = |file: &&Option<PathBuf>| file.as_deref() == Some(Path::new("-"));
+    let to_terminal = [&args.csv, &args.json].iter().filter(|file| is_terminal(file)).count();
+    if to_terminal > 1 || (args.csv.is_some() && args.csv == args.json) {
+        let what = "a table and JSON can't be written to one place";
+        return Err(ConfigError::plain(what, "name a file for one of --csv and --json").into());
+    }
+    if args.every.is_some() && args.csv.is_none() && args.json.is_none() {
+        let what = "--every says how often joint values are written, and nothing writes them";
+        return Err(ConfigError::plain(what, "add --csv FILE or --json FILE").into());
+    }
+    for file in [&args.csv, &args.json].into_iter().flatten().filter(|file| *file != Path::new("-")) {
+        may_write(file, args.force)?;
+    }
+    let scene = scene(&args.robot, args.world.as_deref())?;
+    let robot = robot(&scene)?;
+    let motors = match args.motors.as_slice() {
+        [] => (0..robot.motors.len()).collect(),
+        names => group::motors("--motors", names, robot).map_err(complaint)?,
+    };
+    let from = pose("--from", &args.from, robot, &motors, &robot.home())?;
+    let to = match (&args.to, &args.to_hand) {
+        (Some(to), _) => pose("--to", to, robot, &motors, &from)?,
+        (None, Some(hand)) => hand_pose(hand, args, &scene, &motors, &from)?,
+        (None, None) => return Err(miette!(help = "add --to or --to-hand", "there is no goal")),
+    };
+    if let Some(m) = (0..from.len()).find(|m| from[*m] != to[*m] && !motors.contains(m)) {
+        let name = robot.motors.get(m).map_or("", |m| m.name.as_str());
+        let help = "name it in --motors, or leave it where it is";
+        return Err(ConfigError::plain(format!("the goal moves {name}, which is not in --motors"), help).into());
+    }
+    let found = search(args, &scene, &motors, (&from, &to))?;
+    let (path, how) = match found {
+        Ok(found) => found,
+        Err(why) => {
+            let text = match why {
+                NoPath::Cancelled => format!(
+                    "no path was found within {} s; there may be one: give more --time, or another --seed",
+                    args.time
+                ),
+                why => format!("there is no path: {}", why.text(&scene, 0)),
+            };
+            // Nothing but data goes to a standard output that a program reads.
+            if to_terminal > 0 {
+                terminal::err(&text)
+            } else {
+                terminal::out(&(text + "\n"))
+            }
+            return Ok(ExitCode::FAILURE);
+        }
+    };
+    let speeds = Speeds { share: args.speed, unstated_deg_per_s: args.max_speed };
+    let mut trajectory = Trajectory::through(&path.poses, &motors, robot, speeds);
+    if to_terminal == 0 {
+        let time = format!("{:.2} s at {} of the maximum speeds\n", trajectory.duration_s(), args.speed);
+        terminal::out(&(text(&path, robot, &motors) + &how + &time));
+    }
+    if let Some(every) = args.every {
+        trajectory = trajectory.sampled(every)?;
+    }
+    for (file, table) in [(&args.csv, trajectory.csv()), (&args.json, trajectory.json())] {
+        match file.as_deref() {
+            Some(file) if file == Path::new("-") => terminal::out(&table),
+            Some(file) => save_text(file, &table)?,
+            None => {}
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The path, and how long the search took; or the reason why there is none.
+fn search(
+    args: &PlanArgs,
+    scene: &Scene,
+    motors: &[usize],
+    (from, to): (&[f64], &[f64]),
+) -> Result<Result<(JointPath, String), NoPath>, Report> {
+    let compiled = JointSpace::new(scene, 0, &[from], motors, &[], args.clearance_mm / 1e3);
+    let mut space = compiled.map_err(|e| miette!("{e}"))?;
+    let of = |pose: &[f64]| motors.iter().filter_map(|m| pose.get(*m).copied()).collect::<Vec<f64>>();
+    let problem = PlanningProblem { start: of(from), goal: of(to), seed: args.seed, budget: u64::MAX };
+    let begun = processor_s();
+    let found = RrtConnect::default().plan(&mut space, &problem, &mut |_| {
+        if processor_s() - begun > args.time { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    Ok(found.map(|path| {
+        let searched = processor_s();
+        let path = if args.raw { path } else { shorten(&mut space, path, args.seed, SHORTEN_LINES) };
+        let [search, short] = [searched - begun, processor_s() - searched].map(|s| s * 1e3);
+        let how = format!(
+            "{} straight lines, certified free at {} mm; searched in {search:.2} ms, made shorter in {short:.2} ms, {} lines judged\n",
+            path.poses.len().saturating_sub(1),
+            args.clearance_mm,
+            path.evaluations
+        );
+        (path, how)
+    }))
+}
+
+/// A whole pose as arguments have it, rad of encoder.
+fn pose(argument: &str, text: &str, robot: &Robot, motors: &[usize], others: &[f64]) -> Result<Vec<f64>, Report> {
+    let mut pose = others.to_vec();
+    if text == "home" {
+        return Ok(robot.home());
+    }
+    let values: Vec<(usize, f64)> = if text.contains('=') {
+        let mut table = BTreeMap::new();
+        for part in text.split(',') {
+            let number = part.split_once('=').and_then(|(name, value)| Some((name.trim(), value.trim().parse().ok()?)));
+            let Some((name, value)) = number else {
+                let help = "give NAME=VALUE,NAME=VALUE in degrees (mm where a motor slides)";
+                return Err(ConfigError::plain(format!("{argument}: {part:?} is not NAME=VALUE"), help).into());
+            };
+            if table.insert(name.to_owned(), value).is_some() {
+                return Err(ConfigError::plain(format!("{argument}: {name} is there twice"), "name it once").into());
+            }
+        }
+        group::positions(argument, &table, robot).map_err(complaint)?
+    } else {
+        let numbers = numbers(argument, text)?;
+        if numbers.len() != motors.len() {
+            let names: Vec<&str> = motors.iter().filter_map(|m| Some(robot.motors.get(*m)?.name.as_str())).collect();
+            let help = format!("give one for each of {}, or NAME=VALUE for some", names.join(", "));
+            let what = format!("{argument} has {} numbers for {} motors", numbers.len(), motors.len());
+            return Err(ConfigError::plain(what, help).into());
+        }
+        let each = motors.iter().zip(numbers);
+        let each = each.map(|(m, deg)| Ok((*m, group::within_limits(argument, *m, deg, robot)?)));
+        KindError::gather(each).map_err(complaint)?
+    };
+    for (m, q) in values {
+        if let Some(slot) = pose.get_mut(m) {
+            *slot = q;
+        }
+    }
+    Ok(pose)
+}
+
+/// The pose at which the hand is where it is to be: found by inverse kinematics.
+fn hand_pose(text: &str, args: &PlanArgs, scene: &Scene, motors: &[usize], from: &[f64]) -> Result<Vec<f64>, Report> {
+    let robot = robot(scene)?;
+    let numbers = numbers("--to-hand", text)?;
+    let mut goal = match numbers.as_slice() {
+        [x, y, z] => json!({ "position_m": [x, y, z] }),
+        [x, y, z, r, p, yaw] => json!({ "position_m": [x, y, z], "rpy_deg": [r, p, yaw] }),
+        other => {
+            let help = "give x, y and z in meters, and if wanted roll, pitch and yaw in degrees";
+            return Err(ConfigError::plain(format!("--to-hand has {} numbers", other.len()), help).into());
+        }
+    };
+    if let Some(hand) = &args.hand {
+        goal["hand"] = Value::from(hand.as_str());
+    }
+    let names: Vec<&str> = motors.iter().filter_map(|m| Some(robot.motors.get(*m)?.name.as_str())).collect();
+    let mut settings = json!({ "motors": names, "poses": [{ "name": "goal", "hand_at": goal }] });
+    let goals = HandGoals { scene, robot: 0, clearance: args.clearance_mm / 1e3, seed: args.seed };
+    let found = goals.resolve(&mut settings).map_err(complaint)?;
+    let values = found.first().map(|goal| goal.q_deg.iter().map(|(name, deg)| (name.clone(), *deg)).collect());
+    let values: BTreeMap<String, f64> = values.unwrap_or_default();
+    let mut pose = from.to_vec();
+    for (m, q) in group::positions("--to-hand", &values, robot).map_err(complaint)? {
+        if let Some(slot) = pose.get_mut(m) {
+            *slot = q;
+        }
+    }
+    Ok(pose)
+}
+
+fn numbers(argument: &str, text: &str) -> Result<Vec<f64>, ConfigError> {
+    let number = |part: &str| {
+        let number = part.trim().parse().ok().filter(|x: &f64| x.is_finite());
+        number.ok_or_else(|| {
+            let help = "give numbers separated by commas, NAME=VALUE, or `home`";
+            ConfigError::plain(format!("{argument}: {part:?} is not a number"), help)
+        })
+    };
+    text.split(',').map(number).collect()
+}
+
+fn complaint(error: KindError) -> Report {
+    let place = if error.path.is_empty() { String::new() } else { format!("{}: ", error.path) };
+    ConfigError::plain(format!("{place}{}", error.what), error.help).into()
+}
+
+/// Way-points, one on a line, in degrees or mm.
+fn text(path: &JointPath, robot: &Robot, motors: &[usize]) -> String {
+    let names: Vec<&str> = motors.iter().filter_map(|m| Some(robot.motors.get(*m)?.name.as_str())).collect();
+    let mut out = names.join(" ") + "\n";
+    for pose in &path.poses {
+        let values: Vec<String> = pose.iter().map(|q| format!("{:.2}", q.to_degrees())).collect();
+        out += &(values.join(" ") + "\n");
+    }
+    out
+}
+
+/// Processor time of this thread, seconds.
+fn processor_s() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}

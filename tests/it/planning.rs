@@ -1,0 +1,95 @@
+//! `mobee plan` and `mobee bench plan` as a user meets them: paths that hold, equal questions with equal answers, and inputs that are
+//! none, refused with place and remedy.
+
+use super::common::{answer, complaint, text};
+use serde_json::Value;
+use std::path::Path;
+
+const PROBLEMS: &str = "tests/data/mbm/panda.json";
+const PANDA: &str = "configs/robots/panda.xml";
+
+fn bench(more: &[&str]) -> Value {
+    let told = answer(&[&["bench", "plan", PROBLEMS, "--json"][..], more].concat());
+    serde_json::from_str::<Value>(&told).expect("JSON")[PROBLEMS].clone()
+}
+
+/// Steps of the judge: fine enough to see what a sampled planner misses, coarse enough for a test.
+#[test]
+fn public_problems_are_solved_and_no_path_is_refuted_by_brute_force() {
+    let told = bench(&["--check", "0.001"]);
+    let totals = &told["totals"];
+    assert_eq!(
+        [&totals["problems"], &totals["valid"], &totals["solved"], &totals["refuted"]],
+        [12, 12, 12, 0],
+        "{totals}"
+    );
+    let problems = told["problems"].as_array().expect("problems");
+    for problem in problems {
+        assert!(problem["simplified_cost"].as_f64() <= problem["cost"].as_f64().map(|c| c + 1e-9), "{problem}");
+    }
+    // equal questions have equal answers
+    let paths = |told: &Value| {
+        let problems = told["problems"].as_array().expect("problems").iter();
+        problems.map(|p| (p["lines"].clone(), p["cost"].clone(), p["simplified_cost"].clone())).collect::<Vec<_>>()
+    };
+    assert_eq!(paths(&bench(&[])), paths(&told));
+    let some = bench(&["--scene", "bookshelf_tall", "--every", "2"]);
+    assert_eq!(some["totals"]["problems"], 2);
+}
+
+#[test]
+fn problem_files_that_are_none_are_refused_with_place_and_remedy() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let whole = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(PROBLEMS)).expect("problems");
+    let refused = |from: &str, to: &str| {
+        let file = dir.path().join("panda.json");
+        assert!(whole.contains(from), "{from}");
+        std::fs::write(&file, whole.replacen(from, to, 1)).expect("written");
+        complaint(&["bench", "plan", text(&file)])
+    };
+    for (from, to, told) in [
+        ("mbm 1", "mbm 2", "the format \"mbm 2\" is unknown"),
+        ("\"index\"", "\"indx\"", "unknown field `indx`"),
+        ("\"start\":[0,", "\"start\":[", "start has 6 numbers"),
+        ("0.03,0.14]", "0.03,-0.14]", "cylinders[0] has a size that is not positive"),
+        ("-0.5233762", "-0.1233762", "quaternion whose length is not 1"),
+        ("\"robot\":\"panda\"", "\"robot\":\"../panda\"", "names no file"),
+        ("{", "", "invalid type: string"),
+        // all else is right, but there is no robot beside the file
+        ("\"index\":1", "\"index\":100", "neither panda_spherized.urdf nor panda.urdf"),
+    ] {
+        let said = refused(from, to);
+        assert!(said.contains(told) && said.contains("help"), "{from} to {to}: {said}");
+    }
+    let said = complaint(&["bench", "plan", PROBLEMS, "--scene", "bookshelf_smal"]);
+    assert!(said.contains("has no scene `bookshelf_smal`") && said.contains("bookshelf_small"), "{said}");
+}
+
+#[test]
+fn a_path_is_planned_from_the_command_line_printed_and_written() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    let goal = "panda_joint1=90,panda_joint4=-60";
+    let told = answer(&["plan", PANDA, "--to", goal, "--csv", text(&at("path.csv"))]);
+    assert!(told.contains("certified free at 12 mm"), "{told}");
+    let table = std::fs::read_to_string(at("path.csv")).expect("the table");
+    let last = table.lines().last().expect("a row");
+    assert!(table.starts_with("t_s,") && last.contains("90.0000000") && last.contains("-60.0000000"), "{table}");
+    let json = answer(&["plan", PANDA, "--to", goal, "--json", "-"]);
+    let points = serde_json::from_str::<Value>(&json).expect("JSON")["points"].as_array().expect("points").len();
+    assert_eq!(points, table.lines().count() - 1);
+
+    for (args, told) in [
+        (vec!["plan", PANDA, "--to", "panda_joint9=1"], "has no motor \"panda_joint9\""),
+        (vec!["plan", PANDA, "--to", "panda_joint1=900"], "outside the limits"),
+        (vec!["plan", PANDA, "--to", "1,2"], "2 numbers for"),
+        (vec!["plan", PANDA, "--to", "panda_joint1"], "is not a number"),
+        (vec!["plan", PANDA, "--to", "panda_joint1=1,panda_joint1=2"], "twice"),
+        (vec!["plan", PANDA, "--motors", "panda_joint2", "--to", goal], "not in --motors"),
+        (vec!["plan", PANDA, "--to-hand", "0.3,0.1"], "--to-hand has 2 numbers"),
+        (vec!["plan", PANDA, "--to", goal, "--every", "0.1"], "nothing writes them"),
+    ] {
+        let said = complaint(&args);
+        assert!(said.contains(told), "{args:?}: {said}");
+    }
+}
