@@ -26,6 +26,8 @@ const DOMAIN_STEPS: f64 = 4.0;
 const DOMAIN_CHANGE: f64 = 1e-4;
 /// A random pose that is outside every domain is used all the same after this number of them: a search never starves.
 const MAX_OUTSIDE: u32 = 400;
+/// This number of poses that are outside counts as a line against the budget.
+const OUTSIDE_PER_LINE: u32 = 4;
 /// The watch is called once in this number of poses that are outside.
 const WATCH_EVERY: u32 = 64;
 /// After this number of refuted paths lines are certified at once.
@@ -96,6 +98,10 @@ impl Search<'_> {
             let domain = self.trees[grown].radius_mut(near).map_or(f64::INFINITY, |r| *r);
             if far > domain && outside < MAX_OUTSIDE {
                 outside += 1;
+                // They cost time as well, so that a search which is in vain ends as soon as one that judges lines.
+                if outside.is_multiple_of(OUTSIDE_PER_LINE) {
+                    self.end = self.end.saturating_sub(1);
+                }
                 if outside.is_multiple_of(WATCH_EVERY) {
                     self.pay(0)?;
                 }
