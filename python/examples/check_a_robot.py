@@ -16,5 +16,6 @@ free = scene.free(q)
 print(f"{robot.name}: {robot.dof} joints; {free.mean():.1%} of {len(q)} random configurations are free")
 for contact in sorted(scene.contacts(q[~free][:1])[0], key=lambda contact: contact.distance)[:3]:
     print(f"  {contact.a} is {-1e3 * contact.distance:.1f} mm deep in {contact.b}")
-print("straight from home to the first free one:", scene.edge(robot.home, q[free][0]))
-print("around what is there:", scene.plan(robot.home, q[free][0]))
+goal = q[free][np.abs(q[free] - robot.home).sum(axis=1).argmin()]
+print("straight from home to the nearest free one:", scene.edge(robot.home, goal))
+print("a plan:", scene.plan(robot.home, goal))

@@ -470,7 +470,7 @@ impl PyScene {
     /// ------
     /// MobeeError
     ///     code ``robots`` (more than one would move), ``limits``, ``bounds``, and as `free`.
-    #[pyo3(signature = (start, goal, *, seed=0, budget=100_000, shorten=true))]
+    #[pyo3(signature = (start, goal, *, seed=0, budget=20_000, shorten=true))]
     fn plan<'py>(
         &self,
         py: Python<'py>,

@@ -1,6 +1,6 @@
 //! `mobee.World` and its shapes.
 
-use crate::arrays::points;
+use crate::arrays::{fixed, points};
 use crate::failure::Failure;
 use crate::place::{PoseArguments, PoseParts};
 use crate::wait::background;
@@ -37,7 +37,7 @@ impl PyShape {
         let pose = Isometry3::from_parts(Vector3::zeros().into(), rotation);
         let shape = PyShape { primitives: vec![Primitive { shape, pose }], text };
         // sizes are checked here, not where the shape is used
-        checked(&object("shape", &shape, Isometry3::identity()))?;
+        checked(&object(&shape.text, &shape, Isometry3::identity()))?;
         Ok(shape)
     }
 }
@@ -51,7 +51,7 @@ fn along_z() -> UnitQuaternion<f64> {
 ///
 /// Parameters
 /// ----------
-/// size : sequence of 3 floats
+/// size : array (3,)
 ///     Full edge lengths along x, y, z, meters.
 #[pyclass(name = "Box", module = "mobee", frozen, extends = PyShape)]
 pub(crate) struct PyBox;
@@ -59,7 +59,8 @@ pub(crate) struct PyBox;
 #[pymethods]
 impl PyBox {
     #[new]
-    fn new(size: [f64; 3]) -> PyResult<PyClassInitializer<Self>> {
+    fn new(size: &Bound<'_, PyAny>) -> PyResult<PyClassInitializer<Self>> {
+        let size = fixed::<3>("size", size, &[3], "give three edge lengths, meters")?;
         let text = format!("Box({}, {}, {})", size[0], size[1], size[2]);
         let shape = PyShape::one(Shape::Box { size: size.into() }, UnitQuaternion::identity(), text)?;
         Ok(PyClassInitializer::from(shape).add_subclass(PyBox))

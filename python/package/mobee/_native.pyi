@@ -96,7 +96,7 @@ class Shape: ...
 
 @final
 class Box(Shape):
-    def __new__(cls, size: Sequence[float]) -> Box: ...
+    def __new__(cls, size: ArrayLike) -> Box: ...
 
 @final
 class Sphere(Shape):
@@ -202,7 +202,7 @@ class Scene:
         goal: ArrayLike,
         *,
         seed: int = 0,
-        budget: int = 100_000,
+        budget: int = 20_000,
         shorten: bool = True,
     ) -> Plan | NoPlan: ...
 
