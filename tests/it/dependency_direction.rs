@@ -43,6 +43,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
 const UNNAMED: &[(&str, &str)] = &[
     ("mobee", "bytemuck"),
     ("mobee-recorder", "getrandom"),
+    ("mobee-model", "num-complex"),
+    ("mobee-model", "num-integer"),
     ("mobee-recorder", "regex"),
     // its build script does
     ("mobee-python", "pyo3-build-config"),
