@@ -1,5 +1,6 @@
 //! Problem files: planning problems of one robot, scene by scene, as the data of MotionBenchMaker are shipped (`"format": "mbm 1"`).
 
+use mobee_model::file::read_text;
 use mobee_model::{Object, ObjectClass, Primitive, Shape};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
@@ -78,14 +79,7 @@ pub(crate) struct Problem {
 pub(crate) fn read_problems(path: &Path) -> Result<ProblemFile, InputFault> {
     let help = "give problem files such as panda.json, with the robot's files in robots/ beside them";
     let named = |what: &dyn Display| format!("{}: {what}", path.display());
-    let bytes = std::fs::metadata(path).map_err(|e| InputFault::new(named(&e), help))?.len();
-    if bytes > MAX_FILE_BYTES {
-        return Err(InputFault::new(
-            named(&format!("{bytes} bytes")),
-            format!("give less than {MAX_FILE_BYTES} bytes"),
-        ));
-    }
-    let text = std::fs::read_to_string(path).map_err(|e| InputFault::new(named(&e), help))?;
+    let text = read_text(path, MAX_FILE_BYTES).map_err(|e| InputFault::new(named(&e), help))?;
     let file: ProblemFile = serde_json::from_str(&text).map_err(|e| InputFault::new(named(&e), help))?;
     file.check().map_err(|fault| InputFault::new(named(&fault.text), fault.help))?;
     Ok(file)
