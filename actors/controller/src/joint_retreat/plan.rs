@@ -76,16 +76,6 @@ impl Participant {
         }
     }
 
-    /// The motors that a contact has moved, though the motion does not name them: stopped where they were bent to, they would stay there.
-    fn bent(&self) -> Vec<usize> {
-        let Some(here) = self.past.last().filter(|_| self.rules.gives()) else { return Vec::new() };
-        let beside = |m: &usize| match (here.q.get(*m), self.safe.get(*m)) {
-            (Some(here), Some(safe)) => (here - safe).abs() > self.rules.tolerance,
-            _ => false,
-        };
-        (0..self.safe.len()).filter(|m| !self.named.contains(m) && beside(m)).collect()
-    }
-
     /// The contacts of the robot in a pose, with the other robots at `poses`, up to this distance, m.
     fn near(&self, q: &Pose, poses: &[Pose], distance: f64) -> Vec<Contact> {
         let mut poses = poses.to_vec();
@@ -250,22 +240,18 @@ impl Leg {
         self.recorded().iter().enumerate().map(sent).collect()
     }
 
-    /// The motors that it writes to: those of its motion, and those that a contact has bent; and, if it goes farther, those that were sent
-    /// elsewhere since then.
+    /// The motors that it writes to: those of its motion; and, if it goes farther, those that were sent elsewhere since
+    /// then.
     fn motors(&self) -> Arc<[usize]> {
-        let (named, bent) = (&self.who.named, self.who.bent());
         if self.end >= self.who.start {
-            if bent.is_empty() {
-                return named.clone();
-            }
-            return (0..self.who.safe.len()).filter(|m| named.contains(m) || bent.contains(m)).collect();
+            return self.who.named.clone();
         }
         let (then, half) = (self.recorded(), 0.5 * self.who.rules.tolerance);
         let moved = |m: &usize| match (then.get(*m), self.who.safe.get(*m), self.who.places.get(*m)) {
             (Some(then), Some(safe), Some(Some(_))) => (then - safe).abs() > half,
             _ => false,
         };
-        (0..then.len()).filter(|m| named.contains(m) || bent.contains(m) || moved(m)).collect()
+        (0..then.len()).filter(|m| self.who.named.contains(m) || moved(m)).collect()
     }
 
     /// Where it is when the clock is back at that time, and whether it moved from there.

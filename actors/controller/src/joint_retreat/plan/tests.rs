@@ -32,22 +32,6 @@ fn who_goes_farther_takes_along_what_was_sent_since_then() {
     assert!(farther(0.2, -0.2, None).motors().is_empty(), "nobody knows where that was sent");
 }
 
-/// A motor that a contact has bent is part of the retreat, whoever named it; kinematic joints stand where they were sent.
-#[test]
-fn motors_that_a_contact_has_bent_are_taken_back() {
-    let tolerance = rules(true).tolerance;
-    let motors = |by: f64, deflection: f64| {
-        let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, by.to_degrees()), (3.0, by.to_degrees())], 0.5);
-        let mut rules = Rules::clone(&who.rules);
-        rules.axes = rules.axes.iter().map(|axis| Axis { deflection, ..axis.clone() }).collect();
-        let who = Participant { rules: rules.into(), named: [].into(), ..who };
-        Leg { end: who.end, rested: Time::ZERO, blocked: false, unproved: false, who }.motors().to_vec()
-    };
-    assert_eq!(motors(1.5 * tolerance, 0.02), [0]);
-    assert!(motors(0.5 * tolerance, 0.02).is_empty());
-    assert!(motors(1.5 * tolerance, 0.0).is_empty());
-}
-
 /// Between two readings, as much of the way as of the time.
 #[test]
 fn between_two_readings_a_robot_moved_evenly() {
