@@ -5,6 +5,7 @@
 //! ```
 
 mod boards;
+mod counted;
 pub mod faults;
 mod memory;
 pub mod plan;
@@ -144,7 +145,7 @@ fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Re
     }
     match mobee_actors::check::check(scratch.path()) {
         Ok(report) => {
-            let counted = report.violations.iter().filter(|v| wires::counts(v, &planned));
+            let counted = report.violations.iter().filter(|v| counted::counts(v, &planned));
             wrong.extend(counted.map(|v| format!("in the journal of seed {}: {v}", args.first)))
         }
         Err(e) => wrong.push(format!("I13 broken: the journal of seed {} is not as it was written: {e}", args.first)),

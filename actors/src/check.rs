@@ -74,6 +74,7 @@ mod window;
 pub use all::{ALL, InvariantEntry, Wants, judged, wants_poses};
 pub use hard_contacts::HardContactTally;
 pub use poses::JudgedPoses;
+pub use retreat_pace::SLOW_RETREAT;
 pub use summary::{RunSummary, summary};
 
 use crate::record::files;

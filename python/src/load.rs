@@ -100,7 +100,9 @@ pub(crate) fn load(
         return Err(Failure::new("file", message, "give the folder that holds the meshes").at("mesh_dirs").into());
     }
     let identity = format!("{:?}", (&part, drop_meshes, visual, fix_unsupported, overshoot, shapes, poses));
-    let is_plain = srdf.is_none() && packages.is_empty() && mesh_dirs.is_empty() && part.is_none();
+    let has_files = srdf.is_some() || !packages.is_empty() || !mesh_dirs.is_empty() || part.is_some();
+    let is_changed = drop_meshes || visual || fix_unsupported || (overshoot, shapes, poses) != (0.01, 12, 10_000);
+    let is_plain = !has_files && !is_changed;
     let read = UrdfOptions {
         part,
         packages,
@@ -117,7 +119,7 @@ pub(crate) fn load(
             if is_plain {
                 return robot_file(&path);
             }
-            let remedy = "leave srdf, packages, mesh_dirs and part out, or give the URDF";
+            let remedy = "leave out all options but cache and progress, or give the URDF";
             let message = format!("{} is a robot file, and the options are for a URDF", path.display());
             return Err(Failure::new("options", message, remedy).at("path"));
         }

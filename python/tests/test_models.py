@@ -164,6 +164,8 @@ def test_errors_have_the_words_of_the_command_line(repository: Path, tmp_path: P
         ("nowhere.urdf", {}, "file"),
         (repository, {}, "file"),
         (repository / "configs/robots/ur5.xml", {"srdf": "x.srdf"}, "options"),
+        (repository / "configs/robots/ur5.xml", {"visual": True}, "options"),
+        (repository / "configs/robots/ur5.xml", {"shapes": 20}, "options"),
         (urdf, {"overshoot": float("nan")}, "bounds"),
         (urdf, {"mesh_dirs": ["/nowhere"]}, "file"),
     ]:

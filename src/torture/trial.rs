@@ -1,11 +1,11 @@
 //! One run under planned faults, with all invariants watched while it goes on.
 
 use super::boards::{Boards, Driven};
+use super::counted;
 use super::faults::What;
 use super::memory::Memory;
 use super::plan::{Facts, Planned};
 use super::sight::{self, Belief};
-use super::wires;
 use super::witness::{Joint, Witness};
 use crate::compose::{compose, derive_seed};
 use crate::config::{ClockMode, Config, RobotConfig, Source};
@@ -261,7 +261,7 @@ impl TortureTrial {
                 watch.witness.found.extend(board.found().into_iter().map(|what| ("I30", what)));
             }
             let seen = !watch.witness.found.is_empty() || !watch.bugs.is_empty();
-            let broken = watch.checker.violations().iter().any(|v| wires::counts(v, planned)) || seen;
+            let broken = watch.checker.violations().iter().any(|v| counted::counts(v, planned)) || seen;
             if broken || (p.at.secs() >= self.facts.secs && !watch.checker.waits()) {
                 let _ = tell.try_send(Control::Stop);
             }
@@ -283,7 +283,7 @@ impl TortureTrial {
         let mut watch = look();
         let _ = watch.flush();
         let (_, violations) = std::mem::take(&mut watch.checker).end();
-        let counted = violations.into_iter().filter(|v| wires::counts(v, planned));
+        let counted = violations.into_iter().filter(|v| counted::counts(v, planned));
         let mut violations: Vec<(String, String)> = counted.map(|v| (v.invariant.to_owned(), v.to_string())).collect();
         let seen = watch.witness.found.drain(..).map(|(i, what)| (i.to_owned(), format!("{i} broken: {what}")));
         violations.extend(seen);

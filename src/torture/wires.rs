@@ -3,15 +3,11 @@
 
 use super::faults::What;
 use super::plan::{Facts, Planned};
-use mobee_actors::check::Violation;
 use mobee_contract::Time;
-use mobee_drivers::{Fault, Who, WireFault};
+use mobee_drivers::{Who, WireFault};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::time::Duration;
-
-/// A retreat that a slow board has held up is over within so long after it.
-const RETREATS: Duration = Duration::from_secs(2);
 
 /// The faults of a seed's wires, in no order.
 pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
@@ -55,26 +51,6 @@ fn deafen_together(one: &Planned, other: &Planned) -> bool {
         return false;
     };
     (robot, board) == (other_robot, other_board) && one.at < other.at + other_lasts && other.at < one.at + lasts
-}
-
-/// Whether breaking this invariant is the robots' own fault under these faults. A board whose references another program sets goes too
-/// fast before any driver can know: what is too fast then, I30 says. With faults a robot may touch what it looks ahead for: where lying
-/// encoders and lost readings end is in no journal, so that I34 is judged without faults only. A board that becomes slow during a retreat
-/// holds it up, which no journal shows: how long the retreat takes is then not judged (I22).
-pub fn counts(violation: &Violation, planned: &[Planned]) -> bool {
-    let meddled = |p: &Planned| matches!(p.what, What::Wire { fault: WireFault::Meddled(_), .. });
-    let slowed = |p: &Planned| match &p.what {
-        What::Board { fault: Fault::Slow { extra }, lasts, .. } => {
-            (p.at..=p.at + *lasts + *extra + RETREATS).contains(&violation.at)
-        }
-        _ => false,
-    };
-    match violation.invariant {
-        "I20" => !planned.iter().any(meddled),
-        "I22" => !planned.iter().any(slowed),
-        "I34" => planned.is_empty(),
-        _ => true,
-    }
 }
 
 fn draw(rng: &mut ChaCha8Rng) -> (WireFault, Duration) {

@@ -35,6 +35,11 @@ fn public_problems_are_solved_and_no_path_is_refuted_by_brute_force() {
     assert_eq!(paths(&bench(&[])), paths(&told));
     let some = bench(&["--scene", "bookshelf_tall", "--every", "2"]);
     assert_eq!(some["totals"]["problems"], 2);
+    // parts of the files that are not used are listed: the fingers have no motors in this URDF
+    let notes = told["notes"].to_string();
+    for note in ["others.panda_finger_joint2 is not used", "pose `extended` is beyond limits", "`path` of <robot>"] {
+        assert!(notes.contains(note), "{note}: {notes}");
+    }
 }
 
 #[test]

@@ -195,9 +195,9 @@ impl Rules {
         self.axes.iter().any(|axis| axis.deflection > 0.0)
     }
 
-    /// By how much a pair may come nearer than it has been while the robot backs out of contact, m. An arm whose joints give way leaves its
-    /// recorded path by its sag, which is not the same on the way there and on the way back: half of the distance is left.
-    pub fn granted(&self, least: f64) -> f64 {
+    /// Distance by which a pair may get closer than its least distance so far (`least`) during a retreat or an escape, m. The sag of an arm
+    /// whose joints give way differs between the way there and the retreat: such an arm may use up half of that distance.
+    pub fn floor_allowance(&self, least: f64) -> f64 {
         if self.gives() { DEEPER.max(0.5 * least) } else { DEEPER }
     }
 

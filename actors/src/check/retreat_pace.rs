@@ -8,6 +8,8 @@ use mobee_contract::{MotorUnits, Pose, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
+/// How a violation about the duration of a retreat begins.
+pub const SLOW_RETREAT: &str = "was in motion for";
 /// How far beside the path that was measured a motor may be, rad: a degree, and half of one for overshooting. A path that ends in a
 /// stop begins, backwards, with the motors' greatest acceleration. Who is one set-point late then catches up faster than it came, and
 /// where set-points brake just as hard, at the beginning of the motion, it can't lose that speed before them.
@@ -205,7 +207,7 @@ impl RetreatPace {
         let took = back.newest.back()?.moved - there;
         let gone = there - self.there.get(back.here)?.moved;
         (took > LONGER.0 * there + LONGER.1 * f64::from(1 + self.halts))
-            .then(|| format!("was in motion for {took:.2} s on {gone:.2} s of its retreat"))
+            .then(|| format!("{SLOW_RETREAT} {took:.2} s on {gone:.2} s of its retreat"))
     }
 
     /// How far a pose is from the path about one of its readings, rad: at most half a step from the nearest of them, and what the

@@ -16,23 +16,32 @@ const EASY_INTERVALS: usize = 32;
 /// How far outside its limits a motor may be by rounding, rad.
 const ROUNDING: f64 = 1e-9;
 
+/// The motors of a space, whatever stands around them.
+#[derive(Clone)]
+struct MotorGroup {
+    robot: usize,
+    /// Pairs that are as near as this or nearer are not free, m.
+    clearance: f64,
+    /// Indices into `Robot::motors`.
+    motors: Vec<usize>,
+    /// The same motors with the limits of robot and board.
+    joints: Vec<Motor>,
+    metric: JointMetric,
+    /// Weight of each coordinate, per rad of encoder: a meter of a prismatic joint counts as a radian of a revolute one.
+    weights: Vec<f64>,
+    /// Column of each motor in a configuration of the whole scene.
+    columns: Vec<usize>,
+}
+
 /// The poses of a group of motors, while everything else stands where it is.
 ///
 /// Compiles its scene once ([`FastScene`], some ten milliseconds for a humanoid), so keep it for as long as the scene is the same:
 /// [`JointSpace::fits`]. Only pairs of shapes that the robot has part in count: what others touch is their matter.
 pub struct JointSpace {
     fast: FastScene,
-    robot: usize,
+    group: MotorGroup,
     epoch: u64,
-    clearance: f64,
-    /// The group, as indices into `Robot::motors`, and its motors with the limits of robot and board.
-    motors: Vec<usize>,
-    joints: Vec<Motor>,
-    metric: JointMetric,
-    /// What each coordinate counts, per rad of encoder: a meter of a sliding joint as much as a radian of a turning one.
-    weights: Vec<f64>,
-    /// Where each of them is in a pose of the scene, and such a pose.
-    columns: Vec<usize>,
+    /// Configuration of the whole scene while the group is not there, rad of encoder.
     rest: Vec<f64>,
     /// Places that no line may come near, by experience: a pose, and how near, rad.
     avoided: Vec<(Vec<f64>, f64)>,
@@ -83,26 +92,8 @@ impl JointSpace {
         let metric = JointMetric::of_each(joints.iter().map(Some));
         let weights = joints.iter().map(|m| 1.0 / m.motion.encoder(1.0)).collect();
         let columns = motors.iter().map(|m| before + m).collect();
-        let mut space = JointSpace {
-            fast,
-            robot,
-            epoch: scene.epoch(),
-            clearance,
-            motors,
-            joints,
-            metric,
-            weights,
-            columns,
-            rest: Vec::new(),
-            avoided: Vec::new(),
-            held: Vec::new(),
-            evaluations: 0,
-            edges: Vec::new(),
-            verdicts: Vec::new(),
-            free: Vec::new(),
-        };
-        space.stand(scene, poses);
-        Ok(space)
+        let group = MotorGroup { robot, clearance, motors, joints, metric, weights, columns };
+        Ok(Self::over(fast, group, scene, poses))
     }
 
     /// The same motors among other obstacles: what was proved of the robots is used again, so this is several times as quick as
@@ -111,17 +102,15 @@ impl JointSpace {
     /// # Errors
     /// None but for those of [`JointSpace::new`].
     pub fn among<P: AsRef<[f64]>>(&self, scene: &Scene, poses: &[P]) -> Result<JointSpace, FastError> {
-        let fast = self.fast.among(scene, has_part(scene, self.robot))?;
+        let fast = self.fast.among(scene, has_part(scene, self.group.robot))?;
+        Ok(Self::over(fast, self.group.clone(), scene, poses))
+    }
+
+    fn over<P: AsRef<[f64]>>(fast: FastScene, group: MotorGroup, scene: &Scene, poses: &[P]) -> JointSpace {
         let mut space = JointSpace {
             fast,
-            robot: self.robot,
+            group,
             epoch: scene.epoch(),
-            clearance: self.clearance,
-            motors: self.motors.clone(),
-            joints: self.joints.clone(),
-            metric: self.metric.clone(),
-            weights: self.weights.clone(),
-            columns: self.columns.clone(),
             rest: Vec::new(),
             avoided: Vec::new(),
             held: Vec::new(),
@@ -131,7 +120,7 @@ impl JointSpace {
             free: Vec::new(),
         };
         space.stand(scene, poses);
-        Ok(space)
+        space
     }
 
     /// The space of a view, as [`JointSpace::of`] makes it: the one that was kept where that [fits](JointSpace::fits), or one that is made
@@ -159,7 +148,7 @@ impl JointSpace {
 
     /// Whether it is of these motors and this clearance, whatever stands about them.
     fn is_of(&self, view: &View, motors: &[usize], room: f64) -> bool {
-        self.clearance == view.clearance + room && self.robot == view.robot && self.motors == motors
+        self.group.clearance == view.clearance + room && self.group.robot == view.robot && self.group.motors == motors
     }
 
     /// Everything that the group does not move is here now. A motor that rests at its limit may read a little more, which no line can
@@ -175,12 +164,12 @@ impl JointSpace {
 
     /// The group: indices into `Robot::motors`.
     pub fn motors(&self) -> &[usize] {
-        &self.motors
+        &self.group.motors
     }
 
     /// Distances between poses of the group.
     pub fn metric(&self) -> &JointMetric {
-        &self.metric
+        &self.group.metric
     }
 
     /// Straight lines judged since it was made.
@@ -190,32 +179,32 @@ impl JointSpace {
 
     /// The diagonal of its box, one turn for motors without end, rad.
     pub fn extent(&self) -> f64 {
-        self.joints.iter().map(|m| (m.max - m.min).min(TAU)).map(|way| way * way).sum::<f64>().sqrt()
+        self.group.joints.iter().map(|m| (m.max - m.min).min(TAU)).map(|way| way * way).sum::<f64>().sqrt()
     }
 
     /// Keeps motors of the group (indices into `Robot::motors`) where they are to be, rad: a plan between two such poses moves none of
     /// them.
     pub fn hold(&mut self, held: &[(usize, f64)]) {
         let at = |motor: &usize| held.iter().find(|(m, _)| m == motor).map(|(_, q)| *q);
-        self.held = self.motors.iter().map(at).collect();
+        self.held = self.group.motors.iter().map(at).collect();
     }
 
     /// What each coordinate counts in the lengths of planners, per rad of encoder: 1 where a joint turns, and where it slides as much
     /// as makes a meter a radian (an encoder's rad of a slide are 57 mm).
     pub fn weights(&self) -> &[f64] {
-        &self.weights
+        &self.group.weights
     }
 
     /// Length of the straight line between two poses as they are, turns included, by the weights: rad and m.
     pub fn weighted(&self, from: &[f64], to: &[f64]) -> f64 {
-        let ways = from.iter().zip(to).zip(&self.weights).map(|((a, b), weight)| (b - a) * weight);
+        let ways = from.iter().zip(to).zip(&self.group.weights).map(|((a, b), weight)| (b - a) * weight);
         ways.map(|way| way * way).sum::<f64>().sqrt()
     }
 
     /// As [`JointSpace::sample`], into a buffer.
     pub fn sample_into(&self, rng: &mut impl Rng, pose: &mut Vec<f64>) {
         pose.clear();
-        for i in 0..self.joints.len() {
+        for i in 0..self.group.joints.len() {
             pose.push(self.draw(i, rng));
         }
     }
@@ -224,12 +213,13 @@ impl JointSpace {
     pub fn toward_into(&self, from: &[f64], to: &[f64], nearest: &mut Vec<f64>) {
         nearest.clear();
         let ends = from.iter().zip(to);
-        nearest.extend(self.joints.iter().zip(ends).map(|(motor, (from, to))| motor.nearest_equivalent(*from, *to)));
+        nearest
+            .extend(self.group.joints.iter().zip(ends).map(|(motor, (from, to))| motor.nearest_equivalent(*from, *to)));
     }
 
     /// A pose within the limits, all alike likely.
     pub fn sample(&self, rng: &mut impl Rng) -> Vec<f64> {
-        let mut pose = Vec::with_capacity(self.joints.len());
+        let mut pose = Vec::with_capacity(self.group.joints.len());
         self.sample_into(rng, &mut pose);
         pose
     }
@@ -239,7 +229,7 @@ impl JointSpace {
         if let Some(Some(held)) = self.held.get(i) {
             return *held;
         }
-        let (min, max) = self.joints.get(i).map_or((0.0, 0.0), Motor::range);
+        let (min, max) = self.group.joints.get(i).map_or((0.0, 0.0), Motor::range);
         if max > min { rng.random_range(min..=max) } else { min }
     }
 
@@ -252,7 +242,7 @@ impl JointSpace {
 
     /// The first motor of the group that can't be at this pose, an index into `Robot::motors`.
     pub fn outside(&self, q: &[f64]) -> Option<usize> {
-        let mut all = self.motors.iter().zip(self.joints.iter().zip(q));
+        let mut all = self.group.motors.iter().zip(self.group.joints.iter().zip(q));
         all.find(|(_, (m, q))| !(**q >= m.min - ROUNDING && **q <= m.max + ROUNDING)).map(|(m, _)| *m)
     }
 
@@ -269,7 +259,7 @@ impl JointSpace {
 
     /// The pose put within the limits, beyond which an encoder may read a little.
     pub fn within(&self, q: &[f64]) -> Vec<f64> {
-        q.iter().zip(&self.joints).map(|(q, m)| q.max(m.min).min(m.max)).collect()
+        q.iter().zip(&self.group.joints).map(|(q, m)| q.max(m.min).min(m.max)).collect()
     }
 
     /// Judges poses of the group: which are free.
@@ -277,7 +267,7 @@ impl JointSpace {
         self.edges.clear();
         let mut count = 0;
         for pose in poses {
-            whole(&mut self.edges, &self.rest, &self.columns, pose);
+            whole(&mut self.edges, &self.rest, &self.group.columns, pose);
             count += 1;
         }
         if self.fast.free(&self.edges, &mut self.free).is_err() {
@@ -310,8 +300,8 @@ impl JointSpace {
         self.edges.clear();
         let mut shut = Vec::new();
         for (from, to) in edges {
-            whole(&mut self.edges, &self.rest, &self.columns, from);
-            whole(&mut self.edges, &self.rest, &self.columns, to);
+            whole(&mut self.edges, &self.rest, &self.group.columns, from);
+            whole(&mut self.edges, &self.rest, &self.group.columns, to);
             shut.push(self.is_shut(from, to));
         }
         shut
@@ -336,8 +326,8 @@ impl JointSpace {
             return false;
         }
         self.edges.clear();
-        whole(&mut self.edges, &self.rest, &self.columns, from);
-        whole(&mut self.edges, &self.rest, &self.columns, to);
+        whole(&mut self.edges, &self.rest, &self.group.columns, from);
+        whole(&mut self.edges, &self.rest, &self.group.columns, to);
         let poses = (self.weighted(from, to) * SAMPLES_PER_RAD).ceil() as usize;
         // can't fail: they are whole poses
         self.fast.samples_free(&self.edges, poses).unwrap_or(false)
@@ -358,7 +348,7 @@ impl JointSpace {
     fn is_shut(&self, from: &[f64], to: &[f64]) -> Option<f64> {
         // the robot takes the short way, so no other is of use
         let short = |(motor, (from, to)): (&Motor, (&f64, &f64))| motor.nearest_equivalent(*from, *to) == *to;
-        if !self.joints.iter().zip(from.iter().zip(to)).all(short) {
+        if !self.group.joints.iter().zip(from.iter().zip(to)).all(short) {
             return Some(0.0);
         }
         self.avoided.iter().find_map(|(pose, radius)| self.passes(from, to, pose, *radius))
@@ -383,7 +373,7 @@ impl JointSpace {
     /// # Errors
     /// What no planner can help: an end that is malformed, outside the limits or not free.
     pub fn ends(&mut self, problem: &PlanningProblem) -> Result<(Vec<f64>, Vec<f64>), NoPath> {
-        let n = self.motors.len();
+        let n = self.group.motors.len();
         let start = problem.start.clone();
         let goal = self.toward(&start, &problem.goal);
         for (end, given, q) in [(PathEnd::Start, &problem.start, &start), (PathEnd::Goal, &problem.goal, &goal)] {

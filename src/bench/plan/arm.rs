@@ -5,8 +5,8 @@
 
 use super::problems::{InputFault, ProblemFile};
 use mobee_model::{
-    JointMotion, LeftOut, Robot, Scene, ShapeId, UrdfOptions, load_link_tree, load_srdf, load_urdf, random_poses,
-    suggestion,
+    JointMotion, LeftOut, Loaded, Robot, Scene, ShapeId, UrdfOptions, load_link_tree, load_srdf, load_urdf,
+    random_poses, suggestion,
 };
 use nalgebra::Isometry3;
 use std::collections::BTreeSet;
@@ -24,7 +24,7 @@ pub(crate) struct Arm {
     pub pose: Vec<f64>,
     /// Indices into `Robot::motors`.
     pub motors: Vec<usize>,
-    /// What the robot's files do not say: which pairs always touch.
+    /// What is not used of the files, and which pairs always touch.
     pub notes: Vec<String>,
 }
 
@@ -41,11 +41,13 @@ pub(crate) fn load_arm(path: &Path, file: &ProblemFile) -> Result<Arm, InputFaul
         return Err(InputFault::new(text, "put the robot's URDF and SRDF in robots/ beside the problem file"));
     };
     let fault = |e: &dyn std::error::Error| InputFault::new(e, "mend the file, or get it anew");
-    let mut robot = load_urdf(urdf, &UrdfOptions::default()).map_err(|e| fault(&e))?.value;
+    let Loaded { value: mut robot, warnings } = load_urdf(urdf, &UrdfOptions::default()).map_err(|e| fault(&e))?;
     let tree = load_link_tree(urdf).map_err(|e| fault(&e))?;
-    let srdf = load_srdf(folder.join(format!("{name}.srdf")), &tree).map_err(|e| fault(&e))?.value;
+    let srdf = load_srdf(folder.join(format!("{name}.srdf")), &tree).map_err(|e| fault(&e))?;
+    let mut notes: Vec<String> = warnings.iter().chain(&srdf.warnings).map(ToString::to_string).collect();
     let node = |link: &str| robot.node_named(link);
-    let disabled = srdf.disabled.iter().filter_map(|((a, b), reason)| {
+    // a link without a node has no shapes either
+    let disabled = srdf.value.disabled.iter().filter_map(|((a, b), reason)| {
         Some(LeftOut { nodes: (node(a)?, node(b)?), reason: format!("SRDF: {reason}") })
     });
     let disabled: Vec<LeftOut> = disabled.collect();
@@ -64,14 +66,19 @@ pub(crate) fn load_arm(path: &Path, file: &ProblemFile) -> Result<Arm, InputFaul
     }
     let mut pose = robot.home();
     for (joint, q) in &file.others {
-        // joints without a motor, such as one that follows another, stand where their files say
-        if let Some(m) = robot.motors.iter().position(|m| m.name == *joint)
-            && let Some(slot) = pose.get_mut(m)
-        {
-            *slot = robot.motors[m].motion.encoder(*q).max(robot.motors[m].min).min(robot.motors[m].max);
+        let Some((m, motor)) = robot.motors.iter().enumerate().find(|(_, m)| m.name == *joint) else {
+            // such as one that follows another
+            notes.push(format!("others.{joint} is not used: no motor of the robot has this name"));
+            continue;
+        };
+        let wanted = motor.motion.encoder(*q);
+        let within = wanted.max(motor.min).min(motor.max);
+        if (within - wanted).abs() > 1e-9 {
+            notes.push(format!("others.{joint} is beyond the joint's limits: it stands at the limit"));
         }
+        pose.get_mut(m).into_iter().for_each(|slot| *slot = within);
     }
-    let notes = leave_out_what_always_touches(&mut robot, &pose, &motors)?;
+    notes.extend(leave_out_what_always_touches(&mut robot, &pose, &motors)?);
     Ok(Arm { robot: Arc::new(robot), pose, motors, notes })
 }
 

@@ -51,14 +51,14 @@ impl Floors {
         self.least.iter().filter(|c| c.distance < self.margin).copied().collect()
     }
 
-    /// The first pair that is nearer than it may be, by more than [`Rules::granted`]: what presses against something gives a
+    /// The first pair that is nearer than it may be, by more than [`Rules::floor_allowance`]: what presses against something gives a
     /// little as it starts. What was apart stays apart.
     pub fn broken<'a>(&self, near: &'a [Contact], rules: &Rules) -> Option<&'a Contact> {
         near.iter().find(|c| {
             let least = self.least.iter().find(|l| l.pair == c.pair).map_or(self.margin, |l| l.distance);
             let start = least.min(self.margin);
             let touches = start > 2.0 * APART && c.distance < APART;
-            touches || c.distance < start - rules.granted(start)
+            touches || c.distance < start - rules.floor_allowance(start)
         })
     }
 }
