@@ -20,24 +20,25 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use words::{at_limits, coarse, passive, said, told, verdict};
 
-/// How free the home pose should be, meters: twice the margin of the reflex. Where parts are built closer, what lets the robot start.
+/// Desired clearance of the home configuration, m: twice the margin of the reflex; for parts that are built closer, the least with which
+/// the robot starts.
 const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
-/// By how much home is freer than the margin, at least, millimeters: plans keep 2 mm more than the margin.
+/// Least clearance of home beyond the margin, mm: plans maintain 2 mm more than the margin.
 const BEYOND_MARGIN: f64 = 2.5;
 /// Shapes are fitted closer until so few poses are left at which some touch falsely, with no more shapes a link than this; where that
 /// leaves more of them than `hulls`, shapes get hulls.
 const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80, hulls: 0.02 };
-/// How many poses show which shapes touch falsely.
+/// Number of random configurations at which false contacts of shapes are looked for.
 const GLANCE: usize = 6000;
 /// Random configurations at which the finished shapes are compared with the meshes.
 const VERDICT: usize = 2000;
 /// The verdict is drawn from other configurations than those that the shapes were fitted at.
 const VERDICT_SEED: u64 = IMPORT_SEED + 1;
 
-/// What is made of a URDF.
+/// Options of an import.
 #[derive(Clone, Debug)]
 pub struct ImportOptions {
-    /// How it is read, and how near shapes are fitted to meshes. `held` is taken from the SRDF.
+    /// Options of the reader, and the accuracy of the shapes that are fitted to meshes. `held` is taken from the SRDF.
     pub read: UrdfOptions,
     /// The SRDF that belongs to it: pairs of links that need no test, named poses (home among them), groups.
     pub srdf: Option<PathBuf>,
@@ -53,7 +54,7 @@ impl Default for ImportOptions {
     }
 }
 
-/// Why there is no robot.
+/// Reason why an import failed.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[non_exhaustive]
 pub enum ImportError {
@@ -66,7 +67,7 @@ pub enum ImportError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system reports.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The links' surfaces don't fit the robot.
@@ -82,19 +83,19 @@ pub enum ImportError {
     Scene(#[from] SceneError),
 }
 
-/// What became of a URDF.
+/// Result of an import.
 pub struct Imported {
     /// The robot.
     pub robot: Robot,
-    /// What the SRDF says, and the motors of each of its groups.
+    /// Contents of the SRDF, and the motors of each of its groups.
     pub groups: BTreeMap<String, Vec<usize>>,
     /// The named poses of the SRDF: of each motor that it is about, name and position, degrees or millimeters.
     pub poses: BTreeMap<String, Vec<(String, f64)>>,
-    /// What was odd in the files.
+    /// Warnings about the files.
     pub warnings: Vec<FileError>,
     /// The margin of the reflex that lets the robot start, whole millimeters, if home is not free by what the default needs.
     pub margin_mm: Option<f64>,
-    /// What was decided, a line each.
+    /// Decisions of the import, one line each.
     pub decided: Vec<String>,
     /// The number of all that it was made from.
     pub inputs: String,
@@ -160,7 +161,7 @@ impl ImportOptions {
         Ok(Imported { robot, groups, poses, warnings, margin_mm, decided, inputs: self.digest(urdf, &links)? })
     }
 
-    /// What the SRDF contains, if there is one, and its warnings.
+    /// Contents and warnings of the SRDF, if there is one.
     fn srdf(&self, urdf: &Path) -> Result<Loaded<Option<(Srdf, LinkTree)>>, FileError> {
         let Some(path) = &self.srdf else { return Ok(Loaded { value: None, warnings: Vec::new() }) };
         let tree = load_link_tree(urdf)?;
@@ -178,7 +179,7 @@ impl ImportOptions {
         Ok(load_link_rotations(urdf, &UrdfOptions { held, ..self.read.clone() })?)
     }
 
-    /// Whether a robot file was made from this URDF, its meshes, the SRDF and these options: then there is nothing to fit.
+    /// True if a robot file was made from this URDF, its meshes, the SRDF and these options: nothing has to be fitted then.
     ///
     /// # Errors
     /// If one of them can't be read.
@@ -328,7 +329,7 @@ fn name_parts(robot: &mut Robot) -> Vec<String> {
     said
 }
 
-/// Where ROS 1 and ROS 2 keep packages, by the variables of their set-up scripts (`ROS_PACKAGE_PATH`, `AMENT_PREFIX_PATH`).
+/// Package folders of ROS 1 and ROS 2, from the variables of their set-up scripts (`ROS_PACKAGE_PATH`, `AMENT_PREFIX_PATH`).
 pub fn ros_package_folders() -> Vec<PathBuf> {
     let folders =
         |name: &str| std::env::var_os(name).map(|v| std::env::split_paths(&v).collect::<Vec<_>>()).unwrap_or_default();

@@ -5,7 +5,7 @@ use crate::lanes::{Mask, WIDTH};
 use crate::limits::is_within;
 
 impl FastScene {
-    /// Whether a straight line in joint space is free at evenly spaced poses: what a search may ask before it has the lines
+    /// True if a straight line in joint space is free at evenly spaced poses: a search may query this before it has the lines
     /// that matter certified. Of a line that is blocked often sixteen poses are enough to show it, which are spread over all
     /// of it.
     ///
@@ -53,7 +53,7 @@ impl FastScene {
         self.block.still = still;
     }
 
-    /// Whether the line is free at sixteen shares of it.
+    /// True if the line is free at sixteen shares of it.
     fn lanes_free(&mut self, from: &[f64], to: &[f64], share: &[f64; WIDTH]) -> bool {
         for (m, row) in self.block.motors.iter_mut().enumerate().filter(|(m, _)| !self.block.still[*m]) {
             let (low, high) = self.program.limits[m];
@@ -76,7 +76,7 @@ impl FastScene {
         live == Mask::MAX && !self.doubt_blocks(from, to, share, doubtful)
     }
 
-    /// Whether any lane that rounding could decide is not free by the scalar engine: of a constraint, or a pair.
+    /// True if any lane that rounding could decide is not free by the scalar engine: of a constraint, or a pair.
     fn doubt_blocks(&mut self, from: &[f64], to: &[f64], share: &[f64; WIDTH], of_constraints: Mask) -> bool {
         let lanes = self.block.doubts.iter().fold(of_constraints, |all, (_, lanes)| all | lanes);
         (0..WIDTH).filter(|lane| lanes >> lane & 1 != 0).any(|lane| {

@@ -16,7 +16,7 @@ const CLOCK_EVERY: u32 = 16;
 /// Configurations that brute force judges at once.
 const JUDGED_AT_ONCE: usize = 4096;
 
-/// How problems are run.
+/// Settings of all trials.
 #[derive(Clone, Debug)]
 pub(crate) struct TrialSettings {
     /// Meters.
@@ -32,14 +32,14 @@ pub(crate) struct TrialSettings {
     pub rounds: u32,
 }
 
-/// What became of a problem.
+/// Result of one problem.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Trial {
     pub scene: String,
     pub index: u32,
-    /// Whether start and goal are free here.
+    /// True if start and goal are free by this program's engine.
     pub valid: bool,
-    /// Whether the file says so.
+    /// True if they are free by the file.
     pub valid_in_file: bool,
     pub solved: bool,
     /// The reason, if there is no path.
@@ -54,7 +54,7 @@ pub(crate) struct Trial {
     /// Length of the path, rad and m.
     pub cost: f64,
     pub simplified_cost: f64,
-    /// Whether brute force found a configuration on either path that is not free.
+    /// True if brute force found a configuration on either path that is not free.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refuted: Option<bool>,
 }
@@ -142,7 +142,7 @@ pub(crate) fn run(
     Ok(trial)
 }
 
-/// Whether any configuration of a path is not free, in steps of this length.
+/// True if any configuration of a path, in steps of this length, is not free.
 fn touches(arm: &Arm, space: &mut JointSpace, path: &JointPath, step: f64) -> bool {
     path.edges().any(|(a, b)| {
         let steps = (arm.cost(&[a.to_vec(), b.to_vec()]) / step).ceil().max(1.0) as usize;
