@@ -63,3 +63,30 @@ impl PoseArguments<'_, '_> {
         }
     }
 }
+
+/// Base of each robot of a scene; without an argument all are at the origin.
+///
+/// # Errors
+/// Another number of poses than of robots, or a faulty one.
+pub(crate) fn bases_of(bases: Option<&Bound<'_, PyAny>>, robots: usize) -> PyResult<Vec<Isometry3<f64>>> {
+    let Some(bases) = bases else { return Ok(vec![Isometry3::identity(); robots]) };
+    let one = |pose: &Bound<'_, PyAny>| {
+        let argument =
+            PoseArguments { what: "bases", pose: Some(pose), position: None, quat_xyzw: None, quat_wxyz: None };
+        Ok::<_, PyErr>(argument.parts()?.pose.unwrap_or_default())
+    };
+    if robots == 1
+        && let Ok(base) = one(bases)
+    {
+        return Ok(vec![base]);
+    }
+    let mut all = Vec::new();
+    for base in bases.try_iter()?.take(robots + 1) {
+        all.push(one(&base?)?);
+    }
+    if all.len() != robots {
+        let message = format!("bases has another number of poses than there are robots, {robots}");
+        return Err(Failure::new("shape", message, "give a 4x4 array for each robot").at("bases").into());
+    }
+    Ok(all)
+}

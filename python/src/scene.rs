@@ -3,7 +3,7 @@
 use crate::arrays::{Rows, array, reserved};
 use crate::failure::Failure;
 use crate::joints::{Beyond, Joints};
-use crate::place::PoseArguments;
+use crate::place::bases_of;
 use crate::plan::{Found, PyPlan, Search};
 use crate::results::{PyBlocked, PyContact, PyFree, PyUnproved};
 use crate::robot::PyRobot;
@@ -11,7 +11,6 @@ use crate::wait::{background, chunks};
 use crate::world::PyWorld;
 use mobee_fast::{EdgeVerdict, FastScene};
 use mobee_model::{Contact, Robot, Scene};
-use nalgebra::Isometry3;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -169,30 +168,6 @@ fn robots_of(robots: &Bound<'_, PyAny>) -> PyResult<Vec<Py<PyRobot>>> {
             let message = format!("more than {MAX_ROBOTS} robots");
             return Err(Failure::new("too_many", message, "give fewer").at("robots").into());
         }
-    }
-    Ok(all)
-}
-
-/// The base of each robot.
-fn bases_of(bases: Option<&Bound<'_, PyAny>>, robots: usize) -> PyResult<Vec<Isometry3<f64>>> {
-    let Some(bases) = bases else { return Ok(vec![Isometry3::identity(); robots]) };
-    let one = |pose: &Bound<'_, PyAny>| {
-        let argument =
-            PoseArguments { what: "bases", pose: Some(pose), position: None, quat_xyzw: None, quat_wxyz: None };
-        Ok::<_, PyErr>(argument.parts()?.pose.unwrap_or_default())
-    };
-    if robots == 1
-        && let Ok(base) = one(bases)
-    {
-        return Ok(vec![base]);
-    }
-    let mut all = Vec::new();
-    for base in bases.try_iter()?.take(robots + 1) {
-        all.push(one(&base?)?);
-    }
-    if all.len() != robots {
-        let message = format!("bases has another number of poses than there are robots, {robots}");
-        return Err(Failure::new("shape", message, "give a 4x4 array for each robot").at("bases").into());
     }
     Ok(all)
 }
