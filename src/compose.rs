@@ -7,7 +7,7 @@ mod sensors;
 
 pub(crate) use sensors::camera as sensor_camera;
 
-use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
+use crate::config::{ClockMode, Complaints, Config, ConfigError, PathSetting, Source, paths, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, SensorSetup, TruthCell, named_apart};
 use mobee_behaviors::hand_goal::{self, HandGoals, ResolvedGoal};
 use mobee_contract::{Agent, Axis, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
@@ -20,6 +20,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use tempfile::NamedTempFile;
 
 /// Everything built and checked, nothing started.
 pub struct Composition {
@@ -337,25 +338,37 @@ pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(&'s
 
 fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, Complaints> {
     let (kind, mut settings) = kind::<dyn Hardware>(source, at, value)?;
-    // a table that was sent, for as long as the kind reads it
-    let mut scratch = None;
-    if let Some(Value::String(file)) = settings.get_mut("file") {
-        // kinds know no configuration file that their paths could be relative to
-        let mut path = Config::beside(source, Path::new(file));
-        let key = format!("{at}.file");
-        if let Some(text) = source.text_sent(&key, &path).transpose()? {
+    // files that were sent are there for as long as the kind reads them
+    let _sent = localize(source, at, kind, &mut settings)?;
+    (kind.build)(&settings, context).map_err(|e| placed(source, at, e))
+}
+
+/// Makes the paths of a kind's settings relative to the working directory: kinds do not know the configuration file. A file that was sent with
+/// the configuration is written to a temporary one, which lives as long as the answer.
+fn localize<R: Role + ?Sized>(
+    source: &Source,
+    at: &str,
+    kind: &Kind<R>,
+    settings: &mut Value,
+) -> Result<Vec<NamedTempFile>, ConfigError> {
+    let mut sent = Vec::new();
+    for PathSetting { place, path: file, is_folder } in paths(R::NAME, kind.name, settings) {
+        let mut path = Config::beside(source, Path::new(file.as_str()));
+        // folders are not sent
+        if source.was_sent() && !is_folder && !path.is_dir() {
+            let key = format!("{at}.{place}");
             let unwritten =
                 |e: std::io::Error| source.error(&key, format!("no room for it: {e}"), "make room on the disk");
-            let mut copy = tempfile::NamedTempFile::new().map_err(unwritten)?;
-            copy.write_all(text.as_bytes()).map_err(unwritten)?;
-            path = copy.path().to_owned();
-            scratch = Some(copy);
+            if let Some(bytes) = source.bytes_sent(&key, &path).transpose()? {
+                let mut copy = NamedTempFile::new().map_err(unwritten)?;
+                copy.write_all(bytes).map_err(unwritten)?;
+                path = copy.path().to_owned();
+                sent.push(copy);
+            }
         }
         *file = path.to_string_lossy().into_owned();
     }
-    let built = (kind.build)(&settings, context).map_err(|e| placed(source, at, e));
-    drop(scratch);
-    built
+    Ok(sent)
 }
 
 /// What programs outside move robots through, each with the place of its table.
@@ -363,8 +376,11 @@ fn bridges(config: &Config, source: &Source, wrong: &mut Complaints) -> Vec<(Str
     let folder = Config::beside(source, Path::new(""));
     let mut all = Vec::new();
     for (at, table) in config.bridges() {
-        let built = kind::<dyn Bridge>(source, &at, &table).map_err(Complaints::from);
-        let built = built.and_then(|(kind, set)| (kind.build)(&set, &folder).map_err(|e| placed(source, &at, e)));
+        let built =
+            kind::<dyn Bridge>(source, &at, &table).map_err(Complaints::from).and_then(|(kind, mut settings)| {
+                let _sent = localize(source, &at, kind, &mut settings)?;
+                (kind.build)(&settings, &folder).map_err(|e| placed(source, &at, e))
+            });
         let Some(bridge) = wrong.keep(built) else { continue };
         if config.clock == ClockMode::Virtual && !bridge.runs_in_virtual_time() {
             wrong.push(by_the_wall(source, &at, "bridge"));
@@ -387,8 +403,9 @@ fn agent(
     goals: Option<HandGoals>,
 ) -> Result<(AgentMaker, Requirements, Vec<ResolvedGoal>), Complaints> {
     let (kind, mut settings) = kind::<dyn Agent>(source, at, value)?;
-    // agents take maps as JSON, and read no files
-    for (place, map) in crate::config::maps(&mut settings) {
+    let sent = Arc::new(localize(source, at, kind, &mut settings)?);
+    // agents take maps as JSON
+    for (place, map) in crate::config::maps(<dyn Agent>::NAME, kind.name, &mut settings) {
         let Value::String(file) = &*map else { continue };
         let path = Config::beside(source, Path::new(file));
         let sent = source.text_sent(&format!("{at}.{place}"), &path).transpose()?;
@@ -397,7 +414,10 @@ fn agent(
     let found = goals.map(|goals| goals.resolve(&mut settings)).transpose().map_err(|e| placed(source, at, e))?;
     let build = kind.build;
     let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.requirements();
-    let maker: AgentMaker = Arc::new(move || build(&settings, &context).map_err(|e| e.to_string()));
+    let maker: AgentMaker = Arc::new(move || {
+        let _sent = &sent;
+        build(&settings, &context).map_err(|e| e.to_string())
+    });
     Ok((maker, means, found.unwrap_or_default()))
 }
 

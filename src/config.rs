@@ -10,6 +10,7 @@ mod complaints;
 mod controller;
 mod difference;
 mod error;
+mod files;
 mod include;
 mod layer;
 mod rest;
@@ -23,9 +24,9 @@ pub use complaints::{Complaint, Complaints};
 pub use controller::{Controller, schema as controller_schema};
 pub use difference::{Difference, differences};
 pub use error::ConfigError;
+pub(crate) use files::{KindTable, PathSetting, maps, paths};
 pub use mobee_contract::{nearest, suggestion};
 pub use rest::{RestConfig, RestTable};
-pub(crate) use sensor::paths;
 pub use sensor::{EyeConfig, SensorConfig, WorldGateConfig};
 pub use shape::{Misfit, misfits};
 pub use source::Source;
@@ -224,15 +225,6 @@ pub struct Resolved {
     pub config: Value,
 }
 
-/// The maps that an agent is given, one or a list of them, each with the path of its setting.
-pub(crate) fn maps(agent: &mut Value) -> Vec<(String, &mut Value)> {
-    match agent.get_mut("map") {
-        Some(Value::Array(maps)) => maps.iter_mut().enumerate().map(|(i, map)| (format!("map[{i}]"), map)).collect(),
-        Some(map) => vec![("map".to_owned(), map)],
-        None => Vec::new(),
-    }
-}
-
 fn one() -> u64 {
     1
 }
@@ -335,31 +327,11 @@ impl Config {
         }
         for (i, r) in self.robot.iter_mut().enumerate() {
             relocate(&format!("robot[{i}].model"), &mut r.model);
-            if let Some(Value::String(file)) = r.driver.get_mut("file") {
-                let mut path = PathBuf::from(&file);
-                relocate(&format!("robot[{i}].driver.file"), &mut path);
-                *file = path.to_string_lossy().into_owned();
-            }
-            for (place, map) in r.agent.iter_mut().flat_map(maps) {
-                let Value::String(file) = map else { continue };
-                let mut path = PathBuf::from(&file);
-                relocate(&format!("robot[{i}].agent.{place}"), &mut path);
-                *file = path.to_string_lossy().into_owned();
-            }
-        }
-        for (at, file) in self.sensor_paths() {
-            *file = source.relocated(&at, Path::new(file.as_str())).to_string_lossy().into_owned();
         }
         if let Some(folder) = self.yarp.as_mut().and_then(|y| y.save_folder.as_mut()) {
             relocate("yarp.save_folder", folder);
         }
-        for (i, bridge) in self.bridge.iter_mut().enumerate() {
-            if let Some(Value::String(folder)) = bridge.get_mut("save_folder") {
-                let mut path = PathBuf::from(&folder);
-                relocate(&format!("bridge[{i}].save_folder"), &mut path);
-                *folder = path.to_string_lossy().into_owned();
-            }
-        }
+        self.relocate_kinds(source);
     }
 
     /// The clock, in the actors' words.

@@ -17,6 +17,7 @@ pub mod terminal;
 pub mod agent;
 pub mod bench;
 pub mod check;
+pub mod cli;
 pub mod compose;
 pub mod config;
 pub mod ctl;

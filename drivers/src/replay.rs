@@ -38,6 +38,7 @@ inventory::submit! {
 pub struct ReplaySettings {
     /// The table of poses, relative to the configuration file: columns `t_s` (s of the run, increasing) and `PART.MOTOR` (degrees).
     /// Motors without a column stay at home; between two rows poses are interpolated.
+    #[schemars(extend("format" = "path"))]
     pub file: PathBuf,
     /// Readings per second.
     #[serde(default = "rate")]

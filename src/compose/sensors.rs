@@ -1,12 +1,14 @@
 //! Sensors as a configuration names them: each part built once to see that it can be, and again whenever its actor starts.
 
-use super::{by_the_wall, derive_seed, kind, must_exist, placed};
-use crate::config::{ClockMode, Complaints, Config, SensorConfig, Source, WorldGateConfig, paths, suggestion};
+use super::{by_the_wall, derive_seed, kind, localize, must_exist, placed};
+use crate::config::{
+    ClockMode, Complaints, Config, PathSetting, SensorConfig, Source, WorldGateConfig, paths, suggestion,
+};
 use mobee_actors::system::{CameraSetup, LocatorSetup, PartMaker, SensorSetup, TruthCell, WorldGateSettings};
-use mobee_contract::{Camera, CameraContext, Context, Detector, Locator, Role, check_object_name};
+use mobee_contract::{Camera, CameraContext, Context, Detector, Kind, Locator, Role, check_object_name};
 use mobee_model::Scene;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::NamedTempFile;
@@ -37,9 +39,7 @@ pub(crate) fn camera(
     context: &CameraContext,
 ) -> Result<Box<dyn Camera>, Complaints> {
     let (kind, mut settings) = kind::<dyn Camera>(source, at, table)?;
-    for (_, path) in paths(&mut settings) {
-        *path = Config::beside(source, Path::new(path.as_str())).to_string_lossy().into_owned();
-    }
+    let _sent = localize(source, at, kind, &mut settings)?;
     (kind.build)(&settings, context).map_err(|e| placed(source, at, e))
 }
 
@@ -129,48 +129,65 @@ impl Sensing<'_> {
         R::Context: Send + Sync,
     {
         let (kind, mut settings) = kind::<R>(self.source, at, table)?;
-        let kept = self.kept(at, &mut settings)?;
+        let copies = self.copies(at, kind, &mut settings)?;
         let build = kind.build;
         let first = build(&settings, &context).map_err(|e| placed(self.source, at, e))?;
-        // a part that is started anew is what it was, whatever has become of its file
-        if let (Some(copy), Some(file)) = (&kept, settings.get_mut("file")) {
-            *file = copy.path().to_string_lossy().into();
+        // a part that is restarted is what it was, whatever has become of its files
+        for PathSetting { place, path: file, .. } in paths(R::NAME, kind.name, &mut settings) {
+            if let Some((_, copy)) = copies.iter().find(|(copied, _)| *copied == place) {
+                *file = copy.path().to_string_lossy().into();
+            }
         }
         let maker = move || {
-            let _kept = &kept;
+            let _copies = &copies;
             build(&settings, &context).map_err(|e| e.to_string())
         };
         Ok((Arc::new(maker), first))
     }
 
-    /// A copy of the file that a part is made from, if it is; its settings then have the whole path of the original.
-    fn kept(&self, at: &str, settings: &mut Value) -> Result<Option<Arc<NamedTempFile>>, Complaints> {
-        for (_, path) in paths(settings) {
-            *path = Config::beside(self.source, Path::new(path.as_str())).to_string_lossy().into_owned();
-        }
-        let Some(Value::String(file)) = settings.get_mut("file") else { return Ok(None) };
-        let path = PathBuf::from(file.as_str());
-        let key = format!("{at}.file");
-        let io = |e: std::io::Error| {
-            self.source.error(&key, format!("no copy can be made of it: {e}"), "make room on the disk")
-        };
-        let mut copy = NamedTempFile::new().map_err(io)?;
-        match self.source.bytes_sent(&key, &path).transpose()? {
-            Some(bytes) => {
-                std::io::Write::write_all(&mut copy, bytes).map_err(io)?;
-                *file = copy.path().to_string_lossy().into_owned();
+    /// Copies of the files that a part is made from, each with the place of its setting. The settings then have the whole paths of the
+    /// originals, or of the copies where the files were sent. Folders are not copied.
+    fn copies<R: Role + ?Sized>(
+        &self,
+        at: &str,
+        kind: &Kind<R>,
+        settings: &mut Value,
+    ) -> Result<Vec<(String, NamedTempFile)>, Complaints> {
+        let mut copies = Vec::new();
+        for PathSetting { place, path: file, is_folder } in paths(R::NAME, kind.name, settings) {
+            let path = Config::beside(self.source, Path::new(file.as_str()));
+            *file = path.to_string_lossy().into_owned();
+            let key = format!("{at}.{place}");
+            let io = |e: std::io::Error| {
+                self.source.error(&key, format!("no copy can be made of it: {e}"), "make room on the disk")
+            };
+            // cameras report a missing file in their own words
+            let is_missing = R::NAME == <dyn Camera>::NAME && !self.source.was_sent() && !path.is_file();
+            if is_folder || path.is_dir() || is_missing {
+                continue;
             }
-            None => {
+            let sent = self.source.bytes_sent(&key, &path).transpose()?;
+            if sent.is_none() {
                 must_exist(self.source, &key, &path, "file of `mobee detector train` or `mobee locator train`")?;
-                let mut original = mobee_model::file::open(&path).map_err(io)?;
-                let size = original.metadata().map_err(io)?.len();
-                if size > LONGEST {
-                    let what = format!("{} has {size} bytes, more than {LONGEST}", path.display());
-                    return Err(self.source.error(&key, what, "give a file of a detector or locator").into());
-                }
-                std::io::copy(&mut original, copy.as_file_mut()).map_err(io)?;
             }
+            let mut copy = NamedTempFile::new().map_err(io)?;
+            match sent {
+                Some(bytes) => {
+                    std::io::Write::write_all(&mut copy, bytes).map_err(io)?;
+                    *file = copy.path().to_string_lossy().into_owned();
+                }
+                None => {
+                    let mut original = mobee_model::file::open(&path).map_err(io)?;
+                    let size = original.metadata().map_err(io)?.len();
+                    if size > LONGEST {
+                        let what = format!("{} has {size} bytes, more than {LONGEST}", path.display());
+                        return Err(self.source.error(&key, what, "give a smaller file").into());
+                    }
+                    std::io::copy(&mut original, copy.as_file_mut()).map_err(io)?;
+                }
+            }
+            copies.push((place, copy));
         }
-        Ok(Some(Arc::new(copy)))
+        Ok(copies)
     }
 }

@@ -102,33 +102,6 @@ fn stale() -> f64 {
     2.0
 }
 
-/// The settings of a camera, detector or locator that are paths: of what was learned, of pictures, or of a run.
-pub(crate) fn paths(table: &mut Value) -> impl Iterator<Item = (&'static str, &mut String)> {
-    let mut found = Vec::new();
-    for (key, value) in table.as_object_mut().into_iter().flatten() {
-        match (key.as_str(), value) {
-            ("file", Value::String(path)) => found.push(("file", path)),
-            ("path", Value::String(path)) => found.push(("path", path)),
-            ("run", Value::String(path)) => found.push(("run", path)),
-            ("scenery", Value::Object(scenery)) => {
-                for (key, value) in scenery {
-                    match (key.as_str(), value) {
-                        ("pictures", Value::String(path)) => found.push(("scenery.pictures", path)),
-                        ("stickers", Value::Array(stickers)) => {
-                            let pictures = stickers.iter_mut().filter_map(|s| s.get_mut("picture"));
-                            let paths = pictures.filter_map(|p| if let Value::String(p) = p { Some(p) } else { None });
-                            found.extend(paths.map(|path| ("scenery.stickers", path)));
-                        }
-                        _ => {}
-                    }
-                }
-            }
-            _ => {}
-        }
-    }
-    found.into_iter()
-}
-
 impl SensorConfig {
     /// Which robot carries it.
     pub fn carrier(&self, config: &Config) -> Option<usize> {
@@ -171,18 +144,6 @@ impl Config {
     /// The table of each camera's detector, and the camera's name in a run, as `<sensor>/<camera>`.
     pub(crate) fn detectors(&self) -> impl Iterator<Item = (String, &Value)> {
         self.sensor.iter().flat_map(|s| s.eye.iter().map(|eye| (format!("{}/{}", s.name, eye.name), &eye.detector)))
-    }
-
-    /// The settings in tables of kinds that are paths, with their places.
-    pub(crate) fn sensor_paths(&mut self) -> impl Iterator<Item = (String, &mut String)> {
-        self.sensor.iter_mut().enumerate().flat_map(|(i, sensor)| {
-            let eyes = sensor.eye.iter_mut().enumerate().flat_map(move |(k, eye)| {
-                let at = move |part: &str| format!("sensor[{i}].eye[{k}].{part}");
-                [(at("camera"), &mut eye.camera), (at("detector"), &mut eye.detector)]
-            });
-            let tables = eyes.chain(sensor.locator.iter_mut().map(move |l| (format!("sensor[{i}].locator"), l)));
-            tables.flat_map(|(at, table)| paths(table).map(move |(key, path)| (format!("{at}.{key}"), path)))
-        })
     }
 
     pub(super) fn check_sensors(&self, c: &mut Checks<'_>) {

@@ -3,7 +3,7 @@
 
 use super::wire::{LONGEST, Sent};
 use crate::compose::from_source;
-use crate::config::{Config, ConfigError, Source, maps};
+use crate::config::{Config, ConfigError, KindTable, Source, maps, paths};
 use miette::{IntoDiagnostic, Report};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -36,20 +36,17 @@ pub(super) fn of(file: PathBuf, source: &Source) -> Result<Sent, Report> {
     Ok(sent)
 }
 
-/// The files that a configuration names.
+/// The files that a configuration names. Folders are not sent.
 fn named(mut config: Config, source: &Source) -> Vec<PathBuf> {
-    let learned = config.sensor_paths().filter(|(at, _)| at.ends_with(".file"));
-    let learned: Vec<PathBuf> = learned.map(|(_, file)| PathBuf::from(file.as_str())).collect();
-    let agents = config.robot.iter_mut().flat_map(|r| r.agent.iter_mut());
-    let roadmaps: Vec<PathBuf> =
-        agents.flat_map(maps).filter_map(|(_, map)| Some(PathBuf::from(map.as_str()?))).collect();
-    let models = config.robot.iter().map(|r| r.model.as_path());
-    let tables = config.robot.iter().filter_map(|r| r.driver.get("file")?.as_str()).map(Path::new);
-    let learned = learned.iter().map(PathBuf::as_path);
-    let all = models
-        .chain(tables)
-        .chain(roadmaps.iter().map(PathBuf::as_path))
-        .chain(learned)
-        .chain(config.world.file.as_deref());
-    all.map(|path| Config::beside(source, path)).collect()
+    let models: Vec<PathBuf> = config.robot.iter().map(|r| r.model.clone()).chain(config.world.file.clone()).collect();
+    let mut files = Vec::new();
+    let mut roadmaps = Vec::new();
+    for KindTable { role, kind, table, .. } in config.kind_tables() {
+        let of_kind = paths(role, &kind, table).filter(|setting| !setting.is_folder);
+        files.extend(of_kind.map(|setting| PathBuf::from(setting.path.as_str())));
+        roadmaps.extend(maps(role, &kind, table).into_iter().filter_map(|(_, map)| Some(PathBuf::from(map.as_str()?))));
+    }
+    let files = files.into_iter().map(|path| Config::beside(source, &path)).filter(|path| !path.is_dir());
+    let all = models.iter().chain(&roadmaps).map(|path| Config::beside(source, path));
+    all.chain(files).collect()
 }

@@ -32,6 +32,7 @@ pub struct RoadmapSettings {
     /// A roadmap to start from: a map file, as `mobee roadmap build` or a run wrote it, or its JSON. Its poses are named by
     /// their names or numbers.
     #[serde(default)]
+    #[schemars(extend("format" = "roadmap"))]
     pub map: Option<Value>,
     /// Names of parts or motors that the roadmap moves; default: those that the poses name.
     #[serde(default)]

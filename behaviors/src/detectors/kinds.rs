@@ -15,6 +15,7 @@ use std::time::Duration;
 #[serde(deny_unknown_fields)]
 pub struct LearnedDetectorSettings {
     /// The detector, as `mobee detector train` wrote it.
+    #[schemars(extend("format" = "path"))]
     pub file: PathBuf,
     /// The object's name in the world; default: the one that it was trained as.
     #[serde(default)]

@@ -17,6 +17,7 @@ use std::path::PathBuf;
 #[serde(deny_unknown_fields)]
 pub struct LearnedLocatorSettings {
     /// The locator, as `mobee locator train` wrote it.
+    #[schemars(extend("format" = "path"))]
     pub file: PathBuf,
     /// The left camera's name; default: the one that ends in `left`.
     #[serde(default)]

@@ -34,11 +34,7 @@ inventory::submit! {
               and the ports of the parts with their force-field controllers. The table [yarp] is short for one of these.",
         schema: || schemars::schema_for!(YarpSettings),
         example: |_| Ok(serde_json::json!({})),
-        build: |value, folder| {
-            let mut settings: YarpSettings = mobee_contract::settings(value)?;
-            settings.save_folder = settings.save_folder.map(|save| folder.join(save));
-            Ok(Arc::new(YarpServices::new(settings)?))
-        },
+        build: |value, _| Ok(Arc::new(YarpServices::new(mobee_contract::settings(value)?)?)),
     })
 }
 

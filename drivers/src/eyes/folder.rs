@@ -17,6 +17,7 @@ use std::time::Duration;
 #[serde(deny_unknown_fields)]
 pub struct FolderCameraSettings {
     /// The folder: its `.jpg`, `.jpeg` and `.png` files (but for masks, `_mask.png`) in the order of their names, all of one size.
+    #[schemars(extend("format" = "path"))]
     pub path: PathBuf,
     /// Pictures per second.
     #[serde(default = "fps")]

@@ -20,6 +20,7 @@ const FASTEST: Duration = Duration::from_millis(1);
 #[serde(deny_unknown_fields)]
 pub struct RecordedCameraSettings {
     /// The folder of the run, relative to the configuration file. Its sensor had `keep_frames = true`.
+    #[schemars(extend("format" = "path"))]
     pub run: PathBuf,
     /// The camera, by its name in that run: `SENSOR/CAMERA`.
     pub camera: String,

@@ -21,6 +21,7 @@ pub struct ScenerySettings {
     pub seed: u64,
     /// A picture (JPEG or PNG), or a folder of them, for the walls; default: drawn ones.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("format" = "path"))]
     pub pictures: Option<PathBuf>,
     /// Contrast of textures, 0 (plain colors) to 1.
     pub texture: f64,

@@ -19,6 +19,7 @@ pub struct StickerSettings {
     #[serde(default)]
     pub side: BoxSide,
     /// The picture (JPEG or PNG).
+    #[schemars(extend("format" = "path"))]
     pub picture: PathBuf,
     /// How wide it is there, m.
     pub width_m: f64,

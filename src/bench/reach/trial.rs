@@ -8,7 +8,7 @@ use crate::run::{Folder, in_order, run};
 use miette::{IntoDiagnostic, Report, miette};
 use mobee_actors::system::{CueTrigger, ScriptStep};
 use mobee_behaviors::agents::{ReachAgent, ReachSettings};
-use mobee_contract::{Context, Time, View, settings};
+use mobee_contract::{Agent, Context, Role, Time, View, settings};
 use mobee_model::{Edit, Scene};
 use nalgebra::{Isometry3, Translation3};
 use serde::Serialize;
@@ -218,10 +218,9 @@ fn overrides(
 /// Whether a slow search brings the hand to where the cup is in truth, and at last.
 fn is_solvable(file: &Path, agent: &Value, drawn: &ReachScene) -> Result<bool, Report> {
     let mut agent = agent.clone();
-    if let Some(table) = agent.as_object_mut() {
-        table.remove("kind");
-    }
-    for (_, map) in crate::config::maps(&mut agent) {
+    let kind = agent.as_object_mut().and_then(|table| table.remove("kind"));
+    let kind = kind.as_ref().and_then(Value::as_str).unwrap_or_default();
+    for (_, map) in crate::config::maps(<dyn Agent>::NAME, kind, &mut agent) {
         let Some(name) = map.as_str() else { continue };
         let path = file.parent().unwrap_or(Path::new("")).join(name);
         *map = crate::roadmap::for_agent(&path, None).map_err(Report::new)?;

@@ -20,6 +20,7 @@ pub struct ReachSettings {
     /// The roadmap of pre-grasp poses: a map file, its JSON, or the settings that `mobee roadmap build` takes (`.toml`), of which the map
     /// is built once and kept in the user's cache; or a list of those, one for each arm. Without it every way is planned.
     #[serde(default)]
+    #[schemars(extend("format" = "roadmap"))]
     pub map: Option<Value>,
     /// Names of parts or motors that move the hand; default: those of the map.
     #[serde(default)]

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 #[serde(deny_unknown_fields)]
 pub struct OnnxDetectorSettings {
     /// The network, in ONNX format, weights and all.
+    #[schemars(extend("format" = "path"))]
     pub file: PathBuf,
     /// What goes in.
     #[serde(default)]

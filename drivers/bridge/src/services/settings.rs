@@ -42,6 +42,7 @@ pub struct YarpSettings {
     /// Whether to open the world RPC, `/MoBeE/world`.
     pub world: bool,
     /// The folder for the world RPC's `save` and `load`. Without it both are refused.
+    #[schemars(extend("format" = "folder"))]
     pub save_folder: Option<PathBuf>,
     /// Whether to open the ports of the parts (`/MoBeE/right_arm/rpc` and so on) and of the robots.
     pub parts: bool,

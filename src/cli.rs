@@ -1,15 +1,15 @@
-//! The program `mobee`: reads its arguments, calls the library, and turns complaints into exit code 2.
+//! The command line: parses the arguments, calls the library, and turns errors into exit code 2.
 
-use clap::{Parser, Subcommand};
-use miette::Report;
-use mobee::config::{ClockMode, ConfigError};
-use mobee::new_robot::NewDriver;
-use mobee::robot_import::ImportArgs;
-use mobee::{
+use crate::config::{ClockMode, ConfigError};
+use crate::new_robot::NewDriver;
+use crate::robot_import::ImportArgs;
+use crate::{
     agent, bench, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare, model_convert,
     model_eval, model_info, model_view, new, new_robot, plan, replay, roadmap, run, schema, sim, terminal, torture,
     view, yarp,
 };
+use clap::{Parser, Subcommand};
+use miette::Report;
 use mobee_behaviors::detectors::onnx;
 use std::io::Write;
 use std::path::PathBuf;
@@ -250,7 +250,18 @@ const LOG: &str = "warn,re_log_encoding=error,re_grpc_client=off,kiddo=off";
 /// The same for `mobee torture`, where parts fail by the dozen, on purpose.
 const TORTURE_LOG: &str = "off";
 
-fn main() -> ExitCode {
+/// Runs the program: every subcommand, with all kinds that are linked into the binary.
+///
+/// A crate of your own registers its kinds (agents, drivers, cameras, ...) by `inventory::submit!` and has this as its whole program, so
+/// that `run`, `check`, `kinds`, `ctl`, `torture`, `replay` and `doctor` work with them. `mobee new --crate NAME` writes such a crate.
+///
+/// # Examples
+/// ```no_run
+/// fn main() -> std::process::ExitCode {
+///     mobee::cli::main()
+/// }
+/// ```
+pub fn main() -> ExitCode {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| match info.payload_as_str() {
         // `mobee kinds | head` ends quietly: a closed pipe is no complaint of ours
