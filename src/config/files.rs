@@ -1,0 +1,277 @@
+//! Settings that name files, found by the schema of their kind: `format = "path"` marks a file that the kind opens, or a folder with files,
+//! `format = "folder"` a folder that may be missing, `format = "roadmap"` a map file that composing reads for the kind. Kinds of other crates
+//! are treated alike.
+
+use super::{Config, Source};
+use mobee_contract::{Agent, Bridge, Camera, Detector, Hardware, Locator, Role, registered};
+use serde_json::Value;
+use std::path::Path;
+
+/// The `format` of a setting that is the path of a file, or of a folder with files.
+const PATH: &str = "path";
+/// The `format` of a setting that is the path of a folder, which the kind may make.
+const FOLDER: &str = "folder";
+/// The `format` of a setting that is the path of a map file, a list of such paths, or a map as JSON.
+const ROADMAP: &str = "roadmap";
+/// Greatest depth of settings within settings. Types that contain themselves end here.
+const MAX_DEPTH: usize = 16;
+
+/// A value of a kind's table and its place in the table, such as `scenery.stickers[0].picture`.
+type Marked<'v> = (String, &'v mut Value);
+
+/// A setting that is the path of a file or folder.
+pub(crate) struct PathSetting<'v> {
+    /// Its place in the kind's table.
+    pub place: String,
+    pub path: &'v mut String,
+    /// Whether it can only be a folder.
+    pub is_folder: bool,
+}
+
+/// The paths of files and folders in the table of a kind of `role`. The table may have its `kind` or not.
+pub(crate) fn paths<'v>(role: &str, kind: &str, table: &'v mut Value) -> impl Iterator<Item = PathSetting<'v>> {
+    marked(role, kind, table, &[PATH, FOLDER]).into_iter().filter_map(|(format, (place, value))| {
+        let Value::String(path) = value else { return None };
+        Some(PathSetting { place, path, is_folder: format == FOLDER })
+    })
+}
+
+/// The maps in the table of a kind of `role`, one for each path or JSON.
+pub(crate) fn maps<'v>(role: &str, kind: &str, table: &'v mut Value) -> Vec<Marked<'v>> {
+    let one_or_several = marked(role, kind, table, &[ROADMAP]).into_iter().map(|(_, (at, value))| match value {
+        Value::Array(maps) => maps.iter_mut().enumerate().map(|(i, map)| (format!("{at}[{i}]"), map)).collect(),
+        map => vec![(at, map)],
+    });
+    one_or_several.flat_map(|maps: Vec<Marked<'_>>| maps).collect()
+}
+
+fn marked<'v>(
+    role: &str,
+    kind: &str,
+    table: &'v mut Value,
+    formats: &[&'static str],
+) -> Vec<(&'static str, Marked<'v>)> {
+    let Some(kind) = registered().into_iter().find(|k| k.role() == role && k.name() == kind) else { return Vec::new() };
+    let schema = kind.schema().to_value();
+    let mut found = Vec::new();
+    Search { root: &schema, formats }.value(&schema, String::new(), table, 0, &mut found);
+    found
+}
+
+/// Walks values along their schema.
+struct Search<'s> {
+    root: &'s Value,
+    formats: &'s [&'static str],
+}
+
+impl<'s> Search<'s> {
+    fn value<'v>(
+        &self,
+        schema: &'s Value,
+        at: String,
+        value: &'v mut Value,
+        depth: usize,
+        found: &mut Vec<(&'static str, Marked<'v>)>,
+    ) {
+        if let Some(format) = self.formats.iter().find(|format| schema["format"] == **format) {
+            found.push((format, (at, value)));
+            return;
+        }
+        if depth > MAX_DEPTH {
+            return;
+        }
+        let linked = schema["$ref"].as_str().and_then(|link| self.root.pointer(link.strip_prefix('#')?));
+        let options = ["allOf", "anyOf", "oneOf"].into_iter().filter_map(|key| schema[key].as_array()).flatten();
+        let within: Vec<&Value> = linked.into_iter().chain(options).collect();
+        match within.as_slice() {
+            [] => {}
+            [only] => return self.value(only, at, value, depth + 1, found),
+            several => {
+                // the variants of an enum, or a type and null: the value fits the one that has its keys
+                let fits = |s: &&&Value| self.fits(s, value, depth + 1);
+                if let Some(one) = several.iter().find(fits) {
+                    self.value(one, at, value, depth + 1, found);
+                }
+                return;
+            }
+        }
+        match value {
+            Value::Object(map) => {
+                for (key, inner) in map {
+                    let known = schema["properties"].get(key.as_str()).or(schema.get("additionalProperties"));
+                    let place = if at.is_empty() { key.clone() } else { format!("{at}.{key}") };
+                    if let Some(known) = known {
+                        self.value(known, place, inner, depth + 1, found);
+                    }
+                }
+            }
+            Value::Array(list) => {
+                for (i, inner) in list.iter_mut().enumerate() {
+                    self.value(&schema["items"], format!("{at}[{i}]"), inner, depth + 1, found);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether a value can be of this variant: of its JSON type, with all keys that it requires and its constants.
+    fn fits(&self, schema: &'s Value, value: &Value, depth: usize) -> bool {
+        if depth > MAX_DEPTH {
+            return false;
+        }
+        if let Some(inner) = schema["$ref"].as_str().and_then(|link| self.root.pointer(link.strip_prefix('#')?)) {
+            return self.fits(inner, value, depth + 1);
+        }
+        let named = |wanted: &str| match value {
+            Value::Object(_) => wanted == "object",
+            Value::Array(_) => wanted == "array",
+            Value::String(_) => wanted == "string",
+            Value::Bool(_) => wanted == "boolean",
+            Value::Number(_) => wanted == "number" || wanted == "integer",
+            Value::Null => wanted == "null",
+        };
+        let typed = match &schema["type"] {
+            Value::String(wanted) => named(wanted),
+            Value::Array(wanted) => wanted.iter().filter_map(Value::as_str).any(named),
+            _ => true,
+        };
+        let required = schema["required"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        let properties = schema["properties"].as_object().into_iter().flatten();
+        let constants = properties.filter_map(|(key, s)| Some((key, s.get("const")?)));
+        let holds = |(key, constant): (&String, &Value)| value.get(key).is_none_or(|v| v == constant);
+        typed && required.into_iter().all(|key| value.get(key).is_some()) && constants.into_iter().all(holds)
+    }
+}
+
+/// A kind's table in a configuration: its place, its role and its `kind`.
+pub(crate) struct KindTable<'c> {
+    pub at: String,
+    pub role: &'static str,
+    pub kind: String,
+    pub table: &'c mut Value,
+}
+
+impl Config {
+    /// The tables of all kinds but controllers, which open no files.
+    pub(crate) fn kind_tables(&mut self) -> impl Iterator<Item = KindTable<'_>> {
+        let robots = self.robot.iter_mut().enumerate().flat_map(|(i, robot)| {
+            let driver = (format!("robot[{i}].driver"), <dyn Hardware>::NAME, &mut robot.driver);
+            let agent = robot.agent.iter_mut().map(move |a| (format!("robot[{i}].agent"), <dyn Agent>::NAME, a));
+            std::iter::once(driver).chain(agent)
+        });
+        let sensors = self.sensor.iter_mut().enumerate().flat_map(|(i, sensor)| {
+            let eyes = sensor.eye.iter_mut().enumerate().flat_map(move |(k, eye)| {
+                let at = move |part: &str| format!("sensor[{i}].eye[{k}].{part}");
+                let camera = (at("camera"), <dyn Camera>::NAME, &mut eye.camera);
+                [camera, (at("detector"), <dyn Detector>::NAME, &mut eye.detector)]
+            });
+            let locator =
+                sensor.locator.iter_mut().map(move |l| (format!("sensor[{i}].locator"), <dyn Locator>::NAME, l));
+            eyes.chain(locator)
+        });
+        let bridges =
+            self.bridge.iter_mut().enumerate().map(|(i, table)| (format!("bridge[{i}]"), <dyn Bridge>::NAME, table));
+        robots.chain(sensors).chain(bridges).map(|(at, role, table)| {
+            let kind = table.get("kind").and_then(Value::as_str).unwrap_or_default().to_owned();
+            KindTable { at, role, kind, table }
+        })
+    }
+
+    /// Makes paths that stand in included files relative to the main file, in the tables of all kinds.
+    pub(super) fn relocate_kinds(&mut self, source: &Source) {
+        for KindTable { at, role, kind, table } in self.kind_tables() {
+            let relocate = |place: &str, path: &mut String| {
+                *path =
+                    source.relocated(&format!("{at}.{place}"), Path::new(path.as_str())).to_string_lossy().into_owned();
+            };
+            paths(role, &kind, table).for_each(|setting| relocate(&setting.place, setting.path));
+            for (place, map) in maps(role, &kind, table) {
+                if let Value::String(path) = map {
+                    relocate(&place, path);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use schemars::JsonSchema;
+    use serde_json::json;
+    use std::path::PathBuf;
+
+    /// Settings as a crate of one's own may have them.
+    #[derive(JsonSchema)]
+    #[allow(dead_code, reason = "only the schema is used")]
+    struct Weights {
+        #[schemars(extend("format" = "path"))]
+        weights: PathBuf,
+        #[schemars(extend("format" = "path"))]
+        cache: Option<PathBuf>,
+        layers: Vec<Layer>,
+        source: Option<Source>,
+    }
+
+    #[derive(JsonSchema)]
+    #[allow(dead_code, reason = "only the schema is used")]
+    struct Layer {
+        name: String,
+        #[schemars(extend("format" = "path"))]
+        table: PathBuf,
+    }
+
+    #[derive(JsonSchema)]
+    #[serde(tag = "kind", rename_all = "snake_case")]
+    #[allow(dead_code, reason = "only the schema is used")]
+    enum Source {
+        Url {
+            address: String,
+        },
+        Disk {
+            #[schemars(extend("format" = "path"))]
+            folder: PathBuf,
+        },
+    }
+
+    #[test]
+    fn paths_are_found_by_their_schema_wherever_they_stand() {
+        let schema = schemars::schema_for!(Weights).to_value();
+        let mut table = json!({
+            "weights": "a.bin", "cache": "c", "name": "no path", "layers": [{ "name": "x", "table": "t.csv" }, { "name": "y", "table": "u.csv" }],
+            "source": { "kind": "disk", "folder": "d" },
+        });
+        let mut found = Vec::new();
+        Search { root: &schema, formats: &[PATH, FOLDER] }.value(&schema, String::new(), &mut table, 0, &mut found);
+        let mut found: Vec<(String, String)> =
+            found.into_iter().map(|(_, (at, v))| (at, v.as_str().unwrap_or_default().to_owned())).collect();
+        found.sort();
+        let wanted = [
+            ("cache", "c"),
+            ("layers[0].table", "t.csv"),
+            ("layers[1].table", "u.csv"),
+            ("source.folder", "d"),
+            ("weights", "a.bin"),
+        ];
+        assert_eq!(found, wanted.map(|(at, path)| (at.to_owned(), path.to_owned())));
+    }
+
+    #[test]
+    fn every_path_of_the_shipped_kinds_is_marked() {
+        let places = |role: &str, kind: &str, mut table: Value| -> Vec<String> {
+            paths(role, kind, &mut table).map(|setting| setting.place).collect()
+        };
+        assert_eq!(places("driver", "replay", json!({ "file": "a" })), ["file"]);
+        assert_eq!(places("camera", "folder", json!({ "path": "a" })), ["path"]);
+        assert_eq!(places("camera", "recorded", json!({ "run": "a" })), ["run"]);
+        let scenery = json!({ "scenery": { "pictures": "p", "stickers": [{ "picture": "s" }] } });
+        assert_eq!(places("camera", "simulated", scenery), ["scenery.pictures", "scenery.stickers[0].picture"]);
+        assert_eq!(places("bridge", "yarp", json!({ "save_folder": "a" })), ["save_folder"]);
+        for kind in ["color", "cgp", "onnx"] {
+            assert_eq!(places("detector", kind, json!({ "file": "a" })), ["file"], "{kind}");
+        }
+        let mut table = json!({ "map": ["a.json", { "vertices": [] }] });
+        let found: Vec<String> = maps("agent", "roadmap", &mut table).into_iter().map(|(at, _)| at).collect();
+        assert_eq!(found, ["map[0]", "map[1]"]);
+    }
+}

@@ -1,0 +1,5 @@
+//! The program `mobee`: see [`mobee::cli`].
+
+fn main() -> std::process::ExitCode {
+    mobee::cli::main()
+}
