@@ -5,8 +5,8 @@ use crate::new_robot::NewDriver;
 use crate::robot_import::ImportArgs;
 use crate::{
     agent, bench, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare, model_convert,
-    model_eval, model_info, model_view, new, new_robot, plan, replay, roadmap, run, schema, sim, terminal, torture,
-    view, yarp,
+    model_eval, model_info, model_view, new, new_crate, new_robot, plan, replay, roadmap, run, schema, sim, terminal,
+    torture, view, yarp,
 };
 use clap::{Parser, Subcommand};
 use miette::Report;
@@ -102,10 +102,18 @@ enum Command {
         /// Show this kind in full.
         name: Option<String>,
     },
-    /// Write a starting file for your own behavior, together with the robot and world that it names.
+    /// Write a starting file for your own behavior, together with the robot and world that it names; or a crate of your own.
     New {
         /// Its name: NAME.toml is written.
-        name: String,
+        #[arg(required_unless_present = "crate_name")]
+        name: Option<String>,
+        /// Write a Rust crate into the new folder NAME: a driver, an agent and a camera of your own, a behavior, and a program with every
+        /// subcommand.
+        #[arg(long = "crate", value_name = "NAME", conflicts_with_all = ["name", "robot", "from"])]
+        crate_name: Option<String>,
+        /// The checkout of MoBeE that the crate builds on. Default: the one that this program was built from.
+        #[arg(long, value_name = "FOLDER", requires = "crate_name")]
+        mobee: Option<PathBuf>,
         /// The behavior to start from: explore, ball, filter, torture or explore-yarp.
         #[arg(long, value_name = "BEHAVIOR", default_value = "explore")]
         from: String,
@@ -362,14 +370,18 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             terminal::out(&kinds::listing(name.as_deref())?);
             Ok(ExitCode::SUCCESS)
         }
+        Command::New { crate_name: Some(name), mobee, .. } => {
+            terminal::out(&new_crate::command(&name, mobee.as_deref())?);
+            Ok(ExitCode::SUCCESS)
+        }
         Command::New { name, from, robot: None, .. } => {
-            for file in new::write(&name, &from)? {
+            for file in new::write(&name.unwrap_or_default(), &from)? {
                 terminal::out(&format!("{}\n", file.display()));
             }
             Ok(ExitCode::SUCCESS)
         }
-        Command::New { name, from, robot: Some(urdf), driver, import } => {
-            terminal::out(&new_robot::command(&name, &from, &urdf, driver, &import)?);
+        Command::New { name, from, robot: Some(urdf), driver, import, .. } => {
+            terminal::out(&new_robot::command(&name.unwrap_or_default(), &from, &urdf, driver, &import)?);
             Ok(ExitCode::SUCCESS)
         }
         Command::Schema => {

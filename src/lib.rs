@@ -34,6 +34,7 @@ pub mod model_info;
 pub mod model_view;
 mod narrate;
 pub mod new;
+pub mod new_crate;
 pub mod new_robot;
 mod outside;
 pub mod plan;

@@ -22,6 +22,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-actors", &["mobee-contract", "mobee-controller", "mobee-model"]),
     ("mobee-recorder", &["mobee-contract", "mobee-model"]),
     ("mobee-python", &["mobee-behaviors", "mobee-fast", "mobee-model"]),
+    // as a crate outside of this repository
+    ("my_arm", &["mobee", "mobee-contract", "mobee-drivers"]),
     (
         "mobee",
         &[
