@@ -148,7 +148,7 @@ inventory::submit! {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let driver = r#"robot.icub.driver={ kind = "wire" }"#;
-    let settings = [driver, "clock=\"real\"", "robot.icub.agent.speed=0.9", "for_s=8", "record.enabled=false"];
+    let settings = [driver, "clock=\"real\"", "robot.icub.agent.speed=0.4", "for_s=10", "record.enabled=false"];
     let done = mobee::run::example("configs/behaviors/explore.toml", &settings)?;
     let summary = mobee::run::summary(&done);
     println!("{}", serde_json::to_string_pretty(&summary)?);
