@@ -6,7 +6,7 @@ use crate::terminal;
 use miette::{Report, miette};
 use mobee_behaviors::group;
 use mobee_behaviors::hand_goal::HandGoals;
-use mobee_behaviors::planners::{JointPath, JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
+use mobee_behaviors::planners::{AoRrtConnect, JointPath, JointSpace, NoPath, PlannerKind, PlanningProblem, shorten};
 use mobee_contract::KindError;
 use mobee_model::{Robot, Scene};
 use rustix::time::{ClockId, clock_gettime};
@@ -46,6 +46,12 @@ pub struct PlanArgs {
     /// The seed of all randomness: equal questions have equal answers.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// `rrt_connect`: the first path; `aorrtc`: shorter paths for more time.
+    #[arg(long, value_name = "PLANNER", default_value = "rrt_connect", value_parser = str::parse::<PlannerKind>)]
+    planner: PlannerKind,
+    /// Random configurations that `aorrtc` spends after the first path. It ends earlier when --time is spent.
+    #[arg(long, value_name = "N", default_value_t = AoRrtConnect::default().iterations)]
+    iterations: u64,
     /// Processor time for the search.
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = positive)]
     time: f64,
@@ -161,7 +167,7 @@ fn search(
     let of = |pose: &[f64]| motors.iter().filter_map(|m| pose.get(*m).copied()).collect::<Vec<f64>>();
     let problem = PlanningProblem { start: of(from), goal: of(to), seed: args.seed, budget: u64::MAX };
     let begun = processor_s();
-    let found = RrtConnect::default().plan(&mut space, &problem, &mut |_| {
+    let found = args.planner.planner(args.iterations).plan(&mut space, &problem, &mut |_| {
         if processor_s() - begun > args.time { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     Ok(found.map(|path| {

@@ -10,18 +10,23 @@
 //!
 //! [`escape`](mod@escape) is older and asks for less: the way out of a contact.
 
+mod ao_rrt_connect;
 pub mod escape;
 mod rrt_connect;
 mod shortcut;
 mod space;
 mod tree;
 
+pub use ao_rrt_connect::AoRrtConnect;
 pub use rrt_connect::RrtConnect;
 pub use shortcut::shorten;
 pub use space::JointSpace;
 
 use mobee_model::{Pair, Scene};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
+use std::str::FromStr;
 
 /// From where to where, and what it may cost.
 #[derive(Clone, Debug, PartialEq)]
@@ -143,6 +148,42 @@ pub trait Planner {
         problem: &PlanningProblem,
         watch: &mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
     ) -> Result<JointPath, NoPath>;
+}
+
+/// A planner by its name, as settings and arguments have it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PlannerKind {
+    /// The first path that is found: [`RrtConnect`].
+    #[default]
+    RrtConnect,
+    /// Shorter paths for more time: [`AoRrtConnect`].
+    Aorrtc,
+}
+
+impl PlannerKind {
+    /// The planner, with its own step.
+    ///
+    /// # Arguments
+    /// * `iterations`: random configurations that AORRTC may spend after the first path.
+    pub fn planner(self, iterations: u64) -> Box<dyn Planner + Send> {
+        match self {
+            PlannerKind::RrtConnect => Box::new(RrtConnect::default()),
+            PlannerKind::Aorrtc => Box::new(AoRrtConnect { iterations, ..AoRrtConnect::default() }),
+        }
+    }
+}
+
+impl FromStr for PlannerKind {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<PlannerKind, String> {
+        match name {
+            "rrt_connect" => Ok(PlannerKind::RrtConnect),
+            "aorrtc" => Ok(PlannerKind::Aorrtc),
+            _ => Err("the planners are `rrt_connect` and `aorrtc`".to_owned()),
+        }
+    }
 }
 
 /// Length of the straight line between two poses as they are, turns included, rad.

@@ -11,6 +11,7 @@ mod trial;
 
 use crate::robot_import::Steps;
 use miette::{IntoDiagnostic, Report, miette};
+use mobee_behaviors::planners::{AoRrtConnect, PlannerKind};
 use mobee_contract::suggestion;
 use problems::{InputFault, Problem, read_problems};
 use serde_json::{Map, Value, json};
@@ -31,6 +32,12 @@ pub struct PlanBenchArgs {
     /// Only every N-th problem of a scene.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     every: u16,
+    /// `rrt_connect`: the first path; `aorrtc`: shorter paths for more time.
+    #[arg(long, value_name = "PLANNER", default_value = "rrt_connect", value_parser = str::parse::<PlannerKind>)]
+    planner: PlannerKind,
+    /// Random configurations that `aorrtc` spends after the first path.
+    #[arg(long, value_name = "N", default_value_t = AoRrtConnect::default().iterations)]
+    iterations: u64,
     /// Processor time for one plan.
     #[arg(long, value_name = "SECONDS", default_value_t = 3.0, value_parser = seconds)]
     time: f64,
@@ -76,6 +83,8 @@ pub(super) fn command(args: &PlanBenchArgs) -> Result<ExitCode, Report> {
     let settings = TrialSettings {
         clearance: args.clearance_mm / 1e3,
         seed: args.seed,
+        planner: args.planner,
+        iterations: args.iterations,
         limit_s: args.time,
         simplify_lines: SIMPLIFY_LINES,
         check_step: args.check,

@@ -209,6 +209,13 @@ impl JointSpace {
         }
     }
 
+    /// Puts the motors that are held to their positions, rad.
+    pub(super) fn put_held(&self, pose: &mut [f64]) {
+        for (q, held) in pose.iter_mut().zip(&self.held) {
+            *q = held.unwrap_or(*q);
+        }
+    }
+
     /// As [`JointSpace::toward`], into a buffer.
     pub fn toward_into(&self, from: &[f64], to: &[f64], nearest: &mut Vec<f64>) {
         nearest.clear();

@@ -2,7 +2,7 @@
 
 use crate::world::*;
 use mobee_behaviors::planners::{
-    JointPath, JointSpace, NoPath, PathEnd, PlanProgress, Planner, PlanningProblem, RrtConnect, shorten,
+    AoRrtConnect, JointPath, JointSpace, NoPath, PathEnd, PlanProgress, Planner, PlanningProblem, RrtConnect, shorten,
 };
 use mobee_contract::Axis;
 use mobee_fast::EdgeVerdict;
@@ -115,6 +115,85 @@ proptest! {
         let alone: Vec<_> = poses.iter().map(|q| space.free([q.as_slice()])[0]).collect();
         prop_assert_eq!(together, alone);
     }
+}
+
+/// The length that a path costs the planners, rad.
+fn cost(space: &JointSpace, path: &JointPath) -> f64 {
+    path.edges().map(|(a, b)| space.weighted(a, b)).sum()
+}
+
+/// A planar arm of two links before a ball between start and goal: the cheapest way is found from the grid of all configurations.
+#[test]
+fn aorrtc_comes_near_the_shortest_path_and_never_ends_with_a_longer_one() {
+    let robot = arm(2);
+    let scene = scene(&robot, vec![ball("ball", 0.75, 0.0, 0.1, ObjectClass::Obstacle)]);
+    let mut space = space(&scene, &robot);
+    let (start, goal) = ([-0.9, 0.0], [0.9, 0.0]);
+    let mut before = f64::INFINITY;
+    for iterations in [0, 200, 2000, 20000] {
+        let planner = AoRrtConnect { iterations, ..AoRrtConnect::default() };
+        let problem = PlanningProblem { budget: u64::MAX, ..problem(&start, &goal, 7) };
+        let path = planner.plan(&mut space, &problem, &mut |_| ControlFlow::Continue(())).unwrap();
+        assert!(path.edges().all(|(a, b)| line_free(&scene, a, b)), "{path:?}");
+        assert_eq!(
+            (path.poses.first().map(Vec::as_slice), path.poses.last().map(Vec::as_slice)),
+            (Some(&start[..]), Some(&goal[..]))
+        );
+        let length = cost(&space, &path);
+        assert!(length <= before + 1e-12, "{iterations}: {length} after {before}");
+        before = length;
+    }
+    let shortest = shortest_on_grid(&mut space, &start, &goal);
+    assert!(before < 1.02 * shortest, "{before} rad, where the grid has {shortest} rad");
+}
+
+/// Length of the shortest path over a grid of the joint space with edges to cells up to three away (Dijkstra), rad.
+fn shortest_on_grid(space: &mut JointSpace, start: &[f64; 2], goal: &[f64; 2]) -> f64 {
+    const CELL: f64 = 0.06;
+    let range = -40_i32..=40;
+    let at = |(x, y): (i32, i32)| [f64::from(x) * CELL, f64::from(y) * CELL];
+    let cell = |q: &[f64; 2]| ((q[0] / CELL).round() as i32, (q[1] / CELL).round() as i32);
+    let mut far = std::collections::BTreeMap::from([(cell(start), 0.0_f64)]);
+    let mut open = vec![cell(start)];
+    while let Some(next) = (0..open.len()).min_by(|a, b| far[&open[*a]].total_cmp(&far[&open[*b]])) {
+        let here = open.swap_remove(next);
+        if here == cell(goal) {
+            return far[&here];
+        }
+        for (dx, dy) in (-3..=3).flat_map(|x| (-3..=3).map(move |y| (x, y))).filter(|step| *step != (0, 0)) {
+            let there = (here.0 + dx, here.1 + dy);
+            let [a, b] = [at(here), at(there)];
+            let length = far[&here] + space.weighted(&a, &b);
+            let known = far.get(&there).is_some_and(|known| *known <= length);
+            if !known && range.contains(&there.0) && range.contains(&there.1) && space.samples_free(&a, &b) {
+                far.insert(there, length);
+                open.retain(|cell| *cell != there);
+                open.push(there);
+            }
+        }
+    }
+    f64::INFINITY
+}
+
+#[test]
+fn aorrtc_ends_with_its_best_path_when_the_watch_or_the_budget_ends_it() {
+    let robot = arm(3);
+    let scene = scene(&robot, wall(0.0));
+    let mut space = space(&scene, &robot);
+    let problem = problem(&[-0.9, 0.0, 0.0], &[0.9, 0.0, 0.0], 3);
+    let first = plan(&mut space, &problem).unwrap();
+    let planner = AoRrtConnect { iterations: u64::MAX, ..AoRrtConnect::default() };
+    let best = planner.plan(&mut space, &problem, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(best.evaluations <= problem.budget + 100, "{} lines of {}", best.evaluations, problem.budget);
+    assert!(cost(&space, &best) < cost(&space, &first));
+    let mut calls = 0;
+    let cut = planner.plan(&mut space, &problem, &mut |progress| {
+        calls += u32::from(progress.evaluations > 2000);
+        if calls > 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    assert!(cut.unwrap().edges().all(|(a, b)| line_free(&scene, a, b)));
+    // the same problem has the same answer
+    assert_eq!(planner.plan(&mut space, &problem, &mut |_| ControlFlow::Continue(())).unwrap(), best);
 }
 
 #[test]

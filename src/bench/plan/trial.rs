@@ -2,9 +2,7 @@
 
 use super::arm::Arm;
 use super::problems::{InputFault, Problem};
-use mobee_behaviors::planners::{
-    JointPath, JointSpace, NoPath, PathEnd, Planner, PlanningProblem, RrtConnect, shorten,
-};
+use mobee_behaviors::planners::{JointPath, JointSpace, NoPath, PathEnd, PlannerKind, PlanningProblem, shorten};
 use mobee_model::Scene;
 use nalgebra::Isometry3;
 use rustix::time::{ClockId, clock_gettime};
@@ -22,6 +20,9 @@ pub(crate) struct TrialSettings {
     /// Meters.
     pub clearance: f64,
     pub seed: u64,
+    pub planner: PlannerKind,
+    /// Random configurations that AORRTC may spend after the first path.
+    pub iterations: u64,
     /// Processor time for one plan, seconds.
     pub limit_s: f64,
     /// The most lines that a simplification may judge.
@@ -104,10 +105,11 @@ pub(crate) fn run(
         seed: settings.seed,
         budget: u64::MAX,
     };
+    let planner = settings.planner.planner(settings.iterations);
     let mut found = Err(NoPath::Cancelled);
     trial.plan_ms = least(settings.rounds, || {
         let (begun, mut calls) = (processor_ms(), 0_u32);
-        found = RrtConnect::default().plan(&mut space, &asked, &mut |_| {
+        found = planner.plan(&mut space, &asked, &mut |_| {
             calls = calls.wrapping_add(1);
             let late = calls.is_multiple_of(CLOCK_EVERY) && processor_ms() - begun > settings.limit_s * 1e3;
             if late { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

@@ -1,0 +1,340 @@
+//! AORRTC: RRT-Connect in a space with the cost as one more coordinate, run again and again with a lower bound each time. Anytime and almost
+//! surely asymptotically optimal.
+//!
+//! Wilson, Thomason, Kingston and Gammell, *AORRTC: Almost-Surely Asymptotically Optimal Planning with RRT-Connect* (2025,
+//! arXiv:2505.10542); informed samples: Gammell, Srinivasa and Barfoot, *Informed RRT\** (2014, doi:10.1109/IROS.2014.6942976).
+//!
+//! ```text
+//! RRT-Connect ──> path ──shorten──> best path, cost c
+//!                                      │
+//!        trees with costs below c <────┘ a shorter path lowers c, and the trees begin again
+//! ```
+//! The cost of a path is its length by the weights of the space: a meter of a prismatic joint counts as a radian.
+
+use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem, RrtConnect, shorten};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::TAU;
+use std::ops::ControlFlow;
+
+/// Lines that may be judged to shorten each path that was found.
+const SHORTEN_LINES: u64 = 1000;
+/// A path counts as shorter if its cost is lower by this share.
+const MIN_GAIN: f64 = 1e-4;
+/// Attempts to draw a configuration through which a shorter path may lead.
+const MAX_DRAWS: u32 = 64;
+/// Attempts to find a cheaper parent for a new node.
+const MAX_PARENTS: u32 = 8;
+
+/// Asymptotically optimal RRT-Connect with certified paths.
+///
+/// # Examples
+/// ```no_run
+/// # use mobee_behaviors::planners::{AoRrtConnect, JointSpace, Planner, PlanningProblem};
+/// # fn plan(space: &mut JointSpace, problem: &PlanningProblem) {
+/// let planner = AoRrtConnect { iterations: 5000, ..AoRrtConnect::default() };
+/// let path = planner.plan(space, problem, &mut |_| std::ops::ControlFlow::Continue(()));
+/// # }
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AoRrtConnect {
+    /// Greatest length of a straight line of its trees, rad; a meter of a prismatic joint counts as a radian.
+    pub step: f64,
+    /// Greatest number of random configurations after the first path.
+    pub iterations: u64,
+}
+
+impl Default for AoRrtConnect {
+    fn default() -> Self {
+        AoRrtConnect { step: RrtConnect::default().step, iterations: 2000 }
+    }
+}
+
+impl Planner for AoRrtConnect {
+    /// The first path is that of [`RrtConnect`]; the rest of the iterations and of the budget shortens it. A break of the watch, or a spent
+    /// budget, ends the search with the best path so far.
+    fn plan(
+        &self,
+        space: &mut JointSpace,
+        problem: &PlanningProblem,
+        watch: &mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
+    ) -> Result<JointPath, NoPath> {
+        let begun = space.evaluations();
+        let first = RrtConnect { step: self.step }.plan(space, problem, watch)?;
+        let end = begun.saturating_add(problem.budget);
+        let mut best = shortened(space, first, problem.seed, end);
+        let mut search = Search {
+            start: best.poses.first().cloned().unwrap_or_default(),
+            goal: best.poses.last().cloned().unwrap_or_default(),
+            space,
+            step: self.step.max(1e-6),
+            rng: ChaCha8Rng::seed_from_u64(problem.seed),
+            certifies: false,
+            begun,
+            end,
+            left: self.iterations,
+            watch,
+        };
+        let least = search.far(&search.start, &search.goal);
+        let mut round = problem.seed;
+        loop {
+            let bound = search.cost(&best) * (1.0 - MIN_GAIN);
+            if bound <= least {
+                break;
+            }
+            let Some(path) = search.round(bound) else { break };
+            round = round.wrapping_add(1);
+            let path = shortened(search.space, path, round, end);
+            if search.cost(&path) < search.cost(&best) {
+                best = path;
+            }
+        }
+        best.evaluations = space.evaluations() - begun;
+        Ok(best)
+    }
+}
+
+/// A path made shorter within what is left of the budget.
+fn shortened(space: &mut JointSpace, path: JointPath, seed: u64, end: u64) -> JointPath {
+    let lines = end.saturating_sub(space.evaluations()).min(SHORTEN_LINES);
+    shorten(space, path, seed, lines)
+}
+
+/// A node, and the cost from the root of its tree to it.
+struct Node {
+    q: Vec<f64>,
+    parent: usize,
+    cost: f64,
+}
+
+struct Search<'a> {
+    space: &'a mut JointSpace,
+    start: Vec<f64>,
+    /// In the turn in which the best path reaches it.
+    goal: Vec<f64>,
+    step: f64,
+    rng: ChaCha8Rng,
+    /// Whether lines are certified as they are added: since a path was refuted whose lines were only sampled.
+    certifies: bool,
+    /// The space's count of evaluations at the beginning, and at which the search ends.
+    begun: u64,
+    end: u64,
+    /// Random configurations that are left.
+    left: u64,
+    watch: &'a mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
+}
+
+impl Search<'_> {
+    /// Length of the straight line between two configurations, the short way of joints without end.
+    fn far(&self, from: &[f64], to: &[f64]) -> f64 {
+        let axes = self.space.weights().iter().enumerate();
+        let ways = axes.zip(from.iter().zip(to)).map(|((i, weight), (from, to))| {
+            let way = to - from;
+            let way = if self.space.metric().turns(i) { way - (way / TAU).round() * TAU } else { way };
+            way * weight
+        });
+        ways.map(|way| way * way).sum::<f64>().sqrt()
+    }
+
+    /// Cost of a path.
+    fn cost(&self, path: &JointPath) -> f64 {
+        path.edges().map(|(from, to)| self.space.weighted(from, to)).sum()
+    }
+
+    /// A path that costs less than `bound`; `None` if budget or iterations are spent, or the watch ends the search.
+    fn round(&mut self, bound: f64) -> Option<JointPath> {
+        let root = |q: &Vec<f64>| vec![Node { q: q.clone(), parent: 0, cost: 0.0 }];
+        let mut trees = [root(&self.start), root(&self.goal)];
+        let mut grown = 0;
+        while self.left > 0 {
+            self.left -= 1;
+            let poses = trees[0].len() + trees[1].len();
+            let evaluations = self.space.evaluations();
+            let progress = PlanProgress { evaluations: evaluations - self.begun, poses };
+            if evaluations >= self.end || (self.watch)(progress).is_break() {
+                return None;
+            }
+            grown = 1 - grown;
+            let Some(draw) = self.draw(bound) else { continue };
+            let [from, to] = [trees[grown][0].q.clone(), trees[1 - grown][0].q.clone()];
+            // the cost that the drawn configuration may have
+            let [least, most] = [self.far(&from, &draw), bound - self.far(&draw, &to)];
+            let cost = if most > least { self.rng.random_range(least..most) } else { least };
+            let near = self.nearest(&trees[grown], &draw, cost);
+            let Some(node) = self.extend(&mut trees[grown], near, &draw, bound, &to) else { continue };
+            let Some(other) = self.connect(&mut trees, grown, node, bound) else { continue };
+            let met = if grown == 0 { [node, other] } else { [other, node] };
+            match self.path(&trees, met) {
+                Some(path) => return Some(path),
+                None => {
+                    self.certifies = true;
+                    trees = [root(&self.start), root(&self.goal)];
+                }
+            }
+        }
+        None
+    }
+
+    /// A random configuration through which a path that costs less than `bound` may lead.
+    fn draw(&mut self, bound: f64) -> Option<Vec<f64>> {
+        let mut draw = Vec::new();
+        for attempt in 0..MAX_DRAWS {
+            // The ellipsoid of such configurations may be a small part of the joint space, or the larger one of both.
+            if attempt % 2 == 0 {
+                self.draw_informed(bound, &mut draw);
+                self.space.put_held(&mut draw);
+            } else {
+                self.space.sample_into(&mut self.rng, &mut draw);
+            }
+            let within = self.space.outside(&draw).is_none();
+            if within && self.far(&self.start, &draw) + self.far(&draw, &self.goal) < bound {
+                return Some(draw);
+            }
+        }
+        None
+    }
+
+    /// A configuration of the ellipsoid whose foci are start and goal and whose long axis is `bound`, all alike likely.
+    fn draw_informed(&mut self, bound: f64, draw: &mut Vec<f64>) {
+        let weights = self.space.weights();
+        let n = weights.len();
+        // in weighted coordinates: the axis from focus to focus
+        let axis: Vec<f64> = self
+            .goal
+            .iter()
+            .zip(&self.start)
+            .zip(weights)
+            .map(|((goal, start), weight)| (goal - start) * weight)
+            .collect();
+        let least = norm(&axis);
+        let [long, short] = [bound / 2.0, (bound * bound - least * least).max(0.0).sqrt() / 2.0];
+        // a point of the unit ball: a normal direction, and a radius
+        let mut point: Vec<f64> = (0..n).map(|_| normal(&mut self.rng)).collect();
+        let radius = self.rng.random::<f64>().powf(1.0 / n.max(1) as f64) / norm(&point).max(1e-12);
+        for (i, x) in point.iter_mut().enumerate() {
+            *x *= radius * if i == 0 { long } else { short };
+        }
+        // The reflection that takes the first unit vector to the axis (Householder) turns the ellipsoid: it is symmetric.
+        let mut mirror: Vec<f64> = axis.iter().map(|x| -x / least.max(1e-12)).collect();
+        if let Some(first) = mirror.first_mut() {
+            *first += 1.0;
+        }
+        let length = norm(&mirror);
+        if length > 1e-9 {
+            let along = 2.0 * point.iter().zip(&mirror).map(|(p, m)| p * m).sum::<f64>() / (length * length);
+            point.iter_mut().zip(&mirror).for_each(|(p, m)| *p -= along * m);
+        }
+        draw.clear();
+        let middle = self.start.iter().zip(&self.goal).map(|(start, goal)| 0.5 * (start + goal));
+        draw.extend(middle.zip(&point).zip(weights).map(|((middle, p), weight)| middle + p / weight));
+    }
+
+    /// The node nearest to `q` from which it costs no more than `cost`; the root if there is none.
+    fn nearest(&self, tree: &[Node], q: &[f64], cost: f64) -> usize {
+        let reach = |(i, node): (usize, &Node)| (i, self.far(&node.q, q), node.cost);
+        let cheap = tree.iter().enumerate().map(reach).filter(|(_, far, before)| before + far <= cost);
+        cheap.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, ..)| i)
+    }
+
+    /// Adds a node at most a step from `from` toward `target`, at a parent as cheap as is found. `None` if that is blocked, or no path
+    /// through it to `end` costs less than `bound`.
+    fn extend(&mut self, tree: &mut Vec<Node>, from: usize, target: &[f64], bound: f64, end: &[f64]) -> Option<usize> {
+        let target = self.space.toward(&tree[from].q, target);
+        let far = self.space.weighted(&tree[from].q, &target);
+        let share = (self.step / far).min(1.0);
+        let q: Vec<f64> = tree[from].q.iter().zip(&target).map(|(a, b)| a + (b - a) * share).collect();
+        let mut cost = tree[from].cost + far * share;
+        let ahead = self.far(&q, end);
+        if cost + ahead >= bound || !self.is_free(&tree[from].q, &q) {
+            return None;
+        }
+        let mut added = Node { q, parent: from, cost };
+        // Draws of a lower cost, each for a nearest node of its own, lower the cost of the new one (AORRTC, section IV).
+        let least = self.far(&tree[0].q, &added.q);
+        for _ in 0..MAX_PARENTS {
+            if cost <= least {
+                break;
+            }
+            let wanted = self.rng.random_range(least..cost);
+            let parent = self.nearest(tree, &added.q, wanted);
+            let q = self.space.toward(&tree[parent].q, &added.q);
+            let cheaper = tree[parent].cost + self.space.weighted(&tree[parent].q, &q);
+            if parent == added.parent || cheaper >= cost || !self.is_free(&tree[parent].q, &q) {
+                break;
+            }
+            cost = cheaper;
+            added = Node { q, parent, cost };
+        }
+        tree.push(added);
+        Some(tree.len() - 1)
+    }
+
+    /// Leads the other tree to a node, step by step. Returns its last node if it arrives.
+    fn connect(&mut self, trees: &mut [Vec<Node>; 2], grown: usize, node: usize, bound: f64) -> Option<usize> {
+        let goal = trees[grown][node].q.clone();
+        let spent = trees[grown][node].cost;
+        let other = &mut trees[1 - grown];
+        let mut at = self.nearest(other, &goal, bound - spent);
+        loop {
+            let target = self.space.toward(&other[at].q, &goal);
+            let far = self.space.weighted(&other[at].q, &target);
+            if other[at].cost + far + spent >= bound {
+                return None;
+            }
+            let steps = (far / self.step).ceil().max(1.0);
+            let q: Vec<f64> = if steps <= 1.0 {
+                target
+            } else {
+                other[at].q.iter().zip(&target).map(|(a, b)| a + (b - a) / steps).collect()
+            };
+            if !self.is_free(&other[at].q, &q) {
+                return None;
+            }
+            let cost = other[at].cost + far / steps;
+            other.push(Node { q, parent: at, cost });
+            at = other.len() - 1;
+            if steps <= 1.0 {
+                return Some(at);
+            }
+        }
+    }
+
+    /// Whether a line is free: by samples, or certified once these have misled.
+    fn is_free(&mut self, from: &[f64], to: &[f64]) -> bool {
+        if self.certifies { self.space.free_lines([(from, to)]) == [true] } else { self.space.samples_free(from, to) }
+    }
+
+    /// The path through the nodes at which the trees met, if it is certified as it will be driven.
+    fn path(&mut self, trees: &[Vec<Node>; 2], met: [usize; 2]) -> Option<JointPath> {
+        let to_root = |tree: &[Node], mut at: usize| {
+            let mut nodes = vec![at];
+            while at > 0 {
+                at = tree[at].parent;
+                nodes.push(at);
+            }
+            nodes
+        };
+        let mut here = to_root(&trees[0], met[0]);
+        here.reverse();
+        let there = to_root(&trees[1], met[1]);
+        // both have the configuration where they met
+        let nodes = here.iter().map(|n| &trees[0][*n].q).chain(there.iter().skip(1).map(|n| &trees[1][*n].q));
+        let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), evaluations: 0 };
+        for q in nodes {
+            let q = path.poses.last().map_or_else(|| q.clone(), |last| self.space.toward(last, q));
+            path.poses.push(q);
+        }
+        let within = path.poses.iter().all(|q| self.space.outside(q).is_none());
+        (within && self.space.free_lines(path.edges()).iter().all(|free| *free)).then_some(path)
+    }
+}
+
+fn norm(x: &[f64]) -> f64 {
+    x.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// A normal number (Box and Muller).
+fn normal(rng: &mut impl Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
+    radius * (TAU * rng.random::<f64>()).cos()
+}
