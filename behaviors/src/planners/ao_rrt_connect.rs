@@ -11,6 +11,7 @@
 //! ```
 //! The cost of a path is its length by the weights of the space: a meter of a prismatic joint counts as a radian.
 
+use super::tree::Tree;
 use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem, RrtConnect, shorten};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -100,13 +101,6 @@ fn shortened(space: &mut JointSpace, path: JointPath, seed: u64, end: u64) -> Jo
     shorten(space, path, seed, lines)
 }
 
-/// A node, and the cost from the root of its tree to it.
-struct Node {
-    q: Vec<f64>,
-    parent: usize,
-    cost: f64,
-}
-
 struct Search<'a> {
     space: &'a mut JointSpace,
     start: Vec<f64>,
@@ -141,14 +135,18 @@ impl Search<'_> {
         path.edges().map(|(from, to)| self.space.weighted(from, to)).sum()
     }
 
+    /// The trees of a round: the roots alone.
+    fn roots(&self) -> [Tree; 2] {
+        [Tree::new(self.space, &self.start), Tree::new(self.space, &self.goal)]
+    }
+
     /// A path that costs less than `bound`; `None` if budget or iterations are spent, or the watch ends the search.
     fn round(&mut self, bound: f64) -> Option<JointPath> {
-        let root = |q: &Vec<f64>| vec![Node { q: q.clone(), parent: 0, cost: 0.0 }];
-        let mut trees = [root(&self.start), root(&self.goal)];
+        let mut trees = self.roots();
         let mut grown = 0;
         while self.left > 0 {
             self.left -= 1;
-            let poses = trees[0].len() + trees[1].len();
+            let poses = trees.iter().map(Tree::len).sum();
             let evaluations = self.space.evaluations();
             let progress = PlanProgress { evaluations: evaluations - self.begun, poses };
             if evaluations >= self.end || (self.watch)(progress).is_break() {
@@ -156,19 +154,20 @@ impl Search<'_> {
             }
             grown = 1 - grown;
             let Some(draw) = self.draw(bound) else { continue };
-            let [from, to] = [trees[grown][0].q.clone(), trees[1 - grown][0].q.clone()];
+            let [from, to] = if grown == 0 { [&self.start, &self.goal] } else { [&self.goal, &self.start] };
             // the cost that the drawn configuration may have
-            let [least, most] = [self.far(&from, &draw), bound - self.far(&draw, &to)];
+            let least = self.far(from, &draw);
+            let most = bound - self.far(&draw, to);
             let cost = if most > least { self.rng.random_range(least..most) } else { least };
-            let near = self.nearest(&trees[grown], &draw, cost);
-            let Some(node) = self.extend(&mut trees[grown], near, &draw, bound, &to) else { continue };
+            let near = trees[grown].nearest_within(&draw, cost);
+            let Some(node) = self.extend(&mut trees[grown], near, &draw, grown, bound) else { continue };
             let Some(other) = self.connect(&mut trees, grown, node, bound) else { continue };
             let met = if grown == 0 { [node, other] } else { [other, node] };
             match self.path(&trees, met) {
                 Some(path) => return Some(path),
                 None => {
                     self.certifies = true;
-                    trees = [root(&self.start), root(&self.goal)];
+                    trees = self.roots();
                 }
             }
         }
@@ -229,71 +228,64 @@ impl Search<'_> {
         draw.extend(middle.zip(&point).zip(weights).map(|((middle, p), weight)| middle + p / weight));
     }
 
-    /// The node nearest to `q` from which it costs no more than `cost`; the root if there is none.
-    fn nearest(&self, tree: &[Node], q: &[f64], cost: f64) -> usize {
-        let reach = |(i, node): (usize, &Node)| (i, self.far(&node.q, q), node.cost);
-        let cheap = tree.iter().enumerate().map(reach).filter(|(_, far, before)| before + far <= cost);
-        cheap.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, ..)| i)
-    }
-
     /// Adds a node at most a step from `from` toward `target`, at a parent as cheap as is found. `None` if that is blocked, or no path
-    /// through it to `end` costs less than `bound`.
-    fn extend(&mut self, tree: &mut Vec<Node>, from: usize, target: &[f64], bound: f64, end: &[f64]) -> Option<usize> {
-        let target = self.space.toward(&tree[from].q, target);
-        let far = self.space.weighted(&tree[from].q, &target);
+    /// through it costs less than `bound`.
+    fn extend(&mut self, tree: &mut Tree, from: u32, target: &[f64], grown: usize, bound: f64) -> Option<u32> {
+        let target = self.space.toward(tree.pose(from), target);
+        let far = self.space.weighted(tree.pose(from), &target);
         let share = (self.step / far).min(1.0);
-        let q: Vec<f64> = tree[from].q.iter().zip(&target).map(|(a, b)| a + (b - a) * share).collect();
-        let mut cost = tree[from].cost + far * share;
-        let ahead = self.far(&q, end);
-        if cost + ahead >= bound || !self.is_free(&tree[from].q, &q) {
+        let mut q: Vec<f64> = tree.pose(from).iter().zip(&target).map(|(a, b)| a + (b - a) * share).collect();
+        let mut parent = from;
+        let mut cost = tree.cost(from) + far * share;
+        let end = if grown == 0 { &self.goal } else { &self.start };
+        if cost + self.far(&q, end) >= bound || !self.is_free(tree.pose(from), &q) {
             return None;
         }
-        let mut added = Node { q, parent: from, cost };
         // Draws of a lower cost, each for a nearest node of its own, lower the cost of the new one (AORRTC, section IV).
-        let least = self.far(&tree[0].q, &added.q);
+        let least = self.far(tree.pose(0), &q);
         for _ in 0..MAX_PARENTS {
             if cost <= least {
                 break;
             }
             let wanted = self.rng.random_range(least..cost);
-            let parent = self.nearest(tree, &added.q, wanted);
-            let q = self.space.toward(&tree[parent].q, &added.q);
-            let cheaper = tree[parent].cost + self.space.weighted(&tree[parent].q, &q);
-            if parent == added.parent || cheaper >= cost || !self.is_free(&tree[parent].q, &q) {
+            let other = tree.nearest_within(&q, wanted);
+            let turned = self.space.toward(tree.pose(other), &q);
+            let cheaper = tree.cost(other) + self.space.weighted(tree.pose(other), &turned);
+            if other == parent || cheaper >= cost || !self.is_free(tree.pose(other), &turned) {
                 break;
             }
             cost = cheaper;
-            added = Node { q, parent, cost };
+            parent = other;
+            q = turned;
         }
-        tree.push(added);
-        Some(tree.len() - 1)
+        Some(tree.add_costed(parent, &q, cost))
     }
 
     /// Leads the other tree to a node, step by step. Returns its last node if it arrives.
-    fn connect(&mut self, trees: &mut [Vec<Node>; 2], grown: usize, node: usize, bound: f64) -> Option<usize> {
-        let goal = trees[grown][node].q.clone();
-        let spent = trees[grown][node].cost;
+    fn connect(&mut self, trees: &mut [Tree; 2], grown: usize, node: u32, bound: f64) -> Option<u32> {
+        let goal = trees[grown].pose(node).to_vec();
+        let spent = trees[grown].cost(node);
         let other = &mut trees[1 - grown];
-        let mut at = self.nearest(other, &goal, bound - spent);
+        let mut at = other.nearest_within(&goal, bound - spent);
         loop {
-            let target = self.space.toward(&other[at].q, &goal);
-            let far = self.space.weighted(&other[at].q, &target);
-            if other[at].cost + far + spent >= bound {
+            let target = self.space.toward(other.pose(at), &goal);
+            let far = self.space.weighted(other.pose(at), &target);
+            if other.cost(at) + far + spent >= bound {
                 return None;
             }
             let steps = (far / self.step).ceil().max(1.0);
-            let q: Vec<f64> = if steps <= 1.0 {
-                target
-            } else {
-                other[at].q.iter().zip(&target).map(|(a, b)| a + (b - a) / steps).collect()
-            };
-            if !self.is_free(&other[at].q, &q) {
+            let is_last = steps <= 1.0;
+            let q: Vec<f64> = other
+                .pose(at)
+                .iter()
+                .zip(&target)
+                .map(|(a, b)| if is_last { *b } else { a + (b - a) / steps })
+                .collect();
+            if !self.is_free(other.pose(at), &q) {
                 return None;
             }
-            let cost = other[at].cost + far / steps;
-            other.push(Node { q, parent: at, cost });
-            at = other.len() - 1;
-            if steps <= 1.0 {
+            at = other.add_costed(at, &q, other.cost(at) + far / steps);
+            if is_last {
                 return Some(at);
             }
         }
@@ -305,23 +297,15 @@ impl Search<'_> {
     }
 
     /// The path through the nodes at which the trees met, if it is certified as it will be driven.
-    fn path(&mut self, trees: &[Vec<Node>; 2], met: [usize; 2]) -> Option<JointPath> {
-        let to_root = |tree: &[Node], mut at: usize| {
-            let mut nodes = vec![at];
-            while at > 0 {
-                at = tree[at].parent;
-                nodes.push(at);
-            }
-            nodes
-        };
-        let mut here = to_root(&trees[0], met[0]);
+    fn path(&mut self, trees: &[Tree; 2], met: [u32; 2]) -> Option<JointPath> {
+        let mut here = trees[0].to_root(met[0]);
         here.reverse();
-        let there = to_root(&trees[1], met[1]);
+        let there = trees[1].to_root(met[1]);
         // both have the configuration where they met
-        let nodes = here.iter().map(|n| &trees[0][*n].q).chain(there.iter().skip(1).map(|n| &trees[1][*n].q));
+        let nodes = here.iter().map(|n| trees[0].pose(*n)).chain(there.iter().skip(1).map(|n| trees[1].pose(*n)));
         let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), evaluations: 0 };
         for q in nodes {
-            let q = path.poses.last().map_or_else(|| q.clone(), |last| self.space.toward(last, q));
+            let q = path.poses.last().map_or_else(|| q.to_vec(), |last| self.space.toward(last, q));
             path.poses.push(q);
         }
         let within = path.poses.iter().all(|q| self.space.outside(q).is_none());

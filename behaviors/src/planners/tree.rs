@@ -11,6 +11,8 @@ pub(super) struct Tree {
     /// Each in the turn that it was reached in, one after the other.
     poses: Vec<f64>,
     parents: Vec<u32>,
+    /// Per node: cost from the root, by the weights of the space. Only [`Tree::add_costed`] computes it.
+    costs: Vec<f64>,
     /// Per node: how far a random pose may be for a step toward it to be tried. Infinite until a step is blocked.
     radii: Vec<f64>,
     near: NearestScan,
@@ -20,7 +22,14 @@ pub(super) struct Tree {
 impl Tree {
     pub fn new(space: &JointSpace, root: &[f64]) -> Tree {
         let near = NearestScan::new(space);
-        let mut tree = Tree { poses: Vec::new(), parents: Vec::new(), radii: Vec::new(), near, dimension: root.len() };
+        let mut tree = Tree {
+            poses: Vec::new(),
+            parents: Vec::new(),
+            costs: Vec::new(),
+            radii: Vec::new(),
+            near,
+            dimension: root.len(),
+        };
         tree.add(0, root);
         tree
     }
@@ -39,8 +48,28 @@ impl Tree {
         self.near.nearest(q)
     }
 
+    /// The node nearest to a pose from which it costs no more than `cost`; the root if there is none.
+    pub fn nearest_within(&mut self, q: &[f64], cost: f64) -> u32 {
+        self.near.nearest_within(q, &self.costs, cost)
+    }
+
+    /// Cost from the root to a node.
+    pub fn cost(&self, node: u32) -> f64 {
+        self.costs.get(node as usize).copied().unwrap_or(0.0)
+    }
+
+    /// Adds a node that costs so much from the root.
+    pub fn add_costed(&mut self, parent: u32, pose: &[f64], cost: f64) -> u32 {
+        let node = self.add(parent, pose);
+        if let Some(slot) = self.costs.get_mut(node as usize) {
+            *slot = cost;
+        }
+        node
+    }
+
     pub fn add(&mut self, parent: u32, pose: &[f64]) -> u32 {
         let node = self.parents.len() as u32;
+        self.costs.push(0.0);
         self.poses.extend(pose);
         self.parents.push(parent);
         self.radii.push(f64::INFINITY);
@@ -67,8 +96,11 @@ impl Tree {
     /// Takes out nodes, and all that hang on them. The root stays.
     pub fn prune(&mut self, cut: &[u32]) {
         let mut kept: Vec<Option<u32>> = Vec::with_capacity(self.len());
-        let (poses, parents, radii) =
-            (std::mem::take(&mut self.poses), std::mem::take(&mut self.parents), std::mem::take(&mut self.radii));
+        let poses = std::mem::take(&mut self.poses);
+        let parents = std::mem::take(&mut self.parents);
+        let radii = std::mem::take(&mut self.radii);
+        // only trees without costs are pruned
+        self.costs.clear();
         self.near.clear();
         for (node, ((parent, radius), pose)) in
             parents.iter().zip(radii).zip(poses.chunks(self.dimension.max(1))).enumerate()
@@ -119,21 +151,45 @@ impl NearestScan {
         self.len += 1;
     }
 
-    fn nearest(&mut self, q: &[f64]) -> u32 {
+    fn load_query(&mut self, q: &[f64]) {
         self.query.clear();
         self.query.extend(q.iter().zip(&self.axes).map(|(q, (weight, _))| (q * weight) as f32));
-        let mut best = [(f32::INFINITY, 0_u32); BLOCK];
-        for (block, rows) in self.blocks.chunks(self.axes.len().max(1)).enumerate() {
-            let mut sum = [0.0_f32; BLOCK];
-            for ((row, q), (_, turn)) in rows.iter().zip(&self.query).zip(&self.axes) {
-                for (sum, x) in sum.iter_mut().zip(row) {
-                    let mut way = x - q;
-                    if let Some(turn) = turn {
-                        way -= (way / turn).round() * turn;
-                    }
-                    *sum += way * way;
+    }
+
+    /// Squared distances of a block of nodes from the query.
+    fn squares(&self, rows: &[[f32; BLOCK]]) -> [f32; BLOCK] {
+        let mut sum = [0.0_f32; BLOCK];
+        for ((row, q), (_, turn)) in rows.iter().zip(&self.query).zip(&self.axes) {
+            for (sum, x) in sum.iter_mut().zip(row) {
+                let mut way = x - q;
+                if let Some(turn) = turn {
+                    way -= (way / turn).round() * turn;
+                }
+                *sum += way * way;
+            }
+        }
+        sum
+    }
+
+    fn nearest_within(&mut self, q: &[f64], costs: &[f64], cost: f64) -> u32 {
+        self.load_query(q);
+        let mut best = (f32::INFINITY, 0);
+        let blocks = self.blocks.chunks(self.axes.len().max(1)).zip(costs.chunks(BLOCK));
+        for (block, (rows, costs)) in blocks.enumerate() {
+            for (lane, (sum, before)) in self.squares(rows).into_iter().zip(costs).enumerate() {
+                if sum < best.0 && before + f64::from(sum).sqrt() <= cost {
+                    best = (sum, block * BLOCK + lane);
                 }
             }
+        }
+        best.1 as u32
+    }
+
+    fn nearest(&mut self, q: &[f64]) -> u32 {
+        self.load_query(q);
+        let mut best = [(f32::INFINITY, 0_u32); BLOCK];
+        for (block, rows) in self.blocks.chunks(self.axes.len().max(1)).enumerate() {
+            let sum = self.squares(rows);
             for (best, sum) in best.iter_mut().zip(sum) {
                 if sum < best.0 {
                     *best = (sum, block as u32);
