@@ -9,6 +9,7 @@ use mobee_behaviors::hand_goal::HandGoals;
 use mobee_behaviors::planners::{AoRrtConnect, JointPath, JointSpace, NoPath, PlannerKind, PlanningProblem, shorten};
 use mobee_contract::KindError;
 use mobee_model::{Robot, Scene};
+use mobee_recorder::{MapLines, MapView, Settings, view_map};
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -64,6 +65,9 @@ pub struct PlanArgs {
     /// Also write them as JSON; `-`: standard output.
     #[arg(long, value_name = "FILE|-")]
     json: Option<PathBuf>,
+    /// Also write a recording: the robot along the path, for the Rerun viewer.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Share of each motor's maximum speed. Between two way-points the motors move at constant speed and arrive together.
     #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = share)]
     speed: f64,
@@ -78,6 +82,8 @@ pub struct PlanArgs {
     force: bool,
 }
 
+/// Configurations of a recorded path, about.
+const RECORDED: usize = 120;
 /// The most lines that are judged to make a path shorter.
 const SHORTEN_LINES: u64 = 5000;
 
@@ -96,7 +102,8 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
         let what = "--every says how often joint values are written, and nothing writes them";
         return Err(ConfigError::plain(what, "add --csv FILE or --json FILE").into());
     }
-    for file in [&args.csv, &args.json].into_iter().flatten().filter(|file| *file != Path::new("-")) {
+    let files = [&args.csv, &args.json].into_iter().flatten().filter(|file| *file != Path::new("-"));
+    for file in files.chain(&args.record) {
         may_write(file, args.force)?;
     }
     let scene = scene(&args.robot, args.world.as_deref())?;
@@ -152,7 +159,77 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
             None => {}
         }
     }
+    if let Some(file) = &args.record {
+        record(args, &scene, along(&from, &motors, &path), file)?;
+        if to_terminal == 0 {
+            terminal::out(&format!("now: mobee view {}\n", file.display()));
+        }
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Writes a recording of the robot along the path, with the way of its hand: the marker of --hand, or the one that moves farthest.
+fn record(
+    args: &PlanArgs,
+    scene: &Scene,
+    (poses, waypoints): (Vec<Vec<f64>>, Vec<usize>),
+    file: &Path,
+) -> Result<(), Report> {
+    let robot = robot(scene)?;
+    let at = |q: &[f64], i: usize| robot.markers_at(q).get(i).map_or([0.0; 3], |pose| pose.position().coords.into());
+    let length = |i: usize| {
+        let places: Vec<[f64; 3]> = poses.iter().map(|q| at(q, i)).collect();
+        let ways = places.windows(2).map(|w| (0..3).map(|k| (w[1][k] - w[0][k]).powi(2)).sum::<f64>().sqrt());
+        ways.sum::<f64>()
+    };
+    let named = args.hand.as_ref().and_then(|hand| robot.markers.iter().position(|m| m.name == *hand));
+    let farthest = (0..robot.markers.len()).max_by(|a, b| length(*a).total_cmp(&length(*b)));
+    let hand = named.or(farthest).unwrap_or_default();
+    let vertices: Vec<[f64; 3]> = poses.iter().map(|q| at(q, hand)).collect();
+    let whole: Vec<&[f64]> = poses.iter().map(Vec::as_slice).collect();
+    let labels: Vec<Option<String>> = (0..poses.len())
+        .map(|i| waypoints.iter().position(|w| *w == i).map(|k| if k == 0 { "start".into() } else { k.to_string() }))
+        .collect();
+    let names: Vec<Option<&str>> = labels.iter().map(Option::as_deref).collect();
+    let edges = (1..poses.len() as u32).map(|i| (i - 1, i)).collect();
+    let lines = [MapLines { name: "path".to_owned(), blocked: false, edges }];
+    let settings = Settings {
+        path: file.to_owned(),
+        name: robot.name.clone(),
+        config: args.robot.display().to_string(),
+        build: env!("CARGO_PKG_VERSION").to_owned(),
+        live: None,
+        index: true,
+        names: Vec::new(),
+    };
+    let view = MapView { scene, vertices: &vertices, poses: &whole, names: &names, lines: &lines };
+    view_map(&settings, &view).map_err(|why| miette!("{}: {why}", file.display()))
+}
+
+/// Configurations of the whole robot along a path, rad of encoder, and the indices of the way-points among them.
+fn along(from: &[f64], motors: &[usize], path: &JointPath) -> (Vec<Vec<f64>>, Vec<usize>) {
+    let whole = |group: Vec<f64>| -> Vec<f64> {
+        let mut pose = from.to_vec();
+        for (m, q) in motors.iter().zip(group) {
+            if let Some(slot) = pose.get_mut(*m) {
+                *slot = q;
+            }
+        }
+        pose
+    };
+    let mut poses: Vec<Vec<f64>> = path.poses.first().cloned().map(whole).into_iter().collect();
+    let mut waypoints = vec![0];
+    let length = path.length().max(1e-9);
+    for (from, to) in path.edges() {
+        let way = from.iter().zip(to).map(|(a, b)| (b - a) * (b - a)).sum::<f64>().sqrt();
+        let steps = (RECORDED as f64 * way / length).ceil().max(1.0) as usize;
+        for step in 1..=steps {
+            let share = step as f64 / steps as f64;
+            poses.push(whole(from.iter().zip(to).map(|(a, b)| a + (b - a) * share).collect()));
+        }
+        waypoints.push(poses.len() - 1);
+    }
+    (poses, waypoints)
 }
 
 /// The path, and how long the search took; or the reason why there is none.

@@ -98,3 +98,26 @@ fn a_path_is_planned_from_the_command_line_printed_and_written() {
         assert!(said.contains(told), "{args:?}: {said}");
     }
 }
+
+#[test]
+fn aorrtc_shortens_every_path_and_a_recording_shows_the_robot_on_it() {
+    let first = bench(&["--check", "0.001"]);
+    let best = bench(&["--check", "0.001", "--planner", "aorrtc", "--iterations", "500"]);
+    assert_eq!(best["totals"]["refuted"], 0, "{best}");
+    let cost = |told: &Value| told["totals"]["simplified_cost"]["mean"].as_f64().expect("a cost");
+    assert!(cost(&best) < 0.97 * cost(&first), "{} rad, {} by RRT-Connect", cost(&best), cost(&first));
+    let words = complaint(&["bench", "plan", PROBLEMS, "--planner", "prm"]);
+    assert!(words.contains("`rrt_connect` and `aorrtc`"), "{words}");
+
+    let dir = tempfile::tempdir().expect("a folder");
+    let file = dir.path().join("path.rrd");
+    let record = ["--planner", "aorrtc", "--iterations", "50", "--record", text(&file)];
+    let told = answer(&[&["plan", PANDA, "--to", "panda_joint1=90,panda_joint4=-60"][..], &record].concat());
+    assert!(told.contains("now: mobee view"), "{told}");
+    let contents = mobee_recorder::Contents::read(&file).expect("a recording");
+    let rows =
+        |entity: &str| contents.rows.iter().filter(|(name, _)| name.contains(entity)).map(|(_, n)| n).sum::<u64>();
+    assert!(rows("world/map/poses") >= 60 && rows("world/map/path") > 0, "{:?}", contents.rows);
+    let again = complaint(&[&["plan", PANDA, "--to", "home"][..], &["--record", text(&file)]].concat());
+    assert!(again.contains("exists already"), "{again}");
+}
