@@ -1,7 +1,7 @@
-//! The kind `yarp`: a camera behind a YARP image port.
+//! The camera kind `yarp`: a camera behind a YARP image port.
 //!
 //! ```text
-//! their port ──images──> our port (newest wins) ──thread──> cell: the newest picture ──frame──> who asks
+//! their port ──images──> our port (newest wins) ──thread──> cell: the newest image ──frame──> caller
 //! ```
 
 use super::lens_settings::{LensSettings, size};
@@ -24,33 +24,34 @@ use tokio::time::{Instant, sleep};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct YarpCameraSettings {
-    /// The image port, such as `/icub/cam/left`.
+    /// Image port, such as `/icub/cam/left`.
     pub port: String,
-    /// Width and height of its pictures, pixels.
+    /// Width and height of its images, pixels.
     #[serde(default = "size")]
     pub size: [u32; 2],
-    /// How it projects.
+    /// Projection of the camera.
     #[serde(default)]
     pub lens: LensSettings,
-    /// Pictures per second, at most: how often is looked for a new one.
+    /// Greatest number of images per second: the rate at which the camera is polled.
     #[serde(default = "fps")]
     pub fps: f64,
-    /// Time from a picture's exposure to its arrival, ms.
+    /// Time from an image's exposure to its arrival, ms.
     #[serde(default = "delay_ms")]
     pub delay_ms: f64,
     /// Address of the name server, `HOST:PORT`. Default: from YARP's own files and environment.
     #[serde(default)]
     pub server: Option<String>,
-    /// The name of our own port; default: `/MoBeE/ROBOT` before the camera's.
+    /// Name of our own port; default: `/MoBeE/ROBOT` before the camera's.
     #[serde(default)]
     pub name: Option<String>,
-    /// The address of this machine on which our port listens; default: 127.0.0.1, for this machine only.
+    /// Address of this machine on which our port listens; default: 127.0.0.1, for this machine only.
     #[serde(default)]
     pub listen: Option<String>,
-    /// The marker of the robot's model that it is at, looking along its normal, for the recording; locators don't ask.
+    /// Marker of the robot's model that the camera is attached to, looking along its normal. Used by the
+    /// recording only; locators ignore it.
     #[serde(default)]
     pub marker: Option<String>,
-    /// The carrier of the pictures: `tcp` (the sender leaves pictures out while one is on its way), `fast_tcp` or `udp`.
+    /// Carrier of the images: `tcp` (the sender skips images while one is in transit), `fast_tcp` or `udp`.
     #[serde(default = "carrier")]
     pub carrier: String,
 }
@@ -65,19 +66,19 @@ fn carrier() -> String {
     "tcp".into()
 }
 
-/// How long is waited before a port that can't be reached is asked again.
+/// Pause before a port that can't be reached is tried again.
 const AGAIN: Duration = Duration::from_millis(500);
-/// A camera that sends nothing for so many periods, and for so long, is asked to connect again.
+/// Silence after which the camera is asked to connect again: this number of periods, and at least this time.
 const PERIODS: u32 = 10;
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// What the thread has heard.
+/// Images received by the thread.
 #[derive(Default)]
 struct Heard {
     newest: Option<(Instant, Vec<u8>)>,
-    /// Pictures that newer ones replaced before anybody asked.
+    /// Number of images replaced by newer ones before a request.
     dropped: u64,
-    /// What came that is no picture of this camera.
+    /// Received messages that are not images of this camera.
     skipped: Option<SkippedPictures>,
 }
 
@@ -87,7 +88,7 @@ fn lock(cell: &Cell) -> MutexGuard<'_, Heard> {
     cell.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A camera behind a YARP image port. Its thread begins when the first picture is asked for, and ends with it.
+/// A camera behind a YARP image port. Its thread starts with the first request, and ends with the camera.
 pub struct YarpCamera {
     settings: YarpCameraSettings,
     lens: Intrinsics,
@@ -96,15 +97,15 @@ pub struct YarpCamera {
     carrier: Carrier,
     mount: Option<CameraMount>,
     cell: Cell,
-    /// Dropped to end the thread.
+    /// Sender whose drop ends the thread.
     thread: Option<watch::Sender<()>>,
 }
 
 impl YarpCamera {
-    /// A camera for a robot of this name. Nothing is opened or asked yet.
+    /// Creates a camera for a robot of this name. Opens and queries nothing yet.
     ///
     /// # Errors
-    /// The settings that can't be used.
+    /// Settings that can't be used.
     pub fn new(settings: &YarpCameraSettings, robot: &str) -> Result<YarpCamera, KindError> {
         let [width, height] = settings.size.map(f64::from);
         let mut checks = vec![
@@ -137,13 +138,13 @@ impl YarpCamera {
         })
     }
 
-    /// The same on a network that is known already.
+    /// Same camera on an existing network.
     #[must_use]
     pub fn on(self, network: &Network) -> YarpCamera {
         YarpCamera { network: Some(network.clone()), ..self }
     }
 
-    /// Pictures that came and were replaced by newer ones before anybody asked.
+    /// Number of images replaced by newer ones before a request.
     pub fn dropped(&self) -> u64 {
         lock(&self.cell).dropped
     }
@@ -208,7 +209,7 @@ impl Camera for YarpCamera {
     }
 }
 
-/// What the thread listens with.
+/// Receiver of images, which runs in the thread.
 struct Ear {
     cell: Cell,
     network: Network,
@@ -216,12 +217,12 @@ struct Ear {
     theirs: String,
     carrier: Carrier,
     size: [u32; 2],
-    /// How long the camera may be silent before it is asked to connect again.
+    /// Silence after which the camera is asked to connect again.
     patience: Duration,
 }
 
 impl Ear {
-    /// Listens for ever: a port that is not there yet, or no longer, may come.
+    /// Receives without end, because a port that is missing may come back.
     async fn listen(&self) {
         let mut said = String::new();
         loop {
@@ -237,7 +238,7 @@ impl Ear {
         }
     }
 
-    /// Each reason once.
+    /// Logs each reason once.
     fn warn(&self, why: String, said: &mut String) {
         if why != *said {
             tracing::warn!(camera = self.theirs, why, "no pictures from this camera; it is asked again");
@@ -256,7 +257,7 @@ impl Ear {
         }
     }
 
-    /// Takes pictures for as long as the port is open.
+    /// Receives images while the port is open.
     async fn hear(&self, port: &mut InputPort, said: &mut String) {
         let mut source = StreamSource::new(&self.theirs, self.carrier, self.patience);
         let mut dropped = 0;
@@ -282,7 +283,7 @@ impl Ear {
     }
 }
 
-/// The pixels of an image message: red, green and blue, row by row.
+/// Pixels of an image message: red, green and blue, row by row.
 fn pixels(message: &Message, dialect: Dialect, size: [u32; 2]) -> Result<Vec<u8>, String> {
     let bottle = message.payload.bottle(dialect).map_err(|e| format!("what came is no image: {e}"))?;
     let image = Image::from_bottle(bottle).map_err(|e| format!("what came is no image: {e}"))?;

@@ -1,11 +1,12 @@
-//! The joints of a simulated arm as bodies: position servos of second order, under weight, friction and elastic contact.
+//! Joints of a simulated arm as bodies: second-order position servos under weight, friction and elastic
+//! contact.
 //!
 //! ```text
 //! I q'' = clamp(k (c - q) + d (lead c' - q')) - g(q) - friction + J^T F      c: the board's commanded position
 //! ```
-//! The board ([`super::Plant`]) shapes the commanded positions, the arm follows as it can: it lags, sags under its weight, overshoots,
-//! and pushes what it runs into. Integrated by implicit Euler in steps of [`STEP`] on a fixed grid, so that the motion does not depend
-//! on when readings are taken.
+//! The board ([`super::Plant`]) shapes the commanded positions, and the arm follows as far as it can: it
+//! lags, sags under its weight, overshoots, and pushes obstacles. Integrated by implicit Euler in steps of
+//! [`STEP`] on a fixed grid, so that the motion does not depend on the times of readings.
 
 mod external;
 mod profile;
@@ -21,19 +22,20 @@ use std::time::Duration;
 
 /// Time between two steps of the integration.
 pub const STEP: Duration = Duration::from_millis(1);
-/// Steps between two evaluations of weight and contacts; in between, distances follow the joints linearly.
+/// Number of steps between two evaluations of weight and contacts; in between, distances are linear in the
+/// joint positions.
 const LOOK: u64 = 5;
-/// Slower than this (rad/s) a joint that does not accelerate rests.
+/// Speed below which a joint that does not accelerate rests, rad/s.
 const STILL: f64 = 1e-7;
 
-/// One joint: its servo, and how it moves.
+/// State of one joint and its servo.
 #[derive(Clone, Debug)]
 struct ServoJoint {
     servo: Servo,
     /// Position, rad, and speed, rad/s.
     q: f64,
     v: f64,
-    /// The servo's torque in the last step, N m.
+    /// Torque of the servo in the last step, N m.
     effort: f64,
 }
 
@@ -43,13 +45,13 @@ pub struct Dynamics {
     joints: Vec<ServoJoint>,
     external: Option<ExternalTorques>,
     clock: StepClock,
-    /// The torques from outside in the last step, per radian of encoder.
+    /// External torques in the last step, per radian of encoder.
     outside: Vec<f64>,
     pushes: Pushes,
 }
 
 impl Dynamics {
-    /// An arm at rest at `start`, rad.
+    /// Creates an arm at rest at `start`, rad.
     pub fn new(servos: Vec<Servo>, start: &[f64]) -> Dynamics {
         let joint = |(servo, q): (Servo, &f64)| ServoJoint { servo, q: *q, v: 0.0, effort: 0.0 };
         Dynamics {
@@ -65,7 +67,8 @@ impl Dynamics {
 impl ArmBody for Dynamics {
     fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError> {
         self.external = ExternalTorques::new(physics);
-        // the next look may be some steps away, in which an arm without weight would be found at rest
+        // evaluates now, because the next regular evaluation may be some steps away, and an arm without
+        // weight would count as resting
         let q = self.positions();
         if let Some(external) = &mut self.external {
             external.look(&q);
@@ -122,7 +125,7 @@ impl ArmBody for Dynamics {
 }
 
 impl ServoJoint {
-    /// One step of implicit Euler under a torque from outside; the servo's own torque is limited.
+    /// One step of implicit Euler under an external torque; the servo's own torque is limited.
     fn step(&mut self, commanded: State, outside: f64, dt: f64) {
         let Servo { stiffness, damping, torque, inertia, friction, lead, stops, .. } = self.servo;
         let ahead = commanded.q - self.q;
@@ -131,17 +134,18 @@ impl ServoJoint {
             self.effort = torque.copysign(wanted);
             self.v + dt / inertia * (self.effort + outside)
         } else {
-            // stiffness and damping act on the state at the end of the step, which is stable however stiff they are
+            // stiffness and damping act on the state at the end of the step, which is stable for any
+            // stiffness
             let push = stiffness * ahead + damping * lead * commanded.v + outside;
             let v = (self.v + dt / inertia * push) / (1.0 + dt / inertia * (damping + dt * stiffness));
             self.effort = stiffness * (ahead - dt * v) + damping * (lead * commanded.v - v);
             v
         };
-        // dry friction takes speed away, and never turns it round
+        // dry friction reduces the speed but never reverses it
         let lost = dt / inertia * friction;
         self.v = if free.abs() <= lost { 0.0 } else { free - lost.copysign(free) };
         let q = self.q + dt * self.v;
-        // an end stop takes all speed away
+        // an end stop removes all speed
         self.q = q.max(stops.0).min(stops.1);
         if self.q != q {
             self.v = 0.0;

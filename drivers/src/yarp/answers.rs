@@ -1,22 +1,23 @@
-//! How long a board takes to answer, from what it answered of late.
+//! Recent answer times of a board.
 
 use mobee_contract::AnswerTime;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// For how long an answer counts, s.
+/// Age beyond which an answer is ignored, s.
 const WINDOW: f64 = 5.0;
-/// For how much an answer counts at least and at most, s: as far apart as they come when nothing else is asked.
+/// Least and greatest weight of an answer, s. The greatest is the interval of answers when nothing else is
+/// requested.
 const COUNTS: (f64, f64) = (1e-3, 0.1);
-/// Most answers that are kept.
+/// Largest number of answers stored.
 const MOST: usize = 128;
 
-/// The round trips of one board. Times in seconds.
+/// Round-trip times of one board. Times in seconds.
 #[derive(Clone, Debug, Default)]
 pub struct Answers(VecDeque<(f64, f64)>);
 
 impl Answers {
-    /// An answer came now, and took so long.
+    /// Adds an answer that arrived at `now`, `took` seconds after its request.
     pub fn note(&mut self, now: f64, took: f64) {
         if self.0.len() >= MOST {
             self.0.pop_front();
@@ -24,13 +25,13 @@ impl Answers {
         self.0.push_back((now, took));
     }
 
-    /// When the newest came.
+    /// Arrival time of the newest answer.
     pub fn newest(&self) -> Option<f64> {
         self.0.back().map(|(at, _)| *at)
     }
 
-    /// What the answers of late took, each counted by the time since the one before: a board that has become slow answers less often.
-    /// `None` if there were none.
+    /// Statistics of the recent answers, each weighted by the time since the one before, because a board that
+    /// has become slow answers less often. `None` without recent answers.
     pub fn summary(&self, now: f64) -> Option<AnswerTime> {
         let mut before = f64::NEG_INFINITY;
         let counted = self.0.iter().map(|(at, took)| {

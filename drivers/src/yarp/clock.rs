@@ -1,49 +1,53 @@
-//! When a state was read, from the board's stamp and the time of its arrival.
+//! Time at which a state was read, estimated from the board's stamp and the time of its arrival.
 //!
-//! Arrivals jitter, stamps don't, but the board's clock is not ours. The shortest way a state took so far tells the offset between the
-//! two. States that seem to have taken much longer are late, as after a stall of a machine or the network, and as old as their stamps
-//! say; if they stay late, the offset is no longer true (a clock was set, or runs at another rate, as a simulator's does).
+//! Arrivals jitter and stamps do not, but the board's clock differs from ours. The shortest transit time seen
+//! so far gives the offset of the two clocks. A state with a much longer transit time is late, as after a
+//! stall of a machine or of the network, and is as old as its stamp indicates. If states stay late, the
+//! offset is no longer valid: a clock was set, or runs at another rate, as a simulator's does.
 //!
-//! A steady delay of the states looks like an offset. What tells them apart are the stamps of the board's answers: one was made after
-//! its question went out and before it came, so our clock is ahead of the board's by no more than from its stamp to its arrival.
+//! A steady delay of the states looks like an offset. The stamps of the board's answers distinguish the two:
+//! an answer is stamped after its request went out and before it arrived, so the lead of our clock over the
+//! board's is at most the time from stamp to arrival.
 
 use mobee_yarp::Stamp;
 
-/// A state that took longer than this is late.
+/// Delay beyond which a state is late, s.
 const LATE: f64 = 0.030;
-/// States that are late for longer than this tell the offset anew.
+/// Time for which states may be late before the offset is estimated again, s.
 const LATE_FOR: f64 = 0.100;
-/// No state is believed to be on its way for so long: a clock was set.
+/// Longest plausible transit time of a state, s. Beyond it, a clock was set.
 const LONGEST: f64 = 1.0;
-/// Answers and states whose stamps differ by more than this are told by two clocks, s: no network keeps a state so long.
+/// Difference between the stamps of answers and states beyond which they come from two clocks, s: no network
+/// delays a state that long.
 const TWO_CLOCKS: f64 = 10.0;
-/// So many states in a row with one time: the clock of their board stands.
+/// Number of states in a row with the same time after which the clock of the board counts as stopped.
 const STANDS: u32 = 25;
-/// Time between two readings, s, at least.
+/// Least time between two readings, s.
 const LEAST: f64 = 1e-4;
-/// States after which the shortest way is looked for afresh, so that a slowly drifting clock is followed.
+/// Number of states after which the shortest transit time is searched again, to follow a slowly drifting
+/// clock.
 const WINDOW: u32 = 500;
 
-/// The clock of one board as its states tell it. Times in seconds on our own monotonic clock.
+/// Clock of one board, estimated from its states. Times in seconds on our own monotonic clock.
 #[derive(Clone, Debug, Default)]
 pub struct Arrivals {
     offset: Option<f64>,
-    /// The shortest way within the present window.
+    /// Shortest transit time within the present window.
     shortest: Option<f64>,
     seen: u32,
-    /// When the first of the states arrived that have been late since, and the shortest way of these.
+    /// Arrival of the first state of the present run of late ones, and the shortest transit time among them.
     late: Option<(f64, f64)>,
     last: Option<f64>,
-    /// The newest stamp.
+    /// Newest stamp.
     stamp: Option<Stamp>,
-    /// Whether stamps have ever told another time than the one before, and how many in a row have not.
+    /// True once two consecutive stamps had different times; then the number in a row that had not.
     ticks: bool,
     stood: u32,
 }
 
 impl Arrivals {
-    /// The same of a state with its board's whole stamp. Some boards count their states and tell no time, or always the same:
-    /// then the arrival tells it.
+    /// Same as [`Arrivals::read_at`] for the board's whole stamp. Some boards count their states but give no
+    /// time, or always the same; then the arrival counts.
     pub fn state_at(&mut self, arrival: f64, stamp: Option<Stamp>, ahead: Option<f64>) -> Option<f64> {
         let before = std::mem::replace(&mut self.stamp, stamp);
         let Some((before, now)) = before.zip(stamp) else {
@@ -51,20 +55,21 @@ impl Arrivals {
         };
         let stands = before.time == now.time && before.count != now.count;
         (self.stood, self.ticks) = if stands { (self.stood + 1, self.ticks) } else { (0, true) };
-        // the same reading, published once more by a board that reads more rarely than it publishes
+        // the same reading, published again by a board that reads less often than it publishes
         if stands && self.ticks && self.stood < STANDS {
             return None;
         }
         self.read_at(arrival, Some(now.time).filter(|_| !stands), ahead)
     }
 
-    /// When the state was read that arrived at `arrival` with this stamp, never after its arrival; `None` if that is not later than the
-    /// one before: it was overtaken on its way, and is no news. `ahead` is the most by which our clock can be ahead of the board's, if its answers tell.
+    /// Time at which the state that arrived at `arrival` with this stamp was read, never after its arrival.
+    /// `None` if that is not later than the one before: the state was overtaken and is obsolete. `ahead` is
+    /// the greatest possible lead of our clock over the board's, if its answers give one.
     fn read_at(&mut self, arrival: f64, stamp: Option<f64>, ahead: Option<f64>) -> Option<f64> {
         let at = match stamp.filter(|s| s.is_finite()) {
             Some(stamp) => {
                 let told = self.stamped(arrival, stamp);
-                // the jitter of answers is kept out of the times of states that are in time
+                // keeps the jitter of answers out of the times of states that are in time
                 let latest = ahead.map(|ahead| stamp + ahead + LATE).filter(|latest| arrival - latest < TWO_CLOCKS);
                 told.min(latest.unwrap_or(f64::INFINITY))
             }
@@ -97,7 +102,7 @@ impl Arrivals {
         stamp + offset
     }
 
-    /// Forgets the board's clock: it is another one now.
+    /// Discards the clock estimate, because the board now has another clock.
     pub fn reset(&mut self) {
         *self = Arrivals { last: self.last, ..Arrivals::default() };
     }

@@ -1,4 +1,4 @@
-//! What the death of each of those who could stop the robot does.
+//! Tests: death of each task that can stop the robot.
 
 #![allow(clippy::disallowed_methods, reason = "real sockets live in real time")]
 
@@ -8,8 +8,8 @@ use mobee_contract::Hardware;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Somebody dies while the robot moves under a lease that is kept. Drivers hear of it at once, the robot comes to rest long
-/// before its target, and when all are back it moves again.
+/// A task dies while the robot moves under a lease that is renewed. Drivers are notified at once, the robot
+/// settles long before its target, and once all tasks are back it moves again.
 fn survived(who: &str) {
     // a panic that prints its backtrace holds up its thread for seconds
     std::panic::set_hook(Box::new(|_| {}));

@@ -1,10 +1,10 @@
-//! A value that several are told of, in the order in which they asked for it. Those who wait for one `tokio::sync::watch` are woken in
-//! any order, and no two simulations would be alike.
+//! Value broadcast to several receivers, in the order of their subscriptions. The receivers of one
+//! `tokio::sync::watch` are woken in arbitrary order, which would make simulations irreproducible.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
-/// Tells several of a value as it changes. Clones are the same.
+/// Broadcasts the changes of a value. Clones share the value.
 #[derive(Clone, Debug)]
 pub struct Fan<T>(Arc<Mutex<Told<T>>>);
 
@@ -15,12 +15,12 @@ struct Told<T> {
 }
 
 impl<T: Clone + PartialEq> Fan<T> {
-    /// Nobody is told yet.
+    /// Creates the value, without receivers.
     pub fn new(newest: T) -> Fan<T> {
         Fan(Arc::new(Mutex::new(Told { newest, all: Vec::new() })))
     }
 
-    /// One more is told from now on, until it is dropped.
+    /// Adds a receiver, which gets all changes until it is dropped.
     pub fn subscribe(&self) -> watch::Receiver<T> {
         let mut told = self.lock();
         told.all.retain(|sender| !sender.is_closed());
@@ -29,12 +29,12 @@ impl<T: Clone + PartialEq> Fan<T> {
         receiver
     }
 
-    /// The newest value.
+    /// Newest value.
     pub fn newest(&self) -> T {
         self.lock().newest.clone()
     }
 
-    /// Changes the value, and tells all of it if it is another.
+    /// Changes the value, and notifies all receivers if it differs.
     pub fn tell(&self, change: impl FnOnce(&T) -> T) {
         let mut told = self.lock();
         let newest = change(&told.newest);

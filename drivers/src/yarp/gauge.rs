@@ -1,83 +1,88 @@
-//! Whether a board's reference speeds mean speeds: its first moves are timed.
+//! Check that a board's reference speeds are speeds, by timing its first moves.
 //!
-//! Two stretches of a joint's way count, from a tenth of it to the half and from there to nine tenths. Boards that go by a speed, in
-//! trapezoids or with minimum jerk, are 1 to 1.6 times as fast there as they were told. Boards that take the reference for a gain, as
-//! iCub_SIM does, are as fast as their way is long: too fast at first, too slow at the end, or both.
+//! Two sections of a joint's path count, from a tenth to the half and from there to nine tenths. Boards that
+//! move at a set speed, with trapezoidal or minimum-jerk profiles, reach 1 to 1.6 times their reference
+//! there. On boards that use the reference as a gain, such as iCub_SIM, the speed grows with the distance:
+//! too fast at first, too slow at the end, or both.
 //!
-//! What was timed counts once the reference is read back, and is the one that was told: another program may have set its own.
+//! A measurement counts once the reference has been read back and equals the one commanded, because another
+//! program may have set its own.
 
 use std::collections::BTreeSet;
 
-/// Where the stretches begin and end, shares of the way.
+/// Boundaries of the sections, as shares of the distance.
 const MARKS: [f64; 3] = [0.1, 0.5, 0.9];
-/// The shortest way that is timed, deg, and the shortest time that a stretch may be expected to take, s: encoders are noisy and late.
+/// Shortest distance that is timed, deg, and shortest expected time of a section, s: encoders are noisy and
+/// late.
 const LEAST: (f64, f64) = (3.0, 0.4);
-/// The share of a stretch's time that may pass between two readings.
+/// Longest time between two readings, as a share of a section's time.
 const GAP: f64 = 0.1;
-/// How much slower or faster than told a joint is that goes by speeds.
+/// Measured speed by reference speed of a joint that follows its reference.
 const FAIR: std::ops::RangeInclusive<f64> = 0.5..=2.0;
-/// So many stretches are timed; with so many that are not fair among them, of so many moves, references mean no speeds: what disturbs
-/// one move disturbs all of its joints.
+/// Number of sections that are timed. If at least this many of them, in at least this many moves, are outside
+/// the range, the references are not speeds. Several moves are required because a disturbance of one move
+/// affects all its joints.
 const ENOUGH: usize = 12;
 const UNFAIR: (usize, usize) = (3, 2);
-/// A reference that differs by this share is another one.
+/// Relative difference beyond which two references differ.
 const ROUNDING: f64 = 0.01;
 
-/// The first moves of a board's joints.
+/// Timing of the first moves of a board's joints.
 #[derive(Clone, Debug)]
 pub struct Gauge {
     joints: Vec<Option<Timed>>,
-    /// What was timed under references that have not been read back yet.
+    /// Measurements whose references have not been read back yet.
     pending: Vec<Pending>,
-    /// Speeds as seen, by those that were told.
+    /// Measured speeds by reference speeds.
     seen: Vec<f64>,
-    /// How many moves there were, and those in which a stretch was not fair.
+    /// Number of moves, and the moves with a section outside the range.
     moves: u64,
     unfair: BTreeSet<u64>,
 }
 
-/// Something that was timed.
+/// A measurement.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     joint: usize,
-    /// Its move.
+    /// Number of the move.
     number: u64,
-    /// The reference that was told, deg/s.
+    /// Reference commanded, deg/s.
     told: f64,
-    /// The speed as seen, by that.
+    /// Measured speed by the reference.
     times: f64,
 }
 
-/// A joint under way.
+/// A joint in motion.
 #[derive(Clone, Copy, Debug)]
 struct Timed {
     from: f64,
     way: f64,
-    /// Its move.
+    /// Number of the move.
     number: u64,
-    /// The reference, deg/s.
+    /// Reference, deg/s.
     speed: f64,
-    /// How long a stretch should take, s.
+    /// Expected time of a section, s.
     stretch: f64,
-    /// The mark that is passed next, and when the one before it was, unless readings were missing since.
+    /// Mark to pass next, and the time at which the one before was passed, unless readings were missing
+    /// since.
     next: usize,
     since: Option<f64>,
-    /// The newest reading: when, and the share of the way that was gone.
+    /// Time of the newest reading, and the share of the distance covered then.
     newest: Option<(f64, f64)>,
 }
 
 impl Gauge {
-    /// No joint has moved.
+    /// Creates the check before any motion.
     pub fn new(axes: usize) -> Gauge {
         Gauge { joints: vec![None; axes], pending: Vec::new(), seen: Vec::new(), moves: 0, unfair: BTreeSet::new() }
     }
 
-    /// Some joints are about to be told a move.
+    /// Starts a move, whose joints follow.
     pub fn begin(&mut self) {
         self.moves += 1;
     }
 
-    /// A joint at `from` was told to move to `to` (deg) at this speed (deg/s).
+    /// Starts timing a joint that was commanded from `from` to `to` (deg) at this speed (deg/s).
     pub fn told(&mut self, joint: usize, from: f64, to: f64, speed: f64) {
         let way = to - from;
         let stretch = (MARKS[1] - MARKS[0]) * way.abs() / speed;
@@ -97,7 +102,7 @@ impl Gauge {
         }
     }
 
-    /// Something else becomes of these joints.
+    /// Stops timing these joints, because something else happens to them.
     pub fn forget(&mut self, joints: &[usize]) {
         for j in joints {
             if let Some(slot) = self.joints.get_mut(*j) {
@@ -106,7 +111,7 @@ impl Gauge {
         }
     }
 
-    /// A reading, s and deg.
+    /// Adds a reading, s and deg.
     pub fn read(&mut self, at: f64, q: &[f64]) {
         for (joint, (slot, q)) in self.joints.iter_mut().zip(q).enumerate() {
             let Some(timed) = slot else { continue };
@@ -118,20 +123,20 @@ impl Gauge {
         }
     }
 
-    /// A joint is much faster than it was told, which says enough of its move.
+    /// Records a joint much faster than commanded, which is enough evidence about its move.
     pub fn outran(&mut self, joint: usize, times: f64) {
         if let Some(timed) = self.joints.get_mut(joint).and_then(Option::take) {
             self.pending.push(Pending { joint, number: timed.number, told: timed.speed, times });
         }
     }
 
-    /// Whether references are to be read back.
+    /// True if references have to be read back.
     pub fn asks(&self) -> bool {
         !self.pending.is_empty()
     }
 
-    /// The references of all joints as they are, deg/s, none of a board that does not tell; whether they show that references mean
-    /// no speeds.
+    /// Evaluates the references read back from all joints, deg/s (empty if the board does not report them).
+    /// Returns true if they show for the first time that references are not speeds.
     pub fn answered(&mut self, references: &[f64]) -> bool {
         let was = self.is_unfair();
         for Pending { joint, number, told, times } in self.pending.drain(..) {
@@ -146,18 +151,18 @@ impl Gauge {
         self.is_unfair() && !was
     }
 
-    /// Whether references mean no speeds.
+    /// True if references are not speeds.
     pub fn is_unfair(&self) -> bool {
         let stretches = self.seen.iter().filter(|times| !FAIR.contains(*times)).count();
         stretches >= UNFAIR.0 && self.unfair.len() >= UNFAIR.1
     }
 
-    /// Speeds as seen, by those that were told.
+    /// Measured speeds by reference speeds.
     pub fn seen(&self) -> &[f64] {
         &self.seen
     }
 
-    /// For people: what was seen.
+    /// Description of the measurements, for the operator.
     pub fn in_words(&self, port: &str) -> String {
         let least = self.seen.iter().copied().fold(f64::INFINITY, f64::min);
         let most = self.seen.iter().copied().fold(0.0, f64::max);
@@ -168,7 +173,7 @@ impl Gauge {
 }
 
 impl Timed {
-    /// Speeds of the stretches that are over, by those that were told.
+    /// Adds a reading. Returns measured by reference speed if a section has ended.
     fn read(&mut self, at: f64, q: f64) -> Option<f64> {
         let share = (q - self.from) / self.way;
         let (before, gone) = self.newest.replace((at, share))?;

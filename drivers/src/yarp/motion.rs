@@ -1,37 +1,38 @@
-//! Motion done, joint by joint: what was told, what the board says of it, what the encoders say.
+//! Detection of the end of motions, joint by joint, from commands, answers of the board, and encoders.
 //!
 //! ```text
-//! order ──> Ordered ──given──> Moving ──board says done, then a state──> Rest
-//!                        └───> Settling ──encoders rest for a while────> Rest
+//! order ──> Ordered ──given──> Moving ──board reports done, then a state──> Rest
+//!                        └───> Settling ──encoders rest for a while──────> Rest
 //! ```
-//! Position moves end when the board says so. Stops, set-points and velocities have no end that a board would tell: there, and
-//! where a board does not answer the question, the encoders count.
+//! A position move ends when the board reports it. Boards report no end of stops, setpoints and velocities;
+//! there, and on boards that don't answer the query, the encoders decide.
 
 use super::encoder::Encoder;
 use std::collections::VecDeque;
 
-/// How long encoders must rest, s.
+/// Time for which encoders must rest, s.
 pub const WHILE: f64 = 0.1;
-/// A joint whose readings drift by less than this from one half of that time to the other is steady: it rests, but for noise. Degrees.
+/// Drift of the mean readings from one half of that time to the other below which a joint is steady, that is,
+/// at rest except for noise, deg.
 const DRIFT: f64 = 0.1;
-/// Most states that are kept for this.
+/// Largest number of states stored for this.
 const MOST: usize = 256;
 
-/// How the end of a motion is known.
+/// Source of the end of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// The board says.
+    /// The board reports it.
     Told,
     /// The encoders rest.
     Seen,
 }
 
-/// How fast joints are, over the states of a moment.
+/// Joint speeds over a short time.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MeasuredSpeeds {
-    /// There are no states that tell.
+    /// Too few or too old states.
     Unknown,
-    /// All rest, but for the noise of encoders.
+    /// All joints rest, except for encoder noise.
     Rest,
     /// At least one moves, deg/s; negative where readings decrease.
     At(Vec<f64>),
@@ -40,31 +41,31 @@ pub enum MeasuredSpeeds {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Doing {
     Rest,
-    /// Told to the board, or on its way there.
+    /// Commanded, or on its way to the board.
     Busy {
         end: End,
         ticket: u64,
-        /// When the board had it.
+        /// Time at which the board received it.
         given: Option<f64>,
-        /// The board said that it is done.
+        /// True if the board reported the end.
         arrived: bool,
     },
 }
 
-/// The motions of one board. Times in seconds, positions in degrees.
+/// Motions of one board. Times in seconds, positions in degrees.
 #[derive(Clone, Debug)]
 pub struct Motions {
     joints: Vec<Doing>,
     window: VecDeque<(f64, Vec<f64>)>,
     encoders: Vec<Encoder>,
-    /// How many states have come.
+    /// Number of states received.
     states: u64,
     board_tells: bool,
     tickets: u64,
 }
 
 impl Motions {
-    /// A board of so many joints at rest.
+    /// Creates the motions of a board with `axes` joints at rest.
     pub fn new(axes: usize) -> Motions {
         Motions {
             joints: vec![Doing::Rest; axes],
@@ -76,7 +77,7 @@ impl Motions {
         }
     }
 
-    /// These joints are told something; the ticket names it.
+    /// Marks these joints as commanded; the ticket identifies the command.
     pub fn order(&mut self, joints: &[usize], end: End) -> u64 {
         self.tickets += 1;
         let end = if self.board_tells { end } else { End::Seen };
@@ -88,7 +89,7 @@ impl Motions {
         self.tickets
     }
 
-    /// Everything told up to this ticket has reached the board, or never will.
+    /// Marks everything up to this ticket as received by the board, or as dropped.
     pub fn given(&mut self, upto: u64, now: f64) {
         for slot in &mut self.joints {
             if let Doing::Busy { ticket, given, .. } = slot
@@ -100,7 +101,8 @@ impl Motions {
         }
     }
 
-    /// The joints whose end only the board knows, to be asked for now, and the ticket for its answer.
+    /// Joints whose end only the board can report and which are due for a query, with the ticket for its
+    /// answer.
     pub fn ask(&self) -> Option<(Vec<usize>, u64)> {
         let waits = |(j, doing): (usize, &Doing)| match doing {
             Doing::Busy { end: End::Told, given: Some(_), arrived: false, .. } => Some(j),
@@ -110,7 +112,7 @@ impl Motions {
         (!joints.is_empty()).then_some((joints, self.tickets))
     }
 
-    /// The board's answer for all of these joints.
+    /// Stores the board's answer for these joints.
     pub fn answered(&mut self, joints: &[usize], upto: u64, done: bool) {
         for j in joints {
             if let Some(Doing::Busy { ticket, given: Some(_), arrived, .. }) = self.joints.get_mut(*j)
@@ -121,7 +123,7 @@ impl Motions {
         }
     }
 
-    /// The board does not know when its motions are done.
+    /// Switches to the encoders, because the board can't report the end of its motions.
     pub fn board_cannot_tell(&mut self) {
         self.board_tells = false;
         for slot in &mut self.joints {
@@ -131,10 +133,10 @@ impl Motions {
         }
     }
 
-    /// A state of the board.
+    /// Adds a state of the board.
     pub fn read(&mut self, at: f64, q: &[f64]) {
         self.window.push_back((at, q.to_vec()));
-        // one state older than the window is kept, so that the window is covered
+        // keeps one state older than the window, so that the window is covered
         while self.window.len() > MOST || self.window.get(1).is_some_and(|(t, _)| *t <= at - WHILE) {
             self.window.pop_front();
         }
@@ -155,35 +157,36 @@ impl Motions {
         }
     }
 
-    /// The states before were of another life of the board.
+    /// Discards the states, which belong to an earlier connection of the board.
     pub fn forget(&mut self) {
         self.window.clear();
         self.encoders.iter_mut().for_each(Encoder::forget);
     }
 
-    /// How many states have come so far.
+    /// Number of states received so far.
     pub fn states(&self) -> u64 {
         self.states
     }
 
-    /// What a reading of each joint may be off by, deg.
+    /// Error of a single reading of each joint, deg.
     pub fn resolutions(&self) -> impl Iterator<Item = f64> + '_ {
         self.encoders.iter().map(Encoder::resolution)
     }
 
-    /// The joints that a stop is for: those that move, or were commanded to. `None`: states show too little, and it is for all.
+    /// Joints to stop: those that move, or were commanded to. `None`, for all, if the states are
+    /// insufficient.
     pub fn to_stop(&self, now: f64) -> Option<Vec<usize>> {
         let fresh = self.window.back().is_some_and(|(at, _)| *at >= now - WHILE);
         let moves = |j: &usize| !self.rests(*j);
         (fresh && is_covered(&self.window)).then(|| (0..self.joints.len()).filter(moves).collect())
     }
 
-    /// Motion done, per joint.
+    /// True where the motion is done, per joint.
     pub fn done(&self) -> impl Iterator<Item = bool> + '_ {
         self.joints.iter().map(|d| *d == Doing::Rest)
     }
 
-    /// How fast the joints are, as far as states tell that are no older than `since`.
+    /// Joint speeds, provided that the newest state is no older than `since`.
     pub fn speeds(&self, since: f64) -> MeasuredSpeeds {
         let (Some((begun, from)), Some((ended, to))) = (self.window.front(), self.window.back()) else {
             return MeasuredSpeeds::Unknown;
@@ -198,24 +201,24 @@ impl Motions {
         MeasuredSpeeds::At(from.iter().zip(to).map(|(a, b)| (b - a) / secs).collect())
     }
 
-    /// Whether a joint has nothing to do and its encoder shows that it rests.
+    /// True if a joint has no motion in progress and its encoder shows that it rests.
     pub fn rests(&self, joint: usize) -> bool {
         let over = self.joints.get(joint) == Some(&Doing::Rest);
         over && is_covered(&self.window) && rests(&self.window, &self.encoders, joint)
     }
 
-    /// Whether any motion is under way.
+    /// True if any motion is in progress.
     pub fn is_busy(&self) -> bool {
         self.joints.iter().any(|d| *d != Doing::Rest)
     }
 }
 
-/// Whether there are states of long enough ago to tell a rest.
+/// True if the states go back far enough to detect a rest.
 fn is_covered(window: &VecDeque<(f64, Vec<f64>)>) -> bool {
     window.front().zip(window.back()).is_some_and(|((begun, _), (ended, _))| *begun <= ended - WHILE)
 }
 
-/// Whether the readings of a joint drift no more than noise does.
+/// True if the readings of a joint drift no more than noise does.
 fn is_steady(window: &VecDeque<(f64, Vec<f64>)>, joint: usize) -> bool {
     let half = window.len() / 2;
     let mean = |skipped: usize| {

@@ -1,15 +1,17 @@
-//! How fast joints may be by what they were told, and whether they are: a board that somebody else gave other references goes its own pace.
+//! Check of joint speeds against the commanded ones. A board that received other references from another
+//! program does not follow ours.
 
 use super::layout::Layout;
 
-/// Boards that ease in and out are at their fastest 1.875 times as fast as they were told (a minimum-jerk trajectory).
+/// Greatest speed by commanded speed of a board that accelerates and brakes smoothly; 1.875 for a
+/// minimum-jerk trajectory.
 const EASED: f64 = 2.0;
-/// What the noise of encoders and a board's own control make of a slow joint, deg/s.
+/// Apparent speed of a slow joint by encoder noise and the board's own control, deg/s.
 const NOISE: f64 = 5.0;
-/// How long a joint that was told to go slower may take for it, s.
+/// Time that a joint may take to reach a lower commanded speed, s.
 const SLOWING: f64 = 1.0;
 
-/// The pace of one board's joints, deg/s.
+/// Speed limits of one board's joints, deg/s.
 #[derive(Clone, Debug)]
 pub struct Pace(Vec<Told>);
 
@@ -29,12 +31,12 @@ pub struct TooFast {
 }
 
 impl Pace {
-    /// Nothing was told yet.
+    /// Creates the check without any limit.
     pub fn new(axes: usize) -> Pace {
         Pace(vec![Told { most: f64::INFINITY, before: f64::INFINITY, at: f64::NEG_INFINITY }; axes])
     }
 
-    /// These joints were told to go so fast at most.
+    /// Sets the speed limits of these joints.
     pub fn told(&mut self, joints: &[usize], most: &[f64], now: f64) {
         for (j, most) in joints.iter().zip(most) {
             if let Some(told) = self.0.get_mut(*j) {
@@ -43,7 +45,7 @@ impl Pace {
         }
     }
 
-    /// The first joint that is faster than it was told, by more than a board's own way to move explains.
+    /// First joint that is faster than commanded by more than a board's own profile explains.
     pub fn exceeded(&self, speeds: &[f64], now: f64) -> Option<TooFast> {
         let too_fast = |(joint, (told, speed)): (usize, (&Told, &f64))| {
             let slowing = now < told.at + SLOWING && told.before.is_finite();
@@ -55,7 +57,7 @@ impl Pace {
 }
 
 impl TooFast {
-    /// For people: which motor, how fast, and what to do.
+    /// Message for the operator: the motor, its speed, and the remedy.
     pub fn in_words(&self, layout: &Layout, board: usize) -> String {
         let TooFast { joint, speed, most } = self;
         let patch = layout.patches.get(board);

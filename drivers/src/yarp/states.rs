@@ -1,4 +1,4 @@
-//! The states of one board as they come.
+//! Reader of the states of one board.
 
 use super::YarpDriverSettings;
 use super::cell::{BoardFacts, SharedBoards, Trouble, describe};
@@ -11,10 +11,10 @@ use mobee_yarp::Vocab;
 use mobee_yarp::board::{LinkState, RemoteState};
 use std::sync::Arc;
 
-/// So many states show what the encoders of a board do at rest.
+/// Number of states that suffice to measure the encoders of a board at rest.
 const MEASURED: u64 = 15;
 
-/// Takes the states of one board as they come.
+/// Receives the states of one board.
 pub async fn states(
     cell: Arc<SharedBoards>,
     layout: Arc<Layout>,
@@ -92,7 +92,8 @@ fn take(
 }
 
 impl BoardFacts {
-    /// Whether joints are too fast now. It is said once: who has heard of it must go on seeing what the board does.
+    /// Checks the speeds of the joints. Raises the alarm once, because the receiver must still be able to
+    /// read what the board does.
     fn look_at_the_pace(&mut self, now: f64, layout: &Layout, index: usize) {
         let too_fast = match self.motions.speeds(now) {
             MeasuredSpeeds::At(speeds) => {
@@ -112,7 +113,8 @@ impl BoardFacts {
 }
 
 impl SharedBoards {
-    /// Describes the robot's board, once the facts of all its boards are known, and their states show what encoders do at rest.
+    /// Describes the robot's board, once the facts of all its boards have arrived and enough states to
+    /// measure the encoders.
     fn describe(&self, layout: &Layout, settings: &YarpDriverSettings) {
         let mut inner = self.lock();
         let measured = inner.boards.iter().all(|known| known.motions.states() >= MEASURED);

@@ -1,4 +1,5 @@
-//! Reading kept frames again, one after the other. A record that is not whole is left out and named, and the next whole one is searched for.
+//! Reader of recorded frames. A damaged record is skipped and reported, and the next valid one is searched
+//! for.
 
 use super::{HEAD, LONGEST, MAGIC, START, VERSION, file};
 use mobee_contract::{Frame, Intrinsics, KindError, Time, picture, suggestion};
@@ -8,50 +9,52 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The longest record, bytes: noise does not shrink.
+/// Greatest length of a record, bytes: noise is incompressible.
 const LONGEST_RECORD: u64 = HEAD as u64 + 4 * LONGEST as u64 * LONGEST as u64;
-/// No run is longer.
+/// Greatest plausible duration of a run.
 const LONGEST_RUN: Duration = Duration::from_secs(100 * 366 * 86_400);
-/// Cameras that are told at most, and damaged places of a file.
+/// Largest number of cameras, and of damaged places of a file, that are reported.
 const TOLD: usize = 100;
-/// Bytes whose sums are taken at most in search of the records of one file.
+/// Limit of the bytes that are checksummed in search of the records of one file.
 const SEARCH: u64 = 8 << 30;
 
-/// What is wrong, and what to do about it.
+/// Description of an error, and its remedy.
 type Wrong = (String, String);
 
-/// The file of a camera's frames. Holds none of them in memory.
+/// Reader of the file of a camera's frames. Holds no frame in memory.
 #[derive(Debug)]
 pub struct FrameReader {
     path: PathBuf,
     file: File,
-    /// Where the next record begins.
+    /// Start of the next record.
     at: u64,
-    /// The parts that hold no frame: where each begins and ends, bytes.
+    /// Damaged parts: start and end of each, bytes.
     damage: Vec<(u64, u64)>,
-    /// The end of the file, if no whole frame is there: as a crash leaves it, or while it is written.
+    /// Rest of the file without a valid frame: after a crash, or while it is written.
     tail: Option<(u64, u64)>,
-    /// Bytes whose sums may still be taken in search of records.
+    /// Number of bytes that may still be checksummed in search of records.
     search: u64,
 }
 
-/// A frame in a file, its pixels not read yet.
+/// A frame in a file, without its pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeptFrame {
-    /// When it was exposed, by the clock of its run.
+    /// Exposure time, by the clock of its run.
     pub exposed: Time,
-    /// How it was projected.
+    /// Projection of the camera.
     pub intrinsics: Intrinsics,
-    /// Where its record begins, and the length of head and PNG.
+    /// Start of its record, and the length of head and PNG.
     at: u64,
     length: u64,
 }
 
 impl FrameReader {
-    /// The frames that the run in this folder kept of a camera, which is called as there: `SENSOR/CAMERA`.
+    /// Opens the frames that the run in this folder recorded of a camera, given its name there:
+    /// `SENSOR/CAMERA`.
     ///
     /// # Errors
-    /// A folder that kept none, a camera that is not among them, or a file that is something else, as settings `run` and `camera`.
+    /// A folder without frames, a camera that is not among them, or a file of another kind, as errors of the
+    /// settings `run` and `camera`.
     pub fn open(run: &Path, camera: &str) -> Result<FrameReader, KindError> {
         let path = file(run, camera);
         if !path.exists() {
@@ -62,7 +65,7 @@ impl FrameReader {
         reader.ok_or_else(|| wrong((format!("{} has no frame", path.display()), again())))
     }
 
-    /// The frames in a file; none if it ends before they begin, as a crash leaves it.
+    /// Opens a file of frames; `None` if it ends before the first frame, as after a crash.
     pub(super) fn of(path: &Path) -> Result<Option<FrameReader>, Wrong> {
         let at = path.display();
         let io =
@@ -86,17 +89,17 @@ impl FrameReader {
         }
     }
 
-    /// The next frame; `None` at the end, or if the rest is the part of one that a crash leaves. What is damaged on the way is left out,
-    /// see [`FrameReader::damage`].
+    /// Next frame; `None` at the end, or if only a partial frame is left, as after a crash. Damaged parts on
+    /// the way are skipped, see [`FrameReader::damage`].
     ///
     /// # Errors
-    /// If the file can't be read.
+    /// The file can't be read.
     pub fn next_frame(&mut self) -> Result<Option<KeptFrame>, String> {
         let unreadable = |e: std::io::Error| format!("{} can't be read: {e}", self.path.display());
         let len = self.file.metadata().map_err(unreadable)?.len();
         let begins = self.at;
         let frame = match self.head(begins, len).map_err(unreadable)? {
-            // its length and time are only believed if a later record follows, or its sum is right
+            // its length and time are accepted only if a later record follows or the checksum is right
             Some(frame) if self.is_followed(&frame, len).map_err(unreadable)? || self.png(&frame).is_ok() => {
                 Some(frame)
             }
@@ -111,14 +114,14 @@ impl FrameReader {
         Ok(Some(frame))
     }
 
-    /// The parts of what was read so far that hold no whole frame, in words.
+    /// Messages about the parts read so far that contain no valid frame.
     pub fn damage(&self) -> Vec<String> {
         let path = self.path.display();
         let tail = self.tail.map(|(from, _)| format!("{path} ends with a part of a frame, from byte {from} on"));
         self.left_out().into_iter().chain(tail).collect()
     }
 
-    /// The damaged parts that whole frames follow, in words.
+    /// Messages about the damaged parts that are followed by valid frames.
     fn left_out(&self) -> Vec<String> {
         let path = self.path.display();
         let words = |(from, to): &(u64, u64)| {
@@ -129,18 +132,18 @@ impl FrameReader {
         self.damage.iter().map(words).collect()
     }
 
-    /// From the first frame again.
+    /// Restarts at the first frame.
     pub fn rewind(&mut self) {
         self.at = START;
     }
 
-    /// The end of the last whole frame, and what is damaged before it, in words.
+    /// End of the last valid frame, and messages about the damage before it.
     pub(super) fn whole(mut self) -> (u64, Vec<String>) {
         while let Ok(Some(_)) = self.next_frame() {}
         (self.at, self.left_out())
     }
 
-    /// The frame whose record begins here, if it makes sense and lies within the file.
+    /// Frame whose record starts here, if it is plausible and lies within the file.
     fn head(&self, at: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
         let mut start = [0; 4 + HEAD];
         if len < at + start.len() as u64 {
@@ -150,7 +153,7 @@ impl FrameReader {
         Ok(parse(&start, at).filter(|frame| frame.end() <= len))
     }
 
-    /// Whether another record follows, of a later frame.
+    /// True if another record follows, of a later frame.
     fn is_followed(&self, frame: &KeptFrame, len: u64) -> std::io::Result<bool> {
         let mut start = [0; 4 + HEAD];
         if len < frame.end() + start.len() as u64 {
@@ -160,7 +163,7 @@ impl FrameReader {
         Ok(parse(&start, frame.end()).is_some_and(|next| next.exposed >= frame.exposed))
     }
 
-    /// The first frame from this place on whose record is whole.
+    /// First frame from this position on with a valid record.
     fn find(&mut self, from: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
         let (mut left, mut found) = (self.search, None);
         find_record(&self.file, from, |at, start: &[u8; 4 + HEAD]| {
@@ -173,17 +176,17 @@ impl FrameReader {
         Ok(found)
     }
 
-    /// Notes a part that holds no frame, once.
+    /// Records a damaged part, once.
     fn leave_out(&mut self, from: u64, to: u64) {
         if self.damage.len() < TOLD && self.damage.last().is_none_or(|(last, _)| *last < from) {
             self.damage.push((from, to));
         }
     }
 
-    /// The picture of one of its frames, as a PNG file has it.
+    /// Image of a frame, as a PNG file.
     ///
     /// # Errors
-    /// If it is not as it was written, with its place and what to do.
+    /// A damaged record, with its place and the remedy.
     pub fn png(&self, frame: &KeptFrame) -> Result<Vec<u8>, String> {
         let bytes = usize::try_from(frame.length + 8).map_err(|_| self.damaged(frame.at))?;
         let mut record = vec![0; bytes];
@@ -194,7 +197,7 @@ impl FrameReader {
         png.map(<[u8]>::to_vec).ok_or_else(|| self.damaged(frame.at))
     }
 
-    /// One of its frames, whole.
+    /// Decodes a frame.
     ///
     /// # Errors
     /// As for [`FrameReader::png`].
@@ -218,12 +221,12 @@ impl FrameReader {
 }
 
 impl KeptFrame {
-    /// The same, exposed so much later.
+    /// Same frame, exposed later by `by`.
     pub(in crate::eyes) fn later(self, by: Duration) -> KeptFrame {
         KeptFrame { exposed: self.exposed + by, ..self }
     }
 
-    /// Where the next record begins.
+    /// Start of the next record.
     fn end(&self) -> u64 {
         self.at + 4 + self.length + 4
     }
@@ -233,7 +236,7 @@ fn again() -> String {
     "set keep_frames = true in the [[sensor]] of that run, and run it again".into()
 }
 
-/// Why there are no frames of a camera.
+/// Explains why there are no frames of a camera.
 fn missing(run: &Path, camera: &str) -> KindError {
     let at = run.display();
     let entries = match std::fs::read_dir(run) {
@@ -252,7 +255,7 @@ fn missing(run: &Path, camera: &str) -> KindError {
     KindError::new("camera", what, suggestion(camera, "camera", &known))
 }
 
-/// The frame whose record begins with these bytes at `at`, if they make sense.
+/// Frame whose record starts with these bytes at `at`, if they are plausible.
 fn parse(start: &[u8; 4 + HEAD], at: u64) -> Option<KeptFrame> {
     let (length, rest) = start.split_first_chunk()?;
     let (exposed, rest) = rest.split_first_chunk()?;

@@ -1,34 +1,37 @@
-//! A move as a gain makes it: the speed is in proportion to the way that is left.
+//! Move of a gain: the speed is in proportion to the remaining distance.
 
 use super::State;
 
-/// The speed per way and reference speed, as measured on iCub_SIM, 1/rad: at a reference of 10 deg/s a way of 33 degrees begins at 35.
+/// Speed by distance and reference speed, as measured on iCub_SIM, 1/rad: at a reference of 10 deg/s a move
+/// of 33 degrees starts at 35 deg/s.
 const GAIN: f64 = 6.0;
-/// What brakes it a little, s: the gain of the derivative.
+/// Gain of the derivative, which brakes a little, s.
 const DERIVATIVE: f64 = 0.3;
-/// The way at which it is at rest, rad.
+/// Remaining distance at which the motor rests, rad.
 const THERE: f64 = 1e-6;
-/// The way at which it says that it is done, rad.
+/// Remaining distance at which the board reports done, rad.
 const DONE: f64 = std::f64::consts::PI / 180.0;
 
-/// A move to `to`, at first at the greatest speed where the gain asks for more. It begins at once, whatever the motor did.
+/// A move to `to`, which starts at the greatest speed where the gain commands more. It starts at once,
+/// whatever the motor did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Approach {
     from: f64,
     to: f64,
-    /// 1/s.
+    /// Rate of the approach, 1/s.
     rate: f64,
-    /// For how long it goes at the greatest speed, s, and what that is, rad/s.
+    /// Duration of the phase at the greatest speed, s, and that speed, rad/s.
     full: f64,
     greatest: f64,
 }
 
 impl Approach {
-    /// From rest or in mid-motion, with this reference speed and at no more than the greatest one, rad/s.
+    /// Creates a move from rest or in mid-motion, with this reference speed and at no more than the greatest
+    /// one, rad/s.
     pub fn to(from: State, to: f64, reference: f64, greatest: f64) -> Approach {
         let rate = GAIN * reference / (1.0 + DERIVATIVE * reference);
         let way = (to - from.q).abs();
-        // where the gain asks for no more than the greatest speed
+        // distance at which the gain commands the greatest speed
         let near = greatest / rate;
         Approach { from: from.q, to, rate, full: ((way - near) / greatest).max(0.0), greatest }
     }
@@ -51,12 +54,12 @@ impl Approach {
         self.until(THERE)
     }
 
-    /// Seconds until it says that it is done.
+    /// Seconds until the board reports done.
     pub fn done(&self) -> f64 {
         self.until(DONE)
     }
 
-    /// Where it comes to rest.
+    /// Final position, rad.
     pub fn end(&self) -> f64 {
         self.to
     }

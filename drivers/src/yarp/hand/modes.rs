@@ -1,4 +1,4 @@
-//! Switching modes: told, then read back until it is so.
+//! Switches modes: sends the mode, then reads it back until the board reports it.
 
 use super::super::cell::word;
 use super::super::found::Restored;
@@ -9,12 +9,12 @@ use mobee_yarp::{Bottle, Value, Vocab};
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// How long a switch may take, and how often it is looked whether it has happened.
+/// Time limit of a switch, and the period at which it is checked.
 const PATIENCE: Duration = Duration::from_secs(2);
 const LOOK: Duration = Duration::from_millis(5);
 
 impl Hand {
-    /// Whether these joints report this mode.
+    /// True if these joints report this mode.
     pub(super) fn are_in(&self, joints: &[usize], mode: ControlMode) -> bool {
         self.not_in(joints, word(mode)).is_empty()
     }
@@ -33,8 +33,9 @@ impl Hand {
         joints.iter().copied().filter(soft).collect()
     }
 
-    /// Brings joints into a mode and waits until the board reports it. Joints that are to be moved to positions are made stiff first: a
-    /// compliant one does not go where it is told. A halt in the meantime is obeyed; with an `epoch` it ends the attempt.
+    /// Switches joints to a mode and waits until the board reports it. Joints that are to move to positions
+    /// are made stiff first, because a compliant joint does not reach its target. A halt that comes in
+    /// between is executed; with an `epoch` it ends the attempt.
     pub(super) async fn bring(&mut self, joints: &[usize], to: ControlMode, epoch: Option<u64>) -> Result<(), String> {
         if matches!(to, ControlMode::Position | ControlMode::PositionDirect) {
             let soft = self.compliant(joints);
@@ -55,7 +56,7 @@ impl Hand {
         self.until(epoch, "takes its mode", |hand| hand.not_in(&others, word)).await
     }
 
-    /// Waits until no joint is left.
+    /// Waits until `left` returns no joint.
     pub(super) async fn until(
         &mut self,
         epoch: Option<u64>,
@@ -71,7 +72,7 @@ impl Hand {
             if left(self).is_empty() {
                 return Ok(());
             }
-            // a board whose states say nothing of modes is asked
+            // queries a board whose states don't contain modes
             if round % 4 == 3 {
                 self.learn_modes().await;
             }
@@ -80,7 +81,7 @@ impl Hand {
         Err(format!("no sign within {PATIENCE:?} that joint {:?} {what}", left(self)))
     }
 
-    /// Reads all modes by asking for them.
+    /// Queries all modes.
     pub(super) async fn learn_modes(&self) {
         let vocabs = |answer: &Bottle, nth: usize| -> Option<Vec<Vocab>> {
             answer.get(nth)?.as_list()?.0.iter().map(Value::as_vocab).collect()

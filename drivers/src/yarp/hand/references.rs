@@ -1,7 +1,8 @@
-//! References of speed and acceleration: told, then read back before the move that goes by them.
+//! Reference speeds and accelerations: sent, then read back before the move that uses them.
 //!
-//! Nobody of ours writes references but the hand, one order after the other. What another program on the robot's network
-//! writes in between is seen when they are read back, or as the speed of the motor (`pace.rs`).
+//! Within this program only this worker writes references, one order after the other. A value that another
+//! program on the robot's network writes in between is detected by reading back, or by the speed of the motor
+//! (`pace.rs`).
 
 use super::super::found::Restored;
 use super::{Hand, SLOWEST};
@@ -9,23 +10,23 @@ use mobee_contract::DriverFault;
 use mobee_yarp::Value;
 use mobee_yarp::board::{Ask, Get, Joints, Quantity, Set};
 
-/// How often references are told before the move is given up.
+/// Number of times that references are sent before the move is aborted.
 const ATTEMPTS: usize = 3;
-/// A reference that is read back as this much more is another one.
+/// Ratio beyond which a reference read back differs from the one sent.
 const ROUNDING: f64 = 1.01;
 
-/// Which references a board goes by.
+/// References that a board uses.
 enum InForce {
-    /// Those that were sent.
+    /// Those sent.
     Ours,
-    /// The speeds that were sent, and the accelerations that it was found with: it keeps its own.
+    /// The speeds sent, and the accelerations it was found with, because the board does not change them.
     Found,
-    /// Greater ones that somebody else set.
+    /// Greater ones, set by another program.
     Others,
 }
 
 impl Hand {
-    /// Sets references, and sees that they are in force.
+    /// Sets references and verifies that they are in force.
     pub(super) async fn refer(
         &self,
         joints: &[usize],
@@ -63,7 +64,7 @@ impl Hand {
         Err(why)
     }
 
-    /// Reads references back under which joints were timed.
+    /// Reads back the references under which joints were timed.
     pub(super) async fn confirm(&self) {
         if !self.cell.lock().boards.get(self.index).is_some_and(|known| known.gauge.asks()) {
             return;
@@ -75,8 +76,8 @@ impl Hand {
         }
     }
 
-    /// Tells the references once; by which the board then goes. A board without accelerations to set, or that
-    /// does not tell what it has, is no reason not to move.
+    /// Sends the references once and returns which ones are in force afterwards. A board that has no
+    /// accelerations to set, or does not report its references, may still move.
     async fn tell_references(
         &self,
         joints: &[usize],
@@ -118,7 +119,7 @@ impl Hand {
         })
     }
 
-    /// The joints of which the board reads back a greater reference than this, each with that reference.
+    /// Joints for which the board reads back a greater reference than `told`, each with that reference.
     async fn greater(
         &self,
         what: Quantity,

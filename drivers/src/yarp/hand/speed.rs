@@ -1,14 +1,14 @@
-//! Velocities that are being said again and again while they are wanted, lowered where a limit of position is near.
+//! Velocities that are sent repeatedly while they are wanted, lowered near position limits.
 
 use std::collections::BTreeMap;
 
-/// How hard joints are believed to brake, deg/s^2: only for keeping clear of limits.
+/// Deceleration assumed for the distance to limits, deg/s^2.
 const BRAKING: f64 = 100.0;
-/// A velocity that was not given anew for this long is over, s: as on the boards themselves, whose own watchdog does not see
-/// it because we refresh what they were told.
+/// Time after which a velocity that has not been renewed expires, s. Boards do the same, but their watchdog
+/// is defeated by our repetition.
 const WATCHDOG: f64 = 0.1;
 
-/// The velocities of one board, deg/s by joint, and until when each holds.
+/// Velocities of one board, deg/s by joint, with the time until which each is valid.
 #[derive(Clone, Debug, Default)]
 pub struct JointVelocities(BTreeMap<usize, (f64, f64)>);
 
@@ -27,8 +27,8 @@ impl JointVelocities {
         self.0.extend(joints.iter().copied().zip(speeds.iter().map(|v| (*v, now + WATCHDOG))));
     }
 
-    /// What to say now to a board at `q` that acts within `latency` seconds; `None` if nothing. What has gone quiet is said to
-    /// be zero, once.
+    /// Velocities to send now to a board at `q` that acts within `latency` seconds; `None` if there are none.
+    /// An expired velocity is sent as zero, once.
     pub fn say(&mut self, q: &[f64], limits: &[(f64, f64)], latency: f64, now: f64) -> Option<(Vec<usize>, Vec<f64>)> {
         if self.0.is_empty() {
             return None;
@@ -43,7 +43,8 @@ impl JointVelocities {
     }
 }
 
-/// The speed from which the joint still comes to rest before its limit, though every word reaches it a latency late.
+/// Greatest speed from which the joint still stops before its limit, if each command takes effect a latency
+/// late.
 fn lowered(v: f64, q: f64, min: f64, max: f64, latency: f64) -> f64 {
     let room = if v > 0.0 { max - q } else { q - min };
     // v * e * latency + v^2 / (2 a) <= room: a loop with a delay does not overshoot while its gain is below 1 / (e * delay)

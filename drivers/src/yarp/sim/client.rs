@@ -1,4 +1,4 @@
-//! The client of a simulated board, as [`mobee_yarp::board::RemoteBoard`] is one of a real board.
+//! Client of a simulated board, the counterpart of [`mobee_yarp::board::RemoteBoard`].
 
 use super::super::fan::Fan;
 use super::super::remote::{Later, Remote, StopLine};
@@ -15,14 +15,14 @@ use tokio::sync::{Mutex, Notify, mpsc, watch};
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep, sleep_until};
 
-/// Streamed commands that may wait to be sent.
+/// Number of streamed commands that may wait to be sent.
 const WAITING: usize = 32;
 /// Shortest and longest pause between two attempts to reach a board.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
-/// Largest gap between two counts that is taken for lost states.
+/// Largest gap between two counts that counts as lost states.
 const GREATEST_GAP: u32 = 100_000;
 
-/// The client of one simulated board.
+/// Client of one simulated board.
 pub(super) struct Client {
     shared: Arc<Shared>,
     tasks: Mutex<JoinSet<()>>,
@@ -42,7 +42,7 @@ struct Shared {
 }
 
 impl Client {
-    /// A client that begins to connect.
+    /// Creates a client, which starts to connect.
     pub fn new(far: Arc<Far>, patience: Duration) -> Client {
         let shared = Arc::new(Shared {
             far,
@@ -118,7 +118,7 @@ impl Shared {
         answer
     }
 
-    /// Waits until the line may be tried, and asks for what is asked of a board that was reached.
+    /// Waits until the connection may be tried, and sends the queries that a new connection starts with.
     async fn reach(&self) -> Result<(), String> {
         let until = self.control.lock().await.until();
         sleep(until.since(self.far.now())).await;
@@ -134,7 +134,7 @@ impl Shared {
         Ok(())
     }
 
-    /// Takes the states until the connection is lost; says why.
+    /// Receives states until the connection is lost, and returns the reason.
     async fn watch(&self) -> String {
         let mut ticks = interval(self.far.board.publishes());
         let mut flying: BTreeMap<(Instant, u64), (Stamp, JointData)> = BTreeMap::new();
@@ -171,7 +171,7 @@ impl Shared {
     }
 }
 
-/// Counts states by their stamps.
+/// Numbers states by their stamps.
 #[derive(Default)]
 struct Counting {
     last: Option<Stamp>,
@@ -179,7 +179,7 @@ struct Counting {
 }
 
 impl Counting {
-    /// The number of a state, and how many were lost before it.
+    /// Number of a state, and the number of states lost before it.
     fn next(&mut self, stamp: Stamp) -> (u64, u64) {
         let gap = self.last.map_or(0, |before| stamp.count.wrapping_sub(before.count).wrapping_sub(1));
         let lost = if gap < GREATEST_GAP { u64::from(gap) } else { 0 };
@@ -195,7 +195,7 @@ async fn until(at: Option<Instant>) {
     }
 }
 
-/// Reaches the board, watches it, and begins anew when it is lost; ends only as a task that dies does.
+/// Reaches the board, watches it, and starts again when it is lost. Ends only if this task is to die.
 async fn session(shared: Arc<Shared>) {
     let (mut pause, mut generation) = (BACK_OFF.0, 0);
     loop {
@@ -220,7 +220,7 @@ async fn session(shared: Arc<Shared>) {
         shared.link.tell(|_| LinkState::Down(why));
         sleep(pause).await;
         pause = (pause * 2).min(BACK_OFF.1);
-        // what rang while nobody was connected says nothing about the next connection
+        // trouble notified while disconnected does not concern the next connection
         let _ = tokio::time::timeout(Duration::ZERO, shared.trouble.notified()).await;
     }
 }
@@ -233,7 +233,7 @@ async fn send_all(shared: Arc<Shared>, mut queue: mpsc::Receiver<(u64, Streamed)
     }
 }
 
-/// The line for stops of one simulated board.
+/// Stop connection of one simulated board.
 pub(super) struct Stops {
     pub far: Arc<Far>,
     pub kept: Kept,

@@ -1,7 +1,8 @@
-//! What the driver owes its boards, judged by what really happens there.
+//! Judge of the driver's obligations towards its boards, with access to the ground truth.
 //!
-//! The judge stands where no program stands: it hears what supervise tells the driver, what the driver says on each line, and sees
-//! how the motors really move. What can't be helped is excused: a stop does not get through a wire that is cut.
+//! The judge sees more than any program can: the commands that supervise gives the driver, the messages that
+//! the driver sends on each connection, and the true motion of the motors. Violations that can't be avoided
+//! are excused: a stop does not get through a wire that is cut.
 
 use super::faults::{Faults, WireFault};
 use super::watched::Watched;
@@ -12,36 +13,40 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::time::Duration;
 
-/// How soon a stop is said.
+/// Time within which a stop has to be sent.
 const AT_ONCE: Duration = Duration::from_millis(45);
-/// How soon a stop without effect is said again: one look at its effect may find a motor that was slowing down anyway.
+/// Time within which a stop without effect has to be repeated: one check of its effect may find a motor that
+/// was slowing down anyway.
 const AGAIN: Duration = Duration::from_millis(400);
-/// How long set-points that wait may go out after a stop: the hand hushes them once its question is answered.
+/// Time after a stop during which waiting setpoints may still go out: the hand discards them once its request
+/// has been answered.
 const HUSHED: Duration = Duration::from_millis(700);
-/// How soon after a stop motors rest: words on their way, two stops without effect, braking.
+/// Time after a stop within which motors have to rest: messages in transit, two stops without effect,
+/// braking.
 const RESTS: Duration = Duration::from_millis(2000);
-/// What counts as rest, deg/s.
+/// Speed below which a motor rests, deg/s.
 const REST: f64 = 2.0;
-/// How long the driver takes to be back at a board after a disturbance: its pauses grow to 2 s.
+/// Time that the driver needs to recover a board after a disturbance: its pauses grow to 2 s.
 const BACK: Duration = Duration::from_millis(2600);
-/// A driver that has given no reading for so long sees nothing.
+/// Time without a reading after which the driver counts as blind.
 const UNHEARD: Duration = Duration::from_millis(200);
-/// By how much a timer may be late: a lease that is renewed so soon after its end has not ended.
+/// Lateness of timers: a lease renewed this soon after its end has not ended.
 const TIMER: Duration = Duration::from_millis(2);
-/// For how long an order that names a motor lets the driver tell that motor something.
+/// Time for which a command to a motor allows the driver to send orders to that motor.
 const NAMED: Duration = Duration::from_secs(5);
-/// For how long a move does where it is made of set-points: longer than any in these behaviors.
+/// The same for a move made of setpoints: longer than any move in these behaviors.
 const MOVED: Duration = Duration::from_secs(60);
-/// How long a motor may outrun what it was told before the driver has said so.
+/// Time for which a motor may exceed its commanded speed before the driver has to report it.
 const TOO_FAST: Duration = Duration::from_millis(800);
-/// After the death of a task nobody uses the boards for as long as this, at least.
+/// Least time after the death of a task during which the boards must not be used.
 const MOURNS: Duration = Duration::from_millis(180);
-/// How long a board that rests, and is not driven, may be otherwise than it was found: words one after the other, each of which may be lost.
+/// Time for which a resting board that is not driven may differ from the settings found: several messages in
+/// a row, each of which may be lost.
 const GIVEN_BACK: Duration = Duration::from_millis(1500);
-/// A longer time between two looks is a process that was suspended.
+/// Time between two checks beyond which the process was suspended.
 const SUSPENDED: Duration = Duration::from_millis(60);
 
-/// Which line something is said on.
+/// Connection that a message is sent on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Orders,
@@ -53,23 +58,24 @@ pub(super) enum Line {
 pub(super) struct Judge {
     boards: Vec<Watched>,
     units: MotorUnits,
-    /// What was seen to be broken.
+    /// Violations found.
     pub found: Vec<String>,
     looked: Time,
     lease: Option<Time>,
-    /// Until when each command names its motors.
+    /// Motors of each command, with the time until which it covers them.
     named: VecDeque<(Time, Vec<usize>)>,
-    /// For how long a move does.
+    /// Time for which a move covers its motors.
     move_names: Duration,
-    /// Per motor the speeds it was told of late, deg/s.
+    /// Recent speed limits per motor, deg/s.
     told: Vec<VecDeque<(Time, f64)>>,
     died: Option<Time>,
-    /// When the driver gave its last reading: without any it does not know that a board rests.
+    /// Time of the driver's last reading. Without readings the driver can't detect that a board rests.
     heard_of: Time,
 }
 
 impl Judge {
-    /// A judge of these boards: port and motors of each. A command names its motors for longer where moves are `led` by set-points.
+    /// Creates a judge of these boards, given by port and motors. A command covers its motors for longer
+    /// where moves are `led` by setpoints.
     pub fn new(
         boards: impl IntoIterator<Item = (String, Range<usize>)>,
         units: MotorUnits,
@@ -90,7 +96,7 @@ impl Judge {
         }
     }
 
-    /// The driver has taken a command.
+    /// Records a command that the driver has accepted.
     pub fn commanded(&mut self, now: Time, command: &Command) {
         let (motors, speeds) = match command {
             Command::Stop { motors } if motors.is_empty() => return self.stop(now),
@@ -117,7 +123,7 @@ impl Judge {
             }
         }
         for board in self.boards.iter_mut().filter(|b| motors.iter().any(|m| b.motors.contains(m))) {
-            // one that was being said when it was owed has done what it should
+            // a stop being sent when it became due is sufficient
             if board.is_being_stopped() {
                 board.owed = None;
             }
@@ -125,10 +131,10 @@ impl Judge {
         }
     }
 
-    /// Everything is to stop since then.
+    /// Records that everything has to stop from then on.
     fn stop(&mut self, since: Time) {
         for board in &mut self.boards {
-            // the end of a lease is heard of later than it is answered
+            // the end of a lease is recorded later than it is acted on
             if board.said.is_none_or(|said| said + TIMER < since) {
                 board.owed.get_or_insert(since);
             }
@@ -136,7 +142,7 @@ impl Judge {
         }
     }
 
-    /// The driver has a new lease.
+    /// Records a new lease of the driver.
     pub fn leased(&mut self, now: Time, until: Time) {
         self.look_at_the_lease(now);
         if until > now {
@@ -153,33 +159,33 @@ impl Judge {
         }
     }
 
-    /// A task of the driver dies.
+    /// Records the death of a task of the driver.
     pub fn died(&mut self, now: Time) {
         self.died = Some(now);
     }
 
-    /// There is a new connection to a board.
+    /// Records a new connection to a board.
     pub fn linked(&mut self, board: usize) {
         if let Some(board) = self.boards.get_mut(board) {
             board.fresh = true;
         }
     }
 
-    /// A board does not heed a stop.
+    /// Records that a board ignores a stop.
     pub fn ignored(&mut self, board: usize, now: Time) {
         if let Some(board) = self.boards.get_mut(board) {
             board.ignored = Some(now);
         }
     }
 
-    /// A board's references were set by another program, or were told or read by ours.
+    /// Records that a board's references were set by another program, or sent or read by ours.
     pub fn meddled(&mut self, board: usize, by_another: bool) {
         if let Some(board) = self.boards.get_mut(board) {
             board.meddled = by_another;
         }
     }
 
-    /// The driver's move arrives at a board.
+    /// Checks a move of the driver that arrives at a board.
     pub fn moves(&mut self, board: usize, now: Time) {
         if let Some(board) = self.boards.get(board).filter(|b| b.meddled) {
             self.found.push(format!(
@@ -189,7 +195,7 @@ impl Judge {
         }
     }
 
-    /// The driver says something on a line.
+    /// Checks a message that the driver sends.
     pub fn said(&mut self, board: usize, line: Line, ask: &Ask, now: Time) {
         let touched = touched(ask).map(|joints| self.strangers(board, joints, now));
         let Some(watched) = self.boards.get_mut(board) else { return };
@@ -218,7 +224,7 @@ impl Judge {
         }
     }
 
-    /// The driver streams set-points.
+    /// Checks setpoints that the driver streams.
     pub fn streamed(&mut self, board: usize, command: &Streamed, now: Time) {
         let joints = match command {
             Streamed::Velocity(joints, _) | Streamed::Direct(joints, _) => joints,
@@ -235,7 +241,7 @@ impl Judge {
         }
     }
 
-    /// Those of a board's joints that no command names.
+    /// Joints of a board that no present command covers.
     fn strangers(&self, board: usize, joints: &Joints, now: Time) -> Vec<usize> {
         let Some(watched) = self.boards.get(board) else { return Vec::new() };
         let (first, n) = (watched.motors.start, watched.motors.len());
@@ -246,7 +252,7 @@ impl Judge {
         joints.on(n).unwrap_or_default().into_iter().filter(|j| !named(j)).collect()
     }
 
-    /// What was said on a line is answered, or is given up.
+    /// Records that a message has been answered, or that its sender has stopped waiting.
     pub fn heard(&mut self, board: usize, line: Line, now: Time, answered: bool) {
         let Some(watched) = self.boards.get_mut(board) else { return };
         let said = watched.saying.get_mut(line as usize).and_then(Option::take);
@@ -258,7 +264,7 @@ impl Judge {
         }
     }
 
-    /// A look at the lease and at the clock; to be called before the boards are looked at.
+    /// Checks the lease and the clock; to be called before the boards are checked.
     pub fn look(&mut self, now: Time) {
         self.look_at_the_lease(now);
         if now.since(self.looked) > SUSPENDED {
@@ -270,7 +276,7 @@ impl Judge {
         self.looked = now;
     }
 
-    /// A look at a board: where its motors really are, rad, and how fast, rad/s.
+    /// Checks a board, given the true positions of its motors, rad, and their speeds, rad/s.
     pub fn see(&mut self, board: usize, now: Time, (q, v): (&[f64], &[f64]), faults: &Faults) {
         let died = self.died.is_some_and(|at| now.since(at) < BACK);
         let Some(watched) = self.boards.get_mut(board) else { return };
@@ -284,7 +290,7 @@ impl Judge {
         let saying_one = watched.is_being_stopped();
         let fastest = v.iter().map(|v| v.abs().to_degrees()).fold(0.0, f64::max);
         if let Some(since) = watched.owed.filter(|since| now.since(*since) > AT_ONCE) {
-            // a board that rests is sent none
+            // a resting board is sent no stop
             if !excused && !saying_one && fastest > REST {
                 found.push(format!("{}: a stop of {since} was not said until {now}", watched.port));
             }
@@ -329,8 +335,8 @@ impl Judge {
         self.found.extend(found);
     }
 
-    /// A look at what is set in a board's joints: as it was found, once they have rested and were not told to move for a while. Modes
-    /// are a program's own as long as it drives.
+    /// Checks that the settings of a board's joints equal those found, once they have rested without a
+    /// command to move for a while. The driver may change modes as long as it drives.
     pub fn see_settings(
         &mut self,
         board: usize,
@@ -346,7 +352,7 @@ impl Judge {
             return;
         }
         let since = Time(now.0.saturating_sub(GIVEN_BACK.as_nanos() as u64));
-        // what another program sets is its own
+        // settings by another program are not the driver's fault
         let meddled = faults.any_since(Time::ZERO, now, |f| matches!(f, WireFault::Meddled(_)));
         let is_blind = now.since(self.heard_of) > UNHEARD;
         let disturbed =
@@ -370,7 +376,8 @@ impl Judge {
         }
     }
 
-    /// The driver gives a reading, and tells how long its boards take to answer. `lies`: encoders lie.
+    /// Checks a reading and the answer times that the driver reports. `lies` is true for boards with faulty
+    /// encoders.
     pub fn read(&mut self, now: Time, sample: &Sample, answers: Option<AnswerTime>, lies: impl Fn(usize) -> bool) {
         self.heard_of = now;
         if let Some(died) = self.died.filter(|at| now > *at + AT_ONCE && now.since(*at) < MOURNS) {
@@ -389,14 +396,14 @@ impl Judge {
         }
     }
 
-    /// Whether a stop would get to this board, and would have for a while.
+    /// True if a stop would reach this board, and would have for a while.
     pub fn is_in_reach(&self, board: usize, now: Time) -> bool {
         let died = self.died.is_some_and(|at| now.since(at) < BACK + RESTS);
         !died && self.boards.get(board).is_some_and(|b| now > b.excused + BACK + RESTS)
     }
 }
 
-/// The joints that an order does something to, but for stops.
+/// Joints that an order affects, except for stops.
 fn touched(ask: &Ask) -> Option<&Joints> {
     match ask {
         Ask::Set(
