@@ -18,7 +18,7 @@ fn no_lease(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::connect(bench, false)?;
     let (here, motors) = (t.last.q.clone(), t.motors()?);
     t.refused(Command::Move(t.to(&motors, &t.away(&motors))), "")?;
-    // what moves nothing needs none
+    // commands that move nothing need no lease
     t.give(Command::Stop { motors: vec![] })?;
     t.give(Command::Mode { motors: t.all(), mode: ControlMode::Position })?;
     t.settle(20)?;

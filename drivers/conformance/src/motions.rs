@@ -39,7 +39,7 @@ fn group_and_all(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Move(t.to(&motors, &pose)))?;
     t.until_done()?;
     t.rests_at(&pose)?;
-    // readings at a limit may lie beyond it by their noise
+    // readings at a limit may lie beyond it by encoder noise
     let inside = |(q, a): (&f64, &mobee_contract::Axis)| q.clamp(a.min, a.max);
     let back: Vec<f64> = home.iter().zip(&t.board.axes).map(inside).collect();
     let all: Vec<usize> = (0..home.len()).collect();
@@ -83,7 +83,7 @@ fn references(bench: &mut dyn Bench) -> Result<(), String> {
     }
     let [fast, slow] = took.as_slice() else { return Ok(()) };
     see(*slow > 1.3 * fast, || format!("at 0.4 of the speed the way took {slow:.2} s instead of {fast:.2}"))?;
-    // more than the motor can do is lowered; the trial itself watches for speeds beyond the greatest
+    // greater references are lowered; the trial itself checks for speeds beyond the greatest
     let pose = t.away(&[m]);
     t.give(Command::Move(Move { speed: Some(vec![1e3]), acceleration: Some(vec![1e3]), ..t.to(&[m], &pose) }))?;
     t.until_done()?;
@@ -99,7 +99,7 @@ fn done(bench: &mut dyn Bench) -> Result<(), String> {
         t.give(Command::Move(t.to(&[m], &pose)))?;
         let given = t.now();
         let samples = t.until_done()?;
-        // the last reading is the first that says done, unless one in flight was read before the command
+        // the last reading is the first that reports done, unless one in transit was read before the command
         let early = samples.iter().find(|s| {
             let there = (at(&s.q, m) - at(&pose, m)).abs() <= NEAR;
             s.at > given && s.done.get(m) == Some(&true) && !there
@@ -116,7 +116,7 @@ fn done(bench: &mut dyn Bench) -> Result<(), String> {
     Ok(())
 }
 
-/// Sets motors moving and waits until they are well under way.
+/// Starts a move and waits until all motors have covered a third of it; returns the target.
 pub fn under_way(t: &mut DriverTrial, motors: &[usize]) -> Result<Vec<f64>, String> {
     let (pose, start) = (t.away(motors), t.last.q.clone());
     t.give(Command::Move(t.to(motors, &pose)))?;
@@ -132,7 +132,7 @@ pub fn under_way(t: &mut DriverTrial, motors: &[usize]) -> Result<Vec<f64>, Stri
     Err("the motors don't get under way".into())
 }
 
-/// The longest way (rad) a motor may still go after it was told to stop at this speed of the suite.
+/// Greatest distance (rad) that a motor may cover after a stop at the suite's speed.
 pub fn stopping_path(t: &DriverTrial, motor: usize) -> f64 {
     let (speed, acceleration) = t.reference(motor);
     let wait = (t.board.latency + 3 * t.board.period).as_secs_f64();
@@ -178,7 +178,7 @@ fn amend(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Move(t.to(&[m], &back)))?;
     let samples = t.until_done()?;
     t.rests_at(&home)?;
-    // speeds over windows of a twentieth of a second, and how they change from one window to the next
+    // speeds over windows of a twentieth of a second, and their change from one window to the next
     let gap = Duration::from_millis(50);
     for s in &samples {
         let later = |from: mobee_contract::Time| samples.iter().find(|l| l.at >= from + gap);

@@ -9,7 +9,7 @@ pub const PROMISES: &[DriverPromise] = &[
     DriverPromise { name: "a reading that nobody fetched is lost and counted", check: lost_readings },
 ];
 
-/// Readings that are counted.
+/// Number of readings checked.
 const READINGS: u32 = 50;
 
 fn describes_itself(bench: &mut dyn Bench) -> Result<(), String> {
@@ -60,6 +60,6 @@ fn lost_readings(bench: &mut dyn Bench) -> Result<(), String> {
     t.next()?;
     let (age, period) = (t.now().since(t.last.at), t.board.period);
     see(t.last.seq >= before.seq + 9, || format!("10 periods later came reading {} after {}", t.last.seq, before.seq))?;
-    // taken just before a period ended, and a period on its way; half of one for jitter
+    // one period of age, one in transit, and half of one for jitter
     see(age <= 2 * period + period / 2, || format!("the newest reading is {age:?} old"))
 }

@@ -1,4 +1,4 @@
-//! Promises about what a board refuses, and that a refusal changes nothing.
+//! Promises about commands that a board refuses; a refusal changes nothing.
 
 use super::trial::{DEG, DriverTrial, at, see};
 use super::{Bench, DriverPromise};

@@ -29,7 +29,8 @@ fn modes(bench: &mut dyn Bench) -> Result<(), String> {
     see(!t.driver.modes().iter().enumerate().any(wrong), || "a mode set for one motor is not its alone".into())
 }
 
-/// Streams set-points of these motors every 20 ms at 5 deg/s to `pose`; the worst lag (rad) behind the newest set-point while at it.
+/// Streams setpoints of these motors every 20 ms at 5 deg/s to `pose`. Returns the greatest lag (rad) behind
+/// the newest setpoint.
 fn follow(t: &mut DriverTrial, motors: &[usize], pose: &[f64]) -> Result<f64, String> {
     let (start, tick) = (t.last.q.to_vec(), Duration::from_millis(20));
     let way = start.iter().zip(pose).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
@@ -60,7 +61,7 @@ fn stream(bench: &mut dyn Bench) -> Result<(), String> {
     let pose = t.away(&t.motors()?);
     let all = t.all();
     let lag = follow(&mut t, &all, &pose)?;
-    // it starts from rest, commands take their time, and it follows three set-points behind at most
+    // it starts from rest, commands have a latency, and it lags by three setpoints at most
     let late = (t.board.latency + t.board.period + Duration::from_millis(60)).as_secs_f64();
     let most = 5.0 * DEG * late + 0.3 * DEG + NEAR;
     see(lag <= most, || format!("it lags by {}, at most {:.2}", t.board.units().told(lag, 2), most / DEG))?;
@@ -69,7 +70,7 @@ fn stream(bench: &mut dyn Bench) -> Result<(), String> {
     t.rests_at(&pose)
 }
 
-/// One motor is streamed while the others stay in the mode they are in, and where they are.
+/// Streams one motor; the others must stay in their mode and position.
 fn one_alone(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     if !t.board.position_direct {

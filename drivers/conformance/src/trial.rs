@@ -1,4 +1,4 @@
-//! A connection under test: it keeps the lease, fetches every reading, and watches for jumps.
+//! A connection under test, which renews the lease, fetches every reading, and checks for jumps.
 
 use super::Bench;
 use mobee_contract::{Board, Command, ControlMode, Driver, DriverFault, Move, Sample, Time};
@@ -7,26 +7,26 @@ use std::time::Duration;
 
 /// One degree, rad.
 pub const DEG: f64 = PI / 180.0;
-/// What readings at rest may be off, rad: 0.1 deg.
+/// Tolerance of readings at rest, rad: 0.1 deg.
 pub const NEAR: f64 = 0.1 * DEG;
-/// How far motions of the suite go, rad.
+/// Distance of the suite's motions, rad.
 pub const WAY: f64 = 8.0 * DEG;
-/// How fast they are, rad/s, where the motor is that fast.
+/// Speed of the suite's motions, rad/s, unless the motor is slower.
 const SPEED: f64 = 10.0 * DEG;
-/// No motion of the suite takes longer.
+/// Time limit of a motion.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// A driver at work.
+/// A driver under test.
 pub struct DriverTrial<'a> {
-    /// The bench it is on.
+    /// Bench of the trial.
     pub bench: &'a mut dyn Bench,
     /// The driver.
     pub driver: Box<dyn Driver>,
-    /// What the board can do.
+    /// Description of the board.
     pub board: Board,
     /// The newest reading.
     pub last: Sample,
-    /// Whether every step renews the lease.
+    /// True if every step renews the lease.
     pub keeps_lease: bool,
 }
 
@@ -36,7 +36,7 @@ impl<'a> DriverTrial<'a> {
         DriverTrial::connect(bench, true)
     }
 
-    /// The same with or without a lease.
+    /// Same as [`DriverTrial::begin`], with or without a lease.
     pub fn connect(bench: &'a mut dyn Bench, keeps_lease: bool) -> Result<DriverTrial<'a>, String> {
         let driver = bench.connect()?;
         let board = driver.board().clone();
@@ -64,12 +64,12 @@ impl<'a> DriverTrial<'a> {
         Err("no reading within 100 periods".into())
     }
 
-    /// The time now.
+    /// Present time.
     pub fn now(&self) -> Time {
         self.bench.now()
     }
 
-    /// Renews the lease if this trial keeps one.
+    /// Renews the lease if this trial maintains one.
     pub fn renew(&mut self) {
         let now = self.now();
         if self.keeps_lease {
@@ -90,7 +90,7 @@ impl<'a> DriverTrial<'a> {
         self.driver.sample(now).map_err(|e| format!("no reading: {e}"))
     }
 
-    /// Lets one period pass; the reading, if there was one.
+    /// Advances by one period. Returns the reading, if there was one.
     pub fn step(&mut self) -> Result<Option<Sample>, String> {
         self.pass();
         self.renew();
@@ -116,7 +116,7 @@ impl<'a> DriverTrial<'a> {
         Err("no reading within 100 periods".into())
     }
 
-    /// Lets time pass; the readings.
+    /// Advances by a time. Returns the readings.
     pub fn run(&mut self, time: Duration) -> Result<Vec<Sample>, String> {
         let end = self.now() + time;
         let mut all = Vec::new();
@@ -126,12 +126,12 @@ impl<'a> DriverTrial<'a> {
         Ok(all)
     }
 
-    /// Lets so many periods pass, after what is on its way to the board has arrived.
+    /// Advances by a number of periods, after commands in transit have arrived.
     pub fn settle(&mut self, periods: u32) -> Result<Vec<Sample>, String> {
         self.run(self.board.latency + periods * self.board.period)
     }
 
-    /// Waits until all motors are done; the readings.
+    /// Waits until all motors are done. Returns the readings.
     pub fn until_done(&mut self) -> Result<Vec<Sample>, String> {
         let end = self.now() + PATIENCE;
         let mut all = Vec::new();
@@ -144,7 +144,7 @@ impl<'a> DriverTrial<'a> {
         Err(format!("not done within {PATIENCE:?}"))
     }
 
-    /// Waits until the modes of all motors read back so.
+    /// Waits until all motors report this mode.
     pub fn until_mode(&mut self, mode: ControlMode) -> Result<(), String> {
         for _ in 0..200 {
             if self.driver.modes().iter().all(|m| *m == mode) {
@@ -155,14 +155,14 @@ impl<'a> DriverTrial<'a> {
         Err(format!("the motors don't report mode {mode:?}: {:?}", self.driver.modes()))
     }
 
-    /// Gives a command that must be accepted.
+    /// Sends a command that must be accepted.
     pub fn give(&mut self, command: Command) -> Result<(), String> {
         let now = self.now();
         self.renew();
         self.driver.command(now, &command).map_err(|e| format!("{command:?} was not accepted: {e}"))
     }
 
-    /// Gives a command that must be refused, with a text that contains `naming`, and change nothing.
+    /// Sends a command that must be refused without any effect, with a message that contains `naming`.
     pub fn refused(&mut self, command: Command, naming: &str) -> Result<(), String> {
         let (now, before) = (self.now(), self.last.q.clone());
         self.renew();
@@ -178,7 +178,7 @@ impl<'a> DriverTrial<'a> {
         self.rests_at(&before).map_err(|e| format!("the refused {command:?} had an effect: {e}"))
     }
 
-    /// Whether the newest reading is near these positions.
+    /// Checks that the newest reading is near these positions.
     pub fn rests_at(&self, q: &[f64]) -> Result<(), String> {
         for ((axis, want), got) in self.board.axes.iter().zip(q).zip(self.last.q.iter()) {
             if (want - got).abs() > NEAR || !got.is_finite() {
@@ -189,7 +189,7 @@ impl<'a> DriverTrial<'a> {
         Ok(())
     }
 
-    /// A way of a motor, or its position, as people read it.
+    /// Distance or position of a motor, formatted with its unit.
     pub fn told(&self, motor: usize, q: f64) -> String {
         self.board.units().of(motor).told(q, 2)
     }
@@ -207,7 +207,7 @@ impl<'a> DriverTrial<'a> {
         if some.len() < 2 { Err("the suite needs two motors with 4 deg (or mm) of room".into()) } else { Ok(some) }
     }
 
-    /// The pose with these motors gone [`WAY`] (or half their room) towards the middle of their range, or farther.
+    /// Configuration with these motors moved by [`WAY`] (or most of their room) towards the farther limit.
     pub fn away(&self, motors: &[usize]) -> Vec<f64> {
         let mut q = self.last.q.to_vec();
         for m in motors {
@@ -219,12 +219,12 @@ impl<'a> DriverTrial<'a> {
         q
     }
 
-    /// Speed of motions of the suite for this motor, and its greatest acceleration.
+    /// Speed of the suite's motions for this motor, and its greatest acceleration.
     pub fn reference(&self, motor: usize) -> (f64, f64) {
         self.board.axes.get(motor).map_or((SPEED, SPEED), |a| (SPEED.min(a.max_speed), a.max_acceleration))
     }
 
-    /// A move of these motors to their places in `pose` at the suite's speed.
+    /// Move of these motors to their positions in `pose` at the suite's speed.
     pub fn to(&self, motors: &[usize], pose: &[f64]) -> Move {
         let (speed, acceleration) = motors.iter().map(|m| self.reference(*m)).unzip();
         Move {
@@ -237,17 +237,18 @@ impl<'a> DriverTrial<'a> {
     }
 }
 
-/// Position of a motor in a pose; not-a-number if it has none.
+/// Position of a motor in a configuration; NaN if it has none.
 pub fn at(pose: &[f64], motor: usize) -> f64 {
     pose.get(motor).copied().unwrap_or(f64::NAN)
 }
 
-/// Fails with what `seen` says unless it holds.
+/// Fails with the message of `seen` unless the condition holds.
 pub fn see(holds: bool, seen: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(seen()) }
 }
 
-/// Greatest speed of a motor over windows of about a tenth of a second, rad/s, and what noise may add to it.
+/// Greatest speed of a motor over windows of about a tenth of a second, rad/s, and the error of this speed by
+/// noise.
 pub fn top_speed(samples: &[Sample], motor: usize) -> (f64, f64) {
     let mut top = (0.0, f64::INFINITY);
     for (i, s) in samples.iter().enumerate() {

@@ -15,12 +15,12 @@ pub const PROMISES: &[DriverPromise] = &[
     DriverPromise { name: "a move takes over from a velocity", check: move_after },
 ];
 
-/// How often velocities are given.
+/// Period at which velocities are sent.
 const TICK: Duration = Duration::from_millis(20);
-/// A velocity that is not given again ends within this time.
+/// Time within which a velocity ends that is not renewed.
 const WATCHDOG: Duration = Duration::from_millis(500);
 
-/// Gives a velocity again and again for so long; the readings.
+/// Sends a velocity repeatedly for this time. Returns the readings.
 fn drive(t: &mut DriverTrial, motor: usize, speed: f64, time: Duration) -> Result<Vec<Sample>, String> {
     let (mut next, end) = (t.now(), t.now() + t.board.latency + time);
     let mut all = Vec::new();
@@ -34,7 +34,7 @@ fn drive(t: &mut DriverTrial, motor: usize, speed: f64, time: Duration) -> Resul
     Ok(all)
 }
 
-/// The motor's velocity for the suite, towards where it has room.
+/// Velocity of the motor in the suite, towards the farther limit.
 fn speed(t: &DriverTrial, m: usize) -> f64 {
     let to = at(&t.away(&[m]), m);
     (0.5 * t.reference(m).0).copysign(to - at(&t.last.q, m))
@@ -102,7 +102,7 @@ fn move_after(bench: &mut dyn Bench) -> Result<(), String> {
     let m = t.motors()?.first().copied().unwrap_or_default();
     let (home, v) = (t.last.q.to_vec(), speed(&t, m));
     drive(&mut t, m, v, Duration::from_millis(300))?;
-    // readings at a limit may lie beyond it by their noise
+    // readings at a limit may lie beyond it by encoder noise
     let inside = |(q, a): (&f64, &mobee_contract::Axis)| q.clamp(a.min, a.max);
     let back: Vec<f64> = home.iter().zip(&t.board.axes).map(inside).collect();
     t.give(Command::Move(t.to(&[m], &back)))?;

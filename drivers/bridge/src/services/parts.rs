@@ -1,7 +1,7 @@
-//! The ports of a robot's parts and of the robot itself, and the force-field controllers behind them.
+//! Ports of a robot's parts and of the robot itself, and the force-field controllers behind them.
 //!
-//! Collisions and observations go out at `/MoBeE/<robot>/collisions:o` and `observation:o`: they are the robot's, like its
-//! filtered boards, and the original had no names for them.
+//! Collisions and observations are published at `/MoBeE/<robot>/collisions:o` and `observation:o`: they
+//! belong to the robot, like its filtered boards, and the original had no names for them.
 
 use super::YarpSettings;
 use super::steering::Steering;
@@ -22,7 +22,7 @@ use std::time::Duration;
 /// Time between two messages, and between two cycles of the force field.
 const PERIOD: Duration = Duration::from_millis(20);
 
-/// One robot's ports.
+/// Ports of one robot.
 pub(super) struct RobotPorts {
     robot: Arc<Known>,
     servers: Vec<RpcServer>,
@@ -31,7 +31,7 @@ pub(super) struct RobotPorts {
     observation: OutputPort,
 }
 
-/// What all ports of a part share.
+/// State shared by all ports of a robot.
 pub(super) struct Known {
     pub running: Arc<dyn Running>,
     pub filtered: Arc<dyn Filtered>,
@@ -48,10 +48,10 @@ pub(super) struct PartPorts {
 }
 
 impl RobotPorts {
-    /// Opens them all. `taken` are the names of parts that an earlier robot has.
+    /// Opens all ports. `taken` contains the names of parts of earlier robots.
     ///
     /// # Errors
-    /// A sentence with the remedy.
+    /// A message with the remedy.
     pub(super) async fn open(
         network: &Network,
         running: &Arc<dyn Running>,
@@ -98,7 +98,7 @@ impl RobotPorts {
         Ok(RobotPorts { robot, servers, parts, collisions, observation: observed })
     }
 
-    /// Publishes to whoever is connected.
+    /// Publishes to the connected ports.
     fn publish(&self, latest: &Latest, envelope: &str) {
         let heard = |writer: &OutputPort| !writer.peers().is_empty();
         let envelope = || Some(envelope.to_owned());
@@ -116,7 +116,7 @@ impl RobotPorts {
         }
     }
 
-    /// Publishes and steers until it is told to end, then closes the ports.
+    /// Publishes and steers until `leave` is set, then closes the ports.
     pub(super) async fn serve(mut self, mut leave: tokio::sync::watch::Receiver<bool>) {
         let mut ticks = tokio::time::interval(PERIOD);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
@@ -146,7 +146,7 @@ impl RobotPorts {
     }
 }
 
-/// Whose RPC it is.
+/// Receiver of an RPC.
 enum Whom {
     Robot,
     Part(usize),

@@ -1,4 +1,5 @@
-//! What a robot's collision and observation ports publish: its present contacts, in the original's form, and its state.
+//! Messages of a robot's collision and observation ports: its present contacts, in the original's form, and
+//! its state.
 
 use super::words::string;
 use crate::observation::{Collision, Touch, Touched};
@@ -6,8 +7,9 @@ use mobee_contract::Latest;
 use mobee_model::Robot;
 use mobee_yarp::{Bottle, Value};
 
-/// The contacts of a robot: `((i x y z) (j x y z))` with itself, `(i x y z "ROBOT")` (or `"OBSTACLE"`, `"TARGET"`) with
-/// others; a single 0 if there is none. i is the shape's number, x y z its point of contact, world frame.
+/// Contacts of a robot: `((i x y z) (j x y z))` with itself, `(i x y z "ROBOT")` (or `"OBSTACLE"`,
+/// `"TARGET"`) with others; a single 0 if there are none. i is the number of the shape, x y z its point of
+/// contact, world frame.
 pub(crate) fn collisions(all: &[Collision]) -> Bottle {
     if all.is_empty() {
         return Bottle(vec![Value::Int32(0)]);
@@ -36,8 +38,8 @@ fn touch(touch: &Touch) -> Vec<Value> {
     list
 }
 
-/// A robot's state: `(time SECONDS) (state WORD) (contacts N) (part NAME (q ...)) ...` with positions in degrees, millimeters where a motor
-/// slides.
+/// State of a robot: `(time SECONDS) (state WORD) (contacts N) (part NAME (q ...)) ...` with positions in
+/// degrees, or in millimeters for prismatic joints.
 pub(crate) fn observation(robot: &Robot, latest: &Latest) -> Bottle {
     let entry = |key: &str, value: Value| Value::List(Bottle(vec![string(key), value]));
     let count = i32::try_from(latest.contacts.len()).unwrap_or(i32::MAX);

@@ -1,4 +1,4 @@
-//! A part's RPC as YARP programs write it, with the original's words and replies.
+//! YARP encoding of a part's RPC, with the original's words and replies.
 //!
 //! ```text
 //! list          the part's markers                     stpd [limit]  1 if nothing is commanded to go faster (deg/s), else 0
@@ -11,7 +11,7 @@ use super::words::{self, line, string};
 use crate::part_rpc::{self, PartRefusal, PartReply, PartRequest, PartView};
 use mobee_yarp::{Bottle, Value};
 
-/// Answers a request; what is wrong with it is said in the reply.
+/// Answers a request; errors are reported in the reply.
 pub(crate) fn answer(request: &Bottle, view: &PartView) -> Bottle {
     match parse(request).and_then(|asked| part_rpc::answer(&asked, view)) {
         Ok(answer) => reply(&answer),
@@ -49,7 +49,7 @@ fn reply(reply: &PartReply) -> Bottle {
     }
 }
 
-/// A bottle of numbers.
+/// Bottle of numbers.
 pub(crate) fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> Bottle {
     Bottle(values.into_iter().map(|x| Value::Float64(*x)).collect())
 }
