@@ -1,4 +1,4 @@
-//! The connections that a listening socket serves: so many at a time, and nobody is locked out by those that say nothing.
+//! Connections of a listening socket: limited in number, and silent ones can't lock out others.
 
 use crate::clock;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -6,10 +6,10 @@ use std::time::Duration;
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 
-/// Who was heard within this time keeps its place.
+/// Time since the last message within which a connection keeps its place.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// When a connection was heard last, and whether it has said anything but its name.
+/// Time of the last message of a connection, and whether it has sent anything but its name.
 #[derive(Debug)]
 pub(crate) struct Heard(Mutex<(bool, Instant)>);
 
@@ -18,7 +18,7 @@ impl Heard {
         Heard(Mutex::new((false, clock::now())))
     }
 
-    /// It has said something.
+    /// Records a message.
     pub fn now(&self) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (true, clock::now());
     }
@@ -28,7 +28,7 @@ impl Heard {
     }
 }
 
-/// Those connections, each a task.
+/// Connections of a socket, each a task.
 pub(crate) struct Guests {
     most: usize,
     tasks: JoinSet<()>,
@@ -36,13 +36,14 @@ pub(crate) struct Guests {
 }
 
 impl Guests {
-    /// At most so many at a time.
+    /// Creates the set with room for `most` connections.
     pub fn new(most: usize) -> Guests {
         Guests { most, tasks: JoinSet::new(), guests: Vec::new() }
     }
 
-    /// Serves a newcomer. If there is no room, it takes the place of the one that has been silent for longest, of those that
-    /// never said anything if there are some. Whether it is served: not if all others were heard just now.
+    /// Serves a new connection. If there is no room, it replaces the one that has been silent for longest,
+    /// preferring those that never sent anything. Returns false, and does not serve it, if all others were
+    /// active just now.
     pub fn admit<F>(&mut self, serve: impl FnOnce(Arc<Heard>) -> F) -> bool
     where
         F: Future<Output = ()> + Send + 'static,
@@ -64,12 +65,12 @@ impl Guests {
         true
     }
 
-    /// Waits until one of them has ended; `None` if there is none.
+    /// Waits until a connection has ended; `None` if there is none.
     pub async fn ended(&mut self) -> Option<()> {
         self.tasks.join_next().await.map(drop)
     }
 
-    /// Ends all of them.
+    /// Ends all connections.
     pub async fn shutdown(&mut self) {
         self.tasks.shutdown().await;
     }

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
 
-/// Serves a connection until it ends. Nothing that the other side does ends more than this.
+/// Serves a connection until it ends. Misbehavior of the other side ends only this connection.
 pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, heard: Arc<Heard>) {
     let served = async {
         if let Err(error) = connection(&core, stream, &heard).await
@@ -65,7 +65,8 @@ async fn connection(core: &Arc<Core>, stream: TcpStream, heard: &Heard) -> Resul
     link.write(&[hello.carrier.ack()]).await
 }
 
-/// Tells a stranger how to begin. Reads what it still sends, since closing on unread bytes would lose the text.
+/// Answers an invalid handshake with instructions. Reads the rest that is sent, since closing on unread bytes
+/// would lose the text.
 async fn not_found(core: &Core, mut link: Link) -> Result<(), LinkError> {
     link.write(&[handshake::NOT_FOUND.as_bytes()]).await?;
     link.shutdown().await;
@@ -73,7 +74,7 @@ async fn not_found(core: &Core, mut link: Link) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// Does what a message asks; `true`: the connection ends.
+/// Executes a message; returns `true` if the connection ends.
 async fn respond(
     core: &Arc<Core>,
     link: &mut Link,
@@ -97,7 +98,7 @@ async fn respond(
                 Sink::Nothing => {}
             }
         }
-        // What can't be read is an unknown command.
+        // An unreadable command counts as an unknown one.
         Verb::Admin => reply = Some(core.admin(&payload.bottle(dialect).unwrap_or_default()).await.into()),
         Verb::Quit => quits = true,
         Verb::Describe => lines = admin::describe(&core.view()),
@@ -135,23 +136,23 @@ async fn respond(
     Ok(quits)
 }
 
-/// A handler's reply that can't be written on this carrier.
+/// Logs a handler's reply that can't be written on this carrier.
 fn unreadable(core: &Core, error: &super::PayloadError) -> &'static [u8] {
     tracing::warn!(port = core.name, %error, "the reply has no form for this carrier");
     b""
 }
 
-/// The sentence of an administrative reply.
+/// Text of an administrative reply.
 fn said(reply: &crate::Bottle) -> String {
     reply.0.get(1).and_then(|value| value.as_text()).map(|text| text.into_owned()).unwrap_or_default()
 }
 
-/// The longest message in datagrams, bytes; much shorter ones get lost already.
+/// Greatest size of a message in datagrams, bytes; much shorter ones are already lost often.
 const LONGEST_BY_DATAGRAMS: usize = 8 << 20;
 
-/// A sender of datagrams (spec section 18). It comes from the host where its TCP connection came from: from the same
-/// port number, says the specification, but 3.5 built without ACE takes any. So the first good datagram from that host
-/// tells the number, and from then on nobody else is heard.
+/// Receives from a sender of datagrams (spec section 18). It sends from the host of its TCP connection. The
+/// specification requires the same port number, but 3.5 built without ACE uses any. The first valid datagram
+/// from that host therefore determines the number, and other senders are ignored from then on.
 async fn datagrams(
     core: &Arc<Core>,
     mut link: Link,

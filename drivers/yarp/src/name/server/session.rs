@@ -13,7 +13,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
-/// What a peer has sent and we have not yet read.
+/// Bytes that a peer has sent and that are not parsed yet.
 struct Incoming {
     stream: TcpStream,
     bytes: Vec<u8>,
@@ -73,7 +73,7 @@ pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared
     carrier(incoming, &hello, &peer, shared, heard).await
 }
 
-/// The plain form: a line, an answer, and so on.
+/// Serves the plain form: one answer per line.
 async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Heard) -> io::Result<()> {
     loop {
         let Some(end) = incoming.bytes.iter().position(|b| *b == b'\n') else {
@@ -93,7 +93,7 @@ async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Hear
     }
 }
 
-/// A port's carrier: data messages are requests, administrative ones are those of any port.
+/// Serves a port's carrier: data messages are requests, administrative ones are those of any port.
 async fn carrier(
     mut incoming: Incoming,
     hello: &handshake::Hello,
@@ -113,7 +113,7 @@ async fn carrier(
                 None => None,
                 Some(f) => {
                     let payload = incoming.bytes.get(f.payload..f.end).unwrap_or_default();
-                    // a payload that is no bottle is dropped and acknowledged, as the original does
+                    // a payload that is not a bottle is dropped and acknowledged, as in the original
                     Some((f.command.verb, Bottle::decode(payload, dialect).unwrap_or_default(), f.end))
                 }
             }
@@ -135,7 +135,7 @@ async fn carrier(
     }
 }
 
-/// The reply to one message, without its acknowledgement.
+/// Reply to one message, without its acknowledgment.
 async fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, shared: &Shared) -> Vec<u8> {
     let text = hello.carrier.is_text();
     let view = || admin::PortView {
@@ -173,12 +173,12 @@ async fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &s
     }
 }
 
-/// A line as a bottle; one that is none is answered like an unknown command.
+/// Parses a line as a bottle; an invalid one is answered like an unknown command.
 fn parse(line: &[u8]) -> Bottle {
     Bottle::parse(line, Dialect::V3).unwrap_or_default()
 }
 
-/// Asks the table, and passes on the persistent connections that are due.
+/// Applies a request to the table, and passes on the persistent connections that are due.
 async fn answer(request: &Bottle, peer: &str, shared: &Shared) -> NameReply {
     let word = |v: &Value| v.as_text().map_or_else(|| v.to_string(), |t| t.into_owned());
     let mut words: Vec<String> = request.iter().map(word).collect();
@@ -208,8 +208,8 @@ async fn answer(request: &Bottle, peer: &str, shared: &Shared) -> NameReply {
     outcome.answer
 }
 
-/// The port at another address that has the name which is to be registered, if there is one. The original gives the name
-/// away, and its owner goes on without notice; here it is refused as long as the owner answers.
+/// Port at another address that holds the name to be registered, if any. The original reassigns the name
+/// without notice to its owner; here it is refused as long as the owner answers.
 fn rival(table: &NameTable, words: &[String], peer: &str, shared: &Shared) -> Option<Contact> {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let ["register", name, rest @ ..] = words.as_slice() else { return None };
