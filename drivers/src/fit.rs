@@ -63,7 +63,8 @@ pub(crate) fn within(axis: &Axis, q: f64, tolerance: f64) -> Result<f64, String>
         return Err(format!("motor {name}: the position is not a finite number"));
     }
     if q < min - tolerance || q > max + tolerance {
-        let (q, limits) = (motion.told(q, 3), motion.told_range([*min, *max], 3));
+        let q = motion.told(q, 3);
+        let limits = motion.told_range([*min, *max], 3);
         return Err(format!("motor {name}: {q} is outside its limits {limits}"));
     }
     Ok(q.clamp(*min, *max))

@@ -131,7 +131,8 @@ impl Driver for ReplayDriver {
         }
         self.given = Some(seq);
         let at = Time(seq * self.period());
-        let (q, next) = (self.played.table.at(at), self.played.table.at(at + self.played.board.period));
+        let q = self.played.table.at(at);
+        let next = self.played.table.at(at + self.played.board.period);
         let done = q.iter().zip(&next).map(|(q, next)| q == next).collect();
         Ok(Some(Sample { seq, at, q: q.into(), done, ..Sample::default() }))
     }

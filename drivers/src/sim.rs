@@ -82,7 +82,8 @@ impl SimHardware {
         if let Some(numbers) = settings.arm() {
             let servo = settings.servo.clone().unwrap_or_default();
             servo.fits(&context.robot)?;
-            let (rules, mut board) = (servo.rules(&numbers), lock(&hardware.board));
+            let rules = servo.rules(&numbers);
+            let mut board = lock(&hardware.board);
             let plant = Plant::new(settings.axes(&context.robot), &start, settings.move_profile());
             board.plant = plant.with_rules(rules);
             let servos = servo.servos(&numbers, &context.robot);

@@ -124,7 +124,8 @@ impl YarpHardware {
     /// # Errors
     /// The first setting that can't be used.
     pub fn new(settings: &YarpDriverSettings, robot: &Robot) -> Result<YarpHardware, KindError> {
-        let (network, layout) = (settings.server.as_deref().map(at).transpose(), Layout::new(settings, robot));
+        let network = settings.server.as_deref().map(at).transpose();
+        let layout = Layout::new(settings, robot);
         let unusable =
             [network.as_ref().map(drop).map_err(Clone::clone), layout.as_ref().map(drop).map_err(Clone::clone)];
         KindError::gather([settings.validate()].into_iter().chain(unusable))?;

@@ -60,7 +60,8 @@ impl ForceField {
                 }
             }
             Wish::Wrench { marker, force, torque } => {
-                let (force, torque) = (Vector3::from(*force), Vector3::from(*torque));
+                let force = Vector3::from(*force);
+                let torque = Vector3::from(*torque);
                 self.force = wish::joint_forces(robot, part, q, marker, &force, &torque)?;
             }
         }

@@ -131,7 +131,8 @@ mod tests {
         let told = collisions(0, &[contact(solid(0), ball), contact(solid(0), solid(1))], &scene);
         let first = number(&solid(0), &scene);
         let second = number(&solid(1), &scene);
-        let (one, other) = (Touch { shape: first, at: points[0] }, Touch { shape: second, at: points[1] });
+        let one = Touch { shape: first, at: points[0] };
+        let other = Touch { shape: second, at: points[1] };
         assert_eq!(told, [Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
         assert_eq!(number(&ball, &scene), all + 1);
         let mut numbers: Vec<usize> = Vec::new();

@@ -100,7 +100,8 @@ pub fn answer(request: &PartRequest, view: &PartView) -> Result<PartReply, PartR
 pub fn shares(view: &PartView) -> Vec<f64> {
     let motors = view.robot.parts.get(view.part).map(|p| p.motors.clone()).unwrap_or_default();
     let share = |i: usize| {
-        let (motor, q) = (view.robot.motors.get(i)?, view.q.get(i)?);
+        let motor = view.robot.motors.get(i)?;
+        let q = view.q.get(i)?;
         let range = motor.max - motor.min;
         Some(if range > 0.0 { (q - motor.min) / range } else { 0.0 })
     };

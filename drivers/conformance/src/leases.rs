@@ -16,7 +16,8 @@ pub const PROMISES: &[DriverPromise] = &[
 
 fn no_lease(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::connect(bench, false)?;
-    let (here, motors) = (t.last.q.clone(), t.motors()?);
+    let here = t.last.q.clone();
+    let motors = t.motors()?;
     t.refused(Command::Move(t.to(&motors, &t.away(&motors))), "")?;
     // commands that move nothing need no lease
     t.give(Command::Stop { motors: vec![] })?;
@@ -29,7 +30,8 @@ fn expiry(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
-    let (now, held) = (t.now(), 5 * t.board.period);
+    let now = t.now();
+    let held = 5 * t.board.period;
     t.driver.lease(now, now + held);
     t.keeps_lease = false;
     let told = t.last.q.clone();
@@ -58,7 +60,8 @@ fn stream_without_lease(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Mode { motors: t.all(), mode: ControlMode::PositionDirect })?;
     t.until_mode(ControlMode::PositionDirect)?;
     t.keeps_lease = false;
-    let (now, here) = (t.now(), t.last.q.clone());
+    let now = t.now();
+    let here = t.last.q.clone();
     t.driver.lease(now, now + t.board.period);
     t.run(3 * t.board.period)?;
     let pose = t.away(&t.motors()?);
@@ -113,7 +116,8 @@ fn orphan(bench: &mut dyn Bench) -> Result<(), String> {
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
     t.keeps_lease = false;
-    let (now, told) = (t.now(), t.last.q.clone());
+    let now = t.now();
+    let told = t.last.q.clone();
     t.driver.lease(now, now + 5 * t.board.period);
     t.reconnect()?;
     t.until_done()?;

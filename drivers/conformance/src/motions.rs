@@ -34,7 +34,8 @@ fn one(bench: &mut dyn Bench) -> Result<(), String> {
 
 fn group_and_all(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
-    let (home, motors) = (t.last.q.clone(), t.motors()?);
+    let home = t.last.q.clone();
+    let motors = t.motors()?;
     let pose = t.away(&motors);
     t.give(Command::Move(t.to(&motors, &pose)))?;
     t.until_done()?;
@@ -118,7 +119,8 @@ fn done(bench: &mut dyn Bench) -> Result<(), String> {
 
 /// Starts a move and waits until all motors have covered a third of it; returns the target.
 pub fn under_way(t: &mut DriverTrial, motors: &[usize]) -> Result<Vec<f64>, String> {
-    let (pose, start) = (t.away(motors), t.last.q.clone());
+    let pose = t.away(motors);
+    let start = t.last.q.clone();
     t.give(Command::Move(t.to(motors, &pose)))?;
     for _ in 0..2000 {
         t.step()?;
@@ -148,7 +150,8 @@ fn stop(bench: &mut dyn Bench) -> Result<(), String> {
     t.until_done()?;
     let rest = t.last.q.clone();
     for m in motors {
-        let (way, most) = ((at(&rest, m) - at(&told, m)).abs(), stopping_path(&t, m));
+        let way = (at(&rest, m) - at(&told, m)).abs();
+        let most = stopping_path(&t, m);
         see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.told(m, way), most / DEG))?;
         see((at(&rest, m) - at(&pose, m)).abs() > NEAR, || format!("motor {m} went on to its target"))?;
     }
@@ -184,7 +187,8 @@ fn amend(bench: &mut dyn Bench) -> Result<(), String> {
         let later = |from: mobee_contract::Time| samples.iter().find(|l| l.at >= from + gap);
         let Some(middle) = later(s.at) else { break };
         let Some(end) = later(middle.at) else { break };
-        let (one, two) = (middle.at.since(s.at).as_secs_f64(), end.at.since(middle.at).as_secs_f64());
+        let one = middle.at.since(s.at).as_secs_f64();
+        let two = end.at.since(middle.at).as_secs_f64();
         let v = (at(&middle.q, m) - at(&s.q, m)) / one;
         let w = (at(&end.q, m) - at(&middle.q, m)) / two;
         let most = axis.max_acceleration * (one + two) + NEAR / one + NEAR / two;

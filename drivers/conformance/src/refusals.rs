@@ -43,7 +43,8 @@ fn not_finite(bench: &mut dyn Bench) -> Result<(), String> {
 
 fn malformed(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
-    let (motors, n) = (t.motors()?, t.board.axes.len());
+    let motors = t.motors()?;
+    let n = t.board.axes.len();
     let fine = t.to(&motors, &t.away(&motors));
     let shorter = |list: &[f64]| list.iter().copied().skip(1).collect::<Vec<f64>>();
     let first = motors.first().copied().unwrap_or_default();

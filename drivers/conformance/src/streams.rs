@@ -32,10 +32,13 @@ fn modes(bench: &mut dyn Bench) -> Result<(), String> {
 /// Streams setpoints of these motors every 20 ms at 5 deg/s to `pose`. Returns the greatest lag (rad) behind
 /// the newest setpoint.
 fn follow(t: &mut DriverTrial, motors: &[usize], pose: &[f64]) -> Result<f64, String> {
-    let (start, tick) = (t.last.q.to_vec(), Duration::from_millis(20));
+    let start = t.last.q.to_vec();
+    let tick = Duration::from_millis(20);
     let way = start.iter().zip(pose).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
     let ticks = (way / (5.0 * DEG * tick.as_secs_f64())).ceil().max(1.0);
-    let (mut next, mut i, mut lag) = (t.now(), 0.0, 0.0f64);
+    let mut next = t.now();
+    let mut i = 0.0;
+    let mut lag = 0.0f64;
     while i < ticks {
         t.step()?;
         let q = |share: f64| start.iter().zip(pose).map(|(a, b)| a + share * (b - a)).collect::<Vec<f64>>();

@@ -98,7 +98,8 @@ impl<'a> DriverTrial<'a> {
         let dt = sample.at.since(self.last.at).as_secs_f64();
         for ((axis, before), now) in self.board.axes.iter().zip(self.last.q.iter()).zip(sample.q.iter()) {
             if (now - before).abs() > axis.max_speed * dt + NEAR {
-                let (way, name) = (axis.motion.told(now - before, 3), &axis.name);
+                let way = axis.motion.told(now - before, 3);
+                let name = &axis.name;
                 return Err(format!("motor {name} jumped by {way} within {dt:.4} s"));
             }
         }
@@ -164,7 +165,8 @@ impl<'a> DriverTrial<'a> {
 
     /// Sends a command that must be refused without any effect, with a message that contains `naming`.
     pub fn refused(&mut self, command: Command, naming: &str) -> Result<(), String> {
-        let (now, before) = (self.now(), self.last.q.clone());
+        let now = self.now();
+        let before = self.last.q.clone();
         self.renew();
         match self.driver.command(now, &command) {
             Err(DriverFault::Refused(text)) if text.contains(naming) => {}
@@ -212,7 +214,8 @@ impl<'a> DriverTrial<'a> {
         let mut q = self.last.q.to_vec();
         for m in motors {
             if let (Some(slot), Some(axis)) = (q.get_mut(*m), self.board.axes.get(*m)) {
-                let (up, down) = (axis.max - *slot, *slot - axis.min);
+                let up = axis.max - *slot;
+                let down = *slot - axis.min;
                 *slot += if up >= down { WAY.min(0.7 * up) } else { -WAY.min(0.7 * down) };
             }
         }

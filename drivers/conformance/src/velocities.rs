@@ -22,7 +22,8 @@ const WATCHDOG: Duration = Duration::from_millis(500);
 
 /// Sends a velocity repeatedly for this time. Returns the readings.
 fn drive(t: &mut DriverTrial, motor: usize, speed: f64, time: Duration) -> Result<Vec<Sample>, String> {
-    let (mut next, end) = (t.now(), t.now() + t.board.latency + time);
+    let mut next = t.now();
+    let end = t.now() + t.board.latency + time;
     let mut all = Vec::new();
     while t.now() < end {
         if t.now() >= next {
@@ -43,7 +44,8 @@ fn speed(t: &DriverTrial, m: usize) -> f64 {
 fn kept(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
-    let (home, v) = (t.last.q.clone(), speed(&t, m));
+    let home = t.last.q.clone();
+    let v = speed(&t, m);
     let begun = drive(&mut t, m, v, Duration::from_millis(400))?;
     let wrong = |(i, mode): (usize, &ControlMode)| (*mode == ControlMode::Velocity) != (i == m);
     see(!t.driver.modes().iter().enumerate().any(wrong), || "not its motor alone is in velocity mode".into())?;
@@ -84,7 +86,8 @@ fn limit(bench: &mut dyn Bench) -> Result<(), String> {
 
 fn refused(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
-    let (m, n) = (t.motors()?.first().copied().unwrap_or_default(), t.last.q.len());
+    let m = t.motors()?.first().copied().unwrap_or_default();
+    let n = t.last.q.len();
     let name = t.board.axes.get(m).map(|a| a.name.clone()).unwrap_or_default();
     let v = speed(&t, m);
     t.refused(Command::Velocity { motors: vec![m], speed: vec![f64::NAN] }, &name)?;
@@ -100,7 +103,8 @@ fn refused(bench: &mut dyn Bench) -> Result<(), String> {
 fn move_after(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
-    let (home, v) = (t.last.q.to_vec(), speed(&t, m));
+    let home = t.last.q.to_vec();
+    let v = speed(&t, m);
     drive(&mut t, m, v, Duration::from_millis(300))?;
     // readings at a limit may lie beyond it by encoder noise
     let inside = |(q, a): (&f64, &mobee_contract::Axis)| q.clamp(a.min, a.max);

@@ -38,7 +38,8 @@ pub fn leaders(robot: &Robot, joints: &[Hinge]) -> Vec<Option<usize>> {
 /// # Returns
 /// `None` if the scene has no robot.
 pub fn write(physics: &ArmPhysics, servos: &[Servo]) -> Option<String> {
-    let (robot, skeleton) = (physics.scene.robots().first()?, physics.scene.skeletons().first()?);
+    let robot = physics.scene.robots().first()?;
+    let skeleton = physics.scene.skeletons().first()?;
     let shapes: Vec<&Collider> = physics.scene.colliders().collect();
     let moving = |shape: &&&Collider| (1..skeleton.frames()).contains(&shape.frame);
     let all: f64 = shapes.iter().filter(moving).map(|shape| shape.shape.volume()).sum();
@@ -117,7 +118,8 @@ impl Writer<'_> {
             JointMotion::Turn => "hinge",
             JointMotion::Slide => "slide",
         };
-        let (axis, gain) = (joint.axis.into_inner(), joint.gain.abs());
+        let axis = joint.axis.into_inner();
+        let gain = joint.gain.abs();
         let (min, max) = (joint.min.min(joint.max), joint.min.max(joint.max));
         let _ = writeln!(
             xml,
@@ -166,7 +168,9 @@ impl Writer<'_> {
                 continue;
             };
             let ratio = joint.gain / first.gain;
-            let (follower, leader, offset) = (joint_name(j), joint_name(l), joint.min - first.min * ratio);
+            let follower = joint_name(j);
+            let leader = joint_name(l);
+            let offset = joint.min - first.min * ratio;
             let _ =
                 writeln!(xml, "<joint joint1=\"{follower}\" joint2=\"{leader}\" polycoef=\"{offset} {ratio} 0 0 0\"/>");
         }

@@ -113,7 +113,8 @@ impl PoseLocator {
         let mut by = Matrix3x6::zeros();
         by.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
         by.fixed_columns_mut::<3>(3).copy_from(&-arm.cross_matrix());
-        let (place, look) = (self.settings.place_mm * 1e-3, self.settings.look_deg.to_radians());
+        let place = self.settings.place_mm * 1e-3;
+        let look = self.settings.look_deg.to_radians();
         let cross = at.cross_matrix();
         let in_camera = by * own * by.transpose()
             + Matrix3::identity() * (place * place)

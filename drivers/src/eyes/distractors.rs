@@ -118,8 +118,10 @@ impl DistractorSettings {
     fn color(&self, like: Option<[u8; 3]>, rng: &mut ChaCha8Rng) -> V3 {
         let any = any_color(rng);
         let [least, most] = self.hue_deg.map(|d| d as f32);
-        let (away, side) = (rng.random_range(least..=most), if rng.random_bool(0.5) { 1.0 } else { -1.0 });
-        let (dull, bright) = (rng.random_range(0.7..1.1f32), rng.random_range(0.6..1.2f32));
+        let away = rng.random_range(least..=most);
+        let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+        let dull = rng.random_range(0.7..1.1f32);
+        let bright = rng.random_range(0.6..1.2f32);
         let Some(color) = like else { return any };
         let [hue, saturation, value] = to_hsv(V3::from(color.map(f32::from)));
         from_hsv(hue + side * away, (saturation * dull).min(1.0), (value * bright).min(255.0))
@@ -129,7 +131,10 @@ impl DistractorSettings {
 /// A ball, a can or a box of common size, on its lower side.
 fn standing_at(at: [f64; 3], rng: &mut ChaCha8Rng) -> Primitive {
     let mut size = |least: f64, most: f64| rng.random_range(least..most);
-    let (a, b, c, turn) = (size(0.02, 0.06), size(0.05, 0.14), size(0.02, 0.06), size(0.0, 3.0));
+    let a = size(0.02, 0.06);
+    let b = size(0.05, 0.14);
+    let c = size(0.02, 0.06);
+    let turn = size(0.0, 3.0);
     let (shape, height) = match rng.random_range(0..3u32) {
         0 => (Shape::Sphere { radius: a }, a),
         1 => (Shape::Cylinder { radius: a, height: b }, b / 2.0),

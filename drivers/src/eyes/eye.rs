@@ -221,7 +221,8 @@ impl SimulatedEye {
     fn solids(&self, truth: &Truth, eye: &Isometry3<f64>) -> Result<Vec<Solid>, String> {
         let scene = &truth.scene;
         let eye_from_world = eye.inverse();
-        let (mut solids, mut frames) = (Vec::new(), Vec::new());
+        let mut solids = Vec::new();
+        let mut frames = Vec::new();
         for (r, (robot, q)) in scene.robots().iter().zip(&truth.poses).enumerate() {
             robot.forward_from(&(eye_from_world * scene.base(r)), q, &mut frames);
             for (n, (node, frame)) in robot.nodes.iter().zip(&frames).enumerate() {

@@ -53,7 +53,8 @@ impl KeptFrames {
     /// # Errors
     /// The file that can't be written or is not a frame file, as a message.
     pub fn open(run: &Path, cameras: &[String]) -> Result<KeptFrames, String> {
-        let (mut files, mut damage) = (BTreeMap::new(), Vec::new());
+        let mut files = BTreeMap::new();
+        let mut damage = Vec::new();
         for camera in cameras {
             let (file, damaged) = FrameFile::open(file(run, camera))?;
             files.insert(camera.clone(), file);

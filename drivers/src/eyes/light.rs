@@ -39,7 +39,8 @@ impl<'a> Light<'a> {
         // cosine of the angle to the lamp, specular share, and ambient share
         let (mut direct, mut mirrored, mut around) = ([0.0f32; TILE], [0.0f32; TILE], [0.0f32; TILE]);
         let TileSurfaces { depth, normal: [nx, ny, nz], color, gloss } = surfaces;
-        let (lamp, up) = (self.lamp, self.up);
+        let lamp = self.lamp;
+        let up = self.up;
         let at = tile.x.iter().zip(&tile.y).zip(depth.iter());
         let facing = nx.iter().zip(ny.iter()).zip(nz.iter());
         let told = direct.iter_mut().zip(&mut mirrored).zip(&mut around);

@@ -70,7 +70,8 @@ impl Mount {
 
     /// Converts to the contract's type, for the robot of this index.
     pub fn told(&self, robot: usize) -> CameraMount {
-        let (at, turn) = (self.pose.translation.vector, self.pose.rotation);
+        let at = self.pose.translation.vector;
+        let turn = self.pose.rotation;
         let rotation = [turn.w, turn.i, turn.j, turn.k];
         CameraMount { robot, node: self.node, position: at.into(), rotation }
     }

@@ -42,7 +42,9 @@ impl<'a> Room<'a> {
         run.gloss.fill(0.0);
         let (mut us, mut vs, mut walls) = ([0.0f32; TILE], [0.0f32; TILE], [0u32; TILE]);
         let [a, b, c] = self.axes;
-        let (eye, low, high) = (self.eye, self.low, self.high);
+        let eye = self.eye;
+        let low = self.low;
+        let high = self.high;
         let rays = run.x.iter().zip(run.y);
         let normals = run.nx.iter_mut().zip(run.ny.iter_mut().zip(run.nz.iter_mut()));
         let places = us.iter_mut().zip(vs.iter_mut().zip(&mut walls));

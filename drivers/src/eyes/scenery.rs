@@ -146,7 +146,8 @@ impl Scenery {
         });
         let [x, y] = [0; 2].map(|_: u32| rng.random_range(-0.9..0.9));
         let drawn = [x, y, rng.random_range(1.1..1.7)];
-        let (bright, ambient) = (rng.random_range(0.8..1.15f32), rng.random_range(0.4..0.65f32));
+        let bright = rng.random_range(0.8..1.15f32);
+        let ambient = rng.random_range(0.4..0.65f32);
         let bright = settings.brightness.map_or(bright, |b| b as f32);
         let warm = rng.random_range(-0.08..0.08f32);
         let lamp_color = V3::new(1.0 + warm, 1.0, 1.0 - warm) * (bright * (1.1 - ambient));

@@ -30,7 +30,8 @@ pub struct Shadows {
 impl Shadows {
     /// Creates an empty shadow map.
     pub fn new() -> Shadows {
-        let (side, focal) = (f64::from(SIDE), f64::from(SIDE) / 2.0 / WIDE);
+        let side = f64::from(SIDE);
+        let focal = f64::from(SIDE) / 2.0 / WIDE;
         let lens = Intrinsics { size: [SIDE; 2], focal: [focal; 2], center: [side / 2.0; 2], distortion: [0.0; 4] };
         // a pinhole has a ray for every pixel
         let rays = Rays::new(&lens).unwrap_or(Rays { bands: Vec::new(), size: [0; 2] });

@@ -29,7 +29,8 @@ pub fn look(rays: &Rays, forms: &[Form], mut tell: impl FnMut(TileSight)) {
         here.clear();
         here.extend(bounds.iter().filter(|(.., b)| *b != NOTHING && overlaps(b, &band.bounds)));
         for (column, tile) in band.tiles.iter().enumerate() {
-            let (mut depth, mut solid) = ([f32::INFINITY; TILE], [NOBODY; TILE]);
+            let mut depth = [f32::INFINITY; TILE];
+            let mut solid = [NOBODY; TILE];
             for (number, form, _) in here.iter().filter(|(.., b)| overlaps(b, &tile.bounds)) {
                 form.cast(tile, *number, &mut depth, &mut solid);
             }

@@ -57,7 +57,8 @@ impl Form {
         let rod = |radius: f64, height: f64, round| {
             let axis = pose.rotation * Vector3::y();
             let moment = center.cross(&axis).cast();
-            let (half, radius) = ((height / 2.0) as f32, radius as f32);
+            let half = (height / 2.0) as f32;
+            let radius = radius as f32;
             Form::Rod(Rod { center: center.cast(), axis: axis.cast(), moment, half, radius, round })
         };
         match *shape {
@@ -107,13 +108,15 @@ impl Form {
             Form::Box { axes, eye, half } => each(tile, number, depth, owner, |x, y| {
                 let slab = |axis: V3, eye: f32, half: f32| {
                     let inverse = 1.0 / (axis.x * x + axis.y * y + axis.z);
-                    let (middle, reach) = (-eye * inverse, half * inverse.abs());
+                    let middle = -eye * inverse;
+                    let reach = half * inverse.abs();
                     (middle - reach, middle + reach)
                 };
                 let (a, d) = slab(axes[0], eye.x, half.x);
                 let (b, e) = slab(axes[1], eye.y, half.y);
                 let (c, f) = slab(axes[2], eye.z, half.z);
-                let (enters, leaves) = (a.max(b).max(c), d.min(e).min(f));
+                let enters = a.max(b).max(c);
+                let leaves = d.min(e).min(f);
                 if enters < leaves { enters } else { f32::INFINITY }
             }),
         }

@@ -31,7 +31,8 @@ impl TileSurfaces {
     pub fn run<'a>(&'a mut self, tile: &'a Tile, first: usize, count: usize) -> Run<'a> {
         let [nx, ny, nz] = self.normal.each_mut().map(|n| part(n, first, count));
         let [red, green, blue] = self.color.each_mut().map(|c| part(c, first, count));
-        let (depth, gloss) = (part(&mut self.depth, first, count), part(&mut self.gloss, first, count));
+        let depth = part(&mut self.depth, first, count);
+        let gloss = part(&mut self.gloss, first, count);
         let ray = |of: &'a Numbers| of.get(first..first + count).unwrap_or_default();
         Run { x: ray(&tile.x), y: ray(&tile.y), depth, nx, ny, nz, red, green, blue, gloss }
     }
@@ -147,7 +148,8 @@ impl Run<'_> {
 
     /// Renders the image on a side of a box, averaged over several rays per pixel.
     fn stick(&mut self, of: &Sticker, side: usize, (axes, eye, half): ([V3; 3], V3, V3), pitch: [f32; 2]) {
-        let (axis, sign) = (side / 2, if side % 2 == 1 { -1.0 } else { 1.0 });
+        let axis = side / 2;
+        let sign = if side % 2 == 1 { -1.0 } else { 1.0 };
         let [right, down] = sticker::axes(side);
         let (Some(far), Some(from)) = (half.get(axis).map(|h| h * sign), eye.get(axis)) else { return };
         // the camera does not see that side

@@ -46,7 +46,8 @@ impl Texture {
 
     /// Wooden boards around a gray of 128, to multiply colors by.
     pub fn wood(contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
-        let (warp, fine) = (Noise::new(4, rng), Noise::new(32, rng));
+        let warp = Noise::new(4, rng);
+        let fine = Noise::new(32, rng);
         let boards = rng.random_range(2..6) as f32;
         let shades: Vec<f32> = (0..8).map(|_| rng.random_range(-0.3..0.3)).collect();
         Texture::sampled(DRAWN, |u, v| {
@@ -69,7 +70,8 @@ impl Texture {
 
     /// Tiles of two shades of this color.
     pub fn tiles(color: V3, contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
-        let (count, noise) = (rng.random_range(1..5) as f32 * 2.0, Noise::new(48, rng));
+        let count = rng.random_range(1..5) as f32 * 2.0;
+        let noise = Noise::new(48, rng);
         Texture::sampled(DRAWN, |u, v| {
             let odd = ((u * count) as u32 + (v * count) as u32) % 2;
             let joint = (u * count).fract() < 0.04 || (v * count).fract() < 0.04;

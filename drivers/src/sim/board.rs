@@ -78,7 +78,8 @@ impl SimBoard {
         if settings.arm().is_some() {
             return SimBoard::arm(settings, context, clock).map(|board| vec![board]);
         }
-        let (axes, start) = (settings.axes(&context.robot), settings.start(&context.robot)?);
+        let axes = settings.axes(&context.robot);
+        let start = settings.start(&context.robot)?;
         let mut boards = Vec::new();
         for (i, part) in context.robot.parts.iter().enumerate() {
             let (Some(axes), Some(start)) = (axes.get(part.motors.clone()), start.get(part.motors.clone())) else {
@@ -407,7 +408,8 @@ impl State {
             let axes = joints.iter().filter_map(|j| self.shadow.axes.get(*j));
             axes.map(|a| a.kind.from_wire(get(a)).to_radians()).collect()
         };
-        let (speed, acceleration) = (of(|a| a.ref_speed), of(|a| a.ref_acc));
+        let speed = of(|a| a.ref_speed);
+        let acceleration = of(|a| a.ref_acc);
         let given = self.give(now, &Command::Reference { motors: joints.to_vec(), speed, acceleration });
         if given.is_none() {
             self.shadow = before;

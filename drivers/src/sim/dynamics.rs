@@ -181,7 +181,8 @@ mod tests {
     #[test]
     fn a_step_overshoots_as_its_damping_ratio_demands() {
         let mut arm = Dynamics::new(vec![servo()], &[0.0]);
-        let (mut peak, zeta) = (0.0_f64, 1.0 / (2.0 * (20.0_f64 * 0.05).sqrt()));
+        let mut peak = 0.0_f64;
+        let zeta = 1.0 / (2.0 * (20.0_f64 * 0.05).sqrt());
         for _ in 0..4000 {
             arm.step(&[State::rest(0.1)]);
             peak = peak.max(arm.positions()[0]);

@@ -55,7 +55,8 @@ impl Encoders {
 
     /// Reads the motors, rad.
     pub fn read(&mut self, motors: impl Iterator<Item = f64>) -> Pose {
-        let (noise, resolution) = (self.noise, self.resolution);
+        let noise = self.noise;
+        let resolution = self.resolution;
         let read = |q: f64| {
             let q = if noise > 0.0 { q + noise * normal(self.random.next_u32()) } else { q };
             if resolution > 0.0 { nearest(q / resolution) * resolution } else { q }

@@ -53,8 +53,16 @@ impl Plant {
                 PlantMotor::at_rest(q.unwrap_or(0.5 * (axis.min + axis.max)).clamp(axis.min, axis.max), axis)
             })
             .collect();
-        let (rules, measured) = (BoardRules::default(), Vec::new());
-        Plant { axes, motors, profile, now: Time::ZERO, lease: None, in_flight: VecDeque::new(), rules, measured }
+        Plant {
+            axes,
+            motors,
+            profile,
+            now: Time::ZERO,
+            lease: None,
+            in_flight: VecDeque::new(),
+            rules: BoardRules::default(),
+            measured: Vec::new(),
+        }
     }
 
     /// Replaces the rules of the board.
@@ -227,7 +235,8 @@ impl Plant {
 
     fn take_effect(&mut self, at: Time, command: PlantCommand) {
         let leased = self.is_leased();
-        let (profile, rules) = (self.profile, self.rules);
+        let profile = self.profile;
+        let rules = self.rules;
         // for a stop that holds the measured positions
         let held: Vec<f64> =
             if rules.stop == StopRule::Measured { std::mem::take(&mut self.measured) } else { Vec::new() };

@@ -52,7 +52,9 @@ impl SharedPlant {
                 None => self.encoders.read(self.plant.positions()),
             };
             let contact_n = self.arm.as_mut().map_or(0.0, |arm| arm.pushes().read());
-            let (at, done, external) = (self.plant.now(), self.done(), self.external());
+            let at = self.plant.now();
+            let done = self.done();
+            let external = self.external();
             let mut sample = Sample { seq, at, q, done, external, contact_n };
             self.falsify(&mut sample);
             self.unread = Some(sample);

@@ -54,7 +54,8 @@ impl Brake {
     pub async fn work(mut self, mut end: watch::Receiver<bool>) {
         let mut look = interval(LOOK);
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let (mut effect, mut tried) = (None, f64::NEG_INFINITY);
+        let mut effect = None;
+        let mut tried = f64::NEG_INFINITY;
         // the first message on a connection is a stop
         let mut open = false;
         loop {

@@ -409,7 +409,9 @@ pub fn describe(
     let mut axes: Vec<Axis> = (0..layout.motors()).map(unbounded).collect();
     for (patch, board) in layout.patches.iter().zip(boards) {
         let Some(facts) = &board.facts else { return Ok(None) };
-        let (port, want, have) = (&patch.port, patch.motors.len(), facts.len());
+        let port = &patch.port;
+        let want = patch.motors.len();
+        let have = facts.len();
         if have < want {
             return Err(format!("{port} has {have} axes, but part {} of the model has {want} motors", patch.part));
         }
@@ -434,7 +436,8 @@ pub fn describe(
             axis.max_speed = fact.max_speed.map_or(axis.max_speed, |v| v.to_radians().min(axis.max_speed));
         }
     }
-    let (period, latency) = (settings.period(), settings.latency());
+    let period = settings.period();
+    let latency = settings.latency();
     Ok(Some(Board { axes, period, latency, position_direct: settings.position_direct }))
 }
 

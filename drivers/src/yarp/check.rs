@@ -124,7 +124,9 @@ mod tests {
             ..Default::default()
         };
         let goes = |driven: bool, here: f64, to: f64| {
-            let (axes, driven, q) = ([axis.clone()], [driven], [here]);
+            let axes = [axis.clone()];
+            let driven = [driven];
+            let q = [here];
             let known = CheckedAgainst { axes: &axes, driven: &driven, q: &q, modes: &[ControlMode::Position] };
             let to = Move { motors: vec![0], q: vec![to], relative: false, speed: None, acceleration: None };
             known.check(&Command::Move(to)).is_ok()

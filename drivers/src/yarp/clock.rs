@@ -211,7 +211,8 @@ mod tests {
         let mut arrivals = Arrivals::default();
         let read: Vec<bool> = (0..100)
             .map(|count| {
-                let (t, time) = (0.01 * f64::from(count), 7.0 + 0.03 * f64::from(count.min(60) / 3));
+                let t = 0.01 * f64::from(count);
+                let time = 7.0 + 0.03 * f64::from(count.min(60) / 3);
                 arrivals.state_at(t, Some(Stamp { count, time }), None).is_some()
             })
             .collect();

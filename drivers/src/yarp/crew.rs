@@ -86,7 +86,8 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn a_crew_has_ended_when_all_have() {
-        let (begun, mut crew) = (instant(), Crew::default());
+        let begun = instant();
+        let mut crew = Crew::default();
         for secs in [1, 3, 2] {
             crew.add(format!("{secs} s"), tokio::time::sleep(Duration::from_secs(secs)));
         }

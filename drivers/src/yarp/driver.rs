@@ -73,7 +73,10 @@ impl YarpDriver {
         q: &[f64],
     ) -> Result<(), DriverFault> {
         self.refer(motors, speeds);
-        let (mut moved, mut from, mut target, mut fast) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut moved = Vec::new();
+        let mut from = Vec::new();
+        let mut target = Vec::new();
+        let mut fast = Vec::new();
         for (m, to) in motors.iter().zip(to) {
             let (Some(here), Some(axis)) = (q.get(*m), self.board.axes.get(*m)) else { continue };
             // a motor without a board rests at home
@@ -333,7 +336,8 @@ fn split(layout: &Layout, checked: &CheckedCommand) -> Vec<(usize, Do)> {
     };
     match checked {
         CheckedCommand::Move(motors, q, speed, acceleration) => {
-            let (speed, acceleration) = (second(motors, speed), second(motors, acceleration));
+            let speed = second(motors, speed);
+            let acceleration = second(motors, acceleration);
             let to = layout.split(motors, q).into_iter();
             to.map(|(b, joints, to)| {
                 (b, Do::Move { joints, to, speed: of(&speed, b), acceleration: of(&acceleration, b) })

@@ -40,7 +40,8 @@ impl Encoder {
         if !q.is_finite() {
             return;
         }
-        let (last, before) = (self.last.replace(q), self.before);
+        let last = self.last.replace(q);
+        let before = self.before;
         self.before = last;
         let Some(last) = last else { return };
         let change = (q - last).abs();
@@ -100,7 +101,8 @@ mod tests {
 
     /// The readings of a joint by an encoder with noise and counts.
     fn encoder(q: impl Fn(u32) -> f64, (noise, count): (f64, f64), n: u32, steady: bool) -> Encoder {
-        let (mut rng, mut encoder) = (rand_chacha::ChaCha8Rng::seed_from_u64(3), Encoder::default());
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut encoder = Encoder::default();
         for i in 0..n {
             // twelve uniform numbers are nearly normal
             let normal = (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>();

@@ -242,7 +242,8 @@ mod tests {
         owed.changes(Restored::Acceleration, &[0, 1, 2]);
         owed.changes(Restored::Interaction, &[1]);
         owed.changes(Restored::Mode, &[1, 2, 7]);
-        let (all, none) = (|_: usize| true, |_: usize| false);
+        let all = |_: usize| true;
+        let none = |_: usize| false;
         let group = |joints: &[usize]| Joints::Group(joints.to_vec());
         assert_eq!(owed.due(none, all), None, "while they move");
         let first = owed.due(all, none).unwrap();

@@ -115,7 +115,8 @@ impl Gauge {
     pub fn read(&mut self, at: f64, q: &[f64]) {
         for (joint, (slot, q)) in self.joints.iter_mut().zip(q).enumerate() {
             let Some(timed) = slot else { continue };
-            let (number, told) = (timed.number, timed.speed);
+            let number = timed.number;
+            let told = timed.speed;
             self.pending.extend(timed.read(at, *q).map(|times| Pending { joint, number, told, times }));
             if timed.next == MARKS.len() {
                 *slot = None;

@@ -129,8 +129,20 @@ impl Hand {
         orders: Arc<Mutex<mpsc::Receiver<Order>>>,
         latency: f64,
     ) -> Hand {
-        let (again, handled, link, speeds) = (None, 0, None, JointVelocities::default());
-        Hand { cell, layout, index, board, halt, lease, orders, latency, again, handled, link, speeds }
+        Hand {
+            cell,
+            layout,
+            index,
+            board,
+            halt,
+            lease,
+            orders,
+            latency,
+            again: None,
+            handled: 0,
+            link: None,
+            speeds: JointVelocities::default(),
+        }
     }
 
     /// Runs until `end` changes, then stops the board and restores its settings.

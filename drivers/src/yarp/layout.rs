@@ -129,7 +129,8 @@ pub fn disagreement(tells: JointKind, model: JointKind, motor: &str, joint: &str
     if tells == JointKind::Unknown || tells == model {
         return None;
     }
-    let (tells, model) = (in_words(tells), in_words(model));
+    let tells = in_words(tells);
+    let model = in_words(model);
     let what = format!("{joint} {tells}, as its board tells, but motor {motor} of the model {model}");
     let remedy = "correct the type of the joint in the robot file or in the board's configuration, and check that the ports are this \
                   part's and its joints in this order";

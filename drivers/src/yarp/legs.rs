@@ -39,8 +39,10 @@ struct Leg {
 impl Leg {
     /// Share of the path covered.
     fn share(&self) -> f64 {
-        let (all, ramp) = (self.full + self.ramp, self.ramp.max(1e-6));
-        let (t, left) = (self.gone, all - self.gone);
+        let all = self.full + self.ramp;
+        let ramp = self.ramp.max(1e-6);
+        let t = self.gone;
+        let left = all - self.gone;
         if left <= 0.0 {
             1.0
         } else if t < ramp {
@@ -179,7 +181,8 @@ mod tests {
 
     /// The set-points of a move of two motors, reading by reading, to its end.
     fn driven(legs: &mut Legs, ms: impl Fn(u64) -> u64) -> Vec<Vec<f64>> {
-        let (mut all, mut here) = (Vec::new(), vec![f64::NAN; 3]);
+        let mut all = Vec::new();
+        let mut here = vec![f64::NAN; 3];
         for k in 0..100_000 {
             let now = Time(ms(k) * 1_000_000);
             // the robot is where it was told to be last

@@ -25,7 +25,8 @@ impl Questions {
     /// Passes on the bytes of a bottle and returns the board's answer. `None` if too many queries are
     /// waiting.
     pub fn pass(&self, question: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>> {
-        let (line, place) = (self.line.clone(), self.room.clone().try_acquire_owned().ok()?);
+        let line = self.line.clone();
+        let place = self.room.clone().try_acquire_owned().ok()?;
         Some(Box::pin(async move {
             let answer = line.lock().await.call_raw(&question.0).await;
             drop(place);

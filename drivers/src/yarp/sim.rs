@@ -96,7 +96,8 @@ impl YarpSim {
             max_acceleration_deg_per_s2: settings.max_acceleration_deg_per_s2,
             ..SimSettings::default()
         };
-        let (axes, start) = (sim.axes(&context.robot), sim.start(&context.robot)?);
+        let axes = sim.axes(&context.robot);
+        let start = sim.start(&context.robot)?;
         let part = |(seed, patch): (u64, &Patch)| {
             let seed = context.seed.wrapping_add(seed);
             let of = |all: &[f64]| all.get(patch.motors.clone()).unwrap_or_default().to_vec();

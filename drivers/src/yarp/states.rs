@@ -22,7 +22,9 @@ pub async fn states(
     board: Arc<dyn Remote>,
     settings: YarpDriverSettings,
 ) {
-    let (mut state, mut link, mut facts) = (board.state(), board.link(), board.facts());
+    let mut state = board.state();
+    let mut link = board.link();
+    let mut facts = board.facts();
     let mut arrivals = Arrivals::default();
     loop {
         tokio::select! {
@@ -139,7 +141,9 @@ mod tests {
     #[test]
     fn a_joint_that_is_too_fast_alarms_once_until_it_is_not() {
         let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1, units: Default::default() };
-        let (names, limits, motions) = (["elbow".to_owned()].into(), vec![(-9.0, 9.0)], Vec::new());
+        let names = ["elbow".to_owned()].into();
+        let limits = vec![(-9.0, 9.0)];
+        let motions = Vec::new();
         let layout = Layout { patches: vec![patch], home: vec![0.0], names, limits, speeds: Vec::new(), motions };
         let cell = SharedBoards::new(&layout);
         let mut inner = cell.lock();

@@ -116,7 +116,8 @@ pub fn start(
     cell: Arc<SharedBoards>,
 ) -> io::Result<super::Started> {
     let (orders, queues): (Vec<_>, Vec<_>) = layout.patches.iter().map(|_| mpsc::channel(WAITING)).unzip();
-    let (halt, lease) = (Fan::new(Arc::new(Halt::default())), watch::Sender::new(None));
+    let halt = Fan::new(Arc::new(Halt::default()));
+    let lease = watch::Sender::new(None);
     let reach = Reach { layout: layout.clone(), cell, orders, halt, lease };
     let name = settings.name.clone().unwrap_or_else(|| format!("/MoBeE/{robot}/driver"));
     let question = |p: &Patch| wire.questions(p, &format!("{name}/{}", p.part), settings.timeout());
@@ -177,7 +178,9 @@ impl Shared {
 
     /// Creates connections, readers and hands.
     fn boards(&self, end: &watch::Receiver<bool>) -> Crew {
-        let (mut crew, cell, layout) = (Crew::default(), &self.reach.cell, &self.reach.layout);
+        let mut crew = Crew::default();
+        let cell = &self.reach.cell;
+        let layout = &self.reach.layout;
         for ((index, patch), queue) in self.patches().zip(&self.queues) {
             let options = RemoteOptions {
                 local: format!("{}/{}", self.name, patch.part),
@@ -197,7 +200,9 @@ impl Shared {
             let states = states(cell.clone(), layout.clone(), index, board.clone(), self.settings.clone());
             // states are read, and the connection lasts, until the hand has restored the board
             let (given, back) = watch::channel(false);
-            let (given, kept, ending) = (Arc::new(given), end.clone(), end.clone());
+            let given = Arc::new(given);
+            let kept = end.clone();
+            let ending = end.clone();
             let gives = given.clone();
             crew.add(format!("hand at {}", patch.port), async move {
                 hand.work(kept).await;

@@ -88,7 +88,8 @@ async fn send<S: AsyncWrite + Unpin>(stream: &mut S, key: &Key, nonces: &[[u8; N
 
 /// Receives one nonce and checks the digest over `known` and it.
 async fn receive<S: AsyncRead + Unpin>(stream: &mut S, key: &Key, known: &[[u8; NONCE]]) -> io::Result<[u8; NONCE]> {
-    let (mut theirs, mut digest) = ([0; NONCE], [0; DIGEST]);
+    let mut theirs = [0; NONCE];
+    let mut digest = [0; DIGEST];
     stream.read_exact(&mut theirs).await?;
     stream.read_exact(&mut digest).await?;
     let mut mac = key.mac(known).ok_or_else(refused)?;

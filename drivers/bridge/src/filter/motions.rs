@@ -28,7 +28,8 @@ impl Goal {
     /// limit, as on real boards.
     fn of(axis: &BoardAxis, value: f64) -> Goal {
         let within = value.clamp(axis.min, axis.max);
-        let (beyond, stands) = (value - within, axis.q - axis.q.clamp(axis.min, axis.max));
+        let beyond = value - within;
+        let stands = axis.q - axis.q.clamp(axis.min, axis.max);
         if beyond.abs() <= ROUNDING {
             Goal::To(within)
         } else if beyond * stands > 0.0 {
@@ -43,7 +44,9 @@ impl Goal {
 impl FilterCore {
     pub(super) fn moves(&mut self, client: &Client, joints: &[usize], values: &[f64]) -> Option<Step> {
         let part = self.parts.get(client.part)?;
-        let (mut motors, mut q, mut speeds) = (Vec::new(), Vec::new(), Vec::new());
+        let mut motors = Vec::new();
+        let mut q = Vec::new();
+        let mut speeds = Vec::new();
         for (joint, value) in joints.iter().zip(values) {
             let axis = part.axes.get(*joint)?;
             let to = match Goal::of(axis, *value) {
@@ -87,7 +90,8 @@ impl FilterCore {
         goal: impl Fn(&BoardAxis, f64) -> Goal,
     ) -> Option<(Vec<usize>, Vec<f64>)> {
         let part = self.parts.get(client.part)?;
-        let (mut motors, mut all) = (Vec::new(), Vec::new());
+        let mut motors = Vec::new();
+        let mut all = Vec::new();
         for (joint, value) in joints.iter().zip(values) {
             match goal(part.axes.get(*joint)?, *value) {
                 Goal::To(value) => {

@@ -189,7 +189,8 @@ impl BoardRequest {
 impl BoardAxis {
     /// Creates a joint at rest in position mode, with a tenth of its greatest speed as reference.
     pub(super) fn at_rest(axis: &mobee_contract::Axis, motion: JointMotion, q: f64) -> BoardAxis {
-        let (q, max_speed) = (q.to_degrees(), axis.max_speed.to_degrees());
+        let q = q.to_degrees();
+        let max_speed = axis.max_speed.to_degrees();
         BoardAxis {
             name: axis.name.clone(),
             motion,

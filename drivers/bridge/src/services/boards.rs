@@ -52,7 +52,8 @@ impl Boards {
             let Some(prefix) = prefix else { continue };
             let (jobs, waiting) = mpsc::channel(WAITING);
             let units = robot.with(|core, _| yarp::board::units(core.board(index)));
-            let (robot, name) = (robot.clone(), part.name.clone());
+            let robot = robot.clone();
+            let name = part.name.clone();
             let part = Arc::new(PartFilter { robot, index, name, units, answers: Mutex::default() });
             let device = Arc::new(PartDevice { part: part.clone(), jobs, published: Mutex::default() });
             match BoardServer::open(network, prefix, device, period).await {
@@ -250,7 +251,8 @@ impl PartFilter {
             let (Some(speeds), Some(accelerations)) = (read("vels"), read("accs")) else { return };
             if let (Ok(speeds), Ok(accelerations)) = (speeds.await, accelerations.await) {
                 let values = |bytes: &[u8]| yarp::board::references(&Bottle::decode(bytes, dialect).ok()?, &self.units);
-                let (speeds, accelerations) = (values(&speeds.0), values(&accelerations.0));
+                let speeds = values(&speeds.0);
+                let accelerations = values(&accelerations.0);
                 self.robot.with(|core, _| {
                     core.learn(self.index, &speeds.unwrap_or_default(), &accelerations.unwrap_or_default());
                 });
@@ -310,7 +312,8 @@ impl Device for PartDevice {
     }
 
     fn state(&self) -> Option<(Stamp, JointData)> {
-        let (robot, index) = (&self.part.robot, self.part.index);
+        let robot = &self.part.robot;
+        let index = self.part.index;
         let told = robot.filtered.native_state(&self.part.name);
         let at = robot.filtered.latest().at;
         let seq = told.as_ref().map_or(at.0, |told| told.seq);

@@ -217,7 +217,8 @@ impl YarpSettings {
         let mut names = Vec::new();
         let mut taken = BTreeSet::new();
         for robot in robots {
-            let (name, own) = (&robot.name, format!("{}/{}", self.prefix, robot.name));
+            let name = &robot.name;
+            let own = format!("{}/{}", self.prefix, robot.name);
             for part in robot.parts.iter().filter(|part| self.serves(name, &part.name)) {
                 let board = format!("{}/{}", self.robot_prefix(name), part.name);
                 names.extend(["rpc:i", "command:i", "state:o", "stateExt:o"].map(|port| format!("{board}/{port}")));

@@ -172,7 +172,8 @@ struct Port(Arc<WorldService>, Dialect);
 
 impl Handler for Port {
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
-        let (world, dialect) = (self.0.clone(), self.1);
+        let world = self.0.clone();
+        let dialect = self.1;
         Box::pin(async move {
             // a message that is not a bottle is answered like an unknown request
             let request = request.payload.bottle(dialect).unwrap_or_default();

@@ -101,7 +101,8 @@ fn region(bottle: &Bottle) -> Result<Region, String> {
             let covariance: [f64; 36] = numbers(bottle, "covariance")?;
             let mut rows = [[0.0; 6]; 6];
             rows.iter_mut().flatten().zip(covariance).for_each(|(to, from)| *to = from);
-            let (position, rotation) = (numbers(bottle, "position")?, numbers(bottle, "rotation")?);
+            let position = numbers(bottle, "position")?;
+            let rotation = numbers(bottle, "rotation")?;
             Some(SeenPose { position, rotation, covariance: rows })
         }
     };

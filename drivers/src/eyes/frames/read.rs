@@ -78,8 +78,8 @@ impl FrameReader {
         file.read_exact_at(&mut start, 0).map_err(io)?;
         match start.strip_prefix(MAGIC) {
             Some(version) if version == VERSION => {
-                let (path, damage) = (path.into(), Vec::new());
-                Ok(Some(FrameReader { path, file, at: START, damage, tail: None, search: SEARCH }))
+                let path = path.into();
+                Ok(Some(FrameReader { path, file, at: START, damage: Vec::new(), tail: None, search: SEARCH }))
             }
             Some(_) => Err((
                 format!("{at} is of another version"),
@@ -165,7 +165,8 @@ impl FrameReader {
 
     /// First frame from this position on with a valid record.
     fn find(&mut self, from: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
-        let (mut left, mut found) = (self.search, None);
+        let mut left = self.search;
+        let mut found = None;
         find_record(&self.file, from, |at, start: &[u8; 4 + HEAD]| {
             let frame = parse(start, at).filter(|frame| frame.end() <= len && frame.length <= left);
             left -= frame.map_or(0, |frame| frame.length);
@@ -266,7 +267,8 @@ fn parse(start: &[u8; 4 + HEAD], at: u64) -> Option<KeptFrame> {
         *number = f64::from_le_bytes(*bytes);
     }
     let [fx, fy, cx, cy, k1, k2, p1, p2] = numbers;
-    let (length, exposed) = (u64::from(u32::from_le_bytes(*length)), Time(u64::from_le_bytes(*exposed)));
+    let length = u64::from(u32::from_le_bytes(*length));
+    let exposed = Time(u64::from_le_bytes(*exposed));
     let size = [u32::from_le_bytes(*width), u32::from_le_bytes(*height)];
     let intrinsics = Intrinsics { size, focal: [fx, fy], center: [cx, cy], distortion: [k1, k2, p1, p2] };
     let is_sound = (HEAD as u64 + 1..=LONGEST_RECORD).contains(&length)

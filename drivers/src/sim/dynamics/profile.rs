@@ -289,7 +289,8 @@ impl ServoSettings {
         let nth = |list: &[f64], i: usize| list.get(i).or(list.last()).copied().unwrap_or_default();
         let first = |part: usize| robot.parts.get(part).map_or(0, |p| p.motors.start);
         let servo = |(m, motor): (usize, &mobee_model::Motor)| {
-            let (i, lead) = (m.saturating_sub(first(motor.part)), self.lead.unwrap_or(numbers.lead));
+            let i = m.saturating_sub(first(motor.part));
+            let lead = self.lead.unwrap_or(numbers.lead);
             match motor.motion {
                 JointMotion::Turn => Servo {
                     stiffness: nth(stiffness, i),

@@ -151,7 +151,9 @@ pub fn trapezoid(from: State, to: f64, reference: Bounds, greatest: f64) -> Piec
         return p;
     }
     let State { q, v, .. } = p.last.state;
-    let (way, direction, v) = ((to - q).abs(), (to - q).signum(), v.abs());
+    let way = (to - q).abs();
+    let direction = (to - q).signum();
+    let v = v.abs();
     if way > 0.0 {
         let a = reference.acceleration;
         // the peak of a motion without cruising: v_peak^2 = a way + v^2 / 2

@@ -54,7 +54,8 @@ impl Quintic {
         let (low, high) = range(&self.c);
         let (slowest, fastest) = range(&v);
         let (least, most) = range(&a);
-        let (speed, acceleration) = (speed * self.seconds * room, acceleration * self.seconds * self.seconds * room);
+        let speed = speed * self.seconds * room;
+        let acceleration = acceleration * self.seconds * self.seconds * room;
         low >= start.min(self.end) - 1e-12
             && high <= start.max(self.end) + 1e-12
             && -slowest <= speed

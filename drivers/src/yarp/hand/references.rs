@@ -35,7 +35,8 @@ impl Hand {
     ) -> Result<(), String> {
         let told = |v: &[f64]| v.iter().map(|v| v.max(SLOWEST)).collect::<Vec<f64>>();
         let keeps_its_own = self.cell.lock().boards.get(self.index).is_some_and(|known| known.own_acceleration);
-        let (speed, acc) = (speed.map(told), acc.filter(|_| !keeps_its_own).map(told));
+        let speed = speed.map(told);
+        let acc = acc.filter(|_| !keeps_its_own).map(told);
         let mut keeps_its_own = true;
         for _ in 0..ATTEMPTS {
             match self.tell_references(joints, speed.as_deref(), acc.as_deref()).await? {

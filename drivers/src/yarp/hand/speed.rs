@@ -62,7 +62,9 @@ mod tests {
         for sign in [1.0, -1.0] {
             let mut speeds = JointVelocities::default();
             speeds.set(&[0], &[sign * 60.0], 0.0);
-            let (mut q, mut v, dt) = (0.0, 0.0f64, 0.001);
+            let mut q = 0.0;
+            let mut v = 0.0f64;
+            let dt = 0.001;
             let mut told = std::collections::VecDeque::from(vec![0.0; 60]);
             for _ in 0..3_000 {
                 let (_, say) = speeds.say(&[sign * q], &[(-10.0, 10.0)], 0.06, 0.0).unwrap();

@@ -138,7 +138,8 @@ impl Shared {
     async fn watch(&self) -> String {
         let mut ticks = interval(self.far.board.publishes());
         let mut flying: BTreeMap<(Instant, u64), (Stamp, JointData)> = BTreeMap::new();
-        let (mut sent, mut count) = (0, Counting::default());
+        let mut sent = 0;
+        let mut count = Counting::default();
         loop {
             let next = flying.keys().next().map(|(at, _)| *at);
             tokio::select! {
@@ -197,7 +198,8 @@ async fn until(at: Option<Instant>) {
 
 /// Reaches the board, watches it, and starts again when it is lost. Ends only if this task is to die.
 async fn session(shared: Arc<Shared>) {
-    let (mut pause, mut generation) = (BACK_OFF.0, 0);
+    let mut pause = BACK_OFF.0;
+    let mut generation = 0;
     loop {
         let why = match shared.reach().await {
             Ok(()) => {

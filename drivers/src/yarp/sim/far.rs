@@ -77,7 +77,8 @@ impl Far {
         lock(&self.judge).said(self.index, line, ask, now);
         let fate = lock(&self.faults).fate(now);
         let (tell, answer) = oneshot::channel();
-        let (far, request) = (self.clone(), ask.clone());
+        let far = self.clone();
+        let request = ask.clone();
         tokio::spawn(async move {
             if !fate.there.is_zero() {
                 sleep(fate.there).await;
@@ -93,7 +94,8 @@ impl Far {
             let _ = tell.send(answer);
         });
         let ended = timeout(patience, answer).await;
-        let (to, now) = (self.port.clone(), self.now());
+        let to = self.port.clone();
+        let now = self.now();
         lock(&self.judge).heard(self.index, line, now, matches!(ended, Ok(Ok(_))));
         match ended {
             Ok(Ok(answer)) => Ok(answer),
@@ -172,7 +174,8 @@ impl Far {
     /// Reports the true state of the motors to the judge.
     pub fn look(&self) {
         let now = self.now();
-        let (q, speeds) = (self.hardware.positions(now), self.hardware.speeds(now));
+        let q = self.hardware.positions(now);
+        let speeds = self.hardware.speeds(now);
         let settings = self.board.joint_settings();
         let faults = lock(&self.faults);
         let mut judge = lock(&self.judge);

@@ -179,7 +179,8 @@ impl Faults {
 
     /// Transit times of the copies of a state sent now, and the error of its stamp, s.
     pub fn states(&mut self, now: Time) -> (Vec<Duration>, f64) {
-        let (mut ways, mut off) = (vec![Duration::ZERO], 0.0);
+        let mut ways = vec![Duration::ZERO];
+        let mut off = 0.0;
         let on: Vec<WireFault> = self.on(now).collect();
         for fault in on {
             match fault {

@@ -244,7 +244,8 @@ impl Judge {
     /// Joints of a board that no present command covers.
     fn strangers(&self, board: usize, joints: &Joints, now: Time) -> Vec<usize> {
         let Some(watched) = self.boards.get(board) else { return Vec::new() };
-        let (first, n) = (watched.motors.start, watched.motors.len());
+        let first = watched.motors.start;
+        let n = watched.motors.len();
         let named = |j: &usize| {
             let of_late = self.named.iter().filter(|(until, _)| now <= *until);
             of_late.into_iter().any(|(_, motors)| motors.contains(&(first + j)))
@@ -368,7 +369,8 @@ impl Judge {
         } else if now.since((*watched.still.get_or_insert(now)).max(watched.moved)) > GIVEN_BACK {
             watched.still = None;
             let joint = left.unwrap_or_default();
-            let (found, left) = (watched.found.get(joint), settings.get(joint));
+            let found = watched.found.get(joint);
+            let left = settings.get(joint);
             self.found.push(format!(
                 "{}: joint {joint} was found as {found:?} and is left as {left:?} at {now}",
                 watched.port
@@ -385,7 +387,8 @@ impl Judge {
         }
         for (board, watched) in self.boards.iter().enumerate() {
             if !lies(board) && watched.is_older(sample) {
-                let (port, at) = (&watched.port, sample.at);
+                let port = &watched.port;
+                let at = sample.at;
                 self.found.push(format!("{port}: a reading that is told to be of {at} is older, at {now}"));
             }
         }

@@ -130,7 +130,8 @@ impl Ask {
     pub fn parse(request: &Bottle) -> Option<Ask> {
         let (verb, words) = request.0.split_first()?;
         let (code, words) = words.split_first()?;
-        let (verb, code) = (verb.as_vocab()?, code.as_vocab()?);
+        let verb = verb.as_vocab()?;
+        let code = code.as_vocab()?;
         if verb == words::GET {
             Get::parse(code, words).map(Ask::Get)
         } else if verb == words::SET {
@@ -245,7 +246,9 @@ impl Set {
             }
             words::LIMITS | words::SPEED_LIMITS => {
                 let [joint, min, max, ..] = words else { return None };
-                let (joint, min, max) = (index(joint)?, min.as_f64()?, max.as_f64()?);
+                let joint = index(joint)?;
+                let min = min.as_f64()?;
+                let max = max.as_f64()?;
                 let limits = if code == words::LIMITS { Set::Limits } else { Set::SpeedLimits };
                 return Some(limits(joint, min, max));
             }

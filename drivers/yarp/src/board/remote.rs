@@ -93,7 +93,8 @@ impl RemoteBoard {
     /// within a tokio runtime; does not block.
     pub fn new(network: &Network, port: &str, options: RemoteOptions) -> RemoteBoard {
         let network = network.clone().with_timeout(options.timeout);
-        let (own, to) = (format!("{}/rpc:o", options.local), format!("{port}/rpc:i"));
+        let own = format!("{}/rpc:o", options.local);
+        let to = format!("{port}/rpc:i");
         let control = RpcClient::keep(&network, &own, &to, Carrier::Tcp);
         let sender = Sender::keep(
             &network,

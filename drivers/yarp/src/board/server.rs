@@ -54,7 +54,8 @@ impl BoardServer {
         period: Duration,
     ) -> Result<BoardServer, PortError> {
         let name = |port: &str| format!("{prefix}/{port}");
-        let (asking, streaming) = (Arc::new(Asking(device.clone())), Streaming(device.clone(), network.clone()));
+        let asking = Arc::new(Asking(device.clone()));
+        let streaming = Streaming(device.clone(), network.clone());
         let command = RpcServer::open(network, &name("command:i"), Arc::new(streaming)).await?;
         let state = Arc::new(OutputPort::open(network, &name("state:o"), Delivery::Newest).await?);
         let extended = Arc::new(OutputPort::open(network, &name("stateExt:o"), Delivery::Newest).await?);
@@ -130,7 +131,8 @@ async fn publish(
     ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
     loop {
         ticks.tick().await;
-        let (plain, rich) = (!state.peers().is_empty(), !extended.peers().is_empty());
+        let plain = !state.peers().is_empty();
+        let rich = !extended.peers().is_empty();
         if !(plain || rich) {
             continue;
         }

@@ -194,7 +194,8 @@ impl Image {
             return Err(shape(WHAT, format!("it is {width}x{height} pixels")));
         };
         let [q0, q1, t0, t1] = quantum.to_le_bytes();
-        let (quantum, top) = (u16::from_le_bytes([q0, q1]), u16::from_le_bytes([t0, t1]));
+        let quantum = u16::from_le_bytes([q0, q1]);
+        let top = u16::from_le_bytes([t0, t1]);
         let image = Image { pixel: PixelCode(pixel), width, height, quantum, top, rows };
         let (_, row) = image.layout()?;
         let expected = row.checked_mul(wide(height));

@@ -126,7 +126,8 @@ impl RpcClient {
     pub async fn tell(&mut self, request: impl Into<Payload>) -> Result<(), CallError> {
         let packet = Packet::new(request.into(), None);
         let mut line = self.keeper.take().await?;
-        let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
+        let carrier = self.keeper.carrier;
+        let dialect = self.keeper.network.dialect();
         let work = output::send(&mut line, carrier, b'D', &packet, dialect, &self.keeper.options);
         let ended = timeout(self.limit, work).await;
         self.judged(ended)?;
@@ -196,7 +197,8 @@ impl RpcClient {
     /// Sends a payload and returns the reply's bytes, with the bottle on binary carriers.
     async fn exchange(&mut self, key: u8, payload: &[u8]) -> Result<(Vec<u8>, Option<Bottle>), CallError> {
         let mut line = self.keeper.take().await?;
-        let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
+        let carrier = self.keeper.carrier;
+        let dialect = self.keeper.network.dialect();
         let work = async {
             let TextMessage::Stream(link) = &mut line else { return Err(LinkError::Closed) };
             if carrier.is_text() {

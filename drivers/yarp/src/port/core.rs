@@ -184,7 +184,8 @@ impl Core {
         let name = if to.name.is_empty() { format!("{}:{}", to.host, to.port) } else { to.name.clone() };
         self.remove_output(&name).await;
         let line = dial::dial(&self.network, &self.options, &to, carrier, &self.name).await?;
-        let (id, slot) = (NEXT.fetch_add(1, Ordering::Relaxed), Arc::new(Slot::new(delivery, self.dropped.clone())));
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        let slot = Arc::new(Slot::new(delivery, self.dropped.clone()));
         let job = output::Job { core: self.clone(), id, to: Contact { name: name.clone(), ..to }, carrier, slot };
         let peer = Peer { name, carrier };
         self.start(job, peer, line);
@@ -197,7 +198,8 @@ impl Core {
         if *self.closing.borrow() || state.outputs.len() >= self.options.connections {
             return;
         }
-        let (id, slot) = (job.id, job.slot.clone());
+        let id = job.id;
+        let slot = job.slot.clone();
         // Two may have connected to the same port at the same time: the later one stays.
         state.outputs.retain(|output| {
             let same = output.peer.name == peer.name;
@@ -253,7 +255,8 @@ impl Core {
 
     /// Lists an input; others of the same rooted name are ended.
     pub fn admit(self: &Arc<Self>, peer: Peer) -> Admitted {
-        let (id, end) = (NEXT.fetch_add(1, Ordering::Relaxed), Arc::new(Notify::new()));
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        let end = Arc::new(Notify::new());
         if peer.name.starts_with('/') {
             self.remove_input(&peer.name);
         }

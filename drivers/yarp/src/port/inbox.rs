@@ -34,8 +34,7 @@ struct State {
 
 impl Inbox {
     pub fn new(queue: Queue) -> Inbox {
-        let (state, bell, room) = (Mutex::default(), Notify::new(), Notify::new());
-        Inbox { queue, state, bell, room, dropped: AtomicU64::new(0) }
+        Inbox { queue, state: Mutex::default(), bell: Notify::new(), room: Notify::new(), dropped: AtomicU64::new(0) }
     }
 
     /// Adds a message; returns it if there is no room now.

@@ -83,7 +83,8 @@ async fn respond(
     incoming: Incoming,
 ) -> Result<bool, LinkError> {
     let Incoming { command, payload } = incoming;
-    let (text, dialect) = (hello.carrier.is_text(), core.network.dialect());
+    let text = hello.carrier.is_text();
+    let dialect = core.network.dialect();
     let payload = if text { Payload::Text(payload.into()) } else { Payload::Binary(payload) };
     let mut reply: Option<Payload> = None;
     let mut lines = String::new();
@@ -160,7 +161,8 @@ async fn datagrams(
     peer: Peer,
     heard: &Heard,
 ) -> Result<(), LinkError> {
-    let (local, remote) = (link.stream().local_addr()?, link.stream().peer_addr()?);
+    let local = link.stream().local_addr()?;
+    let remote = link.stream().peer_addr()?;
     let socket = UdpSocket::bind(SocketAddr::new(local.ip(), 0)).await?;
     let admitted = core.admit(peer);
     link.write(&[&handshake::reply(hello, socket.local_addr()?.port())]).await?;

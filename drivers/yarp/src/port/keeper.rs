@@ -43,10 +43,19 @@ impl Keeper {
 
     /// Creates a keeper without a connection.
     pub fn idle(network: &Network, own_name: &str, to: Contact, carrier: Carrier, options: PortOptions) -> Keeper {
-        let own_name = network.full_name(own_name);
-        let (network, keep, remembers, delay) = (network.clone(), false, false, FIRST);
-        let (last, line, pause) = (None, None, None);
-        Keeper { network, options, carrier, to, own_name, keep, remembers, last, line, delay, pause }
+        Keeper {
+            network: network.clone(),
+            options,
+            carrier,
+            to,
+            own_name: network.full_name(own_name),
+            keep: false,
+            remembers: false,
+            last: None,
+            line: None,
+            delay: FIRST,
+            pause: None,
+        }
     }
 
     pub fn keep(&mut self) {

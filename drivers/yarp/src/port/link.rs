@@ -62,8 +62,14 @@ const CREDIT: usize = 256 << 10;
 
 impl Link {
     pub fn new(stream: TcpStream, options: &PortOptions) -> Link {
-        let (buffer, scanner, write_limit) = (BytesMut::new(), line::Scanner::default(), options.write);
-        Link { stream, buffer, scanner, write_limit, budget: None, taken: None }
+        Link {
+            stream,
+            buffer: BytesMut::new(),
+            scanner: line::Scanner::default(),
+            write_limit: options.write,
+            budget: None,
+            taken: None,
+        }
     }
 
     /// Sets the memory (KiB) for long messages, shared with others.
@@ -97,7 +103,8 @@ impl Link {
     /// Acquires memory for bytes beyond the free part.
     fn account(&mut self) -> Result<(), LinkError> {
         let Some(budget) = &self.budget else { return Ok(()) };
-        let (size, taken) = (self.buffer.len() >> 10, self.taken.as_ref().map_or(0, OwnedSemaphorePermit::num_permits));
+        let size = self.buffer.len() >> 10;
+        let taken = self.taken.as_ref().map_or(0, OwnedSemaphorePermit::num_permits);
         if size <= FREE + taken {
             return Ok(());
         }

@@ -68,7 +68,8 @@ impl Sender {
     pub async fn send(&mut self, payload: impl Into<Payload>, envelope: Option<String>) -> Result<(), SendError> {
         let packet = Packet::new(payload.into(), envelope);
         let mut line = self.keeper.take().await?;
-        let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
+        let carrier = self.keeper.carrier;
+        let dialect = self.keeper.network.dialect();
         match output::send(&mut line, carrier, b'D', &packet, dialect, &self.keeper.options).await {
             Ok(formed) => {
                 self.keeper.put(line);

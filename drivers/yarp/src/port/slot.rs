@@ -82,7 +82,8 @@ impl Slot {
         if state.quit || state.closed {
             return;
         }
-        let (now, before) = (clock::now(), state.packets.len());
+        let now = clock::now();
+        let before = state.packets.len();
         match self.delivery {
             Delivery::Newest => {
                 let old = |since: &Instant| now.duration_since(*since) > HICCUP;

@@ -26,7 +26,8 @@ impl StreamSource {
     /// Creates a source that is asked to connect again after each `patience` of silence, and less often the
     /// longer it lasts.
     pub fn new(port: &str, carrier: Carrier, patience: Duration) -> StreamSource {
-        let (port, name) = (port.to_owned(), Contact::parse(port).name);
+        let name = Contact::parse(port).name;
+        let port = port.to_owned();
         StreamSource { port, name, carrier, patience, wait: patience, due: clock::now() + patience }
     }
 

@@ -124,7 +124,8 @@ pub fn answer(view: &PortView, command: &Bottle) -> AdminReply {
         return property(view, command);
     }
     if is(0, "set") || is(0, "get") {
-        let (set, out) = (is(0, "set"), is(1, "out"));
+        let set = is(0, "set");
+        let out = is(1, "out");
         let (Some(name), true) = (text(2), out || is(1, "in")) else { return unknown() };
         let peers = if out { &view.outputs } else { &view.inputs };
         if peers.iter().any(|peer| peer.name == name) {

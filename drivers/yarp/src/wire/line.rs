@@ -141,7 +141,8 @@ mod tests {
     use crate::wire::Verb;
 
     fn read(text: &str) -> Option<TextMessage> {
-        let (mut scanner, mut last) = (Scanner::default(), None);
+        let mut scanner = Scanner::default();
+        let mut last = None;
         for cut in 0..=text.len() {
             last = scanner.parse(&text.as_bytes()[..cut], 1000).unwrap();
             if last.is_some() {

@@ -14,7 +14,8 @@ const SETTLES: Duration = Duration::from_millis(100);
 
 /// Reaches the board, watches it, and starts again when it is lost, until `leave` is set.
 pub(super) async fn run(shared: Arc<Shared>) {
-    let (mut stream, mut leave) = (None, shared.leave.subscribe());
+    let mut stream = None;
+    let mut leave = shared.leave.subscribe();
     tokio::select! {
         biased;
         _ = leave.wait_for(|leave| *leave) => {}
@@ -27,7 +28,8 @@ pub(super) async fn run(shared: Arc<Shared>) {
 
 /// Maintains the connection, without end.
 async fn stay(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) {
-    let (mut pause, mut generation) = (BACK_OFF.0, 0);
+    let mut pause = BACK_OFF.0;
+    let mut generation = 0;
     loop {
         match reach(shared, stream).await {
             Ok(up) => {

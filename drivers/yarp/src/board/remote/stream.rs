@@ -83,7 +83,8 @@ impl Drop for Stream {
 }
 
 async fn read(shared: Arc<Shared>, mut reader: InputPort, mut told: mpsc::Receiver<usize>) {
-    let (mut axes, mut seq) = (None, 0);
+    let mut axes = None;
+    let mut seq = 0;
     let mut last: Option<Stamp> = None;
     loop {
         let message = tokio::select! {

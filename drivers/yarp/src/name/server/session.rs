@@ -101,7 +101,8 @@ async fn carrier(
     shared: &Shared,
     heard: &Heard,
 ) -> io::Result<()> {
-    let (carrier, dialect) = (hello.carrier, shared.options.dialect);
+    let carrier = hello.carrier;
+    let dialect = shared.options.dialect;
     let wrong = |e: &dyn std::fmt::Display| io::Error::new(io::ErrorKind::InvalidData, e.to_string());
     let mut scanner = line::Scanner::default();
     loop {
