@@ -1,4 +1,4 @@
-//! The kinds of detectors that learn, as a run makes them: from a detector file.
+//! The kinds of trained detectors, created from a detector file.
 
 use super::file::{DetectorFile, DetectorKind};
 use super::picture::Picture;
@@ -14,24 +14,24 @@ use std::time::Duration;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LearnedDetectorSettings {
-    /// The detector, as `mobee detector train` wrote it.
+    /// Detector file, as `mobee detector train` wrote it.
     pub file: PathBuf,
-    /// The object's name in the world; default: the one that it was trained as.
+    /// Name of the object in the world; default: the name that it was trained with.
     #[serde(default)]
     pub object: Option<String>,
 }
 
-/// Finds the one object that it knows.
+/// Finds the one object that it was trained for.
 pub struct LearnedDetector {
     file: DetectorFile,
-    /// Of the frame that it looked at last.
+    /// Mask of the last frame.
     mask: Option<SeenMask>,
-    /// Regions of that frame that were too many.
+    /// Number of regions of the last frame beyond the maximum.
     omitted: u64,
 }
 
 impl LearnedDetector {
-    /// One that looks as the file says.
+    /// Creates a detector from its file.
     pub fn new(file: DetectorFile) -> LearnedDetector {
         LearnedDetector { file, mask: None, omitted: 0 }
     }

@@ -1,4 +1,4 @@
-//! The kinds of locators, as a run makes them: from a locator file.
+//! The kinds of trained locators, created from a locator file.
 
 use super::file::{LocatorFile, LocatorKind};
 use super::head::JOINTS;
@@ -16,22 +16,22 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LearnedLocatorSettings {
-    /// The locator, as `mobee locator train` wrote it.
+    /// Locator file, as `mobee locator train` wrote it.
     pub file: PathBuf,
-    /// The left camera's name; default: the one that ends in `left`.
+    /// Name of the left camera; default: the camera with a name that ends in `left`.
     #[serde(default)]
     pub left: Option<String>,
-    /// The right camera's name; default: the one that ends in `right`.
+    /// Name of the right camera; default: the camera with a name that ends in `right`.
     #[serde(default)]
     pub right: Option<String>,
-    /// The nine motors of torso and head, in the order torso pitch, roll and yaw, neck pitch, roll and yaw, eyes' tilt, version and
-    /// vergence; default: as the shipped iCub calls them.
+    /// The nine motors of torso and head, in the order torso pitch, roll and yaw, neck pitch, roll
+    /// and yaw, eyes' tilt, version and vergence; default: their names in the supplied iCub.
     #[serde(default)]
     pub motors: Option<[String; 9]>,
-    /// Whether views of an object that rests are put together; default: yes.
+    /// Combine the views of an object that rests; default: true.
     #[serde(default = "yes")]
     pub track: bool,
-    /// What is known of objects that stand on something level, such as a table; default: nothing.
+    /// Support plane of the objects, such as a table; default: none.
     #[serde(default)]
     pub stands: Option<Standing>,
 }
@@ -40,7 +40,7 @@ fn yes() -> bool {
     true
 }
 
-/// Where the nine joints are in the robot's pose.
+/// Looks up the indices of the nine joints in the robot's configuration.
 fn joints(robot: &Robot, names: &[&str; 9]) -> Result<[usize; 9], KindError> {
     let mut found = [0; 9];
     for (place, name) in found.iter_mut().zip(names) {
