@@ -1,19 +1,20 @@
-//! The hub's geometry, pure: robots and world as everybody sees them.
+//! Geometric model: robots, world and collision engine.
 //!
-//! Owns robot files (ZRP XML, URDF), forward kinematics, the pair tables that say which shapes may touch, and the
-//! collision engine. Accepts files and poses; answers transforms, contacts and distances. It knows no actor, no clock
-//! and no driver.
+//! Contains the readers of robot files (ZRP XML, URDF), forward kinematics, the tables of pairs that may touch, and the
+//! collision engine. Input: files and configurations; output: transforms, contacts and distances. It does not depend on
+//! actors, clocks or drivers.
 //!
 //! ```text
 //! robot.xml ──zrp──> Robot ──┐
-//! robot.urdf ─urdf─> Robot ──┤   (import: with pairs that need no test, and a free home)
+//! robot.urdf ─urdf─> Robot ──┤   (import: with disabled pairs and a collision-free home)
 //! world.xml ──world─> Object ┴─> Scene ──(poses)──> transforms, contacts, clearance
 //! ```
 //!
-//! Collision has one door, [`Engine`]: what is behind it is chosen in one place ([`DefaultEngine`]), and the types that ask it
-//! ([`Scene`], [`Watch`], [`Field`]) take another engine as a type parameter.
+//! All collision queries go through [`Engine`]. [`DefaultEngine`] selects the implementation in one place, and the
+//! types that use it ([`Scene`], [`Watch`], [`Field`]) accept another engine as a type parameter.
 //!
-//! Units: radians, meters. A motor's position is its encoder value (degrees, or millimeters where it slides) times pi/180.
+//! Units: radians, meters. A motor's position is its encoder value (degrees, or millimeters for prismatic motors) times
+//! pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
 mod engine;

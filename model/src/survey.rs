@@ -1,10 +1,10 @@
-//! What random poses tell of a robot's shapes: which pairs of links need no test, how often the fitted shapes touch where the meshes do
-//! not, and where the robot can begin.
+//! Statistics of a robot's shapes at random poses: pairs of links that can be disabled, false contacts (the fitted
+//! shapes touch but the meshes do not), and a collision-free home.
 //!
 //! ```text
 //! Robot + surfaces ──random poses──> Comparison ──> where to fit closer
 //!                                └─> spared_pairs ──> Robot::leave_out
-//! Robot ──find_home──> a pose that is free
+//! Robot ──find_home──> a collision-free configuration
 //! ```
 
 mod claims;

@@ -1,29 +1,29 @@
 //! Pairs of links that need no test.
 
 use super::Subject;
-use super::falsely::{COVERED, NEAR};
+use super::falsely::{MAX_COVERED_MOTORS, NEAR_M};
 use crate::{LeftOut, Robot, SceneError, Surfaces, random_poses};
 
-/// What is known of a pair that is near at all poses so far, or whose meshes have not met.
-struct Tried {
+/// Observations about a pair that has been near at all poses so far, or whose meshes have not intersected.
+struct PairObservation {
     nodes: (usize, usize),
-    /// Whether the poses cover what the two can do against each other.
+    /// True if the poses cover the relative motion of the two.
     covered: bool,
-    /// At how many poses its shapes were near.
+    /// Number of poses at which its shapes were near.
     near: usize,
-    /// Whether the meshes ever met.
+    /// True if the meshes intersected at any pose.
     met: bool,
-    /// Whether the meshes were ever apart.
+    /// True if the meshes were apart at any pose.
     apart: bool,
 }
 
-impl Tried {
-    /// Whether further poses may still show that it needs no test.
+impl PairObservation {
+    /// True if further poses may still show that the pair can be disabled.
     fn is_open(&self, poses: usize) -> bool {
         self.near == poses || (self.covered && !self.met)
     }
 
-    /// Why it needs no test, if so.
+    /// Reason for disabling the pair, if it can be disabled.
     fn reason(&self, poses: usize) -> Option<String> {
         if self.near == 0 {
             return None;
@@ -31,28 +31,29 @@ impl Tried {
         if self.near == poses {
             let unwatched =
                 if self.met && self.apart { "; contacts that their meshes make at times are not seen" } else { "" };
-            return Some(format!("never farther apart than {:.0} mm at {poses} poses{unwatched}", NEAR * 1e3));
+            return Some(format!("never farther apart than {:.0} mm at {poses} poses{unwatched}", NEAR_M * 1e3));
         }
         Some(format!("near, but never in contact at {poses} poses"))
     }
 }
 
-/// The pairs of links that random poses show to need no test, each with its reason. Add them with [`Robot::leave_out`].
+/// The pairs of links that can be disabled according to random poses, each with its reason. Disable them with
+/// [`Robot::leave_out`].
 ///
-/// * Pairs that are never farther apart than 12 mm: joined more closely than the reflex can tell. Where their meshes meet at some
-///   poses and not at others, nothing watches over these contacts any more, and the reason says so.
-/// * Pairs whose shapes come near, though their meshes never meet, and which at most three motors move against each other, so that
-///   the poses cover what there is.
+/// * Pairs that are never farther apart than 12 mm: the reflex can't resolve their distance. If their meshes intersect
+///   at some poses and not at others, these contacts are no longer monitored, and the reason mentions this.
+/// * Pairs whose shapes come near although their meshes never intersect, and whose relative motion depends on at most
+///   three motors, so that the poses cover it.
 ///
-/// A pair that touches often is never left out for that. Nor is one that was never seen near and that many motors move: ten thousand
-/// poses of thirty motors are few, and a test that costs a little is cheaper than a contact that nobody looks for.
+/// A pair is never disabled because it touches often. Nor is a pair that was never near and that depends on many
+/// motors: ten thousand poses of thirty motors are few, and a cheap test is better than an undetected contact.
 ///
 /// # Arguments
-/// * `poses`: how many are tried; 10,000 or more.
-/// * `progress`: is told the share that is done, 0 to 1.
+/// * `poses`: number of poses; 10,000 or more.
+/// * `progress`: called with the completed fraction, 0 to 1.
 ///
 /// # Errors
-/// If the robot can't stand in a scene.
+/// If the robot can't be placed in a scene.
 pub fn spared_pairs(
     robot: &Robot,
     surfaces: &Surfaces,
@@ -60,17 +61,20 @@ pub fn spared_pairs(
     progress: &mut dyn FnMut(f64),
 ) -> Result<Vec<LeftOut>, SceneError> {
     let subject = Subject::new(robot, surfaces)?;
-    let covered = |(a, b): (usize, usize)| robot.movers(Some(a), Some(b)).len() <= COVERED;
+    let covered = |(a, b): (usize, usize)| robot.movers(Some(a), Some(b)).len() <= MAX_COVERED_MOTORS;
     let all = subject.tested.iter();
-    let mut open: Vec<Tried> =
-        all.map(|nodes| Tried { nodes: *nodes, covered: covered(*nodes), near: 0, met: false, apart: false }).collect();
+    let mut open: Vec<PairObservation> = all
+        .map(|nodes| PairObservation { nodes: *nodes, covered: covered(*nodes), near: 0, met: false, apart: false })
+        .collect();
     for (done, q) in random_poses(robot, seed).take(poses).enumerate() {
-        let (placed, frames) = (subject.place(&q), surfaces.frames(robot, &q));
+        let placed = subject.place(&q);
+        let frames = surfaces.frames(robot, &q);
         open.retain_mut(|pair| {
             let near = |margin: f64| subject.touching(&placed, pair.nodes, margin).next().is_some();
-            if near(NEAR) {
+            if near(NEAR_M) {
                 pair.near += 1;
-                // The shapes hold the meshes: where they are apart, so are these. Without meshes the shapes are all there is.
+                // The shapes contain the meshes: if the shapes are apart, so are the meshes. Without meshes the shapes
+                // alone decide.
                 let meet = |(a, b)| surfaces.meet(&frames, a, b);
                 if !(pair.met && pair.apart) {
                     let met = near(0.0) && subject.surfaces(pair.nodes).is_none_or(meet);
