@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Greatest size of a table, bytes: more than two hours of a humanoid at twenty rows a second.
-const LONGEST: u64 = 64 * MIB;
+const MAX_TABLE_BYTES: u64 = 64 * MIB;
 
 inventory::submit! {
     Registered(&Kind::<dyn Hardware> {
@@ -68,7 +68,7 @@ impl ReplayHardware {
             return Err(KindError::new("encoder_hz", what, "give a number from 1 to 1000"));
         }
         let name = settings.file.display();
-        let text = read_text(&settings.file, LONGEST).map_err(|e| {
+        let text = read_text(&settings.file, MAX_TABLE_BYTES).map_err(|e| {
             let help =
                 "make the table by `mobee inspect RUN --poses FILE`; its path is relative to the configuration file";
             KindError::new("file", format!("{name} can't be read: {e}"), help)

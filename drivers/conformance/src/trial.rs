@@ -14,7 +14,7 @@ pub const WAY: f64 = 8.0 * DEG;
 /// Speed of the suite's motions, rad/s, unless the motor is slower.
 const SPEED: f64 = 10.0 * DEG;
 /// Time limit of a motion.
-const PATIENCE: Duration = Duration::from_secs(30);
+const MOTION_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// A driver under test.
 pub struct DriverTrial<'a> {
@@ -134,7 +134,7 @@ impl<'a> DriverTrial<'a> {
 
     /// Waits until all motors are done. Returns the readings.
     pub fn until_done(&mut self) -> Result<Vec<Sample>, String> {
-        let end = self.now() + PATIENCE;
+        let end = self.now() + MOTION_TIMEOUT;
         let mut all = Vec::new();
         while self.now() < end {
             all.extend(self.step()?);
@@ -142,7 +142,7 @@ impl<'a> DriverTrial<'a> {
                 return Ok(all);
             }
         }
-        Err(format!("not done within {PATIENCE:?}"))
+        Err(format!("not done within {MOTION_TIMEOUT:?}"))
     }
 
     /// Waits until all motors report this mode.

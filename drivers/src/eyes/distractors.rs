@@ -37,7 +37,7 @@ fn hue_deg() -> [f64; 2] {
 }
 
 /// Least distance between objects, m.
-const APART: f64 = 0.005;
+const MIN_GAP_M: f64 = 0.005;
 
 /// An object that is only rendered.
 #[derive(Clone, Debug)]
@@ -149,6 +149,6 @@ fn standing_at(at: [f64; 3], rng: &mut ChaCha8Rng) -> Primitive {
 
 fn touches(a: &Primitive, b: &Primitive) -> bool {
     let between = (a.pose.translation.vector - b.pose.translation.vector).norm();
-    between < a.shape.bounding_radius() + b.shape.bounding_radius() + APART
-        && distance(&a.shape, &a.pose, &b.shape, &b.pose).distance < APART
+    between < a.shape.bounding_radius() + b.shape.bounding_radius() + MIN_GAP_M
+        && distance(&a.shape, &a.pose, &b.shape, &b.pose).distance < MIN_GAP_M
 }

@@ -29,9 +29,9 @@ const VERSION: &[u8; 2] = b"1\n";
 /// Bytes before the first record.
 const START: u64 = (MAGIC.len() + VERSION.len()) as u64;
 /// Bytes of a record's head.
-const HEAD: usize = 8 + 2 * 4 + 8 * 8;
+const HEAD_BYTES: usize = 8 + 2 * 4 + 8 * 8;
 /// Greatest width and height of a frame, pixels.
-const LONGEST: u32 = mobee_contract::picture::MAX_SIDE;
+const MAX_SIDE_PX: u32 = mobee_contract::picture::MAX_SIDE;
 
 /// File of a camera in the run's folder, given its name in the run (`SENSOR/CAMERA`).
 pub(super) fn file(run: &Path, camera: &str) -> PathBuf {
@@ -129,7 +129,7 @@ impl FrameFile {
 fn record(frame: &Frame) -> Result<Vec<u8>, String> {
     let Intrinsics { size: [width, height], focal, center, distortion } = frame.intrinsics;
     let bytes = u64::from(width) * u64::from(height) * 3;
-    if bytes == 0 || width.max(height) > LONGEST || frame.pixels.len() as u64 != bytes {
+    if bytes == 0 || width.max(height) > MAX_SIDE_PX || frame.pixels.len() as u64 != bytes {
         return Err(format!("a frame of {width}x{height} pixels in {} bytes can't be kept", frame.pixels.len()));
     }
     let mut record = vec![0; 4];

@@ -67,7 +67,7 @@ fn carrier() -> String {
 }
 
 /// Pause before a port that can't be reached is tried again.
-const AGAIN: Duration = Duration::from_millis(500);
+const RETRY_PAUSE: Duration = Duration::from_millis(500);
 /// Silence after which the camera is asked to connect again: this number of periods, and at least this time.
 const PERIODS: u32 = 10;
 const SILENCE: Duration = Duration::from_secs(2);
@@ -234,7 +234,7 @@ impl Ear {
                 }
                 Err(why) => self.warn(why, &mut said),
             }
-            sleep(AGAIN).await;
+            sleep(RETRY_PAUSE).await;
         }
     }
 

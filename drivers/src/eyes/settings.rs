@@ -69,7 +69,7 @@ fn soft() -> bool {
 }
 
 /// Greatest width and height of images, pixels.
-const LONGEST: u32 = 4096;
+const MAX_SIDE_PX: u32 = 4096;
 
 impl SimulatedCameraSettings {
     /// Settings of a camera at this marker, with default values.
@@ -101,7 +101,7 @@ impl SimulatedCameraSettings {
     /// Invalid settings, with the valid ranges.
     pub fn validate(&self) -> Result<(), KindError> {
         let ([width, height], [ox, oy, oz], [rx, ry, rz]) = (self.size, self.offset_m, self.rotation_deg);
-        let longest = f64::from(LONGEST);
+        let longest = f64::from(MAX_SIDE_PX);
         let ranges = [
             ("offset_m[0]", ox, -10.0, 10.0),
             ("offset_m[1]", oy, -10.0, 10.0),

@@ -24,7 +24,7 @@ use std::time::Duration;
 pub const STEP: Duration = Duration::from_millis(1);
 /// Number of steps between two evaluations of weight and contacts; in between, distances are linear in the
 /// joint positions.
-const LOOK: u64 = 5;
+const STEPS_PER_EVALUATION: u64 = 5;
 /// Speed below which a joint that does not accelerate rests, rad/s.
 const STILL: f64 = 1e-7;
 
@@ -87,7 +87,7 @@ impl ArmBody for Dynamics {
         outside.fill(0.0);
         if let Some(external) = &mut self.external {
             let (q, v): (Vec<f64>, Vec<f64>) = self.joints.iter().map(|j| (j.q, j.v)).unzip();
-            if self.clock.steps().is_multiple_of(LOOK) && !self.clock.rests() {
+            if self.clock.steps().is_multiple_of(STEPS_PER_EVALUATION) && !self.clock.rests() {
                 external.look(&q);
             }
             let force = external.torques(&q, &v, &mut outside);

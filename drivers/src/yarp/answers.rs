@@ -5,12 +5,12 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 /// Age beyond which an answer is ignored, s.
-const WINDOW: f64 = 5.0;
+const WINDOW_S: f64 = 5.0;
 /// Least and greatest weight of an answer, s. The greatest is the interval of answers when nothing else is
 /// requested.
 const COUNTS: (f64, f64) = (1e-3, 0.1);
 /// Largest number of answers stored.
-const MOST: usize = 128;
+const MAX_ANSWERS: usize = 128;
 
 /// Round-trip times of one board. Times in seconds.
 #[derive(Clone, Debug, Default)]
@@ -19,7 +19,7 @@ pub struct Answers(VecDeque<(f64, f64)>);
 impl Answers {
     /// Adds an answer that arrived at `now`, `took` seconds after its request.
     pub fn note(&mut self, now: f64, took: f64) {
-        if self.0.len() >= MOST {
+        if self.0.len() >= MAX_ANSWERS {
             self.0.pop_front();
         }
         self.0.push_back((now, took));
@@ -39,7 +39,7 @@ impl Answers {
             before = *at;
             (*at, *took, counts)
         });
-        let of_late = counted.filter(|(at, ..)| *at >= now - WINDOW);
+        let of_late = counted.filter(|(at, ..)| *at >= now - WINDOW_S);
         let mut took: Vec<(f64, f64)> = of_late.map(|(_, took, counts)| (took, counts)).collect();
         took.sort_by(|a, b| a.0.total_cmp(&b.0));
         let all: f64 = took.iter().map(|(_, counts)| counts).sum();

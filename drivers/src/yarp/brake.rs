@@ -18,20 +18,20 @@ use tokio::sync::watch;
 use tokio::time::{MissedTickBehavior, interval};
 
 /// Period of the check whether the board obeys.
-const LOOK: Duration = Duration::from_millis(20);
+const CHECK_PERIOD: Duration = Duration::from_millis(20);
 /// Period of the connection test while the board rests, s. A connection that broke unnoticed would delay a
 /// stop by the time to connect.
-const TRIED: f64 = 0.5;
+const PROBE_PERIOD_S: f64 = 0.5;
 /// Largest share of a joint's speed that may remain from one check to the next for the stop to count as
 /// effective.
-const SLOWER: f64 = 0.75;
+const MAX_REMAINING_SHARE: f64 = 0.75;
 /// Speed below which a moving joint may be sinking instead, deg/s.
-const SINKS: f64 = 15.0;
+const SINKING_SPEED_DEG_S: f64 = 15.0;
 /// Time after a stop within which a sinking joint has settled, s. A joint that still moves then has not
 /// stopped.
-const SUNK: f64 = 0.5;
+const SETTLING_TIME_S: f64 = 0.5;
 /// Speed below which the direction of motion of a stopped joint is undefined, deg/s.
-const STILL: f64 = 1.0;
+const REST_SPEED_DEG_S: f64 = 1.0;
 
 /// Brake of one board.
 pub struct Brake {
@@ -52,7 +52,7 @@ pub struct Brake {
 impl Brake {
     /// Runs until `end` changes, then stops the board.
     pub async fn work(mut self, mut end: watch::Receiver<bool>) {
-        let mut look = interval(LOOK);
+        let mut look = interval(CHECK_PERIOD);
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut effect = None;
         let mut tried = f64::NEG_INFINITY;
@@ -77,7 +77,7 @@ impl Brake {
                     } else if let Some(joints) = self.shows_none(&mut effect) {
                         tracing::warn!(board = self.port, "a stop shows no effect, and is sent again");
                         open = self.stop(joints).await;
-                    } else if self.is_idle() && self.now() >= tried + TRIED {
+                    } else if self.is_idle() && self.now() >= tried + PROBE_PERIOD_S {
                         tried = self.now();
                         open = self.is_good().await;
                     }
@@ -152,8 +152,12 @@ impl Brake {
 
     fn watch(&self, ticket: u64, joints: Joints) -> Effect {
         let said = self.now();
-        let speeds =
-            self.cell.lock().boards.get(self.index).map(|known| known.motions.speeds(said - super::motion::WHILE));
+        let speeds = self
+            .cell
+            .lock()
+            .boards
+            .get(self.index)
+            .map(|known| known.motions.speeds(said - super::motion::REST_TIME_S));
         let speeds = match speeds {
             Some(MeasuredSpeeds::At(speeds)) => Some(speeds),
             _ => None,
@@ -171,7 +175,7 @@ impl Brake {
             *effect = None;
             return None;
         }
-        if now < watched.said + self.latency + super::motion::WHILE {
+        if now < watched.said + self.latency + super::motion::REST_TIME_S {
             return None;
         }
         match watched.seen(now, known.motions.speeds(watched.said + self.latency)) {
@@ -227,16 +231,16 @@ impl Effect {
                 Joints::One(joint) => *joint == j,
                 Joints::Group(joints) => joints.contains(&j),
             };
-            let same_way = of(&self.first, j).is_none_or(|first| first.abs() < STILL || first * speed > 0.0);
-            let unchecked = of(&before, j).is_none_or(|before| speed.abs() > SLOWER * before.abs());
+            let same_way = of(&self.first, j).is_none_or(|first| first.abs() < REST_SPEED_DEG_S || first * speed > 0.0);
+            let unchecked = of(&before, j).is_none_or(|before| speed.abs() > MAX_REMAINING_SHARE * before.abs());
             stopped && same_way && unchecked
         };
         let going: Vec<usize> = speeds.iter().enumerate().filter(|(j, v)| goes_on((*j, v))).map(|(j, _)| j).collect();
         if going.is_empty() {
             return Seen::Slower;
         }
-        let fast = going.iter().any(|j| speeds.get(*j).is_some_and(|speed| speed.abs() >= SINKS));
-        if !fast && now < self.sent + SUNK {
+        let fast = going.iter().any(|j| speeds.get(*j).is_some_and(|speed| speed.abs() >= SINKING_SPEED_DEG_S));
+        if !fast && now < self.sent + SETTLING_TIME_S {
             return Seen::Slower;
         }
         self.sent = now;

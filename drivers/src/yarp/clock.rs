@@ -12,11 +12,11 @@
 use mobee_yarp::Stamp;
 
 /// Delay beyond which a state is late, s.
-const LATE: f64 = 0.030;
+const LATE_AFTER_S: f64 = 0.030;
 /// Time for which states may be late before the offset is estimated again, s.
 const LATE_FOR: f64 = 0.100;
 /// Longest plausible transit time of a state, s. Beyond it, a clock was set.
-const LONGEST: f64 = 1.0;
+const MAX_TRANSIT_S: f64 = 1.0;
 /// Difference between the stamps of answers and states beyond which they come from two clocks, s: no network
 /// delays a state that long.
 const TWO_CLOCKS: f64 = 10.0;
@@ -70,7 +70,8 @@ impl Arrivals {
             Some(stamp) => {
                 let told = self.stamped(arrival, stamp);
                 // keeps the jitter of answers out of the times of states that are in time
-                let latest = ahead.map(|ahead| stamp + ahead + LATE).filter(|latest| arrival - latest < TWO_CLOCKS);
+                let latest =
+                    ahead.map(|ahead| stamp + ahead + LATE_AFTER_S).filter(|latest| arrival - latest < TWO_CLOCKS);
                 told.min(latest.unwrap_or(f64::INFINITY))
             }
             None => arrival,
@@ -87,9 +88,11 @@ impl Arrivals {
         self.seen += 1;
         let delay = self.offset.map_or(f64::NAN, |offset| way - offset);
         let (since, least) = self.late.map_or((arrival, way), |(since, least)| (since, least.min(way)));
-        self.late = (delay > LATE).then_some((since, least));
+        self.late = (delay > LATE_AFTER_S).then_some((since, least));
         let offset = match self.offset {
-            Some(offset) if delay <= LATE || (delay <= LONGEST && arrival - since <= LATE_FOR) => offset.min(way),
+            Some(offset) if delay <= LATE_AFTER_S || (delay <= MAX_TRANSIT_S && arrival - since <= LATE_FOR) => {
+                offset.min(way)
+            }
             _ => {
                 (self.shortest, self.seen, self.late) = (Some(least), 0, None);
                 least
@@ -139,7 +142,7 @@ mod tests {
                 _ => None,
             };
             let at = arrivals.read_at(t, stamp, None).unwrap();
-            let oldest = LATE + LATE_FOR + 0.02;
+            let oldest = LATE_AFTER_S + LATE_FOR + 0.02;
             assert!(at > last && at <= t && t - at <= oldest, "{i}: {at} of {t}");
             last = at;
         }
@@ -174,7 +177,10 @@ mod tests {
                 let t = 0.02 * f64::from(i);
                 let late = if i < 100 { 0.002 } else { 0.9 };
                 let Some(at) = arrivals.read_at(t + late, Some(t - offset), Some(offset + 0.005)) else { continue };
-                assert!((t + late - at) >= late - LATE - 0.006 && at <= t + late + 1e-6, "{offset} {i}: {at} of {t}");
+                assert!(
+                    (t + late - at) >= late - LATE_AFTER_S - 0.006 && at <= t + late + 1e-6,
+                    "{offset} {i}: {at} of {t}"
+                );
             }
         }
         // answers by another clock than the states tell nothing
@@ -193,7 +199,7 @@ mod tests {
                 ahead = t - 0.5 * t + 0.001;
             }
             let Some(at) = arrivals.read_at(t, Some(0.5 * t), Some(ahead)) else { continue };
-            assert!(t - at < LATE + LATE_FOR + 0.02, "{i}: {at} of {t}");
+            assert!(t - at < LATE_AFTER_S + LATE_FOR + 0.02, "{i}: {at} of {t}");
         }
     }
 
@@ -246,11 +252,11 @@ mod tests {
     fn what_is_just_in_time_is_not_late() {
         let mut arrivals = Arrivals::default();
         assert_eq!(arrivals.read_at(0.0, Some(0.0), None), Some(0.0));
-        arrivals.read_at(LATE, Some(0.0), None);
+        arrivals.read_at(LATE_AFTER_S, Some(0.0), None);
         let at = arrivals.read_at(0.14, Some(0.09), None);
         assert_eq!(at, Some(0.09), "the first that is late: there was none 0.1 s before");
         // answers and states ten seconds apart are told by two clocks
-        let read = |arrival: f64| Arrivals::default().read_at(arrival, Some(-LATE), Some(0.0));
+        let read = |arrival: f64| Arrivals::default().read_at(arrival, Some(-LATE_AFTER_S), Some(0.0));
         assert_eq!([9.5, TWO_CLOCKS].map(read), [Some(0.0), Some(TWO_CLOCKS)]);
     }
 

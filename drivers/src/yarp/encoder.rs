@@ -4,9 +4,9 @@
 //! is zero for a steady motion; for independent readings of variance s², its variance is 6 s².
 
 /// Least scatter assumed for readings at rest, deg.
-const LEAST: f64 = 0.08;
+const MIN_NOISE_DEG: f64 = 0.08;
 /// Greatest scatter that counts as noise, deg.
-const MOST: f64 = 0.5;
+const MAX_NOISE_DEG: f64 = 0.5;
 /// Number of changes in a row that must be multiples of one step to accept the step as a count.
 const MULTIPLES: u32 = 10;
 /// Tolerance of a multiple, as a share of the step.
@@ -85,12 +85,12 @@ impl Encoder {
     /// Greatest difference between readings of a joint at rest, deg.
     pub fn play(&self) -> f64 {
         let noise = SPREAD.0 * self.noise();
-        (COUNTS * self.count()).max(noise).clamp(LEAST, MOST)
+        (COUNTS * self.count()).max(noise).clamp(MIN_NOISE_DEG, MAX_NOISE_DEG)
     }
 
     /// Error of a single reading, deg: a count, or four standard deviations of the noise.
     pub fn resolution(&self) -> f64 {
-        self.count().max(SPREAD.1 * self.noise()).min(MOST)
+        self.count().max(SPREAD.1 * self.noise()).min(MAX_NOISE_DEG)
     }
 }
 
@@ -116,9 +116,9 @@ mod tests {
     #[test]
     fn a_quiet_encoder_has_the_least_play() {
         let quiet = encoder(|_| 12.0, (0.0, 0.0), 100, true);
-        assert_eq!((quiet.play(), quiet.resolution()), (LEAST, 0.0));
+        assert_eq!((quiet.play(), quiet.resolution()), (MIN_NOISE_DEG, 0.0));
         let fine = encoder(|_| 12.0, (0.005, 0.01), 100, true);
-        assert_eq!(fine.play(), LEAST);
+        assert_eq!(fine.play(), MIN_NOISE_DEG);
     }
 
     #[test]
@@ -145,6 +145,6 @@ mod tests {
     fn a_motion_is_no_noise() {
         let eases = |i: u32| 20.0 * (1.0 - (0.05 * f64::from(i)).cos());
         let moves = encoder(eases, (0.0, 0.0), 300, false);
-        assert_eq!((moves.play(), moves.resolution()), (LEAST, 0.0));
+        assert_eq!((moves.play(), moves.resolution()), (MIN_NOISE_DEG, 0.0));
     }
 }

@@ -22,7 +22,7 @@ const FAIR: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 /// Number of sections that are timed. If at least this many of them, in at least this many moves, are outside
 /// the range, the references are not speeds. Several moves are required because a disturbance of one move
 /// affects all its joints.
-const ENOUGH: usize = 12;
+const MAX_SECTIONS: usize = 12;
 const UNFAIR: (usize, usize) = (3, 2);
 /// Relative difference beyond which two references differ.
 const ROUNDING: f64 = 0.01;
@@ -86,7 +86,8 @@ impl Gauge {
     pub fn told(&mut self, joint: usize, from: f64, to: f64, speed: f64) {
         let way = to - from;
         let stretch = (MARKS[1] - MARKS[0]) * way.abs() / speed;
-        let counts = self.seen.len() < ENOUGH && way.abs() >= LEAST.0 && stretch >= LEAST.1 && stretch.is_finite();
+        let counts =
+            self.seen.len() < MAX_SECTIONS && way.abs() >= LEAST.0 && stretch >= LEAST.1 && stretch.is_finite();
         self.pending.retain(|pending| pending.joint != joint);
         if let Some(slot) = self.joints.get_mut(joint) {
             *slot = counts.then_some(Timed {
@@ -142,7 +143,7 @@ impl Gauge {
         let was = self.is_unfair();
         for Pending { joint, number, told, times } in self.pending.drain(..) {
             let is_told = |read: &f64| (read - told).abs() <= ROUNDING * told;
-            if self.seen.len() < ENOUGH && references.get(joint).is_none_or(is_told) {
+            if self.seen.len() < MAX_SECTIONS && references.get(joint).is_none_or(is_told) {
                 self.seen.push(times);
                 if !FAIR.contains(&times) {
                     self.unfair.insert(number);
@@ -217,7 +218,7 @@ mod tests {
             for _ in 0..4 {
                 assert!(!moved(&mut gauge, way, period, even) && !moved(&mut gauge, way, period, eased));
             }
-            assert_eq!(gauge.seen.len(), ENOUGH, "no more than enough");
+            assert_eq!(gauge.seen.len(), MAX_SECTIONS, "no more than enough");
             assert!(gauge.seen.iter().all(|times| (0.9..1.7).contains(times)), "{:?}", gauge.seen);
         }
     }
@@ -340,12 +341,12 @@ mod tests {
             gauge.seen().len()
         };
         assert_eq!([9.85, 10.05, 10.2, 18.0].map(|read| outran(&mut gauge, read)), [0, 1, 1, 1]);
-        while gauge.seen().len() < ENOUGH - 1 {
+        while gauge.seen().len() < MAX_SECTIONS - 1 {
             outran(&mut gauge, 10.0);
         }
         // both stretches of one move
         moved(&mut gauge, 30.0, 0.02, |t| t.min(1.0));
-        assert_eq!(gauge.seen().len(), ENOUGH);
+        assert_eq!(gauge.seen().len(), MAX_SECTIONS);
         gauge.told(0, 0.0, 90.0, 10.0);
         gauge.outran(0, 1.0);
         assert!(!gauge.asks(), "nobody is asked for what is known");

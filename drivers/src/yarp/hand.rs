@@ -20,7 +20,7 @@ use tokio::sync::{Mutex, mpsc, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 /// Period of queries whether a motion has ended.
-const ASKING: Duration = Duration::from_millis(10);
+const QUERY_PERIOD: Duration = Duration::from_millis(10);
 /// Period at which velocities are sent again: real boards stop a joint that receives nothing for 0.1 s.
 const REFRESH: Duration = Duration::from_millis(40);
 /// Age of the newest answer at which the board is queried to measure its answer time, s.
@@ -151,7 +151,7 @@ impl Hand {
         let mut orders = orders.lock().await;
         let mut link = self.board.link();
         let mut taking = self.cell.taking();
-        let mut asking = interval(ASKING);
+        let mut asking = interval(QUERY_PERIOD);
         let mut refresh = interval(REFRESH);
         asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
         refresh.set_missed_tick_behavior(MissedTickBehavior::Delay);

@@ -16,7 +16,7 @@ use std::time::Duration;
 /// setpoint.
 const PLANNED: f64 = 0.8;
 /// Number of the board's periods by which a move may advance from one reading to the next.
-const MOST: f64 = 1.0 / PLANNED;
+const MAX_PERIODS: f64 = 1.0 / PLANNED;
 
 /// Lag of a joint that is tolerated in addition to the latency, as s at its speed and as rad.
 const BEHIND: (f64, f64) = (0.1, 0.5 * std::f64::consts::PI / 180.0);
@@ -122,7 +122,7 @@ impl Legs {
 
     /// Advances all moves for a reading `q` (rad) and returns the setpoints due, move by move.
     pub fn step(&mut self, now: Time, period: Duration, q: &[f64]) -> Vec<(Vec<usize>, Vec<f64>)> {
-        let most = MOST * period.as_secs_f64();
+        let most = MAX_PERIODS * period.as_secs_f64();
         let gone = self.last.replace(now).map_or(0.0, |last| now.since(last).as_secs_f64().min(most));
         let mut due = Vec::new();
         for leg in &mut self.under_way {

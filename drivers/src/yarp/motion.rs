@@ -11,12 +11,12 @@ use super::encoder::Encoder;
 use std::collections::VecDeque;
 
 /// Time for which encoders must rest, s.
-pub const WHILE: f64 = 0.1;
+pub const REST_TIME_S: f64 = 0.1;
 /// Drift of the mean readings from one half of that time to the other below which a joint is steady, that is,
 /// at rest except for noise, deg.
 const DRIFT: f64 = 0.1;
 /// Largest number of states stored for this.
-const MOST: usize = 256;
+const MAX_STATES: usize = 256;
 
 /// Source of the end of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -137,7 +137,7 @@ impl Motions {
     pub fn read(&mut self, at: f64, q: &[f64]) {
         self.window.push_back((at, q.to_vec()));
         // keeps one state older than the window, so that the window is covered
-        while self.window.len() > MOST || self.window.get(1).is_some_and(|(t, _)| *t <= at - WHILE) {
+        while self.window.len() > MAX_STATES || self.window.get(1).is_some_and(|(t, _)| *t <= at - REST_TIME_S) {
             self.window.pop_front();
         }
         let covered = is_covered(&self.window);
@@ -149,7 +149,7 @@ impl Motions {
             let Doing::Busy { end, given: Some(given), arrived, .. } = *slot else { continue };
             let over = match end {
                 End::Told => arrived,
-                End::Seen => covered && at >= given + WHILE && rests(&self.window, &self.encoders, j),
+                End::Seen => covered && at >= given + REST_TIME_S && rests(&self.window, &self.encoders, j),
             };
             if over {
                 *slot = Doing::Rest;
@@ -176,7 +176,7 @@ impl Motions {
     /// Joints to stop: those that move, or were commanded to. `None`, for all, if the states are
     /// insufficient.
     pub fn to_stop(&self, now: f64) -> Option<Vec<usize>> {
-        let fresh = self.window.back().is_some_and(|(at, _)| *at >= now - WHILE);
+        let fresh = self.window.back().is_some_and(|(at, _)| *at >= now - REST_TIME_S);
         let moves = |j: &usize| !self.rests(*j);
         (fresh && is_covered(&self.window)).then(|| (0..self.joints.len()).filter(moves).collect())
     }
@@ -192,7 +192,7 @@ impl Motions {
             return MeasuredSpeeds::Unknown;
         };
         let secs = ended - begun;
-        if *ended < since || secs < 0.5 * WHILE {
+        if *ended < since || secs < 0.5 * REST_TIME_S {
             return MeasuredSpeeds::Unknown;
         }
         if (0..to.len()).all(|j| rests(&self.window, &self.encoders, j)) {
@@ -215,7 +215,7 @@ impl Motions {
 
 /// True if the states go back far enough to detect a rest.
 fn is_covered(window: &VecDeque<(f64, Vec<f64>)>) -> bool {
-    window.front().zip(window.back()).is_some_and(|((begun, _), (ended, _))| *begun <= ended - WHILE)
+    window.front().zip(window.back()).is_some_and(|((begun, _), (ended, _))| *begun <= ended - REST_TIME_S)
 }
 
 /// True if the readings of a joint drift no more than noise does.
@@ -318,7 +318,7 @@ mod tests {
         let mut m = Motions::new(2);
         assert_eq!(m.speeds(0.0), MeasuredSpeeds::Unknown);
         m.read(0.0, &[0.0, 0.0]);
-        m.read(0.5 * WHILE, &[1.0, 0.0]);
+        m.read(0.5 * REST_TIME_S, &[1.0, 0.0]);
         assert_eq!(m.speeds(0.0), MeasuredSpeeds::At(vec![20.0, 0.0]));
         m.forget();
         m.read(2.0, &[0.0, 0.0]);
@@ -371,7 +371,7 @@ mod tests {
     fn a_board_in_a_hurry_takes_no_more_room() {
         let mut m = Motions::new(1);
         (0..1000).for_each(|i| m.read(1e-4 * f64::from(i), &[0.0]));
-        assert_eq!(m.window.len(), MOST);
+        assert_eq!(m.window.len(), MAX_STATES);
     }
 
     #[test]

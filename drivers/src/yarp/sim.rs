@@ -38,7 +38,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 /// Period of the judge's checks.
-const LOOK: Duration = Duration::from_millis(20);
+const CHECK_PERIOD: Duration = Duration::from_millis(20);
 
 /// A simulated robot behind a simulated wire, driven like one behind YARP.
 pub struct YarpSim {
@@ -240,7 +240,7 @@ impl SimWire {
 
 /// Checks all boards periodically, without end.
 async fn watch(judge: Arc<Mutex<Judge>>, all: Vec<Arc<Far>>) {
-    let mut looks = tokio::time::interval(LOOK);
+    let mut looks = tokio::time::interval(CHECK_PERIOD);
     looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         looks.tick().await;

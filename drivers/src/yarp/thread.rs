@@ -33,7 +33,7 @@ use tokio::time::Instant;
 /// Number of orders that may wait for one board.
 const WAITING: usize = 64;
 /// Pause before tasks are started again.
-const AGAIN: Duration = Duration::from_millis(200);
+const RESTART_PAUSE: Duration = Duration::from_millis(200);
 
 /// Location of the two threads.
 #[derive(Clone, Copy, Debug)]
@@ -168,7 +168,7 @@ impl Shared {
             };
             self.reach.died(&why, side);
             drop(crew);
-            tokio::time::sleep(AGAIN).await;
+            tokio::time::sleep(RESTART_PAUSE).await;
         }
     }
 

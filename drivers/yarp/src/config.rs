@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Port number of name servers, unless `YARP_PORT_RANGE` or a file gives another.
 pub const DEFAULT_PORT: u16 = 10000;
 /// Greatest size of a configuration file, bytes; longer ones are refused.
-const LONGEST: u64 = 64 * 1024;
+const MAX_FILE_BYTES: u64 = 64 * 1024;
 
 /// Error in the user's YARP configuration, with the place and the remedy.
 #[derive(Debug, thiserror::Error)]
@@ -237,7 +237,7 @@ fn blank(c: char) -> bool {
 fn read(path: &Path) -> Result<Option<String>, NetworkConfigError> {
     let unreadable = |why: String| NetworkConfigError::Unreadable { path: path.into(), why };
     match std::fs::metadata(path) {
-        Ok(about) if about.len() > LONGEST => return Err(unreadable(format!("it has {} bytes", about.len()))),
+        Ok(about) if about.len() > MAX_FILE_BYTES => return Err(unreadable(format!("it has {} bytes", about.len()))),
         // reading a pipe would block, and a device has no end
         Ok(about) if !about.is_file() => return Err(unreadable("it is no file".into())),
         _ => {}

@@ -7,7 +7,7 @@ use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 
 /// Time since the last message within which a connection keeps its place.
-const PATIENCE: Duration = Duration::from_secs(1);
+const KEEP_ALIVE: Duration = Duration::from_secs(1);
 
 /// Time of the last message of a connection, and whether it has sent anything but its name.
 #[derive(Debug)]
@@ -58,7 +58,7 @@ impl Guests {
     }
 
     fn make_room(&mut self) -> bool {
-        let silent = |(_, heard): &&(AbortHandle, Arc<Heard>)| heard.last().1.elapsed() > PATIENCE;
+        let silent = |(_, heard): &&(AbortHandle, Arc<Heard>)| heard.last().1.elapsed() > KEEP_ALIVE;
         let all = self.guests.iter().enumerate().filter(|(_, guest)| silent(guest));
         let Some(at) = all.min_by_key(|(_, (_, heard))| heard.last()).map(|(at, _)| at) else { return false };
         self.guests.swap_remove(at).0.abort();
@@ -98,7 +98,7 @@ mod tests {
         heard.truncate(3);
         // the first speaks once, the second never, the third goes on
         heard[0].now();
-        tokio::time::advance(2 * PATIENCE).await;
+        tokio::time::advance(2 * KEEP_ALIVE).await;
         heard[2].now();
         let alive = |guests: &Guests, one: &Arc<Heard>| guests.guests.iter().any(|(_, known)| Arc::ptr_eq(known, one));
         assert!(admit(&mut guests, &mut heard));

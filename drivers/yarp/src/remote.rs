@@ -7,7 +7,7 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 /// Greatest size of a port's answer, bytes.
-const LONGEST: u64 = 1 << 20;
+const MAX_ANSWER_BYTES: u64 = 1 << 20;
 
 /// Reason why a port did not execute the request of a third program.
 #[derive(Debug, thiserror::Error)]
@@ -186,7 +186,7 @@ async fn talk(network: &Network, contact: &Contact, me: &str, message: &[u8]) ->
 
 async fn exchange(mut stream: TcpStream, me: &str, message: &[u8]) -> io::Result<Vec<String>> {
     let (read, mut write) = stream.split();
-    let mut lines = BufReader::new(read.take(LONGEST)).split(b'\n');
+    let mut lines = BufReader::new(read.take(MAX_ANSWER_BYTES)).split(b'\n');
     let mut next = async || match lines.next_segment().await? {
         Some(line) => Ok(String::from_utf8_lossy(line.strip_suffix(b"\r").unwrap_or(&line)).into_owned()),
         None => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "it closed the connection")),

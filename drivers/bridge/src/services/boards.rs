@@ -13,7 +13,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
 /// Number of retries of a motion while the robot is about to be ready, and the pause between them.
-const PATIENCE: (usize, Duration) = (30, Duration::from_millis(10));
+const RETRIES: (usize, Duration) = (30, Duration::from_millis(10));
 /// Number of retries, with the same pauses, for a robot that is still starting: a program may connect as soon
 /// as it finds the port.
 const STARTING: usize = 200;
@@ -160,7 +160,7 @@ impl PartFilter {
             if self.robot.filtered.latest().status != Status::Starting {
                 return;
             }
-            tokio::time::sleep(PATIENCE.1).await;
+            tokio::time::sleep(RETRIES.1).await;
         }
     }
 
@@ -221,12 +221,12 @@ impl PartFilter {
     /// Retries for a moment while the robot is not ready, because it may have only just come to rest.
     async fn patiently(&self, mut attempt: impl FnMut() -> mobee_contract::Answer<Verdict>) -> Verdict {
         let mut verdict = attempt().await;
-        for _ in 0..PATIENCE.0 {
+        for _ in 0..RETRIES.0 {
             let soon = matches!(verdict, Err(Refusal::NotReady { .. }));
             if !soon || closed(self.robot.filtered.latest().status) {
                 break;
             }
-            tokio::time::sleep(PATIENCE.1).await;
+            tokio::time::sleep(RETRIES.1).await;
             verdict = attempt().await;
         }
         verdict

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Period of queries to the name server.
-const LOOK: Duration = Duration::from_secs(2);
+const CHECK_PERIOD: Duration = Duration::from_secs(2);
 
 /// Reason why a run can't have a port name, with the remedy.
 pub(super) fn refusal(error: &PortError) -> String {
@@ -37,6 +37,6 @@ pub(super) async fn lost(network: &Network, names: &[String]) -> String {
                 return refusal(&PortError::Taken(contact));
             }
         }
-        tokio::time::sleep(LOOK).await;
+        tokio::time::sleep(CHECK_PERIOD).await;
     }
 }

@@ -7,7 +7,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
 
 /// Time limit of an answer of the name server.
-const PATIENCE: Duration = Duration::from_secs(2);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Opens the network of the settings and of YARP's own configuration, with a name server of our own if it
 /// needed one.
@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// A message with the remedy.
 pub(super) async fn open(settings: &YarpSettings) -> Result<(Network, Option<NameServer>), String> {
     let network = find(settings)?;
-    let probe = network.clone().with_timeout(PATIENCE);
+    let probe = network.clone().with_timeout(ANSWER_TIMEOUT);
     let Err(error) = probe.query(network.namespace()).await else { return Ok((network, None)) };
     let (host, port) = network.server();
     if !settings.start_name_server {

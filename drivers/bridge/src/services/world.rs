@@ -14,12 +14,12 @@ use tokio::sync::Mutex;
 /// Period at which grabbed objects are moved with their markers.
 const PERIOD: Duration = Duration::from_millis(20);
 /// Time limit of an edit.
-const PATIENCE: Duration = Duration::from_secs(5);
+const EDIT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Changes of the world per second, for all programs together: the model makes each on the thread that
 /// supervises the robots, and each is a line in the journal.
 const PER_SECOND: f64 = 200.0;
 /// Largest number of changes at once.
-const MOST: f64 = 400.0;
+const MAX_CHANGES: f64 = 400.0;
 /// Shortest time between two reports of refused changes.
 const SUM_UP: Duration = Duration::from_secs(1);
 
@@ -43,7 +43,7 @@ impl WorldService {
     /// Creates the service for this system; `folder` is the location of saved worlds, if any.
     pub fn new(running: Arc<dyn Running>, folder: Option<PathBuf>) -> WorldService {
         let now = running.now();
-        let credit = Credit::full(now, PER_SECOND, MOST);
+        let credit = Credit::full(now, PER_SECOND, MAX_CHANGES);
         let core = Core { rpc: WorldRpc::default(), credit, refused: (0, now) };
         WorldService { running, folder, core: Mutex::new(core) }
     }
@@ -80,7 +80,7 @@ impl WorldService {
                 core.credit.owe(edits.len() - 1);
                 for edit in edits {
                     // an object that has just been removed is released in the next cycle
-                    let _ = tokio::time::timeout(PATIENCE, self.running.edit(edit)).await;
+                    let _ = tokio::time::timeout(EDIT_TIMEOUT, self.running.edit(edit)).await;
                 }
             }
         }
@@ -130,7 +130,7 @@ impl WorldService {
 
     async fn make(&self, edits: Vec<Edit>) -> Result<(), WorldRefusal> {
         for edit in edits {
-            match tokio::time::timeout(PATIENCE, self.running.edit(edit)).await {
+            match tokio::time::timeout(EDIT_TIMEOUT, self.running.edit(edit)).await {
                 Ok(done) => done.map_err(WorldRefusal::Model)?,
                 Err(_) => return Err(WorldRefusal::ModelSilent),
             }

@@ -9,7 +9,7 @@ use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 
 /// Distance and angle (m, rad) below which an object is not moved, so that a robot at rest makes no edits.
-const NEAR: (f64, f64) = (0.000_5, 0.005);
+const MOVE_THRESHOLD: (f64, f64) = (0.000_5, 0.005);
 
 /// Grabbed objects, by name.
 #[derive(Default)]
@@ -73,7 +73,7 @@ impl Grabs {
             let off = (pose.translation.vector - object.pose.translation.vector).norm();
             let turned = pose.rotation.angle_to(&object.pose.rotation);
             // NaN moves nothing
-            (off > NEAR.0 || turned > NEAR.1).then(|| Edit::Move { name: name.clone(), pose })
+            (off > MOVE_THRESHOLD.0 || turned > MOVE_THRESHOLD.1).then(|| Edit::Move { name: name.clone(), pose })
         };
         self.0.iter().filter_map(edit).collect()
     }

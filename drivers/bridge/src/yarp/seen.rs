@@ -14,9 +14,9 @@ use mobee_contract::{Intrinsics, Region, SeenPose};
 use mobee_yarp::{Bottle, Value};
 
 /// Largest number of regions in one image.
-const MOST: usize = 256;
+const MAX_REGIONS: usize = 256;
 /// Greatest width and height of an image, pixels.
-const LONGEST: i64 = 16_384;
+const MAX_SIDE_PX: i64 = 16_384;
 
 /// Detections in one image.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,8 +61,8 @@ impl SeenRegions {
             return Err(misses("focal", "two lengths above zero"));
         }
         let regions = find(bottle, "regions").ok_or_else(|| misses("regions", "a list for each region"))?;
-        if regions.len() > MOST {
-            return Err(format!("{} regions in one picture are more than {MOST}", regions.len()));
+        if regions.len() > MAX_REGIONS {
+            return Err(format!("{} regions in one picture are more than {MAX_REGIONS}", regions.len()));
         }
         let read = |(k, value): (usize, &Value)| {
             let region = value.as_list().ok_or_else(|| "it is no list".to_owned()).and_then(region);
@@ -142,7 +142,7 @@ fn misses(key: &str, what: &str) -> String {
 /// Width or height of an image, pixels.
 fn side(value: &Value) -> Option<u32> {
     let whole = number(Some(value)).filter(|n| n.fract() == 0.0)?;
-    (1..=LONGEST).contains(&(whole as i64)).then_some(whole as u32)
+    (1..=MAX_SIDE_PX).contains(&(whole as i64)).then_some(whole as u32)
 }
 
 #[cfg(test)]
@@ -204,7 +204,7 @@ mod tests {
             assert!(refused.contains(what), "{from} -> {to}: {refused}");
         }
         assert!(SeenRegions::parse(&Bottle::new()).is_err());
-        let many = SeenRegions { regions: vec![seen().regions[0].clone(); MOST + 1], ..seen() };
+        let many = SeenRegions { regions: vec![seen().regions[0].clone(); MAX_REGIONS + 1], ..seen() };
         assert!(SeenRegions::parse(&many.bottle()).unwrap_err().contains("more than"));
     }
 }

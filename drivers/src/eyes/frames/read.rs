@@ -1,7 +1,7 @@
 //! Reader of recorded frames. A damaged record is skipped and reported, and the next valid one is searched
 //! for.
 
-use super::{HEAD, LONGEST, MAGIC, START, VERSION, file};
+use super::{HEAD_BYTES, MAGIC, MAX_SIDE_PX, START, VERSION, file};
 use mobee_contract::{Frame, Intrinsics, KindError, Time, picture, suggestion};
 use mobee_model::file::find_record;
 use std::fs::File;
@@ -10,13 +10,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Greatest length of a record, bytes: noise is incompressible.
-const LONGEST_RECORD: u64 = HEAD as u64 + 4 * LONGEST as u64 * LONGEST as u64;
+const MAX_RECORD_BYTES: u64 = HEAD_BYTES as u64 + 4 * MAX_SIDE_PX as u64 * MAX_SIDE_PX as u64;
 /// Greatest plausible duration of a run.
-const LONGEST_RUN: Duration = Duration::from_secs(100 * 366 * 86_400);
+const MAX_RUN_TIME: Duration = Duration::from_secs(100 * 366 * 86_400);
 /// Largest number of cameras, and of damaged places of a file, that are reported.
-const TOLD: usize = 100;
+const MAX_REPORTED: usize = 100;
 /// Limit of the bytes that are checksummed in search of the records of one file.
-const SEARCH: u64 = 8 << 30;
+const MAX_SEARCHED_BYTES: u64 = 8 << 30;
 
 /// Description of an error, and its remedy.
 type Wrong = (String, String);
@@ -79,7 +79,14 @@ impl FrameReader {
         match start.strip_prefix(MAGIC) {
             Some(version) if version == VERSION => {
                 let path = path.into();
-                Ok(Some(FrameReader { path, file, at: START, damage: Vec::new(), tail: None, search: SEARCH }))
+                Ok(Some(FrameReader {
+                    path,
+                    file,
+                    at: START,
+                    damage: Vec::new(),
+                    tail: None,
+                    search: MAX_SEARCHED_BYTES,
+                }))
             }
             Some(_) => Err((
                 format!("{at} is of another version"),
@@ -145,7 +152,7 @@ impl FrameReader {
 
     /// Frame whose record starts here, if it is plausible and lies within the file.
     fn head(&self, at: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
-        let mut start = [0; 4 + HEAD];
+        let mut start = [0; 4 + HEAD_BYTES];
         if len < at + start.len() as u64 {
             return Ok(None);
         }
@@ -155,7 +162,7 @@ impl FrameReader {
 
     /// True if another record follows, of a later frame.
     fn is_followed(&self, frame: &KeptFrame, len: u64) -> std::io::Result<bool> {
-        let mut start = [0; 4 + HEAD];
+        let mut start = [0; 4 + HEAD_BYTES];
         if len < frame.end() + start.len() as u64 {
             return Ok(false);
         }
@@ -167,7 +174,7 @@ impl FrameReader {
     fn find(&mut self, from: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
         let mut left = self.search;
         let mut found = None;
-        find_record(&self.file, from, |at, start: &[u8; 4 + HEAD]| {
+        find_record(&self.file, from, |at, start: &[u8; 4 + HEAD_BYTES]| {
             let frame = parse(start, at).filter(|frame| frame.end() <= len && frame.length <= left);
             left -= frame.map_or(0, |frame| frame.length);
             found = frame.filter(|frame| self.png(frame).is_ok());
@@ -179,7 +186,7 @@ impl FrameReader {
 
     /// Records a damaged part, once.
     fn leave_out(&mut self, from: u64, to: u64) {
-        if self.damage.len() < TOLD && self.damage.last().is_none_or(|(last, _)| *last < from) {
+        if self.damage.len() < MAX_REPORTED && self.damage.last().is_none_or(|(last, _)| *last < from) {
             self.damage.push((from, to));
         }
     }
@@ -194,7 +201,7 @@ impl FrameReader {
         self.file.read_exact_at(&mut record, frame.at).map_err(|e| self.unreadable(&e))?;
         let whole =
             record.split_last_chunk::<4>().filter(|(rest, sum)| crc32fast::hash(rest) == u32::from_le_bytes(**sum));
-        let png = whole.and_then(|(rest, _)| rest.get(4 + HEAD..));
+        let png = whole.and_then(|(rest, _)| rest.get(4 + HEAD_BYTES..));
         png.map(<[u8]>::to_vec).ok_or_else(|| self.damaged(frame.at))
     }
 
@@ -246,7 +253,7 @@ fn missing(run: &Path, camera: &str) -> KindError {
     };
     let names = entries.flatten().filter_map(|e| e.file_name().into_string().ok());
     let mut known: Vec<String> =
-        names.filter_map(|n| Some(n.strip_suffix(".frames")?.replace('.', "/"))).take(TOLD).collect();
+        names.filter_map(|n| Some(n.strip_suffix(".frames")?.replace('.', "/"))).take(MAX_REPORTED).collect();
     known.sort();
     if known.is_empty() {
         return KindError::new("run", format!("the run {at} kept no frames"), again());
@@ -257,7 +264,7 @@ fn missing(run: &Path, camera: &str) -> KindError {
 }
 
 /// Frame whose record starts with these bytes at `at`, if they are plausible.
-fn parse(start: &[u8; 4 + HEAD], at: u64) -> Option<KeptFrame> {
+fn parse(start: &[u8; 4 + HEAD_BYTES], at: u64) -> Option<KeptFrame> {
     let (length, rest) = start.split_first_chunk()?;
     let (exposed, rest) = rest.split_first_chunk()?;
     let (width, rest) = rest.split_first_chunk()?;
@@ -271,9 +278,9 @@ fn parse(start: &[u8; 4 + HEAD], at: u64) -> Option<KeptFrame> {
     let exposed = Time(u64::from_le_bytes(*exposed));
     let size = [u32::from_le_bytes(*width), u32::from_le_bytes(*height)];
     let intrinsics = Intrinsics { size, focal: [fx, fy], center: [cx, cy], distortion: [k1, k2, p1, p2] };
-    let is_sound = (HEAD as u64 + 1..=LONGEST_RECORD).contains(&length)
-        && exposed.since(Time::ZERO) <= LONGEST_RUN
-        && size.iter().all(|n| (1..=LONGEST).contains(n))
+    let is_sound = (HEAD_BYTES as u64 + 1..=MAX_RECORD_BYTES).contains(&length)
+        && exposed.since(Time::ZERO) <= MAX_RUN_TIME
+        && size.iter().all(|n| (1..=MAX_SIDE_PX).contains(n))
         && numbers.iter().all(|x| x.is_finite());
     is_sound.then_some(KeptFrame { exposed, intrinsics, at, length })
 }

@@ -208,7 +208,7 @@ fn frames_that_are_none_are_not_kept() {
         let frame = frame(1);
         Frame { intrinsics: Intrinsics { size, ..frame.intrinsics }, pixels: vec![0; bytes].into(), ..frame }
     };
-    for wrong in [with([5, 3], 44), with([0, 3], 0), with([LONGEST + 1, 1], 3 * (LONGEST as usize + 1))] {
+    for wrong in [with([5, 3], 44), with([0, 3], 0), with([MAX_SIDE_PX + 1, 1], 3 * (MAX_SIDE_PX as usize + 1))] {
         let told = write(sink.as_mut(), "eyes/left", &wrong).unwrap_err();
         assert!(told.contains("can't be kept"), "{told}");
     }

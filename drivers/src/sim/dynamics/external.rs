@@ -7,7 +7,7 @@ use std::sync::Arc;
 /// Gravity, m/s^2.
 const GRAVITY: f64 = 9.81;
 /// Distance below which a pair is tracked between two evaluations, m.
-const NEAR: f64 = 0.03;
+const TRACKING_DISTANCE_M: f64 = 0.03;
 
 /// Surroundings of an arm, and its physical parameters.
 #[derive(Clone, Debug)]
@@ -80,7 +80,7 @@ impl ExternalTorques {
         let weight = |(node, at, volume)| Weight { node, at, newtons: volume * per_volume };
         let motors = robot.motors.len();
         Some(ExternalTorques {
-            watch: Watch::new(physics.scene.clone(), NEAR),
+            watch: Watch::new(physics.scene.clone(), TRACKING_DISTANCE_M),
             weights: shapes.into_iter().map(weight).filter(|w| w.newtons > 0.0).collect(),
             seen: vec![0.0; motors],
             weight: vec![0.0; motors],

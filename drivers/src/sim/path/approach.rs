@@ -8,7 +8,7 @@ const GAIN: f64 = 6.0;
 /// Gain of the derivative, which brakes a little, s.
 const DERIVATIVE: f64 = 0.3;
 /// Remaining distance at which the motor rests, rad.
-const THERE: f64 = 1e-6;
+const REST_DISTANCE_RAD: f64 = 1e-6;
 /// Remaining distance at which the board reports done, rad.
 const DONE: f64 = std::f64::consts::PI / 180.0;
 
@@ -51,7 +51,7 @@ impl Approach {
 
     /// Seconds until it rests.
     pub fn duration(&self) -> f64 {
-        self.until(THERE)
+        self.until(REST_DISTANCE_RAD)
     }
 
     /// Seconds until the board reports done.

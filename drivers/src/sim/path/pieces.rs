@@ -3,7 +3,7 @@
 use super::{Bounds, State};
 
 /// Largest number of pieces of a path: four to catch up with a setpoint and four to stop on it.
-const MOST: usize = 9;
+const MAX_PIECES: usize = 9;
 
 /// A piece of constant acceleration: its start state and time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -15,7 +15,7 @@ struct Piece {
 /// A motion in pieces of constant acceleration that ends at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pieces {
-    pieces: [Piece; MOST],
+    pieces: [Piece; MAX_PIECES],
     len: usize,
     /// State after the last piece, and its time.
     last: Piece,
@@ -25,7 +25,7 @@ impl Pieces {
     /// A motion without pieces, at `state`.
     pub fn new(state: State) -> Pieces {
         let state = State { a: 0.0, ..state };
-        Pieces { pieces: [Piece::default(); MOST], len: 0, last: Piece { t: 0.0, state } }
+        Pieces { pieces: [Piece::default(); MAX_PIECES], len: 0, last: Piece { t: 0.0, state } }
     }
 
     /// Adds `seconds` at acceleration `a`. Pieces without a duration are omitted.

@@ -10,8 +10,8 @@ use std::time::Duration;
 use tokio::time::sleep;
 
 /// Time limit of a switch, and the period at which it is checked.
-const PATIENCE: Duration = Duration::from_secs(2);
-const LOOK: Duration = Duration::from_millis(5);
+const SWITCH_TIMEOUT: Duration = Duration::from_secs(2);
+const CHECK_PERIOD: Duration = Duration::from_millis(5);
 
 impl Hand {
     /// True if these joints report this mode.
@@ -63,7 +63,7 @@ impl Hand {
         what: &str,
         left: impl Fn(&Hand) -> Vec<usize>,
     ) -> Result<(), String> {
-        let rounds = PATIENCE.as_millis() / LOOK.as_millis();
+        let rounds = SWITCH_TIMEOUT.as_millis() / CHECK_PERIOD.as_millis();
         for round in 0..rounds {
             match epoch {
                 Some(epoch) => self.interrupted(epoch).await?,
@@ -76,9 +76,9 @@ impl Hand {
             if round % 4 == 3 {
                 self.learn_modes().await;
             }
-            sleep(LOOK).await;
+            sleep(CHECK_PERIOD).await;
         }
-        Err(format!("no sign within {PATIENCE:?} that joint {:?} {what}", left(self)))
+        Err(format!("no sign within {SWITCH_TIMEOUT:?} that joint {:?} {what}", left(self)))
     }
 
     /// Queries all modes.

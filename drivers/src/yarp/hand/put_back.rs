@@ -13,7 +13,7 @@ use tokio::time::sleep;
 /// Time within which a board has to settle and be restored at the end, in addition to its answer times.
 pub const ENDING: Duration = Duration::from_secs(1);
 /// Period of that check.
-const LOOK: Duration = Duration::from_millis(10);
+const CHECK_PERIOD: Duration = Duration::from_millis(10);
 /// Ticket of modes that are being restored; no order has it.
 const BACK: u64 = u64::MAX;
 
@@ -143,7 +143,7 @@ impl Hand {
         };
         while owes(self) && self.cell.is_ours(self.index) && self.cell.secs(instant()) < until {
             self.put_back(true).await;
-            sleep(LOOK).await;
+            sleep(CHECK_PERIOD).await;
         }
     }
 }

@@ -17,7 +17,7 @@ use std::time::Duration;
 const AT_ONCE: Duration = Duration::from_millis(45);
 /// Time within which a stop without effect has to be repeated: one check of its effect may find a motor that
 /// was slowing down anyway.
-const AGAIN: Duration = Duration::from_millis(400);
+const REPEAT_WITHIN: Duration = Duration::from_millis(400);
 /// Time after a stop during which waiting setpoints may still go out: the hand discards them once its request
 /// has been answered.
 const HUSHED: Duration = Duration::from_millis(700);
@@ -309,7 +309,7 @@ impl Judge {
                 ));
             }
         }
-        if let Some(since) = watched.ignored.filter(|since| now.since(*since) > AGAIN) {
+        if let Some(since) = watched.ignored.filter(|since| now.since(*since) > REPEAT_WITHIN) {
             watched.ignored = None;
             if !excused && watched.stopped.is_some() && fastest > 2.5 * REST {
                 found.push(format!(

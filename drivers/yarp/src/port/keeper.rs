@@ -8,8 +8,8 @@ use std::task::Poll;
 use std::time::Duration;
 use tokio::time::{Sleep, sleep};
 
-const FIRST: Duration = Duration::from_millis(50);
-const LONGEST: Duration = Duration::from_secs(2);
+const MIN_PAUSE: Duration = Duration::from_millis(50);
+const MAX_PAUSE: Duration = Duration::from_secs(2);
 
 /// Holds the connection. A user takes it out and puts it back after success, so that a canceled exchange
 /// never leaves a connection out of step.
@@ -53,7 +53,7 @@ impl Keeper {
             remembers: false,
             last: None,
             line: None,
-            delay: FIRST,
+            delay: MIN_PAUSE,
             pause: None,
         }
     }
@@ -99,7 +99,7 @@ impl Keeper {
             return Err(self.lost("the connection was lost; waiting before the next attempt"));
         }
         self.pause = Some(Box::pin(sleep(self.delay)));
-        self.delay = (self.delay * 2).min(LONGEST);
+        self.delay = (self.delay * 2).min(MAX_PAUSE);
         self.dial().await
     }
 
@@ -120,7 +120,7 @@ impl Keeper {
     /// at once.
     pub fn put(&mut self, line: TextMessage) {
         self.line = Some(line);
-        (self.delay, self.pause) = (FIRST, None);
+        (self.delay, self.pause) = (MIN_PAUSE, None);
     }
 
     /// Ends the connection in order.

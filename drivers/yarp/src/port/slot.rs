@@ -15,7 +15,7 @@ use tokio::time::Instant;
 /// milliseconds loses nothing of a stream at 1 kHz, like the real library, which blocks its writer.
 const HICCUP: Duration = Duration::from_millis(20);
 /// Largest number of messages that wait in this way.
-const MOST: usize = 32;
+const MAX_WAITING: usize = 32;
 
 /// Policy for connections that are slower than the writer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,7 +87,7 @@ impl Slot {
         match self.delivery {
             Delivery::Newest => {
                 let old = |since: &Instant| now.duration_since(*since) > HICCUP;
-                while state.packets.front().is_some_and(|(since, _)| old(since)) || state.packets.len() >= MOST {
+                while state.packets.front().is_some_and(|(since, _)| old(since)) || state.packets.len() >= MAX_WAITING {
                     state.packets.pop_front();
                 }
                 let dropped = before - state.packets.len();

@@ -6,9 +6,9 @@ use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 
 /// Period of requests by an input without any connection, and of checks for silence.
-const LOOK: Duration = Duration::from_millis(500);
+const CHECK_PERIOD: Duration = Duration::from_millis(500);
 /// Longest time between two requests to a source that remains silent, in multiples of its patience.
-const LONGEST: u32 = 8;
+const MAX_BACKOFF: u32 = 8;
 
 /// A port that has to send to an input. A connection proves nothing: it may belong to another program, or may
 /// have lost its other end without notice. So only messages count.
@@ -43,10 +43,10 @@ impl StreamSource {
             if clock::now() >= self.due || alone {
                 let connected = input.connect_from(&self.port, self.carrier).await;
                 self.due = clock::now() + self.wait;
-                self.wait = (2 * self.wait).min(LONGEST * self.patience);
+                self.wait = (2 * self.wait).min(MAX_BACKOFF * self.patience);
                 connected?;
             }
-            match timeout_at(self.due.min(clock::now() + LOOK), input.recv()).await {
+            match timeout_at(self.due.min(clock::now() + CHECK_PERIOD), input.recv()).await {
                 Ok(Some(message)) => {
                     if message.from == name {
                         (self.wait, self.due) = (self.patience, clock::now() + self.patience);

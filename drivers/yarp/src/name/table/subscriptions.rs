@@ -7,7 +7,7 @@ use crate::name::text::sayable;
 use std::collections::BTreeMap;
 
 /// Largest number of stored connections.
-const MOST: usize = 4096;
+const MAX_CONNECTIONS: usize = 4096;
 
 /// A connection to be made, with its ends as the subscriber wrote them (they may have carriers).
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,7 +33,10 @@ impl Subscriptions {
     /// `to`: the connection is then removed with that end.
     pub(super) fn add(&mut self, src: &str, dest: &str, mode: &str) -> bool {
         let key = (bare(src), bare(dest));
-        if !(sayable(src) && sayable(dest)) || mode.len() > 10 || (self.0.len() >= MOST && !self.0.contains_key(&key)) {
+        if !(sayable(src) && sayable(dest))
+            || mode.len() > 10
+            || (self.0.len() >= MAX_CONNECTIONS && !self.0.contains_key(&key))
+        {
             return false;
         }
         self.0.insert(key, (PendingConnection { src: src.into(), dest: dest.into() }, mode.into()));
