@@ -261,7 +261,7 @@ impl Hardware for YarpHardware {
 
     fn native_state(&self, part: &str) -> Option<NativeState> {
         let board = self.layout.patches.iter().position(|p| p.part == part)?;
-        let state = self.started().as_ref()?.reach.cell.lock().boards.get(board)?.told.clone()?;
+        let state = self.started().as_ref()?.reach.cell.lock().boards.get(board)?.received.clone()?;
         let stamp = state.stamp.map(|stamp| (stamp.count, stamp.time));
         let message = NativeMessage(state.joints.encode(Dialect::V3));
         Some(NativeState { seq: state.seq, stamp, message })

@@ -158,7 +158,7 @@ impl FilterCore {
 
     /// Decides on a request.
     pub fn request(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Step {
-        self.lines.hear(client, seen);
+        self.lines.update(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
             return Step::Reply(self.fail(client));
         }
@@ -171,13 +171,13 @@ impl FilterCore {
 
     /// True if a motion of this client has failed and the client has not been informed yet.
     pub fn has_failed(&mut self, client: &Client, seen: &Seen) -> bool {
-        self.lines.hear(client, seen);
+        self.lines.update(client, seen);
         self.lines.failed(client)
     }
 
     /// Decides on a streamed command; `None` if there is nothing to do.
     pub fn streamed(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
-        self.lines.hear(client, seen);
+        self.lines.update(client, seen);
         // recorded while the filter is closed, too: a client that never paused has not been silent
         let deaf = self.lines.deaf(client, seen.now);
         if deaf || closed(seen.status) {
@@ -214,7 +214,7 @@ impl FilterCore {
             BoardRequest::Acceleration { joints, values } => self.refer(client.part, joints, values, |axis, acc| {
                 (axis.ref_acc, axis.set.acceleration) = (acc, true);
             }),
-            BoardRequest::Mode { joints, modes } => self.keep(client.part, joints, modes, |axis, mode| {
+            BoardRequest::Mode { joints, modes } => self.store(client.part, joints, modes, |axis, mode| {
                 (axis.mode, axis.set.mode) = (*mode, true);
             }),
             BoardRequest::BeStiff => Some(Step::Reply(BoardReply::Accepted)),
@@ -223,7 +223,7 @@ impl FilterCore {
     }
 
     /// Stores a setting of some joints.
-    fn keep<T>(
+    fn store<T>(
         &mut self,
         part: usize,
         joints: &[usize],
@@ -240,7 +240,7 @@ impl FilterCore {
     /// Stores references. As on real boards, the sign is ignored.
     fn refer(&mut self, part: usize, joints: &[usize], values: &[f64], put: fn(&mut BoardAxis, f64)) -> Option<Step> {
         values.iter().all(|v| v.is_finite()).then_some(())?;
-        self.keep(part, joints, values, |axis, v| put(axis, v.abs()))
+        self.store(part, joints, values, |axis, v| put(axis, v.abs()))
     }
 
     /// Records the verdict on a commit or a stream, and returns the reply.
@@ -270,7 +270,7 @@ impl FilterCore {
         question: &Question,
         seen: &Seen,
     ) -> Result<KnownBetter, BoardReply> {
-        self.lines.hear(client, seen);
+        self.lines.update(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
             return Err(self.fail(client));
         }
@@ -337,7 +337,7 @@ impl FilterCore {
     /// Refuses, and records that the client has been informed if it waits for replies.
     fn fail(&mut self, client: &Client) -> BoardReply {
         if client.listens {
-            self.lines.told(client);
+            self.lines.inform_family(client);
         }
         BoardReply::Refused
     }

@@ -123,7 +123,7 @@ impl WorldRpc {
     fn on_object(&mut self, name: &str, ask: &ObjectRequest, view: &WorldView) -> Result<Answered, WorldRefusal> {
         let object = found(name, view)?;
         let found = |outcome| WorldReply::Found { name: name.to_owned(), outcome };
-        let (reply, edit) = match self.ask(object, ask, view) {
+        let (reply, edit) = match self.object_request(object, ask, view) {
             Ok((reply, Some(edit))) => (reply, edit),
             Ok((reply, None)) => return Ok(Answered::Reply(found(Ok(reply)))),
             Err(why) => return Ok(Answered::Reply(found(Err(why)))),
@@ -138,7 +138,7 @@ impl WorldRpc {
     }
 
     /// Reply to a request about an object, and the edit that it requires.
-    fn ask(
+    fn object_request(
         &mut self,
         object: &Arc<Object>,
         ask: &ObjectRequest,

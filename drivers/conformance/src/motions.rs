@@ -1,6 +1,6 @@
 //! Promises about position moves, their end, and stopping.
 
-use super::trial::{DEG, DriverTrial, NEAR, at, see, top_speed};
+use super::trial::{DEG, DriverTrial, TOLERANCE_RAD, at, see, top_speed};
 use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode, Move};
 use std::time::Duration;
@@ -25,7 +25,7 @@ fn one(bench: &mut dyn Bench) -> Result<(), String> {
         t.give(Command::Move(t.to(&[m], &pose)))?;
         let others = t.until_done()?;
         t.rests_at(&pose)?;
-        let strayed = |i: usize| others.iter().any(|s| (at(&s.q, i) - at(&pose, i)).abs() > NEAR);
+        let strayed = |i: usize| others.iter().any(|s| (at(&s.q, i) - at(&pose, i)).abs() > TOLERANCE_RAD);
         let stray = (0..pose.len()).find(|i| *i != m && strayed(*i));
         see(stray.is_none(), || format!("motor {stray:?} moved too"))?;
     }
@@ -79,7 +79,7 @@ fn references(bench: &mut dyn Bench) -> Result<(), String> {
         took.push(t.now().since(start).as_secs_f64());
         let (top, noise) = top_speed(&samples, m);
         see(top <= share * speed + noise, || {
-            format!("{}/s at a reference of {:.2}", t.told(m, top), share * speed / DEG)
+            format!("{}/s at a reference of {:.2}", t.in_units(m, top), share * speed / DEG)
         })?;
     }
     let [fast, slow] = took.as_slice() else { return Ok(()) };
@@ -102,7 +102,7 @@ fn done(bench: &mut dyn Bench) -> Result<(), String> {
         let samples = t.until_done()?;
         // the last reading is the first that reports done, unless one in transit was read before the command
         let early = samples.iter().find(|s| {
-            let there = (at(&s.q, m) - at(&pose, m)).abs() <= NEAR;
+            let there = (at(&s.q, m) - at(&pose, m)).abs() <= TOLERANCE_RAD;
             s.at > given && s.done.get(m) == Some(&true) && !there
         });
         see(early.is_none(), || {
@@ -112,7 +112,7 @@ fn done(bench: &mut dyn Bench) -> Result<(), String> {
         t.settle(10)?;
         t.rests_at(&pose)?;
         see(t.last.done.get(m) == Some(&true), || "done was taken back".into())?;
-        see((at(&start, m) - at(&t.last.q, m)).abs() > NEAR, || "it did not move".into())?;
+        see((at(&start, m) - at(&t.last.q, m)).abs() > TOLERANCE_RAD, || "it did not move".into())?;
     }
     Ok(())
 }
@@ -138,22 +138,22 @@ pub fn under_way(t: &mut DriverTrial, motors: &[usize]) -> Result<Vec<f64>, Stri
 pub fn stopping_path(t: &DriverTrial, motor: usize) -> f64 {
     let (speed, acceleration) = t.reference(motor);
     let wait = (t.board.latency + 3 * t.board.period).as_secs_f64();
-    speed * wait + speed * speed / (2.0 * acceleration) + NEAR
+    speed * wait + speed * speed / (2.0 * acceleration) + TOLERANCE_RAD
 }
 
 fn stop(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
-    let told = t.last.q.clone();
+    let at_command = t.last.q.clone();
     t.give(Command::Stop { motors: vec![] })?;
     t.until_done()?;
     let rest = t.last.q.clone();
     for m in motors {
-        let way = (at(&rest, m) - at(&told, m)).abs();
+        let way = (at(&rest, m) - at(&at_command, m)).abs();
         let most = stopping_path(&t, m);
-        see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.told(m, way), most / DEG))?;
-        see((at(&rest, m) - at(&pose, m)).abs() > NEAR, || format!("motor {m} went on to its target"))?;
+        see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.in_units(m, way), most / DEG))?;
+        see((at(&rest, m) - at(&pose, m)).abs() > TOLERANCE_RAD, || format!("motor {m} went on to its target"))?;
     }
     t.settle(20)?;
     t.rests_at(&rest)
@@ -167,8 +167,8 @@ fn stop_one(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Stop { motors: vec![*stopped] })?;
     t.until_done()?;
     let off = |m: usize| (at(&t.last.q, m) - at(&pose, m)).abs();
-    see(off(*stopped) > NEAR, || "the stopped motor went on".into())?;
-    see(off(*other) <= NEAR, || "the other one did not arrive".into())
+    see(off(*stopped) > TOLERANCE_RAD, || "the stopped motor went on".into())?;
+    see(off(*other) <= TOLERANCE_RAD, || "the other one did not arrive".into())
 }
 
 fn amend(bench: &mut dyn Bench) -> Result<(), String> {
@@ -191,8 +191,8 @@ fn amend(bench: &mut dyn Bench) -> Result<(), String> {
         let two = end.at.since(middle.at).as_secs_f64();
         let v = (at(&middle.q, m) - at(&s.q, m)) / one;
         let w = (at(&end.q, m) - at(&middle.q, m)) / two;
-        let most = axis.max_acceleration * (one + two) + NEAR / one + NEAR / two;
-        see((w - v).abs() <= most, || format!("its speed jumped from {:.2} to {}/s", v / DEG, t.told(m, w)))?;
+        let most = axis.max_acceleration * (one + two) + TOLERANCE_RAD / one + TOLERANCE_RAD / two;
+        see((w - v).abs() <= most, || format!("its speed jumped from {:.2} to {}/s", v / DEG, t.in_units(m, w)))?;
     }
     Ok(())
 }
@@ -205,9 +205,10 @@ fn to_the_limits(bench: &mut dyn Bench) -> Result<(), String> {
         let full = Move { q: vec![q], speed: Some(vec![axis.max_speed]), ..t.to(&[m], &[]) };
         t.give(Command::Move(full))?;
         let samples = t.until_done()?;
-        let passed = samples.iter().find(|s| at(&s.q, m) > axis.max + NEAR || at(&s.q, m) < axis.min - NEAR);
+        let passed =
+            samples.iter().find(|s| at(&s.q, m) > axis.max + TOLERANCE_RAD || at(&s.q, m) < axis.min - TOLERANCE_RAD);
         see(passed.is_none(), || format!("{} passed its limit", axis.name))?;
-        see((at(&t.last.q, m) - q).abs() <= NEAR, || format!("{} did not reach its limit", axis.name))?;
+        see((at(&t.last.q, m) - q).abs() <= TOLERANCE_RAD, || format!("{} did not reach its limit", axis.name))?;
     }
     Ok(())
 }
@@ -219,7 +220,7 @@ fn idle(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Mode { motors: vec![m], mode: ControlMode::Idle })?;
     t.until_done()?;
     let rest = t.last.q.clone();
-    see((at(&rest, m) - at(&pose, m)).abs() > NEAR, || "it went on to its target".into())?;
+    see((at(&rest, m) - at(&pose, m)).abs() > TOLERANCE_RAD, || "it went on to its target".into())?;
     t.settle(20)?;
     t.rests_at(&rest)?;
     see(t.driver.modes().get(m) == Some(&ControlMode::Idle), || "its mode does not read back as idle".into())

@@ -1,6 +1,6 @@
 //! Promises about position-direct streaming and control modes.
 
-use super::trial::{DEG, DriverTrial, NEAR, at, see};
+use super::trial::{DEG, DriverTrial, TOLERANCE_RAD, at, see};
 use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode};
 use std::time::Duration;
@@ -66,7 +66,7 @@ fn stream(bench: &mut dyn Bench) -> Result<(), String> {
     let lag = follow(&mut t, &all, &pose)?;
     // it starts from rest, commands have a latency, and it lags by three setpoints at most
     let late = (t.board.latency + t.board.period + Duration::from_millis(60)).as_secs_f64();
-    let most = 5.0 * DEG * late + 0.3 * DEG + NEAR;
+    let most = 5.0 * DEG * late + 0.3 * DEG + TOLERANCE_RAD;
     see(lag <= most, || format!("it lags by {}, at most {:.2}", t.board.units().told(lag, 2), most / DEG))?;
     t.until_done()?;
     t.settle(20)?;
@@ -106,5 +106,5 @@ fn move_after_stream(bench: &mut dyn Bench) -> Result<(), String> {
     t.rests_at(&pose)?;
     let wrong = |(i, mode): (usize, &ControlMode)| (*mode == ControlMode::Position) != (i == m);
     see(!t.driver.modes().iter().enumerate().any(wrong), || "not the moved motor alone is in position mode".into())?;
-    see((at(&t.last.q, m) - at(&pose, m)).abs() <= NEAR, || "it did not arrive".into())
+    see((at(&t.last.q, m) - at(&pose, m)).abs() <= TOLERANCE_RAD, || "it did not arrive".into())
 }

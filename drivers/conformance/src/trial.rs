@@ -8,9 +8,9 @@ use std::time::Duration;
 /// One degree, rad.
 pub const DEG: f64 = PI / 180.0;
 /// Tolerance of readings at rest, rad: 0.1 deg.
-pub const NEAR: f64 = 0.1 * DEG;
+pub const TOLERANCE_RAD: f64 = 0.1 * DEG;
 /// Distance of the suite's motions, rad.
-pub const WAY: f64 = 8.0 * DEG;
+pub const DISTANCE_RAD: f64 = 8.0 * DEG;
 /// Speed of the suite's motions, rad/s, unless the motor is slower.
 const SPEED: f64 = 10.0 * DEG;
 /// Time limit of a motion.
@@ -97,7 +97,7 @@ impl<'a> DriverTrial<'a> {
         let Some(sample) = self.fetch()? else { return Ok(None) };
         let dt = sample.at.since(self.last.at).as_secs_f64();
         for ((axis, before), now) in self.board.axes.iter().zip(self.last.q.iter()).zip(sample.q.iter()) {
-            if (now - before).abs() > axis.max_speed * dt + NEAR {
+            if (now - before).abs() > axis.max_speed * dt + TOLERANCE_RAD {
                 let way = axis.motion.told(now - before, 3);
                 let name = &axis.name;
                 return Err(format!("motor {name} jumped by {way} within {dt:.4} s"));
@@ -183,7 +183,7 @@ impl<'a> DriverTrial<'a> {
     /// Checks that the newest reading is near these positions.
     pub fn rests_at(&self, q: &[f64]) -> Result<(), String> {
         for ((axis, want), got) in self.board.axes.iter().zip(q).zip(self.last.q.iter()) {
-            if (want - got).abs() > NEAR || !got.is_finite() {
+            if (want - got).abs() > TOLERANCE_RAD || !got.is_finite() {
                 let got = axis.motion.told(*got, 3);
                 return Err(format!("motor {} is at {got}, not {:.3}", axis.name, want / DEG));
             }
@@ -192,7 +192,7 @@ impl<'a> DriverTrial<'a> {
     }
 
     /// Distance or position of a motor, formatted with its unit.
-    pub fn told(&self, motor: usize, q: f64) -> String {
+    pub fn in_units(&self, motor: usize, q: f64) -> String {
         self.board.units().of(motor).told(q, 2)
     }
 
@@ -209,14 +209,14 @@ impl<'a> DriverTrial<'a> {
         if some.len() < 2 { Err("the suite needs two motors with 4 deg (or mm) of room".into()) } else { Ok(some) }
     }
 
-    /// Configuration with these motors moved by [`WAY`] (or most of their room) towards the farther limit.
+    /// Configuration with these motors moved by [`DISTANCE_RAD`] (or most of their room) towards the farther limit.
     pub fn away(&self, motors: &[usize]) -> Vec<f64> {
         let mut q = self.last.q.to_vec();
         for m in motors {
             if let (Some(slot), Some(axis)) = (q.get_mut(*m), self.board.axes.get(*m)) {
                 let up = axis.max - *slot;
                 let down = *slot - axis.min;
-                *slot += if up >= down { WAY.min(0.7 * up) } else { -WAY.min(0.7 * down) };
+                *slot += if up >= down { DISTANCE_RAD.min(0.7 * up) } else { -DISTANCE_RAD.min(0.7 * down) };
             }
         }
         q
@@ -260,7 +260,7 @@ pub fn top_speed(samples: &[Sample], motor: usize) -> (f64, f64) {
             let dt = l.at.since(s.at).as_secs_f64();
             let v = (at(&l.q, motor) - at(&s.q, motor)).abs() / dt;
             if v > top.0 {
-                top = (v, NEAR / dt);
+                top = (v, TOLERANCE_RAD / dt);
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Promises about velocities.
 
-use super::trial::{DEG, DriverTrial, NEAR, at, see};
+use super::trial::{DEG, DriverTrial, TOLERANCE_RAD, at, see};
 use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode, Sample, Time};
 use std::time::Duration;
@@ -8,7 +8,7 @@ use std::time::Duration;
 pub const PROMISES: &[DriverPromise] = &[
     DriverPromise {
         name: "a velocity is kept by its motor alone, and ends soon after it is no longer given",
-        check: kept,
+        check: velocity_is_kept,
     },
     DriverPromise { name: "a velocity passes no limit", check: limit },
     DriverPromise { name: "velocities that do not fit, or have no lease, are refused", check: refused },
@@ -41,7 +41,7 @@ fn speed(t: &DriverTrial, m: usize) -> f64 {
     (0.5 * t.reference(m).0).copysign(to - at(&t.last.q, m))
 }
 
-fn kept(bench: &mut dyn Bench) -> Result<(), String> {
+fn velocity_is_kept(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let home = t.last.q.clone();
@@ -53,16 +53,18 @@ fn kept(bench: &mut dyn Bench) -> Result<(), String> {
     see(begun.iter().chain(&held).any(|s| s.done.get(m) == Some(&false)), || "it was never under way".into())?;
     let (Some(first), Some(last)) = (held.first(), held.last()) else { return Err("no readings".into()) };
     let got = (at(&last.q, m) - at(&first.q, m)) / last.at.since(first.at).as_secs_f64();
-    see((got - v).abs() <= 0.1 * v.abs() + NEAR / 0.4, || format!("{}/s instead of {:.2}", t.told(m, got), v / DEG))?;
+    see((got - v).abs() <= 0.1 * v.abs() + TOLERANCE_RAD / 0.4, || {
+        format!("{}/s instead of {:.2}", t.in_units(m, got), v / DEG)
+    })?;
     let quiet = at(&t.last.q, m);
     t.until_done()?;
-    let most = v.abs() * (t.board.latency + t.board.period + WATCHDOG).as_secs_f64() + NEAR;
+    let most = v.abs() * (t.board.latency + t.board.period + WATCHDOG).as_secs_f64() + TOLERANCE_RAD;
     let way = (at(&t.last.q, m) - quiet).abs();
-    see(way <= most, || format!("it went on for {}, at most {:.2}", t.told(m, way), most / DEG))?;
+    see(way <= most, || format!("it went on for {}, at most {:.2}", t.in_units(m, way), most / DEG))?;
     let rest = t.last.q.clone();
     t.settle(30)?;
     t.rests_at(&rest)?;
-    let stray = (0..home.len()).find(|i| *i != m && (at(&rest, *i) - at(&home, *i)).abs() > NEAR);
+    let stray = (0..home.len()).find(|i| *i != m && (at(&rest, *i) - at(&home, *i)).abs() > TOLERANCE_RAD);
     see(stray.is_none(), || format!("motor {stray:?} moved too"))
 }
 
@@ -77,8 +79,9 @@ fn limit(bench: &mut dyn Bench) -> Result<(), String> {
         t.until_done()?;
         let v = sign * t.reference(m).0;
         let seen = drive(&mut t, m, v, Duration::from_secs(1))?;
-        let passed = seen.iter().find(|s| at(&s.q, m) > axis.max + NEAR || at(&s.q, m) < axis.min - NEAR);
-        see(passed.is_none(), || format!("it was at {}", t.told(m, passed.map_or(f64::NAN, |s| at(&s.q, m)))))?;
+        let passed =
+            seen.iter().find(|s| at(&s.q, m) > axis.max + TOLERANCE_RAD || at(&s.q, m) < axis.min - TOLERANCE_RAD);
+        see(passed.is_none(), || format!("it was at {}", t.in_units(m, passed.map_or(f64::NAN, |s| at(&s.q, m)))))?;
         t.until_done()?;
     }
     Ok(())

@@ -128,7 +128,7 @@ impl SimulatedEye {
 
     /// Mount on its robot.
     pub fn mount(&self) -> CameraMount {
-        self.mount.told(self.robot)
+        self.mount.to_contract(self.robot)
     }
 
     /// Replaces the scenery.

@@ -74,7 +74,7 @@ const SILENCE: Duration = Duration::from_secs(2);
 
 /// Images received by the thread.
 #[derive(Default)]
-struct Heard {
+struct ReceivedImages {
     newest: Option<(Instant, Vec<u8>)>,
     /// Number of images replaced by newer ones before a request.
     dropped: u64,
@@ -82,9 +82,9 @@ struct Heard {
     skipped: Option<SkippedPictures>,
 }
 
-type Cell = Arc<Mutex<Heard>>;
+type Cell = Arc<Mutex<ReceivedImages>>;
 
-fn lock(cell: &Cell) -> MutexGuard<'_, Heard> {
+fn lock(cell: &Cell) -> MutexGuard<'_, ReceivedImages> {
     cell.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -157,7 +157,7 @@ impl YarpCamera {
             }
         };
         let (end, mut ended) = watch::channel(());
-        let ear = Ear {
+        let receiver = ImageReceiver {
             cell: Arc::clone(&self.cell),
             network,
             own: self.own.clone(),
@@ -170,7 +170,7 @@ impl YarpCamera {
         let runtime = runtime.map_err(|e| format!("no thread for the camera's network: {e}"))?;
         let work = async move {
             tokio::select! {
-                () = ear.listen() => {}
+                () = receiver.listen() => {}
                 _ = ended.changed() => {}
             }
         };
@@ -189,8 +189,8 @@ impl Camera for YarpCamera {
         if self.thread.is_none() {
             self.thread = Some(self.listen()?);
         }
-        let mut heard = lock(&self.cell);
-        let Some((arrived, pixels)) = heard.newest.take() else { return Ok(None) };
+        let mut received = lock(&self.cell);
+        let Some((arrived, pixels)) = received.newest.take() else { return Ok(None) };
         let age = arrived.elapsed() + Duration::try_from_secs_f64(self.settings.delay_ms * 1e-3).unwrap_or_default();
         let exposed = Time(now.0.saturating_sub(age.as_nanos() as u64));
         Ok(Some(Frame { exposed, intrinsics: self.lens, pixels: pixels.into() }))
@@ -210,7 +210,7 @@ impl Camera for YarpCamera {
 }
 
 /// Receiver of images, which runs in the thread.
-struct Ear {
+struct ImageReceiver {
     cell: Cell,
     network: Network,
     own: String,
@@ -221,28 +221,28 @@ struct Ear {
     patience: Duration,
 }
 
-impl Ear {
+impl ImageReceiver {
     /// Receives without end, because a port that is missing may come back.
     async fn listen(&self) {
-        let mut said = String::new();
+        let mut last_warning = String::new();
         loop {
             match self.connected().await {
                 Ok(mut port) => {
-                    said.clear();
-                    self.hear(&mut port, &mut said).await;
+                    last_warning.clear();
+                    self.receive(&mut port, &mut last_warning).await;
                     port.close().await;
                 }
-                Err(why) => self.warn(why, &mut said),
+                Err(why) => self.warn(why, &mut last_warning),
             }
             sleep(RETRY_PAUSE).await;
         }
     }
 
     /// Logs each reason once.
-    fn warn(&self, why: String, said: &mut String) {
-        if why != *said {
+    fn warn(&self, why: String, last_warning: &mut String) {
+        if why != *last_warning {
             tracing::warn!(camera = self.theirs, why, "no pictures from this camera; it is asked again");
-            *said = why;
+            *last_warning = why;
         }
     }
 
@@ -258,26 +258,26 @@ impl Ear {
     }
 
     /// Receives images while the port is open.
-    async fn hear(&self, port: &mut InputPort, said: &mut String) {
+    async fn receive(&self, port: &mut InputPort, last_warning: &mut String) {
         let mut source = StreamSource::new(&self.theirs, self.carrier, self.patience);
         let mut dropped = 0;
         loop {
             match source.recv(port).await {
                 Ok(Some(message)) => {
-                    said.clear();
+                    last_warning.clear();
                     let picture = pixels(&message, self.network.dialect(), self.size);
-                    let mut heard = lock(&self.cell);
-                    heard.dropped += port.dropped() - dropped;
+                    let mut received = lock(&self.cell);
+                    received.dropped += port.dropped() - dropped;
                     dropped = port.dropped();
                     match picture {
                         Ok(pixels) => {
-                            heard.dropped += u64::from(heard.newest.replace((instant(), pixels)).is_some());
+                            received.dropped += u64::from(received.newest.replace((instant(), pixels)).is_some());
                         }
-                        Err(why) => SkippedPictures::add(&mut heard.skipped, format!("{}: {why}", self.theirs)),
+                        Err(why) => SkippedPictures::add(&mut received.skipped, format!("{}: {why}", self.theirs)),
                     }
                 }
                 Ok(None) => return,
-                Err(why) => self.warn(why.to_string(), said),
+                Err(why) => self.warn(why.to_string(), last_warning),
             }
         }
     }
@@ -311,7 +311,7 @@ fn build(value: &Value, context: &CameraContext) -> Result<Box<dyn Camera>, Kind
     let settings: YarpCameraSettings = settings(value)?;
     let mut camera = YarpCamera::new(&settings, &context.robot.name)?;
     let mount = settings.marker.as_ref().map(|marker| Mount::new(&context.robot, marker, [0.0; 3], [0.0; 3]));
-    camera.mount = mount.transpose()?.map(|mount| mount.told(context.index));
+    camera.mount = mount.transpose()?.map(|mount| mount.to_contract(context.index));
     Ok(Box::new(camera))
 }
 

@@ -43,8 +43,8 @@ impl<'a> Light<'a> {
         let up = self.up;
         let at = tile.x.iter().zip(&tile.y).zip(depth.iter());
         let facing = nx.iter().zip(ny.iter()).zip(nz.iter());
-        let told = direct.iter_mut().zip(&mut mirrored).zip(&mut around);
-        for ((((x, y), t), ((nx, ny), nz)), ((direct, mirrored), around)) in at.zip(facing).zip(told) {
+        let outputs = direct.iter_mut().zip(&mut mirrored).zip(&mut around);
+        for ((((x, y), t), ((nx, ny), nz)), ((direct, mirrored), around)) in at.zip(facing).zip(outputs) {
             let (px, py, pz) = (x * t, y * t, *t);
             let (lx, ly, lz) = (lamp.x - px, lamp.y - py, lamp.z - pz);
             let scale = 1.0 / (lx * lx + ly * ly + lz * lz).sqrt();

@@ -69,7 +69,7 @@ impl Mount {
     }
 
     /// Converts to the contract's type, for the robot of this index.
-    pub fn told(&self, robot: usize) -> CameraMount {
+    pub fn to_contract(&self, robot: usize) -> CameraMount {
         let at = self.pose.translation.vector;
         let turn = self.pose.rotation;
         let rotation = [turn.w, turn.i, turn.j, turn.k];

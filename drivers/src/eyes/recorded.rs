@@ -43,7 +43,7 @@ pub struct RecordedCamera {
     /// Delay relative to the run: zero until the first repetition.
     later: Duration,
     /// Number of damaged places of the file that were logged.
-    told: usize,
+    logged: usize,
     /// Last two exposure times.
     last: [Time; 2],
     /// Time until the next frame.
@@ -68,7 +68,7 @@ impl RecordedCamera {
             repeats: settings.repeat,
             mount: None,
             later: Duration::ZERO,
-            told: 0,
+            logged: 0,
             last: [Time::ZERO; 2],
             wait: Duration::ZERO,
             skipped: None,
@@ -93,8 +93,8 @@ impl RecordedCamera {
     fn read_on(&mut self) -> Result<Option<KeptFrame>, String> {
         let next = self.reader.next_frame()?;
         let damage = self.reader.damage();
-        damage.get(self.told..).unwrap_or_default().iter().for_each(|what| tracing::warn!("{what}"));
-        self.told = self.told.max(damage.len());
+        damage.get(self.logged..).unwrap_or_default().iter().for_each(|what| tracing::warn!("{what}"));
+        self.logged = self.logged.max(damage.len());
         Ok(next)
     }
 
@@ -160,7 +160,7 @@ impl Camera for RecordedCamera {
 fn build(value: &Value, context: &CameraContext) -> Result<Box<dyn Camera>, KindError> {
     let settings: RecordedCameraSettings = settings(value)?;
     let mount = settings.marker.as_ref().map(|marker| Mount::new(&context.robot, marker, [0.0; 3], [0.0; 3]));
-    let mount = mount.transpose()?.map(|mount| mount.told(context.index));
+    let mount = mount.transpose()?.map(|mount| mount.to_contract(context.index));
     Ok(Box::new(RecordedCamera { mount, ..RecordedCamera::new(&settings)? }))
 }
 

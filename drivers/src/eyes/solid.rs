@@ -5,7 +5,7 @@ use mobee_model::Shape;
 use nalgebra::{Isometry3, Vector3};
 
 /// Near plane, meters.
-pub const NEAR: f32 = 0.01;
+pub const NEAR_PLANE_M: f32 = 0.01;
 
 /// Point or direction in the camera frame, or in a shape's own.
 pub type V3 = Vector3<f32>;
@@ -129,7 +129,7 @@ fn each(tile: &Tile, number: u32, depth: &mut [f32; TILE], owner: &mut [u32; TIL
     for ((x, y), (d, o)) in tile.x.iter().zip(&tile.y).zip(depth.iter_mut().zip(owner)) {
         let t = enter(*x, *y);
         // uses masks, because branches prevent vectorization
-        let met = u32::from(t > NEAR && t < *d).wrapping_neg();
+        let met = u32::from(t > NEAR_PLANE_M && t < *d).wrapping_neg();
         *d = f32::from_bits(t.to_bits() & met | d.to_bits() & !met);
         *o = number & met | *o & !met;
     }
@@ -190,7 +190,7 @@ impl Rod {
 
 /// Bounds of a ball; `None` if part of it is behind the camera.
 fn ball_bounds(c: V3, r: f32) -> Option<TileBounds> {
-    if c.z - r < NEAR {
+    if c.z - r < NEAR_PLANE_M {
         return None;
     }
     // the two tangents from the camera to a circle, in the plane of one axis and z
@@ -215,14 +215,14 @@ fn corners_bounds(center: V3, axes: [V3; 3], half: V3) -> TileBounds {
     };
     for k in 0..8 {
         let from = corner(k);
-        if from.z > NEAR {
+        if from.z > NEAR_PLANE_M {
             seen(from);
         }
         // edges through the near plane are cut there
         for to in [k ^ 1, k ^ 2, k ^ 4].into_iter().filter(|to| *to > k).map(corner) {
-            if (from.z > NEAR) != (to.z > NEAR) {
-                let cut = from + (to - from) * ((NEAR - from.z) / (to.z - from.z));
-                seen(V3::new(cut.x, cut.y, NEAR));
+            if (from.z > NEAR_PLANE_M) != (to.z > NEAR_PLANE_M) {
+                let cut = from + (to - from) * ((NEAR_PLANE_M - from.z) / (to.z - from.z));
+                seen(V3::new(cut.x, cut.y, NEAR_PLANE_M));
             }
         }
     }

@@ -175,11 +175,11 @@ impl SimBoard {
         state.look(now);
         // as on real boards, an answer is stamped when it is made
         let stamp = state.answers.next(self.clock.wall(now));
-        let asked = Ask::parse(request);
+        let parsed = Ask::parse(request);
         // iCub_SIM can neither read nor set accelerations
         if state.hardware.imitates().is_some()
             && matches!(
-                asked,
+                parsed,
                 Some(Ask::Get(Get::Values(Quantity::ReferenceAcceleration, _)) | Ask::Set(Set::Acceleration(..)))
             )
         {
@@ -192,7 +192,7 @@ impl SimBoard {
             return answer;
         }
         let axes = state.shadow.axes.len();
-        match asked {
+        match parsed {
             Some(ask @ Ask::Set(_)) if !ask.fits(axes) => reply::fail(),
             Some(Ask::Set(set)) => match state.set(now, &set) {
                 Some(()) => reply::ok(),

@@ -109,9 +109,9 @@ impl Brake {
         }
         // not aborted in favor of the next stop, unlike a query: reconnecting for each would leave a slow
         // board without a connection
-        let asked = self.now();
-        let answer = self.line.say(&Ask::Set(Set::Stop(joints))).await;
-        self.answered(asked, &answer);
+        let sent_at = self.now();
+        let answer = self.line.send(&Ask::Set(Set::Stop(joints))).await;
+        self.answered(sent_at, &answer);
         let trouble = match answer {
             Ok(answer) if reply::is_ok(&answer) => None,
             Ok(answer) => Some(format!("{}: it answers {answer} to a stop", self.port)),
@@ -127,21 +127,21 @@ impl Brake {
 
     /// Tests the connection. Aborts if a stop is due, which then reconnects.
     async fn is_good(&mut self) -> bool {
-        let asked = self.now();
+        let sent_at = self.now();
         let mut halt = self.halt.clone();
         let answer = tokio::select! {
             biased;
             Ok(()) = halt.changed() => return false,
-            answer = self.line.say(&Ask::Get(Get::Axes)) => answer,
+            answer = self.line.send(&Ask::Get(Get::Axes)) => answer,
         };
-        self.answered(asked, &answer);
+        self.answered(sent_at, &answer);
         answer.is_ok()
     }
 
-    fn answered(&self, asked: f64, answer: &Result<Bottle, CallError>) {
+    fn answered(&self, sent_at: f64, answer: &Result<Bottle, CallError>) {
         let now = self.now();
         if let (Ok(answer), Some(known)) = (answer, self.cell.lock().boards.get_mut(self.index)) {
-            known.answered(asked, now, answer);
+            known.answered(sent_at, now, answer);
         }
     }
 
@@ -151,18 +151,18 @@ impl Brake {
     }
 
     fn watch(&self, ticket: u64, joints: Joints) -> Effect {
-        let said = self.now();
+        let stop_sent = self.now();
         let speeds = self
             .cell
             .lock()
             .boards
             .get(self.index)
-            .map(|known| known.motions.speeds(said - super::motion::REST_TIME_S));
+            .map(|known| known.motions.speeds(stop_sent - super::motion::REST_TIME_S));
         let speeds = match speeds {
             Some(MeasuredSpeeds::At(speeds)) => Some(speeds),
             _ => None,
         };
-        Effect { ticket, joints, said, first: speeds.clone(), speeds, sent: said }
+        Effect { ticket, joints, checked: stop_sent, first: speeds.clone(), speeds, sent: stop_sent }
     }
 
     /// Joints to which the last stop is to be sent again.
@@ -175,10 +175,10 @@ impl Brake {
             *effect = None;
             return None;
         }
-        if now < watched.said + self.latency + super::motion::REST_TIME_S {
+        if now < watched.checked + self.latency + super::motion::REST_TIME_S {
             return None;
         }
-        match watched.seen(now, known.motions.speeds(watched.said + self.latency)) {
+        match watched.seen(now, known.motions.speeds(watched.checked + self.latency)) {
             Seen::Rest => {
                 *effect = None;
                 None
@@ -197,7 +197,7 @@ struct Effect {
     /// Joints that were stopped.
     joints: Joints,
     /// Time of the last check, or of the first command, s.
-    said: f64,
+    checked: f64,
     /// Speeds of the joints at the stop and at the last check, deg/s.
     first: Option<Vec<f64>>,
     speeds: Option<Vec<f64>>,
@@ -216,7 +216,7 @@ enum Seen {
 impl Effect {
     /// Judges the joint speeds measured since the stop should act.
     fn seen(&mut self, now: f64, speeds: MeasuredSpeeds) -> Seen {
-        self.said = now;
+        self.checked = now;
         let speeds = match speeds {
             MeasuredSpeeds::Rest => return Seen::Rest,
             // without readings nothing shows whether the joints obey

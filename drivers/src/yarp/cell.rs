@@ -64,7 +64,7 @@ pub struct BoardFacts {
     /// Facts that the board reports of its axes, in its own units.
     pub facts: Option<Arc<[AxisFacts]>>,
     /// Newest state as received.
-    pub told: Option<Arc<RemoteState>>,
+    pub received: Option<Arc<RemoteState>>,
     /// Positions, deg or mm.
     pub q: Vec<f64>,
     /// Time at which the positions were read, s.
@@ -102,7 +102,7 @@ pub struct BoardFacts {
 impl BoardFacts {
     /// Torques of the newest state, N m (N for prismatic joints), if the board marks them valid.
     fn torques(&self) -> Option<&[f64]> {
-        let joints = &self.told.as_ref()?.joints;
+        let joints = &self.received.as_ref()?.joints;
         joints.torque.valid().filter(|torques| torques.len() == joints.axes())
     }
 
@@ -155,7 +155,7 @@ impl SharedBoards {
             brake: Some(format!("{}: not reached yet", p.port)),
             reached: false,
             facts: None,
-            told: None,
+            received: None,
             q: vec![0.0; p.motors.len()],
             read_at: 0.0,
             fresh: false,

@@ -68,11 +68,11 @@ impl Arrivals {
     fn read_at(&mut self, arrival: f64, stamp: Option<f64>, ahead: Option<f64>) -> Option<f64> {
         let at = match stamp.filter(|s| s.is_finite()) {
             Some(stamp) => {
-                let told = self.stamped(arrival, stamp);
+                let by_stamp = self.stamped(arrival, stamp);
                 // keeps the jitter of answers out of the times of states that are in time
                 let latest =
                     ahead.map(|ahead| stamp + ahead + LATE_AFTER_S).filter(|latest| arrival - latest < TWO_CLOCKS);
-                told.min(latest.unwrap_or(f64::INFINITY))
+                by_stamp.min(latest.unwrap_or(f64::INFINITY))
             }
             None => arrival,
         };

@@ -265,7 +265,7 @@ impl Reach {
         let inner = self.cell.lock();
         let boards = self.layout.patches.iter().zip(&inner.boards);
         let all = boards.flat_map(|(patch, known)| patch.motors.clone().zip(known.owed.findings()));
-        all.map(|(motor, finding)| finding.told(motor)).collect()
+        all.map(|(motor, finding)| finding.to_contract(motor)).collect()
     }
 
     /// Stops all boards before anything else; motions waiting in their queues are dropped.
@@ -277,7 +277,7 @@ impl Reach {
             b.motions.order(&joints, End::Seen)
         };
         let tickets: Vec<u64> = inner.boards.iter_mut().map(all).collect();
-        self.halt.tell(|halt| Arc::new(Halt { epoch: halt.epoch + 1, tickets, joints }));
+        self.halt.update(|halt| Arc::new(Halt { epoch: halt.epoch + 1, tickets, joints }));
     }
 
     /// Queues a command with all the boards it concerns, or with none.

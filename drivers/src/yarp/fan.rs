@@ -6,10 +6,10 @@ use tokio::sync::watch;
 
 /// Broadcasts the changes of a value. Clones share the value.
 #[derive(Clone, Debug)]
-pub struct Fan<T>(Arc<Mutex<Told<T>>>);
+pub struct Fan<T>(Arc<Mutex<Broadcast<T>>>);
 
 #[derive(Debug)]
-struct Told<T> {
+struct Broadcast<T> {
     newest: T,
     all: Vec<watch::Sender<T>>,
 }
@@ -17,15 +17,15 @@ struct Told<T> {
 impl<T: Clone + PartialEq> Fan<T> {
     /// Creates the value, without receivers.
     pub fn new(newest: T) -> Fan<T> {
-        Fan(Arc::new(Mutex::new(Told { newest, all: Vec::new() })))
+        Fan(Arc::new(Mutex::new(Broadcast { newest, all: Vec::new() })))
     }
 
     /// Adds a receiver, which gets all changes until it is dropped.
     pub fn subscribe(&self) -> watch::Receiver<T> {
-        let mut told = self.lock();
-        told.all.retain(|sender| !sender.is_closed());
-        let (sender, receiver) = watch::channel(told.newest.clone());
-        told.all.push(sender);
+        let mut state = self.lock();
+        state.all.retain(|sender| !sender.is_closed());
+        let (sender, receiver) = watch::channel(state.newest.clone());
+        state.all.push(sender);
         receiver
     }
 
@@ -35,18 +35,18 @@ impl<T: Clone + PartialEq> Fan<T> {
     }
 
     /// Changes the value, and notifies all receivers if it differs.
-    pub fn tell(&self, change: impl FnOnce(&T) -> T) {
-        let mut told = self.lock();
-        let newest = change(&told.newest);
-        if newest != told.newest {
-            told.newest = newest.clone();
-            for sender in &told.all {
+    pub fn update(&self, change: impl FnOnce(&T) -> T) {
+        let mut state = self.lock();
+        let newest = change(&state.newest);
+        if newest != state.newest {
+            state.newest = newest.clone();
+            for sender in &state.all {
                 sender.send_replace(newest.clone());
             }
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Told<T>> {
+    fn lock(&self) -> MutexGuard<'_, Broadcast<T>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

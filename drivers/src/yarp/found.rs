@@ -26,7 +26,7 @@ pub struct Finding {
 
 impl Finding {
     /// Converts to the contract's type, for this motor.
-    pub fn told(&self, motor: usize) -> AsFound {
+    pub fn to_contract(&self, motor: usize) -> AsFound {
         let radians = |v: Option<f64>| v.map(f64::to_radians);
         AsFound {
             motor,
@@ -72,7 +72,7 @@ const KINDS: [Restored; 4] = [Restored::Speed, Restored::Acceleration, Restored:
 pub struct Due {
     pub kind: Restored,
     pub joints: Vec<usize>,
-    pub say: Set,
+    pub set: Set,
 }
 
 /// Number of refusals in a row after which a command is dropped, and the time until it is retried, s: a board
@@ -90,7 +90,7 @@ pub struct Owed {
     /// Refused settings, with the time at which to retry them, s.
     refused: Vec<(f64, Restored, Vec<usize>)>,
     /// Kinds whose refusal has been reported.
-    told: Vec<Restored>,
+    reported: Vec<Restored>,
 }
 
 impl Owed {
@@ -102,7 +102,7 @@ impl Owed {
             ours: vec![[false; 4]; axes],
             refusals: 0,
             refused: Vec::new(),
-            told: Vec::new(),
+            reported: Vec::new(),
         }
     }
 
@@ -144,8 +144,8 @@ impl Owed {
         }
         self.paid(due);
         self.refused.push((now + REFUSALS.1, due.kind, due.joints.clone()));
-        let is_news = !self.told.contains(&due.kind);
-        self.told.extend(is_news.then_some(due.kind));
+        let is_news = !self.reported.contains(&due.kind);
+        self.reported.extend(is_news.then_some(due.kind));
         is_news
     }
 
@@ -172,7 +172,7 @@ impl Owed {
     /// Takes note of the modes that the board reports. A joint that has been released since, by a program or
     /// by a fault, is left alone.
     pub fn see(&mut self, modes: &[Vocab]) {
-        for (j, _) in modes.iter().enumerate().filter(|(_, word)| !keeps_its_place(**word)) {
+        for (j, _) in modes.iter().enumerate().filter(|(_, word)| !holds_position(**word)) {
             self.mark(j, Restored::Mode, false);
         }
     }
@@ -193,7 +193,7 @@ impl Owed {
         let known = self.joints.get(joint).is_some_and(|found| match kind {
             Restored::Speed => found.speed.is_some(),
             Restored::Acceleration => found.acceleration.is_some(),
-            Restored::Mode => found.mode.is_some_and(keeps_its_place),
+            Restored::Mode => found.mode.is_some_and(holds_position),
             Restored::Interaction => found.interaction.is_some(),
         });
         ours && known
@@ -207,19 +207,19 @@ impl Owed {
             let joints: Vec<usize> = (0..self.joints.len()).filter(is_due).collect();
             let found = || joints.iter().filter_map(|j| self.joints.get(*j));
             let group = || Joints::Group(joints.clone());
-            let say = match kind {
+            let set = match kind {
                 Restored::Speed => Set::Speed(group(), found().filter_map(|f| f.speed).collect()),
                 Restored::Acceleration => Set::Acceleration(group(), found().filter_map(|f| f.acceleration).collect()),
                 Restored::Mode => Set::Mode(group(), found().filter_map(|f| f.mode).collect()),
                 Restored::Interaction => Set::Interaction(group(), found().filter_map(|f| f.interaction).collect()),
             };
-            (!joints.is_empty()).then_some(Due { kind: *kind, joints, say })
+            (!joints.is_empty()).then_some(Due { kind: *kind, joints, set })
         })
     }
 }
 
 /// True if a joint at rest holds its position in this mode.
-fn keeps_its_place(word: Vocab) -> bool {
+fn holds_position(word: Vocab) -> bool {
     [mode::POSITION, mode::DIRECT, mode::VELOCITY, mode::MIXED].contains(&word)
 }
 
@@ -247,15 +247,15 @@ mod tests {
         let group = |joints: &[usize]| Joints::Group(joints.to_vec());
         assert_eq!(owed.due(none, all), None, "while they move");
         let first = owed.due(all, none).unwrap();
-        assert_eq!(first.say, Set::Speed(group(&[0]), vec![10.0]));
+        assert_eq!(first.set, Set::Speed(group(&[0]), vec![10.0]));
         owed.paid(&first);
         assert_eq!(owed.due(all, none), None, "somebody drives them");
         // an acceleration that the board does not tell is not owed, and a mode without hold is not gone back to
         let second = owed.due(all, all).unwrap();
-        assert_eq!(second.say, Set::Interaction(group(&[1]), vec![mode::COMPLIANT]));
+        assert_eq!(second.set, Set::Interaction(group(&[1]), vec![mode::COMPLIANT]));
         owed.paid(&second);
         let third = owed.due(all, all).unwrap();
-        assert_eq!(third.say, Set::Mode(group(&[1]), vec![mode::DIRECT]));
+        assert_eq!(third.set, Set::Mode(group(&[1]), vec![mode::DIRECT]));
         assert!(owed.is_any());
         owed.paid(&third);
         assert!(!owed.is_any());
@@ -281,11 +281,11 @@ mod tests {
     #[test]
     fn an_earlier_process_may_have_changed_anything() {
         let as_found = Finding { acceleration: Some(30.0), ..found(mode::POSITION) };
-        let told = as_found.told(4);
-        assert_eq!((told.motor, told.compliant), (4, Some(true)));
-        let again = Finding::of(&told);
+        let converted = as_found.to_contract(4);
+        assert_eq!((converted.motor, converted.compliant), (4, Some(true)));
+        let again = Finding::of(&converted);
         assert_eq!(again, as_found, "to the last bit");
-        let nonsense = AsFound { speed: Some(f64::NAN), acceleration: Some(-1.0), ..told };
+        let nonsense = AsFound { speed: Some(f64::NAN), acceleration: Some(-1.0), ..converted };
         assert_eq!((Finding::of(&nonsense).speed, Finding::of(&nonsense).acceleration), (None, None));
         let mut owed = Owed::new(1);
         owed.inherit(vec![again]);

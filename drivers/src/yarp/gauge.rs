@@ -47,7 +47,7 @@ struct Pending {
     /// Number of the move.
     number: u64,
     /// Reference commanded, deg/s.
-    told: f64,
+    commanded: f64,
     /// Measured speed by the reference.
     times: f64,
 }
@@ -83,7 +83,7 @@ impl Gauge {
     }
 
     /// Starts timing a joint that was commanded from `from` to `to` (deg) at this speed (deg/s).
-    pub fn told(&mut self, joint: usize, from: f64, to: f64, speed: f64) {
+    pub fn commanded(&mut self, joint: usize, from: f64, to: f64, speed: f64) {
         let way = to - from;
         let stretch = (MARKS[1] - MARKS[0]) * way.abs() / speed;
         let counts =
@@ -117,8 +117,8 @@ impl Gauge {
         for (joint, (slot, q)) in self.joints.iter_mut().zip(q).enumerate() {
             let Some(timed) = slot else { continue };
             let number = timed.number;
-            let told = timed.speed;
-            self.pending.extend(timed.read(at, *q).map(|times| Pending { joint, number, told, times }));
+            let commanded = timed.speed;
+            self.pending.extend(timed.read(at, *q).map(|times| Pending { joint, number, commanded, times }));
             if timed.next == MARKS.len() {
                 *slot = None;
             }
@@ -128,12 +128,12 @@ impl Gauge {
     /// Records a joint much faster than commanded, which is enough evidence about its move.
     pub fn outran(&mut self, joint: usize, times: f64) {
         if let Some(timed) = self.joints.get_mut(joint).and_then(Option::take) {
-            self.pending.push(Pending { joint, number: timed.number, told: timed.speed, times });
+            self.pending.push(Pending { joint, number: timed.number, commanded: timed.speed, times });
         }
     }
 
     /// True if references have to be read back.
-    pub fn asks(&self) -> bool {
+    pub fn needs_references(&self) -> bool {
         !self.pending.is_empty()
     }
 
@@ -141,9 +141,9 @@ impl Gauge {
     /// Returns true if they show for the first time that references are not speeds.
     pub fn answered(&mut self, references: &[f64]) -> bool {
         let was = self.is_unfair();
-        for Pending { joint, number, told, times } in self.pending.drain(..) {
-            let is_told = |read: &f64| (read - told).abs() <= ROUNDING * told;
-            if self.seen.len() < MAX_SECTIONS && references.get(joint).is_none_or(is_told) {
+        for Pending { joint, number, commanded, times } in self.pending.drain(..) {
+            let is_in_force = |read: &f64| (read - commanded).abs() <= ROUNDING * commanded;
+            if self.seen.len() < MAX_SECTIONS && references.get(joint).is_none_or(is_in_force) {
                 self.seen.push(times);
                 if !FAIR.contains(&times) {
                     self.unfair.insert(number);
@@ -201,7 +201,7 @@ mod tests {
     /// Moves one joint after the other by `way` degrees at 10 deg/s; where it is at a share of the time that this takes.
     fn moved(gauge: &mut Gauge, way: f64, period: f64, at: impl Fn(f64) -> f64) -> bool {
         gauge.begin();
-        gauge.told(0, 20.0, 20.0 + way, 10.0);
+        gauge.commanded(0, 20.0, 20.0 + way, 10.0);
         let whole = way.abs() / 10.0;
         for k in 0..(40.0 * whole / period) as usize {
             gauge.read(k as f64 * period, &[20.0 + way * at(k as f64 * period / whole)]);
@@ -238,7 +238,7 @@ mod tests {
         let mut gauge = Gauge::new(1);
         let outran = |gauge: &mut Gauge| {
             gauge.begin();
-            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.commanded(0, 0.0, 90.0, 10.0);
             gauge.outran(0, 4.0);
             gauge.outran(0, 4.0);
             gauge.answered(&[])
@@ -255,14 +255,14 @@ mod tests {
     fn only_what_was_told_counts() {
         let mut gauge = Gauge::new(1);
         for _ in 0..5 {
-            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.commanded(0, 0.0, 90.0, 10.0);
             gauge.outran(0, 5.0);
-            assert!(gauge.asks() && !gauge.answered(&[60.0]) && !gauge.asks());
+            assert!(gauge.needs_references() && !gauge.answered(&[60.0]) && !gauge.needs_references());
         }
-        gauge.told(0, 0.0, 90.0, 10.0);
+        gauge.commanded(0, 0.0, 90.0, 10.0);
         gauge.outran(0, 5.0);
-        gauge.told(0, 0.0, 90.0, 20.0);
-        assert!(!gauge.asks() && gauge.seen.is_empty(), "its reference is gone");
+        gauge.commanded(0, 0.0, 90.0, 20.0);
+        assert!(!gauge.needs_references() && gauge.seen.is_empty(), "its reference is gone");
     }
 
     /// Nothing is concluded from what was not seen, nor from what was interrupted.
@@ -272,12 +272,12 @@ mod tests {
         assert!(!moved(&mut gauge, 2.0, 0.02, |t| (0.1 * t).min(1.0)), "too short");
         assert!(!moved(&mut gauge, 10.0, 0.1, |t| (0.1 * t).min(1.0)), "too few readings");
         for k in 0..20 {
-            gauge.told(1, 0.0, 10.0, 10.0);
+            gauge.commanded(1, 0.0, 10.0, 10.0);
             gauge.read(f64::from(k), &[0.0, 0.0]);
             gauge.read(f64::from(k) + 0.05, &[0.0, 2.0]);
             gauge.forget(&[1]);
             gauge.read(f64::from(k) + 0.9, &[0.0, 6.0]);
-            assert!(!gauge.asks() && !gauge.answered(&[10.0, 10.0]));
+            assert!(!gauge.needs_references() && !gauge.answered(&[10.0, 10.0]));
         }
         assert!(gauge.seen.is_empty(), "{:?}", gauge.seen);
     }
@@ -285,7 +285,7 @@ mod tests {
     fn timed(read: &[(f64, f64)]) -> Vec<f64> {
         let mut gauge = Gauge::new(1);
         gauge.begin();
-        gauge.told(0, 0.0, 12.5, 10.0);
+        gauge.commanded(0, 0.0, 12.5, 10.0);
         read.iter().for_each(|(at, q)| gauge.read(*at, &[*q]));
         gauge.answered(&[]);
         gauge.seen().to_vec()
@@ -313,20 +313,24 @@ mod tests {
     /// A joint that is told too short a way, too short a time or no speed at all is not timed; nor is one that does something else since.
     #[test]
     fn only_long_ways_are_timed_and_to_their_end() {
-        let asks = |way: f64, speed: f64, forgotten: bool| {
+        let needs_references = |way: f64, speed: f64, forgotten: bool| {
             let mut gauge = Gauge::new(1);
             gauge.begin();
-            gauge.told(0, 0.0, way, speed);
+            gauge.commanded(0, 0.0, way, speed);
             for k in 0..=100 {
                 if forgotten && k == 30 {
                     gauge.forget(&[0]);
                 }
                 gauge.read(0.01 * f64::from(k), &[0.01 * way * f64::from(k)]);
             }
-            gauge.asks()
+            gauge.needs_references()
         };
-        assert!(asks(10.0, 10.0, false) && !asks(10.0, 10.0, true));
-        assert!(!asks(2.0, 1.0, false) && !asks(10.0, 100.0, false) && !asks(10.0, 0.0, false));
+        assert!(needs_references(10.0, 10.0, false) && !needs_references(10.0, 10.0, true));
+        assert!(
+            !needs_references(2.0, 1.0, false)
+                && !needs_references(10.0, 100.0, false)
+                && !needs_references(10.0, 0.0, false)
+        );
     }
 
     /// What was timed counts under the reference that was told, to a hundredth, until there is enough of it.
@@ -335,7 +339,7 @@ mod tests {
         let mut gauge = Gauge::new(1);
         let outran = |gauge: &mut Gauge, read: f64| {
             gauge.begin();
-            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.commanded(0, 0.0, 90.0, 10.0);
             gauge.outran(0, 1.0);
             gauge.answered(&[read]);
             gauge.seen().len()
@@ -347,8 +351,8 @@ mod tests {
         // both stretches of one move
         moved(&mut gauge, 30.0, 0.02, |t| t.min(1.0));
         assert_eq!(gauge.seen().len(), MAX_SECTIONS);
-        gauge.told(0, 0.0, 90.0, 10.0);
+        gauge.commanded(0, 0.0, 90.0, 10.0);
         gauge.outran(0, 1.0);
-        assert!(!gauge.asks(), "nobody is asked for what is known");
+        assert!(!gauge.needs_references(), "nobody is asked for what is known");
     }
 }

@@ -84,7 +84,7 @@ impl Do {
     /// Joints whose motion it changes, and how the end of that motion is detected.
     pub fn disturbs(&self) -> (Vec<usize>, End) {
         match self {
-            Do::Move { joints, .. } => (joints.clone(), End::Told),
+            Do::Move { joints, .. } => (joints.clone(), End::Reported),
             Do::Direct { joints, .. } | Do::Velocity { joints, .. } | Do::Stop { joints } | Do::Mode { joints, .. } => {
                 (joints.clone(), End::Seen)
             }
@@ -151,16 +151,16 @@ impl Hand {
         let mut orders = orders.lock().await;
         let mut link = self.board.link();
         let mut taking = self.cell.taking();
-        let mut asking = interval(QUERY_PERIOD);
+        let mut queries = interval(QUERY_PERIOD);
         let mut refresh = interval(REFRESH);
-        asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        queries.set_missed_tick_behavior(MissedTickBehavior::Delay);
         refresh.set_missed_tick_behavior(MissedTickBehavior::Delay);
         link.mark_changed();
         loop {
             tokio::select! {
                 biased;
                 _ = end.changed() => break,
-                _ = self.halt.changed() => self.halt_if_told().await,
+                _ = self.halt.changed() => self.handle_halt().await,
                 Ok(()) = taking.changed() => link.mark_changed(),
                 _ = link.changed() => {
                     let now = link.borrow_and_update().clone();
@@ -175,17 +175,17 @@ impl Hand {
                     let Some(order) = order else { break };
                     self.carry_out(order).await;
                 }
-                _ = refresh.tick() => self.say_speeds(),
-                _ = asking.tick() => {
+                _ = refresh.tick() => self.send_velocities(),
+                _ = queries.tick() => {
                     if self.again.is_some_and(|at| self.cell.secs(super::cell::instant()) >= at) {
                         let now = link.borrow().clone();
                         self.linked(now).await;
                     }
                     if self.is_usable() {
-                        self.ask_done().await;
+                        self.query_done().await;
                         self.confirm().await;
                         self.put_back(false).await;
-                        self.ask_anything().await;
+                        self.query_if_idle().await;
                     }
                 }
             }
@@ -260,7 +260,7 @@ impl Hand {
     }
 
     /// Executes a new halt, if any.
-    async fn halt_if_told(&mut self) {
+    async fn handle_halt(&mut self) {
         let halt = self.halt.borrow_and_update().clone();
         if halt.epoch == self.handled {
             return;
@@ -293,7 +293,7 @@ impl Hand {
         }
         self.board.hush();
         for _ in 0..3 {
-            match self.say(&Ask::Set(Set::Stop(joints.clone()))).await {
+            match self.send(&Ask::Set(Set::Stop(joints.clone()))).await {
                 Ok(answer) if reply::is_ok(&answer) => return true,
                 Ok(_) => tracing::warn!(board = self.board.port(), "the board answers [fail] to stop"),
                 Err(error) => {
@@ -306,7 +306,7 @@ impl Hand {
     }
 
     async fn carry_out(&mut self, order: Order) {
-        self.halt_if_told().await;
+        self.handle_halt().await;
         let dropped = order.epoch < self.handled && order.what.moves();
         if !dropped && let Err(why) = self.attempt(&order).await {
             tracing::warn!(board = self.board.port(), why, "an order was not carried out");
@@ -352,7 +352,7 @@ impl Hand {
                 self.interrupted(order.epoch).await?;
                 self.paced(joints, &self.cell.greatest(&self.layout, self.index, joints));
                 self.speeds.set(joints, speed, self.cell.secs(super::cell::instant()));
-                self.say_speeds();
+                self.send_velocities();
                 Ok(())
             }
             Do::Stop { joints } => self.set(Set::Stop(Joints::Group(joints.clone()))).await,
@@ -366,7 +366,7 @@ impl Hand {
             return Err("the connection is another one, and begins with a stop".into());
         }
         let ask = Ask::Set(set);
-        match self.say(&ask).await {
+        match self.send(&ask).await {
             Ok(answer) if reply::is_ok(&answer) => Ok(()),
             Ok(_) => Err(format!("the board answers [fail] to {}", self.units().ask_to_wire(&ask).bottle())),
             Err(error) => Err(error.to_string()),
@@ -384,7 +384,7 @@ impl Hand {
     }
 
     /// Sends a request to the board, and records its answer time.
-    async fn say(&self, ask: &Ask) -> Result<Bottle, CallError> {
+    async fn send(&self, ask: &Ask) -> Result<Bottle, CallError> {
         let now = || self.cell.secs(super::cell::instant());
         let units = self.units();
         let asked = now();
@@ -400,7 +400,7 @@ impl Hand {
     fn paced(&self, joints: &[usize], most: &[f64]) {
         let now = self.cell.secs(super::cell::instant());
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
-            known.pace.told(joints, most, now);
+            known.pace.set_limit(joints, most, now);
             known.gauge.forget(joints);
         }
     }
@@ -412,22 +412,22 @@ impl Hand {
         known.gauge.begin();
         for ((joint, to), speed) in joints.iter().zip(to).zip(speed) {
             let from = known.q.get(*joint).copied().unwrap_or(*to);
-            known.gauge.told(*joint, from, *to, *speed);
+            known.gauge.commanded(*joint, from, *to, *speed);
         }
     }
 
     /// Handles a halt that came since; fails if the halt ends the present order.
     async fn interrupted(&mut self, epoch: u64) -> Result<(), String> {
-        self.halt_if_told().await;
+        self.handle_halt().await;
         if epoch < self.handled { Err("a stop came first".into()) } else { Ok(()) }
     }
 
-    fn say_speeds(&mut self) {
+    fn send_velocities(&mut self) {
         let limits = self.cell.limits(&self.layout, self.index);
         let now = self.cell.secs(super::cell::instant());
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
-        let Some((joints, speeds)) = self.speeds.say(&known.q, &limits, self.latency, now) else { return };
+        let Some((joints, speeds)) = self.speeds.due(&known.q, &limits, self.latency, now) else { return };
         let moving: Vec<usize> = joints.iter().zip(&speeds).filter(|(_, v)| **v != 0.0).map(|(j, _)| *j).collect();
         if !moving.is_empty() {
             let ticket = known.motions.order(&moving, End::Seen);
@@ -438,7 +438,7 @@ impl Hand {
     }
 
     /// Sends a query if there was none for a while, so that the answer time is always up to date.
-    async fn ask_anything(&mut self) {
+    async fn query_if_idle(&mut self) {
         let now = self.cell.secs(super::cell::instant());
         let due = self
             .cell
@@ -447,21 +447,21 @@ impl Hand {
             .get(self.index)
             .is_some_and(|known| known.answers.newest().is_none_or(|newest| now >= newest + UNASKED));
         if due {
-            let _ = self.say(&Ask::Get(Get::Axes)).await;
+            let _ = self.send(&Ask::Get(Get::Axes)).await;
         }
     }
 
     /// Queries the end of motions that only the board can detect.
-    async fn ask_done(&mut self) {
-        let asked = self.cell.lock().boards.get(self.index).and_then(|b| b.motions.ask());
+    async fn query_done(&mut self) {
+        let asked = self.cell.lock().boards.get(self.index).and_then(|b| b.motions.due_query());
         let Some((joints, ticket)) = asked else { return };
         let group = Joints::Group(joints.clone());
-        let Ok(answer) = self.say(&Ask::Get(Get::Done(group))).await else { return };
+        let Ok(answer) = self.send(&Ask::Get(Get::Done(group))).await else { return };
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         match answer.get(2).and_then(mobee_yarp::Value::as_i64) {
             Some(done) => known.motions.answered(&joints, ticket, done != 0),
-            None if reply::is_fail(&answer) => known.motions.board_cannot_tell(),
+            None if reply::is_fail(&answer) => known.motions.use_encoders_only(),
             None => {}
         }
     }

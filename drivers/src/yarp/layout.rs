@@ -121,17 +121,17 @@ pub fn joint_kind(motion: JointMotion) -> JointKind {
 
 /// Description and remedy if the joint kind that a board reports differs from the model's, because its
 /// numbers then have another meaning. A board that reports no kind is assumed to agree.
-pub fn disagreement(tells: JointKind, model: JointKind, motor: &str, joint: &str) -> Option<[String; 2]> {
+pub fn disagreement(reported: JointKind, model: JointKind, motor: &str, joint: &str) -> Option<[String; 2]> {
     let in_words = |kind| match kind {
         JointKind::Prismatic => "slides (meters)",
         JointKind::Revolute | JointKind::Unknown => "turns (degrees)",
     };
-    if tells == JointKind::Unknown || tells == model {
+    if reported == JointKind::Unknown || reported == model {
         return None;
     }
-    let tells = in_words(tells);
+    let reported = in_words(reported);
     let model = in_words(model);
-    let what = format!("{joint} {tells}, as its board tells, but motor {motor} of the model {model}");
+    let what = format!("{joint} {reported}, as its board tells, but motor {motor} of the model {model}");
     let remedy = "correct the type of the joint in the robot file or in the board's configuration, and check that the ports are this \
                   part's and its joints in this order";
     Some([what, remedy.into()])

@@ -104,9 +104,10 @@ impl Legs {
     /// Removes these motors from all moves, because other commands move them from now on.
     pub fn forget(&mut self, motors: &[usize]) {
         for leg in &mut self.under_way {
-            let keep: Vec<bool> = leg.motors.iter().map(|m| !motors.contains(m)).collect();
-            let kept = |list: &[f64]| list.iter().zip(&keep).filter(|(_, keep)| **keep).map(|(v, _)| *v).collect();
-            (leg.from, leg.to, leg.behind) = (kept(&leg.from), kept(&leg.to), kept(&leg.behind));
+            let stays: Vec<bool> = leg.motors.iter().map(|m| !motors.contains(m)).collect();
+            let remaining =
+                |list: &[f64]| list.iter().zip(&stays).filter(|(_, stays)| **stays).map(|(v, _)| *v).collect();
+            (leg.from, leg.to, leg.behind) = (remaining(&leg.from), remaining(&leg.to), remaining(&leg.behind));
             leg.motors.retain(|m| !motors.contains(m));
         }
         self.under_way.retain(|leg| !leg.motors.is_empty());

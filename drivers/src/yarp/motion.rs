@@ -22,7 +22,7 @@ const MAX_STATES: usize = 256;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// The board reports it.
-    Told,
+    Reported,
     /// The encoders rest.
     Seen,
 }
@@ -60,7 +60,7 @@ pub struct Motions {
     encoders: Vec<Encoder>,
     /// Number of states received.
     states: u64,
-    board_tells: bool,
+    board_reports: bool,
     tickets: u64,
 }
 
@@ -72,7 +72,7 @@ impl Motions {
             window: VecDeque::new(),
             encoders: vec![Encoder::default(); axes],
             states: 0,
-            board_tells: true,
+            board_reports: true,
             tickets: 0,
         }
     }
@@ -80,7 +80,7 @@ impl Motions {
     /// Marks these joints as commanded; the ticket identifies the command.
     pub fn order(&mut self, joints: &[usize], end: End) -> u64 {
         self.tickets += 1;
-        let end = if self.board_tells { end } else { End::Seen };
+        let end = if self.board_reports { end } else { End::Seen };
         for j in joints {
             if let Some(slot) = self.joints.get_mut(*j) {
                 *slot = Doing::Busy { end, ticket: self.tickets, given: None, arrived: false };
@@ -103,9 +103,9 @@ impl Motions {
 
     /// Joints whose end only the board can report and which are due for a query, with the ticket for its
     /// answer.
-    pub fn ask(&self) -> Option<(Vec<usize>, u64)> {
+    pub fn due_query(&self) -> Option<(Vec<usize>, u64)> {
         let waits = |(j, doing): (usize, &Doing)| match doing {
-            Doing::Busy { end: End::Told, given: Some(_), arrived: false, .. } => Some(j),
+            Doing::Busy { end: End::Reported, given: Some(_), arrived: false, .. } => Some(j),
             _ => None,
         };
         let joints: Vec<usize> = self.joints.iter().enumerate().filter_map(waits).collect();
@@ -124,8 +124,8 @@ impl Motions {
     }
 
     /// Switches to the encoders, because the board can't report the end of its motions.
-    pub fn board_cannot_tell(&mut self) {
-        self.board_tells = false;
+    pub fn use_encoders_only(&mut self) {
+        self.board_reports = false;
         for slot in &mut self.joints {
             if let Doing::Busy { end, .. } = slot {
                 *end = End::Seen;
@@ -148,7 +148,7 @@ impl Motions {
         for (j, slot) in self.joints.iter_mut().enumerate() {
             let Doing::Busy { end, given: Some(given), arrived, .. } = *slot else { continue };
             let over = match end {
-                End::Told => arrived,
+                End::Reported => arrived,
                 End::Seen => covered && at >= given + REST_TIME_S && rests(&self.window, &self.encoders, j),
             };
             if over {
@@ -251,10 +251,10 @@ mod tests {
     #[test]
     fn a_move_is_done_when_the_board_said_so_and_a_state_came_after() {
         let mut m = Motions::new(2);
-        let ticket = m.order(&[1], End::Told);
-        assert_eq!((done(&m), m.ask()), (vec![true, false], None), "the board has not got it yet");
+        let ticket = m.order(&[1], End::Reported);
+        assert_eq!((done(&m), m.due_query()), (vec![true, false], None), "the board has not got it yet");
         m.given(ticket, 1.0);
-        let (joints, upto) = m.ask().unwrap();
+        let (joints, upto) = m.due_query().unwrap();
         assert_eq!(joints, [1]);
         m.answered(&joints, upto, false);
         m.read(1.02, &[0.0, 0.0]);
@@ -268,10 +268,10 @@ mod tests {
     #[test]
     fn an_answer_to_an_older_question_ends_nothing_newer() {
         let mut m = Motions::new(1);
-        let first = m.order(&[0], End::Told);
+        let first = m.order(&[0], End::Reported);
         m.given(first, 0.0);
-        let (joints, upto) = m.ask().unwrap();
-        let second = m.order(&[0], End::Told);
+        let (joints, upto) = m.due_query().unwrap();
+        let second = m.order(&[0], End::Reported);
         m.given(second, 0.1);
         m.answered(&joints, upto, true);
         m.read(0.2, &[1.0]);
@@ -377,20 +377,20 @@ mod tests {
     #[test]
     fn what_never_reached_the_board_stays_busy_and_a_silent_board_is_watched() {
         let mut m = Motions::new(1);
-        m.order(&[0], End::Told);
+        m.order(&[0], End::Reported);
         for i in 0..100 {
             m.read(0.02 * f64::from(i), &[0.0]);
         }
         assert!(m.is_busy());
         m.given(1, 2.0);
-        m.board_cannot_tell();
-        assert_eq!(m.ask(), None);
+        m.use_encoders_only();
+        assert_eq!(m.due_query(), None);
         for i in 100..110 {
             m.read(0.02 * f64::from(i), &[0.0]);
         }
         assert!(!m.is_busy());
-        m.order(&[0], End::Told);
+        m.order(&[0], End::Reported);
         m.given(2, 2.2);
-        assert_eq!(m.ask(), None, "it is not asked again");
+        assert_eq!(m.due_query(), None, "it is not asked again");
     }
 }

@@ -13,10 +13,10 @@ const SLOWING: f64 = 1.0;
 
 /// Speed limits of one board's joints, deg/s.
 #[derive(Clone, Debug)]
-pub struct Pace(Vec<Told>);
+pub struct Pace(Vec<SpeedLimit>);
 
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct SpeedLimit {
     most: f64,
     before: f64,
     at: f64,
@@ -33,23 +33,23 @@ pub struct TooFast {
 impl Pace {
     /// Creates the check without any limit.
     pub fn new(axes: usize) -> Pace {
-        Pace(vec![Told { most: f64::INFINITY, before: f64::INFINITY, at: f64::NEG_INFINITY }; axes])
+        Pace(vec![SpeedLimit { most: f64::INFINITY, before: f64::INFINITY, at: f64::NEG_INFINITY }; axes])
     }
 
     /// Sets the speed limits of these joints.
-    pub fn told(&mut self, joints: &[usize], most: &[f64], now: f64) {
+    pub fn set_limit(&mut self, joints: &[usize], most: &[f64], now: f64) {
         for (j, most) in joints.iter().zip(most) {
-            if let Some(told) = self.0.get_mut(*j) {
-                *told = Told { most: *most, before: told.most, at: now };
+            if let Some(limit) = self.0.get_mut(*j) {
+                *limit = SpeedLimit { most: *most, before: limit.most, at: now };
             }
         }
     }
 
     /// First joint that is faster than commanded by more than a board's own profile explains.
     pub fn exceeded(&self, speeds: &[f64], now: f64) -> Option<TooFast> {
-        let too_fast = |(joint, (told, speed)): (usize, (&Told, &f64))| {
-            let slowing = now < told.at + SLOWING && told.before.is_finite();
-            let most = if slowing { told.most.max(told.before) } else { told.most };
+        let too_fast = |(joint, (limit, speed)): (usize, (&SpeedLimit, &f64))| {
+            let slowing = now < limit.at + SLOWING && limit.before.is_finite();
+            let most = if slowing { limit.most.max(limit.before) } else { limit.most };
             (*speed > EASED * most + NOISE).then_some(TooFast { joint, speed: *speed, most })
         };
         self.0.iter().zip(speeds).enumerate().find_map(too_fast)
@@ -79,12 +79,12 @@ mod tests {
     fn a_joint_may_ease_and_slow_down_but_not_outrun_what_it_was_told() {
         let mut pace = Pace::new(2);
         assert_eq!(pace.exceeded(&[500.0, 500.0], 0.0), None, "nothing was told");
-        pace.told(&[0, 1], &[20.0, 50.0], 1.0);
+        pace.set_limit(&[0, 1], &[20.0, 50.0], 1.0);
         assert_eq!(pace.exceeded(&[1.9 * 20.0, 90.0], 1.1), None);
         let fast = pace.exceeded(&[10.0, 150.0], 1.1).unwrap();
         assert_eq!((fast.joint, fast.most), (1, 50.0));
         assert_eq!(pace.exceeded(&[45.0, 105.0], 1.1), None, "twice what it was told, and noise");
-        pace.told(&[1], &[5.0], 3.0);
+        pace.set_limit(&[1], &[5.0], 3.0);
         assert_eq!(pace.exceeded(&[0.0, 90.0], 3.5), None, "it is still slowing down");
         assert_eq!(pace.exceeded(&[0.0, 90.0], 4.0).map(|fast| fast.joint), Some(1), "a second is enough");
         let fast = pace.exceeded(&[0.0, 90.0], 4.5).unwrap();
@@ -104,8 +104,8 @@ mod tests {
             motions: Vec::new(),
         };
         let words = fast.in_words(&layout, 0);
-        let told =
+        let start =
             "motor elbow (joint 1 of /arm) moves at 90 deg/s and was told 5: end the program that writes to /arm";
-        assert!(words.starts_with(told), "{words}");
+        assert!(words.starts_with(start), "{words}");
     }
 }

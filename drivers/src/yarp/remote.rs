@@ -53,7 +53,7 @@ pub trait Remote: Send + Sync {
 /// Connection to a board that only its brake uses.
 pub trait StopLine: Send {
     /// Sends a request and waits for the answer.
-    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>>;
+    fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>>;
 }
 
 impl Wire for Network {
@@ -107,7 +107,7 @@ impl Remote for RemoteBoard {
 }
 
 impl StopLine for RpcClient {
-    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+    fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         Box::pin(async move { self.call(&request.bottle()).await })
     }
 }

@@ -24,7 +24,7 @@ use super::{Questions, YarpDriverSettings, YarpHardware};
 use crate::{Fault, Garbage, Imitated, SimHardware, SimSettings};
 use crate::{SimBoard, SimClock};
 use client::{Client, Stops};
-use far::{Far, Kept, lock};
+use far::{Far, KeptConnection, lock};
 use faults::Faults;
 use judge::Judge;
 use mobee_contract::{
@@ -257,7 +257,7 @@ impl Wire for SimWire {
     }
 
     fn stop_line(&self, patch: &Patch, _own: &str, patience: Duration) -> Option<Box<dyn StopLine>> {
-        Some(Box::new(Stops { far: self.far(patch)?, kept: Kept::new(), patience }))
+        Some(Box::new(Stops { far: self.far(patch)?, connection: KeptConnection::new(), patience }))
     }
 
     fn questions(&self, _patch: &Patch, _local: &str, _timeout: Duration) -> Option<Questions> {

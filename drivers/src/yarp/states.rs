@@ -74,7 +74,7 @@ fn take(
     };
     words(&mut known.modes, &state.joints.control_modes);
     words(&mut known.interactions, &state.joints.interaction_modes);
-    known.told = Some(state.clone());
+    known.received = Some(state.clone());
     known.lost.0 = lost;
     known.read_at = at;
     known.fresh = true;
@@ -148,7 +148,7 @@ mod tests {
         let cell = SharedBoards::new(&layout);
         let mut inner = cell.lock();
         let known = &mut inner.boards[0];
-        known.pace.told(&[0], &[10.0], 0.0);
+        known.pace.set_limit(&[0], &[10.0], 0.0);
         let mut alarms = Vec::new();
         for k in 0..150 {
             // at 40 deg/s for a second, at rest for one, and at 40 deg/s again

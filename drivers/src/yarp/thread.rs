@@ -157,7 +157,7 @@ impl Shared {
             let mut crew = muster(&self, &self.end);
             let lost = tokio::select! {
                 biased;
-                () = told(&mut end) => None,
+                () = at_end(&mut end) => None,
                 // a task that sees the end first has not died, and the others are not done yet
                 why = crew.lost() => Some(why).filter(|_| !*self.end.borrow()),
             };
@@ -199,22 +199,22 @@ impl Shared {
             );
             let states = states(cell.clone(), layout.clone(), index, board.clone(), self.settings.clone());
             // states are read, and the connection lasts, until the hand has restored the board
-            let (given, back) = watch::channel(false);
-            let given = Arc::new(given);
-            let kept = end.clone();
+            let (restored, until_restored) = watch::channel(false);
+            let restored = Arc::new(restored);
+            let hand_end = end.clone();
             let ending = end.clone();
-            let gives = given.clone();
+            let restored_by_hand = restored.clone();
             crew.add(format!("hand at {}", patch.port), async move {
-                hand.work(kept).await;
-                gives.send_replace(true);
+                hand.work(hand_end).await;
+                restored_by_hand.send_replace(true);
             });
-            crew.add(format!("reader of {}", patch.port), until(back.clone(), states));
+            crew.add(format!("reader of {}", patch.port), until(until_restored.clone(), states));
             crew.add(format!("connection to {}", patch.port), async move {
-                until(back, board.died()).await;
+                until(until_restored, board.died()).await;
                 if *ending.borrow() {
                     board.close().await;
                 }
-                drop(given);
+                drop(restored);
             });
         }
         crew
@@ -243,7 +243,7 @@ impl Shared {
 }
 
 /// Ready at the end.
-async fn told(end: &mut watch::Receiver<bool>) {
+async fn at_end(end: &mut watch::Receiver<bool>) {
     // an error means that the sender is gone
     let _ = end.wait_for(|end| *end).await;
 }
@@ -252,7 +252,7 @@ async fn told(end: &mut watch::Receiver<bool>) {
 async fn until(mut end: watch::Receiver<bool>, work: impl Future<Output = ()>) {
     tokio::select! {
         biased;
-        () = told(&mut end) => {}
+        () = at_end(&mut end) => {}
         () = work => {}
     }
 }

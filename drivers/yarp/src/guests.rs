@@ -11,11 +11,11 @@ const KEEP_ALIVE: Duration = Duration::from_secs(1);
 
 /// Time of the last message of a connection, and whether it has sent anything but its name.
 #[derive(Debug)]
-pub(crate) struct Heard(Mutex<(bool, Instant)>);
+pub(crate) struct LastMessage(Mutex<(bool, Instant)>);
 
-impl Heard {
-    fn new() -> Heard {
-        Heard(Mutex::new((false, clock::now())))
+impl LastMessage {
+    fn new() -> LastMessage {
+        LastMessage(Mutex::new((false, clock::now())))
     }
 
     /// Records a message.
@@ -32,7 +32,7 @@ impl Heard {
 pub(crate) struct Guests {
     most: usize,
     tasks: JoinSet<()>,
-    guests: Vec<(AbortHandle, Arc<Heard>)>,
+    guests: Vec<(AbortHandle, Arc<LastMessage>)>,
 }
 
 impl Guests {
@@ -44,7 +44,7 @@ impl Guests {
     /// Serves a new connection. If there is no room, it replaces the one that has been silent for longest,
     /// preferring those that never sent anything. Returns false, and does not serve it, if all others were
     /// active just now.
-    pub fn admit<F>(&mut self, serve: impl FnOnce(Arc<Heard>) -> F) -> bool
+    pub fn admit<F>(&mut self, serve: impl FnOnce(Arc<LastMessage>) -> F) -> bool
     where
         F: Future<Output = ()> + Send + 'static,
     {
@@ -52,15 +52,15 @@ impl Guests {
         if self.guests.len() >= self.most && !self.make_room() {
             return false;
         }
-        let heard = Arc::new(Heard::new());
-        self.guests.push((self.tasks.spawn(serve(heard.clone())), heard));
+        let activity = Arc::new(LastMessage::new());
+        self.guests.push((self.tasks.spawn(serve(activity.clone())), activity));
         true
     }
 
     fn make_room(&mut self) -> bool {
-        let silent = |(_, heard): &&(AbortHandle, Arc<Heard>)| heard.last().1.elapsed() > KEEP_ALIVE;
+        let silent = |(_, activity): &&(AbortHandle, Arc<LastMessage>)| activity.last().1.elapsed() > KEEP_ALIVE;
         let all = self.guests.iter().enumerate().filter(|(_, guest)| silent(guest));
-        let Some(at) = all.min_by_key(|(_, (_, heard))| heard.last()).map(|(at, _)| at) else { return false };
+        let Some(at) = all.min_by_key(|(_, (_, activity))| activity.last()).map(|(at, _)| at) else { return false };
         self.guests.swap_remove(at).0.abort();
         true
     }
@@ -84,28 +84,32 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn who_is_silent_makes_room_and_who_speaks_stays() {
         let mut guests = Guests::new(3);
-        let mut heard = Vec::new();
-        let admit = |guests: &mut Guests, heard: &mut Vec<Arc<Heard>>| {
+        let mut activity = Vec::new();
+        let admit = |guests: &mut Guests, activity: &mut Vec<Arc<LastMessage>>| {
             guests.admit(|one| {
-                heard.push(one);
+                activity.push(one);
                 pending()
             })
         };
         for _ in 0..3 {
-            assert!(admit(&mut guests, &mut heard));
+            assert!(admit(&mut guests, &mut activity));
         }
-        assert!(!admit(&mut guests, &mut heard), "all have come just now");
-        heard.truncate(3);
+        assert!(!admit(&mut guests, &mut activity), "all have come just now");
+        activity.truncate(3);
         // the first speaks once, the second never, the third goes on
-        heard[0].now();
+        activity[0].now();
         tokio::time::advance(2 * KEEP_ALIVE).await;
-        heard[2].now();
-        let alive = |guests: &Guests, one: &Arc<Heard>| guests.guests.iter().any(|(_, known)| Arc::ptr_eq(known, one));
-        assert!(admit(&mut guests, &mut heard));
-        assert!([0, 2, 3].iter().all(|i| alive(&guests, &heard[*i])) && !alive(&guests, &heard[1]), "never spoke");
-        assert!(admit(&mut guests, &mut heard));
+        activity[2].now();
+        let alive =
+            |guests: &Guests, one: &Arc<LastMessage>| guests.guests.iter().any(|(_, known)| Arc::ptr_eq(known, one));
+        assert!(admit(&mut guests, &mut activity));
         assert!(
-            [2, 3, 4].iter().all(|i| alive(&guests, &heard[*i])) && !alive(&guests, &heard[0]),
+            [0, 2, 3].iter().all(|i| alive(&guests, &activity[*i])) && !alive(&guests, &activity[1]),
+            "never spoke"
+        );
+        assert!(admit(&mut guests, &mut activity));
+        assert!(
+            [2, 3, 4].iter().all(|i| alive(&guests, &activity[*i])) && !alive(&guests, &activity[0]),
             "silent for longest"
         );
         assert!(!guests.admit(|_| pending()));
@@ -114,6 +118,6 @@ mod tests {
         assert_eq!(guests.ended().await, Some(()));
         assert_eq!(guests.ended().await, Some(()));
         assert_eq!(guests.ended().await, Some(()));
-        assert!(admit(&mut guests, &mut heard));
+        assert!(admit(&mut guests, &mut activity));
     }
 }

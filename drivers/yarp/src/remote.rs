@@ -66,8 +66,8 @@ pub async fn connect(network: &Network, src: &str, dest: &str, carrier: Option<&
     let (src, dest) = (Contact::parse(src), Contact::parse(dest));
     let source = find(network, &src).await?.ok_or_else(|| RemoteError::NoSource(src.name.clone()))?;
     find(network, &dest).await?.ok_or_else(|| RemoteError::NoDestination(dest.name.clone()))?;
-    let said = [carrier.unwrap_or_default(), &dest.carrier, &src.carrier].into_iter().find(|c| !c.is_empty());
-    let target = Contact { carrier: said.unwrap_or("tcp").into(), ..dest };
+    let chosen = [carrier.unwrap_or_default(), &dest.carrier, &src.carrier].into_iter().find(|c| !c.is_empty());
+    let target = Contact { carrier: chosen.unwrap_or("tcp").into(), ..dest };
     let request = command("add").with(target.to_string());
     accepted(&source.name, &admin(network, &source, &request).await?)
 }

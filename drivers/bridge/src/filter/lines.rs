@@ -28,7 +28,7 @@ fn family(from: &str) -> Option<String> {
 
 impl Lines {
     /// Updates a connection and its motion when something arrives on it.
-    pub(super) fn hear(&mut self, client: &Client, seen: &Seen) {
+    pub(super) fn update(&mut self, client: &Client, seen: &Seen) {
         let line = self.0.entry(client.connection).or_default();
         if line.family.is_none() {
             line.family = family(client.from);
@@ -63,7 +63,7 @@ impl Lines {
 
     /// Records that the client was informed by a refusal, on this connection and on related ones without
     /// replies.
-    pub(super) fn told(&mut self, client: &Client) {
+    pub(super) fn inform_family(&mut self, client: &Client) {
         let Some(line) = self.0.get_mut(&client.connection) else { return };
         (line.open, line.failed) = (None, false);
         let Some(family) = line.family.clone() else { return };

@@ -109,16 +109,16 @@ impl FilterCore {
     /// positions.
     pub(super) fn stop(&mut self, client: &Client, joints: &[usize], seen: &Seen) -> Option<Step> {
         let part = self.parts.get(client.part)?;
-        let asked: Vec<usize> = joints.iter().map(|j| part.motors.start + j).collect();
+        let requested: Vec<usize> = joints.iter().map(|j| part.motors.start + j).collect();
         let moving = self.lines.moving(seen);
-        if moving.iter().all(|m| !asked.contains(m)) {
+        if moving.iter().all(|m| !requested.contains(m)) {
             return Some(Step::Reply(BoardReply::Accepted));
         }
-        if moving.iter().all(|m| asked.contains(m)) {
+        if moving.iter().all(|m| requested.contains(m)) {
             self.lines.stopped(seen);
             return Some(Step::Stop);
         }
-        let motors: Vec<usize> = asked.into_iter().filter(|m| moving.contains(m)).collect();
+        let motors: Vec<usize> = requested.into_iter().filter(|m| moving.contains(m)).collect();
         let axis = |m: &usize| part.axes.get(m - part.motors.start);
         let q: Option<Vec<f64>> = motors
             .iter()

@@ -125,12 +125,12 @@ impl PartFilter {
         };
         // a message that is not a bottle is answered like an unknown request
         let request = message.payload.bottle(dialect).unwrap_or_else(|_| Bottle::of(["", ""]));
-        let asked = yarp::board::parse(&request, &self.units);
+        let parsed = yarp::board::parse(&request, &self.units);
         let (failed, step) =
-            self.robot.with(|core, seen| (core.has_failed(&client, seen), core.request(&client, &asked, seen)));
+            self.robot.with(|core, seen| (core.has_failed(&client, seen), core.request(&client, &parsed, seen)));
         match &step {
             Step::Reply(reply) => self.explained(*reply, failed, None).into(),
-            Step::Question(question) => self.ask(&client, question, &message, &request).await,
+            Step::Question(question) => self.query(&client, question, &message, &request).await,
             Step::Commit(_) | Step::Stream(_) | Step::Stop => {
                 let (reply, refusal) = self.act(&client, &step).await;
                 self.explained(reply, false, refusal).into()
@@ -165,7 +165,7 @@ impl PartFilter {
     }
 
     /// Passes a query on to the board, and its answer back.
-    async fn ask(&self, client: &Client<'_>, question: &Question, message: &Message, request: &Bottle) -> Payload {
+    async fn query(&self, client: &Client<'_>, question: &Question, message: &Message, request: &Bottle) -> Payload {
         let dialect = self.robot.network.dialect();
         let words = message.payload.binary(dialect).map(|b| b.to_vec()).unwrap_or_default();
         let Some(answer) = self.robot.filtered.passthrough(&self.name, NativeMessage(words)) else {
@@ -302,8 +302,8 @@ impl Device for PartDevice {
 
     fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>) {
         let client = Client { part: self.part.index, connection, from, listens: false };
-        let asked = yarp::board::streamed(&head, &body, &self.part.units);
-        let step = self.part.robot.with(|core, seen| core.streamed(&client, &asked, seen));
+        let parsed = yarp::board::streamed(&head, &body, &self.part.units);
+        let step = self.part.robot.with(|core, seen| core.streamed(&client, &parsed, seen));
         if let Some(step) = step
             && self.jobs.try_send(Job { connection, from: from.to_owned(), step }).is_err()
         {
@@ -314,20 +314,20 @@ impl Device for PartDevice {
     fn state(&self) -> Option<(Stamp, JointData)> {
         let robot = &self.part.robot;
         let index = self.part.index;
-        let told = robot.filtered.native_state(&self.part.name);
+        let native = robot.filtered.native_state(&self.part.name);
         let at = robot.filtered.latest().at;
-        let seq = told.as_ref().map_or(at.0, |told| told.seq);
+        let seq = native.as_ref().map_or(at.0, |native| native.seq);
         let mut published = self.published.lock().unwrap_or_else(PoisonError::into_inner);
         // without a new reading nothing is published, so that a client detects a silent robot
         if published.1.replace(seq) == Some(seq) {
             return None;
         }
-        published.0 = match told.as_ref().and_then(|told| told.stamp) {
+        published.0 = match native.as_ref().and_then(|native| native.stamp) {
             Some((count, time)) => Stamp { count, time },
             None => published.0.next(robot.running.time_of_day(at)),
         };
-        let told = told.and_then(|told| JointData::decode(&told.message.0, Dialect::V3).ok());
-        let state = robot.with(|core, _| yarp::board::state(core.board(index), told));
+        let native = native.and_then(|native| JointData::decode(&native.message.0, Dialect::V3).ok());
+        let state = robot.with(|core, _| yarp::board::state(core.board(index), native));
         Some((published.0, state))
     }
 

@@ -69,7 +69,7 @@ impl RobotPorts {
             commanded: Mutex::new(vec![0.0; model.motors.len()]),
         });
         let own = format!("{}/{}", settings.prefix, filtered.name());
-        let handler = Arc::new(Asked(robot.clone(), Whom::Robot));
+        let handler = Arc::new(RpcHandler(robot.clone(), RpcReceiver::Robot));
         let mut servers = vec![RpcServer::open(network, &format!("{own}/rpc"), handler).await.map_err(wrong)?];
         let writer = async |name: String| OutputPort::open(network, &name, Delivery::Newest).await.map_err(wrong);
         let (collisions, observed) =
@@ -79,7 +79,7 @@ impl RobotPorts {
             let first = taken.insert(part.name.clone());
             let robots = running.robots();
             let prefix = settings.part_prefix(model, &part.name, first, robots.iter().map(|robot| robot.name()));
-            let handler = Arc::new(Asked(robot.clone(), Whom::Part(index)));
+            let handler = Arc::new(RpcHandler(robot.clone(), RpcReceiver::Part(index)));
             servers.push(RpcServer::open(network, &format!("{prefix}/rpc"), handler).await.map_err(wrong)?);
             let state = writer(format!("{prefix}/state:o")).await?;
             let control = match settings.force_field.get(&part.name).filter(|_| settings.steers(&part.name, first)) {
@@ -100,18 +100,18 @@ impl RobotPorts {
 
     /// Publishes to the connected ports.
     fn publish(&self, latest: &Latest, envelope: &str) {
-        let heard = |writer: &OutputPort| !writer.peers().is_empty();
+        let is_read = |writer: &OutputPort| !writer.peers().is_empty();
         let envelope = || Some(envelope.to_owned());
-        for ports in self.parts.iter().filter(|p| heard(&p.state)) {
+        for ports in self.parts.iter().filter(|p| is_read(&p.state)) {
             let shares = self.robot.view(ports.part, &latest.q, &[], part_rpc::shares);
             ports.state.write(yarp::part::floats(&shares), envelope());
         }
-        if heard(&self.collisions) {
+        if is_read(&self.collisions) {
             let scene = self.robot.running.scene();
             let contacts = observation::collisions(self.robot.filtered.index(), &latest.contacts, &scene);
             self.collisions.write(yarp::observation::collisions(&contacts), envelope());
         }
-        if heard(&self.observation) {
+        if is_read(&self.observation) {
             self.observation.write(yarp::observation::observation(&self.robot.model, latest), envelope());
         }
     }
@@ -147,21 +147,21 @@ impl RobotPorts {
 }
 
 /// Receiver of an RPC.
-enum Whom {
+enum RpcReceiver {
     Robot,
     Part(usize),
 }
 
-struct Asked(Arc<Known>, Whom);
+struct RpcHandler(Arc<Known>, RpcReceiver);
 
-impl Handler for Asked {
+impl Handler for RpcHandler {
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
         let robot = &self.0;
         let request = request.payload.bottle(robot.network.dialect()).unwrap_or_default();
         let latest = robot.filtered.latest();
         let reply = match self.1 {
-            Whom::Robot => yarp::robot::answer(&request, robot.filtered.as_ref()),
-            Whom::Part(part) => {
+            RpcReceiver::Robot => yarp::robot::answer(&request, robot.filtered.as_ref()),
+            RpcReceiver::Part(part) => {
                 let commanded = robot.commanded.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 robot.view(part, &latest.q, &commanded, |view| yarp::part::answer(&request, view))
             }

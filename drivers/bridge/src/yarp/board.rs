@@ -39,15 +39,15 @@ pub(crate) fn parse(request: &Bottle, units: &Units) -> BoardRequest {
         return BoardRequest::Incomplete;
     }
     let axes = units.axes();
-    let asked = Ask::parse(request).filter(|asked| asked.fits(axes)).map(|asked| units.ask_from_wire(asked));
+    let parsed = Ask::parse(request).filter(|parsed| parsed.fits(axes)).map(|parsed| units.ask_from_wire(parsed));
     if reads::allowed(request) {
-        let question = match asked {
+        let question = match parsed {
             Some(Ask::Get(get)) => question(&get, axes),
             _ => None,
         };
         return BoardRequest::Question(question.unwrap_or(Question::Other));
     }
-    let order = match asked {
+    let order = match parsed {
         Some(Ask::Set(set)) => order(set, axes),
         _ => None,
     };

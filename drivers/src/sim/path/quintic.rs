@@ -35,7 +35,7 @@ impl Quintic {
         let acceleration = bounds.acceleration.max(from.a.abs());
         (0..28)
             .map(|i| Quintic::through(from, to, 0.4 * at_rest * 1.12f64.powi(i)))
-            .find(|p| p.keeps_within(from.q, bounds.speed, acceleration))
+            .find(|p| p.stays_within(from.q, bounds.speed, acceleration))
     }
 
     /// Polynomial of this duration through both end states.
@@ -47,7 +47,7 @@ impl Quintic {
     }
 
     /// True if it stays between its ends and within the bounds, with a tolerance for rounding.
-    fn keeps_within(&self, start: f64, speed: f64, acceleration: f64) -> bool {
+    fn stays_within(&self, start: f64, speed: f64, acceleration: f64) -> bool {
         let room = 1.0 + 1e-12;
         let v = derivative(&self.c);
         let a = derivative(&v);

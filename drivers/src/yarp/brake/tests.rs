@@ -17,7 +17,7 @@ struct Line {
 }
 
 impl StopLine for Line {
-    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+    fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         let word = if matches!(request, Ask::Set(Set::Stop(_))) { "stop" } else { "question" };
         let ms = self.cell.as_ref().map_or(0.0, |cell| cell.secs(instant()) * 1e3);
         self.said.lock().unwrap().push((ms.round() as u64, word));
@@ -92,7 +92,7 @@ async fn an_idle_line_is_tried() {
     let said = rig.goes(0.0, 3.0).await;
     assert!(said.iter().all(|(_, word)| *word == "question") && (5..=6).contains(&said.len()), "{said:?}");
     assert!(said.windows(2).all(|w| (500..=520).contains(&(w[1].0 - w[0].0))), "{said:?}");
-    rig.cell.lock().boards[0].motions.order(&[0], End::Told);
+    rig.cell.lock().boards[0].motions.order(&[0], End::Reported);
     assert_eq!(rig.counted(0.0, 2.0).await, (0, 0), "no question is in the way of a stop");
     rig.end.send_replace(true);
     assert_eq!(rig.counted(0.0, 0.1).await, (1, 0), "the last word is a stop, too");
@@ -103,7 +103,7 @@ async fn an_idle_line_is_tried() {
 #[tokio::test(start_paused = true)]
 async fn a_stop_that_shows_no_effect_is_said_again() {
     let mut rig = Rig::new();
-    rig.cell.lock().boards[0].motions.order(&[0], End::Told);
+    rig.cell.lock().boards[0].motions.order(&[0], End::Reported);
     rig.goes(20.0, 0.5).await;
     rig.stops(0);
     let begun = (rig.cell.secs(instant()) * 1e3).round() as u64;
@@ -123,7 +123,7 @@ async fn a_stop_that_shows_no_effect_is_said_again() {
 #[tokio::test(start_paused = true)]
 async fn a_stop_is_given_no_longer_than_it_takes() {
     let mut rig = Rig::new();
-    rig.cell.lock().boards[0].motions.order(&[0], End::Told);
+    rig.cell.lock().boards[0].motions.order(&[0], End::Reported);
     rig.goes(20.0, 0.51).await;
     rig.stops(0);
     let said = rig.goes(20.0, 0.2).await;
@@ -188,7 +188,7 @@ fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
     let watched = |joints: Joints, first: Option<Vec<f64>>| Effect {
         ticket: 1,
         joints,
-        said: 0.0,
+        checked: 0.0,
         speeds: first.clone(),
         first,
         sent: 0.0,
@@ -212,7 +212,7 @@ fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
 #[test]
 fn a_slow_joint_is_stopped_again_once_it_had_time_to_sink() {
     let speeds = Some(vec![9.0]);
-    let mut effect = Effect { ticket: 1, joints: Joints::All, said: 0.0, first: speeds.clone(), speeds, sent: 0.0 };
+    let mut effect = Effect { ticket: 1, joints: Joints::All, checked: 0.0, first: speeds.clone(), speeds, sent: 0.0 };
     let looks = (1..=20).map(|i| 0.15 * f64::from(i));
     let again: Vec<f64> = looks.filter(|at| effect.seen(*at, MeasuredSpeeds::At(vec![9.0])) != Seen::Slower).collect();
     assert_eq!(again.len(), 5, "{again:?}");

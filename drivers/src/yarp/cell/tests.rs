@@ -130,7 +130,7 @@ fn only_a_time_is_taken_for_a_stamp() {
 #[test]
 fn findings_of_before_are_owed_where_they_are_complete() {
     let layout = layout();
-    let found = |motor: usize| Finding { speed: Some(3.0), ..Finding::default() }.told(motor);
+    let found = |motor: usize| Finding { speed: Some(3.0), ..Finding::default() }.to_contract(motor);
     let cell = ready();
     let mut inner = cell.lock();
     inner.inherit(&layout, &[found(1)]);

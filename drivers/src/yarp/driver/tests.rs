@@ -270,7 +270,7 @@ async fn a_reading_is_joined_of_all_boards() {
     inner.boards[0].fresh = true;
     inner.join(&layout);
     assert!(!inner.unread, "the other board said nothing");
-    let ticket = inner.boards[1].motions.order(&[1], End::Told);
+    let ticket = inner.boards[1].motions.order(&[1], End::Reported);
     (inner.boards[1].fresh, inner.boards[1].lost.0, inner.boards[0].lost.0, inner.boards[0].read_at) =
         (true, 3, 2, 0.5);
     inner.join(&layout);
@@ -292,7 +292,7 @@ async fn a_reading_is_joined_of_all_boards() {
 /// What a board's newest state reports of torques.
 fn reports(known: &mut super::super::cell::BoardFacts, torque: JointField) {
     let joints = JointData { position: JointField::known(vec![0.0; 2]), torque, ..JointData::default() };
-    known.told = Some(Arc::new(RemoteState { seq: 0, stamp: None, arrived: instant(), joints }));
+    known.received = Some(Arc::new(RemoteState { seq: 0, stamp: None, arrived: instant(), joints }));
 }
 
 /// The joint of a board pushes against what pushes it. What a board does not vouch for, and what is no number, is no torque.

@@ -67,7 +67,7 @@ impl Hand {
         for round in 0..rounds {
             match epoch {
                 Some(epoch) => self.interrupted(epoch).await?,
-                None => self.halt_if_told().await,
+                None => self.handle_halt().await,
             }
             if left(self).is_empty() {
                 return Ok(());
@@ -86,8 +86,8 @@ impl Hand {
         let vocabs = |answer: &Bottle, nth: usize| -> Option<Vec<Vocab>> {
             answer.get(nth)?.as_list()?.0.iter().map(Value::as_vocab).collect()
         };
-        let modes = self.say(&Ask::Get(Get::Modes(Joints::All))).await;
-        let interactions = self.say(&Ask::Get(Get::Interactions(Joints::All))).await;
+        let modes = self.send(&Ask::Get(Get::Modes(Joints::All))).await;
+        let interactions = self.send(&Ask::Get(Get::Interactions(Joints::All))).await;
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         if let Some(modes) = modes.ok().and_then(|a| vocabs(&a, 2)) {

@@ -27,10 +27,10 @@ impl Hand {
         let accelerations = self.references(Quantity::ReferenceAcceleration).await?;
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return Ok(()) };
-        let told = |word: Option<&mobee_yarp::Vocab>| word.copied().filter(|word| *word != mode::UNKNOWN);
+        let known_word = |word: Option<&mobee_yarp::Vocab>| word.copied().filter(|word| *word != mode::UNKNOWN);
         let finding = |j: usize| Finding {
-            mode: told(known.modes.get(j)),
-            interaction: told(known.interactions.get(j)),
+            mode: known_word(known.modes.get(j)),
+            interaction: known_word(known.interactions.get(j)),
             speed: speeds.get(j).copied(),
             acceleration: accelerations.get(j).copied(),
         };
@@ -41,7 +41,7 @@ impl Hand {
 
     /// References of all joints; empty if the board does not report them.
     pub(super) async fn references(&self, what: Quantity) -> Result<Vec<f64>, CallError> {
-        let answer = self.say(&Ask::Get(Get::Values(what, Joints::All))).await?;
+        let answer = self.send(&Ask::Get(Get::Values(what, Joints::All))).await?;
         let read = answer.get(2).and_then(Value::as_list).and_then(mobee_yarp::Bottle::numbers).unwrap_or_default();
         Ok(if read.iter().all(|v| v.is_finite()) { read } else { Vec::new() })
     }
@@ -59,7 +59,7 @@ impl Hand {
             return; // it begins with a stop
         }
         let Some(due) = self.due(at_end) else { return };
-        let answer = self.say(&Ask::Set(due.say.clone())).await;
+        let answer = self.send(&Ask::Set(due.set.clone())).await;
         let done = matches!(&answer, Ok(answer) if reply::is_ok(answer));
         if done {
             // the next switch of modes relies on the reported ones
@@ -75,10 +75,10 @@ impl Hand {
         if done {
             known.owed.paid(&due);
         } else if answer.is_ok() && known.owed.refused(&due, now) {
-            let asked = self.units().ask_to_wire(&Ask::Set(due.say.clone())).bottle().to_string();
+            let request = self.units().ask_to_wire(&Ask::Set(due.set.clone())).bottle().to_string();
             tracing::warn!(
                 board = self.board.port(),
-                asked,
+                asked = request,
                 "a joint is not as it was found: the board answers [fail]"
             );
         }
@@ -120,12 +120,12 @@ impl Hand {
     fn not_as_found(&self, due: &Due) -> Vec<usize> {
         let inner = self.cell.lock();
         let Some(known) = inner.boards.get(self.index) else { return Vec::new() };
-        let told = match due.kind {
+        let reported = match due.kind {
             Restored::Mode => &known.modes,
             Restored::Interaction => &known.interactions,
             Restored::Speed | Restored::Acceleration => return Vec::new(),
         };
-        due.joints.iter().copied().filter(|j| told.get(*j).copied() != known.owed.word(due.kind, *j)).collect()
+        due.joints.iter().copied().filter(|j| reported.get(*j).copied() != known.owed.word(due.kind, *j)).collect()
     }
 
     /// Ends the work: restores all settings as soon as the joints rest, within a time limit.

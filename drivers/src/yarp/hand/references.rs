@@ -33,20 +33,20 @@ impl Hand {
         speed: Option<&[f64]>,
         acc: Option<&[f64]>,
     ) -> Result<(), String> {
-        let told = |v: &[f64]| v.iter().map(|v| v.max(SLOWEST)).collect::<Vec<f64>>();
-        let keeps_its_own = self.cell.lock().boards.get(self.index).is_some_and(|known| known.own_acceleration);
-        let speed = speed.map(told);
-        let acc = acc.filter(|_| !keeps_its_own).map(told);
-        let mut keeps_its_own = true;
+        let commanded = |v: &[f64]| v.iter().map(|v| v.max(SLOWEST)).collect::<Vec<f64>>();
+        let has_own_accelerations = self.cell.lock().boards.get(self.index).is_some_and(|known| known.own_acceleration);
+        let speed = speed.map(commanded);
+        let acc = acc.filter(|_| !has_own_accelerations).map(commanded);
+        let mut has_own_accelerations = true;
         for _ in 0..ATTEMPTS {
-            match self.tell_references(joints, speed.as_deref(), acc.as_deref()).await? {
+            match self.send_references(joints, speed.as_deref(), acc.as_deref()).await? {
                 InForce::Ours => return Ok(()),
                 InForce::Found => {}
-                InForce::Others => keeps_its_own = false,
+                InForce::Others => has_own_accelerations = false,
             }
         }
         let port = self.board.port();
-        if keeps_its_own {
+        if has_own_accelerations {
             let mut inner = self.cell.lock();
             if let Some(known) = inner.boards.get_mut(self.index) {
                 known.own_acceleration = true;
@@ -67,7 +67,7 @@ impl Hand {
 
     /// Reads back the references under which joints were timed.
     pub(super) async fn confirm(&self) {
-        if !self.cell.lock().boards.get(self.index).is_some_and(|known| known.gauge.asks()) {
+        if !self.cell.lock().boards.get(self.index).is_some_and(|known| known.gauge.needs_references()) {
             return;
         }
         let Ok(read) = self.references(Quantity::ReferenceSpeed).await else { return };
@@ -79,7 +79,7 @@ impl Hand {
 
     /// Sends the references once and returns which ones are in force afterwards. A board that has no
     /// accelerations to set, or does not report its references, may still move.
-    async fn tell_references(
+    async fn send_references(
         &self,
         joints: &[usize],
         speed: Option<&[f64]>,
@@ -120,24 +120,24 @@ impl Hand {
         })
     }
 
-    /// Joints for which the board reads back a greater reference than `told`, each with that reference.
+    /// Joints for which the board reads back a greater reference than `commanded`, each with that reference.
     async fn greater(
         &self,
         what: Quantity,
         joints: &[usize],
-        told: Option<&[f64]>,
+        commanded: Option<&[f64]>,
     ) -> Result<Vec<(usize, f64)>, String> {
-        let Some(told) = told else { return Ok(Vec::new()) };
-        let asked = Ask::Get(Get::Values(what, Joints::Group(joints.to_vec())));
-        let answer = self.say(&asked).await.map_err(|e| e.to_string())?;
+        let Some(commanded) = commanded else { return Ok(Vec::new()) };
+        let request = Ask::Get(Get::Values(what, Joints::Group(joints.to_vec())));
+        let answer = self.send(&request).await.map_err(|e| e.to_string())?;
         let Some(read) = answer.get(2).and_then(Value::as_list).and_then(mobee_yarp::Bottle::numbers) else {
             return Ok(Vec::new());
         };
-        if read.len() != told.len() {
+        if read.len() != commanded.len() {
             return Ok(Vec::new());
         }
-        let all = joints.iter().zip(read.iter().zip(told));
-        let greater = all.filter(|(_, (read, told))| read.abs() > **told * ROUNDING);
+        let all = joints.iter().zip(read.iter().zip(commanded));
+        let greater = all.filter(|(_, (read, commanded))| read.abs() > **commanded * ROUNDING);
         Ok(greater.map(|(j, (read, _))| (*j, read.abs())).collect())
     }
 }

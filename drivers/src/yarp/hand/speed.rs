@@ -29,7 +29,7 @@ impl JointVelocities {
 
     /// Velocities to send now to a board at `q` that acts within `latency` seconds; `None` if there are none.
     /// An expired velocity is sent as zero, once.
-    pub fn say(&mut self, q: &[f64], limits: &[(f64, f64)], latency: f64, now: f64) -> Option<(Vec<usize>, Vec<f64>)> {
+    pub fn due(&mut self, q: &[f64], limits: &[(f64, f64)], latency: f64, now: f64) -> Option<(Vec<usize>, Vec<f64>)> {
         if self.0.is_empty() {
             return None;
         }
@@ -37,9 +37,9 @@ impl JointVelocities {
             (Some(q), Some((min, max))) if now <= *until => (*j, lowered(*v, *q, *min, *max, latency)),
             _ => (*j, 0.0),
         };
-        let said = self.0.iter().map(one).unzip();
+        let due = self.0.iter().map(one).unzip();
         self.0.retain(|_, (_, until)| now <= *until);
-        Some(said)
+        Some(due)
     }
 }
 
@@ -65,11 +65,11 @@ mod tests {
             let mut q = 0.0;
             let mut v = 0.0f64;
             let dt = 0.001;
-            let mut told = std::collections::VecDeque::from(vec![0.0; 60]);
+            let mut sent_before = std::collections::VecDeque::from(vec![0.0; 60]);
             for _ in 0..3_000 {
-                let (_, say) = speeds.say(&[sign * q], &[(-10.0, 10.0)], 0.06, 0.0).unwrap();
-                told.push_back(sign * say[0]);
-                let want = told.pop_front().unwrap();
+                let (_, sent) = speeds.due(&[sign * q], &[(-10.0, 10.0)], 0.06, 0.0).unwrap();
+                sent_before.push_back(sign * sent[0]);
+                let want = sent_before.pop_front().unwrap();
                 v += (want - v).clamp(-200.0 * dt, 200.0 * dt);
                 q += v * dt;
                 assert!(q <= 10.01, "{q}");
@@ -79,17 +79,17 @@ mod tests {
         let mut speeds = JointVelocities::default();
         speeds.set(&[0], &[60.0], 0.0);
         speeds.set(&[1], &[-5.0], 0.0);
-        let (joints, say) = speeds.say(&[10.0, -20.0], &[(-10.0, 10.0), (-10.0, 10.0)], 0.06, 0.0).unwrap();
-        assert_eq!((joints, say), (vec![0, 1], vec![0.0, 0.0]), "beyond its limit it does not go farther");
+        let (joints, sent) = speeds.due(&[10.0, -20.0], &[(-10.0, 10.0), (-10.0, 10.0)], 0.06, 0.0).unwrap();
+        assert_eq!((joints, sent), (vec![0, 1], vec![0.0, 0.0]), "beyond its limit it does not go farther");
         speeds.forget(&[0, 1]);
-        assert!(speeds.say(&[], &[], 0.0, 0.0).is_none());
+        assert!(speeds.due(&[], &[], 0.0, 0.0).is_none());
     }
 
     #[test]
     fn a_velocity_that_goes_quiet_is_said_to_be_zero_once() {
         let mut speeds = JointVelocities::default();
         speeds.set(&[0], &[5.0], 1.0);
-        let mut at = |now: f64| speeds.say(&[0.0], &[(-10.0, 10.0)], 0.0, now);
+        let mut at = |now: f64| speeds.due(&[0.0], &[(-10.0, 10.0)], 0.0, now);
         assert_eq!(at(1.09), Some((vec![0], vec![5.0])));
         assert_eq!(at(1.2), Some((vec![0], vec![0.0])));
         assert_eq!(at(1.3), None);

@@ -59,7 +59,7 @@ async fn a_board_that_another_program_drives_is_not_ours() {
     assert_eq!(is(LinkState::Down("gone".into())).await, (false, Some(lost)));
     rig.heard();
     rig.order(to_20());
-    rig.known(|known| known.gauge.told(0, 0.0, 90.0, 10.0));
+    rig.known(|known| known.gauge.commanded(0, 0.0, 90.0, 10.0));
     rig.known(|known| known.gauge.outran(0, 4.0));
     rig.after(500).await;
     assert_eq!(rig.heard(), [], "nothing is said where nobody is");

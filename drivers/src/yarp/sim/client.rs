@@ -2,7 +2,7 @@
 
 use super::super::fan::Fan;
 use super::super::remote::{Later, Remote, StopLine};
-use super::far::{Far, Kept};
+use super::far::{Far, KeptConnection};
 use super::faults::Who;
 use super::judge::Line;
 use mobee_yarp::board::{Ask, AxisFacts, Get, LinkState, RemoteState, Streamed};
@@ -32,7 +32,7 @@ pub(super) struct Client {
 struct Shared {
     far: Arc<Far>,
     patience: Duration,
-    control: Mutex<Kept>,
+    control: Mutex<KeptConnection>,
     link: Fan<LinkState>,
     facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
     state: watch::Sender<Option<Arc<RemoteState>>>,
@@ -47,7 +47,7 @@ impl Client {
         let shared = Arc::new(Shared {
             far,
             patience,
-            control: Mutex::new(Kept::new()),
+            control: Mutex::new(KeptConnection::new()),
             link: Fan::new(LinkState::Down("not connected yet".into())),
             facts: watch::Sender::new(None),
             state: watch::Sender::new(None),
@@ -111,7 +111,7 @@ impl Remote for Client {
 
 impl Shared {
     async fn ask(&self, request: &Ask) -> Result<Bottle, CallError> {
-        let answer = self.control.lock().await.say(&self.far, Line::Orders, request, self.patience).await;
+        let answer = self.control.lock().await.send(&self.far, Line::Orders, request, self.patience).await;
         if answer.is_err() {
             self.trouble.notify_one();
         }
@@ -122,9 +122,9 @@ impl Shared {
     async fn reach(&self) -> Result<(), String> {
         let until = self.control.lock().await.until();
         sleep(until.since(self.far.now())).await;
-        let asked = Ask::Get(Get::Axes);
+        let probe = Ask::Get(Get::Axes);
         let mut control = self.control.lock().await;
-        let answer = control.say(&self.far, Line::Orders, &asked, self.patience).await;
+        let answer = control.send(&self.far, Line::Orders, &probe, self.patience).await;
         answer.map_err(|e| e.to_string())?;
         self.facts.send_if_modified(|facts| {
             let is_new = facts.is_none();
@@ -205,7 +205,7 @@ async fn session(shared: Arc<Shared>) {
             Ok(()) => {
                 (pause, generation) = (BACK_OFF.0, generation + 1);
                 super::far::lock(&shared.far.judge).linked(shared.far.index);
-                shared.link.tell(|_| LinkState::Up(generation));
+                shared.link.update(|_| LinkState::Up(generation));
                 let dies = async {
                     while !shared.far.dies(Who::Connection) {
                         sleep(shared.far.board.publishes()).await;
@@ -219,7 +219,7 @@ async fn session(shared: Arc<Shared>) {
             }
             Err(why) => why,
         };
-        shared.link.tell(|_| LinkState::Down(why));
+        shared.link.update(|_| LinkState::Down(why));
         sleep(pause).await;
         pause = (pause * 2).min(BACK_OFF.1);
         // trouble notified while disconnected does not concern the next connection
@@ -238,13 +238,13 @@ async fn send_all(shared: Arc<Shared>, mut queue: mpsc::Receiver<(u64, Streamed)
 /// Stop connection of one simulated board.
 pub(super) struct Stops {
     pub far: Arc<Far>,
-    pub kept: Kept,
+    pub connection: KeptConnection,
     pub patience: Duration,
 }
 
 impl StopLine for Stops {
-    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+    fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         self.far.may_kill(Who::Brake);
-        Box::pin(self.kept.say(&self.far, Line::Stops, request, self.patience))
+        Box::pin(self.connection.send(&self.far, Line::Stops, request, self.patience))
     }
 }

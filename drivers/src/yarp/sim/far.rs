@@ -74,9 +74,9 @@ impl Far {
     /// caller no longer waits.
     pub async fn exchange(self: &Arc<Far>, line: Line, ask: &Ask, patience: Duration) -> Result<Bottle, CallError> {
         let now = self.now();
-        lock(&self.judge).said(self.index, line, ask, now);
+        lock(&self.judge).sent(self.index, line, ask, now);
         let fate = lock(&self.faults).fate(now);
-        let (tell, answer) = oneshot::channel();
+        let (reply_to, answer) = oneshot::channel();
         let far = self.clone();
         let request = ask.clone();
         tokio::spawn(async move {
@@ -84,19 +84,19 @@ impl Far {
                 sleep(fate.there).await;
             }
             if fate.lost || far.is_cut() {
-                return far.keep_silent(tell).await;
+                return far.withhold_answer(reply_to).await;
             }
             let answer = far.carry_out(&request, fate.nack);
             sleep(fate.back).await;
             if fate.unanswered || far.is_cut() {
-                return far.keep_silent(tell).await;
+                return far.withhold_answer(reply_to).await;
             }
-            let _ = tell.send(answer);
+            let _ = reply_to.send(answer);
         });
         let ended = timeout(patience, answer).await;
         let to = self.port.clone();
         let now = self.now();
-        lock(&self.judge).heard(self.index, line, now, matches!(ended, Ok(Ok(_))));
+        lock(&self.judge).exchange_ended(self.index, line, now, matches!(ended, Ok(Ok(_))));
         match ended {
             Ok(Ok(answer)) => Ok(answer),
             Ok(Err(_)) => Err(CallError::Broken { to, why: "the wire was cut".into() }),
@@ -105,8 +105,8 @@ impl Far {
     }
 
     /// Withholds the answer; a connection that is cut breaks.
-    async fn keep_silent(&self, tell: oneshot::Sender<Bottle>) {
-        while !tell.is_closed() && !self.is_cut() {
+    async fn withhold_answer(&self, reply_to: oneshot::Sender<Bottle>) {
+        while !reply_to.is_closed() && !self.is_cut() {
             sleep(Duration::from_millis(10)).await;
         }
     }
@@ -208,15 +208,15 @@ pub(super) fn facts(hardware: &SimHardware, units: &Units) -> Arc<[AxisFacts]> {
 
 /// A connection that is re-established after every loss, with growing pauses.
 #[derive(Debug)]
-pub(super) struct Kept {
+pub(super) struct KeptConnection {
     is_up: bool,
     until: Time,
     pause: Duration,
 }
 
-impl Kept {
-    pub fn new() -> Kept {
-        Kept { is_up: false, until: Time::ZERO, pause: PAUSES.0 }
+impl KeptConnection {
+    pub fn new() -> KeptConnection {
+        KeptConnection { is_up: false, until: Time::ZERO, pause: PAUSES.0 }
     }
 
     /// Time of the next attempt.
@@ -225,7 +225,7 @@ impl Kept {
     }
 
     /// Sends a request, if there is a connection or one can be made now.
-    pub async fn say(
+    pub async fn send(
         &mut self,
         far: &Arc<Far>,
         line: Line,

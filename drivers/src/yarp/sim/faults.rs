@@ -73,7 +73,7 @@ impl fmt::Display for WireFault {
 
 impl WireFault {
     /// True if the fault may prevent a stop from reaching the board, whatever the driver does.
-    pub(super) fn keeps_stops_away(&self) -> bool {
+    pub(super) fn blocks_stops(&self) -> bool {
         matches!(self, WireFault::Lossy(_) | WireFault::Cut | WireFault::Hole | WireFault::Nack(_) | WireFault::Dies(_))
     }
 }
@@ -130,7 +130,7 @@ impl Faults {
 
     /// End of the last fault, among those that have begun, that may prevent stops.
     pub fn disturbed_until(&self, now: Time) -> Time {
-        let hinders = self.spans.iter().filter(|s| s.from <= now && s.fault.keeps_stops_away());
+        let hinders = self.spans.iter().filter(|s| s.from <= now && s.fault.blocks_stops());
         hinders.map(|s| s.until).max().unwrap_or(Time::ZERO)
     }
 

@@ -67,10 +67,10 @@ pub(super) struct Judge {
     /// Time for which a move covers its motors.
     move_names: Duration,
     /// Recent speed limits per motor, deg/s.
-    told: Vec<VecDeque<(Time, f64)>>,
+    limits: Vec<VecDeque<(Time, f64)>>,
     died: Option<Time>,
     /// Time of the driver's last reading. Without readings the driver can't detect that a board rests.
-    heard_of: Time,
+    last_reading: Time,
 }
 
 impl Judge {
@@ -90,9 +90,9 @@ impl Judge {
             lease: None,
             named: VecDeque::new(),
             move_names: if led { MOVED } else { NAMED },
-            told: vec![VecDeque::new(); motors],
+            limits: vec![VecDeque::new(); motors],
             died: None,
-            heard_of: Time::ZERO,
+            last_reading: Time::ZERO,
         }
     }
 
@@ -115,10 +115,10 @@ impl Judge {
         }
         for (i, motor) in motors.iter().enumerate() {
             let most = speeds.as_ref().and_then(|s| s.get(i)).map_or(f64::INFINITY, |v| v.to_degrees());
-            if let Some(told) = self.told.get_mut(*motor) {
-                told.push_back((now, most));
-                while told.get(1).is_some_and(|(at, _)| now.since(*at) > TOO_FAST * 2) {
-                    told.pop_front();
+            if let Some(limits) = self.limits.get_mut(*motor) {
+                limits.push_back((now, most));
+                while limits.get(1).is_some_and(|(at, _)| now.since(*at) > TOO_FAST * 2) {
+                    limits.pop_front();
                 }
             }
         }
@@ -135,7 +135,7 @@ impl Judge {
     fn stop(&mut self, since: Time) {
         for board in &mut self.boards {
             // the end of a lease is recorded later than it is acted on
-            if board.said.is_none_or(|said| said + TIMER < since) {
+            if board.stop_sent.is_none_or(|sent| sent + TIMER < since) {
                 board.owed.get_or_insert(since);
             }
             board.stopped.get_or_insert(since);
@@ -196,14 +196,14 @@ impl Judge {
     }
 
     /// Checks a message that the driver sends.
-    pub fn said(&mut self, board: usize, line: Line, ask: &Ask, now: Time) {
+    pub fn sent(&mut self, board: usize, line: Line, ask: &Ask, now: Time) {
         let touched = touched(ask).map(|joints| self.strangers(board, joints, now));
         let Some(watched) = self.boards.get_mut(board) else { return };
         let is_stop = matches!(ask, Ask::Set(Set::Stop(_)));
         if is_stop {
-            (watched.owed, watched.said, watched.ignored) = (None, Some(now), None);
+            (watched.owed, watched.stop_sent, watched.ignored) = (None, Some(now), None);
         }
-        if let Some(slot) = watched.saying.get_mut(line as usize) {
+        if let Some(slot) = watched.in_transit.get_mut(line as usize) {
             *slot = Some((now, is_stop));
         }
         let port = watched.port.clone();
@@ -254,10 +254,10 @@ impl Judge {
     }
 
     /// Records that a message has been answered, or that its sender has stopped waiting.
-    pub fn heard(&mut self, board: usize, line: Line, now: Time, answered: bool) {
+    pub fn exchange_ended(&mut self, board: usize, line: Line, now: Time, answered: bool) {
         let Some(watched) = self.boards.get_mut(board) else { return };
-        let said = watched.saying.get_mut(line as usize).and_then(Option::take);
-        if let Some((since, _)) = said.filter(|_| answered) {
+        let sent = watched.in_transit.get_mut(line as usize).and_then(Option::take);
+        if let Some((since, _)) = sent.filter(|_| answered) {
             watched.answers.push_back((now, now.since(since).as_secs_f64()));
             while watched.answers.len() > 128 {
                 watched.answers.pop_front();
@@ -288,14 +288,14 @@ impl Judge {
         }
         let excused = died || now < watched.excused + BACK;
         let mut found = Vec::new();
-        let saying_one = watched.is_being_stopped();
+        let stop_in_transit = watched.is_being_stopped();
         let fastest = v.iter().map(|v| v.abs().to_degrees()).fold(0.0, f64::max);
         if let Some(since) = watched.owed.filter(|since| now.since(*since) > AT_ONCE) {
             // a resting board is sent no stop
-            if !excused && !saying_one && fastest > REST {
+            if !excused && !stop_in_transit && fastest > REST {
                 found.push(format!("{}: a stop of {since} was not said until {now}", watched.port));
             }
-            if !saying_one {
+            if !stop_in_transit {
                 watched.owed = None;
             }
         }
@@ -321,9 +321,9 @@ impl Judge {
         let blind = faults.any_since(Time(now.0.saturating_sub(1_500_000_000)), now, |f| {
             matches!(f, WireFault::Silent | WireFault::Behind(_) | WireFault::Shuffled(_) | WireFault::Stamps(_))
         });
-        let told = self.told.get(watched.motors.clone()).unwrap_or_default();
-        for (joint, (slot, (v, told))) in watched.fast.iter_mut().zip(v.iter().zip(told)).enumerate() {
-            let most = told.iter().map(|(_, most)| *most).fold(f64::NEG_INFINITY, f64::max);
+        let limits = self.limits.get(watched.motors.clone()).unwrap_or_default();
+        for (joint, (slot, (v, limits))) in watched.fast.iter_mut().zip(v.iter().zip(limits)).enumerate() {
+            let most = limits.iter().map(|(_, most)| *most).fold(f64::NEG_INFINITY, f64::max);
             let is_fast = most.is_finite() && v.abs().to_degrees() > 2.0 * most + 6.0;
             if !is_fast || excused || blind || watched.stopped.is_some() {
                 *slot = None;
@@ -355,7 +355,7 @@ impl Judge {
         let since = Time(now.0.saturating_sub(GIVEN_BACK.as_nanos() as u64));
         // settings by another program are not the driver's fault
         let meddled = faults.any_since(Time::ZERO, now, |f| matches!(f, WireFault::Meddled(_)));
-        let is_blind = now.since(self.heard_of) > UNHEARD;
+        let is_blind = now.since(self.last_reading) > UNHEARD;
         let disturbed =
             died || meddled || is_blind || now < watched.excused + BACK || faults.any_since(since, now, |_| true);
         let is_left = |(found, left): (&JointSettings, &JointSettings)| {
@@ -381,7 +381,7 @@ impl Judge {
     /// Checks a reading and the answer times that the driver reports. `lies` is true for boards with faulty
     /// encoders.
     pub fn read(&mut self, now: Time, sample: &Sample, answers: Option<AnswerTime>, lies: impl Fn(usize) -> bool) {
-        self.heard_of = now;
+        self.last_reading = now;
         if let Some(died) = self.died.filter(|at| now > *at + AT_ONCE && now.since(*at) < MOURNS) {
             self.found.push(format!("a task died at {died}, and the boards are read as ever at {now}"));
         }

@@ -18,7 +18,7 @@ pub(super) struct Watched {
     /// Time since which a stop is due.
     pub owed: Option<Time>,
     /// Time of the last stop sent.
-    pub said: Option<Time>,
+    pub stop_sent: Option<Time>,
     /// Time of a stop that the board ignored, until the next one is sent.
     pub ignored: Option<Time>,
     /// True if another program has set its references since they were sent or read.
@@ -30,7 +30,7 @@ pub(super) struct Watched {
     /// True if no order was sent on this connection yet.
     pub fresh: bool,
     /// Start of the message in transit on each connection, and whether it is a stop.
-    pub saying: [Option<(Time, bool)>; 2],
+    pub in_transit: [Option<(Time, bool)>; 2],
     /// True positions of its motors, rad.
     pub truth: VecDeque<(Time, Vec<f64>)>,
     /// Time since which each motor exceeds its commanded speed.
@@ -52,13 +52,13 @@ impl Watched {
             fast: vec![None; motors.len()],
             motors,
             owed: None,
-            said: None,
+            stop_sent: None,
             ignored: None,
             meddled: false,
             moved: Time::ZERO,
             stopped: None,
             fresh: false,
-            saying: [None; 2],
+            in_transit: [None; 2],
             truth: VecDeque::new(),
             answers: VecDeque::new(),
             found: Vec::new(),
@@ -69,7 +69,7 @@ impl Watched {
 
     /// True if a stop is in transit that was sent after the last move.
     pub fn is_being_stopped(&self) -> bool {
-        self.saying.iter().flatten().any(|(since, is_stop)| *is_stop && *since > self.moved)
+        self.in_transit.iter().flatten().any(|(since, is_stop)| *is_stop && *since > self.moved)
     }
 
     /// True if its part of a reading is older than stated, by more than is tolerated.
@@ -96,7 +96,7 @@ impl Watched {
             let joints = joints.on(self.found.len()).unwrap_or_default();
             joints.iter().enumerate().all(|(i, j)| self.found.get(*j).is_some_and(|kept| says(i, kept)))
         };
-        let near = |said: Option<&f64>, found: f64| said.is_some_and(|said| (said - found).abs() < 1e-6);
+        let near = |sent: Option<&f64>, found: f64| sent.is_some_and(|sent| (sent - found).abs() < 1e-6);
         match ask {
             Ask::Set(Set::Speed(joints, said)) => all(joints, &|i, kept| near(said.get(i), kept.speed)),
             Ask::Set(Set::Acceleration(joints, said)) => all(joints, &|i, kept| near(said.get(i), kept.acceleration)),

@@ -45,7 +45,7 @@ impl Wire for FakeWire {
 }
 
 impl StopLine for FakeWire {
-    fn say<'a>(&'a mut self, _request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+    fn send<'a>(&'a mut self, _request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         Box::pin(answer(self.answers))
     }
 }

@@ -54,12 +54,12 @@ impl BoardServer {
         period: Duration,
     ) -> Result<BoardServer, PortError> {
         let name = |port: &str| format!("{prefix}/{port}");
-        let asking = Arc::new(Asking(device.clone()));
+        let handler = Arc::new(RequestHandler(device.clone()));
         let streaming = Streaming(device.clone(), network.clone());
         let command = RpcServer::open(network, &name("command:i"), Arc::new(streaming)).await?;
         let state = Arc::new(OutputPort::open(network, &name("state:o"), Delivery::Newest).await?);
         let extended = Arc::new(OutputPort::open(network, &name("stateExt:o"), Delivery::Newest).await?);
-        let rpc = RpcServer::open(network, &name("rpc:i"), asking).await?;
+        let rpc = RpcServer::open(network, &name("rpc:i"), handler).await?;
         let publishing = tokio::spawn(publish(network.clone(), device, state.clone(), extended.clone(), period));
         Ok(BoardServer { rpc, command, state, extended, publishing })
     }
@@ -90,9 +90,9 @@ impl BoardServer {
     }
 }
 
-struct Asking(Arc<dyn Device>);
+struct RequestHandler(Arc<dyn Device>);
 
-impl Handler for Asking {
+impl Handler for RequestHandler {
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
         let answer = self.0.rpc(request);
         Box::pin(async move { Some(answer.await) })

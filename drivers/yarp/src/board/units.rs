@@ -80,12 +80,12 @@ impl Units {
 
     /// Converts a request to the wire's units.
     pub fn ask_to_wire(&self, ask: &Ask) -> Ask {
-        self.ask(ask.clone(), JointKind::to_wire)
+        self.convert_all(ask.clone(), JointKind::to_wire)
     }
 
     /// Converts a request to our units.
     pub fn ask_from_wire(&self, ask: Ask) -> Ask {
-        self.ask(ask, JointKind::from_wire)
+        self.convert_all(ask, JointKind::from_wire)
     }
 
     /// Converts setpoints to the wire's units.
@@ -133,7 +133,7 @@ impl Units {
         }
     }
 
-    fn ask(&self, mut ask: Ask, convert: Convert) -> Ask {
+    fn convert_all(&self, mut ask: Ask, convert: Convert) -> Ask {
         let Ask::Set(set) = &mut ask else { return ask };
         match set {
             Set::Move { joints, values, .. }

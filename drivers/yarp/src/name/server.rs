@@ -5,7 +5,7 @@ mod session;
 
 use super::table::{NameCounts, NameTable};
 use crate::auth::Key;
-use crate::guests::{Guests, Heard};
+use crate::guests::{Guests, LastMessage};
 use crate::{Contact, Dialect, Network, TIMEOUT, network};
 use std::io;
 use std::net::SocketAddr;
@@ -187,14 +187,14 @@ async fn serve(
 ) {
     let mut sessions = Guests::new(shared.options.max_connections);
     let mut persistent = JoinSet::new();
-    persistent.spawn(persist::keep(network, wanted));
+    persistent.spawn(persist::connect_all(network, wanted));
     loop {
         tokio::select! {
             _ = stopped.changed() => return,
             Some(()) = sessions.ended() => {}
             accepted = listener.accept() => match accepted {
                 Ok((stream, peer)) => {
-                    if !sessions.admit(|heard| session(stream, peer, shared.clone(), heard)) {
+                    if !sessions.admit(|activity| session(stream, peer, shared.clone(), activity)) {
                         tracing::warn!("name server: too many connections, so {peer} was closed at once");
                     }
                 }
@@ -208,8 +208,8 @@ async fn serve(
     }
 }
 
-async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<Shared>, heard: Arc<Heard>) {
-    if let Err(e) = session::run(stream, peer, &shared, &heard).await {
+async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<Shared>, activity: Arc<LastMessage>) {
+    if let Err(e) = session::run(stream, peer, &shared, &activity).await {
         tracing::debug!("name server: connection of {peer}: {e}");
     }
 }

@@ -3,7 +3,7 @@
 use super::core::{Core, Sink};
 use super::link::{Incoming, Link, LinkError};
 use super::{Message, Payload};
-use crate::guests::Heard;
+use crate::guests::LastMessage;
 use crate::wire::admin::{self, Peer, Removed};
 use crate::wire::datagram::{Assembler, MAX_DATAGRAM};
 use crate::wire::handshake::{self, HandshakeError, Hello};
@@ -16,9 +16,9 @@ use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
 
 /// Serves a connection until it ends. Misbehavior of the other side ends only this connection.
-pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, heard: Arc<Heard>) {
+pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, activity: Arc<LastMessage>) {
     let served = async {
-        if let Err(error) = connection(&core, stream, &heard).await
+        if let Err(error) = connection(&core, stream, &activity).await
             && !matches!(error, LinkError::Closed)
         {
             tracing::debug!(port = core.name, %error, "connection ended");
@@ -30,7 +30,7 @@ pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, heard: Arc<Heard>)
     }
 }
 
-async fn connection(core: &Arc<Core>, stream: TcpStream, heard: &Heard) -> Result<(), LinkError> {
+async fn connection(core: &Arc<Core>, stream: TcpStream, activity: &LastMessage) -> Result<(), LinkError> {
     stream.set_nodelay(true)?;
     let mut link = Link::new(stream, &core.options).within(&core.budget);
     if let Some(key) = core.network.auth() {
@@ -44,14 +44,14 @@ async fn connection(core: &Arc<Core>, stream: TcpStream, heard: &Heard) -> Resul
     };
     let peer = Peer { name: hello.bare().to_owned(), carrier: hello.carrier };
     if hello.carrier == Carrier::Udp {
-        return datagrams(core, link, &hello, peer, heard).await;
+        return datagrams(core, link, &hello, peer, activity).await;
     }
     let admitted = core.admit(peer);
     link.write(&[&handshake::reply(&hello, core.contact.port)]).await?;
     let conversation = async {
         loop {
             let incoming = link.message(hello.carrier, core.options.max_message, core.options.message).await?;
-            heard.now();
+            activity.now();
             if respond(core, &mut link, &hello, admitted.id, incoming).await? {
                 return Ok(());
             }
@@ -107,15 +107,15 @@ async fn respond(
         Verb::Unknown => lines = admin::NOT_UNDERSTOOD.to_owned(),
         Verb::AddOutput(name) => {
             let how = core.try_add(&Contact::parse(&name)).await;
-            lines = said(&admin::added(&core.name, &name, how));
+            lines = reply_text(&admin::added(&core.name, &name, how));
         }
         Verb::RemoveOutput(name) => {
             let how = if core.remove_output(&name).await { Removed::Output } else { Removed::None };
-            lines = said(&admin::removed(&core.name, &name, how));
+            lines = reply_text(&admin::removed(&core.name, &name, how));
         }
         Verb::RemoveInput(name) => {
             let how = if core.remove_input(&name) { Removed::Input } else { Removed::None };
-            lines = said(&admin::removed(&core.name, &name, how));
+            lines = reply_text(&admin::removed(&core.name, &name, how));
         }
     }
     let ack = hello.carrier.ack();
@@ -144,7 +144,7 @@ fn unreadable(core: &Core, error: &super::PayloadError) -> &'static [u8] {
 }
 
 /// Text of an administrative reply.
-fn said(reply: &crate::Bottle) -> String {
+fn reply_text(reply: &crate::Bottle) -> String {
     reply.0.get(1).and_then(|value| value.as_text()).map(|text| text.into_owned()).unwrap_or_default()
 }
 
@@ -159,7 +159,7 @@ async fn datagrams(
     mut link: Link,
     hello: &Hello,
     peer: Peer,
-    heard: &Heard,
+    activity: &LastMessage,
 ) -> Result<(), LinkError> {
     let local = link.stream().local_addr()?;
     let remote = link.stream().peer_addr()?;
@@ -184,7 +184,7 @@ async fn datagrams(
         let Some(bytes) = assembler.take(datagram, longest) else { continue };
         let Ok(Some(found)) = frame::parse(&bytes, core.options.max_message) else { continue };
         sender = Some(from);
-        heard.now();
+        activity.now();
         let Verb::Data(_) = found.command.verb else { continue };
         let payload = Payload::Binary(Bytes::from(bytes).split_off(found.payload));
         let from = hello.bare().to_owned();

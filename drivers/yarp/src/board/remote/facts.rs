@@ -27,7 +27,7 @@ pub struct AxisFacts {
 ///
 /// # Errors
 /// No answer, another version, or an invalid answer, as a message.
-pub(super) async fn ask(shared: &Shared) -> Result<Arc<[AxisFacts]>, String> {
+pub(super) async fn query(shared: &Shared) -> Result<Arc<[AxisFacts]>, String> {
     let version = get(shared, Get::Version).await?;
     let number = |i: usize| version.0.get(i).and_then(Value::as_i64);
     match (number(1), number(2)) {

@@ -76,7 +76,7 @@ async fn reach<'a>(
         return Err(taken(&other));
     }
     shared.control.lock().await.pause().await;
-    let axes = facts::ask(shared).await.map_err(LinkState::Down)?;
+    let axes = facts::query(shared).await.map_err(LinkState::Down)?;
     let known = shared.facts.borrow().clone();
     match known {
         Some(known) if known != axes => {

@@ -44,8 +44,8 @@ impl Stream {
         for port in ["stateExt:o", "state:o"] {
             let source = format!("{}/{port}", shared.port);
             let carrier = shared.options.carrier.name();
-            let asked = crate::remote::connect(&shared.network, &source, &self.port.name, Some(carrier));
-            match timeout(shared.options.timeout * 4, asked).await {
+            let connecting = crate::remote::connect(&shared.network, &source, &self.port.name, Some(carrier));
+            match timeout(shared.options.timeout * 4, connecting).await {
                 Ok(Ok(_)) => return Ok(()),
                 Ok(Err(e)) => why = e.to_string(),
                 Err(_) => why = format!("{source} does not answer"),

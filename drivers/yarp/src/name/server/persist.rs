@@ -11,7 +11,7 @@ pub(super) const MOST_WAITING: usize = 1024;
 const AT_ONCE: usize = 16;
 
 /// Makes connections on request.
-pub(super) async fn keep(network: Network, mut wanted: mpsc::Receiver<PendingConnection>) {
+pub(super) async fn connect_all(network: Network, mut wanted: mpsc::Receiver<PendingConnection>) {
     let mut making = JoinSet::new();
     while let Some(link) = wanted.recv().await {
         while making.len() >= AT_ONCE {

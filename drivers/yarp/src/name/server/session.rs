@@ -1,7 +1,7 @@
 //! One connection to the name server: the plain form, or a port's carriers (spec sections 3.1 and 3.4).
 
 use super::Shared;
-use crate::guests::Heard;
+use crate::guests::LastMessage;
 use crate::name::text::{LONGEST_LINE, REQUEST};
 use crate::name::{NameReply, NameTable};
 use crate::remote::{self, Holder};
@@ -36,7 +36,12 @@ impl Incoming {
 }
 
 /// Serves a connection to its end.
-pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared, heard: &Heard) -> io::Result<()> {
+pub(super) async fn run(
+    mut stream: TcpStream,
+    peer: SocketAddr,
+    shared: &Shared,
+    activity: &LastMessage,
+) -> io::Result<()> {
     let peer = peer.ip().to_canonical().to_string();
     stream.set_nodelay(true)?;
     if let Some(key) = &shared.options.auth {
@@ -50,7 +55,7 @@ pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared
         }
     }
     if incoming.bytes.starts_with(handshake::NAME_SERVER) {
-        return plain(incoming, &peer, shared, heard).await;
+        return plain(incoming, &peer, shared, activity).await;
     }
     let hello = loop {
         match handshake::parse(&incoming.bytes) {
@@ -70,11 +75,11 @@ pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared
         return Ok(());
     }
     incoming.send(&handshake::reply(&hello, shared.contact.port), limit).await?;
-    carrier(incoming, &hello, &peer, shared, heard).await
+    carrier(incoming, &hello, &peer, shared, activity).await
 }
 
 /// Serves the plain form: one answer per line.
-async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Heard) -> io::Result<()> {
+async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, activity: &LastMessage) -> io::Result<()> {
     loop {
         let Some(end) = incoming.bytes.iter().position(|b| *b == b'\n') else {
             if incoming.bytes.len() > LONGEST_LINE {
@@ -85,7 +90,7 @@ async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Hear
             }
             continue;
         };
-        heard.now();
+        activity.now();
         let line: Vec<u8> = incoming.bytes.drain(..=end).collect();
         let request = line.strip_prefix(REQUEST.as_bytes()).unwrap_or(&line);
         let answer = answer(&parse(request), peer, shared).await.text();
@@ -99,7 +104,7 @@ async fn carrier(
     hello: &handshake::Hello,
     peer: &str,
     shared: &Shared,
-    heard: &Heard,
+    activity: &LastMessage,
 ) -> io::Result<()> {
     let carrier = hello.carrier;
     let dialect = shared.options.dialect;
@@ -125,7 +130,7 @@ async fn carrier(
             }
             continue;
         };
-        heard.now();
+        activity.now();
         incoming.bytes.drain(..end);
         let mut reply = reply(&verb, &payload, hello, peer, shared).await;
         reply.extend_from_slice(carrier.ack());
