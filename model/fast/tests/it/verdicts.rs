@@ -61,15 +61,15 @@ fn robots_with_hulls() {
         let bare = made_up("one", seed);
         let scene = alone(hulled(&bare, seed));
         let poses = poses(&scene, 7, 1000);
-        let expected = expected(&scene, &poses, clearance);
+        let verdicts = expected(&scene, &poses, clearance);
         let by_shapes = expected(&alone(bare), &poses, clearance);
-        let freed = expected.iter().zip(&by_shapes).filter(|(with, without)| **with && !**without).count();
+        let freed = verdicts.iter().zip(&by_shapes).filter(|(with, without)| **with && !**without).count();
         assert!(freed > 20, "hulls make a difference");
         for set in InstructionSet::available() {
             let mut free = Vec::new();
             let mut fast = FastScene::with_instructions(&scene, clearance, set).expect("it compiles");
             fast.free(&poses, &mut free).expect("whole poses");
-            assert_eq!(free, expected, "seed {seed}, {set:?}");
+            assert_eq!(free, verdicts, "seed {seed}, {set:?}");
             let doubtful = fast.figures().doubtful as usize;
             let blocked = by_shapes.iter().filter(|free| !**free).count();
             // Poses in doubt: about half of the blocked poses, and all poses that only the hulls free.
