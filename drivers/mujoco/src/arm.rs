@@ -285,8 +285,8 @@ mod tests {
     use nalgebra::Point3;
     use std::path::Path;
 
-    /// MuJoCo puts every shape where the robot model does, at any pose: joints that slide, motors with several joints, and arms on
-    /// turned bases among them.
+    /// In MuJoCo, every shape is where the robot model has it, at any configuration, including robots with
+    /// prismatic joints, motors with several joints, and tilted bases.
     #[test]
     fn every_shape_is_where_the_robot_model_has_it() {
         for name in ["icub", "katana", "panda", "so101", "ur5"] {

@@ -177,7 +177,8 @@ mod tests {
         }
     }
 
-    /// Second-order step response: the peak is that of the damping ratio, the end the commanded position.
+    /// Second-order step response: the overshoot matches the damping ratio, and the joint ends at the commanded
+    /// position.
     #[test]
     fn a_step_overshoots_as_its_damping_ratio_demands() {
         let mut arm = Dynamics::new(vec![servo()], &[0.0]);
@@ -215,7 +216,7 @@ mod tests {
         assert!((arm.positions()[0] - 1.0).abs() < 1e-4, "it comes off again");
     }
 
-    /// However stiff a servo is, the integration does not blow up.
+    /// The integration stays stable for stiff servos.
     #[test]
     fn a_stiff_servo_is_stable() {
         let stiff = Servo { stiffness: 1e6, damping: 1e4, torque: 1e9, inertia: 0.001, ..servo() };

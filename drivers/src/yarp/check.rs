@@ -112,7 +112,8 @@ fn lowered(axes: &[&Axis], list: &[f64], what: &str, most: fn(&Axis) -> f64) -> 
 mod tests {
     use super::*;
 
-    /// A motor without a board stays where it is, as closely as encoders tell, and can be told so.
+    /// A motor without a board keeps its position, within the encoders' resolution, and may be commanded to
+    /// that position.
     #[test]
     fn what_has_no_board_is_not_moved() {
         let axis = Axis {

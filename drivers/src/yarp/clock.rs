@@ -133,7 +133,7 @@ mod tests {
     fn a_state_is_never_older_than_the_bound_nor_newer_than_its_arrival() {
         let mut arrivals = Arrivals::default();
         let mut last = f64::NEG_INFINITY;
-        // a simulator at half speed, then a clock that is set forward, then none
+        // a simulator at half speed, then a clock that was set forward, then none
         for i in 0..400 {
             let t = 0.02 * f64::from(i);
             let stamp = match i {
@@ -154,12 +154,12 @@ mod tests {
         let mut arrivals = Arrivals::default();
         for i in 0..200 {
             let t = 0.02 * f64::from(i);
-            // from 2 s on nothing arrives for 0.4 s, then all at once
+            // from 2 s on nothing arrives for 0.4 s, then all states at once
             let arrival = if (2.0..2.4).contains(&t) { 2.4 } else { t };
             let at = arrivals.read_at(arrival, Some(1.79e9 + t), None).unwrap();
             assert!((at - t).abs() < 1e-5, "{i}: {at} of {t}");
         }
-        // a way that is longer for good is an offset
+        // a permanently longer transit time becomes an offset
         let longer = |i: u32| {
             let t = 0.02 * f64::from(i);
             t - arrivals.read_at(t, Some(1.79e9 + t - 0.1), None).unwrap_or(f64::NAN)
@@ -170,7 +170,8 @@ mod tests {
 
     #[test]
     fn a_steady_delay_is_no_offset_where_answers_tell_the_clock() {
-        // the board's clock is an hour behind ours, or far ahead; its answers take 5 ms, its states 0.9 s from some time on
+        // the board's clock is an hour behind ours, or far ahead; its answers take 5 ms, its states 0.9 s from
+        // some time on
         for offset in [3600.0, -1.79e9, 0.0] {
             let mut arrivals = Arrivals::default();
             for i in 0..300 {
@@ -183,7 +184,7 @@ mod tests {
                 );
             }
         }
-        // answers by another clock than the states tell nothing
+        // answers with the stamps of another clock than the states' are ignored
         let mut arrivals = Arrivals::default();
         assert_eq!(arrivals.read_at(1.0, Some(1.0), Some(-1e9)), Some(1.0));
     }
@@ -194,7 +195,7 @@ mod tests {
         let mut ahead = 0.0;
         for i in 0..1000 {
             let t = 0.02 * f64::from(i);
-            // the board is asked every 100 ms
+            // the board is queried every 100 ms
             if i % 5 == 0 {
                 ahead = t - 0.5 * t + 0.001;
             }
@@ -213,7 +214,7 @@ mod tests {
                 assert!((t - at).abs() < 1e-9, "{time} {count}: {at} of {t}");
             }
         }
-        // a reading that is published again is no news, and a clock that stops after all is noticed
+        // a repeated reading is not new, and a clock that stops later is noticed
         let mut arrivals = Arrivals::default();
         let read: Vec<bool> = (0..100)
             .map(|count| {
@@ -225,7 +226,7 @@ mod tests {
         assert!(read[3..60].chunks(3).all(|of| of.iter().filter(|news| **news).count() == 1), "{read:?}");
         let stands = 60 + STANDS as usize;
         assert!(!read[61..stands].contains(&true) && !read[stands..].contains(&false), "{read:?}");
-        // what came twice is no news
+        // a duplicate is not new
         let mut arrivals = Arrivals::default();
         let stamp = |count: u32| Some(Stamp { count, time: 7.0 + 0.01 * f64::from(count) });
         let read =
@@ -235,7 +236,8 @@ mod tests {
 
     #[test]
     fn a_slow_drift_is_followed() {
-        // a clock that gains shortens the way; of one that loses it is looked for afresh, each ten seconds
+        // a fast clock shortens the apparent transit time; for a slow clock the shortest transit time is
+        // searched again every 10 s
         for rate in [1.0001, 0.9999] {
             let mut arrivals = Arrivals::default();
             let mut late = 0.0f64;
@@ -247,7 +249,7 @@ mod tests {
         }
     }
 
-    /// Where late begins, and how far apart two clocks are.
+    /// Limits: the delay at which a state is late, and the difference beyond which two clocks are assumed.
     #[test]
     fn what_is_just_in_time_is_not_late() {
         let mut arrivals = Arrivals::default();
@@ -255,12 +257,13 @@ mod tests {
         arrivals.read_at(LATE_AFTER_S, Some(0.0), None);
         let at = arrivals.read_at(0.14, Some(0.09), None);
         assert_eq!(at, Some(0.09), "the first that is late: there was none 0.1 s before");
-        // answers and states ten seconds apart are told by two clocks
+        // stamps of answers and states that differ by 10 s come from two clocks
         let read = |arrival: f64| Arrivals::default().read_at(arrival, Some(-LATE_AFTER_S), Some(0.0));
         assert_eq!([9.5, TWO_CLOCKS].map(read), [Some(0.0), Some(TWO_CLOCKS)]);
     }
 
-    /// The clock of a new connection is another one, and is believed at once; time goes on all the same.
+    /// The clock of a new connection is a different one and is trusted at once; the reading times still
+    /// increase.
     #[test]
     fn a_new_connection_has_a_clock_of_its_own() {
         let mut arrivals = Arrivals::default();

@@ -99,12 +99,12 @@ mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
 
-    /// The readings of a joint by an encoder with noise and counts.
+    /// Readings of a joint by an encoder with noise and counts.
     fn encoder(q: impl Fn(u32) -> f64, (noise, count): (f64, f64), n: u32, steady: bool) -> Encoder {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         let mut encoder = Encoder::default();
         for i in 0..n {
-            // twelve uniform numbers are nearly normal
+            // the sum of twelve uniform numbers is nearly normal
             let normal = (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>();
             let q = q(i) + noise * normal;
             let q = if count > 0.0 { (q / count).round() * count } else { q };
@@ -140,7 +140,7 @@ mod tests {
         }
     }
 
-    /// A motion at any speed is neither noise nor a count.
+    /// A motion counts neither as noise nor as an encoder step, at any speed.
     #[test]
     fn a_motion_is_no_noise() {
         let eases = |i: u32| 20.0 * (1.0 - (0.05 * f64::from(i)).cos());

@@ -250,7 +250,8 @@ mod tests {
         assert_eq!(first.set, Set::Speed(group(&[0]), vec![10.0]));
         owed.paid(&first);
         assert_eq!(owed.due(all, none), None, "somebody drives them");
-        // an acceleration that the board does not tell is not owed, and a mode without hold is not gone back to
+        // an acceleration that the board does not report is not restored, and neither is a mode that holds no
+        // position
         let second = owed.due(all, all).unwrap();
         assert_eq!(second.set, Set::Interaction(group(&[1]), vec![mode::COMPLIANT]));
         owed.paid(&second);
@@ -259,7 +260,7 @@ mod tests {
         assert!(owed.is_any());
         owed.paid(&third);
         assert!(!owed.is_any());
-        // what a board refuses is said to it three times, and again after a while: it is told once
+        // a setting that the board refuses is sent three times, and again after a pause, but reported once
         owed.changes(Restored::Speed, &[0]);
         let refused = owed.due(all, none).unwrap();
         assert_eq!([0; 3].map(|_| owed.refused(&refused, 5.0)), [false, false, true]);
@@ -272,7 +273,7 @@ mod tests {
         owed.paid(&refused);
         owed.offer_again(9.0);
         assert!(!owed.is_any(), "a board that took it is not asked again");
-        // what somebody has let go since is not taken hold of
+        // a joint that was released since is not switched back
         owed.changes(Restored::Mode, &[0, 1]);
         owed.see(&[mode::IDLE, mode::POSITION, mode::POSITION]);
         assert_eq!(owed.due(all, all).map(|due| due.joints), Some(vec![1]));

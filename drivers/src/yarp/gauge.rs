@@ -198,7 +198,8 @@ impl Timed {
 mod tests {
     use super::*;
 
-    /// Moves one joint after the other by `way` degrees at 10 deg/s; where it is at a share of the time that this takes.
+    /// Makes one move by `way`, deg, at a reference of 10 deg/s, with the position given as a function of time
+    /// in units of the expected duration.
     fn moved(gauge: &mut Gauge, way: f64, period: f64, at: impl Fn(f64) -> f64) -> bool {
         gauge.begin();
         gauge.commanded(0, 20.0, 20.0 + way, 10.0);
@@ -225,7 +226,7 @@ mod tests {
 
     #[test]
     fn a_board_that_takes_them_for_gains_is_found_out() {
-        // 10 deg/s is a gain of 6 * 0.175 / s: the way is gone in the same time, however long it is
+        // 10 deg/s means a gain of 6 * 0.175 / s, so the duration does not depend on the distance
         let gain = 6.0 * 10f64.to_radians();
         for way in [10.0, -12.0, 80.0] {
             let mut gauge = Gauge::new(1);
@@ -250,7 +251,7 @@ mod tests {
         );
     }
 
-    /// Another program's references say nothing of the board.
+    /// Nothing is concluded from moves under the references of another program.
     #[test]
     fn only_what_was_told_counts() {
         let mut gauge = Gauge::new(1);
@@ -265,7 +266,7 @@ mod tests {
         assert!(!gauge.needs_references() && gauge.seen.is_empty(), "its reference is gone");
     }
 
-    /// Nothing is concluded from what was not seen, nor from what was interrupted.
+    /// Nothing is concluded from missing readings or interrupted moves.
     #[test]
     fn missing_readings_and_short_ways_do_not_count() {
         let mut gauge = Gauge::new(2);
@@ -281,7 +282,8 @@ mod tests {
         }
         assert!(gauge.seen.is_empty(), "{:?}", gauge.seen);
     }
-    /// Goes to 12.5 degrees at 10 deg/s, read at these times and places; the speeds that were seen, by that.
+    /// Moves to 12.5 deg at 10 deg/s, read at these times, s, and positions, deg. Returns the speeds measured,
+    /// relative to the reference.
     fn timed(read: &[(f64, f64)]) -> Vec<f64> {
         let mut gauge = Gauge::new(1);
         gauge.begin();
@@ -291,8 +293,8 @@ mod tests {
         gauge.seen().to_vec()
     }
 
-    /// Where a mark was passed between two readings is where a joint of steady speed was; readings a tenth of a stretch apart are
-    /// enough for that, and one longer pause spoils the stretch.
+    /// The time at a mark is interpolated between two readings. Readings a tenth of a section apart are
+    /// sufficient; a single longer pause invalidates the section.
     #[test]
     fn a_stretch_is_timed_between_its_marks() {
         let steady: Vec<(f64, f64)> = (0..40).map(|k| (0.037 * f64::from(k), 0.37 * f64::from(k))).collect();
@@ -310,7 +312,8 @@ mod tests {
         );
     }
 
-    /// A joint that is told too short a way, too short a time or no speed at all is not timed; nor is one that does something else since.
+    /// Joints with too short a distance, too short a duration or no speed are not timed, nor are joints that
+    /// get another command.
     #[test]
     fn only_long_ways_are_timed_and_to_their_end() {
         let needs_references = |way: f64, speed: f64, forgotten: bool| {
@@ -333,7 +336,7 @@ mod tests {
         );
     }
 
-    /// What was timed counts under the reference that was told, to a hundredth, until there is enough of it.
+    /// Measurements count if the reference read back agrees to a hundredth, until there are enough of them.
     #[test]
     fn enough_is_enough() {
         let mut gauge = Gauge::new(1);
@@ -348,7 +351,7 @@ mod tests {
         while gauge.seen().len() < MAX_SECTIONS - 1 {
             outran(&mut gauge, 10.0);
         }
-        // both stretches of one move
+        // both sections of one move
         moved(&mut gauge, 30.0, 0.02, |t| t.min(1.0));
         assert_eq!(gauge.seen().len(), MAX_SECTIONS);
         gauge.commanded(0, 0.0, 90.0, 10.0);

@@ -2,7 +2,7 @@
 //! radians.
 //!
 //! Below this layer the driver uses degrees for revolute and millimeters for prismatic joints. Boards use
-//! meters for the latter: the patch's `Units` convert everything that is sent to a board (`Hand::say`,
+//! meters for the latter: the patch's `Units` convert everything that is sent to a board (`Hand::send`,
 //! `Hand::stream`) and received from it (`states.rs`, `describe`).
 
 use super::YarpDriverSettings;

@@ -180,13 +180,13 @@ mod tests {
         Board { axes, period: PERIOD, latency: Duration::from_millis(50), position_direct: true }
     }
 
-    /// The set-points of a move of two motors, reading by reading, to its end.
+    /// Setpoints of a move of two motors, one per reading, to its end.
     fn driven(legs: &mut Legs, ms: impl Fn(u64) -> u64) -> Vec<Vec<f64>> {
         let mut all = Vec::new();
         let mut here = vec![f64::NAN; 3];
         for k in 0..100_000 {
             let now = Time(ms(k) * 1_000_000);
-            // the robot is where it was told to be last
+            // the robot follows without delay
             let due = legs.step(now, PERIOD, &here);
             for (motors, q) in &due {
                 motors.iter().zip(q).for_each(|(m, q)| here[*m] = *q);
@@ -200,7 +200,8 @@ mod tests {
     }
 
     proptest! {
-        /// On the straight line, in order, no faster than asked for, no harder than the motors can, to the very target.
+        /// The setpoints lie on the straight line, in order, within the speed commanded and the motors'
+        /// accelerations, and end exactly at the target.
         #[test]
         fn joints_keep_step_on_the_straight_line(
             from in prop::collection::vec(-2.0_f64..2.0, 2), to in prop::collection::vec(-2.0_f64..2.0, 2),
@@ -238,7 +239,7 @@ mod tests {
         assert_eq!(q.last(), Some(&vec![1.0]));
     }
 
-    /// At half a radian a second, with 50 ms of latency, 0.15 s and half a degree.
+    /// The setpoint leads a stuck joint by 0.5 rad/s times 0.15 s (latency and tolerance), plus half a degree.
     #[test]
     fn a_move_waits_for_a_joint_that_does_not_follow() {
         let mut legs = Legs::default();
@@ -248,7 +249,7 @@ mod tests {
         assert!((most..most + 0.0125).contains(&last), "{last}, {most}");
     }
 
-    /// A joint may be as far behind as that, and no farther.
+    /// The move continues exactly up to this lag.
     #[test]
     fn a_move_goes_on_while_its_joints_are_just_near_enough() {
         let most = 0.5 * (0.05 + BEHIND.0) + BEHIND.1;
@@ -260,7 +261,8 @@ mod tests {
         }
     }
 
-    /// At 0.8 rad/s and 4 rad/s^2: a long way takes its time at that speed and a ramp, a short one two ramps.
+    /// With 0.8 rad/s and 4 rad/s^2, a long move takes its distance at that speed and one ramp, a short move
+    /// two ramps.
     #[test]
     fn a_move_takes_no_longer_than_its_speed_and_ramps_need() {
         for (way, secs) in [(1.0, 1.25 + 0.2), (0.04, 2.0 * 0.1)] {
@@ -282,7 +284,7 @@ mod tests {
         assert_eq!(legs.rested(|_| true), [0]);
         legs.forget(&[1]);
         assert!(legs.is_empty());
-        // what was stopped and is then driven by another has no mode to go back to
+        // a motor that was stopped and is driven by another command has no mode to restore
         legs.begin(vec![2], (vec![0.0], vec![1.0]), &[0.5], &board());
         legs.stop(&[]);
         assert_eq!(legs.rested(|_| false), [0; 0]);

@@ -299,7 +299,7 @@ mod tests {
         assert!((5..=7).contains(&states), "{states}");
     }
 
-    /// Encoders that rested before the set-point came to the board say nothing of it.
+    /// Rest before the board got the setpoint does not count.
     #[test]
     fn a_rest_counts_from_when_the_board_was_told() {
         let mut m = Motions::new(1);
@@ -331,12 +331,13 @@ mod tests {
         assert_eq!(m.speeds(2.2), MeasuredSpeeds::Rest);
     }
 
-    /// An encoder of 4,096 counts that stands between two of them, and one with noise, rest all the same; a joint that creeps does not.
+    /// An encoder of 4,096 counts between two counts, and an encoder with noise, count as rest; a creeping
+    /// joint does not.
     #[test]
     fn coarse_and_noisy_encoders_rest() {
         let count = 360.0 / 4096.0;
         let flickers = |i: u32| if i.is_multiple_of(3) { count } else { 0.0 };
-        // a cheap noise: the digits of a multiple of an irrational number, 0.03 deg
+        // simple pseudo-random noise of 0.03 deg: the fractional part of a multiple of an irrational number
         let noise = |i: u32| 0.1 * ((f64::from(i) * 0.754_877_666) % 1.0 - 0.5);
         for (q, rests) in [(&flickers as &dyn Fn(u32) -> f64, true), (&noise, true), (&|i| 0.1 * f64::from(i), false)] {
             let mut m = Motions::new(1);
@@ -350,7 +351,8 @@ mod tests {
         }
     }
 
-    /// States of another life of the board say nothing of this one: a joint rests once it was seen to for a while.
+    /// States before the restart of a board do not count: a joint rests once it was observed at rest for a
+    /// while since.
     #[test]
     fn a_rest_is_seen_anew_in_each_life_of_a_board() {
         let mut m = Motions::new(2);

@@ -42,7 +42,7 @@ impl Questions {
 mod tests {
     use super::*;
 
-    /// Those who ask too much are turned away, until somebody has his answer or waits no more.
+    /// Requests beyond the limit are refused until another one is answered or abandoned.
     #[test]
     fn no_more_questions_wait_than_there_is_room_for() {
         let questions = Questions::new(&Network::of("localhost", 1), "/own", "/arm");

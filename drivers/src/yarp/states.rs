@@ -137,7 +137,8 @@ mod tests {
     use super::super::layout::Patch;
     use super::*;
 
-    /// A board that is too fast and heeds no stop is seen all the same: the alarm takes the place of one reading, not of all.
+    /// A board that is too fast and ignores stops remains readable: the alarm replaces a single reading, not
+    /// all of them.
     #[test]
     fn a_joint_that_is_too_fast_alarms_once_until_it_is_not() {
         let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1, units: Default::default() };

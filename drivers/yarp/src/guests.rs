@@ -96,7 +96,7 @@ mod tests {
         }
         assert!(!admit(&mut guests, &mut activity), "all have come just now");
         activity.truncate(3);
-        // the first speaks once, the second never, the third goes on
+        // the first sends one message, the second none, the third continues to send
         activity[0].now();
         tokio::time::advance(2 * KEEP_ALIVE).await;
         activity[2].now();
@@ -113,7 +113,7 @@ mod tests {
             "silent for longest"
         );
         assert!(!guests.admit(|_| pending()));
-        // a place that became free needs nobody's end
+        // a place that is free again requires no replacement
         guests.guests[0].0.abort();
         assert_eq!(guests.ended().await, Some(()));
         assert_eq!(guests.ended().await, Some(()));

@@ -190,7 +190,7 @@ mod tests {
     use mobee_yarp::Bottle;
     use std::sync::{Mutex as Cell, PoisonError};
 
-    /// A world without robots in which a second passes when it is said.
+    /// A world without robots, whose clock the test sets.
     struct Still {
         scene: Cell<Arc<Scene>>,
         now: Cell<Time>,
@@ -245,7 +245,7 @@ mod tests {
         }
         assert_eq!((busy, still.scene().objects().count()), (100, 400));
         assert!(say(&world, "ls").await.contains("ssph400"));
-        // edits that belong together are made as a whole, and paid for: two seconds for 400 objects
+        // edits that belong together are made together and are charged together: two seconds for 400 objects
         *still.now.lock().unwrap() = Time(10_000_000);
         assert!(say(&world, "clr").await.contains("Removed"));
         assert!(say(&world, "undo").await.contains("Undone"));

@@ -103,7 +103,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// Any text is answered.
+        /// Every text gets a reply.
         #[test]
         fn no_request_harms(part in 0..9_usize, text in "(list|get|getn|stpd|tolo|togl|clrt|[a-z]{1,5})( (-?[0-9]{1,3}|nan|[a-z]+|\\(1 2\\)))*") {
             let robot = icub();

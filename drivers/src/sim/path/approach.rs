@@ -74,7 +74,8 @@ impl Approach {
 mod tests {
     use super::*;
 
-    /// The figures that were measured on iCub_SIM: 35 deg/s at once when asked for 10, a time constant of 0.95 s, done within a degree.
+    /// Figures measured on iCub_SIM: an initial speed of 35 deg/s for a commanded 10 deg/s, a time constant of
+    /// 0.95 s, and done within 1 deg of the target.
     #[test]
     fn a_gain_is_as_fast_as_the_way_is_far() {
         let rad = f64::to_radians;
@@ -86,7 +87,8 @@ mod tests {
         let done = move_.at(move_.done()).q.to_degrees();
         assert!((done - 32.0).abs() < 1e-6 && move_.duration() > 3.0 * move_.done() / 2.0, "{done}");
         assert_eq!(move_.at(1e3), State::rest(rad(33.0)));
-        // far ways begin at the greatest speed, and nothing jumps where the gain takes over
+        // long moves start at the greatest speed, and position and speed are continuous at the switch to the
+        // proportional law
         let far = Approach::to(State::rest(0.0), rad(-200.0), rad(40.0), rad(100.0));
         assert_eq!(far.at(0.0).v.to_degrees(), -100.0);
         let there = |t: f64| far.at(far.full + t);

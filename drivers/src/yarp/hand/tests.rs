@@ -1,4 +1,5 @@
-//! What a hand tells its board, and when: a board that refuses, answers late or not at all, lies, or is lost.
+//! Messages of a hand to its board, for a board that refuses, answers late, does not answer, reports wrongly,
+//! or is lost.
 
 mod orders;
 mod references;
@@ -12,7 +13,8 @@ use rig::{Heard, Rig, Trick, group, moves, stop, to_20};
 use std::sync::Mutex;
 use tokio::time::sleep;
 
-/// The first word on a connection is a stop, what was ordered before is dropped, and the board can be used once it has told how it is.
+/// The first message on a connection is a stop, earlier orders are dropped, and the board is available once it
+/// has reported its settings.
 #[tokio::test(start_paused = true)]
 async fn a_connection_begins_with_a_stop_and_nothing_of_before_is_resumed() {
     let rig = Rig::new();
@@ -29,7 +31,7 @@ async fn a_connection_begins_with_a_stop_and_nothing_of_before_is_resumed() {
     assert_eq!((rig.trouble(), rig.known(|known| known.reached), rig.done()), (None, true, vec![true; 2]));
     assert_eq!(rig.known(|known| known.modes.clone()), [mode::VELOCITY, mode::POSITION], "they were asked for");
     assert!(rig.known(|known| known.brake.take()).is_some_and(|why| why.contains("no stop was answered yet")));
-    // what it was told to go on with is over, too
+    // a streamed velocity ends with the connection, too
     rig.order(Do::Velocity { joints: vec![0], speed: vec![4.0] });
     rig.after(20).await;
     rig.heard();
@@ -41,7 +43,8 @@ async fn a_connection_begins_with_a_stop_and_nothing_of_before_is_resumed() {
     assert!(rig.known(|known| known.brake.is_some()), "the line for stops may have broken with the other one");
 }
 
-/// A board that was reached counts as ours while it is lost, and no longer once another program has our names.
+/// A board that was reached counts as ours while it is lost, but not after another program has taken our port
+/// names.
 #[tokio::test(start_paused = true)]
 async fn a_board_that_another_program_drives_is_not_ours() {
     let rig = Rig::up().await;
@@ -68,7 +71,8 @@ async fn a_board_that_another_program_drives_is_not_ours() {
     assert_eq!((rig.trouble(), rig.done()), (None, vec![true, true]), "nothing was carried out, and it is over");
 }
 
-/// A board that does not stop when it is reached is not used, and is told again a tenth of a second later, until it does.
+/// A board that does not confirm the first stop is not used, and is stopped again every 0.1 s until it
+/// confirms.
 #[tokio::test(start_paused = true)]
 async fn a_board_that_does_not_stop_is_not_used() {
     for (trick, stops) in [(Trick::Refuses, 3), (Trick::Breaks, 1)] {
@@ -96,7 +100,7 @@ async fn a_board_that_does_not_stop_is_not_used() {
     }
 }
 
-/// Stops come before everything else: what was ordered before and would move something is dropped, all else is done.
+/// Stops have priority: earlier orders that move joints are dropped, all others are executed.
 #[tokio::test(start_paused = true)]
 async fn orders_of_before_a_stop_move_nothing() {
     let rig = Rig::up().await;
@@ -125,10 +129,10 @@ async fn orders_of_before_a_stop_move_nothing() {
     assert!(!heard.iter().any(|(_, word)| matches!(word, Heard::Streamed(_))), "{heard:?}");
 }
 
-/// A stop that comes while an order is being carried out ends it at its next step.
+/// A stop during the execution of an order ends the order at its next step.
 #[tokio::test(start_paused = true)]
 async fn a_stop_ends_what_is_under_way() {
-    // while a mode is waited for
+    // during the wait for a mode
     let rig = Rig::up().await;
     rig.is_in(ControlMode::Velocity).await;
     rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Mode(..))).then(|| Trick::Says(reply::ok())));
@@ -139,7 +143,7 @@ async fn a_stop_ends_what_is_under_way() {
     rig.board.with(1, |axis| axis.mode = mode::POSITION);
     rig.after(100).await;
     assert_eq!(rig.told(), [Set::Mode(group(&[1]), vec![mode::POSITION]), stop()]);
-    // while a reference is answered
+    // during the wait for the answer to a reference
     let rig = Rig::up().await;
     let late = Duration::from_millis(50);
     rig.board.plays(move |_, ask| matches!(ask, Ask::Set(Set::Speed(..))).then_some(Trick::Late(late)));
@@ -150,7 +154,7 @@ async fn a_stop_ends_what_is_under_way() {
     let told = rig.told();
     assert_eq!(told[..2], [Set::Speed(group(&[1]), vec![10.0]), stop()]);
     assert!(!told.contains(&moves()), "{told:?}");
-    // a change of modes is none of what a stop ends
+    // a change of modes is not ended by a stop
     let rig = Rig::up().await;
     rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Mode(..))).then(|| Trick::Says(reply::ok())));
     rig.order(Do::Mode { joints: vec![1], mode: ControlMode::Velocity });
@@ -164,7 +168,7 @@ async fn a_stop_ends_what_is_under_way() {
     assert!(!switching(&rig));
 }
 
-/// An order that was begun on one connection is not finished on another one.
+/// An order that began on one connection is not continued on another one.
 #[tokio::test(start_paused = true)]
 async fn an_order_ends_with_its_connection() {
     for next in [LinkState::Up(2), LinkState::Down("gone".into())] {
@@ -187,7 +191,7 @@ async fn an_order_ends_with_its_connection() {
     }
 }
 
-/// Once another process drives the robot, nothing is said any more, not even a stop.
+/// Once another process drives the robot, no message is sent any more, not even a stop.
 #[tokio::test(start_paused = true)]
 async fn a_board_that_was_let_go_hears_nothing_more() {
     let rig = Rig::owing().await;
@@ -196,7 +200,7 @@ async fn a_board_that_was_let_go_hears_nothing_more() {
     rig.order(to_20());
     rig.after(200).await;
     rig.heard();
-    // while its answer to a question is on its way, and something is owed
+    // while the answer to a query is in transit and settings have to be restored
     rig.known(|known| known.owed.changes(Restored::Speed, &[0]));
     rig.cell.let_go();
     rig.after(100).await;
@@ -207,7 +211,7 @@ async fn a_board_that_was_let_go_hears_nothing_more() {
     assert_eq!(rig.heard(), []);
 }
 
-/// Its last word is a stop, and then what it owes.
+/// Its last messages are a stop and then the settings to restore.
 #[tokio::test(start_paused = true)]
 async fn a_hand_that_ends_stops_its_board() {
     let rig = Rig::owing().await;
@@ -221,7 +225,7 @@ async fn a_hand_that_ends_stops_its_board() {
     assert_eq!(rig.heard(), []);
 }
 
-/// How long a board takes to answer is known at any time: one that hears nothing is asked each tenth of a second.
+/// The answer time of a board is always up to date: an idle board is queried every 0.1 s.
 #[tokio::test(start_paused = true)]
 async fn a_board_that_hears_nothing_is_asked_something() {
     let rig = Rig::up().await;
@@ -235,7 +239,7 @@ async fn a_board_that_hears_nothing_is_asked_something() {
     assert!((ahead + 5.0 - 0.001).abs() < 1e-6, "its clock is five seconds ahead: {ahead}");
 }
 
-/// What a board refuses to be given back is said three times; what it does not answer, until it does.
+/// A setting to restore that the board refuses is sent three times; one without an answer, until there is one.
 #[tokio::test(start_paused = true)]
 async fn a_board_is_given_back_what_it_takes() {
     let before = Set::Speed(group(&[1]), vec![5.0]);
@@ -257,7 +261,7 @@ async fn a_board_is_given_back_what_it_takes() {
     }
 }
 
-/// Who commands a motor next goes by the mode that it is about to have again, of this motor and no other.
+/// The expected mode of a motor is the one that is about to be restored, of this motor and no other.
 #[tokio::test(start_paused = true)]
 async fn a_mode_that_is_given_back_is_expected() {
     let rig = Rig::owing().await;

@@ -185,7 +185,8 @@ mod tests {
         Units::new([JointKind::Revolute, JointKind::Prismatic, JointKind::Unknown])
     }
 
-    /// Every order that carries numbers: what slides is a thousandth on the wire, what turns is the same, and it comes back.
+    /// All orders with numbers: prismatic joints use meters on the wire, revolute joints are unchanged, and
+    /// converting back gives the original.
     #[test]
     fn orders_count_meters_where_a_joint_slides() {
         let group = || Joints::Group(vec![1, 0]);
@@ -223,7 +224,7 @@ mod tests {
         assert_eq!(units().streamed_to_wire(all), Streamed::Move(vec![7.0, 0.125, 7.0]));
     }
 
-    /// Answers have their numbers in several places; modes, names and stamps are none of them.
+    /// Answers have their numbers in several places; modes, names and stamps are not converted.
     #[test]
     fn answers_count_millimeters_where_a_joint_slides() {
         let read = |get: Get, said: &str| {

@@ -159,8 +159,8 @@ mod tests {
     use super::*;
     use crate::Bottle;
 
-    /// Which of the messages of a stream at 1 kHz are sent after a connection was held up for so many milliseconds, and how many
-    /// were dropped.
+    /// Messages of a stream at 1 kHz that are sent after the connection was blocked for this time, ms, and the
+    /// number of dropped ones.
     async fn held_up(ms: i32) -> (Vec<i32>, u64) {
         let dropped = Arc::new(AtomicU64::new(0));
         let slot = Slot::new(Delivery::Newest, dropped.clone());

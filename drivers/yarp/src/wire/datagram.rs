@@ -89,7 +89,7 @@ mod tests {
         assert_eq!(pieces.len(), 4);
         let whole: Vec<_> = pieces.iter().filter_map(|p| assembler.take(p, 1 << 20)).collect();
         assert_eq!(whole, std::slice::from_ref(&long));
-        // A lost piece costs its message only.
+        // a lost datagram loses only its message
         for piece in pieces.iter().skip(1) {
             assert_eq!(assembler.take(piece, 1 << 20), None);
         }

@@ -1,8 +1,8 @@
-//! How each order is carried out, and its end is known.
+//! Execution of each order, and detection of its end.
 
 use super::*;
 
-/// What a board refuses on the way to a move ends it: it would be made otherwise than it was ordered.
+/// A refusal of the stiffness, mode or speed ends the move, because it would differ from the one ordered.
 #[tokio::test(start_paused = true)]
 async fn a_move_is_not_made_where_the_board_refuses_what_comes_before_it() {
     type Which = fn(&Ask) -> bool;
@@ -15,7 +15,7 @@ async fn a_move_is_not_made_where_the_board_refuses_what_comes_before_it() {
         let rig = Rig::up().await;
         rig.board.with(1, |axis| axis.interaction = mode::COMPLIANT);
         rig.is_in(ControlMode::Velocity).await;
-        // what it refuses may well become so a moment later, by somebody else's word
+        // the refused setting may still change a moment later, by another program
         rig.board.plays(move |board, ask| {
             which(ask).then(|| {
                 board.with(1, |axis| (axis.interaction, axis.mode) = (mode::STIFF, mode::POSITION));
@@ -32,7 +32,7 @@ async fn a_move_is_not_made_where_the_board_refuses_what_comes_before_it() {
     }
 }
 
-/// A move that is refused is not said again, and nobody waits for its end.
+/// A refused move is not repeated, and its end is not awaited.
 #[tokio::test(start_paused = true)]
 async fn a_move_that_is_refused_is_over() {
     let rig = Rig::up().await;
@@ -44,7 +44,8 @@ async fn a_move_that_is_refused_is_over() {
     assert_eq!(rig.done(), [true, true]);
 }
 
-/// Joints that give way are made stiff before they are moved to positions, and only these; what moves by velocities may give way.
+/// Compliant joints, and no others, are made stiff before they move to positions; joints with velocity commands
+/// may be compliant.
 #[tokio::test(start_paused = true)]
 async fn joints_that_give_way_are_made_stiff_before_they_are_sent_somewhere() {
     let rig = Rig::up().await;
@@ -56,7 +57,7 @@ async fn joints_that_give_way_are_made_stiff_before_they_are_sent_somewhere() {
     rig.order(Do::Mode { joints: vec![0, 1], mode: ControlMode::Velocity });
     rig.after(50).await;
     assert_eq!(rig.told(), [Set::Mode(group(&[0, 1]), vec![mode::VELOCITY; 2])]);
-    // it becomes stiff some time after the answer
+    // the joint becomes stiff some time after the answer
     rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Interaction(..))).then(|| Trick::Says(reply::ok())));
     rig.order(Do::Mode { joints: vec![0, 1], mode: ControlMode::PositionDirect });
     rig.after(200).await;
@@ -66,7 +67,7 @@ async fn joints_that_give_way_are_made_stiff_before_they_are_sent_somewhere() {
     assert_eq!(rig.told(), [Set::Mode(group(&[0, 1]), vec![mode::DIRECT; 2])]);
 }
 
-/// Only joints in other modes are switched, and nothing moves before the board has reported what was told.
+/// Only joints in other modes are switched, and no move is sent before the board has reported the new mode.
 #[tokio::test(start_paused = true)]
 async fn a_move_waits_for_the_mode_to_be_reported() {
     let rig = Rig::up().await;
@@ -85,7 +86,7 @@ async fn a_move_waits_for_the_mode_to_be_reported() {
     assert_eq!(rig.told(), [go]);
 }
 
-/// A board whose states say nothing of modes is asked for them, at each fourth look.
+/// A board whose states don't contain modes is queried, at every fourth check.
 #[tokio::test(start_paused = true)]
 async fn modes_are_asked_for_where_states_do_not_tell_them() {
     let rig = Rig::up().await;
@@ -103,7 +104,7 @@ async fn modes_are_asked_for_where_states_do_not_tell_them() {
     assert_eq!(rig.known(|known| known.modes.clone()), [mode::POSITION, mode::DIRECT]);
 }
 
-/// A mode that does not come is waited for two seconds, and then all that waited for it is over.
+/// A missing mode is awaited for two seconds; then all orders that wait for it fail.
 #[tokio::test(start_paused = true)]
 async fn a_mode_that_does_not_come_is_given_up() {
     let rig = Rig::up().await;
@@ -117,7 +118,7 @@ async fn a_mode_that_does_not_come_is_given_up() {
     assert_eq!(switching(&rig), [None, Some(99), None], "of the motor that the order was about, and of no other");
 }
 
-/// Set-points go to joints that report their mode for it, and to no others.
+/// Setpoints are sent only to joints that report the mode for setpoints.
 #[tokio::test(start_paused = true)]
 async fn set_points_need_their_mode() {
     let rig = Rig::up().await;
@@ -130,12 +131,12 @@ async fn set_points_need_their_mode() {
     rig.order(there());
     rig.after(20).await;
     assert_eq!(rig.streamed(), [Streamed::Direct(group(&[0]), vec![3.0])]);
-    // at a board's greatest speed, which is what may be seen of them
+    // limited by the board's greatest speed
     let fast = |rig: &Rig, speed: f64| rig.known(|known| known.pace.exceeded(&[speed, 0.0], 10.0)).is_some();
     assert!(!fast(&rig, 104.0) && fast(&rig, 106.0));
 }
 
-/// A joint that is faster than it was told is noticed, whichever way it was told.
+/// A joint that exceeds its commanded speed is detected, for every kind of command.
 #[tokio::test(start_paused = true)]
 async fn who_is_told_a_speed_is_held_to_it() {
     let fast = |rig: &Rig, speed: f64| rig.known(|known| known.pace.exceeded(&[0.0, speed], 10.0)).is_some();
@@ -149,8 +150,8 @@ async fn who_is_told_a_speed_is_held_to_it() {
     assert!(!fast(&rig, 104.0) && fast(&rig, 106.0), "whatever it was told, no more than its greatest speed");
 }
 
-/// Velocities are said again and again while they are given anew, and once more as nothing when they are not: a joint that was told one is
-/// busy, whatever its encoder shows.
+/// Velocities are repeated while they are refreshed, and sent once as zero when they expire. A joint with a
+/// velocity counts as moving, whatever its encoder shows.
 #[tokio::test(start_paused = true)]
 async fn velocities_are_said_again_while_they_are_wanted() {
     let rig = Rig::up().await;
@@ -172,14 +173,14 @@ async fn velocities_are_said_again_while_they_are_wanted() {
     assert_eq!(rig.done(), [true, true]);
 }
 
-/// The end of a move is what the board says, once it says something; where it can't, encoders tell.
+/// The end of a move is the one that the board reports. If the board can't report it, the encoders are used.
 #[tokio::test(start_paused = true)]
 async fn a_move_ends_when_the_board_says_so() {
     let rig = Rig::up().await;
     rig.order(to_20());
     rig.after(300).await;
     assert_eq!(rig.done(), [true, false], "it rests, and is not there yet");
-    // neither what is no answer to this, nor none at all, says anything
+    // an invalid answer and a missing answer are both ignored
     for nothing in [true, false] {
         rig.board.with(1, |axis| axis.done = true);
         rig.board.plays(move |_, ask| {
@@ -193,7 +194,7 @@ async fn a_move_ends_when_the_board_says_so() {
     rig.after(40).await;
     assert_eq!(rig.done(), [true, true]);
     rig.heard();
-    // a board that does not know is not asked again
+    // a board that can't report the end is not queried again
     rig.board.plays(|_, ask| matches!(ask, Ask::Get(Get::Done(_))).then_some(Trick::Refuses));
     let asked =
         |rig: &Rig| rig.heard().iter().filter(|(_, w)| matches!(w, Heard::Asked(Ask::Get(Get::Done(_))))).count();
@@ -204,7 +205,7 @@ async fn a_move_ends_when_the_board_says_so() {
     assert_eq!((asked(&rig), rig.done()), (0, vec![true, true]));
 }
 
-/// What stops single joints is an order as others are.
+/// A stop of single joints is an order like any other.
 #[tokio::test(start_paused = true)]
 async fn single_joints_are_stopped_on_the_line_of_orders() {
     let rig = Rig::up().await;

@@ -1,4 +1,4 @@
-//! References: told, read back, and no move without.
+//! References are set and read back before each move.
 
 use super::*;
 use mobee_yarp::{Bottle, Dialect};
@@ -9,8 +9,8 @@ fn both(acceleration: f64) -> Do {
     Do::Move { joints: vec![1], to: vec![20.0], speed: Some(vec![10.0]), acceleration: Some(vec![acceleration]) }
 }
 
-/// A move is made if the board has the references that it was told, or lesser ones: to a hundredth, without regard to sign. If it has
-/// greater ones they are told twice more, and then the filter hears who is to blame.
+/// A move requires that the board has the commanded references or lower ones, to a hundredth and without regard
+/// to sign. Greater ones are set twice more; then the fault names the cause.
 #[tokio::test(start_paused = true)]
 async fn no_move_is_made_at_greater_references_than_were_told() {
     let all = [(10.0, true), (10.05, true), (10.15, false), (10.9, false), (-10.0, true), (-11.0, false), (3.0, true)];
@@ -38,7 +38,7 @@ async fn no_move_is_made_at_greater_references_than_were_told() {
     }
 }
 
-/// The same of accelerations, where the board has any.
+/// The same for accelerations, if the board has any.
 #[tokio::test(start_paused = true)]
 async fn no_move_is_made_at_greater_accelerations_than_were_told() {
     for (read, is_made) in [(40.0, true), (60.0, false)] {
@@ -61,8 +61,8 @@ async fn no_move_is_made_at_greater_accelerations_than_were_told() {
     assert!(rig.told().contains(&moves()), "it has none to set");
 }
 
-/// A board that accepts accelerations and keeps those that it was found with is no other program's doing: the move is made, the operator
-/// reads why, and accelerations are not sent again.
+/// A board that accepts accelerations but retains those found is not a conflict with another program: the move
+/// is made, the operator gets a message, and accelerations are no longer sent.
 #[tokio::test(start_paused = true)]
 async fn a_board_that_keeps_its_own_accelerations_moves_by_these() {
     let rig = Rig::owing().await;
@@ -80,7 +80,7 @@ async fn a_board_that_keeps_its_own_accelerations_moves_by_these() {
     assert_eq!(sent(&rig.told()), 0, "it is known by now");
 }
 
-/// A board that does not tell its references is believed; one that does not answer is not.
+/// A board that does not report its references is trusted; a board that does not answer is not.
 #[tokio::test(start_paused = true)]
 async fn no_move_is_made_before_references_were_read_back() {
     let two = Bottle::parse("[is] [velg] (70.0 80.0) [tsta] 1 2.5 [ok]", Dialect::V3).unwrap();
@@ -94,7 +94,7 @@ async fn no_move_is_made_before_references_were_read_back() {
     }
 }
 
-/// References are told as they are ordered, but for none at all, which some boards take for no speed limit.
+/// References are sent as ordered, except for zero, which some boards interpret as no limit.
 #[tokio::test(start_paused = true)]
 async fn a_reference_of_nothing_is_a_small_one() {
     let rig = Rig::up().await;
@@ -105,7 +105,8 @@ async fn a_reference_of_nothing_is_a_small_one() {
     assert_eq!(told[..2], [Set::Speed(group(&[0, 1]), speed), Set::Acceleration(group(&[0, 1]), acceleration)]);
 }
 
-/// The first moves are timed, and what was timed counts once the reference was read back; nothing is asked before there is something.
+/// The first moves are timed, and a measurement counts once the reference was read back. There is no query
+/// before the first measurement.
 #[tokio::test(start_paused = true)]
 async fn what_was_timed_is_confirmed() {
     let rig = Rig::up().await;
