@@ -61,7 +61,7 @@ pub struct Seen<'a> {
 }
 
 /// True if this state blocks all commands of agents. A robot that holds after a failed retreat, or in
-/// contact, accepts escapes, so that nobody needs to free it.
+/// contact, accepts escapes, so that agents can free it.
 pub fn closed(status: Status) -> bool {
     match status {
         Status::Rest | Status::Moving | Status::Escaping => false,

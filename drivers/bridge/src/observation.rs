@@ -113,7 +113,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn contacts_are_told_with_the_originals_numbers() {
+    fn contacts_are_reported_with_the_originals_numbers() {
         let icub = concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/robots/icub.xml");
         let robot = Arc::new(load_robot(icub).unwrap().value);
         let world = "<WorldList><object name='ball'><sphere radius='0.1'/></object></WorldList>";
@@ -128,12 +128,12 @@ mod tests {
         let contact = |a, b| Contact { pair: (a, b), distance: 0.0, points };
         assert_eq!(collisions(0, &[], &scene), []);
         let all: usize = robot.nodes.iter().map(|n| n.solids.len() + n.fields.len()).sum();
-        let told = collisions(0, &[contact(solid(0), ball), contact(solid(0), solid(1))], &scene);
+        let reported = collisions(0, &[contact(solid(0), ball), contact(solid(0), solid(1))], &scene);
         let first = number(&solid(0), &scene);
         let second = number(&solid(1), &scene);
         let one = Touch { shape: first, at: points[0] };
         let other = Touch { shape: second, at: points[1] };
-        assert_eq!(told, [Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
+        assert_eq!(reported, [Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
         assert_eq!(number(&ball, &scene), all + 1);
         let mut numbers: Vec<usize> = Vec::new();
         for (n, node) in robot.nodes.iter().enumerate() {

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_control_tells_its_median_and_its_worst_and_what_they_leave_of_a_time() {
+    fn a_control_reports_its_median_its_maximum_and_the_remaining_time() {
         let ms = Duration::from_millis;
         let late = Lateness::of(vec![ms(9), ms(0), ms(1)]);
         assert_eq!(late, Lateness { usual: ms(1), most: ms(9) });

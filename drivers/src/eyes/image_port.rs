@@ -68,7 +68,8 @@ fn carrier() -> String {
 
 /// Pause before a port that can't be reached is tried again.
 const RETRY_PAUSE: Duration = Duration::from_millis(500);
-/// Silence after which the camera is asked to connect again: this number of periods, and at least this time.
+/// Silence after which a new connection is requested from the camera: this number of periods, and at least this
+/// time.
 const PERIODS: u32 = 10;
 const SILENCE: Duration = Duration::from_secs(2);
 
@@ -217,7 +218,7 @@ struct ImageReceiver {
     theirs: String,
     carrier: Carrier,
     size: [u32; 2],
-    /// Silence after which the camera is asked to connect again.
+    /// Silence after which a new connection is requested from the camera.
     patience: Duration,
 }
 

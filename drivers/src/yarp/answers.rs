@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_late_answer_is_told_and_does_not_count_as_a_slow_board() {
+    fn one_late_answer_is_reported_and_does_not_count_as_a_slow_board() {
         let mut answers = Answers::default();
         assert_eq!(answers.summary(0.0), None);
         for i in 0..40 {

@@ -69,7 +69,7 @@ impl Arrivals {
         let at = match stamp.filter(|s| s.is_finite()) {
             Some(stamp) => {
                 let by_stamp = self.stamped(arrival, stamp);
-                // keeps the jitter of answers out of the times of states that are in time
+                // the jitter of answers does not affect the times of punctual states
                 let latest =
                     ahead.map(|ahead| stamp + ahead + LATE_AFTER_S).filter(|latest| arrival - latest < TWO_CLOCKS);
                 by_stamp.min(latest.unwrap_or(f64::INFINITY))
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn states_that_a_stall_held_up_are_as_old_as_their_stamps_say() {
+    fn states_delayed_by_a_stall_are_as_old_as_their_stamps() {
         let mut arrivals = Arrivals::default();
         for i in 0..200 {
             let t = 0.02 * f64::from(i);
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_delay_is_no_offset_where_answers_tell_the_clock() {
+    fn a_steady_delay_is_no_offset_if_answers_give_the_clock() {
         // the board's clock is an hour behind ours, or far ahead; its answers take 5 ms, its states 0.9 s from
         // some time on
         for offset in [3600.0, -1.79e9, 0.0] {
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_at_half_speed_is_followed_where_answers_tell_it() {
+    fn a_clock_at_half_speed_is_followed_if_answers_give_it() {
         let mut arrivals = Arrivals::default();
         let mut ahead = 0.0;
         for i in 0..1000 {
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_stands_still_tells_nothing() {
+    fn a_stopped_clock_is_ignored() {
         for time in [0.0, 1.79e9] {
             let mut arrivals = Arrivals::default();
             for count in 0..300 {

@@ -1,4 +1,4 @@
-//! Group of tasks that must not end before they are told to: every task that can stop the robot is watched.
+//! Group of tasks that must not end early: every task that can stop the robot is watched.
 
 use std::future::Future;
 use tokio::task::{Id, JoinSet};
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_crew_tells_who_was_lost_and_how() {
+    async fn a_crew_reports_which_task_was_lost_and_why() {
         let mut crew = Crew::default();
         crew.add("hand".into(), std::future::pending());
         crew.add("brake".into(), async { std::panic::resume_unwind(Box::new("planted")) });

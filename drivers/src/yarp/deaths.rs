@@ -22,12 +22,12 @@ fn survived(who: &str) {
         driver.lease(now, now + Duration::from_millis(500));
         driver.sample(now).is_err().then_some(())
     });
-    let heard = died.elapsed();
+    let noticed = died.elapsed();
     let rest = rig.rests();
     assert!(rest[0] < 30.0 && rest[2] < 30.0, "{who} died, and the robot went on to {rest:?}");
     let mut driver = rig.wait("all to be back", |_| rig.hardware.connect().ok());
     rig.under_way(&mut driver);
-    eprintln!("{who}: drivers heard of it after {heard:?}; the robot came to rest at {:.1} deg", rest[0]);
+    eprintln!("{who}: drivers heard of it after {noticed:?}; the robot came to rest at {:.1} deg", rest[0]);
 }
 
 #[test]

@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_changed_is_said_once_and_in_order() {
+    fn changed_settings_are_restored_once_and_in_order() {
         let mut owed = Owed::new(3);
         owed.changes(Restored::Speed, &[0]);
         assert!(!owed.is_any(), "nobody knows how they were found");

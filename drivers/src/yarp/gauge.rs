@@ -253,7 +253,7 @@ mod tests {
 
     /// Nothing is concluded from moves under the references of another program.
     #[test]
-    fn only_what_was_told_counts() {
+    fn only_moves_under_our_references_count() {
         let mut gauge = Gauge::new(1);
         for _ in 0..5 {
             gauge.commanded(0, 0.0, 90.0, 10.0);

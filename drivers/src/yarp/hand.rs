@@ -365,10 +365,10 @@ impl Hand {
         if self.link.as_ref() != Some(&*self.board.link().borrow()) {
             return Err("the connection is another one, and begins with a stop".into());
         }
-        let ask = Ask::Set(set);
-        match self.send(&ask).await {
+        let request = Ask::Set(set);
+        match self.send(&request).await {
             Ok(answer) if reply::is_ok(&answer) => Ok(()),
-            Ok(_) => Err(format!("the board answers [fail] to {}", self.units().ask_to_wire(&ask).bottle())),
+            Ok(_) => Err(format!("the board answers [fail] to {}", self.units().ask_to_wire(&request).bottle())),
             Err(error) => Err(error.to_string()),
         }
     }
@@ -387,11 +387,11 @@ impl Hand {
     async fn send(&self, ask: &Ask) -> Result<Bottle, CallError> {
         let now = || self.cell.secs(super::cell::instant());
         let units = self.units();
-        let asked = now();
+        let sent_at = now();
         let answer = self.board.ask(&units.ask_to_wire(ask)).await.map(|answer| units.answer_from_wire(ask, answer));
         let came = now();
         if let (Ok(answer), Some(known)) = (&answer, self.cell.lock().boards.get_mut(self.index)) {
-            known.answered(asked, came, answer);
+            known.answered(sent_at, came, answer);
         }
         answer
     }
@@ -453,8 +453,8 @@ impl Hand {
 
     /// Queries the end of motions that only the board can detect.
     async fn query_done(&mut self) {
-        let asked = self.cell.lock().boards.get(self.index).and_then(|b| b.motions.due_query());
-        let Some((joints, ticket)) = asked else { return };
+        let query = self.cell.lock().boards.get(self.index).and_then(|b| b.motions.due_query());
+        let Some((joints, ticket)) = query else { return };
         let group = Joints::Group(joints.clone());
         let Ok(answer) = self.send(&Ask::Get(Get::Done(group))).await else { return };
         let mut inner = self.cell.lock();

@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motor_is_whose_who_commanded_it_last() {
+    fn a_motor_belongs_to_its_last_command() {
         let mut legs = Legs::default();
         legs.begin(vec![0, 1], (vec![0.0, 0.0], vec![1.0, 1.0]), &[0.5, 0.5], &board());
         legs.begin(vec![1], (vec![0.2], vec![0.0]), &[0.5], &board());

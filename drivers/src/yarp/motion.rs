@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_move_is_done_when_the_board_said_so_and_a_state_came_after() {
+    fn a_move_is_done_after_the_boards_report_and_a_newer_state() {
         let mut m = Motions::new(2);
         let ticket = m.order(&[1], End::Reported);
         assert_eq!((done(&m), m.due_query()), (vec![true, false], None), "the board has not got it yet");
@@ -301,7 +301,7 @@ mod tests {
 
     /// Rest before the board got the setpoint does not count.
     #[test]
-    fn a_rest_counts_from_when_the_board_was_told() {
+    fn rest_counts_from_the_time_the_board_got_the_order() {
         let mut m = Motions::new(1);
         (0..50).for_each(|i| m.read(0.02 * f64::from(i), &[0.0]));
         let ticket = m.order(&[0], End::Seen);
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn speeds_are_told_by_enough_states_that_are_new_enough() {
+    fn speeds_require_enough_recent_states() {
         let mut m = Motions::new(2);
         assert_eq!(m.speeds(0.0), MeasuredSpeeds::Unknown);
         m.read(0.0, &[0.0, 0.0]);

@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_joint_may_ease_and_slow_down_but_not_outrun_what_it_was_told() {
+    fn a_joint_may_ease_and_slow_down_but_not_exceed_its_limit() {
         let mut pace = Pace::new(2);
         assert_eq!(pace.exceeded(&[500.0, 500.0], 0.0), None, "nothing was told");
         pace.set_limit(&[0, 1], &[20.0, 50.0], 1.0);

@@ -65,7 +65,7 @@ impl Thread {
 }
 
 impl Threads {
-    /// True if one of the threads has ended without being told to.
+    /// True if one of the threads has ended without a request.
     pub fn is_broken(&self) -> bool {
         self.threads.iter().any(|thread| match thread {
             Thread::Own(thread) => thread.is_finished(),
@@ -257,7 +257,7 @@ async fn until(mut end: watch::Receiver<bool>, work: impl Future<Output = ()>) {
     }
 }
 
-/// Reports a thread that ends without being told to.
+/// Reports a thread that ends without a request.
 struct Guard {
     reach: Reach,
     thread: String,

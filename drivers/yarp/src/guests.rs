@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 
-/// Time since the last message within which a connection keeps its place.
+/// Time since the last message within which a connection is not replaced.
 const KEEP_ALIVE: Duration = Duration::from_secs(1);
 
 /// Time of the last message of a connection, and whether it has sent anything but its name.
@@ -82,7 +82,7 @@ mod tests {
     use std::future::pending;
 
     #[tokio::test(start_paused = true)]
-    async fn who_is_silent_makes_room_and_who_speaks_stays() {
+    async fn silent_connections_are_replaced_and_active_ones_stay() {
         let mut guests = Guests::new(3);
         let mut activity = Vec::new();
         let admit = |guests: &mut Guests, activity: &mut Vec<Arc<LastMessage>>| {

@@ -93,7 +93,7 @@ fn objects_are_made_changed_and_taken_back() {
 }
 
 #[test]
-fn a_missing_object_is_told_of_before_what_else_is_wrong() {
+fn a_missing_object_is_reported_before_other_errors() {
     let mut b = Bench::new();
     let wrong =
         |object: Option<&str>| WorldRequest::Malformed { object: object.map(Into::into), why: WorldRefusal::Position };

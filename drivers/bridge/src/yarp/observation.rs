@@ -62,11 +62,11 @@ mod tests {
     use nalgebra::Point3;
 
     #[test]
-    fn contacts_are_told_in_the_originals_form() {
+    fn contacts_are_reported_in_the_originals_form() {
         assert_eq!(collisions(&[]).to_string(), "0");
         let one = Touch { shape: 7, at: Point3::new(1.0, 2.0, 3.0) };
         let other = Touch { shape: 9, at: Point3::new(4.0, 5.0, 6.0) };
-        let told = collisions(&[Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
-        assert_eq!(told.to_string(), "(7 1.0 2.0 3.0 OBSTACLE) ((7 1.0 2.0 3.0) (9 4.0 5.0 6.0))");
+        let reported = collisions(&[Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
+        assert_eq!(reported.to_string(), "(7 1.0 2.0 3.0 OBSTACLE) ((7 1.0 2.0 3.0) (9 4.0 5.0 6.0))");
     }
 }

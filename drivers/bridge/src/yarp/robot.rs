@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn requests_are_understood_and_refusals_say_what_would_be() {
+    fn requests_are_parsed_and_refusals_name_the_valid_ones() {
         let parsed = |text: &str| parse(&Bottle::parse(text, Default::default()).unwrap());
         assert_eq!(parsed("status"), Ok(RobotRequest::Status));
         assert_eq!(parsed("agent on"), Ok(RobotRequest::LetAgentAct(true)));

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_whole_is_refused_as_a_whole_and_says_what_is_missing() {
+    fn incomplete_regions_are_refused_and_the_error_names_the_missing_part() {
         let text = String::from_utf8(seen().bottle().to_text()).unwrap();
         for (from, to, what) in [
             ("size 320 240", "size 320 0", "size"),

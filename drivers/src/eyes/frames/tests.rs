@@ -177,7 +177,7 @@ fn a_camera_of_one_frame_at_time_zero_repeats_it_once_a_second() {
 }
 
 #[test]
-fn what_holds_no_frames_of_this_version_is_refused_by_readers_and_by_those_who_would_write_on() {
+fn files_of_other_versions_are_refused_by_readers_and_writers() {
     let dir = Folder::new("foreign");
     let refused = |camera: &str| FrameReader::open(&dir.0, camera).err().map(|e| (e.path, e.what, e.help)).unwrap();
     let (path, what, help) = refused("eyes/left");
@@ -219,7 +219,7 @@ fn frames_that_are_none_are_not_kept() {
 }
 
 #[test]
-fn a_recorded_camera_gives_each_frame_when_it_was_exposed_and_who_is_late_misses_some() {
+fn a_recorded_camera_delivers_each_frame_at_its_exposure_time_and_late_readers_miss_some() {
     let dir = Folder::new("again");
     put(dir.keep().unwrap().sink().as_mut(), &[100, 250, 300]);
     let looks = |repeat: bool, times: &[u64]| {

@@ -11,7 +11,7 @@ const LATENCY: f64 = 0.05;
 /// Messages received on the stop connection, each with its time, ms, and whether the board answers.
 #[derive(Clone, Default)]
 struct Line {
-    said: Arc<Mutex<Vec<(u64, &'static str)>>>,
+    received: Arc<Mutex<Vec<(u64, &'static str)>>>,
     broken: Arc<Mutex<bool>>,
     cell: Option<Arc<SharedBoards>>,
 }
@@ -20,7 +20,7 @@ impl StopLine for Line {
     fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         let word = if matches!(request, Ask::Set(Set::Stop(_))) { "stop" } else { "question" };
         let ms = self.cell.as_ref().map_or(0.0, |cell| cell.secs(instant()) * 1e3);
-        self.said.lock().unwrap().push((ms.round() as u64, word));
+        self.received.lock().unwrap().push((ms.round() as u64, word));
         let answer = if *self.broken.lock().unwrap() { reply::fail() } else { reply::ok() };
         Box::pin(async move { Ok(answer) })
     }
@@ -52,8 +52,8 @@ impl Rig {
         let line = Line { cell: Some(cell.clone()), ..Line::default() };
         let (halt, halts) = watch::channel(Arc::new(Halt::default()));
         let (end, ends) = watch::channel(false);
-        let (port, said) = ("/arm".into(), Box::new(line.clone()));
-        let brake = Brake { cell: cell.clone(), index: 0, port, line: said, halt: halts, latency: LATENCY };
+        let (port, stop_line) = ("/arm".into(), Box::new(line.clone()));
+        let brake = Brake { cell: cell.clone(), index: 0, port, line: stop_line, halt: halts, latency: LATENCY };
         tokio::spawn(brake.work(ends));
         Rig { cell, line, halt, end, q: 0.0 }
     }
@@ -67,7 +67,7 @@ impl Rig {
             let now = self.cell.secs(instant());
             self.cell.lock().boards[0].motions.read(now, &[self.q]);
         }
-        std::mem::take(&mut *self.line.said.lock().unwrap())
+        std::mem::take(&mut *self.line.received.lock().unwrap())
     }
 
     fn stops(&self, ticket: u64) {
@@ -79,8 +79,8 @@ impl Rig {
 
     /// Number of stops and of queries received meanwhile.
     async fn counted(&mut self, speed: f64, secs: f64) -> (usize, usize) {
-        let said = self.goes(speed, secs).await;
-        let of = |word: &str| said.iter().filter(|(_, w)| *w == word).count();
+        let received = self.goes(speed, secs).await;
+        let of = |word: &str| received.iter().filter(|(_, w)| *w == word).count();
         (of("stop"), of("question"))
     }
 }
@@ -91,9 +91,9 @@ impl Rig {
 async fn an_idle_line_is_tried() {
     let mut rig = Rig::new();
     assert_eq!(rig.goes(0.0, 0.1).await.first().map(|(_, word)| *word), Some("stop"));
-    let said = rig.goes(0.0, 3.0).await;
-    assert!(said.iter().all(|(_, word)| *word == "question") && (5..=6).contains(&said.len()), "{said:?}");
-    assert!(said.windows(2).all(|w| (500..=520).contains(&(w[1].0 - w[0].0))), "{said:?}");
+    let received = rig.goes(0.0, 3.0).await;
+    assert!(received.iter().all(|(_, word)| *word == "question") && (5..=6).contains(&received.len()), "{received:?}");
+    assert!(received.windows(2).all(|w| (500..=520).contains(&(w[1].0 - w[0].0))), "{received:?}");
     rig.cell.lock().boards[0].motions.order(&[0], End::Reported);
     assert_eq!(rig.counted(0.0, 2.0).await, (0, 0), "no question is in the way of a stop");
     rig.end.send_replace(true);
@@ -104,15 +104,15 @@ async fn an_idle_line_is_tried() {
 /// A stop without effect is repeated once an effect should have been visible: after 50 ms for the board and 100
 /// ms for the readings.
 #[tokio::test(start_paused = true)]
-async fn a_stop_that_shows_no_effect_is_said_again() {
+async fn a_stop_without_visible_effect_is_repeated() {
     let mut rig = Rig::new();
     rig.cell.lock().boards[0].motions.order(&[0], End::Reported);
     rig.goes(20.0, 0.5).await;
     rig.stops(0);
     let begun = (rig.cell.secs(instant()) * 1e3).round() as u64;
-    let said: Vec<u64> = rig.goes(20.0, 1.0).await.into_iter().map(|(ms, _)| ms - begun).collect();
-    assert!(said[0] <= 10 && (6..=7).contains(&said.len()), "{said:?}");
-    assert!(said.windows(2).all(|w| (150..=180).contains(&(w[1] - w[0]))), "{said:?}");
+    let received: Vec<u64> = rig.goes(20.0, 1.0).await.into_iter().map(|(ms, _)| ms - begun).collect();
+    assert!(received[0] <= 10 && (6..=7).contains(&received.len()), "{received:?}");
+    assert!(received.windows(2).all(|w| (150..=180).contains(&(w[1] - w[0]))), "{received:?}");
     // the joint decelerates and comes to rest
     for speed in [16.0, 12.0, 8.0, 4.0] {
         rig.goes(speed, 0.17).await;
@@ -130,14 +130,14 @@ async fn a_stop_is_given_no_longer_than_it_takes() {
     rig.cell.lock().boards[0].motions.order(&[0], End::Reported);
     rig.goes(20.0, 0.51).await;
     rig.stops(0);
-    let said = rig.goes(20.0, 0.2).await;
-    assert_eq!(said, [(510, "stop"), (660, "stop")], "50 ms for the board, 100 ms for the readings");
+    let received = rig.goes(20.0, 0.2).await;
+    assert_eq!(received, [(510, "stop"), (660, "stop")], "50 ms for the board, 100 ms for the readings");
 }
 
 /// A board that brakes at once gets a single stop. A board that rests as far as is known, but whose states are
 /// missing, gets stops until it is read again.
 #[tokio::test(start_paused = true)]
-async fn a_stop_with_effect_is_said_once() {
+async fn a_stop_with_effect_is_sent_once() {
     let mut rig = Rig::new();
     rig.goes(20.0, 0.5).await;
     rig.stops(0);

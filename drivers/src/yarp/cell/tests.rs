@@ -51,7 +51,7 @@ fn a_robot_is_ready_once_all_of_it_is() {
 
 /// Permanent trouble is reported before temporary trouble; a missing stop connection comes last.
 #[test]
-fn the_worst_trouble_is_told() {
+fn the_worst_trouble_is_reported() {
     let cell = ready();
     let mut inner = cell.lock();
     assert_eq!(inner.trouble(), None);
@@ -84,7 +84,7 @@ fn a_reading_is_of_boards_that_can_be_used() {
 
 /// A waiting thread is woken when the robot is ready; if the robot is ready already, there is no wait.
 #[test]
-fn who_waits_is_woken() {
+fn a_waiting_thread_is_woken() {
     let (cell, patience) = (ready(), Duration::from_secs(20));
     assert!(cell.wait(patience).is_ready());
     let mut inner = cell.lock();

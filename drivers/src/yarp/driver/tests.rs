@@ -206,7 +206,7 @@ async fn readings_follow_each_other() {
 
 /// Answer time of the slowest board.
 #[tokio::test(start_paused = true)]
-async fn the_slowest_board_tells_how_long_answers_take() {
+async fn the_answer_time_is_that_of_the_slowest_board() {
     let rig = rig();
     assert_eq!(rig.driver.answer_time(), None);
     for (board, took) in [(0, 0.004), (1, 0.03)] {
@@ -218,7 +218,7 @@ async fn the_slowest_board_tells_how_long_answers_take() {
 /// The mode of a commanded motor comes from the command until the mode was set; the board's reports before that
 /// do not count. Other motors are not affected.
 #[tokio::test(start_paused = true)]
-async fn a_mode_counts_from_when_it_was_told() {
+async fn a_mode_counts_from_its_command_on() {
     let mut rig = rig();
     let told = Command::Mode { motors: vec![1, 4], mode: ControlMode::Velocity };
     rig.driver.command(Time::ZERO, &told).unwrap();

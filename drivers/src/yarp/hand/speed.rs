@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_velocity_that_goes_quiet_is_said_to_be_zero_once() {
+    fn an_expired_velocity_is_sent_as_zero_once() {
         let mut speeds = JointVelocities::default();
         speeds.set(&[0], &[5.0], 1.0);
         let mut at = |now: f64| speeds.due(&[0.0], &[(-10.0, 10.0)], 0.0, now);

@@ -137,7 +137,7 @@ async fn threads_end_though_a_board_does_not_answer() {
 
 /// Threads end on request, and no subscriber remains.
 #[tokio::test(start_paused = true)]
-async fn threads_end_when_they_are_told_to() {
+async fn threads_end_on_request() {
     let running = started("told", true);
     after(100).await;
     assert_eq!(running.reach.lease.receiver_count(), 2, "the hand, and who watches the lease");

@@ -227,8 +227,8 @@ mod tests {
     /// Answers have their numbers in several places; modes, names and stamps are not converted.
     #[test]
     fn answers_count_millimeters_where_a_joint_slides() {
-        let read = |get: Get, said: &str| {
-            let answer = Bottle::parse(said, crate::Dialect::V3).unwrap();
+        let read = |get: Get, wire: &str| {
+            let answer = Bottle::parse(wire, crate::Dialect::V3).unwrap();
             units().answer_from_wire(&Ask::Get(get), answer).to_string()
         };
         let quantities = [Quantity::Encoder, Quantity::EncoderSpeed, Quantity::EncoderAcceleration, Quantity::Target]
@@ -236,8 +236,8 @@ mod tests {
             .chain([Quantity::ReferenceSpeed, Quantity::ReferenceAcceleration, Quantity::Velocity, Quantity::Direct]);
         for quantity in quantities {
             let all = Get::Values(quantity, Joints::All);
-            let said = "[is] [x] (0.5 0.5 0.5) [tsta] 1 2.0 [ok]";
-            assert_eq!(read(all, said), "[is] [x] (0.5 500.0 0.5) [tsta] 1 2.0 [ok]");
+            let wire = "[is] [x] (0.5 0.5 0.5) [tsta] 1 2.0 [ok]";
+            assert_eq!(read(all, wire), "[is] [x] (0.5 500.0 0.5) [tsta] 1 2.0 [ok]");
             let one = Get::Values(quantity, Joints::One(1));
             assert_eq!(read(one, "[is] [x] 0.25 [tsta] 1 2.0 [ok]"), "[is] [x] 250.0 [tsta] 1 2.0 [ok]");
         }

@@ -23,8 +23,8 @@ pub struct StreamSource {
 }
 
 impl StreamSource {
-    /// Creates a source that is asked to connect again after each `patience` of silence, and less often the
-    /// longer it lasts.
+    /// Creates a source. A new connection is requested after each `patience` of silence, less often the longer
+    /// it lasts.
     pub fn new(port: &str, carrier: Carrier, patience: Duration) -> StreamSource {
         let name = Contact::parse(port).name;
         let port = port.to_owned();

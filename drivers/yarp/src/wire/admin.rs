@@ -72,7 +72,7 @@ pub enum Removed {
     Output,
     /// One from the name.
     Input,
-    /// There is none.
+    /// No such connection.
     None,
 }
 

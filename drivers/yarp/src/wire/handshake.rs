@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_said_is_understood() {
+    fn messages_written_are_read_back() {
         for carrier in Carrier::ALL {
             let bytes = encode(carrier, "/foo");
             for cut in 0..bytes.len() {

@@ -204,7 +204,7 @@ fn a_slow_poller_learns_of_the_rollback() {
 }
 
 #[test]
-fn joints_that_nobody_moved_are_done() {
+fn joints_without_a_motion_are_done() {
     let mut b = Programs::new();
     b.say(1, "[set] [pos] 0 10.0");
     assert!(b.say(1, "[get] [don] 1").starts_with("[is] [don] 1"));
@@ -227,7 +227,7 @@ fn a_stop_is_no_failure() {
 }
 
 #[test]
-fn a_failed_stream_is_not_heard_until_its_client_knows_or_was_silent() {
+fn a_failed_stream_is_ignored_until_its_client_is_informed_or_was_silent() {
     let mut b = Programs::new();
     assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some());
     assert!(b.say(1, "[get] [axes]").starts_with("[is]"));
@@ -249,7 +249,7 @@ fn a_failed_stream_is_not_heard_until_its_client_knows_or_was_silent() {
 }
 
 #[test]
-fn a_stream_that_goes_on_while_the_filter_is_closed_is_not_heard_when_it_opens() {
+fn a_stream_that_continues_while_the_filter_is_closed_is_ignored_when_it_opens() {
     let mut b = Programs::new();
     assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some());
     b.end(MotionEnd::Failed);

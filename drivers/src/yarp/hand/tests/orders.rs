@@ -24,10 +24,10 @@ async fn a_move_is_not_made_where_the_board_refuses_what_comes_before_it() {
         });
         rig.order(to_20());
         rig.after(100).await;
-        let told = rig.told();
-        assert!(which(&Ask::Set(told.last().unwrap().clone())), "{what} was refused: {told:?}");
+        let commands = rig.commands();
+        assert!(which(&Ask::Set(commands.last().unwrap().clone())), "{what} was refused: {commands:?}");
         rig.after(2500).await;
-        assert!(!rig.told().contains(&moves()), "{what} was refused");
+        assert!(!rig.commands().contains(&moves()), "{what} was refused");
         assert_eq!(rig.done(), [true, true], "nothing is under way");
     }
 }
@@ -39,7 +39,7 @@ async fn a_move_that_is_refused_is_over() {
     rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Move { .. })).then_some(Trick::Refuses));
     rig.order(to_20());
     rig.after(50).await;
-    assert_eq!(rig.told(), [Set::Speed(group(&[1]), vec![10.0]), moves()]);
+    assert_eq!(rig.commands(), [Set::Speed(group(&[1]), vec![10.0]), moves()]);
     rig.after(300).await;
     assert_eq!(rig.done(), [true, true]);
 }
@@ -53,18 +53,18 @@ async fn joints_that_give_way_are_made_stiff_before_they_are_sent_somewhere() {
     rig.is_in(ControlMode::Position).await;
     rig.order(to_20());
     rig.after(50).await;
-    assert_eq!(rig.told(), [Set::Speed(group(&[1]), vec![10.0]), moves()], "it is stiff");
+    assert_eq!(rig.commands(), [Set::Speed(group(&[1]), vec![10.0]), moves()], "it is stiff");
     rig.order(Do::Mode { joints: vec![0, 1], mode: ControlMode::Velocity });
     rig.after(50).await;
-    assert_eq!(rig.told(), [Set::Mode(group(&[0, 1]), vec![mode::VELOCITY; 2])]);
+    assert_eq!(rig.commands(), [Set::Mode(group(&[0, 1]), vec![mode::VELOCITY; 2])]);
     // the joint becomes stiff some time after the answer
     rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Interaction(..))).then(|| Trick::Says(reply::ok())));
     rig.order(Do::Mode { joints: vec![0, 1], mode: ControlMode::PositionDirect });
     rig.after(200).await;
-    assert_eq!(rig.told(), [Set::Interaction(group(&[0]), vec![mode::STIFF])]);
+    assert_eq!(rig.commands(), [Set::Interaction(group(&[0]), vec![mode::STIFF])]);
     rig.board.with(0, |axis| axis.interaction = mode::STIFF);
     rig.after(20).await;
-    assert_eq!(rig.told(), [Set::Mode(group(&[0, 1]), vec![mode::DIRECT; 2])]);
+    assert_eq!(rig.commands(), [Set::Mode(group(&[0, 1]), vec![mode::DIRECT; 2])]);
 }
 
 /// Only joints in other modes are switched, and no move is sent before the board has reported the new mode.
@@ -79,23 +79,24 @@ async fn a_move_waits_for_the_mode_to_be_reported() {
     let both = Do::Move { joints: vec![1, 0], to: vec![20.0, 9.0], speed: None, acceleration: None };
     rig.order(both);
     rig.after(300).await;
-    assert_eq!(rig.told(), [Set::Mode(group(&[0]), vec![mode::POSITION])]);
+    assert_eq!(rig.commands(), [Set::Mode(group(&[0]), vec![mode::POSITION])]);
     rig.board.with(0, |axis| axis.mode = mode::POSITION);
     rig.after(20).await;
     let go = Set::Move { joints: group(&[1, 0]), values: vec![20.0, 9.0], relative: false };
-    assert_eq!(rig.told(), [go]);
+    assert_eq!(rig.commands(), [go]);
 }
 
 /// A board whose states don't contain modes is queried, at every fourth check.
 #[tokio::test(start_paused = true)]
-async fn modes_are_asked_for_where_states_do_not_tell_them() {
+async fn modes_are_queried_if_states_do_not_contain_them() {
     let rig = Rig::up().await;
     *rig.board.tells_modes.lock().unwrap() = false;
     rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Mode(..))).then(|| Trick::Says(reply::ok())));
     rig.order(Do::Mode { joints: vec![1], mode: ControlMode::PositionDirect });
     rig.after(300).await;
-    let asked = rig.heard().into_iter().filter(|(_, word)| *word == Heard::Asked(Ask::Get(Get::Modes(Joints::All))));
-    assert!((10..=15).contains(&asked.count()));
+    let queries =
+        rig.received().into_iter().filter(|(_, word)| *word == Received::Request(Ask::Get(Get::Modes(Joints::All))));
+    assert!((10..=15).contains(&queries.count()));
     let switching = |rig: &Rig| rig.cell.lock().switching[2].is_some();
     assert!(switching(&rig));
     rig.board.with(1, |axis| axis.mode = mode::DIRECT);
@@ -138,7 +139,7 @@ async fn set_points_need_their_mode() {
 
 /// A joint that exceeds its commanded speed is detected, for every kind of command.
 #[tokio::test(start_paused = true)]
-async fn who_is_told_a_speed_is_held_to_it() {
+async fn a_commanded_speed_is_monitored() {
     let fast = |rig: &Rig, speed: f64| rig.known(|known| known.pace.exceeded(&[0.0, speed], 10.0)).is_some();
     let rig = Rig::up().await;
     assert!(!fast(&rig, 1e6), "it was told nothing");
@@ -153,18 +154,18 @@ async fn who_is_told_a_speed_is_held_to_it() {
 /// Velocities are repeated while they are refreshed, and sent once as zero when they expire. A joint with a
 /// velocity counts as moving, whatever its encoder shows.
 #[tokio::test(start_paused = true)]
-async fn velocities_are_said_again_while_they_are_wanted() {
+async fn velocities_are_repeated_while_they_are_refreshed() {
     let rig = Rig::up().await;
     rig.is_in(ControlMode::Velocity).await;
     rig.order(Do::Velocity { joints: vec![0, 1], speed: vec![4.0, 0.0] });
     rig.after(200).await;
-    let sent = |(ms, heard)| if let Heard::Streamed(sent) = heard { Some((ms, sent)) } else { None };
-    let said: Vec<(u64, Streamed)> = rig.heard().into_iter().filter_map(sent).collect();
+    let sent = |(ms, received)| if let Received::Streamed(sent) = received { Some((ms, sent)) } else { None };
+    let velocities: Vec<(u64, Streamed)> = rig.received().into_iter().filter_map(sent).collect();
     let all = |v: f64| Streamed::Velocity(group(&[0, 1]), vec![v, 0.0]);
-    let (last, before) = said.split_last().unwrap();
-    assert!(last.1 == all(0.0) && before.iter().all(|(_, sent)| *sent == all(4.0)), "{said:?}");
-    assert!(said.windows(2).all(|pair| pair[1].0 - pair[0].0 <= 41), "{said:?}");
-    let holds = last.0 - said[0].0;
+    let (last, before) = velocities.split_last().unwrap();
+    assert!(last.1 == all(0.0) && before.iter().all(|(_, sent)| *sent == all(4.0)), "{velocities:?}");
+    assert!(velocities.windows(2).all(|pair| pair[1].0 - pair[0].0 <= 41), "{velocities:?}");
+    let holds = last.0 - velocities[0].0;
     assert!((100..=145).contains(&holds), "it holds for a tenth of a second: {holds} ms");
     rig.order(Do::Velocity { joints: vec![0, 1], speed: vec![4.0, 0.0] });
     rig.after(150).await;
@@ -175,7 +176,7 @@ async fn velocities_are_said_again_while_they_are_wanted() {
 
 /// The end of a move is the one that the board reports. If the board can't report it, the encoders are used.
 #[tokio::test(start_paused = true)]
-async fn a_move_ends_when_the_board_says_so() {
+async fn a_move_ends_when_the_board_reports_it() {
     let rig = Rig::up().await;
     rig.order(to_20());
     rig.after(300).await;
@@ -193,16 +194,17 @@ async fn a_move_ends_when_the_board_says_so() {
     rig.board.plays(|_, _| None);
     rig.after(40).await;
     assert_eq!(rig.done(), [true, true]);
-    rig.heard();
+    rig.received();
     // a board that can't report the end is not queried again
     rig.board.plays(|_, ask| matches!(ask, Ask::Get(Get::Done(_))).then_some(Trick::Refuses));
-    let asked =
-        |rig: &Rig| rig.heard().iter().filter(|(_, w)| matches!(w, Heard::Asked(Ask::Get(Get::Done(_))))).count();
+    let queries = |rig: &Rig| {
+        rig.received().iter().filter(|(_, w)| matches!(w, Received::Request(Ask::Get(Get::Done(_))))).count()
+    };
     rig.order(to_20());
     rig.after(40).await;
-    assert_eq!((asked(&rig), rig.done()), (1, vec![true, false]));
+    assert_eq!((queries(&rig), rig.done()), (1, vec![true, false]));
     rig.after(200).await;
-    assert_eq!((asked(&rig), rig.done()), (0, vec![true, true]));
+    assert_eq!((queries(&rig), rig.done()), (0, vec![true, true]));
 }
 
 /// A stop of single joints is an order like any other.
@@ -212,13 +214,13 @@ async fn single_joints_are_stopped_on_the_line_of_orders() {
     rig.order(to_20());
     rig.order(Do::Velocity { joints: vec![0], speed: vec![4.0] });
     rig.after(20).await;
-    rig.heard();
+    rig.received();
     rig.order(Do::Stop { joints: vec![0] });
     rig.after(100).await;
     assert_eq!(rig.done(), [false, false], "until it has been seen to rest");
-    let heard = rig.heard();
-    let sent = heard.iter().filter(|(_, word)| matches!(word, Heard::Streamed(_))).count();
-    assert!(heard.iter().any(|(_, word)| *word == Heard::Asked(Ask::Set(Set::Stop(group(&[0]))))) && sent == 0);
+    let received = rig.received();
+    let sent = received.iter().filter(|(_, word)| matches!(word, Received::Streamed(_))).count();
+    assert!(received.iter().any(|(_, word)| *word == Received::Request(Ask::Set(Set::Stop(group(&[0]))))) && sent == 0);
     rig.after(100).await;
     assert_eq!(rig.done(), [true, false]);
 }

@@ -17,8 +17,8 @@ const PUBLISHES: Duration = Duration::from_millis(10);
 
 /// A message that the board received.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Heard {
-    Asked(Ask),
+pub enum Received {
+    Request(Ask),
     Streamed(Streamed),
     Hushed,
 }
@@ -39,7 +39,7 @@ type Tricks = Box<dyn FnMut(&FakeBoard, &Ask) -> Option<Trick> + Send>;
 /// A scripted board with a record of all messages.
 pub struct FakeBoard {
     pub shadow: Mutex<Shadow>,
-    heard: Mutex<Vec<(u64, Heard)>>,
+    received: Mutex<Vec<(u64, Received)>>,
     tricks: Mutex<Tricks>,
     pub link: watch::Sender<LinkState>,
     facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
@@ -62,7 +62,7 @@ impl FakeBoard {
         FakeBoard {
             facts: watch::Sender::new(Some(axes.iter().map(fact).collect())),
             shadow: Mutex::new(Shadow { axes }),
-            heard: Mutex::default(),
+            received: Mutex::default(),
             tricks: Mutex::new(Box::new(|_, _| None)),
             link: watch::Sender::new(LinkState::Down("not connected yet".into())),
             state: watch::Sender::new(None),
@@ -71,9 +71,9 @@ impl FakeBoard {
         }
     }
 
-    fn hears(&self, what: Heard) {
+    fn record(&self, what: Received) {
         let ms = (instant().duration_since(self.base).as_secs_f64() * 1e3).round() as u64;
-        self.heard.lock().unwrap().push((ms, what));
+        self.received.lock().unwrap().push((ms, what));
     }
 
     /// Sets the scripted behavior from now on.
@@ -144,7 +144,7 @@ impl Remote for FakeBoard {
         0
     }
     fn ask<'a>(&'a self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
-        self.hears(Heard::Asked(request.clone()));
+        self.record(Received::Request(request.clone()));
         Box::pin(async move {
             let trick = (self.tricks.lock().unwrap())(self, request);
             let answer = match trick {
@@ -163,11 +163,11 @@ impl Remote for FakeBoard {
         })
     }
     fn stream(&self, command: Streamed) -> bool {
-        self.hears(Heard::Streamed(command));
+        self.record(Received::Streamed(command));
         true
     }
     fn hush(&self) {
-        self.hears(Heard::Hushed);
+        self.record(Received::Hushed);
     }
     fn died(&self) -> Later<'_, ()> {
         Box::pin(std::future::pending())
@@ -246,7 +246,7 @@ impl Rig {
         rig.board.link.send_replace(LinkState::Up(1));
         rig.after(200).await;
         assert_eq!(rig.trouble(), None);
-        rig.heard();
+        rig.received();
         rig
     }
 
@@ -289,20 +289,20 @@ impl Rig {
     }
 
     /// Messages that the board received since the last call, each with its time, ms.
-    pub fn heard(&self) -> Vec<(u64, Heard)> {
-        std::mem::take(&mut *self.board.heard.lock().unwrap())
+    pub fn received(&self) -> Vec<(u64, Received)> {
+        std::mem::take(&mut *self.board.received.lock().unwrap())
     }
 
     /// Settings and commands among them, without queries.
-    pub fn told(&self) -> Vec<Set> {
-        let set = |(_, heard)| if let Heard::Asked(Ask::Set(set)) = heard { Some(set) } else { None };
-        self.heard().into_iter().filter_map(set).collect()
+    pub fn commands(&self) -> Vec<Set> {
+        let set = |(_, received)| if let Received::Request(Ask::Set(set)) = received { Some(set) } else { None };
+        self.received().into_iter().filter_map(set).collect()
     }
 
     /// Setpoints and velocities among them.
     pub fn streamed(&self) -> Vec<Streamed> {
-        let sent = |(_, heard)| if let Heard::Streamed(sent) = heard { Some(sent) } else { None };
-        self.heard().into_iter().filter_map(sent).collect()
+        let sent = |(_, received)| if let Received::Streamed(sent) = received { Some(sent) } else { None };
+        self.received().into_iter().filter_map(sent).collect()
     }
 
     /// End of motion, per joint.
@@ -314,7 +314,7 @@ impl Rig {
     pub async fn is_in(&self, mode: ControlMode) {
         (0..2).for_each(|joint| self.board.with(joint, |axis| axis.mode = word(mode)));
         self.after(20).await;
-        self.heard();
+        self.received();
     }
 }
 
