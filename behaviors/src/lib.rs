@@ -9,10 +9,8 @@
 //! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors ──> short_way
 //!                        │         └────> escape
 //!                        ├──> planners: RRT-Connect, shortcuts ──> JointSpace ──> mobee-fast
-//!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> scored
-//! outcomes
-//!                                         walk ──> validation ──> validity: roadmap + scene ──>
-//! blocked edges
+//!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> scored outcomes
+//!                                         walk ──> validation ──> validity: roadmap + scene ──> blocked edges
 //!
 //! scene, table ──> table_map ──search──> poses ──> roadmap <──> map_file (JSON)
 //! ```

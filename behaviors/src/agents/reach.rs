@@ -2,11 +2,9 @@
 //! the object, and back (paper, section 3.3, figure 8).
 //!
 //! ```text
-//!          seen: postures chosen, certified        at the pre-grasp          in the grasp posture
-//! at the pre-grasp
+//!          seen: postures chosen, certified        at the pre-grasp          in the grasp posture      at the pre-grasp
 //!  Look ──────────────────────────────────> Go ───────────────────> Approach ───────────────> Back ───────────────> Home ──> Look ...
-//!   ^  \                                   ^  \__ the object moved: new postures, the motion is
-//! redirected
+//!   ^  \                                   ^  \__ the object moved: new postures, the motion is redirected
 //!   │   └─ not seen: the eyes turn         └──── rolled back: the map records it, another path
 //!   └── no posture, no path: a miss, with its cause
 //! ```

@@ -3,10 +3,8 @@
 //!
 //! ```text
 //! transparent pixels ──> the opaque ones are the object
-//! up to 16 colors    ──> exact: black is the background; the other color that covers an area is
-//! the object; two such colors are an error
-//! more               ──> soft edges: pixels at least half as bright as the brightest are the
-//! object
+//! up to 16 colors    ──> exact: black is the background; the other color that covers an area is the object (two: error)
+//! more               ──> soft edges: pixels at least half as bright as the brightest are the object
 //! ```
 
 use image::DynamicImage;

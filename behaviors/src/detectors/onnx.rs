@@ -3,8 +3,7 @@
 //!
 //! ```text
 //! frame ──stretched, scaled──> input ──network──> mask: one likelihood for each class ──cut──┐
-//!                                             └─> boxes: place, score, class ──the best ones──┴──>
-//! regions
+//!                                             └─> boxes: place, score, class ──the best ones──┴──> regions
 //! ```
 //! In the program, each network runs in its own process (`process.rs`).
 

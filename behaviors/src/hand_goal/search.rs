@@ -57,7 +57,7 @@ pub(super) struct Found {
     pub off: (f64, f64),
 }
 
-/// Reason why there are none.
+/// Reason why no joint values were found.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shortfall {
     /// The hand can't be brought there.

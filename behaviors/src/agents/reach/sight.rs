@@ -31,7 +31,8 @@ impl Gaze {
 }
 
 fn line(eye: Point3<f64>, way: Vector3<f64>) -> Option<Primitive> {
-    let (far, toward) = (way.norm(), way.try_normalize(1e-9)?);
+    let far = way.norm();
+    let toward = way.try_normalize(1e-9)?;
     let [from, to] = [UNCHECKED_ENDS_M[0], far - UNCHECKED_ENDS_M[1]];
     let height = to - from - 2.0 * SIGHT_RADIUS_M;
     // Capsules are aligned with the y axis.

@@ -6,7 +6,6 @@
 //! parent replaces it, so that inactive genes drift. Programs are bred on the first three quarters
 //! of the images. The best program is selected by these and by the last quarter, which breeding
 //! never uses.
-//! all was the best is told by them and by the last quarter of the pictures, which breeding never sees.
 
 use super::super::picture::Mask;
 use super::super::plane::Plane;

@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn they_are_what_a_library_says() {
+    fn they_equal_the_functions_of_the_library() {
         let near = |own: f32, theirs: f32| {
             let is_same = own == theirs || own.is_nan() && theirs.is_nan() || own.is_infinite() && theirs > 1e38;
             is_same || (own - theirs).abs() <= 4e-6 * theirs.abs().max(1e-7)

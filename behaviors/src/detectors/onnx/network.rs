@@ -82,7 +82,7 @@ impl OnnxNetwork {
         }
         let dimensions = model.node_info(input).and_then(|info| info.shape());
         let size = size(dimensions.as_deref(), settings)?;
-        // Run on the detector's own thread, so that the rest of the program keeps its cores.
+        // Run on the detector's own thread, so that the rest of the program can use the other cores.
         let options = RunOptions::default().with_thread_pool(Some(Arc::new(ThreadPool::with_num_threads(1))));
         Ok(OnnxNetwork { model, input, output, settings: settings.clone(), size, options })
     }
@@ -112,7 +112,8 @@ impl OnnxNetwork {
             .into_iter()
             .zip(self.settings.mean.iter().zip(&self.settings.std))
             .map(|(k, (mean, std))| {
-                let (mean, scale) = (*mean as f32, (1.0 / std) as f32);
+                let mean = *mean as f32;
+                let scale = (1.0 / std) as f32;
                 planes.get(k).map(|p| p.data.iter().map(|v| (v - mean) * scale).collect()).unwrap_or_default()
             })
             .collect();

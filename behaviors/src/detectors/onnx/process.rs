@@ -2,8 +2,7 @@
 //! terabytes of memory, endless loops), only that process ends.
 //!
 //! ```text
-//! detector ──setup, images────> stdin  ┌ onnx-worker: limits of memory and processor time ┐ stdout
-//! ──size, outputs──> detector
+//! detector ──setup, images────> stdin  ┌ onnx-worker: limits of memory and processor time ┐ stdout ──size, outputs──> detector
 //!                                      └ its end: a failure of this detector alone        ┘
 //! ```
 //! A message is its length (8 bytes, little endian) and its bytes.
@@ -19,7 +18,7 @@ use std::sync::OnceLock;
 
 /// Maximum length of a message: an image of 4096x4096 pixels, or 64 million numbers.
 const MAX_MESSAGE_BYTES: u64 = 256 << 20;
-/// Signal that ends a process whose processor time is used up.
+/// Signal that ends a process once its processor time is used up.
 const SIGXCPU: i32 = 24;
 /// Maximum length of the error output of an ended process that is read.
 const MAX_STDERR_BYTES: u64 = 4096;
