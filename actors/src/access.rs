@@ -82,7 +82,7 @@ impl Running for Access {
 
     fn edit(&self, edit: Edit) -> Answer<Result<(), String>> {
         if self.revoked.load(Ordering::SeqCst) {
-            return Box::pin(async { Err("the service that asks has ended".into()) });
+            return Box::pin(async { Err("the requesting service has ended".into()) });
         }
         let (reply, done) = ractor::concurrency::oneshot();
         self.shared.model.send(ModelMsg::Edit(edit, Some(reply.into())));
@@ -122,7 +122,7 @@ impl Filter {
             let mut names = self.names.lock();
             if self.revoked.load(Ordering::SeqCst) {
                 return Box::pin(async {
-                    Err(Refusal::NotReady { missing: "the service that asks, which has ended".into() })
+                    Err(Refusal::NotReady { missing: "the requesting service, which has ended".into() })
                 });
             }
             if names.back() != Some(agent) {
@@ -194,7 +194,7 @@ impl Filtered for Filter {
 
     fn recover(&self) -> Result<(), String> {
         if self.revoked.load(Ordering::SeqCst) {
-            return Err("the service that asks has ended".into());
+            return Err("the requesting service has ended".into());
         }
         if self.context.can_recover.load(Ordering::SeqCst) {
             self.context.supervise.send(SuperviseMsg::Recover);
@@ -216,7 +216,7 @@ impl Filtered for Filter {
 
     fn halt(&self) -> Result<(), String> {
         if self.revoked.load(Ordering::SeqCst) {
-            return Err("the service that asks has ended".into());
+            return Err("the requesting service has ended".into());
         }
         self.context.halt();
         Ok(())
@@ -224,7 +224,7 @@ impl Filtered for Filter {
 
     fn release(&self) -> Result<(), String> {
         if self.revoked.load(Ordering::SeqCst) {
-            return Err("the service that asks has ended".into());
+            return Err("the requesting service has ended".into());
         }
         self.context.release().then_some(()).ok_or_else(|| "it is not halted".into())
     }

@@ -172,7 +172,8 @@ fn judge_files(path: &Path, dir: &Path, lines: &JournalLines, report: &CheckRepo
     JudgedFiles { whole, damage, unjudged: None }
 }
 
-/// Verifies the chain of a journal (its file or its run's folder), the invariants, and the run's files if it ended in order.
+/// Verifies the chain of a journal (its file or its run's folder), the invariants, and the run's files if it
+/// ended in order.
 ///
 /// # Errors
 /// If it can't be opened, or its hash chain is broken. A journal that merely stops in mid-line is reported in

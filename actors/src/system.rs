@@ -50,8 +50,9 @@ pub struct Setup {
     pub config: serde_json::Value,
     /// Edits of the world with their triggers.
     pub script: Vec<ScriptStep>,
-    /// Services beside the safety chain; in virtual time only those that support it ([`Service::runs_in_virtual_time`]).
-    /// While one of them keeps the run alive ([`Service::keeps_run`]), the run does not end because all agents are done.
+    /// Services beside the safety chain; in virtual time only those that support it
+    /// ([`Service::runs_in_virtual_time`]). While one of them keeps the run alive ([`Service::keeps_run`]), the
+    /// run does not end because all agents are done.
     pub services: Vec<Arc<dyn Service>>,
     /// Sensors beside the safety chain.
     pub sensors: Vec<SensorSetup>,
@@ -97,8 +98,8 @@ pub struct RobotSetup {
 /// The motion to a robot's rest pose.
 #[derive(Clone)]
 pub struct RestSetup {
-    /// Creates the agent that plans the motion. When it is done, the robot is at its rest pose if the summary has a positive
-    /// figure [`RestSetup::REACHED`]; otherwise the summary's text gives the reason.
+    /// Creates the agent that plans the motion. When it is done, the robot is at its rest pose if the summary
+    /// has a positive figure [`RestSetup::REACHED`]; otherwise the summary's text gives the reason.
     pub maker: AgentMaker,
     /// Longest duration of the motion, plans and retries included.
     pub within: Duration,

@@ -41,7 +41,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn vertices_keep_apart_even_when_all_hands_are_at_one_place(
+        fn vertices_stay_apart_even_when_all_hands_are_at_one_place(
             at in prop::collection::vec((-0.02_f32..0.02, -0.02_f32..0.02), 1..120),
         ) {
             let mut taken: Vec<[f32; 2]> = Vec::new();

@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_note_that_says_nothing_new_draws_nothing() {
+    fn a_note_without_news_draws_nothing() {
         let mut map = Roadmap::default();
         map.on(&edge(1, 2, EdgeState::Optimistic), [1.0, 0.0, 0.0]);
         assert!(map.changed.edges);

@@ -89,7 +89,7 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
             }
         }
         Event::CommandDropped { robot, writer, reason, .. } => {
-            (robot, Warn, format!("command of {writer:?} thrown away: {reason}"))
+            (robot, Warn, format!("command of {writer:?} discarded: {reason}"))
         }
         Event::ContactBegan { robot, contact, names: (a, b), .. } => {
             (robot, Warn, format!("{a} is {:.1} mm from {b}", contact.distance * 1e3))
@@ -117,7 +117,7 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
             (robot, if matches!(step, RestStep::Missed { .. }) { Warn } else { Info }, step.to_string())
         }
         Event::AgentActs { robot, acts } => {
-            (robot, Info, if *acts { "its own agent acts again" } else { "its own agent makes way" }.to_owned())
+            (robot, Info, if *acts { "its own agent acts again" } else { "its own agent yields" }.to_owned())
         }
         Event::Swap { robot: name, part, step } | Event::SwapBeside { name, part, step } => {
             let level = match step {

@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_said_as_spans() {
+    fn numbers_are_formatted_as_ranges() {
         assert_eq!(spans([1, 2, 3, 5, 8, 9].into_iter()), "I1-I3, I5, I8 and I9");
         assert_eq!(spans([4].into_iter()), "I4");
     }

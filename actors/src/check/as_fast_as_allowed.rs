@@ -4,7 +4,7 @@
 //! after an amendment the previous speed remains allowed, because the motor brakes. With streamed set-points a
 //! motor may be faster, because it catches up with late ones, and it is not judged shortly after the board
 //! dropped some. A move that the driver makes of set-points counts as streamed. During the retreat a motor may
-//! be as fast as any commit has ever allowed. A jump between two readings does not count as motion. Motors that
+//! be as fast as any commit has ever allowed. A kink of the readings does not count as motion. Motors that
 //! no commit names are judged by I21.
 //!
 //! A joint that something pushes moves as fast as it is pushed, and springs back by the deflection of its
@@ -64,7 +64,7 @@ struct Motor {
     before: VecDeque<(Time, f64)>,
     /// Greatest speed that any commit has allowed, rad/s.
     ever: f64,
-    /// Greatest jump between its readings in this motion, rad: a retreat follows the recorded readings.
+    /// Greatest kink of its readings in this motion, rad: a retreat follows the recorded readings.
     kink: f64,
     /// True if a violation was already reported for this motion.
     reported: bool,

@@ -1,8 +1,8 @@
 //! I27: contacts have a hysteresis. A contact begins below the margin (during the retreat 1 mm below it), and
 //! begins again only after it has ended.
 //!
-//! After a restart, as of a reflex that died, or after a change of the world, present contacts may be reported
-//! again.
+//! After a restart, as of a reflex that died, or after a change of the margin or the world, present contacts may
+//! be reported again.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;

@@ -18,10 +18,11 @@ use std::time::Duration;
 /// Time in which a motor settles after the end of the motion that named it.
 const SETTLES: Duration = Duration::from_secs(1);
 
-/// Smallest step between two readings that counts as an encoder jump, in tolerances. Noise stays below it, and
-/// so does any offset that would not break the promise.
+/// Smallest step between two readings that counts as an encoder jump, in tolerances. Noise stays below it; an
+/// offset that would break the promise exceeds it.
 const JUMPS: f64 = 0.75;
-/// Largest difference between the readings before and after a gap at which the place remains valid, in tolerances.
+/// Largest difference between the readings before and after a gap at which the place remains valid, in
+/// tolerances.
 const UNSEEN: f64 = 0.5;
 
 #[derive(Default)]

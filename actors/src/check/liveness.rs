@@ -50,7 +50,7 @@ impl Robot {
             (self.open.is_some(), "its open motion has not ended"),
             (!self.opened, "its filter has not opened"),
             (!self.swaps.is_empty(), "a swap has not ended"),
-            (self.expects_commit && !self.committed_since, "its agent has not asked for another motion"),
+            (self.expects_commit && !self.committed_since, "its agent has not requested another motion"),
         ];
         lacks.into_iter().find(|(lacks, _)| *lacks).map(|(_, what)| what)
     }

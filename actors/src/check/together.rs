@@ -21,7 +21,8 @@ struct Robot {
     /// Length of its path: configurations, and the bits of the seconds. They are equal for the robots of one
     /// plan, and for no others.
     plan: (usize, u64),
-    /// True if the robots of its plan wait for a robot that blocks them: a contact is then caused by that one.
+    /// True while it, and the robots of its plan with it, wait for a robot that blocks the path: a contact is
+    /// then caused by that one.
     waits: bool,
     /// True if its reflex stopped it for a new start: the robots of its plan separate, each at its own time.
     stopped: bool,

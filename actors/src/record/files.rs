@@ -115,9 +115,12 @@ mod tests {
         std::fs::write(at("eyes.left.frames"), "").unwrap();
         std::fs::remove_file(at("recording-2.rrd")).unwrap();
         let damage = judge(dir.path(), &expected).1;
-        let told = |what: &str| damage.iter().filter(|d| d.contains(what)).count();
-        assert_eq!((damage.len(), told("config.json is not as"), told("eyes.left.frames is not as")), (3, 1, 1));
-        assert_eq!(told("recording-2.rrd is missing"), 1);
+        let reported = |what: &str| damage.iter().filter(|d| d.contains(what)).count();
+        assert_eq!(
+            (damage.len(), reported("config.json is not as"), reported("eyes.left.frames is not as")),
+            (3, 1, 1)
+        );
+        assert_eq!(reported("recording-2.rrd is missing"), 1);
         std::fs::write(at(FILE), "").unwrap();
         assert_eq!(
             judge(dir.path(), &expected),

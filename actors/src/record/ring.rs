@@ -133,7 +133,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn told(ring: &mut Rings, n: u64) {
+    fn write_poses(ring: &mut Rings, n: u64) {
         for k in 0..n {
             let entry = Entry::Pose { robot: 0, q: vec![k as f64, -0.5].into(), contacts: Vec::new().into() };
             ring.write(Time(k), &entry).unwrap();
@@ -144,7 +144,7 @@ mod tests {
         #[test]
         fn the_newest_poses_come_back_in_order(n in 0_u64..50, room in 1_usize..20) {
             let dir = tempfile::tempdir().unwrap();
-            told(&mut Rings::create(dir.path(), &[("a".into(), 2, room)]).unwrap(), n);
+            write_poses(&mut Rings::create(dir.path(), &[("a".into(), 2, room)]).unwrap(), n);
             let back = read(&file(dir.path(), "a")).unwrap();
             let times: Vec<u64> = back.iter().map(|(at, _)| at.0).collect();
             prop_assert_eq!(times, (n.saturating_sub(room as u64)..n).collect::<Vec<_>>());
@@ -154,7 +154,7 @@ mod tests {
         #[test]
         fn damage_costs_poses_and_nothing_else(cut in 0_usize..400, flip in 0_usize..400) {
             let dir = tempfile::tempdir().unwrap();
-            told(&mut Rings::create(dir.path(), &[("a".into(), 2, 12)]).unwrap(), 12);
+            write_poses(&mut Rings::create(dir.path(), &[("a".into(), 2, 12)]).unwrap(), 12);
             let path = file(dir.path(), "a");
             let mut bytes = std::fs::read(&path).unwrap();
             bytes.truncate(cut.max(1));

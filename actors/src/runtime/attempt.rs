@@ -27,7 +27,7 @@ pub(crate) async fn attempt<T: Send + 'static>(
         catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
             let text = panic.downcast_ref::<&str>().map(|s| (*s).to_string());
             let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-            format!("it panicked: {}", text.unwrap_or_else(|| "no words".into()))
+            format!("it panicked: {}", text.unwrap_or_else(|| "no message".into()))
         })
     };
     if clock.kind() == ClockKind::Virtual {
@@ -44,7 +44,7 @@ pub(crate) async fn attempt<T: Send + 'static>(
             None => caught(),
         });
     });
-    thread.map_err(|e| format!("there is no thread to try it on: {e}"))?;
+    thread.map_err(|e| format!("no thread can be started for it: {e}"))?;
     match tokio::time::timeout(budget, answer).await {
         Ok(Ok(timed)) => timed.map(|t| t.value),
         Ok(Err(_)) => Err("it vanished".into()),

@@ -138,14 +138,14 @@ mod tests {
 
     #[test]
     fn the_time_of_day_goes_with_the_clock() {
-        let told = |kind| {
+        let shown = |kind| {
             runtime(kind).unwrap().block_on(async {
                 let clock = Clock::from(kind, Time::from_secs(50.0));
                 [50.0, 51.5].map(|at| clock.time_of_day(Time::from_secs(at)))
             })
         };
-        assert_eq!(told(ClockKind::Virtual), [50.0, 51.5]);
-        let [first, second] = told(ClockKind::Real);
+        assert_eq!(shown(ClockKind::Virtual), [50.0, 51.5]);
+        let [first, second] = shown(ClockKind::Real);
         assert!((second - first - 1.5).abs() < 0.5 && first > 1.7e9, "{first} {second}");
     }
 

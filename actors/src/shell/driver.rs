@@ -154,7 +154,7 @@ impl DriverState {
             && !self.invalid
         {
             let robot = &self.context.name;
-            let text = format!("{robot}: the board gives readings that make no sense ({what}); they are thrown away");
+            let text = format!("{robot}: discarding invalid encoder readings: {what}");
             self.shared.emit(Event::Warning { text });
         }
         self.invalid = wrong.is_some();

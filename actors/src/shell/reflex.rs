@@ -77,11 +77,11 @@ impl Reflex {
                 ReflexOut::Closed { token, cause } => {
                     self.context.supervise.send(SuperviseMsg::Closed(token, cause));
                 }
-                ReflexOut::Bring(asked) => {
+                ReflexOut::Bring(request) => {
                     let scene = self.shared.scene.lock().clone();
                     let poses = self.shared.robots.iter().map(|robot| robot.latest.lock().q.clone()).collect();
                     let participant =
-                        asked.participant(self.rules.clone(), &self.context.ledger.book().history, scene, poses);
+                        request.participant(self.rules.clone(), &self.context.ledger.book().history, scene, poses);
                     let enroll = |participant| self.shared.joint_retreat.enroll(participant, self.shared.clock.now());
                     self.on(ReflexIn::Brought(participant.map(enroll)));
                 }

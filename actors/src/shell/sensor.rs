@@ -70,7 +70,7 @@ pub struct LocatorSetup {
 
 impl SensorSetup {
     /// Names of the objects that it tracks.
-    pub fn keeps(&self) -> &[String] {
+    pub fn tracked_objects(&self) -> &[String] {
         self.locator.iter().find_map(|l| l.gate.as_ref()).map_or(&[], |gate| &gate.objects)
     }
 }

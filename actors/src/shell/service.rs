@@ -26,8 +26,8 @@ const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 const RESTART_PAUSE: Duration = Duration::from_secs(1);
 /// Interval of the heartbeats of a life's runtime, by which it shows that it is not blocked.
 const BEAT: Duration = Duration::from_secs(1);
-/// Number of missed heartbeats after which a life is ended. They are counted rather than timed, so that no service is killed after the
-/// machine slept.
+/// Number of missed heartbeats after which a life is ended. They are counted rather than timed, so that no
+/// service is killed after the machine slept.
 const MAX_MISSES: u32 = 10;
 /// Number of heartbeats after which a restarted life counts as running: it has had the time to open its
 /// resources.
@@ -226,7 +226,7 @@ impl Actor for ServiceActor {
             let text = format!("service {} did not leave in time, and is left behind", state.service_slot.name());
             state.shared.emit(Event::Warning { text });
         }
-        state.service_slot.vacate("it was told to leave");
+        state.service_slot.vacate("its end was requested");
         Ok(())
     }
 }

@@ -224,8 +224,8 @@ impl Exchange {
             NewPart::Driver(hardware) => {
                 // Only readings are requested until the robot is identified: another robot must not receive a
                 // command.
-                let asked = hardware.clone();
-                let look = move || Timed { value: asked.look(), cost: Duration::ZERO };
+                let candidate = hardware.clone();
+                let look = move || Timed { value: candidate.look(), cost: Duration::ZERO };
                 let looked = attempt(&self.shared.clock, CONNECT_TIMEOUT, look).await?;
                 let looked_at = looked.is_some();
                 let driver = match looked {
@@ -266,8 +266,8 @@ impl Exchange {
     }
 
     async fn connect(&self, hardware: &Arc<dyn Hardware>) -> Result<Box<dyn Driver>, String> {
-        let asked = hardware.clone();
-        let connect = move || Timed { value: asked.connect(), cost: Duration::ZERO };
+        let candidate = hardware.clone();
+        let connect = move || Timed { value: candidate.connect(), cost: Duration::ZERO };
         attempt(&self.shared.clock, CONNECT_TIMEOUT, connect).await?.map_err(unconnected)
     }
 
@@ -276,17 +276,17 @@ impl Exchange {
         let clock = &self.shared.clock;
         let until = clock.now() + READY_TIMEOUT;
         let mut driver = Some(driver);
-        while let Some(mut asked) = driver.take() {
+        while let Some(mut candidate) = driver.take() {
             let now = clock.now();
             if now >= until {
                 break;
             }
             let read = move || {
-                let value = asked.sample(now);
-                let next = asked.next_sample(now);
-                Timed { value: (value, next, asked), cost: Duration::ZERO }
+                let value = candidate.sample(now);
+                let next = candidate.next_sample(now);
+                Timed { value: (value, next, candidate), cost: Duration::ZERO }
             };
-            let (read, next, asked) = attempt(clock, READY_TIMEOUT, read).await?;
+            let (read, next, candidate) = attempt(clock, READY_TIMEOUT, read).await?;
             match read {
                 Ok(Some(sample)) if sample.at >= begun => return Ok(sample.q),
                 Ok(_) => {}
@@ -294,7 +294,7 @@ impl Exchange {
                 Err(fault) => return Err(fault.to_string()),
             }
             clock.sleep_until(next.max(now + Duration::from_millis(1))).await;
-            driver = Some(asked);
+            driver = Some(candidate);
         }
         Err(format!("it gives no reading within {} s", READY_TIMEOUT.as_secs()))
     }

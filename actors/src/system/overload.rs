@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn a_nap_is_told_and_lasting_overload_counts() {
+    fn one_pause_is_reported_and_lasting_overload_counts() {
         let nap = late(&[(1000, 550), (1500, 60)]);
         assert_eq!((nap.late.periods, nap.late.seconds), (30, 1));
         let (line, grave) = overload(&nap, &[]).unwrap();

@@ -77,7 +77,7 @@ pub struct SensorReport {
 impl SensorReport {
     fn of(sensor: &Sensor) -> SensorReport {
         let gate = sensor.locator_slot.iter().find_map(|locator_slot| locator_slot.gate.as_ref());
-        SensorReport { name: sensor.name.clone(), objects: gate.map(|gate| gate.lock().kept()).unwrap_or_default() }
+        SensorReport { name: sensor.name.clone(), objects: gate.map(|gate| gate.lock().objects()).unwrap_or_default() }
     }
 }
 

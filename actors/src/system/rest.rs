@@ -171,11 +171,11 @@ impl Motion<'_> {
         self.in_time()?;
         let view = self.shared.view(self.context);
         let left = self.until.since(self.shared.clock.now());
-        let ask = move || {
+        let call = move || {
             let intent = agent.next(last, &view);
             Timed { value: (agent, intent), cost: Duration::ZERO }
         };
-        attempt(&self.shared.clock, left, ask).await.map_err(|why| format!("its planner failed: {why}"))
+        attempt(&self.shared.clock, left, call).await.map_err(|why| format!("its planner failed: {why}"))
     }
 
     async fn commit(&self, target: Target, speeds: Option<Vec<f64>>) -> Result<CommitId, Refusal> {

@@ -152,13 +152,13 @@ async fn conduct(
     let mut acting = setup.robots.iter().filter(|r| r.agent.is_some()).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
     let service_slots = ServiceSlot::all(std::mem::take(&mut setup.services));
-    let is_kept = || service_slots.iter().any(|p| p.keeps_run());
-    let mut has_work = acting > 0 || is_kept();
+    let must_continue = || service_slots.iter().any(|p| p.keeps_run());
+    let mut has_work = acting > 0 || must_continue();
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
     let sensors = std::mem::take(&mut setup.sensors);
     let rests: Vec<_> = setup.robots.iter_mut().map(|robot| robot.rest.take()).collect();
     let truth = setup.truth.take();
-    let looked_at = sensors.iter().filter(|s| s.is_simulated).flat_map(|s| s.keeps().to_vec()).collect();
+    let looked_at = sensors.iter().filter(|s| s.is_simulated).flat_map(|s| s.tracked_objects().to_vec()).collect();
     let shared = wire(setup, &boards, clock.clone(), troubles, looked_at);
     if let Some(truth) = truth {
         truth.begin(&shared);
@@ -251,7 +251,10 @@ async fn conduct(
         if counts.is_given_up {
             break Reason::GaveUp;
         }
-        if has_work && !is_kept() && counts.done.len() >= acting && shared.robots.iter().all(|w| w.latest.lock().ready)
+        if has_work
+            && !must_continue()
+            && counts.done.len() >= acting
+            && shared.robots.iter().all(|w| w.latest.lock().ready)
         {
             break Reason::Done;
         }

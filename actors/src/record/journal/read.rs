@@ -220,7 +220,7 @@ impl JournalLines {
                     "the journal ends after {} events, and {} were on the disk: its end was cut off",
                     self.n, seal.events
                 );
-                Err(self.error(0, what, "use a copy that is whole; what the robot did since is told nowhere else"))
+                Err(self.error(0, what, "use a complete copy; no other file records what the robot did since"))
             }
             _ => Ok(()),
         }

@@ -62,7 +62,7 @@ impl PlannerHost {
     fn after_death(&self) -> Option<Snapshot> {
         match self.step_core(SwapIn::Broke)? {
             SwapOut::Discard => {
-                self.report(SwapStep::Refused { why: "the robot's agent died while it looked on".into() });
+                self.report(SwapStep::Refused { why: "the robot's agent died while the new one observed".into() });
                 None
             }
             _ => {

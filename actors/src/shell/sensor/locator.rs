@@ -77,7 +77,7 @@ impl LocatorSlot {
             object: kept.object,
             is_stale: kept.is_stale,
         };
-        let seen = gate.lock().kept().into_iter().map(seen).collect();
+        let seen = gate.lock().objects().into_iter().map(seen).collect();
         shared.seen.lock().insert(self.sensor.clone(), seen);
     }
 

@@ -131,14 +131,14 @@ impl WorldGate {
     }
 
     /// State of all its objects.
-    pub fn kept(&self) -> Vec<KeptObject> {
-        let kept = |(name, track): (&String, &Track)| KeptObject {
+    pub fn objects(&self) -> Vec<KeptObject> {
+        let object = |(name, track): (&String, &Track)| KeptObject {
             object: name.clone(),
             place: track.place.map(Into::into),
             seen: track.seen,
             is_stale: track.is_stale,
         };
-        self.tracks.iter().map(kept).collect()
+        self.tracks.iter().map(object).collect()
     }
 }
 

@@ -255,7 +255,7 @@ impl Trial {
         while clock.now() < until {
             clock.sleep(CHECK_INTERVAL).await;
             if let Some(why) = channel.onlooker_fault.lock().take() {
-                return Err(format!("it failed while it looked on: {why}"));
+                return Err(format!("it failed while it observed: {why}"));
             }
         }
         Ok(())
