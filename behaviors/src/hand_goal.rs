@@ -41,8 +41,8 @@ pub struct HandGoal {
     /// x, y and z in this order, as in a URDF; default: any orientation.
     #[serde(default)]
     pub rpy_deg: Option<[f64; 3]>,
-    /// Direction of the marker's normal (the palm) in `frame`, instead of `rpy_deg`, such as `[0,
-    /// 0, -1]` for down; the rotation about it is free.
+    /// Direction of the marker's normal (the palm) in `frame`, instead of `rpy_deg`, such as
+    /// `[0, 0, -1]` for down; the rotation about it is free.
     #[serde(default)]
     pub palm_toward: Option<[f64; 3]>,
     /// Reference frame of position and orientation: `world`, or `base`, the robot's root frame.

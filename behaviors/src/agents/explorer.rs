@@ -22,8 +22,9 @@ use std::time::Duration;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExplorerSettings {
-    /// Names of parts or motors to explore with, such as `["torso", "r_shoulder_pitch",
-    /// "r_elbow"]`; a part stands for all of its motors. The other motors stay where they are.
+    /// Names of parts or motors to explore with, such as
+    /// `["torso", "r_shoulder_pitch", "r_elbow"]`; a part stands for all of its motors. The other
+    /// motors stay where they are.
     pub motors: Vec<String>,
     /// Number of random poses in the roadmap.
     #[serde(default = "twenty")]
@@ -214,7 +215,7 @@ impl Explorer {
     }
 
     /// Joins vertices that can't be reached from the rest of the map, or can't be left. Returns
-    /// whether any edge was added.
+    /// whether the number of disconnected parts decreased.
     fn join(&mut self, view: &View) -> bool {
         let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
         self.walker.map.islands().len() > 1 && self.walker.join_islands(view, hand)

@@ -374,9 +374,9 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     Registered(&Kind::<dyn Agent> {
         name: "plan",
-        doc: "Tours goals, each by a plan: RRT-Connect and shortcuts, on straight lines that are certified free in the scene as it \
-              is. It needs no map; ways that it has found are driven again as long as they are free. After a motion that failed it plans \
-              around where that was.",
+        doc: "Tours goals, planning a path to each: RRT-Connect and shortcuts, on straight lines that are \
+              certified free in the current scene. It needs no map; paths that it has found are used again \
+              while they are free. After a failed motion it plans around the place of the failure.",
         schema: || schemars::schema_for!(PlanSettings),
         example: |robot| {
             let pose = |name, share| json!({ "name": name, "q_deg": group::example_pose(robot, share) });

@@ -497,8 +497,9 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     Registered(&Kind::<dyn Agent> {
         name: "reach",
-        doc: "Reaches for an object: turns the eyes until it is seen, brings the hand before it over a roadmap of pre-grasp poses, to it, \
-              and back. When the object moves on the way it goes where that is now; when it is rolled back it takes another way.",
+        doc: "Reaches for an object: turns the eyes until it is detected, brings the hand over a roadmap to \
+              a pre-grasp pose, to the object, and back. If the object moves during a reach, the motion is \
+              redirected; after a rollback another path is taken.",
         schema: || schemars::schema_for!(ReachSettings),
         example: |robot| {
             let part = group::example_part(robot).map(|p| p.name.clone());

@@ -263,8 +263,9 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     Registered(&Kind::<dyn Agent> {
         name: "roadmap",
-        doc: "Tours goals over a roadmap of given poses. It assumes that every edge is feasible until it fails; then \
-              that edge is removed, the robot is back where the edge began, and the next best path is planned.",
+        doc: "Tours goals over a roadmap of given poses. Every edge is assumed to be feasible until it \
+              fails; then that edge is removed, the robot returns to the start of the edge, and the next \
+              best path is planned.",
         schema: || schemars::schema_for!(RoadmapSettings),
         example: |robot| {
             let pose = |name, share| json!({ "name": name, "q_deg": group::example_pose(robot, share) });

@@ -86,8 +86,8 @@ fn build(value: &Value, kind: DetectorKind) -> Result<Box<dyn Detector>, KindErr
 inventory::submit! {
     Registered(&Kind::<dyn Detector> {
         name: "color",
-        doc: "Finds one object by how likely each color is its own, learned from pictures with masks (`mobee detector train \
-              --kind color`).",
+        doc: "Finds one object by the likelihood of its colors, trained on images with masks (`mobee \
+              detector train --kind color`).",
         schema: || schemars::schema_for!(LearnedDetectorSettings),
         example: |_| Ok(json!({ "file": "cup.detector.json", "object": "cup" })),
         build: |value, _| build(value, DetectorKind::Color),
@@ -97,8 +97,9 @@ inventory::submit! {
 inventory::submit! {
     Registered(&Kind::<dyn Detector> {
         name: "cgp",
-        doc: "Finds one object by an evolved image program that sees the colors, how likely they are the object's, and what a \
-              small network makes of the surroundings of each pixel (`mobee detector train --kind cgp`).",
+        doc: "Finds one object by an evolved image program. Its inputs are the color channels, the color \
+              likelihood, and the output of a small network on the surroundings of each pixel (`mobee \
+              detector train --kind cgp`).",
         schema: || schemars::schema_for!(LearnedDetectorSettings),
         example: |_| Ok(json!({ "file": "cup.detector.json", "object": "cup" })),
         build: |value, _| build(value, DetectorKind::Cgp),

@@ -78,8 +78,8 @@ fn build(value: &Value, robot: &Robot, kind: LocatorKind) -> Result<Box<dyn Loca
 inventory::submit! {
     Registered(&Kind::<dyn Locator> {
         name: "triangulate",
-        doc: "Tells where things are by the rays of two eyes and the drawings of an iCub's head (`mobee locator train --kind \
-              triangulate`).",
+        doc: "Locates objects by triangulation of the rays of two eyes, with the nominal kinematics of an \
+              iCub's head (`mobee locator train --kind triangulate`).",
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "drawings.locator.json" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Triangulate),
@@ -89,8 +89,8 @@ inventory::submit! {
 inventory::submit! {
     Registered(&Kind::<dyn Locator> {
         name: "network",
-        doc: "Tells where things are by networks that learned it from both eyes' pixels and the joints, as published with the paper \
-              (`mobee locator train --kind network`).",
+        doc: "Locates objects by networks that were trained on both eyes' pixels and the joint positions, \
+              as published with the paper (`mobee locator train --kind network`).",
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "learned.locator.json" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Network),
@@ -100,8 +100,8 @@ inventory::submit! {
 inventory::submit! {
     Registered(&Kind::<dyn Locator> {
         name: "ensemble",
-        doc: "Tells where things are by several networks that are told where the rays of both eyes meet, beside pixels and joints (`mobee \
-              locator train --kind ensemble`).",
+        doc: "Locates objects by several networks. Their inputs are pixels, joint positions and the \
+              triangulated position (`mobee locator train --kind ensemble`).",
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "learned.locator.json" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Ensemble),
@@ -111,8 +111,8 @@ inventory::submit! {
 inventory::submit! {
     Registered(&Kind::<dyn Locator> {
         name: "calibrated",
-        doc: "Tells where things are by a model of an iCub's head that learned by how much it is off from its drawings (`mobee \
-              locator train --kind calibrated`).",
+        doc: "Locates objects by a model of an iCub's head. Its deviations from the nominal kinematics are \
+              fitted to training data (`mobee locator train --kind calibrated`).",
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "head.locator.json", "left": "left", "right": "right" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Calibrated),

@@ -212,8 +212,8 @@ impl Detector for OnnxDetector {
 inventory::submit! {
     Registered(&Kind::<dyn Detector> {
         name: "onnx",
-        doc: "Finds objects by a network of your own in ONNX format: one that tells what each pixel is, or boxes. The settings say what goes \
-              in and what comes out.",
+        doc: "Finds objects by a network of your own in ONNX format, with a class for each pixel or boxes \
+              as its output. The settings describe its input and output.",
         schema: || schemars::schema_for!(OnnxDetectorSettings),
         example: |_| Ok(json!({
             "file": "cup.onnx", "objects": [{ "class": 1, "object": "cup" }], "output": { "means": "mask", "values": "logits" },

@@ -154,8 +154,8 @@ impl Detector for TagDetector {
 inventory::submit! {
     Registered(&Kind::<dyn Detector> {
         name: "tag",
-        doc: "Finds objects by the AprilTags on them, and tells where each tag is before the camera in all six degrees of freedom. `mobee \
-              detector tag` makes their pictures for a printer.",
+        doc: "Finds objects by the AprilTags on them, and estimates the pose of each tag in the camera \
+              frame, in all six degrees of freedom. `mobee detector tag` draws tags for a printer.",
         schema: || schemars::schema_for!(TagDetectorSettings),
         example: |_| Ok(json!({ "size_m": 0.06, "tags": [{ "id": 7, "object": "cup" }] })),
         build: |value: &Value, _| Ok(Box::new(TagDetector::new(settings(value)?)?)),
