@@ -49,7 +49,8 @@ pub(super) fn gauss(a: &Plane, kx: usize, ky: usize) -> Plane {
 /// Number of adjacent pixels that are summed in registers.
 const BLOCK: usize = 32;
 
-/// Adds the weighted sum of a window's slices to `to`; `slice(k)` belongs to the `k`th weight.
+/// Computes the weighted sum of a window's slices in `to`, which must be zero; `slice(k)` belongs to
+/// the `k`th weight.
 fn weighted<'a>(to: &mut [f32], weights: &[f32], slice: impl Fn(usize) -> &'a [f32]) {
     let (blocks, rest) = to.as_chunks_mut::<BLOCK>();
     let done = blocks.len() * BLOCK;

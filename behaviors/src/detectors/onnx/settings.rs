@@ -113,7 +113,7 @@ pub enum OnnxColors {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(tag = "means", rename_all = "snake_case")]
 pub enum OnnxOutput {
-    /// Classes of each pixel.
+    /// A class for each pixel.
     Mask(MaskOutput),
     /// Boxes around objects.
     Boxes(BoxOutput),
