@@ -3,7 +3,7 @@
 //! *False stops*: an iCub explores, or moves torso and right arm at random, without unknown obstacles; its simulated
 //! boards differ in profile, latency and encoder noise.
 //!
-//! *Blocks*: in the same random motions an unmodelled obstacle holds one motor after another, each for ten seconds
+//! *Blocks*: in the same random motions an unmodeled obstacle holds one motor after another, each for ten seconds
 //! starting at some time of a motion. Reported: the time during which the board commands a motor beyond the obstacle
 //! until the filter closes, and by how much at that time. If the commanded excess is below the threshold, there is no
 //! stall: the motor is near its target, which it misses. *Late*: stalls within three seconds after the release.

@@ -29,7 +29,7 @@ pub struct Field<E: Engine = DefaultEngine> {
     /// Tracks the pairs whose fields overlap.
     watch: Watch<E>,
     /// Pairs whose fields overlap at the target, sorted by pair.
-    spared: Vec<Spared>,
+    reduced: Vec<ReducedField>,
     /// `world_from_frame` of the robot, computed only if a pair repels.
     frames: Vec<Isometry3<f64>>,
     /// Torque per motor, m^2 (depth times lever).
@@ -38,7 +38,7 @@ pub struct Field<E: Engine = DefaultEngine> {
 
 /// A pair with a reduced field during a motion, since it is near at the target of the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Spared {
+struct ReducedField {
     /// The two shapes.
     pair: Pair,
     /// Their distance at the target, meters: the field's width for this pair.
@@ -54,14 +54,14 @@ impl<E: Engine> Field<E> {
     pub fn new(scene: &Arc<Scene<E>>, robot: usize, width: f64) -> Field<E> {
         let width = if scene.robots().get(robot).is_some_and(|r| has_fields(r)) { 0.0 } else { width };
         let watch = Watch::new(fields_of(scene, robot), width);
-        Field { robot, width, watch, spared: Vec::new(), frames: Vec::new(), torques: Vec::new() }
+        Field { robot, width, watch, reduced: Vec::new(), frames: Vec::new(), torques: Vec::new() }
     }
 
     /// Continues in another scene, such as one after an edit. Clears the target: call [`Field::aim`] again during a
     /// motion.
     pub fn set_scene(&mut self, scene: &Arc<Scene<E>>) {
         self.watch.set_scene(fields_of(scene, self.robot));
-        self.spared.clear();
+        self.reduced.clear();
     }
 
     /// Sets the target of a motion: the configurations of all robots at its end. Pairs whose fields overlap there repel
@@ -69,7 +69,7 @@ impl<E: Engine> Field<E> {
     /// object would be reachable.
     pub fn aim<P: AsRef<[f64]>>(&mut self, target: &[P]) {
         let near = self.watch.scene().contacts(target, self.width);
-        self.spared = near.iter().map(|c| Spared { pair: c.pair, distance: c.distance }).collect();
+        self.reduced = near.iter().map(|c| ReducedField { pair: c.pair, distance: c.distance }).collect();
     }
 
     /// The torques on the robot's motors: the negative gradient of half the sum of squared depths.
@@ -89,7 +89,7 @@ impl<E: Engine> Field<E> {
         self.torques.resize(bodies.robots.get(robot).map_or(0, |r| r.motors.len()), 0.0);
         self.frames.clear();
         for contact in self.watch.update(poses) {
-            let depth = width_of(&self.spared, contact, self.width) - contact.distance;
+            let depth = width_of(&self.reduced, contact, self.width) - contact.distance;
             let apart = contact.points[1] - contact.points[0];
             if depth <= 0.0 || contact.distance.abs() < 1e-9 {
                 continue; // shapes that just touch have no direction
@@ -115,8 +115,8 @@ impl<E: Engine> Field<E> {
 }
 
 /// Width of the field between a contact's shapes, meters.
-fn width_of(spared: &[Spared], contact: &Contact, width: f64) -> f64 {
-    spared.binary_search_by_key(&contact.pair, |s| s.pair).map_or(width, |i| width.min(spared[i].distance))
+fn width_of(reduced: &[ReducedField], contact: &Contact, width: f64) -> f64 {
+    reduced.binary_search_by_key(&contact.pair, |s| s.pair).map_or(width, |i| width.min(reduced[i].distance))
 }
 
 /// True if the robot's file defines field primitives.

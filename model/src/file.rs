@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_is_written_in_another_way_is_named() {
+    fn a_path_in_foreign_notation_gets_a_remedy() {
         let of = |path: &str| read(Path::new(path), 5).unwrap_err().to_string();
         assert!(of("a\\b.csv").contains("write / between folders, not \\"), "{}", of("a\\b.csv"));
         for path in ["~/b.csv", "$DATA/b.csv", "a/~b/c.csv"] {
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_is_refused_at_once() {
+    fn devices_and_folders_are_rejected_at_once() {
         let dir = tempfile::tempdir().unwrap();
         assert_eq!(read(dir.path(), 5).unwrap_err().kind(), ErrorKind::IsADirectory);
         assert_eq!(read(&dir.path().join("nothing"), 5).unwrap_err().kind(), ErrorKind::NotFound);

@@ -22,17 +22,17 @@
 
 mod enclose;
 mod filled;
-mod hulling;
 mod piece;
+mod piece_hulls;
 mod probe;
 mod search;
 mod soup;
-mod yielding;
+mod tightening;
 
 use crate::{Mesh, Primitive};
 use enclose::Cover;
-pub(crate) use hulling::rounded;
-pub(crate) use yielding::shared;
+pub(crate) use piece_hulls::rounded;
+pub(crate) use tightening::shared;
 
 /// Limits of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,8 +126,9 @@ impl Fit {
     /// The covers of all pieces, enlarged by their margins.
     fn covers(&self) -> impl Iterator<Item = Cover> + '_ {
         // A hull is larger by its radius than the points it encloses, and is rounded.
-        let beyond = |p: &piece::Piece| p.hull.as_ref().map_or(self.slack, |hull| hull.radius() + hulling::ROUNDING_M);
-        self.pieces.iter().map(move |p| p.tried.cover.grown(beyond(p)))
+        let beyond =
+            |p: &piece::Piece| p.hull.as_ref().map_or(self.slack, |hull| hull.radius() + piece_hulls::ROUNDING_M);
+        self.pieces.iter().map(move |p| p.fit.cover.grown(beyond(p)))
     }
 }
 

@@ -130,7 +130,7 @@ mod tests {
     /// The hull of a box's corners contains about the same capsule as the box, in any orientation; a flat hull, or one
     /// beside the axis, contains none.
     #[test]
-    fn a_hull_of_corners_holds_what_its_box_does() {
+    fn a_hull_of_corners_contains_the_capsule_of_its_box() {
         let corner = |i: usize| Vector3::from_fn(|k, _| [0.04, 0.3, 0.06][k] * ((i >> k & 1) as f64 - 0.5));
         let corners: Vec<Point3<f64>> = (0..8).map(|i| corner(i).into()).collect();
         for turn in [Vector3::zeros(), Vector3::new(0.3, -0.2, 0.5)] {
@@ -164,7 +164,7 @@ mod tests {
 
     /// The mesh contains the points of the hull, and extends nowhere beyond the dilated hull.
     #[test]
-    fn the_picture_of_a_hull_is_the_hull() {
+    fn the_mesh_of_a_hull_matches_the_hull() {
         let flat =
             [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.2, 0.0], [0.0, 0.2, 0.0], [0.05, 0.1, 0.0]].map(Point3::from);
         for (points, radius) in [(flat.to_vec(), 0.002), (flat.to_vec(), 0.0), (flat[..1].to_vec(), 0.01)] {

@@ -6,19 +6,19 @@
 //! ```
 
 mod inputs;
-mod words;
+mod notes;
 
 use crate::urdf::load_link_rotations;
 use crate::{
-    Closer, FileError, FitOptions, LeftOut, LinkSurface, LinkTree, Loaded, Robot, RobotParts, SceneError, Srdf,
-    Surfaces, UrdfOptions, UrdfRobot, compare, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces,
-    load_urdf_with_surfaces, parse_robot, spared_pairs, write_robot,
+    FileError, FitOptions, LeftOut, LinkSurface, LinkTree, Loaded, RefitLimits, Robot, RobotParts, SceneError, Srdf,
+    Surfaces, UrdfOptions, UrdfRobot, compare, find_disabled_pairs, find_home, fit_closer, load_link_tree, load_srdf,
+    load_surfaces, load_urdf_with_surfaces, parse_robot, write_robot,
 };
 use miette::Diagnostic;
 use nalgebra::UnitQuaternion;
+use notes::{at_limits, coarse, motor_offsets, passive, refit_note, verdict};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use words::{at_limits, coarse, motor_offsets, passive, refit_note, verdict};
 
 /// Desired clearances of the home configuration, m, tried in this order: twice the margin of the reflex; for robots
 /// with parts built closer together, the minimum with which the robot starts.
@@ -27,7 +27,7 @@ const HOME_CLEARANCES_M: [f64; 2] = [0.020, 0.013];
 const BEYOND_MARGIN_MM: f64 = 2.5;
 /// Limits of fitting shapes closer: it ends if the share of poses with false contacts is at most `falsely`, or a link
 /// has `shapes` shapes. If the share then exceeds `hulls`, shapes get hulls.
-const REFIT_LIMITS: Closer = Closer { falsely: 0.003, shapes: 80, hulls: 0.02 };
+const REFIT_LIMITS: RefitLimits = RefitLimits { falsely: 0.003, shapes: 80, hulls: 0.02 };
 /// Number of random configurations at which false contacts of shapes are searched.
 const REFIT_POSES: usize = 6000;
 /// Number of random configurations at which the finished shapes are compared with the meshes.
@@ -134,7 +134,7 @@ impl ImportOptions {
             decided.extend(nearer.iter().map(refit_note));
             decided.extend(coarse(&fits, overshoot));
             let mut show = |share| progress("tries pairs of links at random poses", share);
-            let spared = spared_pairs(&robot, &surfaces, (self.poses, IMPORT_SEED), &mut show)?;
+            let spared = find_disabled_pairs(&robot, &surfaces, (self.poses, IMPORT_SEED), &mut show)?;
             robot.leave_out(spared);
         }
         progress("looks for a home that is free", 0.0);

@@ -17,6 +17,8 @@
 //! pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
+mod continuous_joints;
+mod disabled_pairs;
 mod engine;
 mod error;
 mod field;
@@ -26,7 +28,6 @@ mod hull;
 mod import;
 mod kinematics;
 mod law;
-mod left_out;
 mod mesh;
 mod parts;
 mod printable;
@@ -38,7 +39,6 @@ mod srdf;
 mod surface;
 mod survey;
 mod sweep;
-mod turns;
 mod urdf;
 mod watch;
 mod xml;
@@ -67,7 +67,9 @@ pub use srdf::{
     parse_srdf,
 };
 pub use surface::{LinkSurface, Surfaces, random_poses};
-pub use survey::{Closer, Comparison, ContactCounts, HomePose, Nearer, compare, find_home, fit_closer, spared_pairs};
+pub use survey::{
+    Comparison, ContactCounts, HomePose, RefitLimits, Refitted, compare, find_disabled_pairs, find_home, fit_closer,
+};
 pub use sweep::Sweep;
 pub use urdf::{
     UpAxis, UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, load_urdf_with_surfaces, parse_urdf,

@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_but_text_gets_through() {
+    fn hidden_characters_are_escaped() {
         assert_eq!(printable("a\u{1b}[31mb\u{202e}c\u{9b}d\r\n\té→"), "a\\u001b[31mb\\u202ec\\u009bd\\u000d\n\té→");
         assert!(matches!(printable("plain\n"), Cow::Borrowed(_)));
         assert_eq!(hidden_in("k\u{202e}evil").as_deref(), Some("this contains a hidden character, U+202E"));

@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_meant_is_found_and_nonsense_is_not() {
+    fn close_names_are_found_and_others_are_not() {
         let names = ["r_elbow", "r_shoulder_pitch", "torso"];
         assert_eq!(nearest("r_elbwo", &names), Some("r_elbow"));
         assert_eq!(nearest("tors", &names), Some("torso"));

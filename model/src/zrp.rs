@@ -9,8 +9,8 @@
 mod constraint;
 mod element;
 mod geometry;
-mod left_out;
 mod motion;
+mod pair_list;
 pub(crate) mod pairs;
 mod robot;
 mod world;

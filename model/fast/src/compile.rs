@@ -9,7 +9,7 @@ use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
 use crate::limits::constraints;
-use crate::program::{Ball, BallAndBox, Form, Group, Held, PairTest, Program, Solid};
+use crate::program::{Ball, BallAndBox, Form, Group, InnerCapsules, PairTest, Program, Solid};
 use crate::proof::Proofs;
 use crate::regions::{Region, branches, regions};
 use crate::steps::{Layout, Size};
@@ -438,7 +438,7 @@ fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance:
             inner: ((round_radii + clearance - measured) * (1.0 - 4.0 * U)) as f32,
             apart: up(round_radii + clearance + measured),
         }),
-        held: (x.hull || y.hull).then(|| Held {
+        held: (x.hull || y.hull).then(|| InnerCapsules {
             half: [0, 1].map(|i| ([x, y][i].inner.share * capsules[i].half_axis.norm()) as f32),
             inner: ((x.inner.radius + y.inner.radius + clearance - band) * (1.0 - 4.0 * U)) as f32,
         }),

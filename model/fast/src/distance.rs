@@ -20,7 +20,7 @@ const MAX_PROJECTIONS: usize = 12;
 
 /// Result of testing a pair.
 #[derive(Clone, Copy)]
-pub(crate) struct Found {
+pub(crate) struct PairResult {
     /// Lanes in which it certainly touches.
     pub touching: Mask,
     /// Lanes in which rounding could decide if it touches.
@@ -31,7 +31,7 @@ pub(crate) struct Found {
     pub stuck: Mask,
 }
 
-const FREE: Found = Found { touching: 0, doubtful: 0, open: 0, stuck: 0 };
+const FREE: PairResult = PairResult { touching: 0, doubtful: 0, open: 0, stuck: 0 };
 
 /// A solid at its pose.
 #[derive(Clone, Copy)]
@@ -58,7 +58,7 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     pair: &PairTest,
     live: Mask,
     motion: L,
-) -> Found {
+) -> PairResult {
     let (a, b) = (placed::<L>(program, block, pair.a), placed::<L>(program, block, pair.b));
     let between = a.center.minus(b.center);
     let mut near = within::<L, MOVES>(between.squared(), pair.ball_squared, motion) & live;
@@ -86,13 +86,13 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
         let (s, t) = nearest(between, u, v, half);
         held = touching(between.along(u, s).against(v, t).squared(), capsules.inner) & near;
         if held == near {
-            return Found { touching: held, doubtful: 0, open: near, stuck: 0 };
+            return PairResult { touching: held, doubtful: 0, open: near, stuck: 0 };
         }
     }
     let found = if pair.round {
         let touching = touching(squared, pair.inner) & near;
         let free = if MOVES { apart::<L, false>(gap, squared, pair.outer, motion) } else { 0 };
-        Found { touching, doubtful: near & !touching & !free, open: near, stuck: 0 }
+        PairResult { touching, doubtful: near & !touching & !free, open: near, stuck: 0 }
     } else {
         alternate_projections::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion)
     };
@@ -108,20 +108,20 @@ fn measure<L: Lanes, const MOVES: bool>(
     sizes: &BallAndBox,
     near: Mask,
     motion: L,
-) -> Found {
+) -> PairResult {
     let squared = if let Form::Box { half, .. } = a.form {
         beyond::<L>(a, half, between)
     } else if let Form::Box { half, .. } = b.form {
         beyond::<L>(b, half, between)
     } else {
         // Unreachable: such a pair would be entirely in doubt.
-        return Found { touching: 0, doubtful: near, open: near, stuck: 0 };
+        return PairResult { touching: 0, doubtful: near, open: near, stuck: 0 };
     };
     let touching = touching(squared, sizes.inner) & near;
     let far = L::splat(sizes.apart);
     let free = (far * far).below(squared);
     let open = if MOVES { near & !((far + motion) * (far + motion)).below(squared) } else { near };
-    Found { touching, doubtful: near & !touching & !free, open, stuck: 0 }
+    PairResult { touching, doubtful: near & !touching & !free, open, stuck: 0 }
 }
 
 /// Squared distance of a point from a box, given the vector from the box's center to the point.
@@ -138,12 +138,12 @@ fn beyond<L: Lanes>(solid: &Placed<L>, half: [f32; 3], way: V3<L>) -> L {
 /// Result for a pair whose shapes may contain hulls: shapes that are apart contain hulls that are apart; hulls touch if
 /// their inner capsules touch; in all other cases the reference decides.
 #[inline(always)]
-fn solid<const MOVES: bool>(pair: &PairTest, found: Found, held: Mask) -> Found {
+fn solid<const MOVES: bool>(pair: &PairTest, found: PairResult, held: Mask) -> PairResult {
     if pair.held.is_none() {
         return found;
     }
     let stuck = if MOVES { found.open & !held } else { 0 };
-    Found { touching: held, doubtful: (found.touching | found.doubtful) & !held, open: found.open, stuck }
+    PairResult { touching: held, doubtful: (found.touching | found.doubtful) & !held, open: found.open, stuck }
 }
 
 /// The lanes in which a ball's center is closer than the threshold to a box, or to the axis (of half length `half`) of
@@ -224,7 +224,7 @@ fn alternate_projections<L: Lanes, const MOVES: bool>(
     pair: &PairTest,
     near: Mask,
     motion: L,
-) -> Found {
+) -> PairResult {
     let between = a.center.minus(b.center);
     let (mut from, mut last) = (start, start);
     // Lanes: undecided; may touch after the motion; certainly touching; may touch without motion.
@@ -253,7 +253,7 @@ fn alternate_projections<L: Lanes, const MOVES: bool>(
         last = on_a;
     }
     let doubtful = if MOVES { doubtful & open & !found } else { unknown };
-    Found { touching: found, doubtful, open, stuck: unknown }
+    PairResult { touching: found, doubtful, open, stuck: unknown }
 }
 
 /// The point of a solid's core nearest to a point.

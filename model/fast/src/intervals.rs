@@ -4,7 +4,7 @@
 //! motion of the two from there to either end. Lanes are independent: the result for an interval does not depend on the
 //! other intervals in its block.
 
-use crate::distance::{Found, beside, test_pair, within};
+use crate::distance::{PairResult, beside, test_pair, within};
 use crate::kernel::{Block, place_group, place_region, start_placing};
 use crate::lanes::{Lanes, Mask, Row, WIDTH};
 use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
@@ -25,7 +25,7 @@ pub(crate) struct Intervals {
     pub requested: Vec<(u32, Mask)>,
     /// The units that may touch, with their lanes, in the same order.
     pub open: Vec<(u32, Mask)>,
-    /// Per lane: a pair that certainly touches at the midpoint, or [`NONE`].
+    /// Per lane: the first pair found that certainly touches at the midpoint, or [`NONE`].
     pub touching: [usize; WIDTH],
     /// Pairs for which rounding could decide if they touch at the midpoint, with their lanes.
     pub doubts: Vec<(usize, Mask)>,
@@ -168,7 +168,7 @@ fn take_steps<L: Lanes>(
                 sum_up::<L>(program, &mut intervals.motions, motions);
                 let (a, b) = (program.balls.len() + pair.a, program.balls.len() + pair.b);
                 let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
-                let found: Found = test_pair::<L, true>(program, block, pair, lanes, motion);
+                let found: PairResult = test_pair::<L, true>(program, block, pair, lanes, motion);
                 open |= found.open & !found.stuck;
                 if found.stuck != 0 {
                     let mut stuck =

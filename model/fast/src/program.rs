@@ -194,7 +194,7 @@ pub(crate) struct PairTest {
     /// Thresholds if one is a ball and the other a box, both without hulls: their distance has a closed form.
     pub ball_and_box: Option<BallAndBox>,
     /// Inner capsules, if only a hull of either shape is solid.
-    pub held: Option<Held>,
+    pub held: Option<InnerCapsules>,
 }
 
 /// Thresholds for the distance of a ball's center and a box, meters.
@@ -208,7 +208,7 @@ pub(crate) struct BallAndBox {
 
 /// Capsules inside two solids, on the axes of their bounding capsules: if these are near, the solids touch.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Held {
+pub(crate) struct InnerCapsules {
     /// Half lengths of their axes, meters.
     pub half: [f32; 2],
     /// Not free if the axes are closer than this, meters.

@@ -75,7 +75,7 @@ pub(crate) struct Crossing {
 
 /// A joint within a part of its range: `middle` plus or minus `half`.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Stance {
+pub(crate) struct JointInterval {
     pub middle: f64,
     pub half: f64,
     sine: f64,
@@ -84,10 +84,10 @@ pub(crate) struct Stance {
     chord: f64,
 }
 
-impl Stance {
+impl JointInterval {
     pub fn new(middle: f64, half: f64) -> Self {
         let (sine, cosine) = middle.sin_cos();
-        Stance { middle, half, sine, cosine, chord: 2.0 * (half.min(PI) / 2.0).sin() }
+        JointInterval { middle, half, sine, cosine, chord: 2.0 * (half.min(PI) / 2.0).sin() }
     }
 }
 
@@ -95,7 +95,7 @@ impl Stance {
 /// decrease within the part, and the joint that contributes most to it.
 #[derive(Clone, Copy)]
 struct Part {
-    stances: [Stance; MAX_JOINTS],
+    joint_intervals: [JointInterval; MAX_JOINTS],
     distance: f64,
     spread: f64,
     widest: usize,
@@ -108,7 +108,7 @@ impl Crossing {
     }
 
     /// Transforms a point to the next frame; returns it with the bound of its displacement within the part.
-    pub fn cross(&self, point: Vector3<f64>, at: &Stance) -> (Vector3<f64>, f64) {
+    pub fn cross(&self, point: Vector3<f64>, at: &JointInterval) -> (Vector3<f64>, f64) {
         let point = if self.into { self.turn.tr_mul(&(point - self.shift)) } else { point };
         let sign = if self.into { -1.0 } else { 1.0 };
         let (moved, spread) = match self.slide {
@@ -174,7 +174,7 @@ impl<'a> Proofs<'a> {
     }
 
     /// The joints between two frames of one robot; empty if they are too many.
-    pub fn crossings(&self, from: usize, to: usize) -> Vec<(Crossing, Stance)> {
+    pub fn crossings(&self, from: usize, to: usize) -> Vec<(Crossing, JointInterval)> {
         let Some(common) = common(self.frames, from, to) else { return Vec::new() };
         let carriers = |frame: usize| {
             let below = above(self.frames, frame).take_while(move |f| *f != common);
@@ -188,30 +188,36 @@ impl<'a> Proofs<'a> {
         let all = up.into_iter().map(|c| (c, false)).chain(down.into_iter().rev().map(|c| (c, true)));
         all.map(|(carried, into)| {
             let (low, high) = carried.range;
-            (Crossing::new(carried, into), Stance::new((low + high) / 2.0, (high - low) / 2.0))
+            (Crossing::new(carried, into), JointInterval::new((low + high) / 2.0, (high - low) / 2.0))
         })
         .collect()
     }
 
     /// True if a ball is proved to stay apart from a capsule across these joints.
-    fn stays_apart(&self, ball: &Sphere, crossings: &[(Crossing, Stance)], other: &Capsule, most: usize) -> bool {
+    fn stays_apart(
+        &self,
+        ball: &Sphere,
+        crossings: &[(Crossing, JointInterval)],
+        other: &Capsule,
+        most: usize,
+    ) -> bool {
         let distance = self.distance + ball.radius;
-        let part = |stances: [Stance; MAX_JOINTS]| {
+        let part = |joint_intervals: [JointInterval; MAX_JOINTS]| {
             let mut point = ball.center;
             let mut spread = 0.0;
             let mut widest = (0.0, 0);
-            for (i, ((crossing, _), stance)) in crossings.iter().zip(&stances).enumerate() {
-                let (next, more) = crossing.cross(point, stance);
+            for (i, ((crossing, _), joint_interval)) in crossings.iter().zip(&joint_intervals).enumerate() {
+                let (next, more) = crossing.cross(point, joint_interval);
                 point = next;
                 spread += more;
                 if more > widest.0 {
                     widest = (more, i);
                 }
             }
-            Part { stances, distance: other.distance(&point) - distance, spread, widest: widest.1 }
+            Part { joint_intervals, distance: other.distance(&point) - distance, spread, widest: widest.1 }
         };
-        let mut whole = [Stance::default(); MAX_JOINTS];
-        whole.iter_mut().zip(crossings).for_each(|(stance, (_, range))| *stance = *range);
+        let mut whole = [JointInterval::default(); MAX_JOINTS];
+        whole.iter_mut().zip(crossings).for_each(|(joint_interval, (_, range))| *joint_interval = *range);
         let mut parts = vec![part(whole)];
         for _ in 0..most {
             let Some(next) = parts.pop() else { return true };
@@ -221,11 +227,11 @@ impl<'a> Proofs<'a> {
             if next.distance > next.spread {
                 continue;
             }
-            let Stance { middle, half, .. } = next.stances[next.widest];
+            let JointInterval { middle, half, .. } = next.joint_intervals[next.widest];
             let [near, far] = [-0.5, 0.5].map(|side| {
-                let mut stances = next.stances;
-                stances[next.widest] = Stance::new(middle + side * half, half / 2.0);
-                part(stances)
+                let mut joint_intervals = next.joint_intervals;
+                joint_intervals[next.widest] = JointInterval::new(middle + side * half, half / 2.0);
+                part(joint_intervals)
             });
             // The nearer half first, so that a contact is found early.
             let (near, far) = if near.distance < far.distance { (near, far) } else { (far, near) };

@@ -8,7 +8,7 @@ use crate::kernel::{Block, place_group, place_region, sine_cosine, start_placing
 use crate::lanes::{Lanes, Mask, Portable, Row, WIDTH, WideRow};
 use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
 use crate::program::Step;
-use crate::proof::{Proofs, Stance};
+use crate::proof::{JointInterval, Proofs};
 use crate::sweep::{Sphere, above, common, least_distance};
 use mobee_model::{IndexPair, Motor, Pair, Robot, Scene, load_robot, random_poses};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
@@ -55,7 +55,7 @@ fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &B
 }
 
 #[test]
-fn frames_keep_to_their_bounds() {
+fn frames_stay_within_their_bounds() {
     for name in ["icub", "katana"] {
         let mut worst = 0.0f64;
         let mut largest = 0.0f64;
@@ -115,7 +115,7 @@ fn a_pair_has_at_least_the_proved_distance() {
 /// On intervals of all lengths, the distance of any two end points of two cores changes by no more than the bound; and
 /// the bound is not much larger than the actual motion.
 #[test]
-fn what_moves_keeps_to_its_bound() {
+fn motion_stays_within_its_bound() {
     for name in ["icub", "katana", "panda"] {
         let (robot, scene) = scene(name);
         let Compiled { mut program, layout, mut movers, .. } =
@@ -197,7 +197,7 @@ fn what_moves_keeps_to_its_bound() {
 }
 
 #[test]
-fn a_ball_holds_the_balls_it_is_around() {
+fn a_ball_contains_the_balls_inside_it() {
     let ball = |x: f64, y: f64, radius: f64| Sphere { center: Vector3::new(x, y, 0.1 * x), radius };
     let balls = [ball(0.0, 0.0, 0.1), ball(1.0, 0.2, 0.3), ball(-0.5, 1.0, 0.05)];
     for count in 1..=3 {
@@ -284,8 +284,9 @@ fn a_point_crosses_joints_within_its_bound() {
                     let joint = &frames[frame].carried.as_ref().expect("a joint").joint;
                     let at = joint.start + (pose[joint.motor] - joint.low) * joint.gain;
                     assert!((at - range.middle).abs() <= range.half + 1e-9);
-                    here = crossing.cross(here, &Stance::new(at, 0.0)).0;
-                    let (next, more) = crossing.cross(near, &Stance::new(at + 0.1 * range.half, 0.1 * range.half));
+                    here = crossing.cross(here, &JointInterval::new(at, 0.0)).0;
+                    let (next, more) =
+                        crossing.cross(near, &JointInterval::new(at + 0.1 * range.half, 0.1 * range.half));
                     near = next;
                     spread += more;
                 }
@@ -302,7 +303,7 @@ fn a_point_crosses_joints_within_its_bound() {
 
 /// The error of sine and cosine together is within the bound in `bound.rs`, for any magnitude of the angle.
 #[test]
-fn sine_and_cosine_keep_to_their_bound() {
+fn sine_and_cosine_stay_within_their_bound() {
     let (_, scene) = scene("katana");
     let mut joint = Some(compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).program.joints[0].clone());
     let mut worst = 0.0f64;

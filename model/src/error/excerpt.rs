@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_far_out_on_a_long_line_is_shown_by_what_stands_around_it() {
+    fn a_position_far_out_on_a_long_line_is_shown_with_its_context() {
         let text = format!("first\n{}bad{}\nlast\n", "x".repeat(100_000), "y".repeat(100_000));
         let out = shown(&text, 100_006..100_009);
         assert!(out.contains("[f:2:100001]") && out.contains("xbady") && out.contains("1 │ first"), "{out}");
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_act_on_a_terminal_is_shown_in_digits() {
+    fn terminal_control_characters_are_escaped() {
         let out = shown("a\u{1b}[31m \u{202e}b\r\n\rc", 0..1);
         assert!(out.contains("a\\u001b[31m \\u202eb\n") && out.contains("\\u000dc"), "{out:?}");
     }

@@ -21,7 +21,7 @@ const ROTATION_STEPS_RAD: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 
 /// A shape, and its distance outside the mesh.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Tried {
+pub(super) struct CoverFit {
     /// The enclosing shape.
     pub cover: Cover,
     /// The largest distance of its surface from the mesh, meters.
@@ -34,9 +34,9 @@ pub(super) struct Tried {
 }
 
 /// Measures a shape at `rows` rows of surface points.
-pub(super) fn tried(cover: Cover, rows: usize, filled: &Filled) -> Tried {
+pub(super) fn evaluate(cover: Cover, rows: usize, filled: &Filled) -> CoverFit {
     let (worst, mean, cost) = measured(&cover, rows, filled, f64::INFINITY).unwrap_or_default();
-    Tried { cover, worst, mean, cost }
+    CoverFit { cover, worst, mean, cost }
 }
 
 /// The worst and the mean distance of a shape, and its cost; `None` as soon as the cost reaches `other`.
@@ -63,23 +63,23 @@ fn measured(cover: &Cover, rows: usize, filled: &Filled, other: f64) -> Option<(
 }
 
 /// The cheaper of a measured shape and another one.
-fn better(a: Tried, cover: Cover, filled: &Filled) -> Tried {
-    measured(&cover, COARSE, filled, a.cost).map_or(a, |(worst, mean, cost)| Tried { cover, worst, mean, cost })
+fn better(a: CoverFit, cover: Cover, filled: &Filled) -> CoverFit {
+    measured(&cover, COARSE, filled, a.cost).map_or(a, |(worst, mean, cost)| CoverFit { cover, worst, mean, cost })
 }
 
 /// The cheapest shape of all kinds around the points, along the axes of the given frames; `None` without points.
-pub(super) fn best(points: &[Vector3<f64>], turns: &[UnitQuaternion<f64>], filled: &Filled) -> Option<Tried> {
+pub(super) fn best(points: &[Vector3<f64>], turns: &[UnitQuaternion<f64>], filled: &Filled) -> Option<CoverFit> {
     if points.is_empty() {
         return None;
     }
     let all = turns.iter().flat_map(|turn| enclose::all_kinds(points, turn));
     all.fold(None, |best, cover| {
-        Some(best.map_or_else(|| tried(cover, COARSE, filled), |best| better(best, cover, filled)))
+        Some(best.map_or_else(|| evaluate(cover, COARSE, filled), |best| better(best, cover, filled)))
     })
 }
 
 /// Translates and rotates a shape while that improves it.
-fn refined(points: &[Vector3<f64>], from: Tried, filled: &Filled) -> Tried {
+fn refined(points: &[Vector3<f64>], from: CoverFit, filled: &Filled) -> CoverFit {
     let mut best = from;
     for by in ROTATION_STEPS_RAD {
         for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
@@ -111,7 +111,7 @@ pub(super) struct Piece {
     /// Its extreme corners.
     pub extremes: Vec<Vector3<f64>>,
     /// The enclosing shape.
-    pub tried: Tried,
+    pub fit: CoverFit,
     /// True if it has been refitted around claimed points.
     pub reshaped: bool,
     /// Number of consecutive splits that did not reduce the claimed points inside.
@@ -135,15 +135,15 @@ impl Piece {
         let fine = refined(&extremes, rough, filled);
         // Corners between the extreme ones may stick out slightly.
         let corners: Vec<Vector3<f64>> = triangles.iter().flatten().copied().collect();
-        let tried = tried(enclose::around(&corners, &fine.cover), MEDIUM, filled);
-        Some(Self { triangles, samples, extremes, tried, reshaped: false, failed_splits: 0, hull: None })
+        let fit = evaluate(enclose::around(&corners, &fine.cover), MEDIUM, filled);
+        Some(Self { triangles, samples, extremes, fit, reshaped: false, failed_splits: 0, hull: None })
     }
 
     /// Both pieces merged into one.
     pub fn merged(mut self, other: Self, filled: &Filled) -> Option<Self> {
         self.triangles.extend(other.triangles);
         self.samples.extend(other.samples);
-        Self::new(self.triangles, self.samples, &other.tried.cover.pose.rotation, filled)
+        Self::new(self.triangles, self.samples, &other.fit.cover.pose.rotation, filled)
     }
 }
 

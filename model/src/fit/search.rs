@@ -4,7 +4,7 @@
 use super::FitOptions;
 use super::enclose::principal_axes;
 use super::filled::Filled;
-use super::piece::{self, Piece, Tried, spread};
+use super::piece::{self, CoverFit, Piece, spread};
 use super::soup::{Soup, Triangle, split};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -72,9 +72,9 @@ fn search(soup: &Soup, filled: &Filled, options: &FitOptions, plan: Plan) -> Vec
 
 /// Cost of a cover, meters: the bound has priority, then free space and few shapes.
 fn total(pieces: &[Piece], options: &FitOptions) -> f64 {
-    let worst = pieces.iter().map(|p| p.tried.worst).fold(0.0, f64::max);
+    let worst = pieces.iter().map(|p| p.fit.worst).fold(0.0, f64::max);
     let samples: usize = pieces.iter().map(|p| p.samples.len()).sum();
-    let mean: f64 = pieces.iter().map(|p| p.tried.mean * p.samples.len() as f64).sum();
+    let mean: f64 = pieces.iter().map(|p| p.fit.mean * p.samples.len() as f64).sum();
     let share = pieces.len() as f64 / options.primitives.max(1) as f64;
     worst.max(options.overshoot) + mean / samples.max(1) as f64 + 0.1 * options.overshoot * share
 }
@@ -83,11 +83,11 @@ fn total(pieces: &[Piece], options: &FitOptions) -> f64 {
 /// Removes pieces that become empty.
 fn release_all(pieces: &mut Vec<Piece>, filled: &Filled) {
     let mut order: Vec<usize> = (0..pieces.len()).collect();
-    order.sort_by(|a, b| pieces[*b].tried.cost.total_cmp(&pieces[*a].tried.cost));
+    order.sort_by(|a, b| pieces[*b].fit.cost.total_cmp(&pieces[*a].fit.cost));
     let mut gone = vec![false; pieces.len()];
     for this in order {
         let holder = |t: &Triangle| {
-            (0..pieces.len()).find(|i| *i != this && !gone[*i] && t.iter().all(|p| pieces[*i].tried.cover.contains(p)))
+            (0..pieces.len()).find(|i| *i != this && !gone[*i] && t.iter().all(|p| pieces[*i].fit.cover.contains(p)))
         };
         let piece = &pieces[this];
         let held: Vec<Option<usize>> = piece.triangles.iter().map(holder).collect();
@@ -97,9 +97,9 @@ fn release_all(pieces: &mut Vec<Piece>, filled: &Filled) {
         let own = piece.triangles.iter().zip(&held).filter(|(_, h)| h.is_none()).map(|(t, _)| *t).collect::<Vec<_>>();
         let outside = |p: &Vector3<f64>| holder(&[*p; 3]).is_none();
         let samples: Vec<Vector3<f64>> = piece.samples.iter().filter(|p| outside(p)).copied().collect();
-        let like = piece.tried.cover.pose.rotation;
+        let like = piece.fit.cover.pose.rotation;
         let smaller = Piece::new(own, samples, &like, filled);
-        if smaller.as_ref().is_some_and(|s| s.tried.cost >= piece.tried.cost) {
+        if smaller.as_ref().is_some_and(|s| s.fit.cost >= piece.fit.cost) {
             continue;
         }
         let released: Vec<(usize, Triangle)> =
@@ -165,8 +165,8 @@ fn split_all(pieces: &mut Vec<Piece>, count: usize, bound: f64, plan: Plan, fill
     // Small pieces that no plane splits.
     let mut whole = BTreeSet::new();
     while pieces.len() < count {
-        let beyond = (0..pieces.len()).filter(|i| pieces[*i].tried.worst > bound && !whole.contains(i));
-        let Some(worst) = beyond.max_by(|a, b| pieces[*a].tried.worst.total_cmp(&pieces[*b].tried.worst)) else {
+        let beyond = (0..pieces.len()).filter(|i| pieces[*i].fit.worst > bound && !whole.contains(i));
+        let Some(worst) = beyond.max_by(|a, b| pieces[*a].fit.worst.total_cmp(&pieces[*b].fit.worst)) else {
             return;
         };
         let piece = &pieces[worst];
@@ -187,7 +187,7 @@ pub(super) fn halves(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Piec
 
 /// Splits a piece at a plane.
 pub(super) fn halves_at(piece: &Piece, normal: &Vector3<f64>, at: f64, filled: &Filled) -> Option<(Piece, Piece)> {
-    let like = piece.tried.cover.pose.rotation;
+    let like = piece.fit.cover.pose.rotation;
     let [low, high] = parts(piece, normal, at);
     Piece::new(low.0, low.1, &like, filled).zip(Piece::new(high.0, high.1, &like, filled))
 }
@@ -204,7 +204,7 @@ pub(super) fn planes(piece: &Piece) -> impl Iterator<Item = (Vector3<f64>, f64)>
 
 /// The directions of the axes of a piece's shape, and the link's axes that differ from them.
 fn normals(piece: &Piece) -> Vec<Vector3<f64>> {
-    let turn = piece.tried.cover.pose.rotation;
+    let turn = piece.fit.cover.pose.rotation;
     let mut axes: Vec<Vector3<f64>> = (0..3).map(|i| turn * Vector3::ith(i, 1.0)).collect();
     let own = (0..3).map(|i| Vector3::ith(i, 1.0));
     let new = own.filter(|a: &Vector3<f64>| axes.iter().all(|b| a.dot(b).abs() < 0.99)).collect::<Vec<_>>();
@@ -229,7 +229,7 @@ fn parts(piece: &Piece, normal: &Vector3<f64>, at: f64) -> [(Vec<Triangle>, Vec<
 
 /// The plane with the cheapest two sides, judged by samples.
 fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64>, f64)> {
-    let turn = piece.tried.cover.pose.rotation;
+    let turn = piece.fit.cover.pose.rotation;
     let points: Vec<Vector3<f64>> = piece.samples.iter().chain(&piece.extremes).copied().collect();
     let mut best: Option<(f64, Vector3<f64>, f64, f64)> = None;
     let attempt = |normal: &Vector3<f64>, at: f64, least: f64| {
@@ -240,7 +240,7 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
         }
         let b = side(&above, &turn, filled)?;
         let share = below.len() as f64 / points.len() as f64;
-        let mean = |f: fn(&Tried) -> f64| f(&a) * share + f(&b) * (1.0 - share);
+        let mean = |f: fn(&CoverFit) -> f64| f(&a) * share + f(&b) * (1.0 - share);
         Some(a.cost.max(b.cost) + mean(|t| t.mean) + plan.sides * mean(|t| t.cost))
     };
     for normal in normals(piece) {
@@ -273,7 +273,7 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
 }
 
 /// Approximate enclosing shape of the points on one side of a plane.
-fn side(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>, filled: &Filled) -> Option<Tried> {
+fn side(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>, filled: &Filled) -> Option<CoverFit> {
     let extremes = piece::extremes(piece::DIRECTIONS, points.iter());
     piece::best(&extremes, &[*turn, principal_axes(spread(points, &extremes))], filled)
 }
@@ -281,7 +281,7 @@ fn side(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>, filled: &Filled) ->
 /// Merges pairs of pieces while one shape within the bound holds both, and further until there are at most `count`.
 fn merge_all(pieces: &mut Vec<Piece>, count: usize, bound: f64, filled: &Filled) {
     // Cost of one shape around each pair; only pairs with a new piece are evaluated again.
-    let mut known: BTreeMap<(usize, usize), Tried> = BTreeMap::new();
+    let mut known: BTreeMap<(usize, usize), CoverFit> = BTreeMap::new();
     let mut alive: Vec<Option<Piece>> = std::mem::take(pieces).into_iter().map(Some).collect();
     let mut new: Vec<usize> = (0..alive.len()).collect();
     loop {
@@ -308,7 +308,7 @@ fn merge_all(pieces: &mut Vec<Piece>, count: usize, bound: f64, filled: &Filled)
 }
 
 /// Approximate enclosing shape of two pieces.
-fn together(a: &Piece, b: &Piece, filled: &Filled) -> Option<Tried> {
+fn together(a: &Piece, b: &Piece, filled: &Filled) -> Option<CoverFit> {
     let points: Vec<Vector3<f64>> = a.extremes.iter().chain(&b.extremes).copied().collect();
-    piece::best(&points, &[a, b].map(|p| p.tried.cover.pose.rotation), filled)
+    piece::best(&points, &[a, b].map(|p| p.fit.cover.pose.rotation), filled)
 }

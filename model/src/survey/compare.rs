@@ -69,8 +69,8 @@ pub fn compare(
         (name(a), name(b))
     };
     let tested: Vec<_> = subject.tested.iter().filter_map(|p| Some((*p, subject.surfaces(*p)?))).collect();
-    let spared = robot.left_out.iter().flatten().map(|l| l.nodes);
-    let spared: Vec<_> = spared.filter_map(|p| Some((p, subject.surfaces(p)?))).collect();
+    let disabled = robot.left_out.iter().flatten().map(|l| l.nodes);
+    let disabled: Vec<_> = disabled.filter_map(|p| Some((p, subject.surfaces(p)?))).collect();
     let mut out = Comparison { poses, ..Comparison::default() };
     for (done, q) in random_poses(robot, seed).take(poses).enumerate() {
         let near = subject.near(&q, 0.0);
@@ -84,7 +84,7 @@ pub fn compare(
                 counts.missed += usize::from(!near.contains_key(pair));
             }
         }
-        for (pair, (a, b)) in &spared {
+        for (pair, (a, b)) in &disabled {
             if surfaces.meet(&frames, *a, *b) {
                 *out.left_out_met.entry(named(*pair)).or_default() += 1;
             }

@@ -7,8 +7,8 @@ mod elements;
 
 use super::constraint::Member;
 use super::element::{Element, Warnings};
-use super::left_out::PairList;
 use super::motion::MotorMotion;
+use super::pair_list::PairList;
 use super::xml::{Token, Tokens};
 use super::{geometry, pairs};
 use crate::error::{FileError, Loaded, Source};

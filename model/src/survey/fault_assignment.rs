@@ -1,6 +1,6 @@
 //! Assignment of fault in false contacts: which of the two shapes should leave which points.
 
-use super::closer::{Touch, Work};
+use super::refit::{RefitState, Touch};
 use crate::engine::distances_from_hull;
 use crate::fit::shared;
 use crate::{Fit, Primitive};
@@ -13,7 +13,7 @@ const MAX_POINTS: (usize, usize) = (16, 200);
 const MIN_GAP_M: f64 = 2.5e-4;
 /// A shape yields in addition to the other one if its distance from its mesh is at least this share of the other's.
 const SHARED_FAULT: f64 = 0.5;
-impl Work<'_> {
+impl RefitState<'_> {
     /// The points that each of these shapes should leave, in its link's frame.
     pub(super) fn claims(
         &self,

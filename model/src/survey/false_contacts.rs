@@ -18,7 +18,7 @@ pub(super) type NodePair = (usize, usize);
 
 /// A pose at which no meshes intersect.
 #[derive(Clone)]
-pub(super) struct Falsely {
+pub(super) struct FalseContacts {
     /// The motors' positions, rad or meters.
     pub(super) q: Vec<f64>,
     /// The pairs of nodes whose shapes touch.
@@ -27,12 +27,12 @@ pub(super) struct Falsely {
 
 /// Returns the random poses that are free by the meshes, each with the pairs in false contact that need a test, and the
 /// pairs whose shapes, but not whose meshes, are near each other at all poses.
-pub(super) fn falsely_touching(
+pub(super) fn find_false_contacts(
     subject: &Subject<'_>,
     surfaces: &Surfaces,
     (poses, seed): (usize, u64),
     progress: &mut dyn FnMut(f64),
-) -> (Vec<Falsely>, Vec<NodePair>) {
+) -> (Vec<FalseContacts>, Vec<NodePair>) {
     let mut all = Vec::new();
     let mut met = BTreeMap::<NodePair, usize>::new();
     let mut near = BTreeMap::<NodePair, Vec<f64>>::new();
@@ -67,7 +67,7 @@ pub(super) fn falsely_touching(
             }
         }
         falsely.sort_unstable();
-        all.push((Falsely { q, pairs: falsely }, meeting));
+        all.push((FalseContacts { q, pairs: falsely }, meeting));
         if done % 64 == 0 {
             progress(done as f64 / poses.max(1) as f64);
         }
@@ -86,7 +86,8 @@ pub(super) fn falsely_touching(
         !joined.contains(pair)
             && (met.contains_key(pair) || subject.robot.movers(Some(pair.0), Some(pair.1)).len() > MAX_COVERED_MOTORS)
     };
-    let mut falsely: Vec<Falsely> = all.into_iter().filter(|(_, meeting)| free(meeting)).map(|(f, _)| f).collect();
+    let mut falsely: Vec<FalseContacts> =
+        all.into_iter().filter(|(_, meeting)| free(meeting)).map(|(f, _)| f).collect();
     falsely.iter_mut().for_each(|f| f.pairs.retain(needs_test));
     (falsely, at_fault)
 }

@@ -5,10 +5,10 @@
 //!       ^                                                                       │
 //!       └──── shapes that contain most of them are refitted, as one or two <────┘
 //! ```
-//! `falsely.rs` finds the poses, `claims.rs` assigns the points to shapes. If this does not reach the goal
-//! ([`Closer::hulls`]), the shapes get hulls (`hulled.rs`).
+//! `false_contacts.rs` finds the poses, `fault_assignment.rs` assigns the points to shapes. If this does not reach the goal
+//! ([`RefitLimits::hulls`]), the shapes get hulls (`refit_hulls.rs`).
 
-use super::falsely::{Falsely, NodePair, falsely_touching};
+use super::false_contacts::{FalseContacts, NodePair, find_false_contacts};
 use super::{Placed, Subject};
 use crate::scene::MAX_PAIRS;
 use crate::{Fit, FitOptions, LinkSurface, Robot, SceneError, Surfaces};
@@ -31,7 +31,7 @@ const PAIRS_BEFORE_HULLS: usize = 20_000;
 
 /// Goal and limits of fitting closer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Closer {
+pub struct RefitLimits {
     /// Goal: share of the mesh-free poses with false contacts, 0 to 1.
     pub falsely: f64,
     /// Maximum number of shapes per link.
@@ -43,7 +43,7 @@ pub struct Closer {
 
 /// A link that was fitted closer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Nearer {
+pub struct Refitted {
     /// Its name.
     pub link: String,
     /// Number of shapes around its meshes, before and after.
@@ -56,7 +56,7 @@ pub struct Nearer {
 
 /// Tightens those shapes of links that touch at random poses at which the meshes do not.
 ///
-/// Pairs that need no test (see [`crate::spared_pairs`]) are ignored. Of two shapes in false contact the one that is
+/// Pairs that need no test (see [`crate::find_disabled_pairs`]) are ignored. Of two shapes in false contact the one that is
 /// farther from its mesh is replaced by one or two shapes that still contain its part of the mesh. This ends if few
 /// such poses remain, if more shapes gain too little, or if no shape can be refitted or added. If too many poses remain
 /// then, or as soon as there are many pairs of shapes, the fit restarts with hulls ([`crate::Hull`]) for all shapes of
@@ -71,13 +71,13 @@ pub fn fit_closer(
     robot: &mut Robot,
     (links, fits): (&[LinkSurface], &mut BTreeMap<String, Fit>),
     surfaces: &Surfaces,
-    goal: &Closer,
+    goal: &RefitLimits,
     (poses, seed): (usize, u64),
     progress: &mut dyn FnMut(f64),
-) -> Result<Vec<Nearer>, SceneError> {
+) -> Result<Vec<Refitted>, SceneError> {
     let progress_at = |from: f64, share: f64| from + share / 2.0;
     let (falsely, always_near) =
-        falsely_touching(&Subject::new(robot, surfaces)?, surfaces, (poses, seed), &mut |share| {
+        find_false_contacts(&Subject::new(robot, surfaces)?, surfaces, (poses, seed), &mut |share| {
             progress(progress_at(0.0, share));
         });
     let before: BTreeMap<String, usize> = fits.iter().map(|(link, fit)| (link.clone(), fit.count())).collect();
@@ -85,13 +85,13 @@ pub fn fit_closer(
     let first = (robot.clone(), fits.clone(), falsely.clone());
     let enough = (goal.falsely * free) as usize;
     let many = (goal.hulls * free) as usize;
-    let mut work = Work::new(robot, links, fits, falsely, goal.shapes);
+    let mut work = RefitState::new(robot, links, fits, falsely, goal.shapes);
     work.refit(&always_near);
     let mut further = |share| progress(progress_at(0.5, share));
     let left = work.with_shapes(surfaces, (enough, PAIRS_BEFORE_HULLS), &mut further)?;
     if left > many {
         let (mut other, mut hulled, falsely) = first;
-        let mut restarted = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
+        let mut restarted = RefitState::new(&mut other, links, &mut hulled, falsely, goal.shapes);
         // Compared at the poses that both were fitted at: a small improvement there may be a deterioration at others.
         if (restarted.with_hulls(surfaces, enough)? as f64) < MAX_REMAINING_WITH_HULLS * left as f64 {
             *robot = other;
@@ -114,13 +114,13 @@ pub(super) struct Touch {
 }
 
 /// State of the fit.
-pub(super) struct Work<'a> {
+pub(super) struct RefitState<'a> {
     pub(super) robot: &'a mut Robot,
     pub(super) fits: &'a mut BTreeMap<String, Fit>,
     /// Per node with a fit: its link.
     pub(super) links: BTreeMap<usize, &'a LinkSurface>,
     /// The remaining poses with false contacts.
-    pub(super) falsely: Vec<Falsely>,
+    pub(super) falsely: Vec<FalseContacts>,
     /// Maximum number of shapes per link.
     most: usize,
     /// Number of pairs of shapes.
@@ -131,12 +131,12 @@ pub(super) struct Work<'a> {
     idle: BTreeSet<(usize, usize)>,
 }
 
-impl<'a> Work<'a> {
+impl<'a> RefitState<'a> {
     pub(super) fn new(
         robot: &'a mut Robot,
         links: &'a [LinkSurface],
         fits: &'a mut BTreeMap<String, Fit>,
-        falsely: Vec<Falsely>,
+        falsely: Vec<FalseContacts>,
         most: usize,
     ) -> Self {
         let fitted = links.iter().filter(|l| fits.contains_key(&l.link));
@@ -300,10 +300,10 @@ impl<'a> Work<'a> {
 }
 
 /// The links whose shapes were refitted.
-fn refitted_links(fits: &BTreeMap<String, Fit>, before: BTreeMap<String, usize>) -> Vec<Nearer> {
+fn refitted_links(fits: &BTreeMap<String, Fit>, before: BTreeMap<String, usize>) -> Vec<Refitted> {
     let nearer = |(link, before): (String, usize)| {
         let fit = fits.get(&link).filter(|f| f.count() > before || f.hulled() > 0)?;
-        Some(Nearer { shapes: (before, fit.count()), hulls: fit.hulled(), overshoot: fit.overshoot(), link })
+        Some(Refitted { shapes: (before, fit.count()), hulls: fit.hulled(), overshoot: fit.overshoot(), link })
     };
     before.into_iter().filter_map(nearer).collect()
 }

@@ -1,7 +1,7 @@
 //! Pairs of links that need no test.
 
 use super::Subject;
-use super::falsely::{MAX_COVERED_MOTORS, NEAR_M};
+use super::false_contacts::{MAX_COVERED_MOTORS, NEAR_M};
 use crate::{LeftOut, Robot, SceneError, Surfaces, random_poses};
 
 /// Observations about a pair that has been near at all poses so far, or whose meshes have not intersected.
@@ -54,7 +54,7 @@ impl PairObservation {
 ///
 /// # Errors
 /// If the robot can't be placed in a scene.
-pub fn spared_pairs(
+pub fn find_disabled_pairs(
     robot: &Robot,
     surfaces: &Surfaces,
     (poses, seed): (usize, u64),

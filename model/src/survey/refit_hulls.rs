@@ -4,11 +4,11 @@
 //! each tested against all of the other's. The hull of the enclosed part of the mesh is the tightest convex shape, and
 //! it is tested only if the shapes themselves are not apart.
 
-use super::closer::{Touch, Work};
+use super::refit::{RefitState, Touch};
 use crate::{SceneError, Surfaces};
 use std::collections::BTreeSet;
 
-impl Work<'_> {
+impl RefitState<'_> {
     /// Adds hulls to the links whose shapes have false contacts, and splits hulls while that helps and more than
     /// `enough` poses remain.
     ///

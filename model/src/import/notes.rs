@@ -1,6 +1,6 @@
 //! Notes about the decisions of an import: one line each, for robot files and users.
 
-use crate::{Comparison, Fit, Nearer, Robot};
+use crate::{Comparison, Fit, Refitted, Robot};
 use std::collections::BTreeMap;
 
 /// Maximum number of moved motors that are named.
@@ -66,7 +66,7 @@ pub(super) fn verdict(seen: &Comparison) -> String {
 }
 
 /// Result of fitting a link closer.
-pub(super) fn refit_note(Nearer { link, shapes: (before, after), hulls, overshoot }: &Nearer) -> String {
+pub(super) fn refit_note(Refitted { link, shapes: (before, after), hulls, overshoot }: &Refitted) -> String {
     let why = "as its shapes touched falsely";
     let shapes = if after == before { format!("{after} shapes") } else { format!("{after} shapes, not {before}") };
     let now = match hulls {

@@ -3,7 +3,7 @@
 use super::piece::Piece;
 use super::probe;
 use super::search::{PLANS, area, halves, halves_at, planes, samples};
-use super::{Cover, Fit, hulling};
+use super::{Cover, Fit, piece_hulls};
 use nalgebra::Vector3;
 
 /// Number of points that represent the surface of a piece while it is refitted.
@@ -40,11 +40,11 @@ impl Fit {
         if piece.hull.is_some() {
             return self.parted(piece);
         }
-        let taken = |piece: &Piece| self.filled.taken(&piece.tried.cover);
+        let taken = |piece: &Piece| self.filled.taken(&piece.fit.cover);
         let before = taken(piece);
         let total: f64 = piece.triangles.iter().map(area).sum();
         let points = samples(&piece.triangles, total, SAMPLES);
-        let again = Piece::new(piece.triangles.clone(), points, &piece.tried.cover.pose.rotation, &self.filled)?;
+        let again = Piece::new(piece.triangles.clone(), points, &piece.fit.cover.pose.rotation, &self.filled)?;
         // Only once per piece: the claimed points differ each time, and the shape could oscillate.
         if !piece.reshaped && taken(&again) < MAX_REMAINING_SHARE * before {
             return Some((Piece { reshaped: true, ..again }, None));
@@ -62,7 +62,7 @@ impl Fit {
         let total: f64 = piece.triangles.iter().map(area).sum();
         let samples = samples(&piece.triangles, total, SAMPLES);
         let points: Vec<Vector3<f64>> = samples.iter().chain(&piece.extremes).copied().collect();
-        let held = |points: &[Vector3<f64>]| hulling::held(points, &self.filled.claimed);
+        let held = |points: &[Vector3<f64>]| piece_hulls::held(points, &self.filled.claimed);
         let before = held(&points);
         let mut best = (f64::INFINITY, None);
         for (normal, at) in planes(piece) {
@@ -81,8 +81,8 @@ impl Fit {
         let (mut low, mut high) = halves_at(&Piece { samples, ..piece.clone() }, &normal, at, &self.filled)?;
         low.failed_splits = failed_splits;
         high.failed_splits = failed_splits;
-        low.hull = hulling::around(&low, self.slack);
-        high.hull = hulling::around(&high, self.slack);
+        low.hull = piece_hulls::around(&low, self.slack);
+        high.hull = piece_hulls::around(&high, self.slack);
         Some((low, Some(high)))
     }
 
@@ -109,7 +109,7 @@ impl Fit {
 
 /// True if two parts of a piece are nearer to the mesh than its own shape.
 fn are_nearer((low, high): &(Piece, Piece), piece: &Piece) -> bool {
-    let far = |p: &Piece| p.tried.worst + p.tried.mean;
+    let far = |p: &Piece| p.fit.worst + p.fit.mean;
     far(low).max(far(high)) < 0.98 * far(piece)
 }
 
