@@ -337,7 +337,7 @@ impl FastScene {
     /// Loads poses, given by index, into the lanes.
     ///
     /// # Returns
-    /// The lanes whose numbers are all finite.
+    /// The lanes with only finite numbers.
     fn load_all(&mut self, poses: &[f64], block: &[usize]) -> Mask {
         let motors = self.motors();
         let lanes = block.iter().enumerate();

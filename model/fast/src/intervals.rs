@@ -11,7 +11,7 @@ use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
 use crate::program::{Program, Step, UnitTest};
 use crate::vector::V3;
 
-/// Number of pairs of units whose balls are tested together.
+/// Number of unit pairs per batch of ball tests.
 const BATCH: usize = 32;
 /// Marks the absence of a pair.
 pub(crate) const NONE: usize = usize::MAX;

@@ -10,7 +10,7 @@ use crate::program::{Bend, Joint, Motion, Program, Step, UnitTest};
 use crate::vector::{Rows3, V3};
 use std::ops::Range;
 
-/// Number of pairs of units whose balls are tested together.
+/// Number of unit pairs per batch of ball tests.
 const BATCH: usize = 32;
 
 /// A block stops at a cut if at most this fraction (1/n) of its lanes is live; these continue in fuller blocks.

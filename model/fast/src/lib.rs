@@ -27,8 +27,8 @@
 //!   lane. A finger is not even placed unless the ball that contains it, in the hand's frame, is near something. The
 //!   tests that decided most often in a seeded sample, relative to their cost, come first.
 //! * **Two shapes** (`distance.rs`): capsules and balls by the closed form of two segments; cylinders and boxes by
-//!   alternating projections. Each result is *verified*: two near points prove a contact, a separating direction proves
-//!   that there is none. For a hull the surrounding shape and an inner capsule are tested; the cases between are in
+//!   alternating projections. Each result is *verified*: two near points prove a contact, a separating direction
+//!   disproves it. For a hull the surrounding shape and an inner capsule are tested; the cases between are in
 //!   doubt.
 //! * **Rounding** (`bound.rs`): a worst-case bound is propagated along each chain during compilation, and included in
 //!   the thresholds.

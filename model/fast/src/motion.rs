@@ -59,7 +59,7 @@ pub(crate) fn start<L: Lanes>(program: &Program, motions: &mut Motions) {
     slip.store(&mut motions.slip);
 }
 
-/// Computes the twists of a region whose frames are placed.
+/// Computes the twists of a region after its frames are placed.
 #[inline(always)]
 pub(crate) fn place_twists<L: Lanes>(program: &Program, block: &Block, motions: &mut Motions, region: usize) {
     for joint in &program.joints[program.regions[region].clone()] {

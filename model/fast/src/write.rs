@@ -71,10 +71,10 @@ impl<'a> Writer<'a> {
         self.groups(pair).map(|group| self.layout.part_ball(group))
     }
 
-    /// Writes all pairs of two units whose balls are near.
+    /// Writes all pairs of two units with balls near each other.
     pub fn two_units(&mut self, (u, v): (Unit, Unit), pairs: Vec<usize>) {
         match (u, v) {
-            // These groups are the units, whose balls were tested already.
+            // These groups are the units; their balls were tested already.
             (Unit::Group(g), Unit::Group(h)) => self.pairs_of((g, h), pairs),
             (_, Unit::Group(h)) => {
                 self.steps.push(Step::Group(h));
