@@ -26,7 +26,7 @@ pub struct Finding {
 
 impl Finding {
     /// Converts to the contract's type, for this motor.
-    pub fn to_contract(&self, motor: usize) -> AsFound {
+    pub fn to_contract(self, motor: usize) -> AsFound {
         let radians = |v: Option<f64>| v.map(f64::to_radians);
         AsFound {
             motor,
