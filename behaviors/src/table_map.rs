@@ -207,6 +207,6 @@ fn side(path: &str, [from, to]: [f64; 2]) -> Result<(), KindError> {
     if from.abs() <= 10.0 && to.abs() <= 10.0 && from < to {
         return Ok(());
     }
-    let what = format!("[{from}, {to}] is no side of a table");
+    let what = format!("[{from}, {to}] is not a valid side of a table");
     Err(KindError::new(path, what, "give two numbers in meters from -10 to 10, the smaller one first"))
 }

@@ -26,7 +26,7 @@ const MAX_WIDTH_PX: usize = 240;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TrainFault {
     /// Too few images.
-    #[error("there are only {0} pictures, too few to learn from and to judge by")]
+    #[error("there are only {0} pictures, too few for training and evaluation")]
     Few(usize),
     /// Masks without information.
     #[error("the masks of some stretch of the pictures are all black or all white")]

@@ -125,7 +125,7 @@ fn columns(names: &[&str]) -> Result<(Vec<usize>, bool), RowFault> {
         return Err(fault(
             1,
             "the places are cells of a table (`cell_x`), not positions",
-            "give positions in `x_mm`, `y_mm`, `z_mm`: cells tell neither their size nor where the table is",
+            "give positions in `x_mm`, `y_mm`, `z_mm`: cells contain neither their size nor the position of the table",
         ));
     }
     let wanted = || CENTERS.iter().chain(&ENCODERS).chain(&PLACE);

@@ -94,13 +94,13 @@ impl MapFile {
             }
             match &e.verdict {
                 Some(_) if self.certified.is_none() => {
-                    let what = "a verdict stands here, and `certified` says nothing of what it holds for".to_owned();
+                    let what = "there is a verdict, but `certified` with its clearance and world is missing".to_owned();
                     return Err(bad(place("verdict"), what));
                 }
                 Some(StoredVerdict::Blocked { at, .. } | StoredVerdict::Uncertified { at })
                     if !(0.0..=1.0).contains(at) =>
                 {
-                    return Err(bad(place("verdict"), format!("{at} is no share of the way, from 0 to 1")));
+                    return Err(bad(place("verdict"), format!("{at} is not a share of the edge, from 0 to 1")));
                 }
                 _ => {}
             }

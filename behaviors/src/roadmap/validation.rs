@@ -305,6 +305,6 @@ fn words(verdict: &EdgeVerdict, scene: &Scene) -> String {
             let obstacle = obstacle.unwrap_or_else(|| "a limit or constraint".to_owned());
             format!("{obstacle} at {:.0} % of the way", 100.0 * found.at)
         }
-        EdgeVerdict::Uncertified { at } => format!("too near to tell at {:.0} % of the way", 100.0 * at),
+        EdgeVerdict::Uncertified { at } => format!("too close to certify at {:.0} % of the way", 100.0 * at),
     }
 }

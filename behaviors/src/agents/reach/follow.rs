@@ -119,7 +119,7 @@ impl ReachAgent {
     /// object is not at the hand's target and no posture was found for its new position. The hand
     /// never goes down to a position that the object is known to have left.
     pub(super) fn look_anew(&mut self) {
-        self.walker.log(format!("{} is not where it was: it is looked for anew", self.settings.object));
+        self.walker.log(format!("{} is not where it was: searching for it again", self.settings.object));
         self.mind.place = None;
         self.go_home();
     }

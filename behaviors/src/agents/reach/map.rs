@@ -51,7 +51,7 @@ pub(super) fn begin(settings: &ReachSettings, robot: &Robot) -> Result<(Roadmap,
     if settings.map.is_some() && !settings.motors.is_empty() {
         let named = group::motors("motors", &settings.motors, robot)?;
         if named != map.motors() {
-            let help = "leave `motors` out: the map says which motors it moves";
+            let help = "leave `motors` out: the map defines the motors that it moves";
             return Err(KindError::new("motors", "the map moves other motors", help));
         }
     }

@@ -237,7 +237,7 @@ impl ReachSettings {
     /// All errors, each with the path of its setting.
     pub(super) fn check(&self) -> Result<Unit<Vector3<f64>>, KindError> {
         let near = |path: &str, v: [f64; 3]| {
-            let what = format!("[{}, {}, {}] is no place of a hand", v[0], v[1], v[2]);
+            let what = format!("[{}, {}, {}] is not a valid position of the hand", v[0], v[1], v[2]);
             let help = format!("give millimeters from the object's middle, each up to {MAX_OFFSET_MM}");
             if v.iter().all(|x| x.abs() <= MAX_OFFSET_MM) { Ok(()) } else { Err(KindError::new(path, what, help)) }
         };

@@ -89,7 +89,7 @@ impl BoxOutput {
     pub fn sizes(&self, shape: &[usize]) -> Result<[usize; 2], String> {
         let [rows, columns] = match shape {
             [a, b] | [1, a, b] => [*a, *b],
-            _ => return Err("boxes are a table, or one table for one picture".into()),
+            _ => return Err("boxes are a table, or one table for one image".into()),
         };
         let [count, numbers] = match self.along {
             BoxesAlong::Rows => [rows, columns],

@@ -68,7 +68,7 @@ impl OnnxDetector {
         let at = self.settings.file.display();
         let output = self.network.run(&picture).map_err(|e| match e {
             RunError::Refused(e) => {
-                let help = "give a network that takes one picture, of the size and layout that `input` says";
+                let help = "give a network that takes one image, of the size and layout given in `input`";
                 KindError::new("file", format!("{at} can't be run: {e}"), help)
             }
             RunError::Ended(why) => {
@@ -78,7 +78,7 @@ impl OnnxDetector {
         })?;
         self.check(&output)?;
         if output.numbers.iter().any(|v| !v.is_finite()) {
-            let what = format!("{at} tells numbers that are none (NaN or infinite)");
+            let what = format!("the output of {at} contains NaN or infinite numbers");
             return Err(KindError::new("file", what, "check `input.mean` and `input.std`, and the network's weights"));
         }
         Ok(())
@@ -98,14 +98,13 @@ impl OnnxDetector {
             OnnxOutput::Boxes(boxes) => boxes.sizes(&output.shape).map(|_| None),
         };
         let channels = sizes.map_err(|e| {
-            let help = "say in `output` what it means, and which one it is by `output.name`";
+            let help = "describe the meaning of the output in `output`, and select it by `output.name`";
             KindError::new("output", format!("the network's output has the dimensions [{shape}]: {e}"), help)
         })?;
         let beyond = |class: usize| channels.is_some_and(|c| class >= c);
         match self.settings.objects.iter().enumerate().find(|(_, o)| beyond(o.class)) {
             Some((k, o)) => {
-                let what =
-                    format!("the network tells of no class {}: its output has the dimensions [{shape}]", o.class);
+                let what = format!("the network has no class {}: its output has the dimensions [{shape}]", o.class);
                 Err(KindError::new(format!("objects[{k}].class"), what, "classes count from 0"))
             }
             None => Ok(()),
@@ -124,14 +123,14 @@ fn sound(settings: &OnnxDetectorSettings) -> Result<(), KindError> {
     require(
         "threshold",
         share(settings.threshold) && settings.threshold >= 0.001,
-        "it is no threshold",
+        "it is not a valid threshold",
         "give a number from 0.001 to 1",
     );
     let is_mean = settings.input.mean.iter().all(|v| v.is_finite());
     require("input.mean", is_mean, "a color's mean is a number", "give three numbers from 0 to 255");
     let is_std = settings.input.std.iter().all(|v| v.is_finite() && *v > 0.0);
     require("input.std", is_std, "nothing can be divided by that", "give three numbers above 0");
-    let known = "say which class is which object: objects = [{ class = 0, object = \"cup\" }]";
+    let known = "give the objects of the classes: objects = [{ class = 0, object = \"cup\" }]";
     require("objects", !settings.objects.is_empty(), "without an object there is nothing to find", known);
     let is_few = settings.objects.len() <= usize::from(u8::MAX);
     require("objects", is_few, "these are more than 255 objects", "use several detectors");
@@ -140,8 +139,8 @@ fn sound(settings: &OnnxDetectorSettings) -> Result<(), KindError> {
     let is_time = (1..=3600).contains(&settings.limits.seconds);
     require("limits.seconds", is_time, "no network runs with that", "give 1 to 3600 s");
     match &settings.output {
-        OnnxOutput::Mask(mask) => require("output.keep", share(mask.keep), "it is no share", range),
-        OnnxOutput::Boxes(boxes) => require("output.overlap", share(boxes.overlap), "it is no share", range),
+        OnnxOutput::Mask(mask) => require("output.keep", share(mask.keep), "it is not a share", range),
+        OnnxOutput::Boxes(boxes) => require("output.overlap", share(boxes.overlap), "it is not a share", range),
     }
     KindError::gather(checks).map(drop)
 }
@@ -160,7 +159,7 @@ impl Detector for OnnxDetector {
                 return Vec::new();
             }
             Err(RunError::Refused(why)) => {
-                self.complain(format!("the network can't be run on a picture, which shows nothing then: {why}"));
+                self.complain(format!("the network can't be run on an image, so nothing is detected in it: {why}"));
                 return Vec::new();
             }
         };

@@ -68,7 +68,7 @@ impl MaskOutput {
             ([h, w], _) | ([1, h, w], _) => [1, *h, *w],
             ([1, c, h, w], OnnxLayout::Nchw) => [*c, *h, *w],
             ([1, h, w, c], OnnxLayout::Nhwc) => [*c, *h, *w],
-            _ => return Err("a mask has the dimensions picture (1), channel, row and column".into()),
+            _ => return Err("a mask has the dimensions image (1), channel, row and column".into()),
         };
         if sizes.contains(&0) { Err("a mask has pixels".into()) } else { Ok(sizes) }
     }

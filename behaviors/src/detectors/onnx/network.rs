@@ -78,7 +78,7 @@ impl OnnxNetwork {
         let output = pick(&model, model.output_ids(), output, "output")?;
         if model.input_ids().len() != 1 {
             let what = format!("the network has {} inputs", model.input_ids().len());
-            return Err(KindError::new("file", what, "export one that asks for nothing but a picture"));
+            return Err(KindError::new("file", what, "export one with an image as its only input"));
         }
         let dimensions = model.node_info(input).and_then(|info| info.shape());
         let size = size(dimensions.as_deref(), settings)?;
@@ -95,7 +95,7 @@ impl OnnxNetwork {
         let input = self.input(picture);
         let options = Some(self.options.clone());
         let result = guarded(|| self.model.run(vec![(self.input, input.into())], &[self.output], options))?;
-        let value = result.map_err(|e| e.to_string())?.pop().ok_or("it tells nothing")?;
+        let value = result.map_err(|e| e.to_string())?.pop().ok_or("it has no output")?;
         let tensor: Tensor<f32> = value.try_into().map_err(|_| "its numbers are not of floating point")?;
         Ok(NetworkOutput { shape: tensor.shape().to_vec(), numbers: tensor.to_vec() })
     }
@@ -164,13 +164,13 @@ fn size(dimensions: Option<&[Dimension]>, settings: &OnnxInput) -> Result<[usize
                 ([n, c, h, w], OnnxLayout::Nchw) | ([n, h, w, c], OnnxLayout::Nhwc) => [n, c, h, w].map(fixed),
                 _ => {
                     let what = format!("the network's input has the dimensions [{}]", shown(dimensions));
-                    let help = "give one whose input has four: picture, channel, row, column, or with the channel last";
+                    let help = "give one whose input has four: image, channel, row, column, or with the channel last";
                     return Err(KindError::new("input.layout", what, help));
                 }
             };
             if batch.is_some_and(|n| n != 1) || channels.is_some_and(|n| n != 3) {
                 let what = format!("the network's input has the dimensions [{}]", shown(dimensions));
-                let help = "give one that takes one picture of three colors; for the channel last: layout = \"nhwc\"";
+                let help = "give one that takes one image of three colors; for the channel last: layout = \"nhwc\"";
                 return Err(KindError::new("input.layout", what, help));
             }
             [width, height]
@@ -192,7 +192,7 @@ fn size(dimensions: Option<&[Dimension]>, settings: &OnnxInput) -> Result<[usize
         };
     }
     if size.iter().any(|n| !(1..=MAX_EDGE_PX).contains(n)) {
-        let what = format!("pictures of {}x{} pixels are none", size[0], size[1]);
+        let what = format!("images of {}x{} pixels are not supported", size[0], size[1]);
         return Err(KindError::new("input.size", what, "give 1 to 4096 pixels"));
     }
     Ok(size)

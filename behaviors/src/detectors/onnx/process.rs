@@ -243,7 +243,7 @@ impl NetworkProcess {
             _ if stderr.contains("overflowed its stack") => "its operations are nested too deeply".into(),
             _ if stderr.contains("memory allocation of") => format!("it needs more than {memory_mib} MiB of memory"),
             Ok(status) if status.signal() == Some(SIGXCPU) => {
-                format!("it needs more than {seconds} s of processor time for one picture")
+                format!("it needs more than {seconds} s of processor time for one image")
             }
             Ok(status) => match stderr.lines().next() {
                 Some(line) => format!("its process ended ({status}): {line}"),

@@ -72,7 +72,7 @@ impl TagDetector {
         let mut size = |path: String, size: f64| {
             if !SIZES_M.contains(&size) {
                 let help = "give the edge of the black border in meters, such as 0.06";
-                checks.push(wrong(&path, format!("a tag of {size} m is none"), help));
+                checks.push(wrong(&path, format!("{size} m is not a valid size of a tag"), help));
             }
         };
         size("size_m".into(), settings.size_m);
@@ -80,7 +80,7 @@ impl TagDetector {
             size(format!("tags[{k}].size_m"), own);
         }
         if settings.tags.is_empty() {
-            let help = "say which tag is on which object: tags = [{ id = 7, object = \"cup\" }]";
+            let help = "give the objects of the tags: tags = [{ id = 7, object = \"cup\" }]";
             checks.push(wrong("tags", "without a tag there is nothing to find".into(), help));
         }
         let family = settings.family.name();
@@ -96,11 +96,15 @@ impl TagDetector {
             }
         }
         if settings.errors > 2 {
-            let what = format!("{} wrong bits are not told apart from another tag", settings.errors);
+            let what = format!("with {} wrong bits, a tag can be confused with another one", settings.errors);
             checks.push(wrong("errors", what, "give 0, 1 or 2"));
         }
         if !(0.0..=255.0).contains(&settings.margin) {
-            checks.push(wrong("margin", format!("{} is no margin", settings.margin), "give a number from 0 to 255"));
+            checks.push(wrong(
+                "margin",
+                format!("{} is not a valid margin", settings.margin),
+                "give a number from 0 to 255",
+            ));
         }
         KindError::gather::<()>(checks)?;
         let seeker = TagSeeker::new(settings.family);
