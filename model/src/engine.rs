@@ -227,7 +227,7 @@ pub trait Engine: Clone + Debug + Send + Sync + 'static {
 /// let plate = Shape::Box { size: Vector3::new(1.0, 0.02, 1.0) };
 /// let above = distance(&ball, &Isometry3::translation(0.0, 0.15, 0.0), &plate, &Isometry3::identity());
 /// assert!((above.distance - 0.04).abs() < 1e-12);
-/// Deep in the plate: the shortest separating translation is upward, by the ball's radius and half the plate.
+/// // Deep in the plate: the shortest separating translation is upward, by the ball's radius and half the plate.
 /// let within = distance(&ball, &Isometry3::identity(), &plate, &Isometry3::identity());
 /// assert!((within.distance + 0.11).abs() < 1e-12);
 /// ```

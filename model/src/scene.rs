@@ -178,7 +178,7 @@ impl Contact {
 /// let home = scene.home();
 /// assert!(scene.free(&home, 0.0));
 ///
-/// A ball of 5 cm radius about the origin of the last node contains the gripper.
+/// // A ball of 5 cm radius about the origin of the last node contains the gripper.
 /// let gripper = scene.node_transforms(&home)[0].last().copied().unwrap_or_default();
 /// let shapes = vec![Primitive { shape: Shape::Sphere { radius: 0.05 }, pose: Isometry3::identity() }];
 /// let class = ObjectClass::Obstacle;

@@ -26,7 +26,7 @@ const MAX_PARTS: f64 = 64.0;
 /// use nalgebra::Isometry3;
 /// use std::sync::Arc;
 ///
-/// A pivoting arm of 40 cm, and one in its path.
+/// // A pivoting arm of 40 cm, and one in its path.
 /// let file = |name: &str| format!(
 ///     r#"<ZeroPositionKinematicTree version="1.0" robotName="{name}"><bodypart name="arm"><link z="0.2" radius="0.03">
 ///     <motor name="pan" minPos="-90" maxPos="90" home="0"><joint z="1" length="0.05" minPos="-90" maxPos="90">

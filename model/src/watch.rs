@@ -59,11 +59,11 @@ pub struct WatchCounters {
 /// let mut watch = Watch::new(scene, 0.01);
 /// let mut pose = watch.scene().home()[0].to_vec();
 /// for _ in 0..100 {
-/// The first motor moves in steps of a tenth of a milliradian: nothing comes near.
+///     // The first motor moves in steps of a tenth of a milliradian: nothing comes near.
 ///     pose[0] += 1e-4;
 ///     assert!(watch.update(&[&pose]).is_empty());
 /// }
-/// Most of these updates cost no more than a comparison.
+/// // Most of these updates cost no more than a comparison.
 /// assert!(watch.counters().idle > 50, "{:?}", watch.counters());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

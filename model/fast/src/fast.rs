@@ -84,7 +84,7 @@ pub struct FastFigures {
 /// let scene = Scene::new(vec![(robot.clone(), Isometry3::identity())], Vec::new())?;
 /// let mut fast = FastScene::new(&scene, 0.01)?;
 ///
-/// A thousand poses, concatenated in one list.
+/// // A thousand poses, concatenated in one list.
 /// let poses: Vec<f64> = random_poses(&robot, 7).take(1000).flatten().collect();
 /// let mut free = Vec::new();
 /// fast.free(&poses, &mut free)?;
