@@ -1,20 +1,22 @@
-//! Whether a robot touches anything at any speed: the reflex of Algorithm 6, which acts on what is near, beside the one that looks ahead.
+//! Contacts at several speeds: the reflex of Algorithm 6, which reacts to near objects, compared with the reflex that
+//! looks ahead.
 //!
-//! An iCub moves torso and right arm at random to free poses; balls appear about it at random. Counted by a witness of its own, from the
-//! measured poses and what is between them:
+//! An iCub moves torso and right arm at random to free configurations; balls appear around it at random. A separate
+//! witness counts, from the measured configurations and the motion between them:
 //!
-//! * *hard*: a pair comes to distance zero or below, that physics allowed to avoid;
-//! * *unavoidable*: the same with a ball that was put onto the robot (within the margin at the first two readings), or into the way on
-//!   which it would have come to rest if it had been stopped at the second reading after the ball appeared (the first tells of the ball; the
-//!   board's latency, and braking as hard as it can), or that is touched as the robot brakes by a stop that was told at one of these two
-//!   readings: nobody stops earlier. A ball counts as that for two seconds, or until it is [`APART`] again;
-//! * *pressed*: the same in an escape, which begins within the margin of something that was put there;
-//! * *false*: the reflex stopped a motion, and the straight way from there to its target is free of the margin.
+//! * *hard*: a pair reaches a distance of zero or less although this was physically avoidable;
+//! * *unavoidable*: the same with a ball that appeared on the robot (within the margin at the first two samples), or on
+//!   the path to the configuration in which the robot would have come to rest if it had been stopped at the second
+//!   sample after the ball appeared (the first sample shows the ball; then the board's latency and maximum braking), or
+//!   that is touched while the robot brakes due to a stop commanded at one of these two samples: no controller can stop
+//!   earlier. This applies to a ball for two seconds, or until it is [`APART_M`] away;
+//! * *pressed*: the same during an escape, which starts within the margin of such a ball;
+//! * *false*: the reflex stopped a motion, and the straight line from there to its target stays outside the margin.
 //!
-//! `cargo bench --bench look_ahead -- [runs per speed] [seconds per run] [first seed] [clearance, mm]` (default 100, 60, 1, and what the controller
-//! derives)
+//! `cargo bench --bench look_ahead -- [runs per speed] [seconds per run] [first seed] [clearance, mm]` (default 100,
+//! 60, 1, and the clearance that the controller derives)
 
-#![allow(clippy::disallowed_methods)] // a measurement of the processor
+#![allow(clippy::disallowed_methods)] // measures processor time
 
 use mobee::compose::read;
 use mobee_actors::record::tap::Taps;
@@ -29,12 +31,15 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-const MARGIN: f64 = 0.010;
-/// What touched is apart again when it is so far away, as for the reflex: encoders are noisy, and what leaves slowly passes zero often.
-const APART: f64 = 0.002;
+/// Margin of the reflex, meters.
+const MARGIN_M: f64 = 0.010;
+/// Distance at which a contact has ended, as for the reflex, meters: encoders are noisy, so a slow separation passes zero
+/// several times.
+const APART_M: f64 = 0.002;
+/// Number of balls.
 const BALLS: usize = 3;
 
-/// A behavior and its world, in a folder.
+/// Writes a behavior and its world to a folder.
 fn write_files(dir: &Path, seed: u64, speed: f64, reserve: &str, secs: f64) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut world = String::from("<WorldList version=\"1.0\">\n");
@@ -42,7 +47,7 @@ fn write_files(dir: &Path, seed: u64, speed: f64, reserve: &str, secs: f64) {
     for k in 0..BALLS {
         let _ =
             writeln!(world, "<object name=\"ball{k}\" type=\"obstacle\" pz=\"-5\"><sphere radius=\"0.04\"/></object>");
-        // each of them appears, and elsewhere again, every few seconds
+        // Each ball appears at a new position every few seconds.
         let mut at = 1.0 + rng.random_range(0.0..4.0);
         while at < secs {
             let [x, y, z]: [f64; 3] =
@@ -66,6 +71,7 @@ fn write_files(dir: &Path, seed: u64, speed: f64, reserve: &str, secs: f64) {
     std::fs::write(dir.join("behavior.toml"), behavior).expect("a file");
 }
 
+/// Counts of one or several runs.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     motions: u32,
@@ -79,31 +85,33 @@ struct Tally {
     faulted: u32,
 }
 
-/// Sees everything, and counts.
+/// Tap that classifies and counts contacts and stops.
 struct Witness {
     axes: Vec<Axis>,
     latency: f64,
     scene: Option<Arc<Scene>>,
     sweep: Option<Sweep>,
-    readings: Vec<(Time, Pose)>,
-    /// The world was edited so many readings ago.
+    samples: Vec<(Time, Pose)>,
+    /// Number of samples since the last edit of the world.
     since_edit: u32,
-    /// The balls that it moved, by their numbers: nothing else is excused.
+    /// Ids of the balls that this edit moved: only their contacts can be unavoidable.
     appeared: BTreeSet<u32>,
-    /// Whether the filter was closed at one of the first two readings since, and the robot has not come to rest.
+    /// True if the filter was closed at one of the first two samples since, and the robot is not at rest yet.
     at_once: bool,
     target: Option<Pose>,
     escaping: bool,
     status: Option<Status>,
-    /// Pairs at distance zero, and those for which that could not be avoided, until they are apart again.
+    /// Pairs in contact, until they are apart again.
     touching: BTreeSet<Pair>,
+    /// Pairs with an unavoidable contact, until they are apart again.
     excused: BTreeSet<Pair>,
     tally: Tally,
-    /// What touched hard, in words.
+    /// Descriptions of the hard contacts.
     shown: Vec<String>,
 }
 
-fn with(appeared: &BTreeSet<u32>, pair: &Pair) -> bool {
+/// True if a shape of the pair belongs to a ball that appeared.
+fn involves(appeared: &BTreeSet<u32>, pair: &Pair) -> bool {
     [pair.0, pair.1].iter().any(|shape| matches!(shape, ShapeId::Object { object, .. } if appeared.contains(object)))
 }
 
@@ -112,17 +120,17 @@ impl Witness {
         scene.contacts(std::slice::from_ref(q), within).iter().map(|c| (c.pair, c.distance)).collect()
     }
 
-    /// The pairs that touch on the straight way between two poses.
-    fn on_way(scene: &Scene, from: &Pose, to: &Pose, within: f64) -> BTreeSet<Pair> {
+    /// The pairs within a distance on the straight line between two configurations.
+    fn on_line(scene: &Scene, from: &Pose, to: &Pose, within: f64) -> BTreeSet<Pair> {
         let parts = (scene.travel(0, from, to) / 0.003).ceil().max(1.0);
         let at =
             |k: usize| -> Pose { from.iter().zip(to.iter()).map(|(a, b)| a + (b - a) * k as f64 / parts).collect() };
         (0..=parts as usize).flat_map(|k| Self::distances(scene, &at(k), within).into_keys()).collect()
     }
 
-    /// Where it would come to rest at best.
+    /// The configuration in which the robot would come to rest at best.
     fn rest(&self) -> Option<Pose> {
-        let [.., (t0, a), (t1, b)] = self.readings.as_slice() else { return None };
+        let [.., (t0, a), (t1, b)] = self.samples.as_slice() else { return None };
         let dt = t1.since(*t0).as_secs_f64();
         let stop = |((a, b), axis): ((&f64, &f64), &Axis)| {
             let v = (b - a) / dt;
@@ -133,28 +141,29 @@ impl Witness {
 
     fn pose(&mut self, at: Time, q: &Pose) {
         let Some(scene) = self.scene.clone() else { return };
-        self.readings.push((at, q.clone()));
-        if self.readings.len() > 4 {
-            self.readings.remove(0);
+        self.samples.push((at, q.clone()));
+        if self.samples.len() > 4 {
+            self.samples.remove(0);
         }
         self.since_edit += 1;
         if self.since_edit <= 2 {
-            // what is inevitable by now is nobody's fault
+            // Contacts that no controller can avoid any more.
             let rest = self.rest().unwrap_or_else(|| q.clone());
-            let new = |pair: &Pair| with(&self.appeared, pair);
-            self.excused.extend(Self::on_way(&scene, q, &rest, 0.0).into_iter().filter(new));
-            self.excused.extend(Self::distances(&scene, q, MARGIN).into_keys().filter(new));
+            let new = |pair: &Pair| involves(&self.appeared, pair);
+            self.excused.extend(Self::on_line(&scene, q, &rest, 0.0).into_iter().filter(new));
+            self.excused.extend(Self::distances(&scene, q, MARGIN_M).into_keys().filter(new));
         }
         let Some(sweep) = &mut self.sweep else { return };
-        let touches = |c: &&Contact| c.distance <= if self.touching.contains(&c.pair) { APART } else { 0.0 };
+        let touches = |c: &&Contact| c.distance <= if self.touching.contains(&c.pair) { APART_M } else { 0.0 };
         let now: BTreeSet<Pair> = sweep.to(std::slice::from_ref(q)).iter().filter(touches).map(|c| c.pair).collect();
         for pair in now.difference(&self.touching) {
-            match (self.escaping, self.excused.contains(pair) || self.at_once && with(&self.appeared, pair)) {
+            match (self.escaping, self.excused.contains(pair) || self.at_once && involves(&self.appeared, pair)) {
                 (true, _) => self.tally.pressed += 1,
                 (false, true) => self.tally.unavoidable += 1,
                 (false, false) => {
                     self.tally.hard += 1;
-                    let (a, b) = (scene.shape_name(pair.0), scene.shape_name(pair.1));
+                    let a = scene.shape_name(pair.0);
+                    let b = scene.shape_name(pair.1);
                     self.shown.push(format!("{a} and {b} at {at} while {:?}", self.status));
                 }
             }
@@ -168,7 +177,8 @@ impl Witness {
     fn event(&mut self, event: &Event) {
         match event {
             Event::Commit { target, escape, .. } => {
-                (self.target, self.escaping) = (Some(target.clone()), *escape);
+                self.target = Some(target.clone());
+                self.escaping = *escape;
                 self.tally.motions += 1;
                 self.tally.escapes += u32::from(*escape);
             }
@@ -181,16 +191,16 @@ impl Witness {
                 self.tally.faulted += u32::from(*outcome == Outcome::Faulted);
             }
             Event::Disabled { cause: cause @ (Cause::Contact(_) | Cause::Foreseen(_)), .. } if !self.escaping => {
-                // told before the reading itself
+                // The event precedes the entry of the sample that caused it.
                 self.at_once = self.since_edit < 2;
-                let (Some(target), Some(scene), Some((_, q))) = (self.target.take(), &self.scene, self.readings.last())
+                let (Some(target), Some(scene), Some((_, q))) = (self.target.take(), &self.scene, self.samples.last())
                 else {
                     return;
                 };
                 self.tally.stops += 1;
                 if matches!(cause, Cause::Foreseen(_)) {
                     self.tally.foreseen += 1;
-                    self.tally.false_stops += u32::from(Self::on_way(scene, q, &target, MARGIN).is_empty());
+                    self.tally.false_stops += u32::from(Self::on_line(scene, q, &target, MARGIN_M).is_empty());
                 }
             }
             _ => {}
@@ -209,10 +219,11 @@ impl Sink for Witness {
                 let is_new =
                     |id: u32, pose| before.as_ref().is_none_or(|b| b.objects().all(|(i, o)| i != id || o.pose != pose));
                 let moved = scene.objects().filter(|(id, o)| is_new(*id, o.pose)).map(|(id, _)| id);
-                // two edits within two readings are one
-                let kept = std::mem::take(&mut self.appeared).into_iter().filter(|_| self.since_edit < 2);
-                self.appeared = moved.chain(kept).collect();
-                (self.since_edit, self.at_once) = (0, false);
+                // Two edits within two samples count as one.
+                let recent = std::mem::take(&mut self.appeared).into_iter().filter(|_| self.since_edit < 2);
+                self.appeared = moved.chain(recent).collect();
+                self.since_edit = 0;
+                self.at_once = false;
             }
             Entry::Picture { .. } => {}
         }
@@ -223,7 +234,8 @@ impl Sink for Witness {
     }
 }
 
-fn one(seed: u64, speed: f64, reserve: &str, secs: f64) -> (Tally, Vec<String>) {
+/// Runs one seed, and returns its counts and the descriptions of its hard contacts.
+fn run_seed(seed: u64, speed: f64, reserve: &str, secs: f64) -> (Tally, Vec<String>) {
     let dir = tempfile::tempdir().expect("a folder");
     write_files(dir.path(), seed, speed, reserve, secs);
     let composed = read(&dir.path().join("behavior.toml"), &[]).unwrap_or_else(|_| panic!("seed {seed} composes"));
@@ -233,7 +245,7 @@ fn one(seed: u64, speed: f64, reserve: &str, secs: f64) -> (Tally, Vec<String>) 
         latency: board.latency.as_secs_f64(),
         scene: None,
         sweep: None,
-        readings: Vec::new(),
+        samples: Vec::new(),
         since_edit: 0,
         appeared: BTreeSet::new(),
         at_once: false,
@@ -255,7 +267,7 @@ fn one(seed: u64, speed: f64, reserve: &str, secs: f64) -> (Tally, Vec<String>) 
 }
 
 fn main() {
-    // cargo passes `--bench`
+    // Skips `--bench`, which cargo passes.
     let numbers: Vec<f64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let runs = numbers.first().copied().unwrap_or(100.0) as u64;
     let secs = numbers.get(1).copied().unwrap_or(60.0);
@@ -271,11 +283,12 @@ fn main() {
             None => ("looks ahead".to_owned(), String::new()),
         };
         let by_margin = ("Algorithm 6".to_owned(), ", reserve_mm = 0".to_owned());
-        for (looks, (name, reserve)) in [(false, by_margin), (true, ahead)] {
-            let (began, mut sum) = (Instant::now(), Tally::default());
+        for (looks_ahead, (name, reserve)) in [(false, by_margin), (true, ahead)] {
+            let began = Instant::now();
+            let mut sum = Tally::default();
             for seed in first..first + runs {
-                let (t, shown) = one(seed, speed, &reserve, secs);
-                if looks {
+                let (t, shown) = run_seed(seed, speed, &reserve, secs);
+                if looks_ahead {
                     shown.iter().for_each(|what| println!("  seed {seed}: {what}"));
                 }
                 sum.motions += t.motions;

@@ -1,9 +1,9 @@
-//! Poses per second: kinematics alone, with self-collision, and with 20 obstacles, against the bound of testing pair by
-//! pair without rejection.
+//! Configurations per second: kinematics only, with self-collision, and with 20 obstacles, compared with the lower
+//! bound of measuring every pair without rejection.
 //!
-//! On the original `icub.xml` where the shared reference data is (`MOBEE_SHARED`, or `../shared`), else on ours. *first*
-//! stops at the first contact, *full* finds all of them; poses are uniform within the limits. The goal is 5,000 poses/s with
-//! self-collision.
+//! Uses the original `icub.xml` if the shared reference data exist (`MOBEE_SHARED`, or `../shared`), else the shipped
+//! one. *first* stops at the first contact, *full* finds all of them; configurations are uniform within the limits. The
+//! goal is 5,000 configurations/s with self-collision.
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use mobee_model::{Robot, Scene, distance, load_robot, load_world};
@@ -31,9 +31,10 @@ fn random_poses(robot: &Robot, count: usize) -> Vec<Vec<f64>> {
     (0..count).map(|_| any()).collect()
 }
 
-/// Every reflex pair measured, nothing rejected before.
+/// Measures every reflex pair, without rejection.
 fn pair_by_pair(scene: &Scene, q: &[f64]) -> usize {
-    let (robot, frames) = (&scene.robots()[0], scene.node_transforms(&[q]).swap_remove(0));
+    let robot = &scene.robots()[0];
+    let frames = scene.node_transforms(&[q]).swap_remove(0);
     let mut touching = 0;
     for &(a, b) in &robot.pairs.reflex {
         for p in &robot.nodes[a].solids {

@@ -1,5 +1,6 @@
-//! Real-time factor: a minute of the exploring iCub (whole system, journal included), beside its bound: the simulated robot
-//! alone, read just as often. The throughput counts simulated seconds: `elem/s` is the real-time factor.
+//! Real-time factor: a minute of the exploring iCub (complete system, journal included), compared with its bound: the
+//! simulated robot alone, sampled at the same rate. The throughput counts simulated seconds: `elem/s` is the real-time
+//! factor.
 //!
 //! `cargo bench --bench real_time_factor`
 
@@ -10,7 +11,9 @@ use mobee_contract::Time;
 use std::path::Path;
 use std::time::Duration;
 
+/// The behavior that runs.
 const FILE: &str = "configs/behaviors/explore.toml";
+/// Settings of a run of one minute.
 const MINUTE: [&str; 2] = ["for_s=60", "record.enabled=false"];
 
 fn plant_alone() -> u64 {
@@ -18,13 +21,14 @@ fn plant_alone() -> u64 {
     let (config, source) = Config::load(&file, &[]).expect("it loads");
     let robots = compose(config, &source).expect("it composes").robots;
     let mut driver = robots[0].hardware.connect().expect("simulated");
-    let (mut now, mut read) = (Time::ZERO, 0);
+    let mut now = Time::ZERO;
+    let mut samples = 0;
     while now < Time::from_secs(60.0) {
         driver.lease(now, now + Duration::from_millis(100));
-        read += u64::from(driver.sample(now).expect("simulated").is_some());
+        samples += u64::from(driver.sample(now).expect("simulated").is_some());
         now = driver.next_sample(now).max(now + Duration::from_millis(1));
     }
-    read
+    samples
 }
 
 fn minute(c: &mut Criterion) {

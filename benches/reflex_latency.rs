@@ -1,10 +1,11 @@
-//! Reflex latency: from the encoder sample that shows a contact to the stop command at the driver, by the wall clock,
-//! and the period from sample to sample, beside a bare control loop that stops at once, in the same run on the same machine.
+//! Reflex latency: wall-clock time from the encoder sample that shows a contact to the stop command at the driver, and
+//! the period between samples, compared with a bare control loop that stops at once, in the same run on the same
+//! machine.
 //!
-//! * an iCub that explores (the recording on),
-//! * the same while a viewer follows that takes the connection and never reads (I16),
-//! * the whole system: an iCub that sees and reaches (`reach.toml`: two cameras, detectors, locator, a map of thousands of poses, the
-//!   recording on), while something comes into its arm's way again and again.
+//! * an iCub that explores, with recording,
+//! * the same with a connected viewer that never reads (I16),
+//! * the complete system: an iCub that perceives and reaches (`reach.toml`: two cameras, detectors, locator, a map of
+//!   thousands of configurations, recording), while an object is repeatedly moved into the path of its arm.
 //!
 //! `cargo bench --bench reflex_latency [-- SECONDS]`
 
@@ -21,16 +22,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// What was measured at a driver.
+/// Measurements at a driver.
 #[derive(Default)]
 struct Log {
-    /// How long after the newest sample each stop arrived.
+    /// Delay of each stop command after the newest sample.
     stops: Vec<Duration>,
-    /// From each sample to the next.
+    /// Time between consecutive samples.
     periods: Vec<Duration>,
 }
 
-/// Hardware whose drivers note when they are read, and when a stop arrives.
+/// Hardware whose drivers log the times of samples and stop commands.
 struct Timed(Arc<dyn Hardware>, Arc<Mutex<Log>>);
 
 struct TimedDriver {
@@ -74,21 +75,21 @@ impl Driver for TimedDriver {
     }
 }
 
-/// How often it is disturbed, s, and where, m: where the arm passes.
+/// Period of the disturbances, s, and their position, m, on the path of the arm.
 const DISTURBED_S: f64 = 4.0;
 const FOREARM: [f64; 3] = [-0.30, 0.20, 0.05];
 
-/// What is measured.
+/// Load of the system during a measurement.
 enum Load {
-    /// The iCub explores; a frozen viewer, if there is one.
+    /// The iCub explores; optionally with a viewer that does not read.
     Explore(Option<SocketAddr>),
-    /// It sees and reaches, and is disturbed.
+    /// It perceives and reaches, with disturbances.
     Reach,
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let secs = std::env::args().find_map(|a| a.parse::<f64>().ok()).unwrap_or(60.0);
-    // its queue of connections is enough: what is sent is acknowledged by the system, and read by nobody
+    // The listen queue suffices: the operating system acknowledges the data, and no process reads it.
     let viewer = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
     let frozen = Load::Explore(Some(viewer.local_addr()?));
     let loads = [("explore", Load::Explore(None)), ("explore, a viewer is frozen", frozen), ("reach", Load::Reach)];
@@ -99,44 +100,46 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// The behavior that is run.
+/// The behavior file and settings of a run.
 fn behavior(load: &Load, secs: f64, dir: &Path) -> Result<(PathBuf, Vec<String>), std::io::Error> {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors");
     let mut set = vec!["clock=real".to_owned(), format!("for_s={secs:?}")];
     match load {
         Load::Explore(viewer) => {
             set.push("robot.icub.agent.speed=0.4".to_owned());
-            // poses as quickly as they come, so that what waits for the viewer soon fills all that there is
+            // Configurations at the full rate, so that the data for the viewer soon fills all buffers.
             let live = |at: &SocketAddr| [format!("record.live=\"{at}\""), "record.poses_hz=100.0".to_owned()];
             set.extend(viewer.iter().flat_map(live));
             Ok((configs.join("explore.toml"), set))
         }
         Load::Reach => {
             let mut text = format!("include = [{:?}]\n", configs.join("reach.toml").display().to_string());
-            // a post in the arm's way, for a third of a second
+            // An object in the arm's path for 0.3 s.
             for k in 1..(secs / DISTURBED_S) as u32 {
                 for (after, x) in [(0.0, FOREARM[0]), (0.3, 2.0)] {
-                    let (at, [_, y, z]) = (f64::from(k) * DISTURBED_S + after, FOREARM);
+                    let at = f64::from(k) * DISTURBED_S + after;
+                    let [_, y, z] = FOREARM;
                     let edit = format!("{{ object = \"lamp\", position_m = [{x}, {y}, {z}] }}");
                     let _ = writeln!(text, "[[script]]\nwhen.at_s = {at:.1}\nedit = {edit}");
                 }
             }
             let file = dir.join("disturbed.toml");
             std::fs::write(&file, text)?;
-            // whoever goes on as it was planned stops for nothing but the reflex
+            // Without replanning only the reflex stops a motion.
             set.extend(["follow=false", "repeat=0", "wait_s=0"].map(|s| format!("robot.icub.agent.{s}")));
             Ok((file, set))
         }
     }
 }
 
-/// The 99th percentiles of the reflex over those of a bare loop beside it: sample to stop, and period.
+/// Ratios of the 99th percentiles of the reflex to those of a concurrent bare loop: sample to stop, and period.
 fn measure(secs: f64, name: &str, load: &Load) -> Result<(f64, f64), Box<dyn std::error::Error>> {
     let scratch = tempfile::tempdir()?;
     let (file, set) = behavior(load, secs, scratch.path())?;
     let (config, source) = Config::load(&file, &set)?;
     let mut composition = compose(config, &source)?;
-    let (ours, bare) = (Arc::<Mutex<Log>>::default(), Arc::<Mutex<Log>>::default());
+    let ours = Arc::<Mutex<Log>>::default();
+    let bare = Arc::<Mutex<Log>>::default();
     composition.robots[0].hardware = Arc::new(Timed(composition.robots[0].hardware.clone(), ours.clone()));
 
     let (config, source) = Config::load(&file, &[])?;
@@ -167,7 +170,7 @@ fn measure(secs: f64, name: &str, load: &Load) -> Result<(f64, f64), Box<dyn std
     Ok((stops, figures("period", ours.periods) / figures("  bare loop", bare.periods)))
 }
 
-/// Prints the distribution and returns the 99th percentile, seconds.
+/// Prints the distribution, and returns the 99th percentile, seconds.
 fn figures(name: &str, mut all: Vec<Duration>) -> f64 {
     all.sort();
     let at = |share: f64| {

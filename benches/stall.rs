@@ -1,13 +1,15 @@
-//! Motors that do not follow: how often a robot is stopped that nothing holds, and how soon one is that something holds.
+//! Stall detection: number of false stops of free robots, and time until a held robot is stopped.
 //!
-//! *False stops*: an iCub explores, and moves torso and right arm at random, with nothing unseen about; its simulated boards differ in
-//! their profile, their latency and the noise of their encoders.
+//! *False stops*: an iCub explores, or moves torso and right arm at random, without unknown obstacles; its simulated
+//! boards differ in profile, latency and encoder noise.
 //!
-//! *Blocks*: in the same random motions something that no model knows holds one motor after another, each for ten seconds from some moment of
-//! a motion on. Told: how long the board wants a motor beyond what holds it until the filter closes, and how far by then. Where less than the
-//! threshold is wanted, nobody stalls: the motor is near its target, which it misses. *Late*: what stalls within three seconds after it was let go.
+//! *Blocks*: in the same random motions an unmodeled obstacle holds one motor after another, each for ten seconds
+//! starting at some time of a motion. Reported: the time during which the board commands a motor beyond the obstacle
+//! until the filter closes, and by how much at that time. If the commanded excess is below the threshold, there is no
+//! stall: the motor is near its target, which it misses. *Late*: stalls within three seconds after the release.
 //!
-//! `cargo bench --bench stall -- [seeds] [seconds per run of false stops] [runs with five blocks each]` (default 10, 600 and 60)
+//! `cargo bench --bench stall -- [seeds] [seconds per run of false stops] [runs with five blocks each]` (default 10,
+//! 600 and 60)
 
 use mobee::compose::read;
 use mobee_actors::record::tap::Taps;
@@ -21,13 +23,14 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// The least lag that counts, degrees.
+/// Stall threshold, degrees.
 const STALL_DEG: f64 = 0.5;
-/// How many blocks there are in a run, how far apart, and for how long each; seconds.
+/// Number of blocks per run, their period and their duration, seconds.
 const BLOCKS: (u32, f64, f64) = (5, 18.0, 10.0);
-/// A motor that was let go of may still be missed for so long, seconds.
-const LATE: f64 = 3.0;
+/// Time after the release of a motor during which a stall counts as late, seconds.
+const LATE_S: f64 = 3.0;
 
+/// Counts of one or several runs.
 #[derive(Default)]
 struct Tally {
     motions: u32,
@@ -39,22 +42,25 @@ struct Tally {
     stalls: u32,
     missed: u32,
     others: u32,
-    /// From the block to the closed filter, seconds, and how far ahead the board was, degrees.
+    /// Time from the block to the closed filter, seconds.
     seconds: Vec<f64>,
+    /// Commanded position beyond the obstacle at that time, degrees.
     ahead: Vec<f64>,
-    /// The farthest that any motor was ever pushed, degrees.
+    /// Maximum commanded position of any motor beyond an obstacle, degrees.
     farthest: f64,
     shown: Vec<String>,
 }
 
+/// Tap that classifies and counts stops.
 struct Witness {
     board: SimHardware,
-    /// Since when a motor has been pushed in this motion.
+    /// Time since which a motor has pushed against an obstacle in this motion.
     began: Option<Time>,
-    /// When blocks began that were pushed against, and when one was last.
+    /// Start times of the blocks that a motor pushed against.
     begun: BTreeSet<Time>,
+    /// Time of the last push.
     pushed: Time,
-    /// Whether the open motion was closed by a stall.
+    /// True if a stall closed the filter during the open motion.
     stalled: bool,
     tally: Tally,
 }
@@ -86,13 +92,14 @@ impl Sink for Witness {
                         self.tally.ahead.push(ahead.to_degrees());
                     }
                     (Cause::Stall { .. }, None)
-                        if at.since(self.pushed).as_secs_f64() < LATE && self.pushed > Time::ZERO =>
+                        if at.since(self.pushed).as_secs_f64() < LATE_S && self.pushed > Time::ZERO =>
                     {
                         self.tally.late += 1;
                     }
                     (Cause::Stall { .. }, None) => {
                         self.tally.false_stops += 1;
-                        let (held, pushed) = (self.board.held(at), self.pushed);
+                        let held = self.board.held(at);
+                        let pushed = self.pushed;
                         let held: Vec<_> = held.iter().enumerate().filter(|(_, h)| h.is_some()).collect();
                         self.tally.shown.push(format!("{at}: {cause:?}, pushed last at {pushed}, held {held:?}"));
                     }
@@ -110,8 +117,8 @@ impl Sink for Witness {
     }
 }
 
-/// Runs a behavior with these boards; with blocks or without.
-fn one(
+/// Runs a behavior with these boards, with or without blocks, and adds to `sum`.
+fn run_seed(
     file: &Path,
     set: &[String],
     seed: u64,
@@ -140,8 +147,14 @@ fn one(
     }
     let mut robots = composed.robots;
     robots[0].hardware = Arc::new(board.clone());
-    let (began, begun, pushed, tally) = (None, BTreeSet::new(), Time::ZERO, std::mem::take(sum));
-    let witness = Arc::new(Mutex::new(Witness { board, began, begun, pushed, stalled: false, tally }));
+    let witness = Arc::new(Mutex::new(Witness {
+        board,
+        began: None,
+        begun: BTreeSet::new(),
+        pushed: Time::ZERO,
+        stalled: false,
+        tally: std::mem::take(sum),
+    }));
     let taps = Taps::in_place(witness.clone());
     let setup = Setup { script: composed.script, ..Setup::in_virtual_time(composed.scene, robots, seed, taps) };
     let (_controls, receiver) = tokio::sync::mpsc::channel(1);
@@ -149,14 +162,14 @@ fn one(
     *sum = std::mem::take(&mut witness.lock().expect("no panic").tally);
 }
 
-/// The value below which this share of them is.
+/// The quantile of a set of values.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get((share * values.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
 fn main() {
-    // cargo passes `--bench`
+    // Skips `--bench`, which cargo passes.
     let numbers: Vec<f64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let seeds = numbers.first().copied().unwrap_or(10.0) as u64;
     let secs = numbers.get(1).copied().unwrap_or(600.0);
@@ -188,7 +201,7 @@ fn main() {
             text(r#"{"noise_deg":0.015,"resolution_deg":0.03,"latency_ms":60,"rate_hz":50}"#),
         ),
         ("constant acceleration", STALL_DEG, text(r#"{"profile":"trapezoidal"}"#)),
-        // it is done within a degree
+        // Its moves end within a degree.
         ("as iCub_SIM", 10.0 * STALL_DEG, text(r#"{"imitates":"iCub_SIM"}"#)),
     ];
     println!("false stops: {seeds} seeds, {secs} s each");
@@ -199,7 +212,7 @@ fn main() {
             [("explores", &explore, 0.1), ("random", &random, 0.1), ("random", &random, 0.5), ("random", &random, 1.0)]
         {
             let mut sum = Tally::default();
-            (1..=seeds).for_each(|seed| one(file, &set(seed, speed, *deg), seed, settings, secs, None, &mut sum));
+            (1..=seeds).for_each(|seed| run_seed(file, &set(seed, speed, *deg), seed, settings, secs, None, &mut sum));
             let Tally { motions, contacts, missed, false_stops, .. } = sum;
             println!(
                 "| {name} | {what} | {:.0} % | {motions} | {contacts} | {missed} | {false_stops} |",
@@ -215,9 +228,10 @@ fn main() {
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for (speed, first) in [(0.1, 90.0), (0.5, 30.0), (1.0, 20.0)] {
         let mut sum = Tally::default();
-        let long = first + BLOCKS.1 * f64::from(BLOCKS.0);
-        (1..=runs)
-            .for_each(|seed| one(&random, &set(seed, speed, STALL_DEG), seed, &usual, long, Some(first), &mut sum));
+        let duration = first + BLOCKS.1 * f64::from(BLOCKS.0);
+        (1..=runs).for_each(|seed| {
+            run_seed(&random, &set(seed, speed, STALL_DEG), seed, &usual, duration, Some(first), &mut sum)
+        });
         let Tally {
             mut seconds,
             mut ahead,

@@ -1,4 +1,4 @@
-//! What a service may do with the running system: robots through their filtered interfaces, and the world.
+//! Access of a service to the running system: the robots through their filtered interfaces, and the world.
 
 use crate::wiring::{LatestCell, ModelMsg, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::{
@@ -11,10 +11,10 @@ use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How many names of agents are remembered per robot and service, for the service's death.
+/// Most agent names remembered per robot and service. Their motions are cancelled when the service ends.
 const NAMES: usize = 64;
 
-/// What one life of a service may do with everything, until it is revoked.
+/// Access of one life of a service to the run, until it is revoked.
 pub struct Access {
     revoked: Arc<AtomicBool>,
     shared: Arc<SharedContext>,
@@ -41,8 +41,8 @@ impl Access {
         Access { revoked, shared: shared.clone(), filters, robots }
     }
 
-    /// The service has gone: what its agents have under way is stopped as after an agent's death (I18), and whatever of it still runs
-    /// begins nothing more.
+    /// Revokes the access when the service has ended. Open motions of its agents are cancelled as after an
+    /// agent's death (I18), and code of the service that still runs can start nothing more.
     pub fn revoke(&self) {
         self.revoked.store(true, Ordering::SeqCst);
         for filter in &self.filters {
@@ -82,7 +82,7 @@ impl Running for Access {
 
     fn edit(&self, edit: Edit) -> Answer<Result<(), String>> {
         if self.revoked.load(Ordering::SeqCst) {
-            return Box::pin(async { Err("the service that asks has ended".into()) });
+            return Box::pin(async { Err("the requesting service has ended".into()) });
         }
         let (reply, done) = ractor::concurrency::oneshot();
         self.shared.model.send(ModelMsg::Edit(edit, Some(reply.into())));
@@ -90,7 +90,7 @@ impl Running for Access {
     }
 
     fn tell(&self, event: Event) {
-        self.shared.tell(event);
+        self.shared.emit(event);
     }
 }
 
@@ -101,24 +101,28 @@ struct Filter {
     revoked: Arc<AtomicBool>,
     context: Arc<RobotContext>,
     board: Board,
-    /// The agents that the service commits for.
+    /// The agents for which the service has sent commits or streams, most recent last.
     names: LatestCell<VecDeque<Arc<str>>>,
 }
 
 impl Filter {
-    /// Sends what an agent of the service wants, and waits for the verdict.
-    fn ask(&self, agent: &Arc<str>, message: impl FnOnce(RpcReplyPort<Verdict>) -> SuperviseMsg) -> Answer<Verdict> {
+    /// Sends a request of one of the service's agents to supervise, and waits for the verdict.
+    fn request(
+        &self,
+        agent: &Arc<str>,
+        message: impl FnOnce(RpcReplyPort<Verdict>) -> SuperviseMsg,
+    ) -> Answer<Verdict> {
         if *agent == self.context.agent_name {
             let what = format!("{agent} is the name of the robot's own agent");
             return Box::pin(async { Err(Refusal::Malformed { what }) });
         }
         let (reply, verdict) = ractor::concurrency::oneshot();
         {
-            // held until it is sent: whatever was sent before the access is revoked is taken back then
+            // The lock is held until the message is sent: `revoke` then cancels every request sent before it.
             let mut names = self.names.lock();
             if self.revoked.load(Ordering::SeqCst) {
                 return Box::pin(async {
-                    Err(Refusal::NotReady { missing: "the service that asks, which has ended".into() })
+                    Err(Refusal::NotReady { missing: "the requesting service, which has ended".into() })
                 });
             }
             if names.back() != Some(agent) {
@@ -154,11 +158,11 @@ impl Filtered for Filter {
 
     fn commit(&self, commit: Commit) -> Answer<Verdict> {
         let agent = commit.agent.clone();
-        self.ask(&agent, |reply| SuperviseMsg::Commit(commit, reply))
+        self.request(&agent, |reply| SuperviseMsg::Commit(commit, reply))
     }
 
     fn stream(&self, agent: Arc<str>, setpoints: Setpoints) -> Answer<Verdict> {
-        self.ask(&agent.clone(), |reply| SuperviseMsg::Stream(agent, setpoints, reply))
+        self.request(&agent.clone(), |reply| SuperviseMsg::Stream(agent, setpoints, reply))
     }
 
     fn stop(&self, agent: Arc<str>) {
@@ -183,14 +187,14 @@ impl Filtered for Filter {
             return Err(Refusal::NotReady { missing: "an agent of the robot's own".into() });
         }
         if self.context.agent_acts.swap(act, Ordering::SeqCst) != act {
-            self.shared.tell(Event::AgentActs { robot: self.context.name.clone(), acts: act });
+            self.shared.emit(Event::AgentActs { robot: self.context.name.clone(), acts: act });
         }
         Ok(())
     }
 
     fn recover(&self) -> Result<(), String> {
         if self.revoked.load(Ordering::SeqCst) {
-            return Err("the service that asks has ended".into());
+            return Err("the requesting service has ended".into());
         }
         if self.context.can_recover.load(Ordering::SeqCst) {
             self.context.supervise.send(SuperviseMsg::Recover);
@@ -212,7 +216,7 @@ impl Filtered for Filter {
 
     fn halt(&self) -> Result<(), String> {
         if self.revoked.load(Ordering::SeqCst) {
-            return Err("the service that asks has ended".into());
+            return Err("the requesting service has ended".into());
         }
         self.context.halt();
         Ok(())
@@ -220,7 +224,7 @@ impl Filtered for Filter {
 
     fn release(&self) -> Result<(), String> {
         if self.revoked.load(Ordering::SeqCst) {
-            return Err("the service that asks has ended".into());
+            return Err("the requesting service has ended".into());
         }
         self.context.release().then_some(()).ok_or_else(|| "it is not halted".into())
     }

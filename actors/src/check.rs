@@ -2,38 +2,39 @@
 //!
 //! | | promise | |
 //! |---|---|---|
-//! | I1 | closed means closed | no agent's command reaches the driver while the filter is closed; old tokens write nothing |
+//! | I1 | closed means closed | no agent's command reaches the driver while the filter is closed; commands with old tokens are not written |
 //! | I2 | one outcome | every accepted commit ends exactly once |
 //! | I3 | home is a vertex | after a rollback the robot rests at the safe pose, which is a vertex for an agent with a map |
 //! | I4 | safe pose is honest | taken at rest, fresh, free, with no transaction open |
 //! | I5 | limits | what leaves the filter is finite, within limits, and not too fast |
 //! | I6 | nothing vanishes | sent = handled + queued + dropped on every link |
-//! | I7 | bounded | no more wait on a link than its credit allows |
-//! | I8 | stale is not fresh | commits are accepted, and outcomes given, by fresh readings |
+//! | I7 | bounded | the queue of a link never exceeds its credit |
+//! | I8 | stale is not fresh | commits are accepted and outcomes given only while the newest reading is fresh |
 //! | I9 | the retreat is watched | a contact during the retreat stops it within one period |
-//! | I10 | a restart does not move | no motion from a start or restart until the next commit, but a retreat |
+//! | I10 | a restart does not move | no motion from a start or restart until the next commit, except a retreat |
 //! | I11 | removed stays removed | no plan leads over a removed or blocked edge |
 //! | I14 | several robots | while several are retreating, no contact between two of them begins |
 //! | I15 | liveness | once all faults have healed, motions end, filters open, and agents go on |
-//! | I17 | ended means at rest | an outcome is given only while the robot is measured to rest |
-//! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
+//! | I17 | ended means at rest | an outcome is given only while the robot is measured to be at rest |
+//! | I18 | orphans are cancelled | a motion does not continue after its agent has died |
 //! | I19 | a contact closes the filter | a contact that begins in mid-motion closes the filter within one control period |
-//! | I20 | no motor too fast | no motor is measured to go faster than its commit allows it |
-//! | I21 | idle motors stay put | a motor that no open commit names does not leave its place, not in the long run either, and no command but a stop names it |
-//! | I22 | failed motions are rolled back | a contact, a constraint, a stall, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
-//! | I23 | a failed edge is removed | before the agent commits again, and no other is |
-//! | I25 | a violated constraint closes the filter | a constraint that is violated, at rest or in motion, closes the filter; during the retreat, or if it gets worse in an escape, it stops the robot |
-//! | I26 | frozen encoders are noticed | readings that are equal bit for bit while the motors should go on end the motion in a stated time |
+//! | I20 | no motor too fast | no motor is measured to be faster than its commit allows |
+//! | I21 | idle motors stay put | a motor that no open commit names does not move, nor drift in the long run, and no command except a stop names it |
+//! | I22 | failed motions are rolled back | after a contact, a constraint violation, a stall, a missed target or the agent's death, the motion is rolled back along its path, unless the journal gives the reason why not |
+//! | I23 | a failed edge is removed | before the agent commits again, and no other edge is |
+//! | I25 | a violated constraint closes the filter | a constraint that is violated, at rest or in motion, closes the filter; during the retreat, or if an escape makes it worse, it stops the robot |
+//! | I26 | frozen encoders are noticed | readings that stay bit-identical while the motors should move end the motion within a stated time |
 //! | I27 | contacts have hysteresis | a contact begins below the margin, and again only after it has ended |
-//! | I28 | a death closes the filter | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |
-//! | I29 | agents are told the truth | `committed` is said only within the tolerance of the target; the built-in agent is told how its motion ended once, after its outcome and before it commits again, and it is what the outcome says |
-//! | I31 | displacement at rest closes the filter | a robot that is moved at rest, by no command of its filter, closes it: beyond the tolerance it is told of and does not stay open |
-//! | I34 | no avoidable hard contact | a robot that looks ahead touches nothing that it could have stopped before |
-//! | I35 | nothing is pushed for long | what a simulated robot pushes, it pushes for a second at most, beside the time in which it brakes and comes back |
+//! | I28 | a death closes the filter | the death of the model or of a controller's actor closes the filter within two leases; an exchange closes it before the new part is inspected; a new driver first stops its board, and a stop discards queued set-points |
+//! | I29 | agents are told the truth | `committed` is reported only within the tolerance of the target; the built-in agent is notified of the end of its motion once, after the outcome and before its next commit, and the notification matches the outcome |
+//! | I31 | displacement at rest closes the filter | the filter closes if a robot at rest is moved by something other than its commands; a displacement beyond the tolerance is reported, and the filter does not stay open |
+//! | I34 | no avoidable hard contact | a robot that looks ahead touches nothing that it could have stopped short of |
+//! | I35 | nothing is pushed for long | a simulated robot pushes a thing for a second at most, in addition to the time in which it brakes and returns |
 //!
-//! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
-//! journal where there are any ([`crate::record::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25, I26 and I31 want them. I15 is judged where a simulation
-//! says that its faults have healed. [`ALL`] lists them.
+//! Each is a small state machine in its own file. It receives one journal line after another and, where they
+//! were recorded, the measured configurations beside the journal ([`crate::record::track`]). I4 and I22 also
+//! use those; I8, I17, I20, I21, I25, I26 and I31 need them. I15 is judged only after a simulation reports that
+//! its faults have healed. [`ALL`] lists the invariants.
 
 mod all;
 mod as_fast_as_allowed;
@@ -91,13 +92,13 @@ use std::sync::Arc;
 /// A broken invariant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Violation {
-    /// Which, by its name in [`ALL`].
+    /// Name of the invariant in [`ALL`].
     pub invariant: &'static str,
     /// The line of the journal, counted from 1.
     pub line: u64,
-    /// When.
+    /// Time of the violation on the run's clock.
     pub at: Time,
-    /// What happened, in a sentence.
+    /// Description of the event, in a sentence.
     pub what: String,
 }
 
@@ -107,20 +108,20 @@ impl fmt::Display for Violation {
     }
 }
 
-/// What a check found.
+/// Result of a check.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CheckReport {
-    /// Events read; the chain is right up to the last of them.
+    /// Number of events read; the hash chain is valid up to the last of them.
     pub events: u64,
-    /// The hash of the last, in hexadecimal.
+    /// Hash of the last event, in hexadecimal.
     pub hash: String,
-    /// Why the run ended, if it ended in order. If not, I6 and open commits are not judged.
+    /// Reason for which the run ended, if it ended in order. If it did not, I6 and open commits are not judged.
     pub ended: Option<String>,
     /// Set if the journal stops in mid-line, as after a crash.
     pub truncated: Option<JournalError>,
-    /// The measured poses beside it.
+    /// Result for the measured configurations beside the journal.
     pub poses: JudgedPoses,
-    /// The files of the run.
+    /// Result for the run's files.
     pub files: JudgedFiles,
     /// Hard contacts, by the rule that applies to each.
     pub hard: HardContactTally,
@@ -128,26 +129,26 @@ pub struct CheckReport {
     pub violations: Vec<Violation>,
 }
 
-/// What became of a run's files since it ended.
+/// State of a run's files compared with their digests from the end of the run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JudgedFiles {
-    /// Files that are as they were when the run ended.
+    /// Number of files that are unchanged since the run ended.
     pub whole: usize,
-    /// What is wrong with others, in words.
+    /// Description of each damaged file.
     pub damage: Vec<String>,
-    /// Why they are not judged, if they are not.
+    /// Reason for which the files are not judged, if they are not.
     pub unjudged: Option<String>,
 }
 
 impl CheckReport {
-    /// Whether something of the record is damaged, which nothing but a crash's unfinished end excuses.
+    /// True if part of the record is damaged; an unfinished end after a crash is not damage.
     pub fn is_damaged(&self) -> bool {
         let torn = !self.poses.wrong.is_empty();
         !self.files.damage.is_empty() || self.poses.is_damaged || torn && self.ended.is_some()
     }
 }
 
-/// Judges the files of a run by the digests that it left when it ended.
+/// Compares the files of a run with the digests that it stored when it ended.
 fn judge_files(path: &Path, dir: &Path, lines: &JournalLines, report: &CheckReport) -> JudgedFiles {
     let unjudged = |why: &str| JudgedFiles { unjudged: Some(why.into()), ..JudgedFiles::default() };
     if report.ended.is_none() {
@@ -171,12 +172,15 @@ fn judge_files(path: &Path, dir: &Path, lines: &JournalLines, report: &CheckRepo
     JudgedFiles { whole, damage, unjudged: None }
 }
 
-/// Verifies the chain of a journal (its file or its run's folder), the invariants, and the run's files if it ended in order.
+/// Verifies the chain of a journal (its file or its run's folder), the invariants, and the run's files if it
+/// ended in order.
 ///
 /// # Errors
-/// If it can't be opened, or is not as it was written. A journal that merely stops in mid-line is reported on.
+/// If it can't be opened, or its hash chain is broken. A journal that merely stops in mid-line is reported in
+/// the result.
 pub fn check(path: &Path) -> Result<CheckReport, JournalError> {
-    let (mut checker, mut merge) = (Checker::default(), Merge::default());
+    let mut checker = Checker::default();
+    let mut merge = Merge::default();
     let mut report = CheckReport::default();
     let dir = if path.is_dir() { path } else { path.parent().unwrap_or(path) };
     let mut lines = read(path)?;
@@ -203,7 +207,7 @@ pub fn check(path: &Path) -> Result<CheckReport, JournalError> {
     Ok(report)
 }
 
-/// Checks events that were kept in memory; line numbers then count events from 1.
+/// Checks events from memory; line numbers then count events from 1.
 pub fn check_events(events: impl IntoIterator<Item = (Time, Arc<Event>)>) -> Vec<Violation> {
     let mut checker = Checker::default();
     for (n, (at, event)) in (0..).zip(events) {
@@ -216,19 +220,20 @@ pub fn check_events(events: impl IntoIterator<Item = (Time, Arc<Event>)>) -> Vec
 trait Invariant: Send {
     /// Takes the next line.
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>);
-    /// Takes a reading of this robot's pose, where there are any: what it finds is put at the line before.
+    /// Takes a configuration reading of this robot, if there are any. A violation is attributed to the line
+    /// before it.
     fn pose(&mut self, _robot: &str, _at: Time, _q: &Pose, _found: &mut Found<'_>) {}
-    /// The readings of this robot that come next are not known.
+    /// Readings of this robot were lost from here on: the previous ones don't connect to the next.
     fn blind(&mut self, _robot: &str) {}
-    /// Whether it waits for something that is still to come.
+    /// True while the invariant waits for an event that is still to come.
     fn waits(&self) -> bool {
         false
     }
-    /// The journal is over, and ended in order.
+    /// The journal is complete, and the run ended in order.
     fn end(&mut self, _found: &mut Found<'_>) {}
 }
 
-/// Where an invariant puts what it finds.
+/// Collects the violations that an invariant finds.
 struct Found<'a> {
     invariant: &'static str,
     line: u64,
@@ -237,19 +242,19 @@ struct Found<'a> {
 }
 
 impl Found<'_> {
-    fn say(&mut self, what: impl Into<String>) {
-        let (invariant, line, at) = (self.invariant, self.line, self.at);
-        self.violations.push(Violation { invariant, line, at, what: what.into() });
+    fn report(&mut self, what: impl Into<String>) {
+        let violation = Violation { invariant: self.invariant, line: self.line, at: self.at, what: what.into() };
+        self.violations.push(violation);
     }
 
-    fn say_all<W: Into<String>>(&mut self, what: impl IntoIterator<Item = W>) {
-        what.into_iter().for_each(|what| self.say(what));
+    fn report_all<W: Into<String>>(&mut self, what: impl IntoIterator<Item = W>) {
+        what.into_iter().for_each(|what| self.report(what));
     }
 }
 
-/// What an invariant knows of each robot, by its name.
+/// State of an invariant per robot, by the robot's name.
 trait PerRobot<R> {
-    /// Changes what is known of a robot, if it is one of the journal's.
+    /// Changes the state of a robot; no-op if the journal has not introduced it.
     fn of(&mut self, robot: &str, change: impl FnOnce(&mut R));
 }
 
@@ -309,28 +314,28 @@ impl Checker {
         }
     }
 
-    /// Readings of the robot of this index were lost: those before say nothing of what comes.
+    /// Readings of the robot with this index were lost: the earlier ones are no evidence for the next.
     pub fn blind(&mut self, robot: usize) {
         let Some(robot) = self.robots.get(robot) else { return };
         self.invariants.iter_mut().for_each(|(_, invariant)| invariant.blind(robot));
     }
 
-    /// Whether progress is still to be shown after a simulation's faults have healed (I15).
+    /// True while progress after a simulation's faults have healed is still to be shown (I15).
     pub fn waits(&self) -> bool {
         self.invariants.iter().any(|(_, invariant)| invariant.waits())
     }
 
-    /// The hard contacts so far.
+    /// Tally of the hard contacts so far.
     pub fn hard_contacts(&self) -> HardContactTally {
         self.hard.tally()
     }
 
-    /// What was found so far.
+    /// Violations found so far.
     pub fn violations(&self) -> &[Violation] {
         &self.violations
     }
 
-    /// Why the run ended, if in order, and everything found, by line.
+    /// Ends the check. Returns the reason for the run's end, if it ended in order, and all violations, by line.
     pub fn end(mut self) -> (Option<String>, Vec<Violation>) {
         let (line, at) = self.last;
         if self.ended.is_some() {
@@ -343,7 +348,7 @@ impl Checker {
     }
 }
 
-/// Whether two poses agree to within `tolerance` per motor, rad.
+/// True if two configurations agree to within `tolerance` per motor, rad.
 fn near(a: &[f64], b: &[f64], tolerance: f64) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= tolerance * (1.0 + 1e-9))
 }

@@ -1,8 +1,8 @@
 //! The runtime: driver, history, supervise, reflex, model, agent and journal as supervised actors.
 //!
-//! The controller's decisions are in `mobee-controller`, the agents' in `mobee-behaviors`; here they get mailboxes ([`shell`]),
-//! connections ([`wiring`]), time and supervision ([`runtime`]), a run around them ([`system`]), its records ([`record`]), and
-//! the checker of these ([`check`]).
+//! `mobee-controller` decides for the controller, and `mobee-behaviors` for the agents. This crate adds
+//! mailboxes ([`shell`]), connections ([`wiring`]), time and supervision ([`runtime`]), runs ([`system`]),
+//! their records ([`record`]), and the checker of these ([`check`]).
 
 #![cfg_attr(
     not(test),

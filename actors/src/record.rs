@@ -1,4 +1,5 @@
-//! What a run leaves behind: taps on threads of their own, the journal, digests of all files, the tracks of poses, and the ring of poses that survives a crash.
+//! Records of a run: taps on their own threads, the journal, digests of all files, the tracks of
+//! configurations, and the configuration ring that survives a crash.
 
 pub mod files;
 pub mod journal;

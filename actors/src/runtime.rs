@@ -1,4 +1,4 @@
-//! What actors run on: time, what they cost, bounded streams, supervision, and the exchange of one part for another.
+//! Services for actors: time, processor load, bounded streams, supervision, and the exchange of parts.
 
 pub(crate) mod attempt;
 pub mod clock;

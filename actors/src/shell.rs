@@ -15,8 +15,8 @@ pub use history::{HistoryActor, HistoryMsg};
 pub use model::ModelActor;
 pub use reflex::ReflexActor;
 pub use sensor::{
-    CameraActor, CameraSetup, DetectorActor, DetectorMsg, Eye, KeptObject, LocatorActor, LocatorMsg, LocatorSetup,
-    PartMaker, Placing, Sensor, SensorSetup, WorldGate, WorldGateSettings,
+    CameraActor, CameraChannel, CameraSetup, DetectorActor, DetectorMsg, KeptObject, LocatorActor, LocatorMsg,
+    LocatorSetup, LocatorSlot, PartMaker, Sensor, SensorSetup, WorldGate, WorldGateSettings,
 };
-pub use service::{GRACE, Post, ServiceActor, ServiceMsg, named_apart};
+pub use service::{GRACE, ServiceActor, ServiceMsg, ServiceSlot, named_apart};
 pub use supervise::SuperviseActor;

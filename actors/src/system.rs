@@ -1,4 +1,4 @@
-//! The whole system: robots, model, agents and script, composed from a [`Setup`], run to its end.
+//! The whole system: robots, model, agents and script, composed from a [`Setup`] and run to its end.
 
 mod exchange;
 mod inject;
@@ -31,38 +31,39 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Makes an agent, at the start and after each of its deaths.
+/// Creates an agent, at the start and after each of its deaths.
 pub type AgentMaker = Arc<dyn Fn() -> Result<Box<dyn Agent>, String> + Send + Sync>;
 
-/// What to run.
+/// Settings of a run.
 pub struct Setup {
     /// The world: its robots, in this order, are those of `robots`.
     pub scene: Scene,
     /// Hardware, controller and agent of each robot.
     pub robots: Vec<RobotSetup>,
-    /// The seed of everything random, for the journal.
+    /// Seed of all random numbers, for the journal.
     pub seed: u64,
-    /// How time passes.
+    /// Kind of the clock.
     pub clock: ClockKind,
-    /// Who is told. The caller finishes them after the run, with the event `Ended`.
+    /// Taps of the run. The caller finishes them after the run, with the event `Ended`.
     pub taps: Taps,
     /// The resolved configuration, for the journal.
     pub config: serde_json::Value,
-    /// Edits of the world that wait for their moment.
+    /// Edits of the world with their triggers.
     pub script: Vec<ScriptStep>,
-    /// What runs beside the safety chain; in virtual time only those that can ([`Service::runs_in_virtual_time`]). While one of them keeps
-    /// the run ([`Service::keeps_run`]), it does not end because all agents are done.
+    /// Services beside the safety chain; in virtual time only those that support it
+    /// ([`Service::runs_in_virtual_time`]). While one of them keeps the run alive ([`Service::keeps_run`]), the
+    /// run does not end because all agents are done.
     pub services: Vec<Arc<dyn Service>>,
-    /// What looks at the world, beside the safety chain.
+    /// Sensors beside the safety chain.
     pub sensors: Vec<SensorSetup>,
-    /// What its simulated cameras see of this run, if it has any.
+    /// Scene that the simulated cameras see, if there are any.
     pub truth: Option<Arc<TruthCell>>,
-    /// What an earlier process of this run left, if it is resumed.
+    /// State from an earlier process of this run, if it is resumed.
     pub past: Option<Past>,
 }
 
 impl Setup {
-    /// Of these robots in virtual time, and of nothing beside them.
+    /// Settings for these robots in virtual time, without services, sensors or a script.
     pub fn in_virtual_time(scene: Scene, robots: Vec<RobotSetup>, seed: u64, taps: Taps) -> Setup {
         Setup {
             scene,
@@ -82,45 +83,45 @@ impl Setup {
 
 /// One robot of a [`Setup`].
 pub struct RobotSetup {
-    /// Its name: the key of all its events. Unique in the setup.
+    /// Name of the robot: the key of all its events. Unique in the setup.
     pub name: String,
-    /// Its board.
+    /// Hardware of the robot.
     pub hardware: Arc<dyn Hardware>,
-    /// Its controller's settings.
+    /// Settings of its controller.
     pub controller: ControllerSettings,
-    /// Its agent, if it has one.
+    /// Creates its agent, if it has one.
     pub agent: Option<AgentMaker>,
-    /// Where it is moved when the run ends in order; `None`: it stops where it is.
+    /// Motion to its rest pose when the run ends in order; `None`: it stops where it is.
     pub rest: Option<RestSetup>,
 }
 
 /// The motion to a robot's rest pose.
 #[derive(Clone)]
 pub struct RestSetup {
-    /// Makes the agent that plans the motion. When it is done, the robot is at its rest pose if the summary has the figure [`RestSetup::REACHED`]
-    /// and that is positive; otherwise the summary's text says why not.
+    /// Creates the agent that plans the motion. When it is done, the robot is at its rest pose if the summary
+    /// has a positive figure [`RestSetup::REACHED`]; otherwise the summary's text gives the reason.
     pub maker: AgentMaker,
-    /// The longest time that the motion may take, plans and retries included.
+    /// Longest duration of the motion, plans and retries included.
     pub within: Duration,
 }
 
 impl RestSetup {
-    /// The name of the figure that counts the goals that were reached.
+    /// Name of the figure that counts the reached goals.
     pub const REACHED: &str = "goals_reached";
 }
 
-/// What a running system can be told.
+/// Request to a running system.
 #[derive(Debug)]
 pub enum Control {
-    /// End in order: motions stop, robots rest, every commit has its outcome (I17).
+    /// End in order: motions stop, robots come to rest, every commit has its outcome (I17).
     Stop,
-    /// End at once: drivers stop the boards, outcomes by the newest readings.
+    /// End at once: drivers stop the boards, and outcomes are given by the newest readings.
     Abort,
     /// Change the world.
     Edit(Edit),
     /// Kill an actor, as a fault would: `model`, `<robot>/driver`, `<robot>/agent` and so on.
     Kill(String),
-    /// Put a fault into the system, or say that all have healed. In runs of [`run_under`] with faults only.
+    /// Inject a fault, or report that all have healed. Only in runs of [`run_under`] with faults.
     Inject(Injection),
     /// Try a robot's failed retreat again.
     Recover(String),
@@ -128,53 +129,54 @@ pub enum Control {
     Halt(String),
     /// Let a halted robot act again.
     Release(String),
-    /// Exchange a robot's agent. Answered once the new one is built and checked, or why not; see [`Event::Swap`] for what
-    /// becomes of it.
+    /// Exchange a robot's agent. The reply comes once the new one is built and checked, or with the reason for
+    /// a refusal; [`Event::Swap`] reports the rest.
     ///
     /// [`Event::Swap`]: mobee_contract::Event::Swap
     SwapAgent {
-        /// Robot.
+        /// Name of the robot.
         robot: String,
         /// The new agent.
         offer: SwapRequest,
-        /// Whether it was taken.
+        /// Port for the verdict.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
-    /// Exchange a robot's controller or driver. Answered at once, whether that is begun; see [`Event::Swap`] for what becomes of it.
+    /// Exchange a robot's controller or driver. The reply comes at once, when the exchange has begun or is
+    /// refused; [`Event::Swap`] reports the rest.
     ///
     /// [`Event::Swap`]: mobee_contract::Event::Swap
     SwapPart {
-        /// Robot.
+        /// Name of the robot.
         robot: String,
         /// The new part.
         offer: PartOffer,
-        /// Whether it was taken.
+        /// Port for the verdict.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
-    /// Exchange a bridge, by its name in the run, or the detector of a camera, by `<sensor>/<camera>`. Answered at once, whether that
-    /// is begun; see [`Event::SwapBeside`] for what becomes of it.
+    /// Exchange a bridge, by its name in the run, or the detector of a camera, by `<sensor>/<camera>`. The
+    /// reply comes at once, when the exchange has begun or is refused; [`Event::SwapBeside`] reports the rest.
     ///
     /// [`Event::SwapBeside`]: mobee_contract::Event::SwapBeside
     SwapBeside {
-        /// Its name.
+        /// Name of the part.
         name: String,
         /// The new part.
         offer: BesideOffer,
-        /// Whether it was taken.
+        /// Port for the verdict.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
-    /// Start a sensor or a service again, by its name: whether it runs, or has used up its restarts.
+    /// Restart a sensor or a service by its name, whether it runs or has used up its restarts.
     Restart {
-        /// Its name.
+        /// Name of the sensor or service.
         name: String,
-        /// Answered once its parts have started, or with the reason why they have not.
+        /// Port for the reply: once its parts have started, or with the reason why they have not.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
-    /// How all is.
+    /// Report the state of the system.
     Status(tokio::sync::oneshot::Sender<SystemReport>),
 }
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunProgress {
     /// Time of the run.
@@ -183,18 +185,18 @@ pub struct RunProgress {
     pub counts: RunCounts,
 }
 
-/// Why a run ended.
+/// Reason for the end of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
     /// All agents are done.
     Done,
-    /// The time limit.
+    /// The time limit was reached.
     Time,
-    /// A stop or an abort.
+    /// It was stopped or aborted.
     Interrupted,
     /// A supervisor used up its restarts.
     GaveUp,
-    /// The journal can't be kept up.
+    /// The journal can't be maintained.
     NoJournal,
 }
 
@@ -210,12 +212,12 @@ impl fmt::Display for Reason {
     }
 }
 
-/// How a run ended.
+/// Result of a run.
 #[derive(Clone, Debug)]
 pub struct RunEnd {
-    /// Why.
+    /// Reason for the end.
     pub reason: Reason,
-    /// When.
+    /// Time of the end on the run's clock.
     pub ended_at: Time,
     /// The counters.
     pub counts: RunCounts,
@@ -225,21 +227,21 @@ pub struct RunEnd {
     pub scene: Arc<Scene>,
 }
 
-/// Why a run could not begin.
+/// Error at the start of a run.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The robots of scene and setup differ.
     #[error("the scene has {scene} robots, the setup {setup}; give each robot of the scene one entry")]
     Robots {
-        /// In the scene.
+        /// Number of robots in the scene.
         scene: usize,
-        /// In the setup.
+        /// Number of robots in the setup.
         setup: usize,
     },
     /// A board and its robot model differ.
     #[error("robot {robot}: the board has {board} motors, its model {model}; use the model of this robot")]
     Board {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
         /// Motors of the board.
         board: usize,
@@ -249,26 +251,26 @@ pub enum RunError {
     /// The board can't be reached.
     #[error("robot {robot}: {fault}; see that it is switched on and connected")]
     Connect {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// Why.
+        /// Fault of the connection.
         fault: String,
     },
-    /// A service can't serve.
+    /// A service can't run.
     #[error("{name}: {why}")]
     Service {
-        /// The service.
+        /// Name of the service.
         name: String,
-        /// Why, with the remedy.
+        /// Reason, with the remedy.
         why: String,
     },
-    /// A service talks to the world outside, which has no virtual time.
+    /// A service communicates with the outside, which has no virtual time.
     #[error("the service {0} can't run in virtual time; set clock = \"real\", or run without it")]
     VirtualService(String),
-    /// A sensor is carried by a robot that there is not.
+    /// A sensor is carried by a robot that does not exist.
     #[error("there is no robot {0} to carry a sensor; name one of the setup")]
     Body(String),
-    /// The system gives no thread, timer or poller, or an actor could not be started.
+    /// The system provides no thread, timer or poller, or an actor could not be started.
     #[error("the system could not be started: {0}")]
     Start(String),
 }

@@ -1,19 +1,19 @@
-//! What connects a robot's actors, and outlives each of them: links, streams, latest values, and the messages that go through
-//! them. Shells and system build on it, and it knows neither.
+//! Connections between a robot's actors, which survive each of them: links, streams, latest values, and the
+//! messages that pass through them. Shells and system build on this module; it depends on neither.
 
 mod counts;
 mod cues;
 mod messages;
-mod seat;
-mod slot;
+mod part_slot;
+mod planner_slot;
 mod trouble;
 mod truth;
 
 pub use counts::{Late, RunCounts};
 pub use cues::{CueTrigger, Cues, ScriptStep};
 pub use messages::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, SuperviseMsg};
-pub use seat::Seat;
-pub use slot::{Maker, PlannerSlot, SwapRequest};
+pub use part_slot::PartSlot;
+pub use planner_slot::{Maker, PlannerSlot, SwapRequest};
 pub(crate) use trouble::Troubled;
 pub use trouble::{Blow, Troubles};
 pub use truth::TruthCell;
@@ -36,22 +36,22 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A latest value. A panic of its writer leaves it readable.
+/// A cell for a latest value. It stays readable after a panic of its writer.
 #[derive(Debug, Default)]
 pub struct LatestCell<T>(Mutex<T>);
 
 impl<T> LatestCell<T> {
-    /// With a first value.
+    /// Creates the cell with a first value.
     pub fn new(value: T) -> LatestCell<T> {
         LatestCell(Mutex::new(value))
     }
-    /// The value, locked for a moment.
+    /// Locks the value; hold the lock only briefly.
     pub fn lock(&self) -> MutexGuard<'_, T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// A line to an actor: stays when the actor dies, and leads to its successor.
+/// A link to an actor. It survives the actor's death and then leads to its successor.
 #[derive(Debug)]
 pub struct ActorLink<M: Message>(LatestCell<Option<ActorRef<M>>>);
 
@@ -62,122 +62,123 @@ impl<M: Message> Default for ActorLink<M> {
 }
 
 impl<M: Message> ActorLink<M> {
-    /// The actor is up.
+    /// Connects an actor that has started.
     pub fn connect(&self, actor: ActorRef<M>) {
         *self.0.lock() = Some(actor);
     }
-    /// Sends; `false` if nobody is there now.
+    /// Sends a message; `false` if there is no actor now.
     pub fn send(&self, message: M) -> bool {
         let actor = self.0.lock().clone();
         actor.is_some_and(|a| a.send_message(message).is_ok())
     }
 }
 
-/// What the actors of one robot share.
+/// Shared state of one robot's actors.
 #[derive(Debug)]
 pub struct RobotContext {
-    /// Its index in the scene.
+    /// Index of the robot in the scene.
     pub robot: usize,
-    /// Its name.
+    /// Name of the robot.
     pub name: String,
-    /// What its controller runs with.
+    /// Settings and parts of its controller.
     pub parts: LatestCell<Parts>,
     /// A new controller or driver on probation.
     pub trial: LatestCell<Probation>,
-    /// The last step of the exchange of each part that was ever exchanged.
+    /// Last step of each part's exchange.
     pub swaps: LatestCell<BTreeMap<SwapPart, SwapStep>>,
-    /// Its gate.
+    /// Gate of its filter.
     pub gate: Arc<Gate>,
-    /// Its ledger.
+    /// Ledger of its transactions.
     pub ledger: Ledger,
-    /// Until when the driver may let the board move, as a time of the run, ns. Only supervise renews it.
+    /// Time of the run until which the driver may let the board move, ns. Only supervise renews it.
     pub lease: AtomicU64,
-    /// What its readers may know.
+    /// Newest state of the robot, for all readers.
     pub latest: LatestCell<Latest>,
-    /// How long its board took to answer of late.
+    /// Recent response times of its board.
     pub answers: LatestCell<Option<AnswerTime>>,
-    /// The hold offset of each motor that has one, by its index, rad.
+    /// Hold offset of each motor that has one, by its index, rad.
     pub hold_offsets: LatestCell<BTreeMap<usize, f64>>,
-    /// The first three links of the pulse; the last is [`SharedContext::to_model`].
+    /// The pulse from the driver to history. The link from history to the model is [`SharedContext::to_model`].
     pub to_history: Stream<Pulse>,
-    /// See above.
+    /// The pulse from the model to the reflex.
     pub to_reflex: Stream<Pulse>,
-    /// See above.
+    /// The pulse from the reflex to supervise.
     pub to_supervise: Stream<Pulse>,
-    /// Lines to its actors.
+    /// Link to the driver.
     pub driver: ActorLink<DriverMsg>,
-    /// See above.
+    /// Link to the reflex.
     pub reflex: ActorLink<ReflexMsg>,
-    /// See above.
+    /// Link to supervise.
     pub supervise: ActorLink<SuperviseMsg>,
-    /// See above.
+    /// Link to the agent.
     pub agent: ActorLink<AgentMsg>,
-    /// The agent's newest state, for a successor.
+    /// Newest state of the agent, for a successor.
     pub snapshot: LatestCell<Option<Snapshot>>,
-    /// Who makes the agent, and how far its exchange is.
+    /// Maker of the agent, and the state of its exchange.
     pub slot: LatestCell<PlannerSlot>,
-    /// The name of the agent's actor.
+    /// Name of the agent's actor.
     pub agent_name: Arc<str>,
-    /// Whether the agent may make motions, or makes way for another.
+    /// True if the agent may make motions; if not, it yields to another client.
     pub agent_acts: AtomicBool,
-    /// Whether there is a failed retreat that can be tried again.
+    /// True if a failed retreat can be tried again.
     pub can_recover: AtomicBool,
-    /// What an earlier process of this run noted of the agent's map.
+    /// Notes on the agent's map from an earlier process of this run.
     pub notes: Vec<Note>,
 }
 
 impl RobotContext {
-    /// Hands a step of a core what the robot's actors share. The ledger is locked meanwhile, for no longer than the step takes.
+    /// Runs a step of a core with the shared state of the robot. The ledger is locked during the step.
     pub fn share<T>(&self, rules: &Rules, shared: &SharedContext, step: impl FnOnce(&mut Shared) -> T) -> T {
         let book = &mut *self.ledger.book();
         step(&mut Shared { rules, gate: &self.gate, book, joint_retreat: &shared.joint_retreat })
     }
 
-    /// Stops the robot until [`RobotContext::release`]. The ledger has it first: from this moment no commit is accepted,
-    /// even if supervise is being restarted.
+    /// Stops the robot until [`RobotContext::release`]. The ledger is set first: from this moment no commit is
+    /// accepted, even if supervise is being restarted.
     pub fn halt(&self) {
         self.ledger.book().halted = true;
         self.supervise.send(SuperviseMsg::Halt);
     }
 
-    /// Lets a halted robot act again; supervise opens its filter by a fresh reading at rest. Whether it was halted.
+    /// Lets a halted robot act again; supervise opens its filter after a fresh reading at rest. Returns true if
+    /// it was halted.
     pub fn release(&self) -> bool {
         let halted = std::mem::take(&mut self.ledger.book().halted);
-        // one that is being restarted begins with what the ledger has
+        // A supervise that is being restarted starts from the ledger.
         self.supervise.send(SuperviseMsg::Release);
         halted
     }
 
-    /// Cancels what an agent has under way, since the agent died. The ledger has it first: a request that the agent sent before,
-    /// and that waits for supervise, is not carried out (I18).
+    /// Cancels the open motion of an agent that died. The ledger is set first: an earlier request of the agent
+    /// that is still queued at supervise is not executed (I18).
     pub fn agent_died(&self, agent: Arc<str>) {
         self.ledger.book().note_agent_death(&agent);
         self.supervise.send(SuperviseMsg::AgentDied(agent));
     }
 
-    /// Its rules now: an exchange of controller or driver brings others.
+    /// Present parameters of its controller; an exchange of controller or driver replaces them.
     pub fn rules(&self) -> Arc<Rules> {
         self.parts.lock().rules.clone()
     }
 }
 
-/// What a robot's controller runs with. Exchanged as a whole, while none of its actors runs.
+/// Settings and parts of a robot's controller. They are exchanged together, while none of its actors runs.
 #[derive(Clone, Debug)]
 pub struct Parts {
-    /// Its controller's settings.
+    /// Settings of the controller.
     pub controller: ControllerSettings,
-    /// Its hardware.
+    /// The robot's hardware.
     pub plug: HardwareHandle,
-    /// What the board can do.
+    /// Description of the board.
     pub board: Board,
-    /// The robot's model.
+    /// Model of the robot.
     pub model: Arc<Robot>,
-    /// What follows from all of these.
+    /// Parameters derived from all of these.
     pub rules: Arc<Rules>,
 }
 
 impl Parts {
-    /// The parts of a robot of this name and model.
+    /// Combines the parts of a robot with this name and model.
     pub fn new(
         robot: &str,
         model: Arc<Robot>,
@@ -191,75 +192,76 @@ impl Parts {
         Parts { controller, plug, board, model, rules }
     }
 
-    /// The same with another controller.
+    /// Returns the same parts with another controller.
     pub fn with_controller(&self, controller: ControllerSettings) -> Parts {
         Parts::new(&self.rules.robot, self.model.clone(), controller, self.plug.clone(), self.board.clone())
     }
 
-    /// The same with another driver of its board.
+    /// Returns the same parts with another driver of the board.
     pub fn with_driver(&self, plug: HardwareHandle, board: Board) -> Parts {
         Parts::new(&self.rules.robot, self.model.clone(), self.controller.clone(), plug, board)
     }
 }
 
-/// The probation of a new controller or driver.
+/// Probation of a new controller or driver.
 #[derive(Debug, Default)]
 pub struct Probation {
-    /// Whether one is being exchanged.
+    /// True if an exchange is under way.
     pub busy: bool,
-    /// What to return to, while the new part is on probation.
+    /// Previous parts, while the new part is on probation.
     pub old: Option<Parts>,
-    /// Why the old parts were put back, and those that broke.
+    /// Reason for which the old parts were put back, and the parts that failed.
     pub broke: Option<(String, Parts)>,
 }
 
-/// What all robots share.
+/// Shared state of all robots.
 #[derive(Debug)]
 pub struct SharedContext {
-    /// The robots' contexts, in the scene's order.
+    /// Contexts of the robots, in the scene's order.
     pub robots: Vec<Arc<RobotContext>>,
-    /// The scene now.
+    /// The present scene of the model.
     pub scene: LatestCell<Arc<Scene>>,
-    /// What simulated cameras see: the scene as scripts and programs have made it, whatever the sensors believe.
+    /// Scene that simulated cameras see: it includes all edits of scripts and programs, whether or not a sensor
+    /// has seen them.
     pub truth: LatestCell<Arc<Scene>>,
-    /// The objects that sensors with simulated cameras keep.
+    /// Objects that sensors with simulated cameras track.
     pub looked_at: BTreeSet<String>,
-    /// How the objects that sensors keep were seen, sensor by sensor in the order of their names.
+    /// State of the objects that sensors track, by the sensors' names.
     pub seen: LatestCell<BTreeMap<String, Vec<SeenObject>>>,
-    /// Robots that go back together.
+    /// Joint retreats of several robots.
     pub joint_retreat: Arc<JointRetreat>,
-    /// The pulse of all robots into the model.
+    /// The pulse of all robots from history to the model.
     pub to_model: Stream<(usize, Pulse)>,
-    /// The line to the model.
+    /// Link to the model.
     pub model: ActorLink<ModelMsg>,
-    /// The clock.
+    /// Clock of the run.
     pub clock: Clock,
-    /// Who is told.
+    /// Taps of the run.
     pub taps: Taps,
-    /// What is counted.
+    /// Counters of the run.
     pub counts: LatestCell<RunCounts>,
-    /// The last step of the exchange of each part beside the robots that was ever exchanged, by the name of what it is a part of.
+    /// Last step of each exchange beside the robots, by the name of the owner and the part.
     pub swaps_beside: LatestCell<BTreeMap<(String, SwapPart), SwapStep>>,
-    /// When the last step of each exchange was taken, by the name of what the part is a part of.
+    /// Time of the last step of each exchange, by the name of the owner and the part.
     pub swapped_at: LatestCell<BTreeMap<(String, SwapPart), Time>>,
-    /// Edits that wait for their moment.
+    /// Edits that wait for their trigger.
     pub cues: LatestCell<Cues>,
-    /// What is planned for its actors, in a simulation with faults.
+    /// Faults that are planned for its actors, in a simulation with faults.
     pub troubles: Option<Troubles>,
-    /// How much its actors work; by a real clock.
+    /// Processor time of its actors; with a real clock only.
     pub loads: Option<Loads>,
     /// An empty list of contacts, shared.
     pub none: Arc<[Contact]>,
 }
 
 impl SharedContext {
-    /// The motors of a robot that brought together what touches.
+    /// Motors of a robot whose motion can have caused these contacts.
     pub fn movers(&self, contacts: &[Contact], robot: usize) -> BTreeSet<usize> {
         let scene = self.scene.lock().clone();
         contacts.iter().flat_map(|contact| contact.movers(scene.robots(), robot)).collect()
     }
 
-    /// What a robot's planner may know now.
+    /// Present view for a robot's planner.
     pub fn view(&self, context: &RobotContext) -> View {
         let latest = context.latest.lock().clone();
         let rules = context.rules();
@@ -275,52 +277,55 @@ impl SharedContext {
         }
     }
 
-    /// Tells and counts an event.
-    pub fn tell(&self, event: Event) {
+    /// Emits and counts an event.
+    pub fn emit(&self, event: Event) {
         self.counts.lock().note(&event);
         self.taps.event(self.clock.now(), event);
     }
 
-    /// Notes that a sensor or service has used up its restarts: the run goes on without it.
+    /// Records that a sensor or service has used up its restarts: the run continues without it.
     pub fn give_up_beside(&self, name: &str, why: String) {
         let mut counts = self.counts.lock();
         counts.gave_up += 1;
         counts.down.insert(name.to_owned(), why);
     }
 
-    /// The two shapes of a pair in words.
+    /// Names of the two shapes of a pair.
     pub fn names(&self, pair: Pair) -> (String, String) {
         let scene = self.scene.lock().clone();
         (scene.shape_name(pair.0), scene.shape_name(pair.1))
     }
 
-    /// An actor of a robot's controller died: close the filter, and leave word for supervise.
+    /// Closes the filter after the death of an actor of a robot's controller, and leaves the cause in the
+    /// ledger for supervise.
     pub fn fence(&self, context: &RobotContext, actor: &str) {
         let token = context.gate.close();
         context.ledger.book().died = Some(actor.to_string());
-        let (robot, cause) = (context.name.clone(), mobee_contract::Cause::ActorDied(actor.to_string()));
-        self.tell(Event::Disabled { robot, token, cause });
+        let robot = context.name.clone();
+        let cause = mobee_contract::Cause::ActorDied(actor.to_string());
+        self.emit(Event::Disabled { robot, token, cause });
     }
 
-    /// Tells a step of an exchange, and keeps it for whoever asks.
-    pub fn tell_swap(&self, context: &RobotContext, part: SwapPart, step: SwapStep) {
+    /// Emits a step of an exchange, and stores it for status reports.
+    pub fn report_swap(&self, context: &RobotContext, part: SwapPart, step: SwapStep) {
         let robot = context.name.clone();
         tracing::info!(robot, "swap of the {part}: {step}");
         context.swaps.lock().insert(part, step.clone());
         self.swapped_at.lock().insert((robot.clone(), part), self.clock.now());
-        self.tell(Event::Swap { robot, part, step });
+        self.emit(Event::Swap { robot, part, step });
     }
 
-    /// The same for a part that runs beside the robots.
-    pub fn tell_beside(&self, name: &str, part: SwapPart, step: SwapStep) {
+    /// The same for a part beside the robots.
+    pub fn report_swap_beside(&self, name: &str, part: SwapPart, step: SwapStep) {
         tracing::info!(name, "swap of the {part}: {step}");
         let name = name.to_owned();
         self.swaps_beside.lock().insert((name.clone(), part), step.clone());
         self.swapped_at.lock().insert((name.clone(), part), self.clock.now());
-        self.tell(Event::SwapBeside { name, part, step });
+        self.emit(Event::SwapBeside { name, part, step });
     }
 
-    /// Puts other parts into a robot's controller, for the actors that are started from now on, and returns the ones before.
+    /// Replaces the parts of a robot's controller, for the actors that are started from now on, and returns the
+    /// previous ones.
     pub fn install(&self, context: &RobotContext, parts: Parts) -> Parts {
         context.ledger.book().history.resize(parts.controller.history);
         let before = std::mem::replace(&mut *context.parts.lock(), parts);
@@ -332,11 +337,11 @@ impl SharedContext {
     /// Emits the events that describe the parts which a robot's controller is started with.
     pub fn describe(&self, context: &RobotContext) {
         let parts = context.parts.lock().clone();
-        parts.rules.described(&parts.model).into_iter().for_each(|event| self.tell(event));
+        parts.rules.described(&parts.model).into_iter().for_each(|event| self.emit(event));
     }
 
-    /// A part of a robot's controller died: if a new one is on probation, that counts against it, and whoever is started
-    /// from now on is started with the old parts. Returns whether they were put back now.
+    /// Counts a death in a robot's controller against a new part on probation: actors that are started from now
+    /// on use the old parts. Returns true if the old parts were put back now.
     pub fn count_against(&self, context: &RobotContext, why: &str) -> bool {
         let Some(old) = context.trial.lock().old.take() else { return false };
         let broken = self.install(context, old);
@@ -345,7 +350,7 @@ impl SharedContext {
     }
 }
 
-/// A robot's hardware, as its driver actor connects to it.
+/// Hardware of a robot, for its driver actor.
 #[derive(Clone)]
 pub struct HardwareHandle(pub Arc<dyn Hardware>);
 

@@ -1,5 +1,5 @@
-//! What a detector costs, processor time of one core: a frame of 320x240 pixels with each kind, and programs of 20 active nodes
-//! on pictures of 160x120, as evolution draws them.
+//! Cost of detectors, in processor time of one core: a frame of 320x240 pixels with each kind, and
+//! programs of 20 active nodes on images of 160x120, as drawn by evolution.
 //!
 //! ```text
 //! cargo bench -p mobee-behaviors --bench detectors
@@ -27,14 +27,14 @@ use std::cell::RefCell;
 use std::time::Instant;
 use written::{Graph, constant, input, node};
 
-/// Frames, and programs.
+/// Numbers of frames, and of programs.
 const ROUNDS: usize = 41;
-/// Each is looked at so often in a row: the processor's time is told in steps of milliseconds.
+/// Number of repetitions of each: processor time is counted in milliseconds.
 const AT_ONCE: u32 = 25;
-/// Of each evolution.
+/// Number of generations of each evolution.
 const GENERATIONS: u32 = 20;
 
-/// An orange disk that wanders over noise.
+/// Creates images of an orange disk that moves over noise.
 fn picture(i: usize, rng: &mut ChaCha8Rng) -> LabeledPicture {
     let (width, height) = (320usize, 240usize);
     let near = |x: usize, y: usize| (x as f64 - 60.0 - 20.0 * i as f64).hypot(y as f64 - 120.0) < 40.0;
@@ -82,7 +82,7 @@ fn main() {
     report("20-node programs, 160x120", &times);
     println!("programs times frames per second, mean over programs: {:.0}", 1.0 / mean);
 
-    // what children have in common with their parent is not run again
+    // Nodes that a child shares with its parent are not run again.
     let mask = Mask::at_least(&inputs[0], 140.0);
     let mut children = Vec::new();
     for seed in 0..5 {
@@ -91,14 +91,14 @@ fn main() {
         let mut evolution = Evolution::resume(vec![inputs.clone(); 8], vec![mask.clone(); 8], state);
         let begin = processor_time(clock);
         (0..GENERATIONS).for_each(|_| evolution.advance());
-        // four islands of four children each, bred on six of the eight pictures
+        // Four islands of four children each, bred on six of the eight images.
         children.push(f64::from(GENERATIONS * 4 * 4 * 6) / (processor_time(clock) - begin));
     }
     let mean = children.iter().sum::<f64>() / children.len() as f64;
     println!("children of such programs times frames per second, mean over evolutions: {mean:.0}");
 }
 
-/// What a frame costs by the wall's clock: a process has a processor's time of its own.
+/// Measures the cost of a frame by wall clock: the network's process has its own processor time.
 fn networks(place: &str, picture: &Picture, clock: Instant) {
     for size in [[160, 120], [320, 240]] {
         let (mut detector, frame) = (network(size), frame(picture));
@@ -113,7 +113,7 @@ fn networks(place: &str, picture: &Picture, clock: Instant) {
     }
 }
 
-/// The same with four tags in it.
+/// The same with four tags in the image.
 fn tags(background: &Picture) -> Picture {
     let mut picture = background.clone();
     for (id, [left, top]) in [(1, [10, 10]), (2, [200, 20]), (3, [40, 150]), (4, [220, 150])] {
@@ -132,7 +132,8 @@ fn frame(picture: &Picture) -> Frame {
     Frame { exposed: Time::ZERO, intrinsics, pixels: picture.rgb.clone().into() }
 }
 
-/// Three convolutions of 3x3 pixels with 16 channels between them, which sum up to how red a pixel is.
+/// Creates three convolutions of 3x3 pixels with 16 channels in between, which sum to the redness
+/// of a pixel.
 fn network(size: [u64; 2]) -> OnnxDetector {
     let pads: &[(&str, &[u64])] = &[("pads", &[1, 1, 1, 1]), ("strides", &[1, 1]), ("dilations", &[1, 1])];
     let layer = |name: &str, to: usize, from: usize, weight: &dyn Fn(usize) -> f32| {
@@ -166,14 +167,14 @@ fn look_times(file: &DetectorFile, picture: &Picture, clock: Instant) -> Vec<f64
     (0..ROUNDS).map(|_| time_of(clock, || file.look(picture))).collect()
 }
 
-/// Seconds of the processor that a task takes, the mean of a few.
+/// Returns the processor time of a task, seconds, averaged over a few runs.
 fn time_of<T>(clock: Instant, task: impl Fn() -> T) -> f64 {
     let begin = processor_time(clock);
     (0..AT_ONCE).for_each(|_| drop(std::hint::black_box(task())));
     (processor_time(clock) - begin) / f64::from(AT_ONCE)
 }
 
-/// A program of random functions, each of which needs the one before it.
+/// Creates a program of random functions, each of which depends on the previous one.
 fn chain(rng: &mut ChaCha8Rng) -> ImageProgram {
     let node = |i: usize| {
         let op = if i == 0 { Op::Input } else { ALL_OPS[rng.random_range(3..ALL_OPS.len())] };

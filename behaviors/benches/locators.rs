@@ -1,6 +1,8 @@
-//! How good each kind is at recorded places that it has not learned (five parts of the places, each judged by what learned the other
-//! four); how near a calibrated head comes to what can be known, and what it costs: 200 simulated heads that learn from 100 views each, 15 % of which
-//! show something else; jumps of encoders; time of a localization and of a fit, one core.
+//! Accuracy of each kind at recorded positions that it was not trained on (five parts of the
+//! positions, each evaluated by a model trained on the other four); distance of a calibrated head
+//! from the information bound, and its cost: 200 simulated heads, each trained on 100 views, of
+//! which 15 % show something else; jumps of encoders; time of a localization and of a fit, one
+//! core.
 //!
 //! ```text
 //! cargo bench -p mobee-behaviors --bench locators
@@ -24,11 +26,11 @@ use mobee_behaviors::locators::view::KnownView;
 use simulated_head::{SimulatedHead, learn, mean_square};
 use std::path::Path;
 
-/// Heads, and what each learns from.
+/// Number of heads, and of training views of each.
 const WORLDS: u64 = 200;
 const VIEWS: usize = 100;
 
-/// The recorded views, if they are there, each kind judged by whole places left out.
+/// Evaluates each kind on the recorded views, if they exist, with whole positions held out.
 fn recorded(name: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/vision/locator").join(name);
     let Ok(text) = std::fs::read_to_string(&path) else {

@@ -1,9 +1,11 @@
-//! Nearest neighbors beside kiddo, A* beside petgraph, RRT-Connect on certified edges: `cargo bench -p mobee-behaviors --bench planning`.
+//! Nearest neighbors compared with kiddo, A* with petgraph, and RRT-Connect on certified edges:
+//! `cargo bench -p mobee-behaviors --bench planning`.
 //!
-//! Rounds are interleaved, ratios come first. What takes milliseconds is measured in processor time, what takes less by the least of
-//! three runs: others on the machine make those longer, and never shorter. `-- knn`, `-- search` or `-- rrt` runs one part;
-//! `MOBEE_QUERIES` sets how many queries RRT-Connect is asked (1,000), and `MOBEE_PEER` names the command of somebody else's that is
-//! asked the same: see `benches/peers/README.md`.
+//! Rounds are interleaved, and ratios are printed first. Tasks of milliseconds are measured in
+//! processor time, shorter ones by the least of three wall-clock times, because other load can only
+//! lengthen them. `-- knn`, `-- search` or `-- rrt` runs one part; `MOBEE_QUERIES` sets the number
+//! of RRT-Connect queries (1,000), and `MOBEE_PEER` is the command of another planner that solves
+//! the same queries: see `benches/peers/README.md`.
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
 #[path = "../../model/fast/benches/measure/mod.rs"]
@@ -32,12 +34,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Vertices of the maps, and neighbors of each.
+/// Numbers of vertices of the maps, and of neighbors of each.
 const POINTS: usize = 5000;
 const K: usize = 8;
-/// Rounds; the median is reported.
+/// Number of rounds; the median is reported.
 const ROUNDS: usize = 5;
-/// What planners keep from everything, meters.
+/// Clearance of the planners, meters.
 const CLEARANCE: f64 = 0.012;
 
 fn main() {
@@ -106,7 +108,7 @@ fn knn<const N: usize>() {
     println!("{N:>4}  {:>13.1}x  {all:>8.1}  {each:>10.1}  {kiddo:>8.1}", kiddo / all);
 }
 
-/// A robot of so many motors and nothing else.
+/// Creates a robot with this number of motors and nothing else.
 fn motors(count: usize) -> Robot {
     let mut robot = load_robot(root().join("configs/robots/icub.xml")).expect("a robot").value;
     let motor = robot.motors[0].clone();
@@ -169,17 +171,17 @@ fn robot(file: &str) -> Arc<Robot> {
 }
 
 fn object(name: String, shape: Shape, at: Vector3<f64>) -> Object {
-    // posts stand: cylinders lie along y
+    // The posts are upright: cylinders are aligned with the y axis.
     let upright = Isometry3::rotation(Vector3::x() * FRAC_PI_2);
     let shapes = vec![Primitive { shape, pose: upright }];
     let pose = Isometry3::translation(at.x, at.y, at.z);
     Object { name, class: ObjectClass::Obstacle, persistent: false, pose, shapes, color: None }
 }
 
-/// A scene, and the motors that are planned for.
+/// A scene, and the motors of the planner.
 type Setting = (Scene, Vec<usize>);
 
-/// The table of the ball experiment with twenty balls and posts on it.
+/// Creates the table of the ball experiment with twenty balls and posts on it.
 fn icub() -> Setting {
     let robot = robot("icub.xml");
     let world = load_world(root().join("configs/worlds/ball.xml")).expect("a world").value;
@@ -286,7 +288,7 @@ fn rrt(name: &str, (scene, motors): Setting) {
     );
 }
 
-/// What the peer takes for each query that it solves, ms of processor time: none if there is no peer.
+/// Returns the peer's processor time, ms, for each query that it solves; empty without a peer.
 fn peers_times(scene: &Scene, motors: &[usize], queries: &[(Vec<f64>, Vec<f64>)]) -> Vec<f64> {
     let Ok(command) = std::env::var("MOBEE_PEER") else { return Vec::new() };
     let robot = &scene.robots()[0];
@@ -301,7 +303,8 @@ fn peers_times(scene: &Scene, motors: &[usize], queries: &[(Vec<f64>, Vec<f64>)]
     Peer::start(&words, &folder).ask().into_iter().filter(|ms| *ms >= 0.0).collect()
 }
 
-/// Wall clock of the quickest of three runs, seconds: processor time is only counted in milliseconds.
+/// Returns the least wall-clock time of three runs, seconds: processor time is counted in
+/// milliseconds only.
 fn least(mut run: impl FnMut()) -> f64 {
     let once = |_| {
         let start = Instant::now();
@@ -311,7 +314,7 @@ fn least(mut run: impl FnMut()) -> f64 {
     (0..3).map(once).fold(f64::INFINITY, f64::min)
 }
 
-/// Processor time that something takes, seconds.
+/// Returns the processor time of a task, seconds.
 fn seconds(run: impl FnOnce()) -> f64 {
     let start = Instant::now();
     let begin = processor_time(start);

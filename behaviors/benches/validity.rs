@@ -1,19 +1,22 @@
-//! A map kept true to a world that changes: 5,000 poses of torso and right arm over a table, each joined with its eight nearest, among
-//! 20 obstacles, of which one at a time is moved. Processor time of one core, in interleaved rounds:
+//! Updates of a map in a changing world: 5,000 poses of torso and right arm over a table, each
+//! joined to its eight nearest, among 20 obstacles, of which one at a time is moved. Processor time
+//! of one core, in interleaved rounds:
 //!
-//! * *from nothing*: a layer that knows nothing certifies every edge (what a new world costs without memory),
-//! * *one object moved*: the layer looks at the new world; beside that, the same object certified against all edges without the
-//!   index, and what of it is compiling,
-//! * *the map*: the same through the validator, with the roadmap's edges taken out and put back, and the notes of it,
-//! * *lazy*: a way between two random vertices, planned anew until all its edges are certified (`validation = "lazy"`), by wall
-//!   clock, which counts finer: in a world at rest, at first with nothing certified, and then with an object moved before each.
+//! * *from nothing*: an empty layer certifies every edge (the cost of a new world without memory),
+//! * *one object moved*: the layer is updated to the new world; for comparison, the same object is
+//!   certified against all edges without the index; and the part of it spent on compiling,
+//! * *the map*: the same through the validator, with the roadmap's edges removed and restored, and
+//!   their notes,
+//! * *lazy*: a path between two random vertices, replanned until all its edges are certified
+//!   (`validation = "lazy"`), by wall clock, which has a finer resolution: in a world at rest, at
+//!   first without certificates, and then with an object moved before each.
 //!
 //! ```text
 //! cargo bench -p mobee-behaviors --bench validity
 //! ```
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
-#[allow(dead_code)] // it serves another benchmark, too
+#[allow(dead_code)] // shared with another benchmark
 #[path = "../../model/fast/benches/map/mod.rs"]
 mod map;
 #[path = "../../model/fast/benches/measure/mod.rs"]
@@ -32,13 +35,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Moves of one object.
+/// Number of moves of one object.
 const MOVES: usize = 200;
-/// Ways that are asked for.
+/// Number of planned paths.
 const QUERIES: usize = 500;
-/// Rounds of what takes long.
+/// Number of rounds of long tasks.
 const ROUNDS: usize = 5;
-/// As a run with the usual margin has it, meters.
+/// Clearance of a run with the usual margin, meters.
 const CLEARANCE: f64 = 0.012;
 
 fn main() {
@@ -118,7 +121,7 @@ fn roadmap(poses: &Map) -> Roadmap {
     map
 }
 
-/// Ways whose edges are certified as they are planned.
+/// Plans paths with edges that are certified during planning.
 fn lazy(poses: &Map, dice: &mut Dice, mut scene: Arc<Scene>) {
     let mut map = roadmap(poses);
     let mut validator = Validator::new(Validation::Lazy, map.motors());
@@ -167,7 +170,8 @@ fn is_free(layer: &Validity, a: usize, b: usize) -> bool {
     layer.verdict(edge_between(a as u32, b as u32)) == Some(&EdgeVerdict::Free)
 }
 
-/// One of the obstacles is put elsewhere, where it touches some poses, but at most a twenty-fifth: as those of the map are put.
+/// Moves one of the obstacles to a position at which it touches some poses, but at most a
+/// twenty-fifth of them, as on the map's creation.
 fn jump(dice: &mut Dice, poses: &Map, scene: &Scene) -> Scene {
     let number = (20.0 * dice.roll()) as u32;
     let all: Vec<f64> = poses.poses.iter().flatten().copied().collect();
@@ -198,14 +202,14 @@ fn view(scene: &Arc<Scene>) -> View {
     }
 }
 
-/// What it answers, and its processor time in seconds.
+/// Returns the result of a task, and its processor time in seconds.
 fn timed<T>(clock: Instant, run: impl FnOnce() -> T) -> (T, f64) {
     let begin = processor_time(clock);
     let answer = run();
     (answer, processor_time(clock) - begin)
 }
 
-/// Prints times; answers the median.
+/// Prints times; returns the median.
 fn report(what: &str, times: Vec<f64>) -> f64 {
     let times = sorted(times);
     let at = |share: f64| 1e3 * times[((times.len() - 1) as f64 * share) as usize];

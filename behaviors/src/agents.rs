@@ -1,4 +1,5 @@
-//! The agents, each registered under its name, so that a config file can say `kind = "explorer"`.
+//! The agents, each registered under the name that a configuration file gives as its `kind`, such
+//! as `"explorer"`.
 
 mod explorer;
 mod jog;
@@ -27,11 +28,11 @@ use rand_chacha::ChaCha8Rng;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// The state within a snapshot of this kind and version.
+/// Deserializes the state of a snapshot of this kind and version.
 fn open<T: DeserializeOwned>(from: &Snapshot, kind: &str, version: u32) -> Result<T, Refusal> {
     if from.kind != kind || from.version != version {
-        let (k, v) = (&from.kind, from.version);
-        let what = format!("it is of kind {k:?} version {v}, and this agent takes {kind:?} version {version}");
+        let found = format!("it is of kind {:?} version {}", from.kind, from.version);
+        let what = format!("{found}, and this agent takes {kind:?} version {version}");
         return Err(Refusal::State { what });
     }
     settings(&from.state).map_err(crate::group::state)
@@ -42,7 +43,7 @@ fn seal<T: Serialize>(kind: &str, version: u32, state: &T) -> Snapshot {
     Snapshot { kind: kind.to_owned(), version, state }
 }
 
-/// Where a generator of random numbers stands.
+/// Seed and position of a random number generator: enough to resume it from a snapshot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Dice {

@@ -1,17 +1,19 @@
-//! Detectors: those that learn from pictures with masks where in a frame is the one object that they know; printed tags ([`tag`]); and
-//! networks of others ([`onnx`]).
+//! Detectors: those trained on images with masks, each of which finds one object; printed tags
+//! ([`tag`]); and imported networks ([`onnx`]).
 //!
 //! ```text
 //! NAME.jpg, NAME_mask.png ──read_folder──> LabeledPicture ──train──> DetectorFile (JSON) ──> LearnedDetector: Frame ──> regions
 //!
-//! picture ──shrunk──> color likelihood ──(cgp: + features ──> network; + channels ──> program)──> smoothed ──> threshold, opening,
-//!                                                                            connected components ──> mask, Blob
+//! image ──shrunk──> color likelihood ──(cgp: + features ──> network; + channels ──> program)──> smoothed ──> threshold, opening,
+//!                                                                          connected components ──> mask, Blob
 //! ```
 //!
-//! The kind `color` knows how likely each color is the object's. The kind `cgp` adds what a small network makes of the
-//! surroundings of each pixel, and an evolved image program ([`cgp`]) that sees both beside the colors.
+//! The kind `color` uses the likelihood of each color. The kind `cgp` adds the output of a small
+//! network on the surroundings of each pixel, and an evolved image program ([`cgp`]). Its
+//! inputs are the color channels and both of these.
 //!
-//! A single object is looked for, and nothing about *where* in a picture it was is learned: later frames show it elsewhere.
+//! Each detector finds a single object. No position in the image is ever a feature: in later frames
+//! the object is elsewhere.
 
 pub mod cgp;
 pub mod color;

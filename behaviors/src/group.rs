@@ -1,15 +1,17 @@
-//! A group of a robot's motors as users name it: parts, motors, poses in degrees, with errors that say where and what to do.
+//! A group of a robot's motors in settings: parts, motors, poses in degrees, with errors that name
+//! the place and the remedy.
 
 use mobee_contract::{Axis, KindError, Refusal, View, suggestion};
 use mobee_model::{Robot, ShapeId};
 use nalgebra::{Unit, Vector3};
 use std::collections::BTreeMap;
 
-/// Part and motor names to motor indices, in the robot's order. A part stands for all of its motors; a name that a motor and a part
-/// have is the motor's, as only a part can be named in another way: by its motors.
+/// Resolves part and motor names to motor indices, in the robot's order. A part stands for all of
+/// its motors. A name of both a motor and a part denotes the motor, because the part can also be
+/// given by its motors.
 ///
 /// # Errors
-/// Unknown names, a motor named twice, or no name at all.
+/// Unknown names, a motor named twice, or an empty list.
 pub fn motors(path: &str, names: &[String], robot: &Robot) -> Result<Vec<usize>, KindError> {
     let mut group: Vec<usize> = Vec::new();
     KindError::gather(names.iter().enumerate().map(|(i, name)| {
@@ -35,7 +37,7 @@ pub fn motors(path: &str, names: &[String], robot: &Robot) -> Result<Vec<usize>,
     Ok(group)
 }
 
-/// The index of a motor.
+/// Returns the index of a motor.
 ///
 /// # Errors
 /// An unknown name, with the most similar known one.
@@ -48,7 +50,7 @@ pub fn motor(path: &str, name: &str, robot: &Robot) -> Result<usize, KindError> 
     })
 }
 
-/// The index of the marker of this name, if one is named.
+/// Returns the index of the marker of this name, if one is named.
 ///
 /// # Errors
 /// An unknown name, with the most similar known one.
@@ -62,7 +64,8 @@ pub fn marker(path: &str, name: Option<&str>, robot: &Robot) -> Result<Option<us
     })
 }
 
-/// A table of motor positions in degrees (millimeters of motors that slide) to (motor, rad), in the robot's order.
+/// Converts a table of motor positions in degrees (millimeters for prismatic joints) to (motor,
+/// rad), in the robot's order.
 ///
 /// # Errors
 /// An unknown motor, a position that is not finite or outside the motor's limits, an empty table.
@@ -79,7 +82,8 @@ pub fn positions(path: &str, q_deg: &BTreeMap<String, f64>, robot: &Robot) -> Re
     Ok(all)
 }
 
-/// A position in degrees (millimeters of a motor that slides) to rad, within the limits of its motor (rounding of a millionth of a radian is forgiven).
+/// Converts a position in degrees (millimeters for prismatic joints) to rad within the limits of
+/// its motor; excess up to 1e-6 rad counts as rounding.
 ///
 /// # Errors
 /// A position that is not finite, or outside the limits.
@@ -97,8 +101,9 @@ pub fn within_limits(path: &str, index: usize, deg: f64, robot: &Robot) -> Resul
     }
 }
 
-/// Ranges in degrees (millimeters of motors that slide) by motor to (motor, min, max) in rad for each motor of a group, in its order:
-/// its limits if none is given, or one turn of a motor that has no end.
+/// Converts ranges in degrees (millimeters for prismatic joints) by motor to (motor, min, max) in
+/// rad for each motor of a group, in its order. Motors without a range get their limits, continuous
+/// joints one turn.
 ///
 /// # Errors
 /// An unknown motor or one outside the group, a reversed range, a position outside the motor's limits.
@@ -128,12 +133,12 @@ pub fn ranges(
     Ok(motors.iter().filter_map(range).collect())
 }
 
-/// What a board allows of a range, rad: robots may have narrower limits than their model.
+/// Clamps a range to the board's limits, rad: robots may have narrower limits than their model.
 pub fn allowed((min, max): (f64, f64), axis: Option<&Axis>) -> (f64, f64) {
     axis.map_or((min, max), |axis| (min.clamp(axis.min, axis.max), max.clamp(axis.min, axis.max)))
 }
 
-/// Checks a share of the greatest speed.
+/// Checks a share of the maximum speed.
 ///
 /// # Errors
 /// Anything but a number above 0 and up to 1.
@@ -156,7 +161,7 @@ pub fn seconds(path: &str, s: f64) -> Result<std::time::Duration, KindError> {
     Err(KindError::new(path, format!("{s} is not a valid waiting time"), "give seconds, 0 or more"))
 }
 
-/// Checks a distance in degrees at which a pose counts as reached; answers rad.
+/// Checks the distance in degrees at which a pose counts as reached; returns rad.
 ///
 /// # Errors
 /// Anything but a number above 0 and up to 10.
@@ -171,7 +176,7 @@ pub fn tolerance(path: &str, deg: f64) -> Result<f64, KindError> {
     ))
 }
 
-/// A direction that has a length, as a unit vector.
+/// Normalizes a direction.
 ///
 /// # Errors
 /// Numbers that are not finite, or all zero.
@@ -182,7 +187,7 @@ pub fn direction(path: &str, v: [f64; 3]) -> Result<Unit<Vector3<f64>>, KindErro
         .ok_or_else(|| KindError::new(path, "this direction has no length", "give a vector, such as [0, 0, -1]"))
 }
 
-/// A whole pose with these motors at `q`.
+/// Returns a whole configuration with these motors at `q`.
 pub fn whole(motors: &[usize], pose: &[f64], q: &[f64]) -> Vec<f64> {
     let mut pose = pose.to_vec();
     for (motor, q) in motors.iter().zip(q) {
@@ -193,18 +198,18 @@ pub fn whole(motors: &[usize], pose: &[f64], q: &[f64]) -> Vec<f64> {
     pose
 }
 
-/// A robot's home pose, rad.
+/// Returns a robot's home configuration, rad.
 pub fn home(robot: &Robot) -> Vec<f64> {
     robot.motors.iter().map(|m| m.home).collect()
 }
 
-/// An example of a setting `motors`: the robot's first part that has any.
+/// Returns an example for the setting `motors`: the robot's first part with motors.
 pub fn example_part(robot: &Robot) -> Option<&mobee_model::Part> {
     robot.parts.iter().find(|p| !p.motors.is_empty())
 }
 
-/// An example of a pose in degrees: one motor of [`example_part`] turned by this share of its way from home to its farther
-/// limit, at most 20 degrees.
+/// Returns an example of a pose in degrees: one motor of [`example_part`], moved by this share of
+/// the distance from home to its farther limit, at most 20 degrees.
 pub fn example_pose(robot: &Robot, share: f64) -> BTreeMap<String, f64> {
     let motors = example_part(robot).map(|p| p.motors.clone()).unwrap_or_default();
     let first = robot.motors.get(motors).and_then(<[_]>::first);
@@ -218,8 +223,9 @@ pub fn example_pose(robot: &Robot, share: f64) -> BTreeMap<String, f64> {
     first.map(|m| (m.name.clone(), turned(m))).into_iter().collect()
 }
 
-/// The marker that stands for the group's hand: the one with most of the group's joints above it, and of those the one
-/// nearest the root, so that a palm is chosen before a fingertip. An index into `Robot::markers`.
+/// Chooses the marker that represents the group's hand, an index into `Robot::markers`: the one
+/// with most of the group's joints above it, and of those the one nearest the root, so that a palm
+/// is preferred to a fingertip.
 pub fn hand(robot: &Robot, group: &[usize]) -> Option<usize> {
     let rank = |node: usize| {
         let moved = movers(robot, node).filter(|motor| group.contains(motor)).count();
@@ -229,7 +235,8 @@ pub fn hand(robot: &Robot, group: &[usize]) -> Option<usize> {
     ranked.min_by_key(|((moved, depth), i)| (std::cmp::Reverse(*moved), *depth, *i)).map(|(_, i)| i)
 }
 
-/// The motors that move a node (an index into `Robot::nodes`), such as a marker's, the nearest first.
+/// Returns the motors that move a node (an index into `Robot::nodes`), such as a marker's, nearest
+/// first.
 pub fn movers(robot: &Robot, node: usize) -> impl Iterator<Item = usize> {
     let motor = |node: &mobee_model::Node| match node.kind {
         mobee_model::NodeKind::Joint { motor, .. } => Some(motor),
@@ -238,13 +245,13 @@ pub fn movers(robot: &Robot, node: usize) -> impl Iterator<Item = usize> {
     above(robot, node).filter_map(motor)
 }
 
-/// A node and those that it hangs on.
+/// Returns a node and its ancestors.
 fn above(robot: &Robot, node: usize) -> impl Iterator<Item = &mobee_model::Node> {
     let parent = |node: &&mobee_model::Node| robot.nodes.get(node.parent?);
     std::iter::successors(robot.nodes.get(node), parent).take(robot.nodes.len())
 }
 
-/// All robots' poses with the agent's own robot at `q`.
+/// Returns the configurations of all robots with the agent's own robot at `q`.
 pub fn with_pose(view: &View, q: &[f64]) -> Vec<mobee_contract::Pose> {
     let mut poses = view.poses.clone();
     if let Some(own) = poses.get_mut(view.robot) {
@@ -253,7 +260,8 @@ pub fn with_pose(view: &View, q: &[f64]) -> Vec<mobee_contract::Pose> {
     poses
 }
 
-/// Where a marker of the agent's robot is in the world at a pose, meters; the robot's base if there is no such marker.
+/// Returns the position of a marker of the agent's robot at a configuration, world frame, meters;
+/// the position of the robot's base if there is no such marker.
 pub fn marker_at(view: &View, marker: Option<usize>, q: &[f64]) -> [f64; 3] {
     let robot = view.scene.robots().get(view.robot);
     let node = marker.and_then(|m| robot?.markers.get(m)).map(|m| m.node);
@@ -263,7 +271,7 @@ pub fn marker_at(view: &View, marker: Option<usize>, q: &[f64]) -> [f64; 3] {
     [p.x, p.y, p.z]
 }
 
-/// What the view says stood in the way, in words: its nearest contact of the agent's robot.
+/// Describes the obstacle of a failed motion: the nearest contact of the agent's robot in the view.
 pub fn cause(view: &View) -> Option<String> {
     let own = view.contacts.iter().filter(|c| involves(view.robot, c));
     let nearest = own.min_by(|a, b| a.distance.total_cmp(&b.distance))?;
@@ -272,25 +280,27 @@ pub fn cause(view: &View) -> Option<String> {
     Some(format!("{} and {} at {mm:.1} mm", view.scene.shape_name(a), view.scene.shape_name(b)))
 }
 
-/// Whether a contact is one of this robot.
+/// Returns whether a contact involves this robot.
 pub fn involves(robot: usize, contact: &mobee_model::Contact) -> bool {
     let own = |id: ShapeId| matches!(id, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot);
     own(contact.pair.0) || own(contact.pair.1)
 }
 
-/// The contacts of the agent's robot at a pose, with obstacles, other robots and itself, nearer than `within` meters.
+/// Returns the contacts of the agent's robot at a configuration, with obstacles, other robots and
+/// itself, closer than `within` meters.
 pub fn contacts_at(view: &View, q: &[f64], within: f64) -> Vec<mobee_model::Contact> {
     let mut all = view.scene.contacts(&with_pose(view, q), within);
     all.retain(|c| involves(view.robot, c));
     all
 }
 
-/// Whether the agent's robot at a pose keeps the view's clearance and its constraints. What other robots touch is their matter.
+/// Returns whether the agent's robot at a configuration keeps the view's clearance and satisfies
+/// its constraints. Contacts of other robots are ignored.
 pub fn free(view: &View, q: &[f64]) -> bool {
     view.scene.robot_free(view.robot, &with_pose(view, q), view.clearance)
 }
 
-/// A setting's error in an agent's state.
+/// Converts a settings error in an agent's state to a refusal.
 pub fn state(error: KindError) -> Refusal {
     let place = if error.path.is_empty() { String::new() } else { format!("{}: ", error.path) };
     Refusal::State { what: format!("{place}{}", error.what) }

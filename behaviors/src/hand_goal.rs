@@ -1,11 +1,12 @@
-//! Poses that settings give by the hand: where it is to be, instead of joint values. Inverse kinematics finds these before anything moves.
+//! Poses given in settings by the position of the hand instead of joint values. Inverse kinematics
+//! computes the joint values before anything moves.
 //!
 //! ```text
 //! poses[i] = { hand_at = { position_m, rpy_deg } } ──HandGoals::resolve──> poses[i] = { q_deg } ──> the agent
 //! ```
 //!
-//! Agents take joint values and have no scene when they are built, so that one that is restarted has the same poses. Equal settings, seed,
-//! robot and world give equal joint values.
+//! Agents take joint values and have no scene when they are built; therefore an agent that is
+//! restarted has the same poses. Equal settings, seed, robot and world give equal joint values.
 
 mod search;
 
@@ -21,66 +22,68 @@ use serde::Deserialize;
 use serde_json::Value;
 use std::fmt;
 
-/// The farthest coordinate of a hand, meters: millimeters by mistake are beyond it.
+/// Maximum absolute coordinate of a hand, meters: detects values in millimeters.
 const MAX_COORDINATE_M: f64 = 10.0;
-/// More poses by the hand are refused: a search that fails takes a good part of a second.
+/// Maximum number of poses by the hand: a search that fails takes most of a second.
 const MAX_GOALS: usize = 200;
 
-/// Where a hand is to be.
+/// Goal pose of a hand.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HandGoal {
-    /// The marker that stands for the hand; default: the agent's `hand`, or the one that most of its `motors` move, or the robot's only one.
+    /// Marker that represents the hand; default: the agent's `hand`, or the marker that most of its
+    /// `motors` move, or the robot's only one.
     #[serde(default)]
     pub hand: Option<String>,
-    /// The marker's position in `frame`: x, y, z in meters.
+    /// Position of the marker in `frame`: x, y, z in meters.
     pub position_m: [f64; 3],
-    /// The marker's orientation in `frame`: roll, pitch and yaw in degrees, about the fixed axes x, y and z in this order, as in a URDF;
-    /// default: any orientation.
+    /// Orientation of the marker in `frame`: roll, pitch and yaw in degrees, about the fixed axes
+    /// x, y and z in this order, as in a URDF; default: any orientation.
     #[serde(default)]
     pub rpy_deg: Option<[f64; 3]>,
-    /// Instead of `rpy_deg`: the direction in `frame` in which the marker's normal (the palm) points, such as `[0, 0, -1]` for down; the turn
-    /// about it is left free.
+    /// Direction of the marker's normal (the palm) in `frame`, instead of `rpy_deg`, such as
+    /// `[0, 0, -1]` for down; the rotation about it is free.
     #[serde(default)]
     pub palm_toward: Option<[f64; 3]>,
-    /// What position and orientation are measured in: `world`, or `base`, the robot's root frame.
+    /// Reference frame of position and orientation: `world`, or `base`, the robot's root frame.
     #[serde(default)]
     pub frame: GoalFrame,
 }
 
-/// What a goal is measured in.
+/// Reference frame of a goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GoalFrame {
-    /// The world's frame.
+    /// World frame.
     #[default]
     World,
-    /// The robot's root frame.
+    /// Root frame of the robot.
     Base,
 }
 
-/// Joint values that were found for a pose.
+/// Joint values found for a pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResolvedGoal {
-    /// The path of the pose within the agent's settings, such as `poses[3]`.
+    /// Path of the pose within the agent's settings, such as `poses[3]`.
     pub path: String,
-    /// The pose's name, if it has one.
+    /// Name of the pose, if it has one.
     pub name: Option<String>,
-    /// The marker that stands for the hand.
+    /// Marker that represents the hand.
     pub hand: String,
-    /// The motors that move the hand, and their positions in degrees (millimeters of motors that slide).
+    /// Motors that move the hand, and their positions in degrees (millimeters for prismatic
+    /// joints).
     pub q_deg: Vec<(String, f64)>,
-    /// How far the hand is from its goal at these, meters.
+    /// Distance of the hand from its goal at these positions, meters.
     pub off_m: f64,
-    /// How far its orientation is off, rad.
+    /// Orientation error at these positions, rad.
     pub off_rad: f64,
 }
 
-/// A line for people, with joint values as a settings file takes them.
+/// A line for people, with joint values in the syntax of a settings file.
 impl fmt::Display for ResolvedGoal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = self.name.as_ref().map_or_else(|| self.path.clone(), |name| format!("pose {name:?}"));
-        // a rounded zero has no sign
+        // Adding 0.0 removes the sign of a rounded zero.
         let rounded = |q: f64| (q * 1e4).round() / 1e4 + 0.0;
         let values = self.q_deg.iter().map(|(motor, q)| format!("{} = {:.4}", key(motor), rounded(*q)));
         let values: Vec<String> = values.collect();
@@ -88,13 +91,13 @@ impl fmt::Display for ResolvedGoal {
     }
 }
 
-/// A motor's name as a key of TOML.
+/// Formats a motor's name as a TOML key.
 fn key(name: &str) -> String {
     let bare = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
     if bare { name.to_owned() } else { format!("{name:?}") }
 }
 
-/// Whether an agent's settings have a pose that is given by the hand.
+/// Returns whether an agent's settings contain a pose that is given by the hand.
 pub fn is_given(settings: &Value) -> bool {
     poses(settings).iter().any(is_by_hand)
 }
@@ -103,16 +106,17 @@ fn poses(settings: &Value) -> &[Value] {
     settings.get("poses").and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
-/// One with joint values beside the hand is refused by the agent.
+/// Returns whether a pose is given by the hand alone. The agent rejects one that also has joint
+/// values.
 fn is_by_hand(pose: &Value) -> bool {
     let has = |key: &str| pose.get(key).is_some_and(|v| !v.is_null());
     has("hand_at") && !has("q_deg")
 }
 
-/// The joint values of a pose, which is given by them or by the hand.
+/// Returns the joint values of a pose that is given by them or by the hand.
 ///
 /// # Errors
-/// If it is given by both, by neither, or by the hand and not resolved.
+/// A pose given by both, by neither, or by the hand and not resolved.
 pub fn joint_values<'a, T>(path: &str, q_deg: Option<&'a T>, hand_at: Option<&HandGoal>) -> Result<&'a T, KindError> {
     match (q_deg, hand_at) {
         (Some(q_deg), None) => Ok(q_deg),
@@ -131,24 +135,25 @@ pub fn joint_values<'a, T>(path: &str, q_deg: Option<&'a T>, hand_at: Option<&Ha
     }
 }
 
-/// The scene in which a robot's hand is to be somewhere.
+/// Scene in which goal poses of a robot's hand are resolved.
 #[derive(Clone, Copy, Debug)]
 pub struct HandGoals<'a> {
     /// Robots and objects. The other robots are at home.
     pub scene: &'a Scene,
     /// The robot, an index into the scene's robots.
     pub robot: usize,
-    /// What a pose keeps between all shapes, meters: the planning clearance.
+    /// Minimum distance between all shapes in a pose, meters: the planning clearance.
     pub clearance: f64,
-    /// Seed of the starts of the search.
+    /// Seed of the search's start configurations.
     pub seed: u64,
 }
 
 impl HandGoals<'_> {
-    /// Gives joint values to all poses of an agent's settings that are given by the hand.
+    /// Replaces the hand goals of an agent's settings by joint values.
     ///
     /// # Errors
-    /// Unknown names, numbers out of bounds, places that the hand can't reach or not freely: with their path.
+    /// Unknown names, numbers out of bounds, and positions that the hand can't reach or not without
+    /// a collision, each with its path.
     pub fn resolve(&self, agent: &mut Value) -> Result<Vec<ResolvedGoal>, KindError> {
         if !is_given(agent) {
             return Ok(Vec::new());
@@ -176,7 +181,8 @@ impl HandGoals<'_> {
             let goal: HandGoal = settings(&pose["hand_at"]).map_err(|e| e.under(&at))?;
             let name = pose["name"].as_str().map(str::to_owned);
             let mut found = self.find(&goal, hand, motors.as_deref(), robot).map_err(|e| e.under(&at))?;
-            (found.path, found.name) = (path, name);
+            found.path = path;
+            found.name = name;
             Ok((i, found))
         }))?;
         for (i, pose) in &found {
@@ -189,7 +195,7 @@ impl HandGoals<'_> {
         Ok(found.into_iter().map(|(_, pose)| pose).collect())
     }
 
-    /// Joint values with the hand at its goal.
+    /// Finds joint values for a goal of the hand.
     fn find(
         &self,
         goal: &HandGoal,
@@ -200,7 +206,8 @@ impl HandGoals<'_> {
         let marker = group::marker("hand", goal.hand.as_deref(), robot);
         let place = goal.place(&self.scene.base(self.robot));
         KindError::gather([marker.clone().map(drop), place.clone().map(drop)])?;
-        let (marker, place) = (marker?.or(default), place?);
+        let marker = marker?.or(default);
+        let place = place?;
         let only = if let [_] = robot.markers.as_slice() { Some(0) } else { None };
         let (marker, hand) = marker.or(only).and_then(|i| Some((i, robot.markers.get(i)?))).ok_or_else(|| {
             let names: Vec<&str> = robot.markers.iter().map(|m| m.name.as_str()).collect();
@@ -243,12 +250,13 @@ impl HandGoals<'_> {
         })
     }
 
-    /// Why there are no joint values, in words.
+    /// Describes why there are no joint values.
     fn refusal(&self, why: &Shortfall, goal: &HandGoal, hand: &str) -> KindError {
         let is_oriented = goal.rpy_deg.is_some() || goal.palm_toward.is_some();
         match why {
             Shortfall::OutOfReach { off, position_alone } => {
-                let (mm, deg) = (off.0 * 1e3, off.1.to_degrees());
+                let mm = off.0 * 1e3;
+                let deg = off.1.to_degrees();
                 let by = if is_oriented { format!("{mm:.1} mm and {deg:.1} deg") } else { format!("{mm:.1} mm") };
                 let what = format!("{hand} can't get there: the nearest pose within the limits misses it by {by}");
                 let help = if *position_alone {
@@ -262,7 +270,9 @@ impl HandGoals<'_> {
                 let mm = self.clearance * 1e3;
                 let why = match contact {
                     Some((a, b, distance)) => {
-                        let (a, b, near) = (self.scene.label(*a), self.scene.label(*b), distance * 1e3);
+                        let a = self.scene.label(*a);
+                        let b = self.scene.label(*b);
+                        let near = distance * 1e3;
                         let place = if near < 0.0 { "deep in" } else { "from" };
                         format!("at best {a} is {:.1} mm {place} {b}, and poses keep {mm:.1} mm", near.abs())
                     }
@@ -277,7 +287,7 @@ impl HandGoals<'_> {
 }
 
 impl HandGoal {
-    /// The key of the orientation, or of the position if it has none.
+    /// Returns the key of the orientation, or of the position if the goal has none.
     fn orientation_key(&self) -> &'static str {
         match (self.rpy_deg, self.palm_toward) {
             (Some(_), _) => "rpy_deg",
@@ -286,11 +296,11 @@ impl HandGoal {
         }
     }
 
-    /// The goal in the world.
+    /// Converts the goal to the world frame.
     fn place(&self, base: &Isometry3<f64>) -> Result<Goal, KindError> {
         let within = |path: &str, values: [f64; 3], most: f64, help: &str| {
             let what = format!("[{}, {}, {}] is out of bounds", values[0], values[1], values[2]);
-            // NaN is out of bounds, too
+            // NaN is out of bounds as well.
             if values.iter().all(|x| x.abs() <= most) { Ok(()) } else { Err(KindError::new(path, what, help)) }
         };
         let position = within(
@@ -322,7 +332,8 @@ impl HandGoal {
     }
 }
 
-/// The motors that an agent moves, if its settings say: those of its map, or `motors`.
+/// Returns the motors that an agent moves, if its settings contain them: those of its map, or
+/// `motors`.
 fn agents_motors(agent: &Value, robot: &Robot) -> Result<Option<Vec<usize>>, KindError> {
     if let Some(map) = agent.get("map").filter(|map| map.is_object()) {
         let names = map.get("motors").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);

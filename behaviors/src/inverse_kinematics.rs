@@ -1,41 +1,45 @@
-//! Inverse kinematics by damped least squares: motor positions for which a function of the pose is as near to zero as it gets.
+//! Inverse kinematics by damped least squares: motor positions that minimize the norm of a function
+//! of the configuration.
 //!
-//! Levenberg-Marquardt, J numerically, the step of least norm:  step = J^T (J J^T + damping I)^-1 off. A motor that is at its limit and is
-//! to go beyond takes no part in the step.
+//! Levenberg-Marquardt with a numeric Jacobian J and the step of least norm: step = J^T (J J^T +
+//! damping I)^-1 off. A motor at its limit that would move beyond it is excluded from the step.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Steps at most, the step of the numeric derivative and the longest step of a motor, rad.
-const ROUNDS: usize = 60;
-const PROBE: f64 = 1e-6;
-const LONGEST: f64 = 0.3;
-/// Sum of squares that is as good as nothing.
-const DONE: f64 = 1e-9;
-/// What a meter counts, beside a radian: a millimeter is as bad as 0.6 degrees.
+/// Maximum number of steps.
+const MAX_STEPS: usize = 60;
+/// Step of the numeric derivative, rad.
+const PROBE_RAD: f64 = 1e-6;
+/// Maximum step of a motor, rad.
+const MAX_STEP_RAD: f64 = 0.3;
+/// Sum of squared residuals at which the search ends.
+const CONVERGED: f64 = 1e-9;
+/// Weight of a meter relative to a radian: a millimeter counts like 0.6 degrees.
 pub const PER_METER: f64 = 10.0;
 
-/// The motors that are free to move, and within which limits.
+/// Motors that may move, and their limits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MotorGroup {
     /// Indices into `Robot::motors`.
     pub motors: Vec<usize>,
-    /// Least and greatest position of each, rad of encoder.
+    /// Minimum and maximum position of each, rad at the encoder.
     pub limits: Vec<(f64, f64)>,
 }
 
 impl MotorGroup {
-    /// A whole pose with the group at `q`.
+    /// Returns a whole configuration with the group at `q`.
     pub fn whole(&self, rest: &[f64], q: &[f64]) -> Vec<f64> {
         crate::group::whole(&self.motors, rest, q)
     }
 
-    /// The group's share of a whole pose, put within its limits.
+    /// Returns the group's part of a whole configuration, clamped to its limits.
     pub fn share(&self, pose: &[f64]) -> Vec<f64> {
         let at = |(m, (min, max)): (&usize, &(f64, f64))| pose.get(*m).copied().unwrap_or(0.0).max(*min).min(*max);
         self.motors.iter().zip(&self.limits).map(at).collect()
     }
 
-    /// Where a search may begin anew: the middle of all limits, and from there each motor a quarter of its way up and down.
+    /// Returns start configurations for further searches: the middle of all limits, and each motor
+    /// a quarter of its range above and below it.
     pub fn beginnings(&self) -> Vec<Vec<f64>> {
         let middle: Vec<f64> = self.limits.iter().map(|(min, max)| (min + max) / 2.0).collect();
         let beside = |(i, share): (usize, f64)| {
@@ -47,23 +51,26 @@ impl MotorGroup {
         [middle.clone()].into_iter().chain(besides).collect()
     }
 
-    /// Positions near those at `rest` for which `off`, of the whole pose, is as near to zero as it gets.
+    /// Returns positions near those at `rest` that minimize the norm of `off`, a function of the
+    /// whole configuration.
     pub fn solve(&self, rest: &[f64], off: impl Fn(&[f64]) -> Vec<f64>) -> Vec<f64> {
         let off = |q: &[f64]| DVector::from_vec(off(&self.whole(rest, q)));
         let mut q = self.share(rest);
         let mut now = off(&q);
         let mut damping = 1e-3;
-        for _ in 0..ROUNDS {
-            if now.norm_squared() < DONE || damping > 1e4 {
+        for _ in 0..MAX_STEPS {
+            if now.norm_squared() < CONVERGED || damping > 1e4 {
                 break;
             }
             let Some(step) = self.step(&q, &now, &off, damping) else { break };
-            let longest = step.amax().max(LONGEST) / LONGEST;
+            let longest = step.amax().max(MAX_STEP_RAD) / MAX_STEP_RAD;
             let moved = q.iter().zip(step.iter()).zip(&self.limits);
             let next: Vec<f64> = moved.map(|((q, s), (min, max))| (q - s / longest).max(*min).min(*max)).collect();
             let then = off(&next);
             if then.norm_squared() < now.norm_squared() {
-                (q, now, damping) = (next, then, f64::max(damping * 0.3, 1e-6));
+                q = next;
+                now = then;
+                damping = f64::max(damping * 0.3, 1e-6);
             } else {
                 damping *= 5.0;
             }
@@ -71,7 +78,7 @@ impl MotorGroup {
         q
     }
 
-    /// What to subtract from `q`.
+    /// Returns the step to subtract from `q`; `None` if the equations can't be solved.
     fn step(
         &self,
         q: &[f64],
@@ -83,9 +90,9 @@ impl MotorGroup {
         for i in 0..q.len() {
             let mut probe = q.to_vec();
             if let Some(slot) = probe.get_mut(i) {
-                *slot += PROBE;
+                *slot += PROBE_RAD;
             }
-            columns.push((off(&probe) - now) / PROBE);
+            columns.push((off(&probe) - now) / PROBE_RAD);
         }
         if columns.is_empty() {
             return None;

@@ -1,23 +1,25 @@
-//! What files of learned things have in common: JSON that says what it is and of which version, and is taken whole or not at all.
+//! Common parts of files with trained models: JSON with a format name and a version, which is
+//! accepted completely or not at all.
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
-/// Why a file of something learned is refused.
+/// Reason why a file with a trained model is rejected.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("{what}")]
 pub struct LearnedFault {
-    /// What is wrong with it, and where.
+    /// The error, and its place.
     pub what: String,
-    /// What to do about it.
+    /// Remedy.
     pub help: String,
 }
 
-/// Reads what is learned from JSON: the word for what it is (`detector`), and the version that is known.
+/// Reads a trained model from JSON. `noun`: the word for it (`detector`); `known`: the supported
+/// version.
 ///
 /// # Errors
-/// Text that is no such file or not whole, another version, or what `wrong` finds: nothing of it is taken then.
+/// Text of another format, an incomplete file, another version, or an error found by `wrong`.
 pub(crate) fn parse<T: DeserializeOwned>(
     text: &str,
     noun: &str,
@@ -48,7 +50,7 @@ pub(crate) fn parse<T: DeserializeOwned>(
     }
 }
 
-/// What such a file says it is.
+/// Returns the format name of such a file.
 pub(crate) fn format_name(noun: &str) -> String {
     format!("mobee-{noun}")
 }

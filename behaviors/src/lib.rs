@@ -1,22 +1,25 @@
 //! Behaviors: roadmaps, planners and agents, pure.
 //!
-//! Owns everything that decides where to go. Accepts a [`View`](mobee_contract::View) and how the last motion ended; answers
-//! with an [`Intent`](mobee_contract::Intent). It knows no clock, no actor, and nothing of the controller: to an agent, a motion
-//! that was rolled back is just one that failed.
+//! Contains everything that decides where to go. An agent takes a [`View`](mobee_contract::View)
+//! and the outcome of its last motion, and returns an [`Intent`](mobee_contract::Intent). It reads
+//! no clock and depends neither on an actor nor on the controller: to an agent, a motion that was
+//! rolled back is simply a motion that failed.
 //!
 //! ```text
 //! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors ──> short_way
 //!                        │         └────> escape
 //!                        ├──> planners: RRT-Connect, shortcuts ──> JointSpace ──> mobee-fast
-//!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
-//!                                         walk ──> validation ──> validity: roadmap + scene ──> which edges are blocked
+//!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> scored outcomes
+//!                                         walk ──> validation ──> validity: roadmap + scene ──> blocked edges
 //!
 //! scene, table ──> table_map ──search──> poses ──> roadmap <──> map_file (JSON)
 //! ```
 //!
-//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `reach`, `scripted`, `random`, `jog`; so are
-//! [`detectors`]: `color` and `cgp`, which learn from pictures, `tag` and `onnx`; and [`locators`]: `triangulate`, `network`, `ensemble`, `calibrated`. A program must name this
-//! crate (`use mobee_behaviors as _;`), or the linker drops them.
+//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `reach`,
+//! `scripted`, `random`, `jog`. So are [`detectors`] (`color` and `cgp`, which are trained on
+//! images, `tag` and `onnx`) and [`locators`] (`triangulate`, `network`, `ensemble`, `calibrated`).
+//! A program must name this crate (`use mobee_behaviors as _;`), or the linker drops the
+//! registrations.
 //!
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.
 

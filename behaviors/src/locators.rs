@@ -1,4 +1,4 @@
-//! Locators: where in the world is what both eyes saw (paper, section 3.2).
+//! Locators: world positions of objects from the detections of both eyes (paper, section 3.2).
 //!
 //! ```text
 //! CSV ──> rows ──> known views ──> triangulated, network, ensemble, calibrated ──> file

@@ -1,4 +1,4 @@
-//! Map files: poses, edges, what was certified of them and what was tried, for one robot in one world.
+//! Map files: poses, edges, their certificates and the motions tried, for one robot in one world.
 //!
 //! ```text
 //! text ──parse──> MapFile ──check(robot)──> roadmap ──> an agent plans ──> Roadmap::export ──┐
@@ -6,22 +6,23 @@
 //!                 of two limbs     ──unite──> of both
 //! ```
 //!
-//! One format serves builders, agents and runs: JSON with one vertex, edge or trial on a line, so that two files can be
-//! compared line by line and a complaint names its line. What a robot *is* for a map, and what a world is, is a digest:
-//! a map whose robot has changed since is refused and not driven.
+//! Builders, agents and runs use one format: JSON with one vertex, edge or trial per line, so that
+//! two files can be compared line by line and an error names its line. Robot and world are
+//! identified by digests: a map of a robot that has changed since is rejected.
 //!
 //! # Layout, version 2
 //! | key | meaning |
 //! |---|---|
 //! | `version`, `robot`, `motors` | version, the robot's name, the motors that the poses differ in |
-//! | `robot_sha256`, `world_sha256` | see [`robot_digest`], [`world_digest`]; a run knows no world, as it may change |
-//! | `hand` | the marker whose place `at_m` is |
-//! | `certified` | clearance and world for which the edges' verdicts hold |
+//! | `robot_sha256`, `world_sha256` | see [`robot_digest`], [`world_digest`]; a run writes no world, as it may change |
+//! | `hand` | the marker at position `at_m` |
+//! | `certified` | clearance and world for which the verdicts of the edges hold |
 //! | `vertices` | `id` from 0, `name`, `q_rad` of all of the robot's motors, `at_m` |
-//! | `edges` | `from`, `to`, `state`, whether itself `driven`, `cause` of its failure, `verdict` |
-//! | `tried` | motions along edges with their outcomes, in order; only ever appended to |
+//! | `edges` | `from`, `to`, `state`, whether `driven` itself, `cause` of its failure, `verdict` |
+//! | `tried` | motions along edges with their outcomes, in order; append-only |
 //!
-//! Version 1, as earlier runs wrote it, has no digests, verdicts and trials; it is read as it always was.
+//! Version 1, written by earlier versions of the program, has no digests, verdicts and trials; it
+//! is still read.
 
 mod certify;
 mod identity;
@@ -41,16 +42,16 @@ pub use unite::unite;
 use mobee_contract::EdgeState;
 use serde::{Deserialize, Serialize};
 
-/// The version that is written.
+/// Version that is written.
 pub const VERSION: u32 = 2;
 
-/// A map file's contents.
+/// Contents of a map file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MapFile {
-    /// Version of the layout.
+    /// Version of the format.
     pub version: u32,
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: String,
     /// Digest of the robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -58,32 +59,32 @@ pub struct MapFile {
     /// Digest of the world that the map was built in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub world_sha256: Option<String>,
-    /// The motors that the poses differ in, by name.
+    /// Names of the motors that the poses differ in.
     pub motors: Vec<String>,
-    /// The marker whose place is shown.
+    /// Marker that represents a pose in drawings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hand: Option<String>,
-    /// What the verdicts hold for.
+    /// Conditions under which the verdicts hold.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certified: Option<Certified>,
     /// Poses, numbered from 0.
     pub vertices: Vec<MapVertex>,
     /// Directed edges.
     pub edges: Vec<MapEdge>,
-    /// What was tried.
+    /// Motions that were tried.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tried: Vec<TriedMotion>,
 }
 
 impl MapFile {
-    /// Names the run that made the trials which name none.
+    /// Sets the run of the trials that have none.
     pub fn label(&mut self, run: &str) {
         let new = self.tried.iter_mut().filter(|t| t.run.is_none());
         new.for_each(|t| t.run = Some(run.to_owned()));
     }
 }
 
-/// What verdicts hold for.
+/// Conditions under which verdicts hold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Certified {
@@ -97,14 +98,14 @@ pub struct Certified {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MapVertex {
-    /// Its number, counted from 0.
+    /// Number of the pose, counted from 0.
     pub id: u32,
-    /// Its name, if it has one.
+    /// Name of the pose, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Positions of all of the robot's motors, rad of encoder.
+    /// Positions of all of the robot's motors, rad at the encoder.
     pub q_rad: Vec<f64>,
-    /// Where the hand is, meters.
+    /// Position of the hand, meters.
     pub at_m: [f64; 3],
 }
 
@@ -116,45 +117,46 @@ pub struct MapEdge {
     pub from: u32,
     /// To vertex.
     pub to: u32,
-    /// What is believed of it.
+    /// State of the edge.
     pub state: EdgeState,
-    /// Whether it was itself driven.
+    /// The edge itself was driven.
     #[serde(default, skip_serializing_if = "is_false")]
     pub driven: bool,
-    /// What stood in the way when it failed, in words.
+    /// Obstacle at its failure, in words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// What it was certified to be.
+    /// Its certificate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<StoredVerdict>,
 }
 
-/// What an edge was certified to be, under what [`MapFile::certified`] says.
+/// Certificate of an edge, under the conditions of [`MapFile::certified`].
 #[derive(Clone, Debug, PartialEq, PartialOrd, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, tag = "is", rename_all = "snake_case")]
 pub enum StoredVerdict {
-    /// Free all along.
+    /// Free along its whole length.
     Free,
-    /// Something is in the way.
+    /// Blocked by an obstacle.
     Blocked {
-        /// Where it begins, as a share of the way.
+        /// Position of the obstacle, as a share of the edge.
         at: f64,
-        /// The two shapes, by name; none if a limit or a constraint forbids the place.
+        /// Names of the two shapes; `None` if a limit or a constraint is violated.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         between: Option<[String; 2]>,
-        /// The object that is one of them.
+        /// Name of the object that is one of them.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         object: Option<String>,
     },
-    /// Neither could be shown; counts as blocked.
+    /// Neither could be proved; counts as blocked.
     Uncertified {
-        /// Where, as a share of the way.
+        /// Position of the unproved part, as a share of the edge.
         at: f64,
     },
 }
 
 impl StoredVerdict {
-    /// What is in the way, for people: an object's name, `itself`, `a limit`, `uncertified`; none if nothing is.
+    /// Names the obstacle, for people: an object's name, `itself`, `a limit`, `uncertified`; `None`
+    /// if the edge is free.
     pub fn blocked_by(&self) -> Option<&str> {
         match self {
             StoredVerdict::Free => None,
@@ -170,16 +172,16 @@ impl StoredVerdict {
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TriedMotion {
-    /// The run that tried it, once it is over.
+    /// Run that tried it, once it is over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
     /// From vertex.
     pub from: u32,
     /// To vertex.
     pub to: u32,
-    /// Whether it was driven to its end; else it failed.
+    /// The motion ended at `to`; otherwise it failed.
     pub reached: bool,
-    /// What stood in the way, in words.
+    /// Obstacle, in words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
 }

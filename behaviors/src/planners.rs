@@ -1,14 +1,15 @@
-//! Planners: ways through a scene that is known.
+//! Planners: paths through a known scene.
 //!
-//! All of them share one small contract, [`Planner`]: a [`PlanningProblem`] in a [`JointSpace`] goes in, and a [`JointPath`] or the
-//! reason why there is none, [`NoPath`], comes out. They are pure: randomness comes from the problem's seed, and what they may spend
-//! is counted in straight lines that are judged, not in time, so that equal problems have equal answers on every machine.
+//! All planners implement [`Planner`]: they take a [`PlanningProblem`] in a [`JointSpace`], and
+//! return a [`JointPath`] or the reason why there is none, [`NoPath`]. They are pure: randomness
+//! comes from the problem's seed, and the budget is counted in checked straight lines, not in time,
+//! so that equal problems have equal results on every machine.
 //!
 //! ```text
 //! View, motors ──> JointSpace (scene compiled once) <──certify── RrtConnect ──> JointPath ──> shorten ──> JointPath
 //! ```
 //!
-//! [`escape`](mod@escape) is older and asks for less: the way out of a contact.
+//! [`escape`](mod@escape) is older and simpler: it finds the way out of a contact.
 
 mod ao_rrt_connect;
 pub mod escape;
@@ -28,45 +29,46 @@ use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::str::FromStr;
 
-/// From where to where, and what it may cost.
+/// Start, goal and budget of a plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanningProblem {
-    /// Where the motors of the space are, rad.
+    /// Start positions of the motors of the space, rad.
     pub start: Vec<f64>,
-    /// Where they are to go, rad. Of a motor that turns without end any turn will do.
+    /// Goal positions of the motors, rad. For a continuous joint any turn is accepted.
     pub goal: Vec<f64>,
-    /// Seed of everything random.
+    /// Seed of all randomness.
     pub seed: u64,
-    /// The most straight lines that may be judged.
+    /// Maximum number of straight lines that may be checked.
     pub budget: u64,
 }
 
-/// How far a planner has come: what a progress bar shows.
+/// Progress of a planner, for a progress bar.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlanProgress {
-    /// Straight lines judged so far.
+    /// Number of straight lines checked so far.
     pub evaluations: u64,
-    /// Poses found so far that can be reached from either end.
+    /// Number of poses found so far that can be reached from either end.
     pub poses: usize,
 }
 
-/// Poses to go through, one after the other: each straight line between two of them was certified free.
+/// A sequence of configurations. Each straight line between two consecutive ones was certified
+/// free.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointPath {
-    /// The motors of the space at each way-point, start and goal included, rad; each in the turn that is the shortest way from the
-    /// one before.
+    /// Positions of the motors of the space at each waypoint, including start and goal, rad; each
+    /// in the turn that is closest to the previous one.
     pub poses: Vec<Vec<f64>>,
-    /// Straight lines that were judged to find it.
+    /// Number of straight lines checked to find it.
     pub evaluations: u64,
 }
 
 impl JointPath {
-    /// The straight lines that it is made of.
+    /// Returns its straight lines.
     pub fn edges(&self) -> impl Iterator<Item = (&[f64], &[f64])> {
         self.poses.iter().zip(self.poses.iter().skip(1)).map(|(a, b)| (a.as_slice(), b.as_slice()))
     }
 
-    /// Its length in joint space, rad.
+    /// Returns its length in joint space, rad.
     pub fn length(&self) -> f64 {
         self.edges().map(|(a, b)| apart(a, b)).sum()
     }
@@ -75,45 +77,47 @@ impl JointPath {
 /// One of the two ends of a problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PathEnd {
-    /// Where the robot is.
+    /// Start configuration.
     Start,
-    /// Where it is to go.
+    /// Goal configuration.
     Goal,
 }
 
-/// Why there is no path.
+/// Reason why there is no path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoPath {
-    /// An end has another number of positions than the space has motors, or one that is no number.
+    /// An end has another number of positions than the space has motors, or a position that is NaN
+    /// or infinite.
     Malformed(PathEnd),
     /// An end is outside the limits of robot or board.
     Limits {
-        /// Which end.
+        /// The end.
         end: PathEnd,
-        /// The motor that can't be there, an index into `Robot::motors`.
+        /// The motor outside its limits, an index into `Robot::motors`.
         motor: usize,
     },
-    /// An end is not free: nearer to something than the clearance, or outside the robot's constraints.
+    /// An end is not free: a pair is closer than the clearance, or a constraint of the robot is
+    /// violated.
     Blocked {
-        /// Which end.
+        /// The end.
         end: PathEnd,
-        /// The two that are too near, unless it is a constraint.
+        /// The pair that is too close; `None` for a constraint.
         pair: Option<Pair>,
     },
-    /// The budget is spent. There may be a path all the same.
+    /// The budget is spent. A path may still exist.
     Exhausted {
-        /// Straight lines that were judged.
+        /// Number of straight lines checked.
         evaluations: u64,
     },
-    /// Whoever watched it told it to stop.
+    /// The caller stopped the planner.
     Cancelled,
 }
 
 impl NoPath {
-    /// In words, for people.
+    /// Describes it for people.
     ///
     /// # Arguments
-    /// * `scene`, `robot`: those of the space.
+    /// * `scene`, `robot`: those of the planner's space.
     pub fn text(&self, scene: &Scene, robot: usize) -> String {
         let which = |end: &PathEnd| if *end == PathEnd::Start { "where the robot is" } else { "the goal" };
         match self {
@@ -133,15 +137,17 @@ impl NoPath {
     }
 }
 
-/// Finds a way from one pose to another.
+/// Finds a path from one configuration to another.
 pub trait Planner {
-    /// A path whose straight lines are all certified free in this space.
+    /// Returns a path of straight lines that are all certified free in this space.
     ///
     /// # Arguments
-    /// * `watch`: told of the progress before each batch of straight lines; a planner stops where it says so.
+    /// * `watch`: called with the progress before each batch of straight lines; the planner stops
+    ///   if it breaks.
     ///
     /// # Errors
-    /// [`NoPath`] says why there is none. Only ends that are malformed, blocked or outside their limits are final.
+    /// [`NoPath`], the reason why there is none. Only ends that are malformed, blocked or outside
+    /// their limits are final.
     fn plan(
         &self,
         space: &mut JointSpace,
@@ -186,12 +192,12 @@ impl FromStr for PlannerKind {
     }
 }
 
-/// Length of the straight line between two poses as they are, turns included, rad.
+/// Returns the length of the straight line between two configurations, full turns included, rad.
 fn apart(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (b - a) * (b - a)).sum::<f64>().sqrt()
 }
 
-/// The pose at a share of the straight line.
+/// Returns the configuration at a share of the straight line.
 fn between(a: &[f64], b: &[f64], share: f64) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a + (b - a) * share).collect()
 }

@@ -1,21 +1,25 @@
-//! A roadmap of poses: vertices where the robot may rest, directed edges that it may try.
+//! A roadmap of configurations: vertices at which the robot may rest, and directed edges that it
+//! may try.
 //!
-//! Edges are *optimistic*: nobody checks them before they are driven. One that fails is removed, the driven one and no
-//! other (the paper's Algorithm 2), and remembered in a ledger with its cause, from where it can be re-admitted.
+//! Edges are *optimistic*: they are not checked before they are driven. An edge that fails is
+//! removed, that edge and no other (the paper's Algorithm 2), and recorded in a ledger with its
+//! cause, from which it can be re-admitted.
 //!
 //! ```text
 //!               driven to its end                      failed when driven
 //!  Optimistic ───────────────────> Feasible ──┐   ┌──> Removed (ledger: cause) ──readmit──> Optimistic
 //!      │                                      └───┤
-//!      └── the opposite direction failed ──> Doubtful (planned over only if there is no other way)
+//!      └── the opposite direction failed ──> Doubtful (used in a plan only if there is no other path)
 //! ```
 //!
-//! An edge is a straight line in joint space, the short way round for motors without end, and sweeps the same poses in both
-//! directions, so an edge driven to its end tells the same of its opposite, if that was never driven. A failure tells less, as the
-//! motion broke off at its first contact.
+//! An edge is a straight line in joint space, the short way round for continuous joints, and sweeps
+//! the same configurations in both directions. Therefore an edge driven to its end also makes its
+//! opposite feasible, if that was never driven. A failure says less about the opposite, because the
+//! motion ended at its first contact.
 //!
-//! Beside that, what blocks an edge in the model's present world can be certified (`validation.rs`): such an edge is `Blocked`, in the
-//! ledger too, and comes back as what it was believed to be once the world has changed.
+//! In addition, edges can be certified against the present world of the model (`validation.rs`). An
+//! edge that it blocks is `Blocked`, is also recorded in the ledger, and returns to its former
+//! state once the world has changed.
 
 mod blocked;
 mod file;
@@ -43,28 +47,29 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Add;
 
-/// The most motions of a run that are remembered one by one; the edges know what came of the others.
-const MOST_TRIED: usize = 1000;
+/// Maximum number of motions of a run that are stored one by one; the states of the edges contain
+/// the result of the others.
+const MAX_TRIED: usize = 1000;
 
-/// A pose of the roadmap.
+/// A vertex of the roadmap.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Vertex {
-    /// Its name, if its author gave one.
+    /// Name, if its author gave one.
     pub name: Option<String>,
-    /// The whole robot's pose, rad.
+    /// Configuration of the whole robot, rad.
     pub q: Vec<f64>,
-    /// Where it is shown: the hand's position in the world, meters.
+    /// Position at which it is drawn: that of the hand, world frame, meters.
     pub at: [f64; 3],
 }
 
-/// A directed edge between two poses.
+/// A directed edge between two vertices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Edge {
-    /// What is believed of it.
+    /// State of the edge.
     pub state: EdgeState,
-    /// Whether it was itself driven, to its end or to a failure.
+    /// The edge itself was driven, to its end or to a failure.
     pub driven: bool,
-    /// What stood in the way, in words, if it failed.
+    /// Obstacle, in words, if it failed.
     pub cause: Option<String>,
 }
 
@@ -72,12 +77,12 @@ impl Edge {
     const NEW: Edge = Edge { state: EdgeState::Optimistic, driven: false, cause: None };
 }
 
-/// The length of a way: few doubtful edges first, then a short distance in joint space (rad).
+/// Cost of a path: the number of doubtful edges first, then the length in joint space.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct Cost {
-    /// Doubtful edges on the way.
+    /// Number of doubtful edges on the path.
     pub doubtful: u32,
-    /// Joint-space length, rad.
+    /// Length in joint space, rad.
     pub length: f64,
 }
 
@@ -93,25 +98,25 @@ const _: fn() = || {
     is_measure::<Cost>();
 };
 
-/// Poses and edges for one group of a robot's motors.
+/// Vertices and edges for one group of a robot's motors.
 pub struct Roadmap {
     motors: Vec<usize>,
     metric: JointMetric,
     graph: StableDiGraph<Vertex, Edge, u32>,
-    /// The graph's edges once more, for searches: [`Roadmap::link`] and [`Roadmap::unlink`] keep both.
+    /// Copy of the graph's edges for searches: [`Roadmap::link`] and [`Roadmap::unlink`] update both.
     links: Links,
     search: RefCell<Buffers>,
     ledger: BTreeMap<(u32, u32), Edge>,
     near: Box<dyn Neighbors>,
     notes: Vec<Note>,
-    /// What its file says of the world and the hand.
+    /// Properties of its file: world and hand.
     about: file::About,
-    /// Motions that were tried, in order: those of earlier runs, and this run's newest.
+    /// Motions that were tried, in order: those of earlier runs, and the newest of this run.
     tried: Vec<TriedMotion>,
 }
 
 impl Roadmap {
-    /// An empty roadmap for these motors (indices into `Robot::motors`) of a robot.
+    /// Creates an empty roadmap for these motors (indices into `Robot::motors`) of a robot.
     pub fn new(motors: Vec<usize>, robot: &Robot) -> Roadmap {
         let metric = JointMetric::of(&motors, robot);
         Self::empty(motors, metric)
@@ -119,27 +124,29 @@ impl Roadmap {
 
     fn empty(motors: Vec<usize>, metric: JointMetric) -> Roadmap {
         let near = neighbors(motors.len(), &metric);
-        let (links, search) = (Links::new(motors.len()), RefCell::default());
+        let links = Links::new(motors.len());
+        let search = RefCell::default();
         let (graph, ledger, notes, about, tried) = Default::default();
         Roadmap { motors, metric, graph, links, search, ledger, near, notes, about, tried }
     }
 
-    /// The motors that its poses tell apart.
+    /// The motors in which its vertices differ.
     pub fn motors(&self) -> &[usize] {
         &self.motors
     }
 
-    /// The group's share of a whole pose.
+    /// Returns the group's part of a whole configuration.
     pub fn group(&self, q: &[f64]) -> Vec<f64> {
         self.motors.iter().map(|m| q.get(*m).copied().unwrap_or(0.0)).collect()
     }
 
-    /// A whole pose with the group at `q`.
+    /// Returns a whole configuration with the group at `q`.
     pub fn whole(&self, pose: &[f64], q: &[f64]) -> Vec<f64> {
         crate::group::whole(&self.motors, pose, q)
     }
 
-    /// Adds a pose; answers its number. Vertices are numbered from 0 and never taken out; see [`Roadmap::replace`].
+    /// Adds a vertex and returns its number. Vertices are numbered from 0 and never removed; see
+    /// [`Roadmap::replace`].
     pub fn add(&mut self, vertex: Vertex) -> u32 {
         let group = self.group(&vertex.q);
         let note = Note::Vertex { id: self.graph.node_count() as u32, q: vertex.q.clone(), at: vertex.at };
@@ -150,15 +157,15 @@ impl Roadmap {
         id
     }
 
-    /// Takes up what was noted of a map: vertices as they were numbered, and edges as they were last. What nobody noted yet is still
-    /// to be told.
+    /// Restores a map from its notes: vertices with their numbers, and edges in their last state.
+    /// Changes that these notes do not contain stay pending in [`Roadmap::notes`].
     pub fn recall(&mut self, notes: &[Note]) {
         for note in notes {
             match note {
                 Note::Vertex { id, q, at } if *id as usize == self.len() => {
                     self.add(Vertex { name: None, q: q.clone(), at: *at });
                 }
-                // what blocks an edge is found out anew
+                // Blocked edges are determined again.
                 Note::Edge { from, to, state: EdgeState::Blocked, .. } if self.edge(*from, *to).is_some() => {}
                 Note::Edge { from, to, state, cause } => {
                     self.ledger.remove(&(*from, *to));
@@ -166,7 +173,7 @@ impl Roadmap {
                     let driven = matches!(state, EdgeState::Feasible | EdgeState::Removed);
                     self.restore(*from, *to, Edge { state: *state, driven, cause: cause.clone() });
                 }
-                Note::Tried { from, to, reached, cause } => self.keep(*from, *to, *reached, cause.clone()),
+                Note::Tried { from, to, reached, cause } => self.store(*from, *to, *reached, cause.clone()),
                 _ => {}
             }
         }
@@ -174,13 +181,14 @@ impl Roadmap {
         let edge = |n: &Note| if let Note::Edge { from, to, .. } = n { Some((*from, *to)) } else { None };
         let vertices: BTreeSet<u32> = notes.iter().filter_map(vertex).collect();
         let edges: BTreeSet<(u32, u32)> = notes.iter().filter_map(edge).collect();
-        let is_told = |n: &Note| {
+        let is_noted = |n: &Note| {
             vertex(n).is_some_and(|id| vertices.contains(&id)) || edge(n).is_some_and(|edge| edges.contains(&edge))
         };
-        self.notes.retain(|n| !is_told(n));
+        self.notes.retain(|n| !is_noted(n));
     }
 
-    /// Joins two poses by an optimistic edge in each direction, unless that direction is known already (or was removed).
+    /// Joins two vertices by an optimistic edge in each direction, unless that direction already
+    /// exists or was removed.
     pub fn join(&mut self, a: u32, b: u32) {
         for (from, to) in [(a, b), (b, a)] {
             let known = self.edge(from, to).is_some();
@@ -191,20 +199,20 @@ impl Roadmap {
         }
     }
 
-    /// Adds an edge that is not there.
+    /// Adds an edge that does not exist yet.
     fn link(&mut self, from: u32, to: u32, edge: Edge) {
         self.links.add(from, to, edge.state == EdgeState::Doubtful, &self.metric);
         self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), edge);
     }
 
-    /// Takes an edge out, if it is there.
+    /// Removes an edge from the graph, if it exists.
     fn unlink(&mut self, from: u32, to: u32) -> Option<Edge> {
         self.links.remove(from, to);
         let known = self.graph.find_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize));
         known.and_then(|edge| self.graph.remove_edge(edge))
     }
 
-    /// Joins every pose to its `k` nearest ones, in both directions.
+    /// Joins every vertex to its `k` nearest ones, in both directions.
     pub fn join_nearest(&mut self, k: usize) {
         for (id, near) in self.near.knn_all(k) {
             for (_, other) in near {
@@ -213,7 +221,8 @@ impl Roadmap {
         }
     }
 
-    /// Finds out for every vertex where it is shown: `at` gives the hand's position in the world at a whole pose.
+    /// Computes the position at which every vertex is drawn: `at` returns the hand's position in
+    /// the world for a whole configuration.
     pub fn place(&mut self, at: impl Fn(&[f64]) -> [f64; 3]) {
         for i in 0..self.len() {
             if let Some(v) = self.graph.node_weight_mut(NodeIndex::new(i)) {
@@ -227,39 +236,39 @@ impl Roadmap {
         }
     }
 
-    /// How many vertices there are.
+    /// Number of vertices.
     pub fn len(&self) -> usize {
         self.graph.node_count()
     }
 
-    /// Whether there are no vertices.
+    /// Returns whether there are no vertices.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A vertex by its number.
+    /// Returns a vertex by its number.
     pub fn vertex(&self, id: u32) -> Option<&Vertex> {
         self.graph.node_weight(NodeIndex::new(id as usize))
     }
 
-    /// All vertices, by number.
+    /// Returns all vertices, by number.
     pub fn vertices(&self) -> impl Iterator<Item = (u32, &Vertex)> {
         (0..self.len() as u32).filter_map(|id| Some((id, self.vertex(id)?)))
     }
 
-    /// The vertex of this name, or of this number if no vertex has such a name.
+    /// Returns the vertex of this name, or of this number if no vertex has such a name.
     pub fn find(&self, name: &str) -> Option<u32> {
         let named = self.vertices().find(|(_, v)| v.name.as_deref() == Some(name)).map(|(id, _)| id);
         named.or_else(|| name.parse().ok().filter(|id| self.vertex(*id).is_some()))
     }
 
-    /// An edge, removed ones included.
+    /// Returns an edge, removed ones included.
     pub fn edge(&self, from: u32, to: u32) -> Option<&Edge> {
         let present = self.graph.find_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize));
         present.and_then(|e| self.graph.edge_weight(e)).or_else(|| self.ledger.get(&(from, to)))
     }
 
-    /// All edges, removed ones included, by (from, to).
+    /// Returns all edges, removed ones included, ordered by (from, to).
     pub fn edges(&self) -> Vec<(u32, u32, &Edge)> {
         let present =
             self.graph.edge_references().map(|e| (e.source().index() as u32, e.target().index() as u32, e.weight()));
@@ -268,7 +277,7 @@ impl Roadmap {
         all
     }
 
-    /// The edges that leave a vertex, removed ones left out, the shortest first.
+    /// Returns the edges that leave a vertex, without removed ones, the shortest first.
     pub fn out(&self, from: u32) -> Vec<(u32, &Edge)> {
         let start = NodeIndex::new(from as usize);
         let all = self.graph.edges(start);
@@ -277,7 +286,8 @@ impl Roadmap {
         all.into_iter().map(|(_, e)| (e.target().index() as u32, e.weight())).collect()
     }
 
-    /// The vertex at whose pose the robot is: the nearest one, if every motor of the group is within `tolerance` (rad).
+    /// Returns the robot's vertex: the nearest one, if every motor of the group is within
+    /// `tolerance` (rad).
     pub fn at(&self, pose: &[f64], tolerance: f64) -> Option<u32> {
         let here = self.group(pose);
         let (_, id) = *self.near.knn(&here, 1).first()?;
@@ -285,23 +295,24 @@ impl Roadmap {
         self.metric.is_within(&here, &there, tolerance).then_some(id)
     }
 
-    /// Whether the robot is at a vertex: every motor of the group within `tolerance` (rad).
+    /// Returns whether the robot is at a vertex: every motor of the group within `tolerance` (rad).
     pub fn is_at(&self, id: u32, pose: &[f64], tolerance: f64) -> bool {
         let there = self.vertex(id).map(|v| self.group(&v.q));
         there.is_some_and(|there| self.metric.is_within(&self.group(pose), &there, tolerance))
     }
 
-    /// All vertices from near to far of a whole pose.
+    /// Returns all vertices by distance from a whole configuration.
     pub fn by_distance(&self, pose: &[f64]) -> Vec<u32> {
         self.near.knn(&self.group(pose), self.len()).into_iter().map(|(_, id)| id).collect()
     }
 
-    /// The shortest way over edges that are not removed: A*, fewest doubtful edges first. From `from` to `to`, both included.
+    /// Returns the shortest path from `from` to `to`, both included, over edges that are not
+    /// removed: A*, fewest doubtful edges first.
     pub fn plan(&self, from: u32, to: u32) -> Option<Vec<u32>> {
         self.links.shortest(from, to, &self.metric, &mut self.search.borrow_mut())
     }
 
-    /// What every vertex that can be reached from there costs to reach, by number (Dijkstra).
+    /// Returns the cost of every vertex that can be reached from `from`, by number (Dijkstra).
     pub fn reach(&self, from: u32) -> BTreeMap<u32, Cost> {
         let start = NodeIndex::new(from as usize);
         if self.graph.node_weight(start).is_none() {
@@ -316,21 +327,23 @@ impl Roadmap {
         Cost { doubtful: u32::from(edge.state == EdgeState::Doubtful), length: self.metric.distance(&q(from), &q(to)) }
     }
 
-    /// The commit that drives to a vertex, in the vertex's own turn: see [`nearest_target`](crate::short_way::nearest_target).
+    /// Returns the target of a commit to a vertex, in the vertex's own turn: see
+    /// [`nearest_target`](crate::short_way::nearest_target).
     pub fn target(&self, to: u32, speed: f64) -> Option<Target> {
         let q = self.group(&self.vertex(to)?.q);
         Some(Target { motors: self.motors.clone(), q, speed })
     }
 
-    /// An edge was driven to its end: it is feasible, and so is its opposite unless that one failed itself.
+    /// Records that an edge was driven to its end: it becomes feasible, and so does its opposite
+    /// unless that one failed itself.
     pub fn succeeded(&mut self, from: u32, to: u32) {
         self.log(from, to, true, None);
         self.change(from, to, |e| *e = Edge { state: EdgeState::Feasible, driven: true, cause: None });
         self.change(to, from, |e| e.state = EdgeState::Feasible);
     }
 
-    /// An edge failed when driven: that very edge leaves the graph for the ledger; its opposite becomes doubtful unless
-    /// it was driven to its end itself.
+    /// Records that an edge failed when driven: that edge moves from the graph to the ledger. Its
+    /// opposite becomes doubtful unless it was driven to its end itself.
     pub fn failed(&mut self, from: u32, to: u32, cause: Option<String>) {
         self.unblock(from, to);
         if self.unlink(from, to).is_none() {
@@ -347,23 +360,25 @@ impl Roadmap {
         });
     }
 
-    /// A motion was tried: whoever goes on with the run is told, too.
+    /// Records a motion, and notes it for a successor of the agent.
     fn log(&mut self, from: u32, to: u32, reached: bool, cause: Option<String>) {
         self.notes.push(Note::Tried { from, to, reached, cause: cause.clone() });
-        self.keep(from, to, reached, cause);
+        self.store(from, to, reached, cause);
     }
 
-    /// Keeps a motion of this run. A tour without end must not fill the memory, nor each snapshot of its agent; what earlier runs tried,
-    /// and the map's file tells, stays.
-    fn keep(&mut self, from: u32, to: u32, reached: bool, cause: Option<String>) {
+    /// Stores a motion of this run, up to [`MAX_TRIED`] of them: an endless tour must not fill the
+    /// memory or the snapshots of its agent. Motions of earlier runs, from the map's file, are
+    /// never dropped.
+    fn store(&mut self, from: u32, to: u32, reached: bool, cause: Option<String>) {
         let own = self.tried.iter().position(|t| t.run.is_none()).unwrap_or(self.tried.len());
-        if self.tried.len() - own >= MOST_TRIED {
+        if self.tried.len() - own >= MAX_TRIED {
             self.tried.remove(own);
         }
         self.tried.push(TriedMotion { run: None, from, to, reached, cause });
     }
 
-    /// Takes a removed edge back as an optimistic one, because the world changed (I11). Answers whether there was one.
+    /// Re-admits a removed edge as an optimistic one, because the world has changed (I11). Returns
+    /// whether there was one.
     pub fn readmit(&mut self, from: u32, to: u32) -> bool {
         let there = self.edge(from, to).is_some_and(|e| e.state == EdgeState::Removed);
         if there {
@@ -374,7 +389,7 @@ impl Roadmap {
         there
     }
 
-    /// What changed since the last call.
+    /// Returns the changes since the last call.
     pub fn notes(&mut self) -> Vec<Note> {
         std::mem::take(&mut self.notes)
     }

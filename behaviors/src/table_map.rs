@@ -1,6 +1,8 @@
-//! A map of pre-grasp poses over a table: the hand a little above it, palm down, at every place that it can reach.
+//! A map of pre-grasp poses over a table: the hand slightly above it, palm down, at every position
+//! that it can reach.
 //!
-//! The paper's equations (1)-(4) as one fitness, minimized pose by pose with natural evolution strategies:
+//! The paper's equations (1)-(4) are combined into one fitness, minimized pose by pose with natural
+//! evolution strategies:
 //!
 //! ```text
 //! (1) near home   (2) at a given height over the table   (3) palm toward the table   (4) a given step from its neighbors
@@ -8,12 +10,13 @@
 //! cell of the table ──growth──> wish ──pose search──> pose, or none ──growth──> next cell ... ──> vertices, k nearest joined
 //! ```
 //!
-//! Equation (4) alone asks for *one* neighbor at the right distance, and poses pile up on circles. So every search is
-//! also given a cell of the table that has no pose yet: cells cover the table without gaps, each is tried from poses of
-//! different neighbors, and a cell that stays empty is known to have been tried.
+//! Equation (4) alone requires only *one* neighbor at the right distance, and poses accumulate on
+//! circles. Therefore every search is also given a cell of the table without a pose: cells cover
+//! the table without gaps, each is tried from poses of different neighbors, and a cell that stays
+//! empty is known to have been tried.
 //!
-//! [`Growth`] is a state machine that is told how each search ended, and does not ask who searched: an interrupted build
-//! goes on by telling it again what was found.
+//! [`Growth`] is a state machine that takes the result of each search, independent of the searcher:
+//! an interrupted build resumes by replaying the recorded results.
 
 mod cells;
 mod growth;
@@ -34,14 +37,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// More cells than this are no table.
-const MOST_CELLS: f64 = 1e6;
+/// Maximum number of cells of a table.
+const MAX_CELLS: f64 = 1e6;
 
-/// A map to be built: the file that `mobee roadmap build` reads.
+/// Settings of a map, the input file of `mobee roadmap build`.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableMapSettings {
-    /// The seed of all randomness.
+    /// Seed of all randomness.
     #[serde(default = "one")]
     pub seed: u64,
     /// Robot XML, relative to this file.
@@ -51,40 +54,40 @@ pub struct TableMapSettings {
     pub world: Option<PathBuf>,
     /// Names of parts or motors that the poses differ in; the others stay at home.
     pub motors: Vec<String>,
-    /// The marker that stands for the hand; default: the one that most of the motors move.
+    /// Marker that represents the hand; default: the marker that most of the motors move.
     #[serde(default)]
     pub hand: Option<String>,
-    /// The direction out of the palm in the marker's frame; default: the marker's normal.
+    /// Direction out of the palm in the marker's frame; default: the marker's normal.
     #[serde(default)]
     pub palm: Option<[f64; 3]>,
     /// The table.
     pub table: TableArea,
-    /// How high the hand is over the table, millimeters.
+    /// Height of the hand over the table, millimeters.
     #[serde(default = "eighty")]
     pub offset_mm: f64,
-    /// How far apart neighboring poses are, as the hand goes, millimeters.
+    /// Distance of neighboring poses, measured at the hand, millimeters.
     #[serde(default = "ten")]
     pub spacing_mm: f64,
-    /// How many poses to find, at most.
+    /// Maximum number of poses to find.
     #[serde(default = "five_thousand")]
     pub vertices: u32,
-    /// Every pose is joined to this many of its nearest poses.
+    /// Number of nearest poses that every pose is joined to.
     #[serde(default = "eight")]
     pub neighbors: usize,
-    /// What a pose keeps between all shapes, millimeters: the reflex's margin and 2 mm.
+    /// Minimum distance between all shapes in a pose, millimeters: the reflex's margin plus 2 mm.
     #[serde(default = "twelve")]
     pub clearance_mm: f64,
 }
 
-/// The part of a horizontal plane that poses are sought over, in the world's frame.
+/// Part of a horizontal plane over which poses are searched for, world frame.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableArea {
     /// Height of the table's top, meters.
     pub height_m: f64,
-    /// From where to where along x, meters.
+    /// Range along x, meters.
     pub x_m: [f64; 2],
-    /// From where to where along y, meters.
+    /// Range along y, meters.
     pub y_m: [f64; 2],
 }
 
@@ -107,24 +110,24 @@ fn eight() -> usize {
     8
 }
 
-/// What a search is to find, with every name looked up and every number checked.
+/// The settings with all names resolved and all numbers checked.
 #[derive(Clone, Debug)]
 pub struct TableMapPlan {
     /// Motors that the poses differ in, indices into `Robot::motors`.
     pub motors: Vec<usize>,
-    /// The hand's marker, an index into `Robot::markers`.
+    /// Marker of the hand, an index into `Robot::markers`.
     pub hand: usize,
-    /// Out of the palm, in the marker's frame.
+    /// Direction out of the palm, in the marker's frame.
     pub palm: Unit<Vector3<f64>>,
     /// The table.
     pub table: TableArea,
     /// Height of the hand over the table, meters.
     pub offset: f64,
-    /// Step between poses, meters.
+    /// Distance between poses, meters.
     pub spacing: f64,
-    /// How many poses, at most.
+    /// Maximum number of poses.
     pub vertices: usize,
-    /// How many nearest poses each is joined to.
+    /// Number of nearest poses that each is joined to.
     pub neighbors: usize,
     /// Clearance between shapes, meters.
     pub clearance: f64,
@@ -133,10 +136,11 @@ pub struct TableMapPlan {
 }
 
 impl TableMapSettings {
-    /// Looks up all names in the robot, which must be the first of the scene, and checks all numbers.
+    /// Resolves all names for the robot, which must be the first of the scene, and checks all
+    /// numbers.
     ///
     /// # Errors
-    /// All that is wrong, each with the path of its setting.
+    /// All errors, each with the path of its setting.
     pub fn plan(&self, robot: &Robot) -> Result<TableMapPlan, KindError> {
         let motors = group::motors("motors", &self.motors, robot);
         let hand = group::marker("hand", self.hand.as_deref(), robot);
@@ -177,16 +181,16 @@ impl TableMapSettings {
     fn cells(&self) -> Result<(), KindError> {
         let along = |[from, to]: [f64; 2]| (to - from) / (self.spacing_mm * 1e-3);
         let cells = along(self.table.x_m) * along(self.table.y_m);
-        if cells <= MOST_CELLS || !cells.is_finite() {
+        if cells <= MAX_CELLS || !cells.is_finite() {
             return Ok(());
         }
-        let what = format!("the table has {cells:.0} places at this spacing, more than {MOST_CELLS:.0}");
+        let what = format!("the table has {cells:.0} places at this spacing, more than {MAX_CELLS:.0}");
         Err(KindError::new("spacing_mm", what, "choose a larger spacing, or a smaller table"))
     }
 }
 
 impl TableMapPlan {
-    /// The hand's kinematics in a scene whose first robot it is for.
+    /// Creates the kinematics of the hand in a scene with the plan's robot as its first.
     pub fn chain(&self, scene: &Scene) -> HandChain {
         HandChain::new(scene, self.hand, self.palm)
     }
@@ -203,6 +207,6 @@ fn side(path: &str, [from, to]: [f64; 2]) -> Result<(), KindError> {
     if from.abs() <= 10.0 && to.abs() <= 10.0 && from < to {
         return Ok(());
     }
-    let what = format!("[{from}, {to}] is no side of a table");
+    let what = format!("[{from}, {to}] is not a valid side of a table");
     Err(KindError::new(path, what, "give two numbers in meters from -10 to 10, the smaller one first"))
 }

@@ -1,12 +1,12 @@
 """Pinocchio and coal as a peer of `cargo bench -p mobee-fast --bench peers`: see README.md beside this file.
 
 usage: coal_peer.py FOLDER
-  FOLDER/scene.json  joints, shapes and pairs as MoBeE has them
+  FOLDER/scene.json  joints, shapes and pairs, as written by the benchmark
   FOLDER/poses.f64   positions of all motors, pose by pose
 
-Writes FOLDER/verdicts (a byte per pose: 1 is free), says "ready"; then answers every line of its input with the poses
-that it judges per second of processor time, over those whose byte in FOLDER/asked is 1. Both ways are tried that coal
-has, every listed pair and a broad phase, and the faster one is used.
+Writes FOLDER/verdicts (a byte per pose: 1 is free) and prints "ready". Then replies to every line of its input with the
+number of poses tested per second of processor time, over those whose byte in FOLDER/asked is 1. Uses the faster of
+coal's two methods, the list of pairs and the broad phase.
 """
 
 import sys
@@ -29,7 +29,7 @@ def rate(judge, chosen, least):
 def main(folder):
     scene = CoalScene(folder)
     poses = np.fromfile(f"{folder}/poses.f64")
-    # of coupled joints each is a joint here; what that takes is not counted
+    # Coupled joints are separate joints here; their positions are computed outside the measured time.
     poses = scene.joints(poses.reshape(-1, scene.motor.max() + 1))
     with open(f"{folder}/verdicts", "wb") as file:
         file.write(bytes(not scene.swept(q) for q in poses))

@@ -1,4 +1,4 @@
-"""A scene of MoBeE's as Pinocchio and coal have it."""
+"""Conversion of a MoBeE scene to Pinocchio and coal."""
 
 import json
 
@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-# Ours stand along y, theirs along z.
+# The axis of round shapes is y in MoBeE, z in coal.
 UPRIGHT = pin.SE3(pin.utils.rotate("x", -np.pi / 2), np.zeros(3))
 
 
@@ -17,7 +17,7 @@ def placement(numbers):
 
 
 def shape(of):
-    """A shape, and where it is in its own frame."""
+    """A shape, and its pose in its own frame."""
     kind, sizes = of["kind"], of["sizes"]
     if kind == "sphere":
         return coal.Sphere(sizes[0]), pin.SE3.Identity()
@@ -28,14 +28,14 @@ def shape(of):
 
 
 class CoalScene:
-    """Judges poses of all motors."""
+    """Collision checker for poses of all motors."""
 
     def __init__(self, folder):
         with open(f"{folder}/scene.json") as file:
             scene = json.load(file)
         self.model = pin.Model()
         moving = [frame for frame in scene["frames"] if frame["parent"] is not None]
-        joints, fixed = [], []  # per frame: its joint, and where it is on that
+        joints, fixed = [], []  # per frame: its joint, and its pose relative to the joint
         for i, frame in enumerate(scene["frames"]):
             at = placement(frame["at"])
             if frame["parent"] is None:
@@ -67,9 +67,9 @@ class CoalScene:
         return self.start + poses[..., self.motor] * self.gain
 
     def listed(self, q):
-        """Whether anything touches: pair after pair."""
+        """True if any pair touches, tested pair by pair."""
         return pin.computeCollisions(self.model, self.data, self.shapes, self.places, q, True)
 
     def swept(self, q):
-        """Whether anything touches: by the broad phase."""
+        """True if any pair touches, tested by the broad phase."""
         return pin.computeCollisions(self.model, self.data, self.broad, q, True)

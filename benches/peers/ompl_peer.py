@@ -1,12 +1,12 @@
 """OMPL's RRT-Connect as a peer of `cargo bench -p mobee-behaviors --bench planning -- rrt`: see README.md beside this file.
 
 usage: ompl_peer.py FOLDER
-  FOLDER/scene.json    joints, shapes and pairs as MoBeE has them
-  FOLDER/queries.json  the motors that are planned for, their limits, a pose of all motors, starts and goals, seconds per query
+  FOLDER/scene.json    joints, shapes and pairs, as written by the benchmark
+  FOLDER/queries.json  the planned motors, their limits, a pose of all motors, starts and goals, seconds per query
 
-States are judged by coal with its broad phase, edges at OMPL's own resolution (a hundredth of the space's extent), with
-no clearance. Says "ready"; then answers each line of its input with milliseconds of processor time per query, -1 where
-none was found.
+States are tested by coal with its broad phase, edges at OMPL's own resolution (a hundredth of the space's extent), with
+no clearance. Prints "ready"; then replies to each line of its input with the milliseconds of processor time per query,
+-1 if no path was found.
 """
 
 import json

@@ -1,4 +1,5 @@
-//! A checker or planner in a process of its own, and what it needs to know of a scene: for the benches that ask peers.
+//! External checker or planner in its own process, and the description of a scene that it needs; for benchmarks against
+//! peers.
 
 use mobee_model::{JointMotion, Scene, Shape};
 use nalgebra::Isometry3;
@@ -7,7 +8,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-/// A folder that peer and bench write for each other; gone with this value.
+/// A folder for data between benchmark and peer; removed on drop.
 pub struct Folder(PathBuf);
 
 impl Folder {
@@ -32,23 +33,24 @@ impl Drop for Folder {
     }
 }
 
-/// Somebody else's program, which answers line by line.
+/// An external program that replies line by line.
 pub struct Peer {
     child: Child,
     to: ChildStdin,
     from: BufReader<ChildStdout>,
-    /// What it says of itself.
+    /// Words of its first line, which starts with `ready`.
     pub ready: Vec<String>,
 }
 
 impl Peer {
-    /// Starts it with the folder as its last argument, and waits until it is ready.
+    /// Starts the program with the folder as its last argument, and waits until it is ready.
     pub fn start(words: &[String], folder: &Folder) -> Peer {
         let (program, rest) = words.split_first().expect("a peer's command");
         let mut command = Command::new(program);
         command.args(rest).arg(folder.path()).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().expect("the peer starts");
-        let (to, from) = (child.stdin.take().expect("its input"), child.stdout.take().expect("its output"));
+        let to = child.stdin.take().expect("its input");
+        let from = child.stdout.take().expect("its output");
         let mut peer = Peer { child, to, from: BufReader::new(from), ready: Vec::new() };
         peer.ready = peer.line();
         peer
@@ -56,13 +58,13 @@ impl Peer {
 
     fn line(&mut self) -> Vec<String> {
         let mut line = String::new();
-        self.from.read_line(&mut line).expect("its answer");
+        self.from.read_line(&mut line).expect("its reply");
         line.split_whitespace().map(str::to_owned).collect()
     }
 
-    /// Asks for one more round; the numbers that it answers.
+    /// Requests one more round, and returns the numbers of the peer's reply.
     pub fn ask(&mut self) -> Vec<f64> {
-        writeln!(self.to).expect("it is asked");
+        writeln!(self.to).expect("the peer reads");
         self.line().iter().map(|n| n.parse().expect("a number")).collect()
     }
 }
@@ -74,7 +76,7 @@ impl Drop for Peer {
     }
 }
 
-/// Joints, shapes and pairs of a scene of one robot, as `coal_scene.py` reads them.
+/// Joints, shapes and pairs of a scene of one robot, in the format of `coal_scene.py`.
 pub fn described(scene: &Scene) -> Value {
     let pose = |p: &Isometry3<f64>| {
         let (t, r) = (p.translation.vector, p.rotation.coords);

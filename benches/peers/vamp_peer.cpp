@@ -3,8 +3,8 @@
 // usage: vamp_peer ROBOT FOLDER
 //   FOLDER/edges.f32    per edge: start, then goal
 //   FOLDER/spheres.f32  per obstacle: x, y, z, radius
-// Writes FOLDER/verdicts (a byte per edge: 1 is free), says "ready"; then answers every line of its input with the
-// configurations that it checks per second of processor time, over the edges whose byte in FOLDER/asked is 1.
+// Writes FOLDER/verdicts (a byte per edge: 1 is free) and prints "ready". Then replies to every line of its input with the
+// number of configurations checked per second of processor time, over the edges whose byte in FOLDER/asked is 1.
 #include <cmath>
 #include <cstdio>
 #include <ctime>

@@ -1,8 +1,8 @@
-//! Cameras: simulated ones, folders of pictures, image ports of YARP, and what a run kept of those that it had.
+//! Cameras: simulated ones, folders of images, YARP image ports, and frames recorded in a run.
 //!
 //! ```text
-//! truth (scene, poses) ──> solids in the eye's frame ──look──> depth, owner ──light──> colors ──film──> Frame
-//!                                     └──────────────look──> shadows of the lamp ──┘
+//! truth (scene, poses) ──> solids in the camera frame ──look──> depth, owner ──light──> colors ──film──> Frame
+//!                                     └────────────────look──> shadows of the lamp ──┘
 //! ```
 
 mod by_pose;

@@ -1,14 +1,13 @@
-//! What every board asks of a command before it believes any of it: motors that there are, numbers that are numbers,
-//! positions within limits.
+//! Checks of commands that all boards share: existing motors, finite numbers, positions within limits.
 
 use mobee_contract::{Axis, ControlMode};
 
-/// By how much (rad) a target may lie outside its limits, for rounding between degrees and radians.
+/// Tolerance of targets beyond their limits, rad, for rounding between degrees and radians.
 pub(crate) const ROUNDING: f64 = 1e-9;
-/// By how much (rad) a set-point may: recorded positions carry the noise of the encoders. 0.1 deg.
+/// Tolerance of setpoints beyond their limits, rad: recorded positions carry encoder noise. 0.1 deg.
 pub(crate) const ENCODER_NOISE: f64 = 0.1 * std::f64::consts::PI / 180.0;
 
-/// The axes of motors, which are named once each.
+/// Axes of motors, each of which is named once.
 pub(crate) fn named<'a>(axes: &'a [Axis], motors: &[usize]) -> Result<Vec<&'a Axis>, String> {
     if motors.is_empty() {
         return Err("the command names no motor".into());
@@ -25,7 +24,7 @@ pub(crate) fn named<'a>(axes: &'a [Axis], motors: &[usize]) -> Result<Vec<&'a Ax
     motors.iter().map(one).collect()
 }
 
-/// These motors, named once each, or all if none is named.
+/// Motors of a command, each named once, or all if none is named.
 pub(crate) fn named_or_all(axes: &[Axis], motors: &[usize]) -> Result<Vec<usize>, String> {
     if motors.is_empty() {
         return Ok((0..axes.len()).collect());
@@ -33,7 +32,7 @@ pub(crate) fn named_or_all(axes: &[Axis], motors: &[usize]) -> Result<Vec<usize>
     named(axes, motors).map(|_| motors.to_vec())
 }
 
-/// Velocities by motor; what exceeds an axis is lowered to what it can do, as boards do.
+/// Velocities by motor; velocities beyond an axis's speed limit are lowered to it, as boards do.
 pub(crate) fn velocities(axes: &[Axis], motors: &[usize], speed: &[f64]) -> Result<Vec<(usize, f64)>, String> {
     let named = named(axes, motors)?;
     same_length(motors.len(), speed.len(), "velocities")?;
@@ -45,7 +44,7 @@ pub(crate) fn velocities(axes: &[Axis], motors: &[usize], speed: &[f64]) -> Resu
     .collect()
 }
 
-/// References of these motors: finite, from zero up.
+/// Checks references of these motors: finite, zero or above.
 pub(crate) fn references<'a>(named: &[&Axis], list: &'a [f64], what: &str) -> Result<&'a [f64], String> {
     same_length(named.len(), list.len(), &format!("values of {what}"))?;
     for (axis, value) in named.iter().zip(list) {
@@ -57,20 +56,21 @@ pub(crate) fn references<'a>(named: &[&Axis], list: &'a [f64], what: &str) -> Re
     Ok(list)
 }
 
-/// The position within the axis' limits, if it exceeds them by no more than `tolerance`.
+/// Clamps a position that exceeds the axis's limits by no more than `tolerance`.
 pub(crate) fn within(axis: &Axis, q: f64, tolerance: f64) -> Result<f64, String> {
     let Axis { name, min, max, motion, .. } = axis;
     if !q.is_finite() {
         return Err(format!("motor {name}: the position is not a finite number"));
     }
     if q < min - tolerance || q > max + tolerance {
-        let (q, limits) = (motion.told(q, 3), motion.told_range([*min, *max], 3));
+        let q = motion.told(q, 3);
+        let limits = motion.told_range([*min, *max], 3);
         return Err(format!("motor {name}: {q} is outside its limits {limits}"));
     }
     Ok(q.clamp(*min, *max))
 }
 
-/// A motor takes set-points only in the mode for them.
+/// Checks that a motor is in the mode for setpoints.
 pub(crate) fn follows(axis: &Axis, mode: Option<ControlMode>) -> Result<(), String> {
     match mode {
         Some(ControlMode::PositionDirect) => Ok(()),
@@ -82,7 +82,7 @@ pub(crate) fn follows(axis: &Axis, mode: Option<ControlMode>) -> Result<(), Stri
     }
 }
 
-/// A list with a value for each of the motors.
+/// Checks that a list has a value for each of the motors.
 pub(crate) fn same_length(want: usize, got: usize, what: &str) -> Result<(), String> {
     if want == got { Ok(()) } else { Err(format!("{got} {what} for {want} motors")) }
 }

@@ -6,8 +6,12 @@
 //!                  └── one simulated board: Plant (motors) + encoders + injected faults
 //! ```
 //!
-//! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], its injectable faults ([`SimFaults`]), the driver of robots behind YARP ([`YarpHardware`], kind `yarp`), recorded robots
-//!   ([`ReplayHardware`], kind `replay`), cameras (kinds `simulated`, `folder`, `yarp` and `recorded`), the frames that a run keeps ([`eyes::KeptFrames`]), the locator that needs to know no more than where these are (kind `pose`), and the estimate of reaction and braking path ([`stopping_path`]). `mobee-conformance` states what each must promise.
+//! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], its injectable faults
+//!   ([`SimFaults`]), the driver of robots behind YARP ([`YarpHardware`], kind `yarp`), recorded robots
+//!   ([`ReplayHardware`], kind `replay`), cameras (kinds `simulated`, `folder`, `yarp` and `recorded`), the
+//!   frames that a run records ([`eyes::KeptFrames`]), the locator that only needs the places of the cameras
+//!   (kind `pose`), and the estimate of reaction and braking path ([`stopping_path`]). `mobee-conformance`
+//!   states the promises of each driver.
 //! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s.
 //! * Promises: position, speed and acceleration limits are never exceeded; nothing moves without a lease; the plant outlives
 //!   its drivers; the same seed and the same calls give the same readings.
@@ -39,7 +43,7 @@ pub mod replay;
 mod sim;
 mod yarp;
 
-// the robot on a network of its own that the tests from outside have, for those that need to look inside
+// the robot and its network of the integration tests, for unit tests that use them too
 #[cfg(test)]
 extern crate self as mobee_drivers;
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! A recorded run as a robot: its encoders read what a table of poses says, whatever it is commanded.
+//! A recorded run as a robot: its encoders follow a table of configurations, independent of commands.
 
 mod table;
 
@@ -18,8 +18,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long a table may be, bytes: more than two hours of a humanoid, twenty poses a second.
-const LONGEST: u64 = 64 * MIB;
+/// Greatest size of a table, bytes: more than two hours of a humanoid at twenty rows a second.
+const MAX_TABLE_BYTES: u64 = 64 * MIB;
 
 inventory::submit! {
     Registered(&Kind::<dyn Hardware> {
@@ -36,8 +36,9 @@ inventory::submit! {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReplaySettings {
-    /// The table of poses, relative to the configuration file: columns `t_s` (s of the run, increasing) and `PART.MOTOR` (degrees).
-    /// Motors without a column stay at home; between two rows poses are interpolated.
+    /// Table of configurations, relative to the configuration file: columns `t_s` (s of the run, increasing)
+    /// and `PART.MOTOR` (degrees). Motors without a column stay at home; between two rows configurations are
+    /// interpolated.
     #[schemars(extend("format" = "path"))]
     pub file: PathBuf,
     /// Readings per second.
@@ -49,7 +50,7 @@ fn rate() -> f64 {
     100.0
 }
 
-/// The recorded robot.
+/// A recorded robot.
 #[derive(Clone, Debug)]
 pub struct ReplayHardware {
     table: Arc<PoseTable>,
@@ -60,7 +61,7 @@ impl ReplayHardware {
     /// Reads the table of the settings in a config file.
     ///
     /// # Errors
-    /// The first setting that can't be used, or what is wrong with the table, with its line.
+    /// The first setting that can't be used, or the first error in the table, with its line.
     pub fn build(settings: &Value, context: &Context) -> Result<ReplayHardware, KindError> {
         let settings: ReplaySettings = contract::settings(settings)?;
         if !(1.0..=1000.0).contains(&settings.encoder_hz) {
@@ -68,7 +69,7 @@ impl ReplayHardware {
             return Err(KindError::new("encoder_hz", what, "give a number from 1 to 1000"));
         }
         let name = settings.file.display();
-        let text = read_text(&settings.file, LONGEST).map_err(|e| {
+        let text = read_text(&settings.file, MAX_TABLE_BYTES).map_err(|e| {
             let help =
                 "make the table by `mobee inspect RUN --poses FILE`; its path is relative to the configuration file";
             KindError::new("file", format!("{name} can't be read: {e}"), help)
@@ -78,7 +79,7 @@ impl ReplayHardware {
         Ok(ReplayHardware::new(table, SimSettings::default().axes(&context.robot), settings.encoder_hz))
     }
 
-    /// A robot with these axes that does what the table says, read so many times a second.
+    /// Creates a robot with these axes that follows the table, with this number of readings per second.
     pub fn new(table: PoseTable, axes: Vec<Axis>, encoder_hz: f64) -> ReplayHardware {
         let period = Duration::from_secs_f64(1.0 / encoder_hz.clamp(1.0, 1000.0));
         let board = Board { axes, period, latency: Duration::ZERO, position_direct: true };
@@ -101,11 +102,11 @@ impl Hardware for ReplayHardware {
     }
 }
 
-/// A connection to a recorded robot.
+/// Connection to a recorded robot.
 #[derive(Debug)]
 pub struct ReplayDriver {
     played: ReplayHardware,
-    /// The number of the newest reading that was fetched.
+    /// Number of the newest reading fetched.
     given: Option<u64>,
 }
 
@@ -131,7 +132,8 @@ impl Driver for ReplayDriver {
         }
         self.given = Some(seq);
         let at = Time(seq * self.period());
-        let (q, next) = (self.played.table.at(at), self.played.table.at(at + self.played.board.period));
+        let q = self.played.table.at(at);
+        let next = self.played.table.at(at + self.played.board.period);
         let done = q.iter().zip(&next).map(|(q, next)| q == next).collect();
         Ok(Some(Sample { seq, at, q: q.into(), done, ..Sample::default() }))
     }

@@ -51,7 +51,7 @@ inventory::submit! {
 /// Damping of a contact over its stiffness, s.
 const CONTACT_DAMPING_S: f64 = 0.01;
 
-/// A simulated robot. It goes on living when its driver dies; see [`Hardware`].
+/// A simulated robot, which outlives its drivers; see [`Hardware`].
 #[derive(Clone, Debug)]
 pub struct SimHardware {
     board: Arc<Mutex<SharedPlant>>,
@@ -62,7 +62,7 @@ pub struct SimHardware {
 }
 
 impl SimHardware {
-    /// From the settings in a config file.
+    /// Builds the hardware from the settings in a config file.
     ///
     /// # Errors
     /// The first setting that can't be used.
@@ -71,7 +71,7 @@ impl SimHardware {
         SimHardware::new(&settings, context)
     }
 
-    /// A simulation of the context's robot, at rest where the settings say.
+    /// Builds a simulation of the context's robot, at rest at the start configuration of the settings.
     ///
     /// # Errors
     /// The first setting that can't be used.
@@ -82,7 +82,8 @@ impl SimHardware {
         if let Some(numbers) = settings.arm() {
             let servo = settings.servo.clone().unwrap_or_default();
             servo.fits(&context.robot)?;
-            let (rules, mut board) = (servo.rules(&numbers), lock(&hardware.board));
+            let rules = servo.rules(&numbers);
+            let mut board = lock(&hardware.board);
             let plant = Plant::new(settings.axes(&context.robot), &start, settings.move_profile());
             board.plant = plant.with_rules(rules);
             let servos = servo.servos(&numbers, &context.robot);
@@ -95,7 +96,8 @@ impl SimHardware {
         Ok(SimHardware { start: Some(start).filter(|_| !settings.start_deg.is_empty()), ..hardware })
     }
 
-    /// A simulation of motors without a robot model. The axes' own limits count, not those of the settings, which are believed unchecked.
+    /// Builds a simulation of motors without a robot model. The limits of `axes` apply, not those of the
+    /// settings, which are not validated.
     pub fn with_axes(axes: Vec<Axis>, start: &[f64], settings: &SimSettings, seed: u64) -> SimHardware {
         let facts = contract::Board {
             axes: axes.clone(),
@@ -124,7 +126,7 @@ impl SimHardware {
         }
     }
 
-    /// Whom it behaves like.
+    /// Real robot that it imitates.
     pub(crate) fn imitates(&self) -> Option<Imitated> {
         self.imitates
     }
@@ -134,19 +136,19 @@ impl SimHardware {
         &self.facts.axes
     }
 
-    /// A handle to give it faults.
+    /// Handle for planning faults.
     pub fn faults(&self) -> SimFaults {
         SimFaults { board: self.board.clone() }
     }
 
-    /// Where the motors really are, whatever the encoders say, rad: for tests that compare.
+    /// True positions of the motors, independent of the encoders, rad; for tests that compare.
     pub fn positions(&self, now: Time) -> Vec<f64> {
         let mut board = lock(&self.board);
         board.advance(now);
         board.positions()
     }
 
-    /// How fast the motors really are, rad/s.
+    /// True speeds of the motors, rad/s.
     pub fn speeds(&self, now: Time) -> Vec<f64> {
         let mut board = lock(&self.board);
         board.advance(now);
@@ -156,14 +158,14 @@ impl SimHardware {
         }
     }
 
-    /// The torques of the servos, N m (N where a joint slides); none for kinematic joints.
+    /// Torques of the servos, N m (N for prismatic joints); `None` for kinematic joints.
     pub fn efforts(&self, now: Time) -> Option<Vec<f64>> {
         let mut board = lock(&self.board);
         board.advance(now);
         board.arm.as_ref().map(|arm| arm.efforts())
     }
 
-    /// The greatest force with which the arm has pushed anything so far, N, and for how long it has been pushing without a pause.
+    /// Greatest force with which the arm has pushed anything so far, N, and the duration of the present push.
     pub fn pushed(&self, now: Time) -> (f64, Duration) {
         let mut board = lock(&self.board);
         board.advance(now);
@@ -173,15 +175,16 @@ impl SimHardware {
         })
     }
 
-    /// Per motor, if something holds it ([`Fault::Blocked`]): since when, and how far its board wants it beyond, rad.
+    /// Per motor, if something blocks it ([`Fault::Blocked`]): the time since when, and the distance to the
+    /// position that its board commands, rad.
     pub fn held(&self, now: Time) -> Vec<Option<(Time, f64)>> {
         let mut board = lock(&self.board);
         board.advance(now);
         board.plant.held()
     }
 
-    /// Per motor whether it says that it is done (it rests, or imitates a robot that says so before), and nothing that is on its way will
-    /// move it.
+    /// True per motor that reports done (because it rests, or imitates a robot that reports this earlier) if
+    /// no command in transit will move it.
     pub fn done(&self, now: Time) -> Vec<bool> {
         let mut board = lock(&self.board);
         board.advance(now);
@@ -192,7 +195,8 @@ impl SimHardware {
 impl Hardware for SimHardware {
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
         let board = lock(&self.board);
-        // a planned loss has an end that only passing time brings, and connecting tells no time: its driver reports it
+        // a planned loss ends by the passing of time, of which connecting knows nothing: the driver reports
+        // it
         if board.faults.iter().any(|f| f.fault == Fault::Lost && f.is_open()) {
             return Err(DriverFault::Lost);
         }
@@ -209,7 +213,7 @@ impl Hardware for SimHardware {
         let wrong = |e: SceneError| KindError::new("unknown", e.to_string(), "give it a name of its own");
         let Some(scene) = ArmPhysics::scene_of(scene, robot, &unknown).map_err(wrong)? else { return Ok(()) };
         let [mass, felt, stiffness] = self.settings.servo.clone().unwrap_or_default().body(&numbers);
-        // a contact loses most of its energy in one stroke
+        // contacts dissipate most of their energy in one cycle
         let damping = CONTACT_DAMPING_S * stiffness;
         if let Some(arm) = &mut lock(&self.board).arm {
             arm.set_physics(ArmPhysics { scene, mass, felt, stiffness, damping })?;
@@ -223,7 +227,7 @@ impl Hardware for SimHardware {
     }
 }
 
-/// A connection to a simulated robot.
+/// Connection to a simulated robot.
 #[derive(Debug)]
 pub struct SimDriver {
     board: Arc<Mutex<SharedPlant>>,
@@ -267,7 +271,7 @@ impl Driver for SimDriver {
 
     fn next_sample(&self, now: Time) -> Time {
         let board = lock(&self.board);
-        // a reading that nobody fetched yet can be had at once, unless a fault withholds it
+        // an unread reading is available at once, unless a fault withholds it
         let withheld = board.on(now).any(|f| f.withholds());
         let due = board.encoders.due();
         if board.unread.is_some() && !withheld { now } else { due.max(now) }

@@ -1,22 +1,27 @@
-//! A robot behind YARP: its control boards as one board, in radians and the model's order of motors.
+//! Driver of a robot behind YARP. Combines its control boards into one board, in radians and in the model's
+//! order of motors.
 //!
 //! ```text
-//! drivers (one per life of a driver actor)          two threads, which outlive them and watch each other
+//! drivers (one per life of a driver actor)          two threads, which outlive the drivers and watch each other
 //!   command ──checked──> a bounded queue per board ──> Hand ──> RemoteBoard ──> the robot
-//!   stop ──────────────> at once ────────────────────> Brake ──> a line of its own ──> the robot
-//!   lease ─────────────> watched beside the brakes: at its end everything stops
+//!   stop ──────────────> at once ────────────────────> Brake ──> its own connection ──> the robot
+//!   lease ─────────────> watched beside the brakes: when it expires, everything stops
 //!   sample <───────────── Cell: newest of all boards <── Arrivals <── state streams
-//! services: questions ──> Questions, a line per board that is worked by the asker itself ──> the robot
+//! services: queries ──> Questions, a connection per board that the caller itself drives ──> the robot
 //! ```
-//! * Every new connection to a board begins with a stop; nothing that was told before it counts any more (F11).
-//! * References and modes of a board are given back as they were found, when its joints rest and at the end (`found.rs`).
-//! * A board that falls silent gives no readings; one that is gone is [`mobee_contract::DriverFault::Lost`] until it is back.
-//! * While another program holds our port names, nothing is written, and the fault says so (F13).
-//! * A stop never waits for the answer to something else, and is said again until the readings show it. If anybody dies who could
-//!   stop the robot, whoever is left stops it, and it is not used until all are back.
-//! * A board that answers within no more than `latency_ms` is told of by [`mobee_contract::Driver::answer_time`]; the filter opens under no other.
-//! * Degrees and joint order of YARP exist here and nowhere else.
-//! * All of it also runs in virtual time on one thread, against simulated boards behind simulated wires (`sim.rs`).
+//! * Every new connection to a board begins with a stop. Commands issued before it are void (F11).
+//! * References and modes of a board are restored to the values found, once its joints rest and at the end
+//!   (`found.rs`).
+//! * A silent board gives no readings. A lost one is [`mobee_contract::DriverFault::Lost`] until it is back.
+//! * While another program holds our port names, nothing is written, and the fault reports it (F13).
+//! * A stop never waits for the answer to another request, and is repeated until the readings show its
+//!   effect. If a task that can stop the robot dies, the remaining ones stop it, and the robot is not used
+//!   until all tasks run again.
+//! * A board that takes longer than `latency_ms` to answer is reported through
+//!   [`mobee_contract::Driver::answer_time`]; the filter does not open until it answers in time.
+//! * YARP's degrees and joint order are confined to this module.
+//! * Everything also runs in virtual time on one thread, against simulated boards behind simulated wires
+//!   (`sim.rs`).
 
 mod answers;
 mod brake;
@@ -82,20 +87,21 @@ inventory::submit! {
     })
 }
 
-/// A robot behind YARP. Its threads begin with the first connection and live as long as this does, whatever happens to drivers.
+/// A robot behind YARP. Its threads start with the first connection and live as long as this object,
+/// independently of drivers.
 pub struct YarpHardware {
     settings: YarpDriverSettings,
     robot: String,
     layout: Arc<Layout>,
     network: Option<Network>,
-    /// What takes the place of a network in a simulation.
+    /// Replaces the network in a simulation.
     simulated: Option<Arc<dyn Wire>>,
     started: Mutex<Option<Started>>,
-    /// How the motors were found by an earlier process, or by threads that died.
+    /// Settings of the motors as found by an earlier process, or by threads that died.
     inherited: Mutex<Vec<AsFound>>,
 }
 
-/// What there is once the thread runs.
+/// State that exists while the threads run.
 struct Started {
     reach: Reach,
     questions: Vec<Questions>,
@@ -103,7 +109,7 @@ struct Started {
 }
 
 impl YarpHardware {
-    /// From the settings in a config file.
+    /// Builds the hardware from the settings in a config file.
     ///
     /// # Errors
     /// The first setting that can't be used.
@@ -112,13 +118,14 @@ impl YarpHardware {
         YarpHardware::new(&settings, &context.robot)
     }
 
-    /// The boards of this robot. Nothing is opened or asked before the first connection: a file can be checked while another program
-    /// drives its robot.
+    /// Builds the hardware for the boards of this robot. Opens and queries nothing before the first
+    /// connection, so that a file can be checked while another program drives its robot.
     ///
     /// # Errors
     /// The first setting that can't be used.
     pub fn new(settings: &YarpDriverSettings, robot: &Robot) -> Result<YarpHardware, KindError> {
-        let (network, layout) = (settings.server.as_deref().map(at).transpose(), Layout::new(settings, robot));
+        let network = settings.server.as_deref().map(at).transpose();
+        let layout = Layout::new(settings, robot);
         let unusable =
             [network.as_ref().map(drop).map_err(Clone::clone), layout.as_ref().map(drop).map_err(Clone::clone)];
         KindError::gather([settings.validate()].into_iter().chain(unusable))?;
@@ -133,7 +140,7 @@ impl YarpHardware {
         })
     }
 
-    /// The same on a network that is known already.
+    /// Same as [`YarpHardware::new`], on an existing network.
     ///
     /// # Errors
     /// The first setting that can't be used.
@@ -143,7 +150,8 @@ impl YarpHardware {
         Ok(hardware)
     }
 
-    /// The same behind a simulated wire, with all tasks on the runtime of whoever connects.
+    /// Same as [`YarpHardware::new`], behind a simulated wire, with all tasks on the runtime of the caller
+    /// that connects.
     ///
     /// # Errors
     /// The first setting that can't be used.
@@ -175,7 +183,8 @@ impl YarpHardware {
         })
     }
 
-    /// The way to the threads, started if they are not there or one of them has died; whether they are not the first.
+    /// Handle to the threads, which are started if they don't run or one of them has died. The flag is true
+    /// if they replace threads that died.
     fn reach(&self) -> Result<(Reach, bool), DriverFault> {
         let mut started = self.started();
         let broken = started.as_ref().is_some_and(|running| running.thread.is_broken());
@@ -189,8 +198,8 @@ impl YarpHardware {
         }
     }
 
-    /// A driver of the boards as they are. The first connection waits for them; later ones must not keep a running system
-    /// waiting.
+    /// Creates a driver of the boards in their present state. The first connection waits for the boards;
+    /// later ones return at once, so that a running system is not delayed.
     fn driver(&self, reach: &Reach, known_before: bool) -> Result<Box<dyn Driver>, DriverFault> {
         let patience = if known_before { Duration::ZERO } else { self.settings.patience() };
         let inner = reach.cell.wait(patience);
@@ -252,7 +261,7 @@ impl Hardware for YarpHardware {
 
     fn native_state(&self, part: &str) -> Option<NativeState> {
         let board = self.layout.patches.iter().position(|p| p.part == part)?;
-        let state = self.started().as_ref()?.reach.cell.lock().boards.get(board)?.told.clone()?;
+        let state = self.started().as_ref()?.reach.cell.lock().boards.get(board)?.received.clone()?;
         let stamp = state.stamp.map(|stamp| (stamp.count, stamp.time));
         let message = NativeMessage(state.joints.encode(Dialect::V3));
         Some(NativeState { seq: state.seq, stamp, message })
@@ -278,7 +287,7 @@ impl Hardware for YarpHardware {
 }
 
 impl Drop for YarpHardware {
-    /// Stops the boards, gives them back as they were found, and waits for that.
+    /// Stops the boards, restores the settings found, and waits until that is done.
     fn drop(&mut self) {
         if let Some(started) = self.started().take() {
             started.thread.end();
@@ -286,16 +295,18 @@ impl Drop for YarpHardware {
     }
 }
 
-/// Questions: what changes nothing. References of speed and acceleration are none: between our own and the move that is to go by
-/// them, another's would make the robot as fast as that one likes.
+/// True for queries, which change nothing. Writing a reference speed or acceleration is not a query: between
+/// our own reference and the move that depends on it, another program's value would set the speed of the
+/// robot.
 fn may_pass(asked: &Bottle) -> bool {
     asked.get(0).and_then(Value::as_vocab) == Some(Vocab::new("get"))
 }
 
-/// The network of a name server given as `HOST:PORT`, with our ports on an address of this machine; `None`: what YARP's own files say.
+/// Network of a name server given as `HOST:PORT`, with our ports on an address of this machine; `None`
+/// selects the network of YARP's own files.
 ///
 /// # Errors
-/// One that is no address.
+/// An address that can't be parsed.
 pub(crate) fn network_of(server: Option<&str>, listen: Option<&str>) -> Result<Option<Network>, KindError> {
     let network = server.map(at).transpose()?;
     let Some(listen) = listen else { return Ok(network) };

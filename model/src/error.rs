@@ -1,4 +1,4 @@
-//! Errors in the files that users write: file, line, column, a caret and a remedy.
+//! Errors in users' files: file, line, column, a caret and a remedy.
 
 mod excerpt;
 
@@ -9,12 +9,12 @@ use crate::printable::{printable, readable};
 use miette::{Diagnostic, LabeledSpan, Severity, SourceCode};
 use std::{fmt, ops::Range, path::Path, sync::Arc};
 
-/// The text of a file together with the name that messages call it by.
+/// The text of a file and its name in messages.
 #[derive(Clone, Debug)]
 pub(crate) struct Source(Arc<(String, String)>);
 
 impl Source {
-    /// The text of the file that messages call `name`.
+    /// Creates a source from a text and the file name for messages.
     pub(crate) fn new(name: &str, text: &str) -> Self {
         Self(Arc::new((name.to_owned(), text.to_owned())))
     }
@@ -37,35 +37,36 @@ impl Source {
         };
         let bytes = file::read(path, limit).map_err(about)?;
         file::text(bytes).map(|text| Self::new(&name, &text)).map_err(|(not_text, bytes)| {
-            // Read as well as can be, to show the place; up to there it is text, so the byte is the same.
+            // Decoded with replacement characters, to show the position; the text before it is valid, so the byte
+            // offset is unchanged.
             let text = String::from_utf8_lossy(&bytes);
             let message = format!("this byte, {}", not_text.what);
             Self::new(&name, &text).error(not_text.at..not_text.at, message, file::SAVE_AS_UTF8)
         })
     }
 
-    /// What messages call the file.
+    /// The file name for messages.
     pub(crate) fn name(&self) -> &str {
         &self.0.0
     }
 
-    /// All of its text.
+    /// The complete text.
     pub(crate) fn text(&self) -> &str {
         &self.0.1
     }
 
-    /// An error at a place of this file.
+    /// Creates an error at a range of bytes of this file.
     pub(crate) fn error(&self, at: Range<usize>, message: impl Into<String>, help: impl Into<String>) -> FileError {
         FileError::new(self, Some(at), message.into(), help.into(), Severity::Error)
     }
 
-    /// A warning at a place of this file.
+    /// Creates a warning at a range of bytes of this file.
     pub(crate) fn warning(&self, at: Range<usize>, message: impl Into<String>, help: impl Into<String>) -> FileError {
         FileError::new(self, Some(at), message.into(), help.into(), Severity::Warning)
     }
 }
 
-/// What is wrong (or, as a warning, odd) in a file that a user wrote: where it is and how to mend it.
+/// An error (or, as a warning, an oddity) in a user's file: its position, a message and a remedy.
 ///
 /// `Display` prints `file:line:column: message`; as a [`Diagnostic`] it has the source text, a caret and a help line.
 ///
@@ -80,31 +81,32 @@ impl Source {
 #[derive(Clone)]
 pub struct FileError(Box<Inner>);
 
-/// Boxed, so that a `Result` of it is no larger than a pointer where all goes well.
+/// Contents of a [`FileError`]. Boxed, so that a `Result` with it is no larger than a pointer in the successful case.
 #[derive(Clone, Debug)]
 struct Inner {
-    /// As named to the loader, printable.
+    /// The file name as given to the loader, printable.
     file: String,
-    /// Where it is; none if the file could not be read at all.
+    /// Position and text; `None` if the file could not be read at all.
     place: Option<Excerpt>,
-    /// What is wrong, printable and not too long.
+    /// The message, printable and shortened.
     message: String,
-    /// What to do about it.
+    /// The remedy, printable and shortened.
     help: String,
-    /// Whether the file was loaded all the same.
+    /// `Warning` if the file was loaded nevertheless.
     severity: Severity,
 }
 
 impl FileError {
-    /// The one place where messages are made printable: what they quote came from a file.
+    /// Makes the message printable, as it may quote the file. All messages pass through here.
     fn new(source: &Source, span: Option<Range<usize>>, message: String, help: String, severity: Severity) -> Self {
         let file = printable(source.name()).into_owned();
         let place = span.map(|span| Excerpt::new(&file, source.text(), span));
-        let (message, help) = (readable(&message), readable(&help));
+        let message = readable(&message);
+        let help = readable(&help);
         Self(Box::new(Inner { file, place, message, help, severity }))
     }
 
-    /// The file, as it was named to the loader, printable.
+    /// The file name as given to the loader, printable.
     pub fn file(&self) -> &str {
         &self.0.file
     }
@@ -116,15 +118,15 @@ impl FileError {
     pub fn column(&self) -> usize {
         self.0.place.as_ref().map_or(0, Excerpt::column)
     }
-    /// What is wrong.
+    /// Description of the error.
     pub fn message(&self) -> &str {
         &self.0.message
     }
-    /// What to do about it.
+    /// Suggested remedy.
     pub fn remedy(&self) -> &str {
         &self.0.help
     }
-    /// Whether the file was loaded all the same.
+    /// True if the file was loaded nevertheless.
     pub fn is_warning(&self) -> bool {
         self.0.severity == Severity::Warning
     }
@@ -163,12 +165,12 @@ impl Diagnostic for FileError {
     }
 }
 
-/// Something read from a file, and what was odd about the file. Whoever loads shows the warnings: they are how a user learns
-/// that an attribute was mistyped.
+/// A value read from a file, and warnings about the file. Callers must show the warnings: they are the only notice of,
+/// for example, a mistyped attribute.
 #[derive(Clone, Debug)]
 pub struct Loaded<T> {
-    /// What the file describes.
+    /// The value that the file describes.
     pub value: T,
-    /// Places that were ignored or silently mended, at most 100.
+    /// Warnings about parts that were ignored or corrected, at most 100.
     pub warnings: Vec<FileError>,
 }

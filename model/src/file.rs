@@ -1,16 +1,16 @@
-//! Reading files that users name: regular files only, without waiting for anybody, and never more than is asked for.
+//! Reads files named by users: regular files only, without blocking, and never more bytes than requested.
 //!
-//! A path may lead anywhere: to a FIFO that nobody writes to, to a device without an end, to a file of many gigabytes. All
-//! code that reads what a user named opens it here.
+//! A path may refer to a FIFO without a writer, to an endless device or to a file of many gigabytes. All code that
+//! reads a user's file opens it here.
 
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom};
 use std::path::Path;
 
-/// Bytes in a MiB.
+/// Number of bytes in a MiB.
 pub const MIB: u64 = 1 << 20;
-/// Bytes that [`find_record`] looks at before it reads on.
-const SEARCHED_AT_ONCE: u64 = 1 << 16;
+/// Size of the window, in bytes, in which [`find_record`] searches at a time.
+const SEARCH_WINDOW_BYTES: u64 = 1 << 16;
 
 /// Opens a regular file for reading.
 ///
@@ -22,7 +22,7 @@ pub fn open(path: &Path) -> Result<File> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt;
-        // a FIFO is opened at once, though nobody may ever write to it; what it is shows then
+        // Opening a FIFO would block until it has a writer; the file type is checked below.
         options.custom_flags((rustix::fs::OFlags::NONBLOCK | rustix::fs::OFlags::NOCTTY).bits() as i32);
     }
     let file = options.open(path).map_err(|e| match path_remedy(path).filter(|_| e.kind() == ErrorKind::NotFound) {
@@ -37,7 +37,7 @@ pub fn open(path: &Path) -> Result<File> {
     }
 }
 
-/// The bytes of a regular file of at most `most` bytes. Never holds more than one byte beyond that in memory.
+/// Reads a regular file of at most `most` bytes. Never holds more than one byte beyond that in memory.
 ///
 /// # Errors
 /// As for [`open`], and if the file is longer.
@@ -47,13 +47,13 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     if file.metadata()?.len() > most {
         return Err(long());
     }
-    // a file may grow while it is read, and those of the system say that they are empty
+    // A file may grow while it is read, and files of the kernel report a length of zero.
     let mut bytes = Vec::new();
     file.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most { Err(long()) } else { Ok(bytes) }
 }
 
-/// The text of a regular file of at most `most` bytes, without its byte order mark.
+/// Reads the text of a regular file of at most `most` bytes, without its byte order mark.
 ///
 /// # Errors
 /// As for [`read`], and if it is not UTF-8.
@@ -64,28 +64,28 @@ pub fn read_text(path: &Path, most: u64) -> Result<String> {
     })
 }
 
-/// What to do about a file in another encoding.
+/// Remedy for a file in another encoding.
 pub(crate) const SAVE_AS_UTF8: &str = "save it as UTF-8";
 
-/// A place where a file is not UTF-8 text.
+/// Position of the first byte of a file that is not UTF-8 text.
 pub(crate) struct NotText {
-    /// The byte, from 0.
+    /// Offset of the byte, from 0.
     pub at: usize,
-    /// Its line, from 1.
+    /// Line of the byte, from 1.
     pub line: usize,
-    /// What it is instead, as the end of a sentence that begins with the byte.
+    /// Description of the byte and of the probable encoding; continues a sentence that begins with the byte.
     pub what: String,
 }
 
-/// The text of a file, without its byte order mark.
+/// Decodes the bytes of a file as text, without a byte order mark.
 ///
 /// # Errors
-/// Where it is not UTF-8, and the bytes.
+/// The position at which it is not UTF-8, and the bytes.
 pub(crate) fn text(mut bytes: Vec<u8>) -> std::result::Result<String, (NotText, Vec<u8>)> {
     if bytes.starts_with(b"\xef\xbb\xbf") {
         bytes.drain(..3);
     }
-    // in UTF-16, what is ASCII has a zero in every other byte
+    // In UTF-16, every other byte of ASCII text is zero.
     let wide = match bytes[..] {
         [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => true,
         [first, second, ..] => (first == 0) != (second == 0),
@@ -106,7 +106,7 @@ pub(crate) fn text(mut bytes: Vec<u8>) -> std::result::Result<String, (NotText, 
     Err((NotText { at, line, what }, bytes))
 }
 
-/// What to do about a path that leads nowhere because of how it is written.
+/// Remedy for a path that does not exist because of its notation.
 pub fn path_remedy(path: &Path) -> Option<&'static str> {
     let path = path.to_string_lossy();
     let variable = || path.split('/').any(|step| step.starts_with(['~', '$']));
@@ -119,8 +119,9 @@ pub fn path_remedy(path: &Path) -> Option<&'static str> {
     }
 }
 
-/// The first place in a file, from `from` on, at which `is_record` accepts the `N` bytes there. Readers of records resume with it behind
-/// damage: a record has a length and a checksum, so that other bytes are not taken for one.
+/// Finds the first offset in a file, at or after `from`, at which `is_record` accepts the next `N` bytes. Readers of
+/// records use it to resume after damage: a record has a length and a checksum, so that other bytes are not mistaken
+/// for one.
 ///
 /// # Errors
 /// If the file can't be read, or `is_record` returns an error.
@@ -134,7 +135,7 @@ pub fn find_record<const N: usize>(
         let mut window = Vec::new();
         let mut reader = file;
         reader.seek(SeekFrom::Start(at))?;
-        reader.take(SEARCHED_AT_ONCE).read_to_end(&mut window)?;
+        reader.take(SEARCH_WINDOW_BYTES).read_to_end(&mut window)?;
         for (place, bytes) in (at..).zip(window.windows(N)) {
             if let Ok(bytes) = bytes.try_into()
                 && is_record(place, bytes)?
@@ -142,15 +143,15 @@ pub fn find_record<const N: usize>(
                 return Ok(Some(place));
             }
         }
-        if (window.len() as u64) < SEARCHED_AT_ONCE {
+        if (window.len() as u64) < SEARCH_WINDOW_BYTES {
             return Ok(None);
         }
-        // a record may begin in the last bytes of this window
+        // A record may begin in the last `N - 1` bytes of this window.
         at += window.len().saturating_sub(N - 1).max(1) as u64;
     }
 }
 
-/// A number of bytes for people.
+/// Formats a number of bytes for messages.
 fn size(bytes: u64) -> String {
     if bytes.is_multiple_of(MIB) { format!("{} MiB", bytes / MIB) } else { format!("{bytes} bytes") }
 }
@@ -188,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_is_written_in_another_way_is_named() {
+    fn a_path_in_foreign_notation_gets_a_remedy() {
         let of = |path: &str| read(Path::new(path), 5).unwrap_err().to_string();
         assert!(of("a\\b.csv").contains("write / between folders, not \\"), "{}", of("a\\b.csv"));
         for path in ["~/b.csv", "$DATA/b.csv", "a/~b/c.csv"] {
@@ -201,7 +202,7 @@ mod tests {
     fn a_record_is_found_wherever_it_begins() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("f");
-        let edge = SEARCHED_AT_ONCE as usize;
+        let edge = SEARCH_WINDOW_BYTES as usize;
         for place in [0, 1, edge - 3, edge - 2, edge - 1, edge, 3 * edge + 5] {
             let mut bytes = vec![b'.'; 3 * edge + 9];
             bytes[place..place + 4].copy_from_slice(b"here");
@@ -214,11 +215,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_is_refused_at_once() {
+    fn devices_and_folders_are_rejected_at_once() {
         let dir = tempfile::tempdir().unwrap();
         assert_eq!(read(dir.path(), 5).unwrap_err().kind(), ErrorKind::IsADirectory);
         assert_eq!(read(&dir.path().join("nothing"), 5).unwrap_err().kind(), ErrorKind::NotFound);
-        // no length is told of it, and it has no end
+        // The device reports no length and never ends.
         #[cfg(unix)]
         assert_eq!(read(Path::new("/dev/zero"), 5).unwrap_err().kind(), ErrorKind::InvalidInput);
     }

@@ -1,45 +1,45 @@
-//! Simple shapes around the meshes of a link: together around every triangle, and nowhere far from the mesh.
+//! Simple shapes around the meshes of a link: together they contain every triangle, and none extends far from the mesh.
 //!
-//! Always around and never within: a shape that is too large costs free space, one that is too small costs a robot.
+//! Always an outer approximation: a shape that is too large costs free space, one that is too small costs a robot.
 //!
 //! ```text
-//! meshes ──soup──> triangles ──filled──> how far is a place outside the mesh
+//! meshes ──soup──> triangles ──filled──> distance of a point outside the mesh
 //!                      │                        │
 //!                      └────────search: split the worst piece, enclose both sides, merge what fits────> primitives
 //! ```
 //!
-//! * **Around**: triangles are clipped at the planes that part the pieces, and each piece is enclosed by a convex primitive. So
-//!   the primitives contain all of the surface, and not only its vertices.
-//! * **Near**: what counts is how far the surface of a primitive is from the mesh itself, its hollows filled ([`Fitted::overshoot`]).
-//!   A piece that is too far out is split by the best of many planes, until the bound or the number of primitives is reached.
+//! * **Containment**: triangles are clipped at the planes that separate the pieces, and each piece is enclosed by a
+//!   convex primitive. So the primitives contain the complete surface, not only its vertices.
+//! * **Tightness**: the measure is the distance between the surface of a primitive and the mesh with its hollows filled
+//!   ([`Fitted::overshoot`]). A piece above the bound is split by the best of many planes, until the bound or the
+//!   number of primitives is reached.
 //!
-//! parry's convex decomposition (VHACD) is not used: its parts approximate the mesh within voxels, so that holding every triangle
-//! needs the clipped triangles all the same.
-
+//! parry's convex decomposition (VHACD) is not used: its parts approximate the mesh to within voxels, so that
+//! containing every triangle requires the clipped triangles anyway.
 //!
-//! A fit can be brought nearer where it is known to be in the way ([`Fit::yield_to`]): the shape that is gives way to places that
-//! should be free, if need be by two in its stead, and all others stay.
+//! A fit can be tightened where it is known to block free space ([`Fit::yield_to`]): the blocking shape is refitted
+//! around points that should be free, if necessary as two shapes; all other shapes are unchanged.
 
 mod enclose;
 mod filled;
-mod hulling;
 mod piece;
+mod piece_hulls;
 mod probe;
 mod search;
 mod soup;
-mod yielding;
+mod tightening;
 
 use crate::{Mesh, Primitive};
 use enclose::Cover;
-pub(crate) use hulling::rounded;
-pub(crate) use yielding::shared;
+pub(crate) use piece_hulls::rounded;
+pub(crate) use tightening::shared;
 
-/// How near and how many.
+/// Limits of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitOptions {
-    /// How far outside the mesh the primitives may be, meters.
+    /// Maximum distance of the primitives' surfaces outside the mesh, meters. Default: 0.010.
     pub overshoot: f64,
-    /// How many primitives a link may have.
+    /// Maximum number of primitives per link. Default: 12.
     pub primitives: usize,
 }
 
@@ -49,27 +49,27 @@ impl Default for FitOptions {
     }
 }
 
-/// Primitives around the meshes of a link.
+/// Primitives around the meshes of a link, and their accuracy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fitted {
-    /// They contain every triangle, in the frame of the meshes.
+    /// The primitives, in the frame of the meshes. Together they contain every triangle.
     pub primitives: Vec<Primitive>,
-    /// The largest distance of a point on their surfaces from the mesh, meters, measured at samples. Open rims count as closed,
-    /// and places from which the mesh is seen in nearly all directions belong to it.
+    /// The largest distance of a point on their surfaces from the mesh, meters, measured at samples. Open rims count as
+    /// closed, and points from which the mesh is visible in nearly all directions belong to the mesh.
     pub overshoot: f64,
 }
 
-/// Boxes, capsules, spheres and cylinders that together contain every point of every triangle.
+/// Fits boxes, capsules, spheres and cylinders that together contain every point of every triangle.
 ///
-/// With as few of them as the bound needs. Where [`FitOptions::primitives`] do not suffice for it, the best that was found is
+/// Uses as few as the bound needs. If [`FitOptions::primitives`] are not enough for the bound, the best fit found is
 /// returned, and [`Fitted::overshoot`] exceeds the bound. Equal meshes give equal primitives.
-///
 /// # Arguments
-/// * `meshes`: of one link, in its frame, meters. Flat ones get a thickness of a millimeter. Of very fine ones the details are
-///   rounded to a grid, and the primitives are larger by what that can cost.
+/// * `meshes`: of one link, in its frame, meters. Flat ones get a thickness of a millimeter. Details of very fine ones
+///   are rounded to a grid, and the primitives are enlarged by the maximum rounding error.
 ///
 /// # Errors
-/// The end of a sentence that begins with the link or mesh: no triangles, or coordinates that are no places.
+/// The end of a sentence that begins with the link or mesh: no triangles, or coordinates that are not finite or out of
+/// range.
 ///
 /// # Example
 /// ```
@@ -88,16 +88,16 @@ pub fn fit_link(meshes: &[Mesh], options: &FitOptions) -> Result<Fitted, String>
     Ok(Fitted { primitives: fit.primitives(), overshoot: fit.overshoot() })
 }
 
-/// Primitives around the meshes of a link, with all that it takes to bring them nearer.
+/// A fit of primitives to the meshes of a link, with the data needed to tighten it later.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// How far a place is outside the mesh, about.
+    /// Approximate distance of a point outside the mesh.
     filled: filled::Filled,
-    /// The same exactly.
+    /// Exact distance of a point outside the mesh.
     exact: filled::Exact,
-    /// What each primitive encloses.
+    /// The enclosed piece of each primitive.
     pieces: Vec<piece::Piece>,
-    /// By how much the primitives are larger than what encloses the pieces, meters.
+    /// Margin by which the primitives are larger than the covers of the pieces, meters.
     slack: f64,
 }
 
@@ -110,26 +110,27 @@ impl Fit {
         let soup = soup::Soup::new(meshes)?;
         let filled = filled::Filled::new(&soup);
         let pieces = search::cover(&soup, &filled, options);
-        Ok(Self { exact: filled::Exact::new(&soup), filled, pieces, slack: soup.slack + ROUNDING })
+        Ok(Self { exact: filled::Exact::new(&soup), filled, pieces, slack: soup.slack + ROUNDING_M })
     }
 
-    /// They contain every triangle, in the frame of the meshes.
+    /// The primitives, in the frame of the meshes. Together they contain every triangle.
     pub fn primitives(&self) -> Vec<Primitive> {
         self.covers().map(|c| Primitive { shape: c.shape, pose: c.pose }).collect()
     }
 
-    /// See [`Fitted::overshoot`].
+    /// The largest distance of the primitives' surfaces from the mesh, meters; see [`Fitted::overshoot`].
     pub fn overshoot(&self) -> f64 {
         self.covers().map(|c| self.exact.overshoot(&c, &self.filled)).fold(0.0, f64::max)
     }
 
-    /// The shapes as they are given away.
+    /// The covers of all pieces, enlarged by their margins.
     fn covers(&self) -> impl Iterator<Item = Cover> + '_ {
-        // a hull is larger by its radius than what it is around, and is rounded
-        let beyond = |p: &piece::Piece| p.hull.as_ref().map_or(self.slack, |hull| hull.radius() + hulling::ROUNDED);
-        self.pieces.iter().map(move |p| p.tried.cover.grown(beyond(p)))
+        // A hull is larger by its radius than the points it encloses, and is rounded.
+        let beyond =
+            |p: &piece::Piece| p.hull.as_ref().map_or(self.slack, |hull| hull.radius() + piece_hulls::ROUNDING_M);
+        self.pieces.iter().map(move |p| p.fit.cover.grown(beyond(p)))
     }
 }
 
-/// Covers what clipping and turning round off, meters: coordinates end at 10 km.
-const ROUNDING: f64 = 1e-9;
+/// Margin for rounding in clipping and rotation, meters: coordinates are limited to 10 km.
+const ROUNDING_M: f64 = 1e-9;

@@ -1,38 +1,38 @@
-//! A robot from a URDF, ready to run: shapes around its meshes, pairs that need no test, a home that is free.
+//! Import of a robot from a URDF, ready to run: shapes around its meshes, disabled pairs, a collision-free home.
 //!
 //! ```text
-//! URDF ──> shapes ──> those that touch falsely at random poses fitted closer ──> pairs left out ──┬──> home ──> robot file
-//! SRDF ──────────────────────────────────────────────────────── pairs, named poses ──────────────┘
+//! URDF ──> shapes ──> shapes with false contacts at random poses fitted closer ──> disabled pairs ──┬──> home ──> robot file
+//! SRDF ──────────────────────────────────────────────────────── pairs, named poses ────────────────┘
 //! ```
 
 mod inputs;
-mod words;
+mod notes;
 
 use crate::urdf::load_link_rotations;
 use crate::{
-    Closer, FileError, FitOptions, LeftOut, LinkSurface, LinkTree, Loaded, Robot, RobotParts, SceneError, Srdf,
-    Surfaces, UrdfOptions, UrdfRobot, compare, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces,
-    load_urdf_with_surfaces, parse_robot, spared_pairs, write_robot,
+    FileError, FitOptions, LeftOut, LinkSurface, LinkTree, Loaded, RefitLimits, Robot, RobotParts, SceneError, Srdf,
+    Surfaces, UrdfOptions, UrdfRobot, compare, find_disabled_pairs, find_home, fit_closer, load_link_tree, load_srdf,
+    load_surfaces, load_urdf_with_surfaces, parse_robot, write_robot,
 };
 use miette::Diagnostic;
 use nalgebra::UnitQuaternion;
+use notes::{at_limits, coarse, motor_offsets, passive, refit_note, verdict};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use words::{at_limits, coarse, passive, said, told, verdict};
 
-/// Desired clearance of the home configuration, m: twice the margin of the reflex; for parts that are built closer, the least with which
-/// the robot starts.
-const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
-/// Least clearance of home beyond the margin, mm: plans maintain 2 mm more than the margin.
-const BEYOND_MARGIN: f64 = 2.5;
-/// Shapes are fitted closer until so few poses are left at which some touch falsely, with no more shapes a link than this; where that
-/// leaves more of them than `hulls`, shapes get hulls.
-const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80, hulls: 0.02 };
-/// Number of random configurations at which false contacts of shapes are looked for.
-const GLANCE: usize = 6000;
-/// Random configurations at which the finished shapes are compared with the meshes.
-const VERDICT: usize = 2000;
-/// The verdict is drawn from other configurations than those that the shapes were fitted at.
+/// Desired clearances of the home configuration, m, tried in this order: twice the margin of the reflex; for robots
+/// with parts built closer together, the minimum with which the robot starts.
+const HOME_CLEARANCES_M: [f64; 2] = [0.020, 0.013];
+/// Minimum clearance of home beyond the margin, mm: plans maintain 2 mm more than the margin.
+const BEYOND_MARGIN_MM: f64 = 2.5;
+/// Limits of fitting shapes closer: it ends if the share of poses with false contacts is at most `falsely`, or a link
+/// has `shapes` shapes. If the share then exceeds `hulls`, shapes get hulls.
+const REFIT_LIMITS: RefitLimits = RefitLimits { falsely: 0.003, shapes: 80, hulls: 0.02 };
+/// Number of random configurations at which false contacts of shapes are searched.
+const REFIT_POSES: usize = 6000;
+/// Number of random configurations at which the finished shapes are compared with the meshes.
+const VERDICT_POSES: usize = 2000;
+/// Seed of the verdict's configurations; differs from the seed with which the shapes were fitted.
 const VERDICT_SEED: u64 = IMPORT_SEED + 1;
 
 /// Options of an import.
@@ -40,11 +40,11 @@ const VERDICT_SEED: u64 = IMPORT_SEED + 1;
 pub struct ImportOptions {
     /// Options of the reader, and the accuracy of the shapes that are fitted to meshes. `held` is taken from the SRDF.
     pub read: UrdfOptions,
-    /// The SRDF that belongs to it: pairs of links that need no test, named poses (home among them), groups.
+    /// The SRDF of the robot: disabled pairs of links, named poses (home among them), groups.
     pub srdf: Option<PathBuf>,
-    /// Number of random configurations at which pairs of links are found that need no test; 0: none.
+    /// Number of random configurations used to find pairs of links that need no collision test; 0: no search.
     pub poses: usize,
-    /// The options as the caller writes them: a robot file that was made with others is made anew.
+    /// The options as the caller writes them: a robot file that was created with other options is created again.
     pub identity: String,
 }
 
@@ -62,7 +62,7 @@ pub enum ImportError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     File(#[from] FileError),
-    /// A file can't be read to compare it with what a robot file was made from.
+    /// A file can't be read to compare it with the inputs of a robot file.
     #[error("can't read {}", path.display())]
     Unreadable {
         /// The file.
@@ -75,10 +75,10 @@ pub enum ImportError {
     Surfaces {
         /// The URDF.
         path: PathBuf,
-        /// A sentence.
+        /// Reason, as a sentence.
         why: String,
     },
-    /// The robot can't stand in a scene.
+    /// The robot can't be placed in a scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
 }
@@ -87,28 +87,29 @@ pub enum ImportError {
 pub struct Imported {
     /// The robot.
     pub robot: Robot,
-    /// Contents of the SRDF, and the motors of each of its groups.
+    /// The groups of the SRDF, each with its motors.
     pub groups: BTreeMap<String, Vec<usize>>,
-    /// The named poses of the SRDF: of each motor that it is about, name and position, degrees or millimeters.
+    /// The named poses of the SRDF: name and position, degrees or millimeters, of each motor that the pose defines.
     pub poses: BTreeMap<String, Vec<(String, f64)>>,
     /// Warnings about the files.
     pub warnings: Vec<FileError>,
-    /// The margin of the reflex that lets the robot start, whole millimeters, if home is not free by what the default needs.
+    /// The margin of the reflex with which the robot can start, whole millimeters, if the clearance of home is too
+    /// small for the default margin.
     pub margin_mm: Option<f64>,
     /// Decisions of the import, one line each.
     pub decided: Vec<String>,
-    /// The number of all that it was made from.
+    /// Digest of all inputs.
     pub inputs: String,
 }
 
 impl ImportOptions {
-    /// Reads the URDF and makes a robot of it that can run.
+    /// Reads the URDF and converts it to a robot that can run.
     ///
     /// # Arguments
-    /// * `progress`: called with the step, in words, and the share of it that is done.
+    /// * `progress`: called with a description of the current step, and the completed fraction of it.
     ///
     /// # Errors
-    /// If a file can't be read or converted, with place and remedy.
+    /// If a file can't be read or converted, with location and remedy.
     pub fn import(&self, urdf: &Path, progress: &mut dyn FnMut(&'static str, f64)) -> Result<Imported, ImportError> {
         let FitOptions { overshoot, .. } = self.read.fit;
         let Loaded { value: srdf, warnings: srdf_warnings } = self.srdf(urdf)?;
@@ -129,11 +130,11 @@ impl ImportOptions {
         if self.poses > 0 {
             let all = (links.as_slice(), &mut fits);
             let mut show = |share| progress("fits shapes closer that touch falsely", share);
-            let nearer = fit_closer(&mut robot, all, &surfaces, &CLOSER, (GLANCE, IMPORT_SEED), &mut show)?;
-            decided.extend(nearer.iter().map(said));
+            let nearer = fit_closer(&mut robot, all, &surfaces, &REFIT_LIMITS, (REFIT_POSES, IMPORT_SEED), &mut show)?;
+            decided.extend(nearer.iter().map(refit_note));
             decided.extend(coarse(&fits, overshoot));
             let mut show = |share| progress("tries pairs of links at random poses", share);
-            let spared = spared_pairs(&robot, &surfaces, (self.poses, IMPORT_SEED), &mut show)?;
+            let spared = find_disabled_pairs(&robot, &surfaces, (self.poses, IMPORT_SEED), &mut show)?;
             robot.leave_out(spared);
         }
         progress("looks for a home that is free", 0.0);
@@ -141,10 +142,10 @@ impl ImportOptions {
         decided.push(home);
         if self.poses > 0 {
             let mut show = |share| progress("compares shapes with meshes", share);
-            let seen = compare(&robot, &surfaces, (VERDICT, VERDICT_SEED), &mut show)?;
+            let seen = compare(&robot, &surfaces, (VERDICT_POSES, VERDICT_SEED), &mut show)?;
             decided.push(verdict(&seen));
         }
-        // Last, as poses have another order then.
+        // Last, since it changes the order of the motors.
         if let Some((srdf, tree)) = srdf.as_ref().filter(|_| self.read.part.is_none()) {
             let parts = srdf.parts(tree, &robot);
             decided.extend(divide(&mut robot, &parts));
@@ -161,7 +162,7 @@ impl ImportOptions {
         Ok(Imported { robot, groups, poses, warnings, margin_mm, decided, inputs: self.digest(urdf, &links)? })
     }
 
-    /// Contents and warnings of the SRDF, if there is one.
+    /// Contents and warnings of the SRDF, if one is given.
     fn srdf(&self, urdf: &Path) -> Result<Loaded<Option<(Srdf, LinkTree)>>, FileError> {
         let Some(path) = &self.srdf else { return Ok(Loaded { value: None, warnings: Vec::new() }) };
         let tree = load_link_tree(urdf)?;
@@ -169,8 +170,8 @@ impl ImportOptions {
         Ok(Loaded { value: Some((srdf.value, tree)), warnings: srdf.warnings })
     }
 
-    /// The orientation of every link with all joints at zero, `root_from_link`. A robot file has none: its nodes are parallel to the root
-    /// there, with their origins where the links' are.
+    /// The orientation of every link with all joints at zero, `root_from_link`. A robot file does not contain it: there
+    /// all nodes are parallel to the root at zero, with their origins at those of the links.
     ///
     /// # Errors
     /// As [`ImportOptions::import`].
@@ -179,7 +180,8 @@ impl ImportOptions {
         Ok(load_link_rotations(urdf, &UrdfOptions { held, ..self.read.clone() })?)
     }
 
-    /// True if a robot file was made from this URDF, its meshes, the SRDF and these options: nothing has to be fitted then.
+    /// True if a robot file was created from this URDF, its meshes, the SRDF and these options, so that nothing has to
+    /// be fitted.
     ///
     /// # Errors
     /// If one of them can't be read.
@@ -188,8 +190,8 @@ impl ImportOptions {
         Ok(named == self.inputs(urdf)?)
     }
 
-    /// A number of 32 hexadecimal digits of all that a robot is made from: the URDF, its meshes, the SRDF, the options and the version of
-    /// the import. Quick beside [`ImportOptions::import`].
+    /// Digest of all inputs of a robot: the URDF, its meshes, the SRDF, the options and the version of the import; 32
+    /// hexadecimal digits. Fast compared with [`ImportOptions::import`].
     ///
     /// # Errors
     /// If one of them can't be read.
@@ -203,21 +205,21 @@ impl ImportOptions {
 }
 
 impl Imported {
-    /// The robot file, with what was decided as a comment.
+    /// The text of the robot file, with the import's decisions as a comment.
     ///
     /// # Arguments
-    /// * `urdf`: the comment names it.
-    /// * `xml`: what errors call the file.
+    /// * `urdf`: named in the comment.
+    /// * `xml`: the file name for errors.
     ///
     /// # Errors
-    /// If it could not be read back.
+    /// If the text can't be parsed again.
     pub fn file_text(&self, urdf: &Path, xml: &Path) -> Result<String, FileError> {
         let text = write_robot(&self.robot);
         let from = urdf.file_name().unwrap_or_default().to_string_lossy();
         let mut note = format!("Converted from {from} by `mobee model convert`.\n");
         self.decided.iter().for_each(|line| note = format!("{note}  {line}\n"));
         note = format!("{note}  {}\n", inputs::line(&self.inputs));
-        // two hyphens would end a comment
+        // Two hyphens would end the comment.
         let note = format!("<!--\n  {}-->\n", note.replace("--", "- -"));
         let text = match text.split_once("?>\n") {
             Some((declaration, rest)) => format!("{declaration}?>\n{note}{rest}"),
@@ -228,7 +230,8 @@ impl Imported {
     }
 }
 
-/// Puts the robot's home where it is free; says where that is, and the margin that it needs if not the default.
+/// Moves the robot's home to a collision-free configuration; returns a note about it, and the margin that it needs if
+/// not the default.
 fn settle_home(robot: &mut Robot, srdf: Option<&Srdf>) -> Result<(String, Option<f64>), SceneError> {
     let named = srdf.and_then(|s| Some((s.home()?, s.pose(s.home()?, robot)?)));
     let (name, wanted) = match named {
@@ -238,45 +241,46 @@ fn settle_home(robot: &mut Robot, srdf: Option<&Srdf>) -> Result<(String, Option
         }
         None => ("the zero pose".to_owned(), robot.home()),
     };
-    let (mut said, mut margin) = (String::new(), None);
-    for clearance in HOME_CLEARANCES {
+    let mut note = String::new();
+    let mut margin = None;
+    for clearance in HOME_CLEARANCES_M {
         let home = find_home(robot, &wanted, clearance, IMPORT_SEED)?;
         let free = home.clearance * 1e3;
-        said = match (home.moved.as_slice(), home.clearance >= clearance) {
+        note = match (home.moved.as_slice(), home.clearance >= clearance) {
             ([], true) => format!("home: {name}, free by {free:.0} mm"),
             (moved, true) => {
-                let moved = told(robot, moved);
+                let moved = motor_offsets(robot, moved);
                 format!(
                     "home: {name} is not free by {free:.0} mm; the nearest found that is, with few motors moved: {moved}"
                 )
             }
             _ => format!("home: no pose near {name} was found that is free by more than {free:.0} mm"),
         };
-        margin = (home.clearance < clearance).then(|| (free - BEYOND_MARGIN).floor()).filter(|mm| *mm >= 1.0);
+        margin = (home.clearance < clearance).then(|| (free - BEYOND_MARGIN_MM).floor()).filter(|mm| *mm >= 1.0);
         robot.motors.iter_mut().zip(&home.q).for_each(|(motor, q)| motor.home = *q);
         if home.clearance >= clearance {
             break;
         }
     }
     if let Some(mm) = margin {
-        said += &format!(", so the margin of the reflex must be {mm:.0} mm or less");
+        note += &format!(", so the margin of the reflex must be {mm:.0} mm or less");
     }
-    Ok((said, margin))
+    Ok((note, margin))
 }
 
-/// The seed of all that an import draws: what was found can be found again.
+/// Seed of all random configurations of an import, so that results are reproducible.
 pub const IMPORT_SEED: u64 = 2012;
 
-/// The pairs that the SRDF knows to need no test, as far as both links have shapes.
+/// The disabled pairs of the SRDF for which both links have shapes.
 fn disabled(srdf: &Srdf, robot: &Robot) -> Vec<LeftOut> {
-    let of = |((a, b), reason): (&(String, String), &String)| {
+    let disabled_pair = |((a, b), reason): (&(String, String), &String)| {
         let nodes = (robot.node_named(a)?, robot.node_named(b)?);
         Some(LeftOut { nodes, reason: format!("SRDF: {reason}").trim_end_matches([':', ' ']).to_owned() })
     };
-    srdf.disabled.iter().filter_map(of).collect()
+    srdf.disabled.iter().filter_map(disabled_pair).collect()
 }
 
-/// The SRDF's named poses, as people write them.
+/// The SRDF's named poses, in degrees or millimeters.
 fn named_poses(srdf: &Srdf, robot: &Robot) -> BTreeMap<String, Vec<(String, f64)>> {
     let of = |name: &str| {
         let stated = srdf.stated(name, robot).into_iter();
@@ -286,7 +290,7 @@ fn named_poses(srdf: &Srdf, robot: &Robot) -> BTreeMap<String, Vec<(String, f64)
     all.filter(|(_, motors)| !motors.is_empty()).collect()
 }
 
-/// Divides the motors among parts; says how, unless there is one part as without an SRDF.
+/// Divides the motors among parts; returns a note, unless there is one part as without an SRDF.
 fn divide(robot: &mut Robot, parts: &RobotParts) -> Option<String> {
     robot.divide(&parts.parts);
     let [first, ..] = parts.parts.as_slice() else { return None };
@@ -294,24 +298,25 @@ fn divide(robot: &mut Robot, parts: &RobotParts) -> Option<String> {
         return None;
     }
     let named: Vec<String> = parts.parts.iter().map(|(name, motors)| format!("{name} ({})", motors.len())).collect();
-    let mut said = format!("parts, by the SRDF's groups: {}", named.join(", "));
+    let mut note = format!("parts, by the SRDF's groups: {}", named.join(", "));
     if !parts.passed_over.is_empty() {
-        said += &format!("; not {}, which overlap with these", parts.passed_over.join(", "));
+        note += &format!("; not {}, which overlap with these", parts.passed_over.join(", "));
     }
-    Some(said)
+    Some(note)
 }
 
-/// A name that ports and behaviors can have: of letters, digits, `-` and `_`, which also stands for all others.
+/// Converts a name to one that is valid for ports and behaviors: letters, digits, `-` and `_`; other characters become
+/// `_`.
 pub fn plain_name(name: &str) -> String {
     let sound = |c: char| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '_' };
     name.chars().map(sound).collect()
 }
 
-/// Gives parts names that ports can have, and that no motor has; says which have another one now.
+/// Renames parts so that ports can have their names and no motor has; returns a note for each renamed part.
 fn name_parts(robot: &mut Robot) -> Vec<String> {
     let motors: BTreeSet<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
     let mut taken: BTreeSet<String> = robot.parts.iter().map(|p| p.name.clone()).collect();
-    let mut said = Vec::new();
+    let mut notes = Vec::new();
     for part in &mut robot.parts {
         let plain = plain_name(&part.name);
         let is_motor = motors.contains(plain.as_str());
@@ -323,10 +328,10 @@ fn name_parts(robot: &mut Robot) -> Vec<String> {
         let mut names = std::iter::once(base.clone()).chain(numbered);
         let name = names.find(|n| !motors.contains(n.as_str()) && taken.insert(n.clone())).unwrap_or_default();
         let why = if is_motor { "as a motor has that name" } else { "as its ports could not have that name" };
-        said.push(format!("part {:?} is called `{name}`, {why}", part.name));
+        notes.push(format!("part {:?} is called `{name}`, {why}", part.name));
         part.name = name;
     }
-    said
+    notes
 }
 
 /// Package folders of ROS 1 and ROS 2, from the variables of their set-up scripts (`ROS_PACKAGE_PATH`, `AMENT_PREFIX_PATH`).

@@ -1,17 +1,18 @@
-//! From motor positions to world transforms, and what follows from the tree alone.
+//! Forward kinematics from motor positions, and properties of the kinematic tree.
 //!
-//! Poses are slices of motor positions in the order of [`Robot::motors`], rad of encoder (see [`Motor`]: also those of motors that
-//! slide). Positions outside a motor's limits count as the limit, here as in the original; a motor without an entry is at home.
+//! Configurations are slices of motor positions in the order of [`Robot::motors`], rad of encoder (see [`Motor`]; also
+//! for prismatic motors). Positions outside a motor's limits count as the limit, as in the original; a motor without an
+//! entry is at home.
 //!
-//! Two kinematics stand side by side. The functions here walk every node and are the reference: they answer for markers,
-//! for the transforms that files are compared by, and for tools. A [`crate::Scene`] boils its robots down to moving frames
-//! (`scene/skeleton.rs`), at one motion per moving joint; a test holds both to each other.
+//! There are two implementations. The functions here visit every node and are the reference: they serve markers, the
+//! transforms for the comparison of files, and tools. A [`crate::Scene`] reduces its robots to moving frames
+//! (`scene/skeleton.rs`), with one motion per moving joint; a test compares the two.
 
 use crate::{Clause, JointMotion, Marker, Motor, NodeKind, Part, Robot};
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use std::collections::BTreeSet;
 
-/// Where a marker is in the world.
+/// Pose of a marker in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MarkerPose {
     /// `world_from_node` of the marker's node; its translation is the marker's position.
@@ -41,7 +42,7 @@ impl Motor {
 }
 
 impl JointMotion {
-    /// What a joint of this kind does to the frame of its children at `position`, rad or meters.
+    /// The motion of a joint of this kind at `position`, rad or meters: its child frame relative to its own.
     pub fn by(self, axis: &Unit<Vector3<f64>>, position: f64) -> Isometry3<f64> {
         match self {
             Self::Turn => {
@@ -59,7 +60,7 @@ impl JointMotion {
         }
     }
 
-    /// What an encoder counts, for people: `deg` or `mm`.
+    /// Unit of encoder positions for display: `deg` or `mm`.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Turn => "deg",
@@ -67,7 +68,7 @@ impl JointMotion {
         }
     }
 
-    /// The same in words.
+    /// Unit of encoder positions in words: `degrees` or `millimeters`.
     pub fn unit_in_words(self) -> &'static str {
         match self {
             Self::Turn => "degrees",
@@ -75,34 +76,34 @@ impl JointMotion {
         }
     }
 
-    /// Whether it turns, as most do: what files leave out.
+    /// True for revolute motion, the default that files omit.
     pub fn is_turn(&self) -> bool {
         *self == Self::Turn
     }
 
-    /// A position or a way, rad of encoder, as people read it: `12.35 deg`, `40.00 mm`.
+    /// Formats a position or a displacement, rad of encoder: `12.35 deg`, `40.00 mm`.
     pub fn told(self, q: f64, digits: usize) -> String {
         format!("{:.digits$} {}", q.to_degrees(), self.unit())
     }
 
-    /// A speed, rad/s of encoder, as people read it: `12.35 deg/s`.
+    /// Formats a speed, rad/s of encoder: `12.35 deg/s`.
     pub fn told_speed(self, speed: f64, digits: usize) -> String {
         self.told(speed, digits) + "/s"
     }
 
-    /// Limits, rad of encoder, as people read them: `-20.0 to 70.0 deg`.
+    /// Formats limits, rad of encoder: `-20.0 to 70.0 deg`.
     pub fn told_range(self, [min, max]: [f64; 2], digits: usize) -> String {
         format!("{:.digits$} to {}", min.to_degrees(), self.told(max, digits))
     }
 }
 
 impl Robot {
-    /// The home position of every motor, rad of encoder, in pose order.
+    /// The home position of every motor, rad of encoder, in the order of [`Robot::motors`].
     pub fn home(&self) -> Vec<f64> {
         self.motors.iter().map(|m| m.home).collect()
     }
 
-    /// The index of the motor of that name in every pose.
+    /// The index of the motor of that name in every configuration.
     pub fn motor_index(&self, name: &str) -> Option<usize> {
         self.motors.iter().position(|m| m.name == name)
     }
@@ -117,27 +118,29 @@ impl Robot {
         self.markers.iter().find(|m| m.name == name)
     }
 
-    /// A motor's position within its limits, rad of encoder; home if the pose has none.
+    /// A motor's position within its limits, rad of encoder; home if `q` has no entry for it.
     fn position(&self, motor: usize, q: &[f64]) -> f64 {
         let m = &self.motors[motor];
         q.get(motor).copied().unwrap_or(m.home).clamp(m.min, m.max)
     }
 
-    /// Where a joint stands at the pose `q`, rad or meters; 0 for a link.
+    /// Position of a joint at the configuration `q`, rad or meters; 0 for a link.
     ///
     /// # Panics
-    /// If the robot has no such node, here and wherever a node is given by its number.
+    /// If the robot has no such node, here and in all functions that take a node's index.
     pub fn joint_position(&self, node: usize, q: &[f64]) -> f64 {
         match self.nodes[node].kind {
             NodeKind::Link { .. } => 0.0,
-            // Linear from limit to limit: a joint may have another range than its motor, and several may share one.
+            // Linear from limit to limit: the range of a joint may differ from that of its motor, and several joints
+            // may share a motor.
             NodeKind::Joint { motor, min, max, .. } => {
                 min + self.motors[motor].fraction(self.position(motor, q)) * (max - min)
             }
         }
     }
 
-    /// `node_from_child`: what a node does to the frame of its children. A link moves it, a joint turns or slides it.
+    /// `node_from_child`: the transform from the children's frame to a node's. A link translates it; a joint rotates or
+    /// translates it.
     fn motion(&self, node: usize, q: &[f64]) -> Isometry3<f64> {
         match &self.nodes[node].kind {
             NodeKind::Link { offset } => Isometry3::from_parts((*offset).into(), UnitQuaternion::identity()),
@@ -145,13 +148,13 @@ impl Robot {
         }
     }
 
-    /// Forward kinematics: fills `out` with `world_from_node` of every node, the roots at the world's origin.
+    /// Forward kinematics: writes `world_from_node` of every node to `out`, with the roots at the world's origin.
     ///
     /// A node's frame is the one before its own motion: a joint's own shapes do not move with it.
     ///
     /// # Arguments
     /// * `q`: motor positions, rad of encoder.
-    /// * `out`: emptied first; does not allocate when it is used again.
+    /// * `out`: cleared first; does not allocate when reused.
     pub fn forward(&self, q: &[f64], out: &mut Vec<Isometry3<f64>>) {
         self.forward_from(&Isometry3::identity(), q, out);
     }
@@ -163,7 +166,7 @@ impl Robot {
             let frame = match node.parent {
                 None => *base,
                 Some(parent) => {
-                    // Parents stand before their children, so one pass is enough and nothing is searched.
+                    // Parents precede their children, so one pass suffices and no search is needed.
                     let above = out[parent];
                     match &self.nodes[parent].kind {
                         NodeKind::Link { offset } => {
@@ -175,8 +178,8 @@ impl Robot {
                             Isometry3::from_parts(above.translation, above.rotation * turn)
                         }
                         NodeKind::Joint { axis, motion: JointMotion::Slide, .. } => {
-                            let way = axis.into_inner() * self.joint_position(parent, q);
-                            let moved = above.translation.vector + above.rotation * way;
+                            let shift = axis.into_inner() * self.joint_position(parent, q);
+                            let moved = above.translation.vector + above.rotation * shift;
                             Isometry3::from_parts(moved.into(), above.rotation)
                         }
                     }
@@ -186,7 +189,8 @@ impl Robot {
         }
     }
 
-    /// Where every marker is at the pose `q`, in the order of [`Robot::markers`]; the robot stands at the world's origin.
+    /// The pose of every marker at the configuration `q`, in the order of [`Robot::markers`]; the robot's base is at
+    /// the world's origin.
     pub fn markers_at(&self, q: &[f64]) -> Vec<MarkerPose> {
         let mut frames = Vec::with_capacity(self.nodes.len());
         self.forward(q, &mut frames);
@@ -194,10 +198,10 @@ impl Robot {
         self.markers.iter().map(pose).collect()
     }
 
-    /// The value of a clause at the pose `q`: the largest `a.q + b` of its members, in encoder units. The clause
-    /// holds where that is above zero, since one member that holds is enough.
+    /// The value of a clause at the configuration `q`: the largest `a.q + b` of its members, in encoder units. The
+    /// clause holds if that is above zero, since one satisfied member suffices.
     ///
-    /// Positions count as the limit beyond it, as for kinematics: a constraint speaks of where the robot is, and it is never
+    /// Positions are clamped to the limits, as for kinematics: a constraint is about the actual robot, which is never
     /// beyond its limits.
     pub fn clause_value(&self, clause: &Clause, q: &[f64]) -> f64 {
         let value = |member: &crate::HalfSpace| {
@@ -207,19 +211,21 @@ impl Robot {
         clause.0.iter().map(value).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The clauses that do not hold at the pose `q`, as (index into [`Robot::parts`], index into its clauses), in that order.
+    /// The clauses that are violated at the configuration `q`, as (index into [`Robot::parts`], index into its
+    /// clauses), in that order.
     pub fn violated<'a>(&'a self, q: &'a [f64]) -> impl Iterator<Item = (usize, usize)> + 'a {
         self.parts.iter().enumerate().flat_map(move |(p, part)| {
             let broken = move |(_, clause): &(usize, &Clause)| {
                 let value = self.clause_value(clause, q);
-                // A pose that is not a number satisfies nothing: whoever asks must not move there.
+                // A configuration that is not a number satisfies no clause, so that no motion to it is permitted.
                 value.is_nan() || value <= 0.0
             };
             part.clauses.iter().enumerate().filter(broken).map(move |(c, _)| (p, c))
         })
     }
 
-    /// By how much the clause that holds least does not hold at the pose, in the units of [`Robot::clause_value`]; zero if all hold.
+    /// Violation of the most violated clause, in the units of [`Robot::clause_value`]; zero if all hold, infinite for
+    /// NaN.
     pub fn violated_by(&self, q: &[f64]) -> f64 {
         let depth = |clause: &Clause| match -self.clause_value(clause, q) {
             depth if depth.is_nan() => f64::INFINITY,
@@ -228,7 +234,7 @@ impl Robot {
         self.parts.iter().flat_map(|part| &part.clauses).map(depth).fold(0.0, f64::max)
     }
 
-    /// Whether the node is a joint with a range, driven by a motor with a range.
+    /// True if the node is a joint with a range, driven by a motor with a range.
     pub fn can_move(&self, node: usize) -> bool {
         match self.nodes[node].kind {
             NodeKind::Link { .. } => false,
@@ -236,7 +242,7 @@ impl Robot {
         }
     }
 
-    /// The rigid body that a node belongs to, named by the nearest joint above it that can move; `None` is the base.
+    /// The rigid body of a node, identified by the nearest joint above it that can move; `None` is the base.
     ///
     /// A joint belongs to the body before it: its own frame does not move with it.
     pub fn body(&self, node: usize) -> Option<usize> {
@@ -250,12 +256,13 @@ impl Robot {
         None
     }
 
-    /// Whether a moving joint lies between two nodes, so that their distance can change.
+    /// True if a moving joint lies between two nodes, so that their distance can change.
     pub fn moves(&self, a: usize, b: usize) -> bool {
         self.body(a) != self.body(b)
     }
 
-    /// The motors that move the node which most of them move, from the root outward: those of the longest arm or leg.
+    /// The motors above the node that is moved by the most motors, from the root outward: those of the longest arm or
+    /// leg.
     pub fn longest_chain(&self) -> Vec<usize> {
         let mut chains: Vec<Vec<usize>> = Vec::with_capacity(self.nodes.len());
         let mut longest: Vec<usize> = Vec::new();
@@ -285,17 +292,17 @@ impl Robot {
             NodeKind::Joint { motor, .. } => Some(motor),
             NodeKind::Link { .. } => None,
         };
-        // what is above both moves both alike; one motor may have a joint above each
+        // Joints above both nodes move both alike; one motor may have a joint above each.
         (&joints(a) ^ &joints(b)).iter().filter_map(motor).collect()
     }
 
-    /// For each motor a bound, in meters per rad of encoder, on how fast it can move any point of any solid shape
-    /// relative to any other solid shape or the world, at any pose.
+    /// Upper bound, for each motor, of the displacement of any point of any solid shape relative to any other solid
+    /// shape or the world, at any configuration; meters per rad of encoder.
     ///
     /// # Method
-    /// Sum over the motor's joints of (joint range / motor range) times the largest distance from the joint's axis
-    /// that a point moved by it can have; a joint that slides moves every point alike, by its way. For a straight path in joint space,
-    /// the sum over the motors of bound times |change| bounds how much any distance can shrink.
+    /// Sum over the motor's joints of (joint range / motor range) times the largest possible distance from the joint's
+    /// axis of a point that it moves; a prismatic joint moves every point by its own travel. For a straight path in
+    /// joint space, the sum over the motors of bound times |change| bounds the decrease of any distance.
     pub fn reach(&self) -> Vec<f64> {
         let extent = self.extents();
         let mut bound = vec![0.0; self.motors.len()];
@@ -304,7 +311,7 @@ impl Robot {
             if self.can_move(j) {
                 // A motor that drives several joints moves a point by all of them at once: the bounds add up.
                 let range = self.motors[*motor].max - self.motors[*motor].min;
-                // Only what is off the axis moves: `|p x axis|` is the distance from the line through the joint's origin.
+                // Only points off the axis move: `|p x axis|` is the distance from the line through the joint's origin.
                 let arm = match motion {
                     JointMotion::Turn => self.rigid_reach(j, &extent, |p| p.cross(axis).norm()),
                     JointMotion::Slide => 1.0,
@@ -315,11 +322,11 @@ impl Robot {
         bound
     }
 
-    /// For each joint that can move, a bound on the distance of any solid point moved by it from the joint's origin, the joint's own
-    /// travel included.
+    /// Upper bound, for each joint that can move, of the distance from the joint's origin to any solid point that it
+    /// moves, the joint's own travel included; meters.
     fn extents(&self) -> Vec<f64> {
         let mut extent = vec![0.0; self.nodes.len()];
-        // Backwards, so that a joint finds the extents of those behind it ready.
+        // Backward, so that the extents of the joints behind each joint are available.
         for n in (0..self.nodes.len()).rev() {
             if self.can_move(n) {
                 extent[n] = self.rigid_reach(n, &extent, |p| p.norm()) + self.travel(n);
@@ -328,7 +335,7 @@ impl Robot {
         extent
     }
 
-    /// How far a joint carries its children's origin from its own at most, meters: only a slide carries it anywhere.
+    /// Maximum distance between a joint's origin and its children's, meters; zero unless the joint is prismatic.
     fn travel(&self, node: usize) -> f64 {
         match self.nodes[node].kind {
             NodeKind::Joint { motion: JointMotion::Slide, min, max, .. } => min.abs().max(max.abs()),
@@ -336,10 +343,10 @@ impl Robot {
         }
     }
 
-    /// The largest `measure` (of positions in the frame of joint `joint`, a norm of a linear map of norm <= 1) of what
-    /// the joint moves: shapes of its own rigid body exactly placed, later joints with their whole extent around them.
+    /// The largest `measure` (of positions in the frame of joint `joint`, a norm of a linear map of norm <= 1) over all
+    /// that the joint moves: shapes of its own rigid body placed exactly, later joints with their complete extent.
     fn rigid_reach(&self, joint: usize, extent: &[f64], measure: impl Fn(&Vector3<f64>) -> f64) -> f64 {
-        // Only nodes behind `joint` can be its descendants: a parent always stands before its children.
+        // Only nodes behind `joint` can be its descendants: a parent always precedes its children.
         let mut at: Vec<Option<Isometry3<f64>>> = vec![None; self.nodes.len()];
         let mut reach: f64 = 0.0;
         for n in joint + 1..self.nodes.len() {
@@ -347,7 +354,7 @@ impl Robot {
             let frame = if parent == joint {
                 Some(Isometry3::identity())
             } else {
-                // Not beyond a moving joint: its extent stands for all that follows.
+                // Stops at a moving joint: its extent covers all that follows.
                 at[parent].filter(|_| !self.can_move(parent)).map(|f| f * self.motion(parent, &[]))
             };
             let Some(frame) = frame else { continue };

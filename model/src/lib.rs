@@ -1,21 +1,24 @@
-//! The hub's geometry, pure: robots and world as everybody sees them.
+//! Geometric model: robots, world and collision engine.
 //!
-//! Owns robot files (ZRP XML, URDF), forward kinematics, the pair tables that say which shapes may touch, and the
-//! collision engine. Accepts files and poses; answers transforms, contacts and distances. It knows no actor, no clock
-//! and no driver.
+//! Contains the readers of robot files (ZRP XML, URDF), forward kinematics, the tables of pairs that may touch, and the
+//! collision engine. Input: files and configurations; output: transforms, contacts and distances. It does not depend on
+//! actors, clocks or drivers.
 //!
 //! ```text
 //! robot.xml ──zrp──> Robot ──┐
-//! robot.urdf ─urdf─> Robot ──┤   (import: with pairs that need no test, and a free home)
+//! robot.urdf ─urdf─> Robot ──┤   (import: with disabled pairs and a collision-free home)
 //! world.xml ──world─> Object ┴─> Scene ──(poses)──> transforms, contacts, clearance
 //! ```
 //!
-//! Collision has one door, [`Engine`]: what is behind it is chosen in one place ([`DefaultEngine`]), and the types that ask it
-//! ([`Scene`], [`Watch`], [`Field`]) take another engine as a type parameter.
+//! All collision queries go through [`Engine`]. [`DefaultEngine`] selects the implementation in one place, and the
+//! types that use it ([`Scene`], [`Watch`], [`Field`]) accept another engine as a type parameter.
 //!
-//! Units: radians, meters. A motor's position is its encoder value (degrees, or millimeters where it slides) times pi/180.
+//! Units: radians, meters. A motor's position is its encoder value (degrees, or millimeters for prismatic motors) times
+//! pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
+mod continuous_joints;
+mod disabled_pairs;
 mod engine;
 mod error;
 mod field;
@@ -25,7 +28,6 @@ mod hull;
 mod import;
 mod kinematics;
 mod law;
-mod left_out;
 mod mesh;
 mod parts;
 mod printable;
@@ -37,7 +39,6 @@ mod srdf;
 mod surface;
 mod survey;
 mod sweep;
-mod turns;
 mod urdf;
 mod watch;
 mod xml;
@@ -66,7 +67,9 @@ pub use srdf::{
     parse_srdf,
 };
 pub use surface::{LinkSurface, Surfaces, random_poses};
-pub use survey::{Closer, Comparison, ContactCounts, HomePose, Nearer, compare, find_home, fit_closer, spared_pairs};
+pub use survey::{
+    Comparison, ContactCounts, HomePose, RefitLimits, Refitted, compare, find_disabled_pairs, find_home, fit_closer,
+};
 pub use sweep::Sweep;
 pub use urdf::{
     UpAxis, UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, load_urdf_with_surfaces, parse_urdf,

@@ -1,20 +1,20 @@
-//! A robot's motors divided among body parts anew.
+//! Division of a robot's motors among body parts.
 
 use crate::{NodeKind, Part, Robot};
 
-/// How a robot's motors are divided among parts.
+/// A division of a robot's motors among parts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotParts {
     /// Name and motors of each part, as indices into [`Robot::motors`]; each motor is in one of them.
     pub parts: Vec<(String, Vec<usize>)>,
-    /// Groups that became no part, as they overlap with others.
+    /// Groups that did not become parts because they overlap with others.
     pub passed_over: Vec<String>,
 }
 
 impl Robot {
-    /// Divides the motors among these parts, in this order: poses have another order then. A node and its markers are of the part of
-    /// the nearest joint above it, or else of the first part. Does nothing if a motor is in no part or in several, or if a part
-    /// has a constraint, which is one of its motors' numbers.
+    /// Divides the motors among these parts, in this order, which changes the order of configurations. A node and its
+    /// markers belong to the part of the nearest joint above it, or else to the first part. Does nothing if a motor is
+    /// in no part or in several, or if a part has constraints, since these refer to motors by index.
     pub fn divide(&mut self, parts: &[(String, Vec<usize>)]) {
         let order: Vec<usize> = parts.iter().flat_map(|(_, motors)| motors).copied().collect();
         let mut sorted = order.clone();
@@ -30,7 +30,8 @@ impl Robot {
         for (p, (name, motors)) in parts.iter().enumerate() {
             let range = first..first + motors.len();
             for (i, motor) in self.motors[range.clone()].iter_mut().enumerate() {
-                (motor.part, motor.is_part_root) = (p, i == 0);
+                motor.part = p;
+                motor.is_part_root = i == 0;
             }
             first = range.end;
             self.parts.push(Part { name: name.clone(), motors: range, root_node: None, clauses: Vec::new() });

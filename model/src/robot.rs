@@ -1,4 +1,4 @@
-//! A robot as its file describes it: parts, motors, a tree of nodes, shapes, markers and constraints.
+//! Robot model as its file describes it: parts, motors, a tree of nodes, shapes, markers and constraints.
 
 use crate::hull::Hulls;
 use crate::shape::Primitive;
@@ -7,32 +7,32 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A robot model. Built by the loaders, never changed afterwards.
+/// A robot model. Built by the loaders, and not changed afterward.
 ///
-/// Everything refers to everything else by its number: a pose, a node table and a pair table are plain vectors, and a robot can
-/// be copied, compared and sent anywhere.
+/// All references are indices: configurations, node tables and pair tables are plain vectors, and a robot can be
+/// copied, compared and sent between threads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
     /// The file's `robotName`.
     pub name: String,
     /// Body parts in order of first appearance.
     pub parts: Vec<Part>,
-    /// All motors, part by part and by index within the part. **This is the order of every pose vector.**
+    /// All motors, part by part and by index within the part. **This is the order of every configuration vector.**
     pub motors: Vec<Motor>,
-    /// All links and joints in order of their start tags; a parent always stands before its children.
+    /// All links and joints in order of their start tags; a parent always precedes its children.
     pub nodes: Vec<Node>,
     /// Markers in order of appearance.
     pub markers: Vec<Marker>,
-    /// Which pairs of nodes are tested against each other: see [`Robot::left_out`].
+    /// Pairs of nodes that are tested against each other: see [`Robot::left_out`].
     pub pairs: NodePairs,
-    /// The pairs that are not, if the file lists them; `None` leaves that to the adjacency filter of the format. Changed only by
-    /// [`Robot::leave_out`], since `pairs` follows from it.
+    /// The disabled pairs, if the file lists them; `None`: the adjacency filter of the format decides. Changed only by
+    /// [`Robot::leave_out`], since `pairs` is derived from it.
     pub left_out: Option<Vec<LeftOut>>,
-    /// Links of the URDF that have a visual and no shape that collides: they touch nothing.
+    /// Links of the URDF with a visual but without a collision shape: they touch nothing.
     pub bare: Vec<String>,
 }
 
-/// A body part, as a YARP control board would serve it.
+/// A body part, corresponding to a YARP control board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     /// Its name, such as `torso`.
@@ -45,8 +45,8 @@ pub struct Part {
     pub clauses: Vec<Clause>,
 }
 
-/// A disjunction of half-spaces: satisfied if the value of any member is above zero. Clauses together make any region of joint
-/// space, not only convex ones: "the arm is down *or* the torso is turned away".
+/// A disjunction of half-spaces: satisfied if the value of any member is above zero. Several clauses can describe any
+/// region of joint space, also non-convex ones: "the arm is down *or* the torso is turned away".
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clause(pub Vec<HalfSpace>);
 
@@ -59,11 +59,12 @@ pub struct HalfSpace {
     pub b: f64,
 }
 
-/// A motor: one encoder, one or several joints. The joints follow it linearly, each over its own range: three finger joints
-/// may hang on one tendon.
+/// A motor: one encoder, one or several joints. The joints follow it linearly, each over its own range: one tendon may
+/// drive three finger joints.
 ///
-/// Its encoder counts *units*: degrees where it turns, millimeters where it slides. Inside the program a unit is pi/180, whatever
-/// it counts, and is called "rad of encoder": so one tolerance, one speed and one distance in joint space serve all motors.
+/// Its encoder counts *units*: degrees for revolute, millimeters for prismatic motion. Internally a unit is pi/180 in
+/// either case, and is called "rad of encoder": thus one tolerance, one speed and one distance in joint space apply to
+/// all motors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motor {
     /// Its name, unique within the robot.
@@ -76,31 +77,32 @@ pub struct Motor {
     pub max: f64,
     /// Home position within the limits, rad of encoder.
     pub home: f64,
-    /// What its encoder counts: degrees of a turn, or millimeters of a slide.
+    /// Kind of motion: its encoder counts degrees if revolute, millimeters if prismatic.
     pub motion: JointMotion,
-    /// Maximum speed, rad/s of encoder, if the file limits it. A board's own limit holds as well.
+    /// Maximum speed, rad/s of encoder, if the file limits it. The limit of the control board applies as well.
     pub max_speed: Option<f64>,
-    /// Whether it turns without end, so that positions a full turn apart are one (see [`Motor::nearest_equivalent`]).
+    /// True if it is continuous, so that positions a full turn apart are equivalent (see
+    /// [`Motor::nearest_equivalent`]).
     pub continuous: bool,
     /// The joints it drives, as indices into [`Robot::nodes`].
     pub joints: Vec<usize>,
-    /// Whether it is the first motor created in its part (Jacobian chains end there).
+    /// True if it is the first motor created in its part (Jacobian chains end there).
     pub is_part_root: bool,
 }
 
-/// How a joint moves what it carries, and so what its motor's encoder counts.
+/// Kind of motion of a joint, which determines the units of its motor's encoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum JointMotion {
-    /// About its axis; joints count radians, encoders degrees.
+    /// Revolute: rotates about its axis; joints count radians, encoders degrees.
     #[default]
     Turn,
-    /// Along its axis; joints count meters, encoders millimeters.
+    /// Prismatic: translates along its axis; joints count meters, encoders millimeters.
     Slide,
 }
 
 impl JointMotion {
-    /// A joint's position (rad or meters) as rad of its motor's encoder, which counts degrees or millimeters.
+    /// Converts a joint's position (rad or meters) to rad of its motor's encoder, which counts degrees or millimeters.
     pub fn encoder(self, position: f64) -> f64 {
         match self {
             Self::Turn => position,
@@ -109,12 +111,14 @@ impl JointMotion {
     }
 }
 
-/// A node of the kinematic tree: a link, which moves the frame of its children, or a joint, which turns it or slides it.
+/// A node of the kinematic tree: a link, which translates the frame of its children, or a joint, which rotates or
+/// translates it.
 ///
-/// Its own frame, in which its shapes and markers are, is the one *before* that motion.
+/// Its own frame, in which its shapes and markers are given, is the one *before* that motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
-    /// Its name, unique in the robot, if the file gives one: for a converted robot the link of the URDF that its shapes are from.
+    /// Its name, unique in the robot, if the file gives one. For a converted robot it is the link of the URDF that its
+    /// shapes belong to.
     pub name: Option<Arc<str>>,
     /// The parent, an index into [`Robot::nodes`]; `None` for a root.
     pub parent: Option<usize>,
@@ -122,21 +126,21 @@ pub struct Node {
     pub part: usize,
     /// Link or joint.
     pub kind: NodeKind,
-    /// Shapes that collide.
+    /// Collision shapes.
     pub solids: Vec<Primitive>,
-    /// What those of them really hold that are more than that: by their number among the solids.
+    /// The hulls of those solids that are larger than their solid part, by index among the solids.
     pub hulls: Hulls,
     /// Shapes of the force field.
     pub fields: Vec<Primitive>,
-    /// What simulated cameras see its shapes painted in, red, green and blue; `None`: as robots are.
+    /// Color of its shapes in simulated cameras, red, green and blue; `None`: the default color of robots.
     pub color: Option<[u8; 3]>,
-    /// Whether the file marks this node's subtree `noSelfCollision`.
+    /// True if the file marks this node's subtree `noSelfCollision`.
     pub no_self_collision: bool,
-    /// Whether it belongs to the base, which is never tested against the world.
+    /// True if it belongs to the base, which is never tested against the world.
     pub near_root: bool,
 }
 
-/// What a node does to the frame of its children.
+/// The motion of a node: the transform of its children's frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NodeKind {
     /// A pure translation, meters.
@@ -146,22 +150,22 @@ pub enum NodeKind {
     },
     /// A pure rotation about an axis through the node's origin, or a translation along it.
     Joint {
-        /// Which of the two.
+        /// Rotation or translation.
         motion: JointMotion,
         /// Direction of the axis.
         axis: Unit<Vector3<f64>>,
         /// The motor that drives it, an index into [`Robot::motors`].
         motor: usize,
-        /// Where it stands at the motor's lower limit, rad or meters.
+        /// Position at the motor's lower limit, rad or meters.
         min: f64,
-        /// Where it stands at the motor's upper limit, rad or meters.
+        /// Position at the motor's upper limit, rad or meters.
         max: f64,
         /// Length of the axis as the file gives it, meters (the height of its own cylinder).
         length: f64,
     },
 }
 
-/// A named point and direction on a node: what an agent reaches with.
+/// A named point and direction on a node, such as a hand: the target of reaching motions is given for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marker {
     /// Its name.
@@ -176,23 +180,23 @@ pub struct Marker {
     pub tracer: u32,
 }
 
-/// A pair of nodes that are not tested against each other, and why.
+/// A disabled pair of nodes, with the reason.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeftOut {
-    /// The two, the lower number first; each has a name.
+    /// The two nodes, the lower index first; both have names.
     pub nodes: (usize, usize),
-    /// For people, such as `neighbors`.
+    /// Reason for display, such as `neighbors`.
     pub reason: String,
 }
 
-/// Node pairs `(a, b)` with `a <= b`, sorted, that are tested: neighbors in the tree always touch, and would keep the reflex busy
-/// for ever.
+/// Tested node pairs `(a, b)` with `a <= b`, sorted. Pairs of neighbors in the tree are excluded: they always touch,
+/// and would trigger the reflex permanently.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodePairs {
-    /// A contact makes the reflex act.
+    /// Pairs whose contact triggers the reflex.
     pub reflex: Vec<(usize, usize)>,
-    /// A contact is shown but does not count.
+    /// Pairs whose contact is displayed but has no effect.
     pub visual_only: Vec<(usize, usize)>,
-    /// Force-field shapes that repel each other.
+    /// Pairs whose force-field shapes repel each other.
     pub field: Vec<(usize, usize)>,
 }

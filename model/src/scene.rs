@@ -1,6 +1,7 @@
-//! Robots and objects in one world: who touches whom.
+//! Robots and objects in one world, and queries for contacts between them.
 //!
-//! A [`Scene`] is an immutable snapshot; an edit makes a new one with a higher epoch. Planners keep theirs as long as they like.
+//! A [`Scene`] is an immutable snapshot; an edit creates a new one with a higher epoch. Planners can hold theirs
+//! indefinitely.
 
 mod bodies;
 mod edit;
@@ -29,23 +30,23 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// What an object is to the robots.
+/// Role of an object for the robots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ObjectClass {
-    /// Touching it makes the reflex act.
+    /// An obstacle: contact triggers the reflex.
     #[serde(alias = "obs")]
     Obstacle,
-    /// Something to reach for; never collides.
+    /// A target to reach for; never collides.
     #[serde(alias = "tgt")]
     Target,
-    /// Shown only; never collides.
+    /// Display only; never collides.
     #[serde(alias = "gho")]
     Ghost,
 }
 
 impl ObjectClass {
-    /// The words that files and requests may use, each class by its own and by the original program's.
+    /// The words in files and requests: for each class its own and that of the original program.
     pub const WORDS: [(&str, ObjectClass); 6] = [
         ("obstacle", ObjectClass::Obstacle),
         ("target", ObjectClass::Target),
@@ -55,7 +56,7 @@ impl ObjectClass {
         ("gho", ObjectClass::Ghost),
     ];
 
-    /// The class of a word, ours or the original program's (`obs`, `tgt`, `gho`).
+    /// The class of a word, in our notation or the original program's (`obs`, `tgt`, `gho`).
     ///
     /// # Examples
     /// ```
@@ -73,9 +74,9 @@ impl ObjectClass {
 pub struct Object {
     /// Its name, unique in the world.
     pub name: String,
-    /// What it is to the robots.
+    /// Its role.
     pub class: ObjectClass,
-    /// Whether `rm` and `clr` leave it alone.
+    /// True if `rm` and `clr` do not remove it.
     pub persistent: bool,
     /// `world_from_object`.
     pub pose: Isometry3<f64>,
@@ -86,22 +87,22 @@ pub struct Object {
 }
 
 impl Object {
-    /// Where its middle is, in its own frame, meters: the mean of its shapes' centers. What is seen of an object is placed there.
+    /// Its center in its own frame, meters: the mean of its shapes' centers. Sensors locate an object by this point.
     pub fn middle(&self) -> Vector3<f64> {
         let sum: Vector3<f64> = self.shapes.iter().map(|s| s.pose.translation.vector).sum();
         sum / self.shapes.len().max(1) as f64
     }
 
-    /// How far it goes from its origin in a direction of unit length of its own frame, meters; 0 without a shape.
+    /// Its extent from its origin in a direction of unit length in its own frame, meters; 0 without a shape.
     pub fn extent(&self, toward: &Vector3<f64>) -> f64 {
-        let of = |s: &Primitive| {
+        let extent = |s: &Primitive| {
             s.pose.translation.vector.dot(toward) + s.shape.extent(&(s.pose.rotation.inverse() * toward))
         };
-        self.shapes.iter().map(of).reduce(f64::max).unwrap_or(0.0)
+        self.shapes.iter().map(extent).reduce(f64::max).unwrap_or(0.0)
     }
 }
 
-/// A shape's identity, stable over edits of the scene.
+/// Identity of a shape, stable under edits of the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ShapeId {
@@ -116,7 +117,7 @@ pub enum ShapeId {
     },
     /// A shape of an object.
     Object {
-        /// The object's id, never used again after its removal.
+        /// The object's id, not reused after its removal.
         object: u32,
         /// Index into [`Object::shapes`].
         shape: u16,
@@ -124,7 +125,7 @@ pub enum ShapeId {
 }
 
 impl ShapeId {
-    /// Index of the robot that it is a shape of.
+    /// Index of the shape's robot.
     pub fn robot(self) -> Option<usize> {
         match self {
             ShapeId::Robot { robot, .. } => Some(usize::from(robot)),
@@ -133,13 +134,13 @@ impl ShapeId {
     }
 }
 
-/// Two shapes, the smaller id first: robots before objects, so that an object is always the second.
+/// Two shapes, the smaller id first. Robots precede objects, so an object is always the second.
 pub type Pair = (ShapeId, ShapeId);
 
-/// Two shapes near or in each other, as a query of a [`Scene`] found them at one pose.
+/// Two shapes that are near each other or overlap, as found by a query of a [`Scene`] at one configuration.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Contact {
-    /// Which two.
+    /// The two shapes.
     pub pair: Pair,
     /// Signed distance in meters; negative is penetration depth.
     pub distance: f64,
@@ -160,11 +161,11 @@ impl Contact {
 
 /// An immutable world of robots and objects.
 ///
-/// Made by [`Scene::new`], changed by [`Scene::edit`] into a new one; copying it is cheap. The queries are
-/// [`Scene::contacts`], [`Scene::clearance`], [`Scene::free`], [`Scene::line`] and [`Scene::report`]; all of them take one pose
-/// per robot, in the order of [`Scene::robots`].
+/// Created by [`Scene::new`]; [`Scene::edit`] derives a changed one. Cloning is cheap. The queries are
+/// [`Scene::contacts`], [`Scene::clearance`], [`Scene::free`], [`Scene::line`] and [`Scene::report`]; all of them take
+/// one configuration per robot, in the order of [`Scene::robots`].
 ///
-/// `E` is the engine that answers; whoever does not care writes `Scene` and has the default.
+/// `E` is the collision engine; plain `Scene` uses the default.
 ///
 /// # Example
 /// ```
@@ -177,7 +178,7 @@ impl Contact {
 /// let home = scene.home();
 /// assert!(scene.free(&home, 0.0));
 ///
-/// // A ball of 5 cm about the origin of the last node: the gripper is in it.
+/// // A ball of 5 cm radius about the origin of the last node contains the gripper.
 /// let gripper = scene.node_transforms(&home)[0].last().copied().unwrap_or_default();
 /// let shapes = vec![Primitive { shape: Shape::Sphere { radius: 0.05 }, pose: Isometry3::identity() }];
 /// let class = ObjectClass::Obstacle;
@@ -192,21 +193,22 @@ impl Contact {
 pub struct Scene<E: Engine = DefaultEngine> {
     /// Number of edits since [`Scene::new`].
     epoch: u64,
-    /// The id that the next object gets.
+    /// Id of the next object.
     next_object: u32,
-    /// With their ids, in order of insertion.
+    /// Objects with their ids, in order of insertion.
     objects: Vec<(u32, Arc<Object>)>,
-    /// Shared by all snapshots of one lineage: edits do not touch the robots.
+    /// Shared by all snapshots derived from one scene: edits do not change the robots.
     bodies: Arc<Bodies>,
-    /// Made anew by each edit.
+    /// Rebuilt by each edit.
     world: Arc<World<E>>,
 }
 
 impl Scene {
-    /// Puts robots and objects into one world, with the house's engine.
+    /// Creates a scene of robots and objects, with the default engine.
     ///
     /// # Arguments
-    /// * `robots`: each with where it stands, `world_from_robot`. Their order is that of the poses in every query.
+    /// * `robots`: each with its base pose, `world_from_robot`. Their order is that of the configurations in every
+    ///   query.
     /// * `objects`: numbered in this order, from 0.
     ///
     /// # Errors
@@ -217,7 +219,7 @@ impl Scene {
 }
 
 impl<E: Engine> Scene<E> {
-    /// As [`Scene::new`], for an engine of one's own: `Scene::<MyEngine>::with_engine(..)`.
+    /// As [`Scene::new`], for another engine: `Scene::<MyEngine>::with_engine(..)`.
     ///
     /// # Errors
     /// As [`Scene::new`].
@@ -230,16 +232,16 @@ impl<E: Engine> Scene<E> {
         Ok(scene)
     }
 
-    /// Counts edits; equal epochs of one lineage mean equal scenes. Who keeps a scene for long (a planner, a recording) compares it
-    /// to learn whether the world has changed meanwhile.
+    /// Number of edits: equal epochs of snapshots derived from one scene mean equal scenes. Long-lived holders of a
+    /// scene (a planner, a recording) compare it to detect changes of the world.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
-    /// The robots, in the order of the poses that every query takes.
+    /// The robots, in the order of the configurations in every query.
     pub fn robots(&self) -> &[Arc<Robot>] {
         &self.bodies.robots
     }
-    /// Where a robot stands: `world_from_robot`. The identity if there is no such robot.
+    /// Base pose of a robot: `world_from_robot`. The identity if there is no such robot.
     pub fn base(&self, robot: usize) -> Isometry3<f64> {
         self.bodies.skeletons.get(robot).map_or_else(Isometry3::identity, |s| s.base)
     }
@@ -251,12 +253,12 @@ impl<E: Engine> Scene<E> {
     pub fn object(&self, name: &str) -> Option<(u32, &Arc<Object>)> {
         self.objects().find(|(_, o)| o.name == name)
     }
-    /// The poses of all robots at home, rad of encoder.
+    /// The home configurations of all robots, rad of encoder.
     pub fn home(&self) -> Vec<Arc<[f64]>> {
         self.robots().iter().map(|r| r.motors.iter().map(|m| m.home).collect()).collect()
     }
-    /// A shape's name for people, such as `ur5:forearm_link#0` (robot, link, shape number), `icub:left_arm/31#0` (where the link
-    /// has no name, its part and the node's number) or `table#1`.
+    /// A shape's stable name, such as `ur5:forearm_link#0` (robot, link, shape number), `icub:left_arm/31#0` (part and
+    /// node number, if the link has no name) or `table#1`.
     pub fn shape_name(&self, id: ShapeId) -> String {
         match id {
             ShapeId::Robot { robot, node, shape } => {
@@ -276,20 +278,22 @@ impl<E: Engine> Scene<E> {
             },
         }
     }
-    /// The robots as what moves, in their order. Their frames are numbered through: those of the first robot, then those of the
-    /// second, and the world itself is the last.
+    /// The robots' moving frames, in the order of the robots. Frames are numbered consecutively: those of the first
+    /// robot, then those of the second and so on; the last one is the world.
     pub fn skeletons(&self) -> &[Skeleton] {
         &self.bodies.skeletons
     }
-    /// All solid shapes, those of the robots before those of the obstacles, on frames as [`Scene::skeletons`] numbers them.
+    /// All solid shapes, those of the robots before those of the obstacles, on frames numbered as in
+    /// [`Scene::skeletons`].
     pub fn colliders(&self) -> impl Iterator<Item = &Collider> {
         self.world.solids.iter().map(|solid| &solid.collider)
     }
-    /// The reflex pairs that can move against each other, as indices into [`Scene::colliders`]: what every query tests.
+    /// The reflex pairs that can move relative to each other, as indices into [`Scene::colliders`]; every query tests
+    /// these.
     pub fn pairs(&self) -> &[IndexPair] {
         &self.world.pairs
     }
-    /// Who a collider is.
+    /// The identity of a collider's shape.
     pub fn shape_id(&self, collider: u32) -> Option<ShapeId> {
         self.world.solids.get(collider as usize).map(|solid| solid.id)
     }
@@ -297,12 +301,12 @@ impl<E: Engine> Scene<E> {
     pub(crate) fn bodies(&self) -> &Bodies {
         &self.bodies
     }
-    /// What collides, prepared.
+    /// The solids, prepared.
     pub(crate) fn world(&self) -> &World<E> {
         &self.world
     }
-    /// Contacts that no motion can change: reflex pairs with no moving joint between them that touch. They are left out
-    /// of every other query but [`Scene::report`].
+    /// Touching reflex pairs without a moving joint between them: no motion can change these contacts. All queries
+    /// exclude them except [`Scene::report`].
     pub fn static_contacts(&self) -> &[Contact] {
         &self.world.fixed_contacts
     }

@@ -1,4 +1,4 @@
-//! Convex shapes, and the simplest shapes that hold them.
+//! Convex shapes, with their bounding and inscribed capsules.
 
 use nalgebra::{Isometry3, Vector3};
 use std::f64::consts::PI;
@@ -32,7 +32,7 @@ pub enum Shape {
     },
 }
 
-/// A shape and where it sits on its node (or object).
+/// A shape and its pose on its node (or object).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Primitive {
     /// The shape.
@@ -41,7 +41,7 @@ pub struct Primitive {
     pub pose: Isometry3<f64>,
 }
 
-/// A capsule that holds a shape, in the shape's frame and centered at its origin.
+/// A capsule that contains a shape, in the shape's frame and centered at its origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundingCapsule {
     /// From the origin to the center of one end ball, meters; zero for a ball.
@@ -50,22 +50,22 @@ pub struct BoundingCapsule {
     pub radius: f64,
 }
 
-/// A capsule inside a solid, on the axis of the capsule that holds its shape and with the same middle.
+/// A capsule inside a solid, on the axis of the capsule that contains its shape and with the same midpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InnerCapsule {
-    /// Which fraction of the outer capsule's axis is its own, 0 to 1.
+    /// Length of its axis as a fraction of the outer capsule's, 0 to 1.
     pub share: f64,
-    /// Radius, meters; minus infinity where no such capsule is known.
+    /// Radius, meters; minus infinity if no such capsule is known.
     pub radius: f64,
 }
 
 impl InnerCapsule {
-    /// Of a solid that holds none, as far as anybody knows.
+    /// Value for a solid without a known inner capsule.
     pub const NONE: Self = Self { share: 0.0, radius: f64::NEG_INFINITY };
 }
 
 impl Shape {
-    /// How deep a point (in the shape's frame, meters) lies within: how far it is from the nearest side, negative outside.
+    /// Depth of a point (in the shape's frame, meters) inside: its distance from the nearest side; negative outside.
     pub fn depth(&self, p: &Vector3<f64>) -> f64 {
         match *self {
             Self::Sphere { radius } => radius - p.norm(),
@@ -97,7 +97,7 @@ impl Shape {
         }
     }
 
-    /// How far it goes from its origin in a direction of unit length, meters.
+    /// Extent from its origin in a direction of unit length, meters.
     pub fn extent(&self, toward: &Vector3<f64>) -> f64 {
         match *self {
             Self::Sphere { radius } => radius,
@@ -107,8 +107,8 @@ impl Shape {
         }
     }
 
-    /// A capsule around the shape's origin that holds it: exact for balls and capsules, along the longest edge of a box, and
-    /// for a cylinder longer by its radius at each end.
+    /// A bounding capsule about the shape's origin: exact for balls and capsules, along the longest edge of a box, and
+    /// longer than a cylinder by its radius at each end.
     pub fn bounding_capsule(&self) -> BoundingCapsule {
         match *self {
             Self::Sphere { radius } => BoundingCapsule { half_axis: Vector3::zeros(), radius },
@@ -117,9 +117,11 @@ impl Shape {
             }
             Self::Box { size } => {
                 let half = size / 2.0;
-                // Along the longest edge the capsule's radius has only the two shorter ones to cover, so it is thinnest.
+                // Along the longest edge the capsule's radius has to cover only the two shorter ones, so it is
+                // thinnest.
                 let long = half.imax();
-                let (mut half_axis, mut across) = (Vector3::zeros(), half);
+                let mut half_axis = Vector3::zeros();
+                let mut across = half;
                 half_axis[long] = half[long];
                 across[long] = 0.0;
                 BoundingCapsule { half_axis, radius: across.norm() }
@@ -127,14 +129,14 @@ impl Shape {
         }
     }
 
-    /// A capsule that it holds: itself, if it is one.
+    /// A capsule inside the shape: the shape itself if it is a capsule.
     pub fn inner_capsule(&self) -> InnerCapsule {
         match *self {
             Self::Sphere { radius } => InnerCapsule { share: 0.0, radius },
             Self::Capsule { radius, .. } => InnerCapsule { share: 1.0, radius },
             Self::Cylinder { radius, height } => {
                 let half = height / 2.0;
-                // A post holds a capsule as wide as itself; a coin only the ball between its two faces.
+                // A long cylinder contains a capsule of its own radius, a flat one only the ball between its two faces.
                 if half > radius {
                     InnerCapsule { share: (half - radius) / half, radius }
                 } else {
@@ -142,7 +144,8 @@ impl Shape {
                 }
             }
             Self::Box { size } => {
-                let (long, thin) = (size.max() / 2.0, size.min() / 2.0);
+                let long = size.max() / 2.0;
+                let thin = size.min() / 2.0;
                 let share = if long > 0.0 { (long - thin) / long } else { 0.0 };
                 InnerCapsule { share, radius: thin }
             }

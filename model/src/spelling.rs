@@ -1,20 +1,20 @@
-//! What a misspelt name may have meant.
+//! Suggestions for misspelled names.
 
 use std::cmp::Reverse;
 
-/// How many names a remedy lists at most.
-const LISTED: usize = 20;
-/// What is longer was not meant as a name, bytes; comparing it would take its length times that of all names.
-const LONGEST: usize = 200;
+/// Maximum number of names in a remedy.
+const MAX_LISTED_NAMES: usize = 20;
+/// Maximum length of a name to compare, bytes: longer text is not a name, and the comparison would be slow.
+const MAX_NAME_BYTES: usize = 200;
 
-/// The name that is nearest to `wrong` in spelling, if any is near.
+/// The name closest to `wrong` in spelling, if any is close.
 pub fn nearest<'a>(wrong: &str, names: &[&'a str]) -> Option<&'a str> {
-    if wrong.len() > LONGEST {
+    if wrong.len() > MAX_NAME_BYTES {
         return None;
     }
     let begins = |n: &str| !wrong.is_empty() && (n.starts_with(wrong) || wrong.starts_with(n));
     let ranked = names.iter().map(|n| (if begins(n) { 1 } else { distance(wrong, n) }, *n));
-    // of two that are as near, the one that begins alike
+    // If two are equally close, prefer the one with the longer common prefix.
     let alike = |n: &str| n.chars().zip(wrong.chars()).take_while(|(a, b)| a == b).count();
     ranked.filter(|(d, n)| *d <= 1 + n.len() / 3).min_by_key(|(d, n)| (*d, Reverse(alike(n)))).map(|(_, n)| n)
 }
@@ -23,17 +23,17 @@ pub fn nearest<'a>(wrong: &str, names: &[&'a str]) -> Option<&'a str> {
 pub fn suggestion(wrong: &str, what: &str, names: &[&str]) -> String {
     match (nearest(wrong, names), names.len()) {
         (_, 0) => format!("there is no {what} at all"),
-        (Some(near), n) if n > LISTED => format!("did you mean `{near}`?"),
+        (Some(near), n) if n > MAX_LISTED_NAMES => format!("did you mean `{near}`?"),
         (Some(near), _) => format!("did you mean `{near}`? known here: {}", names.join(", ")),
         (None, n) => {
-            let more = if n > LISTED { format!(" and {} more", n - LISTED) } else { String::new() };
-            let some = names.get(..n.min(LISTED)).unwrap_or_default();
+            let more = if n > MAX_LISTED_NAMES { format!(" and {} more", n - MAX_LISTED_NAMES) } else { String::new() };
+            let some = names.get(..n.min(MAX_LISTED_NAMES)).unwrap_or_default();
             format!("known here: {}{more}", some.join(", "))
         }
     }
 }
 
-/// How many letters must be changed, added or dropped to make one word the other (Levenshtein).
+/// Levenshtein distance of two words.
 fn distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_meant_is_found_and_nonsense_is_not() {
+    fn close_names_are_found_and_others_are_not() {
         let names = ["r_elbow", "r_shoulder_pitch", "torso"];
         assert_eq!(nearest("r_elbwo", &names), Some("r_elbow"));
         assert_eq!(nearest("tors", &names), Some("torso"));

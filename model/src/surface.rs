@@ -1,4 +1,4 @@
-//! Contact by the meshes themselves: the truth that fitted shapes are compared with, and far too slow for anything else.
+//! Contact between the meshes themselves: the reference for fitted shapes; far too slow for other uses.
 
 use crate::engine::distance;
 use crate::fit::rounded;
@@ -12,27 +12,28 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
-/// What a link collides with, in its own frame.
+/// Collision geometry of a link, in its own frame.
 #[derive(Clone, Debug, Default)]
 pub struct LinkSurface {
-    /// The link's name, which is that of a marker of the robot.
+    /// The link's name, which is also that of a marker of the robot.
     pub link: String,
-    /// `root_from_link` with all joints at zero, the rotation alone: nodes have the root's orientation there, links have their own.
+    /// Rotation of `root_from_link` with all joints at zero: nodes have the root's orientation there, links have their
+    /// own.
     pub turn: UnitQuaternion<f64>,
-    /// Its meshes: surfaces, so that what is within touches nothing.
+    /// Its meshes: surfaces only, so a shape inside a mesh does not touch it.
     pub meshes: Vec<Mesh>,
-    /// Its primitive shapes: solid.
+    /// Its primitive shapes, which are solid.
     pub solids: Vec<Primitive>,
 }
 
 impl LinkSurface {
-    /// The link's shapes as they lie on its node: those that the file gives, then those that are fitted to its meshes.
+    /// The link's shapes in the frame of its node: those of the file, then those fitted to its meshes.
     pub fn shapes(&self, fit: Option<&Fit>) -> Vec<Primitive> {
         let all = self.solids.iter().cloned().chain(fit.into_iter().flat_map(Fit::primitives));
         all.map(|p| Primitive { pose: self.turn * p.pose, ..p }).collect()
     }
 
-    /// What is solid of those shapes that are fitted, where that is less than the shape.
+    /// The hulls of the fitted shapes, by index in [`LinkSurface::shapes`].
     pub fn hulls(&self, fit: &Fit) -> Hulls {
         let turned = |hull: &Hull| {
             let points = hull.points().iter().map(|p| (self.turn * p).map(rounded)).collect();
@@ -43,7 +44,7 @@ impl LinkSurface {
     }
 }
 
-/// The surfaces of a robot's links, ready to be asked which of them meet.
+/// The surfaces of a robot's links, prepared for contact queries.
 ///
 /// # Example
 /// ```no_run
@@ -55,11 +56,11 @@ impl LinkSurface {
 /// # }
 /// ```
 pub struct Surfaces {
-    /// In the order in which they were given.
+    /// In the order of the input.
     links: Vec<Link>,
 }
 
-/// One of them.
+/// A prepared link.
 struct Link {
     /// Its name.
     name: String,
@@ -69,36 +70,39 @@ struct Link {
     turn: UnitQuaternion<f64>,
     /// Its meshes.
     meshes: Vec<TriMesh>,
-    /// Its primitives, as we know them and as parry does.
+    /// Its primitives, in our representation and in parry's.
     solids: Vec<(Primitive, SharedShape, Pose)>,
-    /// The box around all of it, in its frame.
+    /// Bounding box of all its shapes, in its frame.
     bounds: Aabb,
 }
 
 impl Surfaces {
+    /// Prepares the surfaces of links.
+    ///
     /// # Errors
-    /// A link that is no marker of the robot, or a mesh without triangles or with coordinates that are no numbers.
+    /// A link is not a marker of the robot, or a mesh has no triangles or invalid coordinates.
     pub fn new(robot: &Robot, links: &[LinkSurface]) -> Result<Self, String> {
         let links = links.iter().map(|l| Link::new(robot, l)).collect::<Result<_, _>>()?;
         Ok(Self { links })
     }
 
-    /// The links' names, in the order in which they were given; everything else speaks of them by index.
+    /// The links' names, in the order of the input; all other functions refer to links by index.
     pub fn links(&self) -> impl ExactSizeIterator<Item = &str> {
         self.links.iter().map(|l| l.name.as_str())
     }
 
-    /// `world_from_link` of every link at the pose `q`; the robot stands at the world's origin.
+    /// `world_from_link` of every link at the configuration `q`, with the robot's base at the world's origin.
     pub fn frames(&self, robot: &Robot, q: &[f64]) -> Vec<Isometry3<f64>> {
         let mut nodes = Vec::with_capacity(robot.nodes.len());
         robot.forward(q, &mut nodes);
         self.links.iter().map(|l| nodes[l.node] * l.turn).collect()
     }
 
-    /// Whether the surfaces of links `a` and `b` meet, given `world_from_link` of all.
+    /// True if the surfaces of links `a` and `b` intersect, given `world_from_link` of all.
     pub fn meet(&self, frames: &[Isometry3<f64>], a: usize, b: usize) -> bool {
         let a_from_b = frames[a].inv_mul(&frames[b]);
-        let (a, b) = (&self.links[a], &self.links[b]);
+        let a = &self.links[a];
+        let b = &self.links[b];
         let pose = pose(&a_from_b);
         if !a.bounds.intersects(&b.bounds.transform_by(&pose)) {
             return false;
@@ -112,18 +116,19 @@ impl Surfaces {
         meshes() || first() || second() || solids()
     }
 
-    /// Whether the surfaces of two links are nearer to each other than a distance (meters), given `world_from_link` of all.
+    /// True if the surfaces of two links are closer to each other than a distance (meters), given `world_from_link` of
+    /// all.
     pub fn near(&self, frames: &[Isometry3<f64>], (a, b): (usize, usize), distance: f64) -> bool {
         let a_from_b = pose(&frames[a].inv_mul(&frames[b]));
         let [a, b] = [a, b].map(|i| self.links[i].shapes());
-        // All pairs of our shapes are supported, so there is no error to be told of.
+        // All pairs of these shapes are supported, so an error can't occur.
         let within = |place: &Pose, shape: &dyn PartShape, at: &Pose, other: &dyn PartShape| {
             query::distance(place, shape, at, other).is_ok_and(|d| d.distance < distance)
         };
         let near = |(shape, place): &(&dyn PartShape, Pose), (other, at): &(&dyn PartShape, Pose)| {
             let at = a_from_b * *at;
             match (shape.as_trimesh(), other.as_trimesh()) {
-                // the first triangles that are near will do, where parry would look for the nearest
+                // The first triangles that are near suffice, whereas parry would search for the nearest.
                 (Some(m), Some(n)) => {
                     triangles_facing(m, n, &at, distance).any(|(t, u)| within(&Pose::IDENTITY, &t, &at, &u))
                 }
@@ -133,14 +138,14 @@ impl Surfaces {
         a.iter().any(|s| b.iter().any(|t| near(s, t)))
     }
 
-    /// Those of the pairs that meet, in the same order.
+    /// The pairs that intersect, in the same order.
     pub fn meeting(&self, frames: &[Isometry3<f64>], pairs: &[(usize, usize)]) -> Vec<(usize, usize)> {
         pairs.iter().copied().filter(|(a, b)| self.meet(frames, *a, *b)).collect()
     }
 }
 
 impl Link {
-    /// Looks the link up and prepares its shapes.
+    /// Finds the link's node and prepares its shapes.
     fn new(robot: &Robot, link: &LinkSurface) -> Result<Self, String> {
         let name = &link.link;
         let marker = robot.markers.iter().find(|m| m.name == *name);
@@ -148,21 +153,21 @@ impl Link {
         let meshes: Vec<TriMesh> = link.meshes.iter().map(prepared).collect::<Option<_>>().ok_or_else(|| {
             format!("a mesh of link `{name}` has no triangles, or corners that are not there or not finite")
         })?;
-        let known = |p: &Primitive| (p.clone(), shared(&p.shape), pose(&p.pose));
-        let solids: Vec<_> = link.solids.iter().map(known).collect();
+        let prepared_solid = |p: &Primitive| (p.clone(), shared(&p.shape), pose(&p.pose));
+        let solids: Vec<_> = link.solids.iter().map(prepared_solid).collect();
         let boxes = meshes.iter().map(|m| m.local_aabb()).chain(solids.iter().map(|s| s.1.compute_aabb(&s.2)));
         let bounds = boxes.reduce(|a, b| a.merged(&b)).unwrap_or_else(Aabb::new_invalid);
         Ok(Self { name: name.clone(), node, turn: link.turn, meshes, solids, bounds })
     }
 
-    /// Its meshes and primitives, each with its place in the link's frame.
+    /// Its meshes and primitives, each with its pose in the link's frame.
     fn shapes(&self) -> Vec<(&dyn PartShape, Pose)> {
         let meshes = self.meshes.iter().map(|m| (m as &dyn PartShape, Pose::IDENTITY));
         meshes.chain(self.solids.iter().map(|(_, shape, place)| (shape.as_ref(), *place))).collect()
     }
 }
 
-/// Poses within the limits of all motors, each as likely as any other; equal seeds give equal poses.
+/// Configurations drawn uniformly within the limits of all motors; equal seeds give equal sequences.
 pub fn random_poses(robot: &Robot, seed: u64) -> impl Iterator<Item = Vec<f64>> + '_ {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     std::iter::repeat_with(move || {
@@ -171,7 +176,7 @@ pub fn random_poses(robot: &Robot, seed: u64) -> impl Iterator<Item = Vec<f64>> 
     })
 }
 
-/// A mesh as parry has it, if it is one.
+/// Converts a mesh to parry's; `None` if it is invalid.
 fn prepared(mesh: &Mesh) -> Option<TriMesh> {
     let corners = mesh.vertices.len();
     let sound = mesh.vertices.iter().flatten().all(|c| c.is_finite())
@@ -180,7 +185,7 @@ fn prepared(mesh: &Mesh) -> Option<TriMesh> {
     sound.then(|| TriMesh::new(vertices(), mesh.triangles.clone()).ok()).flatten()
 }
 
-/// A shape as parry has it.
+/// Converts a shape to parry's.
 fn shared(shape: &Shape) -> SharedShape {
     match *shape {
         Shape::Sphere { radius } => SharedShape::new(Ball::new(radius)),
@@ -190,19 +195,20 @@ fn shared(shape: &Shape) -> SharedShape {
     }
 }
 
-/// A pose as parry has it.
+/// Converts a pose to parry's.
 fn pose(isometry: &Isometry3<f64>) -> Pose {
     Pose::from_parts(isometry.translation.vector.into(), isometry.rotation.into())
 }
 
-/// Whether two surfaces cross.
+/// True if two surfaces intersect.
 fn cross(a: &TriMesh, b: &TriMesh, a_from_b: &Pose) -> bool {
     let corner = |p: Vector| a_from_b * p;
     triangles_facing(a, b, a_from_b, 0.0)
         .any(|(t, u)| triangles_meet(&[t.a, t.b, t.c], &[corner(u.a), corner(u.b), corner(u.c)]))
 }
 
-/// The triangles of two meshes that may be within a distance (meters) of each other, each in the frame of its mesh.
+/// The pairs of triangles of two meshes that may be within a distance (meters) of each other, each triangle in the
+/// frame of its mesh.
 fn triangles_facing<'m>(
     a: &'m TriMesh,
     b: &'m TriMesh,
@@ -214,14 +220,14 @@ fn triangles_facing<'m>(
     near.map(|(i, j)| (a.triangle(i), b.triangle(j)))
 }
 
-/// Whether boxes along the axes of two frames may be near each other.
+/// Proximity test of boxes along the axes of two frames.
 struct Facing {
     /// `a_from_b`.
     shift: Vector3<f64>,
     turn: Matrix3<f64>,
-    /// The magnitudes of the turn's entries, and a little more for what rounding takes.
+    /// Absolute values of the rotation's entries, plus a tolerance for rounding.
     reach: Matrix3<f64>,
-    /// How far apart is near, meters.
+    /// Maximum distance that counts as near, meters.
     distance: f64,
 }
 
@@ -232,7 +238,7 @@ impl Facing {
         Self { shift: plain(a_from_b.translation), turn, reach: turn.abs().add_scalar(1e-12), distance }
     }
 
-    /// False only if one of the six directions of the boxes' edges parts them by more than the distance.
+    /// False only if one of the six directions of the boxes' edges separates them by more than the distance.
     fn may_be_near(&self, a: &Aabb, b: &Aabb) -> bool {
         let [(at, half), (to, other)] = [a, b].map(|x| (plain(x.center()), plain(x.half_extents())));
         let apart = self.turn * to + self.shift - at;
@@ -242,25 +248,27 @@ impl Facing {
     }
 }
 
-/// As nalgebra has it.
+/// Converts a vector to nalgebra's.
 fn plain(v: Vector) -> Vector3<f64> {
     Vector3::new(v.x, v.y, v.z)
 }
 
-/// Whether a mesh enters a solid shape.
+/// True if a mesh intersects a solid shape.
 fn enters(mesh: &TriMesh, (_, shape, place): &(Primitive, SharedShape, Pose), mesh_from_other: &Pose) -> bool {
-    // All pairs of our shapes are supported, so there is no error to be told of.
+    // All pairs of these shapes are supported, so an error can't occur.
     intersection_test(&Pose::IDENTITY, mesh, &(*mesh_from_other * *place), shape.as_ref())
         .is_ok_and(|hit| hit.intersecting)
 }
 
-/// Whether two triangles have a point in common: unless an axis separates them, which for convex polyhedra is a normal of a
-/// face or a cross product of two edges, and for flat ones also a normal of an edge in its plane.
+/// True if two triangles have a point in common, that is, if no axis separates them. For convex polyhedra the candidate
+/// axes are the normals of faces and the cross products of two edges; for flat ones also the in-plane normals of edges.
 fn triangles_meet(a: &[Vector; 3], b: &[Vector; 3]) -> bool {
     let edges = |t: &[Vector; 3]| [t[1] - t[0], t[2] - t[1], t[0] - t[2]];
-    let (of_a, of_b) = (edges(a), edges(b));
-    let (up_a, up_b) = (of_a[0].cross(of_a[1]), of_b[0].cross(of_b[1]));
-    let parted = |axis: Vector| {
+    let of_a = edges(a);
+    let of_b = edges(b);
+    let up_a = of_a[0].cross(of_a[1]);
+    let up_b = of_b[0].cross(of_b[1]);
+    let is_separated = |axis: Vector| {
         let span = |t: &[Vector; 3]| {
             let along = t.map(|p| axis.dot(p));
             (along[0].min(along[1]).min(along[2]), along[0].max(along[1]).max(along[2]))
@@ -268,9 +276,9 @@ fn triangles_meet(a: &[Vector; 3], b: &[Vector; 3]) -> bool {
         let ((low_a, high_a), (low_b, high_b)) = (span(a), span(b));
         high_a < low_b || high_b < low_a
     };
-    !(parted(up_a)
-        || parted(up_b)
-        || of_a.iter().any(|e| of_b.iter().any(|f| parted(e.cross(*f))))
-        || of_a.iter().any(|e| parted(e.cross(up_a)))
-        || of_b.iter().any(|e| parted(e.cross(up_b))))
+    !(is_separated(up_a)
+        || is_separated(up_b)
+        || of_a.iter().any(|e| of_b.iter().any(|f| is_separated(e.cross(*f))))
+        || of_a.iter().any(|e| is_separated(e.cross(up_a)))
+        || of_b.iter().any(|e| is_separated(e.cross(up_b))))
 }

@@ -1,23 +1,23 @@
-//! What random poses tell of a robot's shapes: which pairs of links need no test, how often the fitted shapes touch where the meshes do
-//! not, and where the robot can begin.
+//! Statistics of a robot's shapes at random poses: pairs of links that can be disabled, false contacts (the fitted
+//! shapes touch but the meshes do not), and a collision-free home.
 //!
 //! ```text
 //! Robot + surfaces ──random poses──> Comparison ──> where to fit closer
-//!                                └─> spared_pairs ──> Robot::leave_out
-//! Robot ──find_home──> a pose that is free
+//!                                └─> find_disabled_pairs ──> Robot::leave_out
+//! Robot ──find_home──> a collision-free configuration
 //! ```
 
-mod claims;
-mod closer;
 mod compare;
-mod falsely;
+mod false_contacts;
+mod fault_assignment;
+mod find_disabled;
 mod home;
-mod hulled;
-mod spare;
+mod refit;
+mod refit_hulls;
 mod subject;
 
-pub use closer::{Closer, Nearer, fit_closer};
 pub use compare::{Comparison, ContactCounts, compare};
+pub use find_disabled::find_disabled_pairs;
 pub use home::{HomePose, find_home};
-pub use spare::spared_pairs;
+pub use refit::{RefitLimits, Refitted, fit_closer};
 use subject::{Placed, Subject};

@@ -1,20 +1,22 @@
 //! URDF to a robot, in zero reference position notation.
 //!
-//! ZRP has no fixed rotations and needs none: with every joint at zero, each axis, frame and shape of the URDF is expressed in
-//! the root frame, and what remains are translations and rotations about those axes.
+//! ZRP has no fixed rotations and needs none: with every joint at zero, each axis, frame and shape of the URDF is
+//! expressed in the root frame. What remains are translations and rotations about those axes.
 //!
 //! ```text
-//! text ──document──> links, joints, each with its place ──tree──> bodies at zero ──build──> Robot
+//! text ──document──> links, joints, with locations ──tree──> bodies at zero ──build──> Robot
 //!                                mesh files ──mesh──> triangles ──fit──> primitives around them
 //! ```
 //!
-//! * One part; one motor per moving joint. Its encoder counts degrees of a joint that turns and millimeters of one that slides. A
-//!   `mimic` joint moves with the motor of its source, in whose units that motor counts. A continuous joint has no end.
-//! * Links joined by fixed joints become one body. Every link's frame becomes a marker with its normal along z, and every link with
-//!   shapes a node of its name.
-//! * Soft limits narrow a motor's range, and velocity limits bound its speed; so do those of the joints that follow it.
-//! * What is not used of the file is named (`words`), and what is no robot's size, limit or place is doubted (`sizes`, `limits`).
-//! * Links that a joint joins are not tested against each other, all others are (see `neighbors`).
+//! * One part; one motor per moving joint. Its encoder counts degrees of a revolute joint and millimeters of a
+//!   prismatic one. A `mimic` joint moves with the motor of its source, which counts in the units of the source. A
+//!   continuous joint is unlimited.
+//! * Links connected by fixed joints become one body. Every link's frame becomes a marker with its normal along z, and
+//!   every link with shapes a node of its name.
+//! * Soft limits reduce a motor's range, and velocity limits bound its speed; so do those of the joints that follow it.
+//! * Unused parts of the file are listed (`words`), and implausible sizes, limits and positions are reported (`sizes`,
+//!   `limits`).
+//! * Links connected by a joint are not tested against each other, all others are (see `neighbors`).
 
 mod build;
 mod contents;
@@ -37,58 +39,59 @@ use nalgebra::UnitQuaternion;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Files above this size are refused, bytes.
+/// Maximum file size, bytes.
 pub(crate) const MAX_BYTES: u64 = 16 << 20;
-/// More warnings are dropped: nobody reads them.
+/// Maximum number of warnings; more would not be read.
 const MAX_WARNINGS: usize = 100;
 
-/// What to do with the parts of a URDF that ZRP has no word for.
+/// Options for the parts of a URDF that ZRP can't represent, and for the fit of shapes.
 #[derive(Clone, Debug, Default)]
 pub struct UrdfOptions {
-    /// Name of the body part that all motors go to; the robot's name if absent.
+    /// Name of the body part of all motors; the robot's name if absent.
     pub part: Option<String>,
-    /// The folders of packages by name: `package://NAME/FILE` is FILE in that of NAME.
+    /// Folders of packages by name: `package://NAME/FILE` is FILE in the folder of NAME.
     pub packages: BTreeMap<String, PathBuf>,
-    /// Folders in which meshes are looked for (`package://NAME/FILE` as `FOLDER/NAME/FILE` and `FOLDER/FILE`).
+    /// Folders in which meshes are searched (`package://NAME/FILE` as `FOLDER/NAME/FILE` and `FOLDER/FILE`).
     pub mesh_folders: Vec<PathBuf>,
-    /// Leave out meshes, with a warning, rather than refuse those that cannot be read.
+    /// If true, unreadable meshes are skipped with a warning instead of rejected.
     pub drop_meshes: bool,
-    /// Whether the `up_axis` of COLLADA meshes counts.
+    /// Use of the `up_axis` of COLLADA meshes.
     pub up_axis: UpAxis,
-    /// Hold planar joints at zero, with a warning, rather than refuse them. Floating ones stand still anyhow.
+    /// If true, planar joints are fixed at zero with a warning instead of rejected. Floating ones are always fixed.
     pub fix_unsupported: bool,
-    /// Fit shapes to what links show that have no shape that collides.
+    /// If true, shapes are fitted to the visual meshes of links without collision shapes.
     pub visual: bool,
-    /// Joints that stand still, as nothing drives them, and where, rad or meters; within their limits.
+    /// Passive joints that are fixed, with their position, rad or meters; within their limits.
     pub held: BTreeMap<String, f64>,
-    /// How near to the meshes the shapes must be that are fitted to them, and how many a link may have.
+    /// Accuracy of the shapes fitted to the meshes, and their maximum number per link.
     pub fit: FitOptions,
 }
 
-/// Whether COLLADA meshes that declare y as up are turned so that it becomes z.
+/// Rotation of COLLADA meshes that declare y as up, so that it becomes z.
 ///
-/// The tools that most URDF files were drawn with pass over what a mesh declares; a few files were drawn with tools that do not.
+/// The tools for which most URDF files were written ignore this declaration; a few files were written for tools that do
+/// not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UpAxis {
-    /// If the links' centers of mass lie much nearer to their meshes then.
+    /// Rotate if the links' centers of mass are much closer to their meshes then.
     #[default]
     Guess,
-    /// No.
+    /// Never rotate.
     Ignore,
-    /// Yes.
+    /// Always rotate.
     Respect,
 }
 
-/// What a joint of a URDF does.
+/// Use of a joint of a URDF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum JointUse {
-    /// Nothing.
+    /// Does not move.
     Still,
-    /// Follows another one.
+    /// Follows another joint.
     Follows,
     /// Has a motor.
     Moves {
-        /// Turns or slides.
+        /// Revolute or prismatic.
         motion: JointMotion,
         /// Lower limit, rad or meters.
         min: f64,
@@ -97,30 +100,31 @@ pub(crate) enum JointUse {
     },
 }
 
-/// A robot made from a URDF, and the surfaces that its shapes were fitted to.
+/// A robot converted from a URDF, and the surfaces that its shapes were fitted to.
 #[derive(Clone, Debug)]
 pub struct UrdfRobot {
     /// The robot.
     pub robot: Robot,
-    /// Meshes and shapes as the file gives them, of each link that has any.
+    /// Meshes and shapes from the file, for each link that has any.
     pub surfaces: Vec<LinkSurface>,
-    /// What was fitted to the meshes of each link that has any.
+    /// Fits to the meshes, for each link that has any.
     pub fits: BTreeMap<String, Fit>,
-    /// What is not used of the file, and what is used in place of something else, a line each.
+    /// Notes about unused and substituted parts of the file, one line each.
     pub notes: Vec<String>,
 }
 
 /// Reads a robot from a URDF file.
 ///
-/// Meshes are also looked for in the five folders above the file: a package's URDF usually lies some folders below its name.
+/// Meshes are also searched in the five folders above the file: a package's URDF is usually some folders below the
+/// package's folder.
 ///
 /// # Errors
-/// The first mistake in the file, or the first thing that cannot be converted, with its place and a remedy.
+/// The first mistake in the file, or the first part that can't be converted, with location and remedy.
 pub fn load_urdf(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
     load_urdf_with_surfaces(path, options).map(without_surfaces)
 }
 
-/// As [`load_urdf`], with what the shapes were fitted to.
+/// As [`load_urdf`], with the surfaces that the shapes were fitted to.
 ///
 /// # Errors
 /// As [`load_urdf`].
@@ -128,7 +132,7 @@ pub fn load_urdf_with_surfaces(path: impl AsRef<Path>, options: &UrdfOptions) ->
     read(&Source::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), true)
 }
 
-/// Reads what the links of a URDF file collide with, and fits nothing to it.
+/// Reads the collision geometry of the links of a URDF file, without a fit.
 ///
 /// # Errors
 /// As [`load_urdf`].
@@ -162,16 +166,16 @@ pub(crate) fn load_link_rotations(
     Ok(rotations)
 }
 
-/// The options with the folders above the file, in which packages are looked for.
+/// The options with the folders above the file added to the search path for packages.
 fn with_folders_above(path: &Path, options: &UrdfOptions) -> UrdfOptions {
     let mut options = options.clone();
-    // A file that is named from within its package still has the package's folders above it.
+    // Absolute, so that a relative path within a package has the package's folders above it, too.
     let above = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     options.mesh_folders.extend(above.ancestors().skip(1).take(5).map(Path::to_path_buf));
     options
 }
 
-/// Reads a robot from URDF text; `name` stands for the file in messages.
+/// Reads a robot from URDF text; `name` is the file name for messages.
 ///
 /// # Errors
 /// As [`load_urdf`].
@@ -179,12 +183,12 @@ pub fn parse_urdf(name: &str, text: &str, options: &UrdfOptions) -> Result<Loade
     read(&Source::new(name, text), options, true).map(without_surfaces)
 }
 
-/// The robot alone.
+/// Drops the surfaces.
 fn without_surfaces(loaded: Loaded<UrdfRobot>) -> Loaded<Robot> {
     Loaded { value: loaded.value.robot, warnings: loaded.warnings }
 }
 
-/// From text to robot; each step refuses what the next could not bear.
+/// Converts text to a robot; each step rejects input that the next could not handle.
 fn read(source: &Source, options: &UrdfOptions, fits: bool) -> Result<Loaded<UrdfRobot>, FileError> {
     let mut urdf = document::read(source, options.visual)?;
     let mut warnings = std::mem::take(&mut urdf.warnings);
@@ -203,20 +207,20 @@ fn read(source: &Source, options: &UrdfOptions, fits: bool) -> Result<Loaded<Urd
     Ok(Loaded { value: UrdfRobot { robot, surfaces, fits, notes }, warnings })
 }
 
-/// What the links and joints of a URDF are, for formats that name them.
+/// Links and joints of a URDF by name, for formats that refer to them.
 pub(crate) struct Named {
-    /// Per link: the joint that leads to it and the link that the joint leaves; none for a root.
+    /// Per link: its parent joint and its parent link; `None` for a root.
     pub parents: BTreeMap<String, Option<(String, String)>>,
     /// The joints.
     pub joints: BTreeMap<String, JointUse>,
 }
 
-/// Reads what the links and joints of a URDF are.
+/// Reads the names of the links and joints of a URDF.
 pub(crate) fn read_names(source: &Source) -> Result<Named, FileError> {
     let options = UrdfOptions { fix_unsupported: true, ..UrdfOptions::default() };
     let urdf = document::read(source, false)?;
     let tree = tree::Tree::new(source, &urdf, &options, &mut Vec::new())?;
-    let of = |(joint, (drive, limits)): (&document::Joint, (&tree::Drive, &Option<limits::Limits>))| {
+    let joint_use = |(joint, (drive, limits)): (&document::Joint, (&tree::Drive, &Option<limits::Limits>))| {
         let used = match (drive, limits) {
             (tree::Drive::Fixed(_), _) => JointUse::Still,
             (_, Some(l)) => JointUse::Moves { motion: l.motion, min: l.min, max: l.max },
@@ -224,13 +228,13 @@ pub(crate) fn read_names(source: &Source) -> Result<Named, FileError> {
         };
         (joint.name.clone(), used)
     };
-    let joints = urdf.joints.iter().zip(tree.drives.iter().zip(&tree.limits)).map(of).collect();
+    let joints = urdf.joints.iter().zip(tree.drives.iter().zip(&tree.limits)).map(joint_use).collect();
     let mut parents: BTreeMap<_, _> = urdf.links.into_iter().map(|l| (l.name, None)).collect();
     parents.extend(urdf.joints.into_iter().map(|j| (j.child, Some((j.name, j.parent)))));
     Ok(Named { parents, joints })
 }
 
-/// A link that can be seen and not touched is most likely not what its owner means.
+/// Warning about links that are visible but can't collide, which is probably unintended.
 fn warning_of_bare_links(source: &Source, urdf: &Document, first: &Link, names: &str) -> FileError {
     let what = match urdf.links.iter().all(|l| l.collisions.is_empty()) {
         true => "no link has a <collision>: nothing of this robot will ever touch anything; they have a <visual>",

@@ -1,17 +1,17 @@
-//! The contacts of a stream of poses, at little more than the cost of what changed.
+//! Monitors the contacts of a stream of configurations, at a cost proportional to the changes.
 //!
-//! Each pair that was found apart stays so until the motors have moved far enough. Pairs of the same two frames are a *group*
-//! and share a clock that runs in meters: the sum over the motors between the frames of `reach * way of motor` (see
-//! `scene/travel.rs`). No point of one shape moves farther against the other than their clock runs, so a pair with `d` meters of
-//! room is looked at again when the clock has run `d`. That never misses a contact, and at worst it looks
-//! too early.
+//! Each pair that was found apart stays apart until the motors have moved far enough. Pairs of the same two frames are
+//! a *group* and share a clock that runs in meters: the sum over the motors between the frames of `reach * travel of
+//! motor` (see `scene/travel.rs`). No point of one shape moves farther relative to the other than their clock advances,
+//! so a pair with a reserve of `d` meters is checked again when the clock has advanced by `d`. This never misses a
+//! contact; at worst it checks too early.
 //!
 //! ```text
-//! room of a pair      distance - margin     |----------------------|
-//! clock of its group  way of its motors     |------->                  not due: nothing is placed, nothing measured
+//! reserve of a pair   distance - margin       |----------------------|
+//! clock of its group  travel of its motors    |------->                  not due: nothing is placed, nothing measured
 //! ```
-//! A motor's way counts only beyond a small band about its last turning point ([`MotorTrack`]): an encoder at rest is noisy,
-//! and if every change of its last digit counted, the clocks would run in a robot that stands still.
+//! A motor's travel counts only beyond a small band about its last turning point ([`MotorTrack`]): an encoder at rest
+//! is noisy, and if every change of its last digit counted, the clocks would advance for a robot at rest.
 
 use crate::engine::{DefaultEngine, Engine, IndexPair, Near, PairProximity};
 use crate::scene::{Contact, Group, Scene};
@@ -19,32 +19,34 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-/// How far a motor may stray from its turning point, rad, before its way counts: above the noise of an encoder, below
-/// what matters (at an arm's length of half a meter it is half a millimeter).
-const NOISE_BAND: f64 = 1e-3;
-/// How far beyond the margin a pair is measured exactly, meters. A pair with more room is left with its cheap bound, which
-/// is looked at again sooner than need be; with less it would be looked at at every other pose, where exactness pays.
-const MEASURE_RANGE: f64 = 0.02;
-/// Pairs that are asked together whether any of them is due.
+/// Deviation of a motor from its turning point, rad of encoder, up to which its travel is not counted: above the noise
+/// of an encoder, below any relevant motion (at an arm's length of half a meter it is half a millimeter).
+const NOISE_BAND_RAD: f64 = 1e-3;
+/// Distance beyond the margin up to which a pair is measured exactly, meters. For pairs beyond it the cheap bound
+/// suffices, although they are checked again earlier than necessary; closer pairs would be checked at every other
+/// configuration, so an exact distance pays.
+const MEASURE_RANGE_M: f64 = 0.02;
+/// Number of pairs whose earliest due time is stored together.
 const BLOCK: usize = 32;
-/// Taken off each pair's room, meters: far above the rounding of clocks that have run for days (1e6 m at 1e-16 is 1e-10),
-/// far below what costs a look.
-const ROUNDING: f64 = 1e-9;
+/// Tolerance subtracted from each pair's reserve, meters: far above the rounding of clocks that have run for days (1e6
+/// m at 1e-16 is 1e-10), far below what would cause extra checks.
+const ROUNDING_M: f64 = 1e-9;
 
-/// What a [`Watch`] has done so far.
+/// Counters of a [`Watch`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WatchCounters {
-    /// Poses it was given.
+    /// Number of updates.
     pub updates: u64,
-    /// Poses for which no shape had to be placed.
+    /// Updates at which no shape had to be placed.
     pub idle: u64,
-    /// Pairs that were looked at.
+    /// Pairs that were checked.
     pub looked: u64,
     /// Pairs that were measured exactly.
     pub measured: u64,
 }
 
-/// Follows a scene's contacts through a stream of poses. [`Watch::update`] returns just what [`Scene::contacts`] would.
+/// Monitors a scene's contacts in a stream of configurations. [`Watch::update`] returns the same as
+/// [`Scene::contacts`].
 ///
 /// # Example
 /// ```
@@ -57,93 +59,94 @@ pub struct WatchCounters {
 /// let mut watch = Watch::new(scene, 0.01);
 /// let mut pose = watch.scene().home()[0].to_vec();
 /// for _ in 0..100 {
-///     // A tenth of a milliradian at a time the first motor goes on: nothing comes near.
+///     // The first motor moves in steps of a tenth of a milliradian: nothing comes near.
 ///     pose[0] += 1e-4;
 ///     assert!(watch.update(&[&pose]).is_empty());
 /// }
-/// // Most of these poses cost no more than a comparison.
+/// // Most of these updates cost no more than a comparison.
 /// assert!(watch.counters().idle > 50, "{:?}", watch.counters());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Watch<E: Engine = DefaultEngine> {
-    /// Whose contacts are followed.
+    /// The monitored scene.
     scene: Arc<Scene<E>>,
     /// The margin, meters.
     within: f64,
-    /// Whether only pairs of two robots are followed.
+    /// True if only pairs of two robots are monitored.
     between: bool,
-    /// Per motor of the scene: how far it has gone.
+    /// Per motor of the scene: its travel.
     motors: Vec<MotorTrack>,
-    /// When, on the common clock, each group is due; a heap, so that a pose at which none is costs one comparison.
+    /// Due time of each group on the common clock; a heap, so that an update without due groups costs one comparison.
     due: BinaryHeap<Reverse<Due>>,
-    /// In the order of the scene's groups.
+    /// Due times of the pairs, in the order of the scene's groups.
     groups: Vec<Expiries>,
-    /// Per robot the groups of its pairs.
+    /// Per robot: the groups of its pairs.
     of_robot: Vec<Vec<u32>>,
-    /// Whether the last update looked at some groups only.
+    /// True if the last update checked only some groups.
     partial: bool,
-    /// `world_from_frame` at the last pose at which a pair was looked at.
+    /// `world_from_frame` at the last configuration at which a pair was checked.
     frames: Vec<nalgebra::Isometry3<f64>>,
-    /// The shapes at that pose, as far as they were looked at.
+    /// The shapes that were checked at that configuration.
     placement: E::Placement,
-    /// The contacts at the last pose, sorted by pair.
+    /// The contacts at the last configuration, sorted by pair.
     found: Vec<Contact>,
     counters: WatchCounters,
 }
 
-/// How far a motor has gone. Between two poses it has moved by no more than the later `traveled` less the earlier one, plus
-/// both `since_turn`: the triangle inequality through the turning points.
+/// Travel of a motor. Between two configurations it has moved by at most the later `traveled` minus the earlier one,
+/// plus both `since_turn`, by the triangle inequality through the turning points.
 #[derive(Clone, Copy, Debug)]
 struct MotorTrack {
-    /// The last position, rad of encoder; not a number before the first.
+    /// The last position, rad of encoder; NaN before the first.
     last_q: f64,
-    /// Where it last left the noise band, rad of encoder: the middle of the band it is in now.
+    /// The position at which it last left the noise band, rad of encoder: the center of the current band.
     turning_point: f64,
-    /// Its way up to the turning point, rad. Only grows.
+    /// Travel up to the turning point, rad of encoder; never decreases.
     traveled: f64,
-    /// How far it is from the turning point now, rad. Falls when the motor comes back.
+    /// Current distance from the turning point, rad of encoder; decreases when the motor returns.
     since_turn: f64,
-    /// The greatest reach that it has in any group, meters per rad: what it adds to the common clock.
+    /// Its greatest reach in any group, meters per rad: its weight in the common clock.
     fastest: f64,
 }
 
-/// The times on a group's clock at which its pairs must be looked at.
+/// Due times of a group's pairs, on the group's clock.
 #[derive(Clone, Debug)]
 struct Expiries {
-    /// Per pair.
+    /// Due time per pair.
     pairs: Vec<f64>,
-    /// Per [`BLOCK`] of pairs the first of theirs: two links of many shapes make thousands of pairs, of which few are due at a time.
+    /// Earliest due time per [`BLOCK`] of pairs: two links with many shapes make thousands of pairs, of which few are
+    /// due at a time.
     blocks: Vec<f64>,
-    /// The first of all.
+    /// Earliest due time of all.
     first: f64,
 }
 
-/// Groups of pairs of a scene, as [`Watch::near_groups`] finds them.
+/// Groups of pairs of a scene, as returned by [`Watch::near_groups`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PairGroups {
     groups: Vec<u32>,
-    /// The distance up to which their pairs matter, m.
+    /// The distance up to which their pairs matter, meters.
     within: f64,
 }
 
 impl PairGroups {
-    /// Whether there are none.
+    /// True if there are no groups.
     pub fn is_empty(&self) -> bool {
         self.groups.is_empty()
     }
 }
 
 impl Expiries {
-    /// So many pairs that were due at this time.
+    /// Creates entries for `pairs` pairs that are due at `time`.
     fn since(time: f64, pairs: usize) -> Self {
         Self { pairs: vec![time; pairs], blocks: vec![time; pairs.div_ceil(BLOCK)], first: time }
     }
 
-    /// Looks at the pairs that are due: `look` tells when a pair is due again.
+    /// Checks the pairs that are due; `look` checks a pair and returns its next due time.
     ///
     /// # Returns
-    /// When the first of all is due.
+    /// The earliest due time of all pairs.
     fn renew(&mut self, pairs: &[IndexPair], now: f64, mut look: impl FnMut(IndexPair) -> f64) -> f64 {
         if now < self.first {
             return self.first;
@@ -166,16 +169,16 @@ impl Expiries {
     }
 }
 
-/// When a group is due. Ordered by time, then by group.
+/// Due time of a group. Ordered by time, then by group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Due {
-    /// On the common clock.
+    /// Due time on the common clock.
     at: Clock,
     /// Index of the group.
     group: u32,
 }
 
-/// A time on a clock that runs in meters, ordered; nothing is due before a time that is not a number.
+/// A time on a clock that runs in meters, totally ordered; NaN sorts last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Clock(f64);
 
@@ -192,29 +195,29 @@ impl Ord for Clock {
 }
 
 impl MotorTrack {
-    /// Follows the motor to `q`; false if it is where it was.
+    /// Updates the travel for position `q`; returns false if the position is unchanged.
     fn follow(&mut self, q: f64) -> bool {
         if q == self.last_q {
             return false;
         }
         self.last_q = q;
-        let astray = (q - self.turning_point).abs();
-        if astray > NOISE_BAND {
-            self.traveled += astray;
+        let deviation = (q - self.turning_point).abs();
+        if deviation > NOISE_BAND_RAD {
+            self.traveled += deviation;
             self.turning_point = q;
             self.since_turn = 0.0;
         } else {
-            self.since_turn = astray;
+            self.since_turn = deviation;
         }
         true
     }
 }
 
 impl<E: Engine> Watch<E> {
-    /// Watches for reflex pairs nearer than a margin.
+    /// Monitors reflex pairs that are closer than a margin.
     ///
     /// # Arguments
-    /// * `scene`: whose robots the poses will be of.
+    /// * `scene`: the scene of the configurations that will follow.
     /// * `within`: the margin, meters, as for [`Scene::contacts`].
     pub fn new(scene: Arc<Scene<E>>, within: f64) -> Self {
         let mut watch = Watch {
@@ -235,7 +238,7 @@ impl<E: Engine> Watch<E> {
         watch
     }
 
-    /// The same, but only for pairs of which each shape is another robot's.
+    /// As [`Watch::new`], but only for pairs of shapes of two different robots.
     pub fn between_robots(scene: Arc<Scene<E>>, within: f64) -> Self {
         let mut watch = Self::new(scene.clone(), within);
         watch.between = true;
@@ -243,22 +246,25 @@ impl<E: Engine> Watch<E> {
         watch
     }
 
-    /// Goes on with another scene, such as one after an edit. The margin stays, as do the counters.
+    /// Continues with another scene, such as one after an edit. The margin and the counters are unchanged.
     ///
     /// # Performance
-    /// Nothing that was known of pairs is kept, as their numbers may mean others now: the next update looks at every pair.
+    /// All results about pairs are discarded, since indices may refer to other pairs now: the next update checks every
+    /// pair.
     pub fn set_scene(&mut self, scene: Arc<Scene<E>>) {
-        let (motors, world) = (scene.bodies().motors, scene.world());
+        let motors = scene.bodies().motors;
+        let world = scene.world();
         let unknown = MotorTrack { last_q: f64::NAN, turning_point: 0.0, traveled: 0.0, since_turn: 0.0, fastest: 0.0 };
         self.motors = vec![unknown; motors];
         for term in world.groups.iter().flat_map(|g| &g.travel) {
             let motor = &mut self.motors[term.motor as usize];
             motor.fastest = motor.fastest.max(term.reach);
         }
-        // Expired since ever: nothing is known of any pair.
+        // All pairs are due at once, since nothing has been measured yet.
         let ever = f64::NEG_INFINITY;
         self.groups = world.groups.iter().map(|g| Expiries::since(ever, g.pairs.len())).collect();
-        // the pairs of a group are of the same two frames, so its first speaks for all; what is never due is never looked at
+        // All pairs of a group have the same two frames, so its first pair represents it. Groups that are never due are
+        // never checked.
         let robot = |k: u32| world.solids[k as usize].id.robot();
         let apart = |(i, j): &IndexPair| robot(*i).is_some() && robot(*j).is_some() && robot(*i) != robot(*j);
         let counts = |group: &Group| !self.between || group.pairs.first().is_some_and(apart);
@@ -279,23 +285,24 @@ impl<E: Engine> Watch<E> {
         self.scene = scene;
     }
 
-    /// The scene.
+    /// The monitored scene.
     pub fn scene(&self) -> &Arc<Scene<E>> {
         &self.scene
     }
 
-    /// What it has done so far: how much a stream of poses really costs.
+    /// Counters since creation: the actual cost of a stream of configurations.
     pub fn counters(&self) -> WatchCounters {
         self.counters
     }
 
-    /// The contacts at the next poses of the stream: the same as [`Scene::contacts`], sorted by pair.
+    /// Returns the contacts at the next configurations of the stream: the same as [`Scene::contacts`], sorted by pair.
     ///
     /// # Arguments
-    /// * `poses`: per robot its motors' positions, rad of encoder; a robot or motor without an entry is at home.
+    /// * `poses`: motor positions per robot, rad of encoder; a robot or motor without an entry is at home.
     ///
     /// # Performance
-    /// Nothing is placed or measured while no pair can have come nearer than the margin; a jump costs as much as a full query.
+    /// Nothing is placed or measured while no pair can have come closer than the margin; a jump costs as much as a full
+    /// query.
     pub fn update<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> &[Contact] {
         self.counters.updates += 1;
         if !self.advance(poses) && !std::mem::take(&mut self.partial) {
@@ -304,8 +311,9 @@ impl<E: Engine> Watch<E> {
         }
         self.partial = false;
         self.found.clear();
-        // The common clock is never slower than any group's, so no group is due before the heap says so. `settled` leaves
-        // out what the motors are astray by: that falls again when they come back, and a due time must not rest on it.
+        // The common clock is never slower than any group's, so no group is due earlier than its entry in the heap.
+        // `settled` excludes the deviations of the motors: these decrease when the motors return, so a due time must
+        // not depend on them.
         let now: f64 = self.motors.iter().map(|m| m.fastest * (m.traveled + m.since_turn)).sum();
         let settled: f64 = self.motors.iter().map(|m| m.fastest * m.traveled).sum();
         let mut placed = false;
@@ -315,10 +323,10 @@ impl<E: Engine> Watch<E> {
                 break;
             }
             self.due.pop();
-            let (first, clock) = self.look_at(g, (self.within, None), poses, &mut placed);
+            let (first, clock) = self.check_group(g, (self.within, None), poses, &mut placed);
             again.push(Reverse(Due { at: Clock(settled + (first - clock)), group: g }));
         }
-        // Only now: a group with a contact is due again at once, and would be popped forever.
+        // Inserted after the loop: a group with a contact is due again at once, and would be popped forever.
         self.due.extend(again);
         if !placed {
             self.counters.idle += 1;
@@ -327,8 +335,8 @@ impl<E: Engine> Watch<E> {
         &self.found
     }
 
-    /// The contacts at the next poses of the stream, of the pairs of these groups alone, sorted by pair: those nearer than the distance up
-    /// to which they were found, or than the watch's own margin.
+    /// Returns the contacts at the next configurations of the stream, for the pairs of these groups only, sorted by
+    /// pair: those closer than the distance for which the groups were found, or than the watch's own margin.
     ///
     /// # Arguments
     /// * `poses`: as for [`Watch::update`].
@@ -340,7 +348,7 @@ impl<E: Engine> Watch<E> {
         self.found.clear();
         let mut placed = false;
         for g in &groups.groups {
-            self.look_at(*g, (groups.within, None), poses, &mut placed);
+            self.check_group(*g, (groups.within, None), poses, &mut placed);
         }
         if !placed {
             self.counters.idle += 1;
@@ -349,13 +357,13 @@ impl<E: Engine> Watch<E> {
         &self.found
     }
 
-    /// The groups of a robot's pairs that may come nearer than a distance while no motor is farther from these poses than its range. Of all
-    /// others no pair does.
+    /// Returns the groups of a robot's pairs that may come closer than a distance while no motor is farther from these
+    /// configurations than its range. Pairs of all other groups stay farther apart.
     ///
     /// # Arguments
-    /// * `poses`: as for [`Watch::update`]: the next of the stream.
+    /// * `poses`: as for [`Watch::update`]: the next configurations of the stream.
     /// * `ranges`: per motor, in the order of the scene's robots and their motors, rad of encoder.
-    /// * `within`: that distance, m, at most the watch's margin.
+    /// * `within`: the distance, meters; at most the watch's margin is used.
     pub fn near_groups<P: AsRef<[f64]>>(
         &mut self,
         robot: usize,
@@ -376,7 +384,7 @@ impl<E: Engine> Watch<E> {
             let travel = &scene.world().groups[*g as usize].travel;
             let range = |motor: u32| ranges.get(motor as usize).copied().unwrap_or_default();
             let range: f64 = travel.iter().map(|term| term.reach * range(term.motor)).sum();
-            let (first, clock) = self.look_at(*g, (within, Some(range)), poses, &mut placed);
+            let (first, clock) = self.check_group(*g, (within, Some(range)), poses, &mut placed);
             if clock >= first {
                 near.push(*g);
             }
@@ -385,31 +393,35 @@ impl<E: Engine> Watch<E> {
         PairGroups { groups: near, within }
     }
 
-    /// Looks at the pairs of a group that may be nearer than a distance of at most the margin, or would be if their clock ran on by a range,
-    /// meters.
+    /// Checks the pairs of a group that may be closer than a distance of at most the margin, or would be if their clock
+    /// advanced by a range, meters.
     ///
     /// # Returns
-    /// When the first of its pairs is due again; and its clock, with the range and what its motors are astray by if there is a range.
-    fn look_at<P: AsRef<[f64]>>(
+    /// The earliest due time of its pairs, and the group's clock; with a range, the clock includes the range and the
+    /// motors' deviations.
+    fn check_group<P: AsRef<[f64]>>(
         &mut self,
         g: u32,
         (within, range): (f64, Option<f64>),
         poses: &[P],
         placed: &mut bool,
     ) -> (f64, f64) {
-        let (bodies, world) = (self.scene.bodies(), self.scene.world());
-        let (group, expiries) = (&world.groups[g as usize], &mut self.groups[g as usize]);
-        let (mut clock, mut stray) = (0.0, 0.0);
+        let bodies = self.scene.bodies();
+        let world = self.scene.world();
+        let group = &world.groups[g as usize];
+        let expiries = &mut self.groups[g as usize];
+        let mut clock = 0.0;
+        let mut stray = 0.0;
         for term in &group.travel {
             let motor = &self.motors[term.motor as usize];
             clock += term.reach * motor.traveled;
             stray += term.reach * motor.since_turn;
         }
         let within = within.min(self.within);
-        // pairs are due by the margin: by a lesser distance they are due so much later
+        // Due times refer to the margin: for a smaller distance they are later by the difference.
         let until = clock + stray + range.unwrap_or(0.0) - (self.within - within);
         let first = expiries.renew(&group.pairs, until, |pair| {
-            // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
+            // Forward kinematics only if a pair is due: most configurations of a moving robot need none.
             if !*placed {
                 bodies.place(poses, &mut self.frames);
                 world.engine.place_frames(&self.frames, &mut self.placement);
@@ -417,7 +429,7 @@ impl<E: Engine> Watch<E> {
             }
             world.engine.place_pair(&mut self.placement, pair);
             self.counters.looked += 1;
-            let enough = within + range.unwrap_or(0.0) + MEASURE_RANGE;
+            let enough = within + range.unwrap_or(0.0) + MEASURE_RANGE_M;
             let distance = match world.engine.near(&self.placement, pair, enough) {
                 Near::Within(proximity) => {
                     self.counters.measured += 1;
@@ -431,15 +443,15 @@ impl<E: Engine> Watch<E> {
                     distance
                 }
             };
-            // Where the motors stand now they are astray from their turning points, so that they can get farther from
-            // here than their clocks will run, by `stray` at most: taken off. A contact has expired already, so that
-            // it is looked at again at every pose while it lasts.
-            clock + (distance - self.within) - stray - ROUNDING
+            // The motors deviate from their turning points now, so they can get farther from here than their clocks
+            // will advance, by at most `stray`: subtract it. A contact has expired already, so it is checked again at
+            // every update while it lasts.
+            clock + (distance - self.within) - stray - ROUNDING_M
         });
         (first, if range.is_some() { until } else { clock })
     }
 
-    /// Runs the motors' ways on; false if no motor has moved at all.
+    /// Updates the travel of all motors; returns false if no motor has moved.
     fn advance<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> bool {
         let robots = self.scene.robots().iter().enumerate();
         let positions = robots.flat_map(|(r, robot)| {
@@ -447,7 +459,7 @@ impl<E: Engine> Watch<E> {
             robot.motors.iter().enumerate().map(|(k, motor)| pose.get(k).copied().unwrap_or(motor.home))
         });
         let moved = self.motors.iter_mut().zip(positions).fold(false, |moved, (motor, q)| motor.follow(q) | moved);
-        // A scene whose robots have no motors has contacts all the same.
+        // A scene whose robots have no motors may have contacts, too.
         moved || self.motors.is_empty()
     }
 }

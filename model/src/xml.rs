@@ -1,4 +1,5 @@
-//! XML as a tree whose elements know their places, for formats in which readers look things up in any order: URDF, SRDF, COLLADA.
+//! XML as a tree whose elements store their locations, for formats whose readers access elements in any order: URDF,
+//! SRDF, COLLADA.
 
 use crate::error::{FileError, Source};
 use crate::printable::hidden_in;
@@ -6,37 +7,37 @@ use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::ops::Range;
 
-/// Deeper nesting is refused; a URDF needs five levels, a COLLADA scene of a robot's link ten.
+/// Maximum nesting depth; a URDF needs five levels, a COLLADA scene of a robot's link ten.
 const MAX_DEPTH: usize = 50;
 
-/// What a document may hold.
+/// Limits of a document.
 pub(crate) struct XmlLimits {
-    /// More elements are refused.
+    /// Maximum number of elements.
     pub elements: usize,
-    /// Whether hidden characters in values are refused, and an & that begins no entity.
+    /// If true, hidden characters in values and an & that does not start an entity are errors.
     pub visible_only: bool,
 }
 
-/// For files whose names end up elsewhere; the robots that are sold have some thousands of elements.
+/// Limits for files whose names are displayed; commercial robots have some thousands of elements.
 const LIMITS: XmlLimits = XmlLimits { elements: 40_000, visible_only: true };
 
-/// An element with all that is in it.
+/// An element with its contents.
 #[derive(Debug)]
 pub(crate) struct XmlElement {
-    /// As written, with its prefix.
+    /// Its name as written, with its prefix.
     pub name: String,
-    /// Where its start tag stands, bytes.
+    /// Location of its start tag, bytes.
     pub at: Range<usize>,
-    /// Where its content stands: what is between its tags, bytes.
+    /// Location of its content between the tags, bytes.
     pub inner: Range<usize>,
-    /// The elements directly within it.
+    /// Its child elements.
     pub children: Vec<XmlElement>,
-    /// Names and unescaped values.
+    /// Names and unescaped values of its attributes.
     attributes: Vec<(String, String)>,
 }
 
 impl XmlElement {
-    /// An attribute's value without the spaces around it.
+    /// An attribute's value, trimmed.
     pub fn get(&self, name: &str) -> Option<&str> {
         self.attributes.iter().find(|(n, _)| n == name).map(|(_, value)| value.trim())
     }
@@ -62,16 +63,16 @@ impl XmlElement {
     }
 }
 
-/// The outermost element of a text.
+/// Parses a text and returns its root element.
 ///
 /// # Errors
-/// If the text is not well-formed, has no element or several outermost ones, is nested too deep, has too many elements, declares
-/// entities, or holds hidden characters in its values.
+/// If the text is not well-formed, has no or several root elements, is nested too deeply, has too many elements,
+/// declares entities, or contains hidden characters in its values.
 pub(crate) fn parse(source: &Source) -> Result<XmlElement, FileError> {
     parse_within(source, &LIMITS)
 }
 
-/// As [`parse`], within other limits.
+/// As [`parse`], with other limits.
 ///
 /// # Errors
 /// As for [`parse`].
@@ -91,7 +92,7 @@ pub(crate) fn parse_within(source: &Source, limits: &XmlLimits) -> Result<XmlEle
         let at = before..reader.buffer_position() as usize;
         match event {
             Event::Eof => break,
-            // A few lines of entities can stand for gigabytes, or for other files.
+            // A few lines of entities can expand to gigabytes, or include other files.
             Event::DocType(declared) if ["<!ENTITY", "<!ATTLIST"].iter().any(|d| declared.contains(d)) => {
                 let message = "a document type that declares entities or attributes is not read";
                 return Err(source.error(at, message, "remove the <!DOCTYPE ...>"));
@@ -128,7 +129,7 @@ pub(crate) fn parse_within(source: &Source, limits: &XmlLimits) -> Result<XmlEle
     }
 }
 
-/// The text of an element's content without its comments; none if there are elements in it, or what is no text.
+/// The text of an element's content without its comments; `None` if it contains elements or other markup.
 pub(crate) fn text_of(content: &str) -> Option<String> {
     let mut reader = Reader::from_str(content);
     let mut text = String::new();
@@ -144,7 +145,7 @@ pub(crate) fn text_of(content: &str) -> Option<String> {
     }
 }
 
-/// An element that has only its attributes yet.
+/// Creates an element with its attributes, still without content.
 fn start(source: &Source, tag: &BytesStart<'_>, at: Range<usize>, limits: &XmlLimits) -> Result<XmlElement, FileError> {
     let mut attributes = Vec::new();
     for attribute in tag.attributes() {
@@ -155,7 +156,7 @@ fn start(source: &Source, tag: &BytesStart<'_>, at: Range<usize>, limits: &XmlLi
             let help = "write & as &amp;, < as &lt;, and define no entities of your own";
             source.error(at.clone(), format!("a value cannot be read: {e}"), help)
         })?;
-        // Names go to terminals, logs and file names later on: what hides in them is refused here, once.
+        // Names appear in terminals, logs and file names later: hidden characters are rejected here.
         if let Some(what) = hidden_in(&value).filter(|_| limits.visible_only) {
             return Err(source.error(at, what, "use only visible characters in names and values"));
         }

@@ -1,16 +1,16 @@
 //! The ZRP XML format (Zero Reference Position notation): robots and worlds. `docs/zrp.md` is its reference.
 //!
 //! ```text
-//! text ──xml──> tokens with places ──robot──> Robot (pairs: who may touch whom)
-//!                                  ──world──> Objects
+//! text ──xml──> located tokens ──robot──> Robot (with pairs that may touch)
+//!                               ──world──> Objects
 //! Robot ──write──> text
 //! ```
 
 mod constraint;
 mod element;
 mod geometry;
-mod left_out;
 mod motion;
+mod pair_list;
 pub(crate) mod pairs;
 mod robot;
 mod world;
@@ -24,21 +24,21 @@ use std::path::Path;
 pub(crate) use write::left_out_tag;
 pub use write::{write_robot, write_world};
 
-/// Files above this size are refused, bytes.
+/// Maximum file size, bytes.
 const MAX_BYTES: u64 = 16 << 20;
 
 /// Reads a robot from a ZRP XML file.
 ///
 /// # Returns
-/// The robot, and warnings with their places: what the format does not know is ignored, but not silently.
+/// The robot, and located warnings: unknown parts of the file are ignored with a warning.
 ///
 /// # Errors
-/// The first mistake in the file, with its place and a remedy. Nothing is half-loaded.
+/// The first mistake in the file, with location and remedy. Nothing is loaded partially.
 pub fn load_robot(path: impl AsRef<Path>) -> Result<Loaded<Robot>, FileError> {
     robot::read(&Source::read(path.as_ref(), MAX_BYTES)?)
 }
 
-/// Reads a robot from ZRP XML text; `name` stands for the file in messages.
+/// Reads a robot from ZRP XML text; `name` is the file name for messages.
 ///
 /// # Errors
 /// As [`load_robot`].
@@ -54,7 +54,7 @@ pub fn load_world(path: impl AsRef<Path>) -> Result<Loaded<Vec<Object>>, FileErr
     world::read(&Source::read(path.as_ref(), MAX_BYTES)?)
 }
 
-/// Reads the objects of a world from text; `name` stands for the file in messages.
+/// Reads the objects of a world from text; `name` is the file name for messages.
 ///
 /// # Errors
 /// As [`load_robot`].

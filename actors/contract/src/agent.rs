@@ -1,4 +1,4 @@
-//! The agent contract: how a planner is asked, and what it may answer.
+//! The agent contract: requests to a planner, and its possible answers.
 
 use crate::{Axis, CommitId, MotionEnd, Pose, Refusal, SetPose, Setpoints, Target, Time};
 use mobee_model::{Contact, Scene};
@@ -6,125 +6,128 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What an agent sees: an immutable snapshot, cheap to clone, kept as long as it likes.
+/// Immutable snapshot for an agent: cheap to clone, and valid for as long as the agent stores it.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// When the snapshot was taken.
+    /// Time of the snapshot.
     pub at: Time,
-    /// The agent's robot, an index into the scene's robots.
+    /// Index of the agent's robot in the scene.
     pub robot: usize,
-    /// The robot's board.
+    /// Axes of the robot's board.
     pub axes: Arc<[Axis]>,
-    /// The newest poses of all robots, in the scene's order.
+    /// Newest configurations of all robots, rad, in the scene's order.
     pub poses: Vec<Pose>,
     /// Robots and objects, for collision queries of the agent's own.
     pub scene: Arc<Scene>,
-    /// The robot's present or, while it rests after a failure, its last contacts: what an agent may learn a cause from.
+    /// Present contacts of the robot or, while it rests after a failure, its last contacts: an agent may learn the
+    /// cause from them.
     pub contacts: Arc<[Contact]>,
-    /// The distance that a plan should keep from everything, meters (the robot's margin and what planning adds to it).
+    /// Distance that a plan should maintain from everything, meters: the robot's margin plus the planning allowance.
     pub clearance: f64,
-    /// The objects that sensors keep where they see them. Of all others the scene is believed.
+    /// Objects that sensors track. All other objects are where the scene has them.
     pub seen: Arc<[SeenObject]>,
 }
 
-/// An object that a sensor keeps in the model, and when it was seen.
+/// Object that a sensor tracks, with its last observation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeenObject {
-    /// Its name.
+    /// Name of the object.
     pub object: String,
-    /// When it was last seen, as far as that was believed; `None`: not yet, and where it is was only told.
+    /// Time of the last accepted observation; `None`: not observed yet, so its position is only the configured one.
     pub at: Option<Time>,
-    /// Where its middle was then, meters. The scene has it there a moment later, unless that is nearer than the sensor's least move.
+    /// Position of its center then, meters. The scene adopts it a moment later, unless the change is smaller than the
+    /// sensor's least update.
     pub place: Option<[f64; 3]>,
-    /// Whether that is too long ago.
+    /// True if the last observation is too old.
     pub is_stale: bool,
 }
 
 impl View {
-    /// The agent's own robot's pose.
+    /// Configuration of the agent's own robot.
     pub fn pose(&self) -> &[f64] {
         self.poses.get(self.robot).map_or(&[], |p| p)
     }
 
-    /// How an object was seen, if a sensor keeps it.
+    /// Last observation of an object, if a sensor tracks it.
     pub fn seen(&self, object: &str) -> Option<&SeenObject> {
         self.seen.iter().find(|seen| seen.object == object)
     }
 }
 
-/// What plans a robot's motions. Pure: no clock, no I/O, no randomness but its seed.
+/// Planner of a robot's motions. Pure: no clock, no I/O, and no randomness beyond its seed.
 ///
-/// Its motions may well be infeasible: it commits them, and learns from the end of each.
+/// Its motions may be infeasible: the agent commits them, and learns from the end of each.
 pub trait Agent: Send {
-    /// The robot rests at a known pose; `last` says how the previous motion ended, as WAITFORMOTION does
-    /// (Algorithm 3), and is `None` at the start and after a wait or a stop.
+    /// Returns the next intent of a robot at rest in a known configuration. `last`: end of the previous motion, as
+    /// returned by WAITFORMOTION (Algorithm 3); `None` at the start and after a wait or a stop.
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent;
 
-    /// A new view arrived in mid-motion (an object moved or changed): keep going, or change the plan. While the motion is
-    /// a stream it is asked every control period, for the next set-point.
+    /// Handles a new view in mid-motion (an object moved or changed): `None` continues the plan, an intent changes
+    /// it. During a stream it is called every control period, for the next set-point.
     fn revise(&mut self, _view: &View) -> Option<Intent> {
         None
     }
 
-    /// What happened to the agent's map and mind since the last call, for the journal and the recorder.
+    /// Changes of the agent's map and state since the last call, for the journal and the recorder.
     fn notes(&mut self) -> Vec<Note> {
         Vec::new()
     }
 
-    /// The motors it moves, and the poses that its settings name: checked against robot, hardware and world before
-    /// anything moves.
+    /// Motors that it moves, and configurations named in its settings: checked against robot, hardware and world
+    /// before any motion.
     fn requirements(&self) -> Requirements {
         Requirements::default()
     }
 
-    /// How long its last answer took by a virtual clock, on which thinking takes no time by itself: for the simulation of
-    /// slow planners. By a real clock the time is measured, and this is not asked for.
+    /// Duration of the last call by a virtual clock, on which computing takes no time by itself: for the simulation
+    /// of slow planners. With a real clock the duration is measured, and this is not called.
     fn simulated_latency(&self) -> Duration {
         Duration::ZERO
     }
 
-    /// What an earlier process of the same run noted: its map is taken up again from there.
+    /// Restores the map from the notes of an earlier process of the same run.
     fn recall(&mut self, _past: &[Note]) {}
 
-    /// Its state for a successor, versioned.
+    /// Exports its versioned state for a successor.
     fn export(&self) -> Snapshot;
 
-    /// Takes over a predecessor's state.
+    /// Imports a predecessor's state.
     ///
     /// # Errors
     /// [`Refusal::State`] if the state is of another kind or version; the agent is then as before.
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal>;
 }
 
-/// What an agent is going to use, as far as its settings tell.
+/// Resources that an agent will use, as far as its settings show.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Requirements {
-    /// The motors it moves.
+    /// Motors that it moves.
     pub motors: Vec<usize>,
-    /// Poses it goes to.
+    /// Configurations that it goes to.
     pub poses: Vec<SetPose>,
 }
 
-/// What an agent wants.
+/// Intent of an agent.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Intent {
-    /// Move there; in mid-motion: change the open motion's target.
+    /// Move to this target; in mid-motion: change the open motion's target.
     MoveTo(Target),
-    /// The same, each of the target's motors at its own speed, rad/s, as control boards drive them: they arrive one after the other.
+    /// The same, with the target's motors at their own speeds, rad/s, as control boards drive them: they arrive one
+    /// after the other.
     MoveEach(Target, Vec<f64>),
-    /// Follow set-points. The first opens a motion, each of the next continues it, and when they go quiet the robot
-    /// brakes and the motion ends where it then rests. Refused while the robot holds: escapes are moves.
+    /// Follow set-points. The first opens a motion, and each further one continues it. When there are no more, the
+    /// robot brakes and the motion ends where it rests. Refused while the robot holds: escapes are moves.
     Stream(Setpoints),
     /// Brake; the motion then ends as failed.
     Stop,
-    /// Ask again after this time.
+    /// Call [`Agent::next`] again after this time.
     Wait(Duration),
     /// Nothing more to do.
     Done(Summary),
 }
 
 impl Intent {
-    /// What it is, without its values.
+    /// Kind of the intent, without its values.
     pub fn kind(&self) -> IntentKind {
         match self {
             Intent::MoveTo(_) | Intent::MoveEach(..) => IntentKind::Move,
@@ -136,23 +139,23 @@ impl Intent {
     }
 }
 
-/// What an agent wants, without its values.
+/// Kind of an agent's intent, without its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum IntentKind {
-    /// A motion.
+    /// Move.
     Move,
-    /// Set-points.
+    /// Stream of set-points.
     Stream,
-    /// To brake.
+    /// Braking.
     Stop,
-    /// To be asked later.
+    /// Wait until a later call.
     Wait,
-    /// Nothing more.
+    /// End of the plan.
     Done,
 }
 
-/// What an agent says at its end: counts and findings by name, shown in the run's summary.
+/// Report of an agent at its end: counts and findings by name, shown in the run's summary.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// One sentence.
@@ -161,54 +164,54 @@ pub struct Summary {
     pub figures: Vec<(String, f64)>,
 }
 
-/// An agent's state for a successor.
+/// State of an agent for a successor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// The kind that wrote it.
+    /// Agent kind that wrote it.
     pub kind: String,
-    /// The version of its layout.
+    /// Version of its layout.
     pub version: u32,
-    /// The state itself.
+    /// State in the layout of that kind and version.
     pub state: serde_json::Value,
 }
 
-/// Something an agent did to its map, or thinks.
+/// Change of an agent's map, or finding of an agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "note", rename_all = "snake_case")]
 pub enum Note {
-    /// A vertex was added to the map; or one is at another pose now, and its edges are gone.
+    /// A vertex was added to the map, or was moved to another configuration and lost its edges.
     Vertex {
-        /// Its number in the map.
+        /// Number in the map.
         id: u32,
-        /// The whole robot's pose there, rad.
+        /// Configuration of the whole robot there, rad.
         q: Vec<f64>,
-        /// Where it is shown in the world (the hand's position there), meters.
+        /// Position at which it is shown in the world (that of the hand), meters.
         at: [f64; 3],
     },
     /// A directed edge of the map changed.
     Edge {
-        /// From vertex.
+        /// Start vertex.
         from: u32,
-        /// To vertex.
+        /// End vertex.
         to: u32,
-        /// What is now believed of it.
+        /// New state of the edge.
         state: EdgeState,
-        /// What stood in the way, in words, if known.
+        /// Description of the obstacle, if known.
         cause: Option<String>,
     },
-    /// A motion along a directed edge ended: what the map's log of tried motions says.
+    /// A motion along a directed edge ended: an entry of the map's log of tried motions.
     Tried {
-        /// From vertex.
+        /// Start vertex.
         from: u32,
-        /// To vertex.
+        /// End vertex.
         to: u32,
-        /// Whether it was driven to its end; else it failed.
+        /// True if the end was reached; else the motion failed.
         reached: bool,
-        /// What stood in the way, in words, if known.
+        /// Description of the obstacle, if known.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         cause: Option<String>,
     },
-    /// The vertices of the plan that is now followed, from the robot's side to the goal; empty: no plan.
+    /// Vertices of the current plan, from the robot to the goal; empty: no plan.
     Plan {
         /// Vertex numbers.
         path: Vec<u32>,
@@ -220,13 +223,13 @@ pub enum Note {
     },
 }
 
-/// What an agent believes of a directed edge.
+/// State of a directed edge in an agent's map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EdgeState {
-    /// Not tried yet, taken for feasible.
+    /// Not tried yet; assumed to be feasible.
     Optimistic,
-    /// Not tried, but the opposite direction failed: tried last.
+    /// Not tried, but the opposite direction failed: planned last.
     Doubtful,
     /// Driven to its end.
     Feasible,
@@ -236,16 +239,17 @@ pub enum EdgeState {
     Blocked,
 }
 
-/// A commit as an agent gives it to the filtered interface.
+/// Commit of an agent to the filtered interface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Commit {
-    /// Who commits: the name of the agent's actor.
+    /// Name of the committing agent's actor.
     pub agent: Arc<str>,
-    /// Where to.
+    /// Target of the motion.
     pub target: Target,
-    /// Speeds of the target's motors, rad/s, each going at its own as a control board's do; `None`: all arrive together.
+    /// Speeds of the target's motors, rad/s, each moving at its own as those of a control board; `None`: all arrive
+    /// together.
     pub speeds: Option<Vec<f64>>,
 }
 
-/// The answer to a commit.
+/// Answer to a commit.
 pub type Verdict = Result<CommitId, Refusal>;

@@ -1,14 +1,14 @@
-//! The driver contract: a robot's board as MoBeE commands and reads it.
+//! The driver contract: commands to a robot's board, and its readings.
 
 use crate::{MotorUnits, Pose, Time};
 use mobee_model::JointMotion;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// One motor as described by its board.
+/// Motor as described by its board.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Axis {
-    /// The motor's name, as in the robot model.
+    /// Name of the motor, as in the robot model.
     pub name: String,
     /// Lower limit, rad of encoder.
     pub min: f64,
@@ -18,58 +18,59 @@ pub struct Axis {
     pub max_speed: f64,
     /// Maximum acceleration, rad/s^2 of encoder.
     pub max_acceleration: f64,
-    /// What its encoder counts, for people.
+    /// Kind of the joint, which determines the units shown to people.
     #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
     pub motion: JointMotion,
-    /// The smallest difference that its readings show, rad of encoder: one count of a coarse encoder, or the spread of a noisy one. 0: fine
-    /// enough for a rest to show within eight readings.
+    /// Smallest difference between its readings, rad of encoder: one count of a coarse encoder, or the spread of a
+    /// noisy one. 0: fine enough for a rest to show within eight readings.
     #[serde(default)]
     pub resolution: f64,
-    /// By how much its joint may rest beside the commanded position, rad of encoder: the greatest load over the stiffness of a servo without
-    /// an integral term. 0: the board itself brings it there.
+    /// Greatest error between its joint at rest and the commanded position, rad of encoder: the greatest load divided
+    /// by the stiffness of a servo without an integral term. 0: the board itself corrects the error.
     #[serde(default)]
     pub hold_error: f64,
-    /// The greatest distance by which a push from outside moves its joint from the commanded position before its torque gives way, rad of
-    /// encoder: greatest torque over stiffness. 0: not known, or nothing worth mention.
+    /// Greatest distance by which an external push moves its joint from the commanded position before the motor's
+    /// torque is exceeded, rad of encoder: greatest torque divided by stiffness. 0: unknown, or negligible.
     #[serde(default)]
     pub deflection: f64,
-    /// By how much its joint may go beyond the board's own path while it brakes as hard as it can, rad of encoder: inertia times acceleration
-    /// over stiffness. 0: not known, or nothing worth mention.
+    /// Greatest distance by which its joint overshoots the board's own path at maximum deceleration, rad of encoder:
+    /// inertia times acceleration divided by stiffness. 0: unknown, or negligible.
     #[serde(default)]
     pub overshoot: f64,
-    /// The external torque in [`Sample::external`] above which something pushes it, N m (N where it slides). 0: the board reports none.
-    /// [`Axis::UNRATED`]: it reports torques, and its driver can't tell which of them is a contact.
+    /// External torque in [`Sample::external`] from which it counts as pushed, N m (N for a prismatic joint). 0: the
+    /// board reports none. [`Axis::UNRATED`]: it reports torques, but its driver has no threshold for a contact.
     #[serde(default)]
     pub contact_effort: f64,
 }
 
 impl Axis {
-    /// The [`contact_effort`](Axis::contact_effort) of a board that reports torques of unknown meaning, N m: no arm reaches it, so a contact by
-    /// torque is watched only with a threshold of the settings.
+    /// [`contact_effort`](Axis::contact_effort) of a board that reports torques of unknown meaning, N m: no arm
+    /// reaches it, so torques are watched only with a threshold from the settings.
     pub const UNRATED: f64 = 1e12;
 }
 
-/// What a board can do.
+/// Properties of a board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Board {
-    /// The motors, in the order of `Robot::motors`.
+    /// Motors, in the order of `Robot::motors`.
     pub axes: Vec<Axis>,
     /// Time between two encoder samples.
     pub period: Duration,
     /// Maximum known delay from a command to its effect.
     pub latency: Duration,
-    /// Whether it accepts position-direct set-points; the retreat streams them, otherwise it uses thinned way-points.
+    /// True if it accepts position-direct set-points. If so, the retreat streams them; else it uses simplified
+    /// way-points.
     pub position_direct: bool,
 }
 
 impl Board {
-    /// What its motors count, for sentences.
+    /// Units of its motors, for texts.
     pub fn units(&self) -> MotorUnits {
         MotorUnits::of_axes(&self.axes)
     }
 }
 
-/// How a motor interprets its set-points.
+/// Interpretation of a motor's set-points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlMode {
@@ -90,44 +91,44 @@ pub struct Move {
     pub motors: Vec<usize>,
     /// Targets (rad), or distances if `relative`. Targets outside a motor's limits are refused.
     pub q: Vec<f64>,
-    /// Whether `q` is relative to the motor's position when the command is given.
+    /// True if `q` is relative to the motor's position at the time of the command.
     pub relative: bool,
-    /// Reference speeds, rad/s; `None` keeps those set before. The board reduces what exceeds its maximum.
+    /// Reference speeds, rad/s; `None` leaves the previous ones. The board reduces values beyond its maximum.
     pub speed: Option<Vec<f64>>,
-    /// Reference accelerations, rad/s^2; `None` keeps those set before.
+    /// Reference accelerations, rad/s^2; `None` leaves the previous ones.
     pub acceleration: Option<Vec<f64>>,
 }
 
-/// How fast a board's joints moved in its first moves, relative to the commanded reference speeds.
+/// Speed of a board's joints in its first moves, relative to the commanded reference speeds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Paces {
-    /// The board's address, such as the prefix of its port names.
+    /// Address of the board, such as the prefix of its port names.
     pub board: String,
-    /// Measured over commanded speed (1 if equal), one for each stretch that was timed.
+    /// Ratios of measured to commanded speed, one for each timed segment.
     pub seen: Vec<f64>,
-    /// Whether the board honors reference speeds, as far as is known.
+    /// True if the board honors reference speeds, as far as is known.
     pub fair: bool,
-    /// Whether it accepted a reference acceleration, and was then found to have another of its own.
+    /// True if it accepted a reference acceleration, and was then found to have another of its own.
     pub own_acceleration: bool,
 }
 
-/// The commands of a board.
+/// Command to a board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Command {
     /// A position move. Puts its motors into [`ControlMode::Position`] first.
     Move(Move),
-    /// Set-points for these motors, to be followed at once; no other motor is touched. Refused unless all of them are in
-    /// [`ControlMode::PositionDirect`] (or will be, by a mode command given before).
+    /// Set-points for these motors, to be followed at once; no other motor is affected. Refused unless all of them
+    /// are in [`ControlMode::PositionDirect`], or will be by an earlier mode command.
     Direct {
         /// Indices of the motors.
         motors: Vec<usize>,
-        /// Their positions, rad. Recorded readings may be streamed: one that exceeds a limit by no more than encoder
-        /// noise (0.1 deg) counts as the limit.
+        /// Positions, rad. Recorded readings may be streamed: one that exceeds a limit by no more than encoder noise
+        /// (0.1 deg) counts as the limit.
         q: Vec<f64>,
     },
-    /// Velocities from now on, within the position limits, until the next command or the board's own
-    /// watchdog. Puts its motors into [`ControlMode::Velocity`] first.
+    /// Velocities from now on, within the position limits, until the next command, or until the board's own watchdog
+    /// expires. Puts its motors into [`ControlMode::Velocity`] first.
     Velocity {
         /// Indices of the motors.
         motors: Vec<usize>,
@@ -158,7 +159,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// Its kind, for the journal; set-points are recorded there as streams and have none of these kinds.
+    /// Kind of the command, for the journal; set-points are journaled as streams and have no kind.
     pub fn kind(&self) -> Option<CommandKind> {
         match self {
             Command::Move(_) => Some(CommandKind::Move),
@@ -170,22 +171,22 @@ impl Command {
     }
 }
 
-/// The kind of a command, without its values. Set-points are recorded as streams: see [`crate::Event::Streamed`].
+/// Kind of a command, without its values. Set-points are journaled as streams: see [`crate::Event::Streamed`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandKind {
-    /// One of the board's own moves.
+    /// Position move of the board.
     Move,
-    /// A stop.
+    /// Stop.
     Stop,
-    /// Other control modes.
+    /// Change of control modes.
     Mode,
-    /// Other reference speeds and accelerations.
+    /// Change of reference speeds and accelerations.
     Reference,
 }
 
 impl CommandKind {
-    /// The word shown to users.
+    /// Word shown to users.
     pub fn word(self) -> &'static str {
         match self {
             CommandKind::Move => "move",
@@ -196,24 +197,24 @@ impl CommandKind {
     }
 }
 
-/// One reading of all encoders.
+/// Reading of all encoders.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
-    /// Counts readings; a gap means that readings were lost.
+    /// Number of the reading; a gap means that readings were lost.
     pub seq: u64,
-    /// When the encoders were read.
+    /// Time at which the encoders were read.
     pub at: Time,
     /// Motor positions, rad.
     pub q: Pose,
-    /// Motion done, per motor: it rests, and no command given before `at` will still move it.
+    /// Per motor, whether its motion is done: it rests, and no command given before `at` will still move it.
     pub done: Vec<bool>,
-    /// Per motor the torque from outside that the board reports or its driver derives from load or current, N m (N where it slides), in the
-    /// direction in which it pushes the joint; empty where nothing is reported. The weight that the arm's own controller compensates, and
-    /// the torque of its own motion, are none of it.
+    /// External torque of each motor, as reported by the board or derived from load or current by its driver, N m (N
+    /// for a prismatic joint), positive in the direction in which it pushes the joint. Empty if nothing is reported.
+    /// Excludes the weight that the arm's own controller compensates, and the torque of its own motion.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub external: Vec<f64>,
-    /// The greatest force with which the robot has pushed anything since the reading before, N. Only a simulation knows it; nothing that
-    /// moves the robot may use it. 0: none, or not known.
+    /// Greatest force with which the robot has pushed anything since the previous reading, N. Available only in
+    /// simulation; no control code may use it. 0: none, or unknown.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub contact_n: f64,
 }
@@ -222,15 +223,15 @@ fn is_zero(x: &f64) -> bool {
     *x == 0.0
 }
 
-/// A board's recent response times: round trips of requests, each counted by the time since the one before, as a slow board answers
-/// less often.
+/// Recent response times of a board: round trips of requests, each weighted by the time since the previous one, as a
+/// slow board answers less often.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerTime {
-    /// Half of the answers took no longer.
+    /// Median.
     pub median: Duration,
-    /// Nine of ten answers took no longer: the filter uses this, since a machine that stalled once is not a slow board.
+    /// 90th percentile. The filter uses this, since a machine that stalled once is not a slow board.
     pub most: Duration,
-    /// The longest.
+    /// Maximum.
     pub greatest: Duration,
 }
 
@@ -241,21 +242,21 @@ impl std::fmt::Display for AnswerTime {
     }
 }
 
-/// How a motor was found, before any command. What a board does not report is `None`.
+/// State of a motor before the first command. Values that a board does not report are `None`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AsFound {
     /// Index of the motor.
     pub motor: usize,
-    /// Its control mode.
+    /// Control mode.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mode: Option<ControlMode>,
-    /// Whether it was compliant.
+    /// True if it was compliant.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub compliant: Option<bool>,
-    /// Its reference speed, rad/s.
+    /// Reference speed, rad/s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed: Option<f64>,
-    /// Its reference acceleration, rad/s^2.
+    /// Reference acceleration, rad/s^2.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub acceleration: Option<f64>,
 }
@@ -263,10 +264,10 @@ pub struct AsFound {
 /// Position limits, rad of encoder: lower and upper.
 pub type JointLimits = (f64, f64);
 
-/// The motors for which a board's limits are narrower than the robot model's, in words: for each its name, how it moves, the model's
-/// limits and the board's. `None` if there are none.
+/// Describes the motors for which a board's limits are narrower than the robot model's: name, joint kind, the board's
+/// limits and the model's. `None` if there are none.
 pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, JointMotion, JointLimits, JointLimits)>) -> Option<String> {
-    // differences due to rounding to degrees are not reported
+    // Differences due to rounding to degrees are not reported.
     let slack = 0.05_f64.to_radians();
     let mut all = [(JointMotion::Turn, Vec::new()), (JointMotion::Slide, Vec::new())];
     for (name, motion, model, board) in motors.filter(|(_, _, m, b)| b.0 > m.0 + slack || b.1 < m.1 - slack) {
@@ -274,16 +275,16 @@ pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, JointMotion, JointLim
         let of_its_kind = all.iter_mut().filter(|(kind, _)| *kind == motion);
         of_its_kind.for_each(|(_, list)| list.push(format!("{name} {} of {}", span(board), span(model))));
     }
-    let told = all.iter().filter(|(_, list)| !list.is_empty());
-    let told: Vec<String> = told.map(|(kind, list)| format!("in {}: {}", kind.unit(), list.join(", "))).collect();
-    (!told.is_empty()).then(|| format!("its boards allow less than the model, {}", told.join("; ")))
+    let narrower = all.iter().filter(|(_, list)| !list.is_empty());
+    let texts: Vec<String> = narrower.map(|(kind, list)| format!("in {}: {}", kind.unit(), list.join(", "))).collect();
+    (!texts.is_empty()).then(|| format!("its boards allow less than the model, {}", texts.join("; ")))
 }
 
-/// A recoverable failure of a board.
+/// Recoverable failure of a board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum DriverFault {
-    /// No connection; it may come back.
+    /// No connection; it may be restored.
     #[error("the board does not answer")]
     Lost,
     /// The board refused the command, which changed nothing.
@@ -292,46 +293,50 @@ pub enum DriverFault {
     /// The board itself reports a fault.
     #[error("the board reports a fault: {0}")]
     Hardware(String),
-    /// A motor is much faster than it was commanded: something pushes it, or another program drives it. In a motion it counts as a contact.
+    /// A motor is much faster than commanded: something pushes it, or another program drives it. In a motion it
+    /// counts as a contact.
     #[error("{0}")]
     TooFast(String),
 }
 
-/// A robot's hardware, real or simulated, as its driver actor sees it.
+/// Hardware of a robot, real or simulated, as used by its driver actor.
 ///
-/// No call blocks: a driver that uses a network does so on its own threads. `now` never runs backwards.
-/// A driver is created anew after a crash of its actor; the board behind it persists, as hardware does.
+/// No call blocks: a driver that uses a network does so on its own threads. `now` never decreases. After a crash of
+/// its actor, a driver is created again; the board behind it persists, as hardware does.
 pub trait Driver: Send {
-    /// What the board can do.
+    /// Properties of the board.
     fn board(&self) -> &Board;
-    /// Gives a command. An error means that none of it was carried out. Commands take effect in the order given, each
+    /// Executes a command. On an error, no part of it was executed. Commands take effect in the given order, each
     /// within the board's latency. Moves and set-points are refused without a lease.
     fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault>;
-    /// The newest reading, unless it was returned before. Readings that are not fetched in time are lost.
+    /// Newest reading, unless it was returned before. Readings that are not fetched in time are lost.
     fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault>;
-    /// When to ask for the next sample; later than `now` if the newest was fetched at `now`.
+    /// Time at which to fetch the next sample; later than `now` if the newest was fetched at `now`.
     fn next_sample(&self, now: Time) -> Time;
-    /// Lets the board move until then; when the lease expires it brakes by itself. Without a lease it never moves,
-    /// and an interrupted motion is not resumed under the next lease. The newest lease counts, at once.
+    /// Allows the board to move until then; when the lease expires it brakes by itself. Without a lease it never
+    /// moves, and an interrupted motion is not resumed under the next lease. A new lease replaces the previous one at
+    /// once.
     fn lease(&mut self, now: Time, until: Time);
-    /// The board's recent response times; `None` if not measured, or not known yet. While they are longer than
-    /// [`Board::latency`] the filter does not open.
+    /// Recent response times of the board; `None` if not measured, or not yet. While they exceed [`Board::latency`],
+    /// the filter does not open.
     fn answer_time(&self) -> Option<AnswerTime> {
         None
     }
-    /// Findings about the board that users should know, reported once each, as a warning.
+    /// Returns a finding about the board that users should read, as a warning; each is returned once.
     fn news(&mut self) -> Option<String> {
         None
     }
-    /// How the motors were found, for a board whose references and modes outlive the program that sets them; they are restored.
+    /// State of the motors before the first command, for a board whose references and modes outlive the program that
+    /// sets them. It is restored at the end.
     fn found(&self) -> Vec<AsFound> {
         Vec::new()
     }
-    /// Whether the driver makes its moves of set-points instead of leaving them to the board; motors catch up with late set-points.
+    /// Returns whether the driver converts moves to set-points instead of leaving them to the board; motors catch up
+    /// with late set-points.
     fn leads(&self) -> bool {
         false
     }
-    /// The control modes as the board last reported them: a switch shows only once it is in force.
+    /// Control modes as last reported by the board: a switch shows only once it is in force.
     fn modes(&self) -> Vec<ControlMode>;
 }
 
@@ -340,22 +345,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_that_a_board_narrows_are_told() {
+    fn limits_that_a_board_narrows_are_reported() {
         let rad = |(min, max): (f64, f64)| (min.to_radians(), max.to_radians());
-        let (turns, slides) = (JointMotion::Turn, JointMotion::Slide);
+        let turns = JointMotion::Turn;
+        let slides = JointMotion::Slide;
         let motors = [
             ("lift", slides, (0.0, 350.0), (0.0, 300.0)),
             ("pitch", turns, (-22.0, 84.0), (-10.0, 70.0)),
             ("roll", turns, (-39.0, 39.0), (-39.04, 39.0)),
             ("yaw", turns, (-59.0, 59.0), (-58.97, 70.0)),
         ];
-        let told = |motors: &[(&'static str, JointMotion, JointLimits, JointLimits)]| {
+        let describe = |motors: &[(&'static str, JointMotion, JointLimits, JointLimits)]| {
             narrowed(motors.iter().map(|(name, motion, model, board)| (*name, *motion, rad(*model), rad(*board))))
         };
         let pitch = "its boards allow less than the model, in deg: pitch -10.0..70.0 of -22.0..84.0";
         let both = format!("{pitch}; in mm: lift 0.0..300.0 of 0.0..350.0");
-        assert_eq!(told(&motors).as_deref(), Some(both.as_str()));
-        assert_eq!(told(&motors[1..]).as_deref(), Some(pitch));
-        assert_eq!(told(&motors[2..]), None);
+        assert_eq!(describe(&motors).as_deref(), Some(both.as_str()));
+        assert_eq!(describe(&motors[1..]).as_deref(), Some(pitch));
+        assert_eq!(describe(&motors[2..]), None);
     }
 }

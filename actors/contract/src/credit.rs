@@ -1,4 +1,4 @@
-//! Credit: how much of a flood is accepted.
+//! Credit: limits the accepted rate of requests.
 
 use crate::Time;
 
@@ -12,7 +12,7 @@ pub struct Credit {
 }
 
 impl Credit {
-    /// A full bucket of `most`, refilled at `per_second`.
+    /// Creates a full bucket of `most` tokens, refilled at `per_second`.
     pub fn full(now: Time, per_second: f64, most: f64) -> Credit {
         Credit { left: most, at: now, per_second, most }
     }
@@ -28,8 +28,8 @@ impl Credit {
         is_left
     }
 
-    /// Takes `count` more tokens, even if they are not there: a large request is not split, and the debt delays the
-    /// next one.
+    /// Takes `count` more tokens, even if there are fewer: a large request is not split, and the debt delays the next
+    /// one.
     pub fn owe(&mut self, count: usize) {
         self.left -= count as f64;
     }
@@ -44,10 +44,10 @@ mod tests {
     }
 
     #[test]
-    fn a_flood_is_heard_in_part_and_a_steady_program_in_full() {
+    fn a_flood_is_limited_and_a_steady_program_is_not() {
         let mut credit = Credit::full(Time::ZERO, 250.0, 500.0);
-        let heard = (0..100_000_u64).filter(|k| credit.take(Time(k * 100_000))).count();
-        assert!((2990..=3000).contains(&heard), "ten seconds of ten thousand a second: {heard}");
+        let accepted = (0..100_000_u64).filter(|k| credit.take(Time(k * 100_000))).count();
+        assert!((2990..=3000).contains(&accepted), "ten seconds of ten thousand a second: {accepted}");
         assert!((0..5000).all(|k| credit.take(ms(14_000 + 5 * k))), "two hundred a second");
     }
 

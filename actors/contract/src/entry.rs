@@ -9,34 +9,34 @@ use std::sync::Arc;
 pub enum Entry {
     /// An event: never dropped on the way to the journal.
     Event(Arc<Event>),
-    /// A pose at the sampling rate with the robot's present contacts, for a recorder; a journal ignores it.
+    /// Configuration at the sampling rate with the robot's present contacts, for a recorder; a journal ignores it.
     Pose {
         /// Index of the robot in the scene.
         robot: usize,
-        /// The pose, rad.
+        /// Configuration, rad.
         q: Pose,
-        /// Pairs nearer than the margin.
+        /// Pairs closer than the margin.
         contacts: Arc<[Contact]>,
     },
-    /// A picture and what a detector found in it, for a recorder; a journal ignores it.
+    /// Image with the findings of a detector, for a recorder; a journal ignores it.
     Picture {
-        /// The camera, by its name in the run.
+        /// Name of the camera in the run.
         camera: Arc<str>,
-        /// What it saw, and what was found in it.
+        /// Image and findings.
         seen: Arc<SeenPicture>,
     },
     /// The scene, at the start and after each edit, for a recorder; a journal ignores it.
     Scene(Arc<Scene>),
 }
 
-/// A recipient of all entries that delays nothing: it runs on its own thread behind a bounded queue.
+/// A recipient of all entries that causes no delays: it runs on its own thread behind a bounded queue.
 pub trait Sink: Send {
     /// Writes one entry.
     ///
     /// # Errors
-    /// In words, with the remedy; the sink is then closed, and the run is notified.
+    /// A description with the remedy; the sink is then closed, and the run is notified.
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String>;
-    /// Makes what was written durable; called when the queue is empty, periodically, and before the end.
+    /// Makes written entries durable; called when the queue is empty, periodically, and before the end.
     ///
     /// # Errors
     /// As for `write`.

@@ -7,7 +7,7 @@ use crate::{
 use mobee_model::{Contact, JointMotion};
 use serde::{Deserialize, Serialize};
 
-/// Who gave a command to a driver.
+/// Writer of a command to a driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Writer {
@@ -15,14 +15,14 @@ pub enum Writer {
     Agent,
     /// The reflex.
     Reflex,
-    /// Supervise on its own behalf: the stop when it closes the filter, and the control modes before it reopens it. Older
-    /// journals attribute these to the reflex.
+    /// Supervise on its own behalf: the stop when it closes the filter, and the control modes before it reopens it.
+    /// Older journals attribute these to the reflex.
     Supervise,
     /// The driver itself: the stop that follows every start.
     Driver,
 }
 
-/// How an object of the world changed.
+/// Change of an object of the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WorldChange {
@@ -37,7 +37,7 @@ pub enum WorldChange {
 }
 
 impl WorldChange {
-    /// The word shown to users.
+    /// Word shown to users.
     pub fn word(self) -> &'static str {
         match self {
             WorldChange::Added => "added",
@@ -48,13 +48,14 @@ impl WorldChange {
     }
 }
 
-/// Whether a measure need not be written.
+/// Returns whether a value is omitted from the journal.
 fn is_nothing(x: &f64) -> bool {
     *x == 0.0
 }
 
-/// A robot's constraints: every clause must hold. A clause holds if one of its members has a positive value. This is the sum of the member's
-/// coefficients, each times the position of the motor with the given index (degrees), plus its constant.
+/// A robot's constraints: every clause must hold. A clause holds if one of its members has a positive value. This is
+/// the sum of the member's coefficients, each times the position of the motor with the given index (degrees), plus
+/// its constant.
 pub type Clauses = Vec<Vec<(Vec<(usize, f64)>, f64)>>;
 
 /// An event of a run. `robot` is the robot's name; tokens are the fencing tokens of its filter, which only grow.
@@ -72,7 +73,7 @@ pub enum Event {
     },
     /// A run that ended, or whose process died, continues in another process: all filters are closed.
     Resumed {
-        /// How many events were recorded before.
+        /// Number of events recorded before.
         events: u64,
         /// The resolved configuration of the resumed run; absent in older journals.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -85,26 +86,26 @@ pub enum Event {
         robot: String,
         /// The motor's name.
         motor: String,
-        /// How far it has moved, rad of encoder.
+        /// Displacement, rad of encoder.
         by: f64,
-        /// What it counts.
+        /// Kind of the joint.
         #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
         motion: JointMotion,
     },
-    /// How a robot's driver found its motors, recorded before any of them is commanded.
+    /// State of a robot's motors before the first command, as found by its driver.
     Found {
         /// Robot.
         robot: String,
         /// Its motors, as far as their boards report this.
         motors: Vec<crate::AsFound>,
     },
-    /// A robot as its controller knows it, for the checker.
+    /// Description of a robot and its controller, for the checker.
     Robot {
-        /// Its name.
+        /// Name of the robot.
         robot: String,
-        /// Motor names, in pose order.
+        /// Motor names, in the order of configurations.
         motors: Vec<String>,
-        /// Those that slide, by their number: their encoders count millimeters.
+        /// Indices of the prismatic joints: their encoders count millimeters.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         sliding: Vec<usize>,
         /// Lower limits, rad of encoder.
@@ -119,17 +120,17 @@ pub enum Event {
         fresh: f64,
         /// Margin of the reflex, m.
         margin: f64,
-        /// Maximum distance per motor at which a pose counts as reached, rad.
+        /// Maximum distance per motor at which a configuration counts as reached, rad.
         tolerance: f64,
         /// Speed below which a motor counts as at rest, rad/s.
         rest_speed: f64,
-        /// The smallest difference that its coarsest encoder shows, rad; absent where all are fine.
+        /// Resolution of its coarsest encoder, rad; absent if all are fine.
         #[serde(default, skip_serializing_if = "is_nothing")]
         resolution: f64,
-        /// How far beside its commanded position a motor may rest at most, rad; absent where boards hold exactly.
+        /// Greatest error between a motor at rest and its commanded position, rad; absent if boards hold exactly.
         #[serde(default, skip_serializing_if = "is_nothing")]
         hold_error: f64,
-        /// The greatest distance by which a push moves a motor from its commanded position, rad; absent where nothing is known of it.
+        /// Greatest distance by which a push moves a motor from its commanded position, rad; absent if unknown.
         #[serde(default, skip_serializing_if = "is_nothing")]
         deflection: f64,
         /// Its constraints; absent in older journals.
@@ -142,9 +143,10 @@ pub enum Event {
         robot: String,
         /// The kind's name, as shown by `mobee kinds`.
         kind: String,
-        /// Whether the reflex stops and rolls back motions that come too near. If not, contacts are recorded but stop nothing.
+        /// True if the reflex stops and rolls back motions when a pair gets too close. If not, contacts are recorded
+        /// but stop nothing.
         reflex: bool,
-        /// By how much it undoes streams, s; half a second if absent.
+        /// Time by which it undoes streams, s; half a second if absent.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         undo: Option<f64>,
         /// Braking clearance with which it looks ahead, m; zero if it does not (Algorithm 6). Absent in older journals.
@@ -167,7 +169,7 @@ pub enum Event {
         robot: String,
         /// The new token.
         token: u64,
-        /// Why.
+        /// Cause.
         cause: Cause,
     },
     /// The filter's state changed.
@@ -181,26 +183,26 @@ pub enum Event {
     SafePose {
         /// Robot.
         robot: String,
-        /// The pose, rad.
+        /// Configuration, rad.
         q: Pose,
         /// Age of the reading, s.
         age: f64,
         /// Greatest motor speed of the reading, rad/s.
         speed: f64,
-        /// Whether it is known to be free of contact; always false under a controller without a reflex.
+        /// True if it is known to be free of contact; always false under a controller without a reflex.
         free: bool,
     },
-    /// The safe pose of a motion moved: to the oldest recorded free pose, if the motion outlasted the history; to an earlier
-    /// rest, if during the retreat another robot has to pass where it would stand; or, before the retreat of a stream, to where
-    /// the robot was as long before it was stopped as the controller's `undo_s` says.
+    /// The safe pose of a motion moved: to the oldest recorded free configuration, if the motion outlasted the
+    /// history; to an earlier rest, if during the retreat another robot has to pass where this one would stand; or,
+    /// before the retreat of a stream, back by the controller's `undo_s` from the stop.
     SafePoseMoved {
         /// Robot.
         robot: String,
         /// The open commit.
         id: CommitId,
-        /// The pose, rad.
+        /// Configuration, rad.
         q: Pose,
-        /// When that pose of a stream was recorded; only a stream's tells.
+        /// Time at which that configuration was recorded; only for a stream.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         recorded: Option<Time>,
     },
@@ -208,19 +210,19 @@ pub enum Event {
     Commit {
         /// Robot.
         robot: String,
-        /// Its number.
+        /// Number of the commit.
         id: CommitId,
-        /// The agent.
+        /// Agent that committed it.
         agent: String,
-        /// The whole target pose, rad.
+        /// Whole target configuration, rad.
         target: Pose,
-        /// Whether it is an escape from a hold.
+        /// True if it is an escape from a hold.
         escape: bool,
-        /// The motors that it names, by index, each with its maximum permitted speed, rad/s. Every commit names some;
+        /// Motors that it names, by index, each with its maximum permitted speed, rad/s. Every commit names some;
         /// empty in journals older than version 2.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<(usize, f64)>,
-        /// Whether it is a stream of set-points and not a move to the target.
+        /// True if it is a stream of set-points and not a move to the target.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         stream: bool,
     },
@@ -228,15 +230,15 @@ pub enum Event {
     Amended {
         /// Robot.
         robot: String,
-        /// The commit.
+        /// Number of the commit.
         id: CommitId,
-        /// The new whole target pose, rad.
+        /// New whole target configuration, rad.
         target: Pose,
-        /// The motors that it names, by index, each with its maximum permitted speed from now on, rad/s; the others keep
-        /// theirs.
+        /// Motors that it names, by index, each with its maximum permitted speed from now on, rad/s; the speeds of
+        /// the others are unchanged.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<(usize, f64)>,
-        /// Whether set-points did that, and not a move.
+        /// True if set-points caused the change, and not a move.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         stream: bool,
     },
@@ -244,44 +246,44 @@ pub enum Event {
     Refused {
         /// Robot.
         robot: String,
-        /// The agent.
+        /// Committing agent.
         agent: String,
-        /// Why.
+        /// Reason.
         refusal: Refusal,
     },
-    /// The one outcome of a commit.
+    /// The single outcome of a commit.
     Outcome {
         /// Robot.
         robot: String,
         /// The commit.
         id: CommitId,
-        /// How it ended.
+        /// Outcome.
         outcome: Outcome,
-        /// Where the robot rests, rad.
+        /// Configuration at rest, rad.
         q: Pose,
-        /// The safe pose it started from, if it had one (escapes have none).
+        /// Safe pose of the motion; escapes have none.
         safe: Option<Pose>,
-        /// Why it did not reach its target.
+        /// Reason for not reaching the target.
         cause: Option<Cause>,
     },
     /// A command reached the driver (set-points of a stream are summarized in [`Event::Streamed`]).
     Command {
         /// Robot.
         robot: String,
-        /// The token it was written under.
+        /// Token that it was written under.
         token: u64,
-        /// Who wrote it.
+        /// Writer.
         writer: Writer,
-        /// What it is.
+        /// Kind.
         kind: CommandKind,
-        /// The motors that it names, by index; a stop that names none stops all. Absent in older journals.
+        /// Motors that it names, by index; a stop that names none stops all. Absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<usize>,
         /// Targets per motor index, rad, if any.
         q: Vec<(usize, f64)>,
         /// Reference speeds per motor index, rad/s, if any.
         speed: Vec<(usize, f64)>,
-        /// Whether it is a move that the driver makes of set-points.
+        /// True if it is a move that the driver converts to set-points.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         led: bool,
     },
@@ -289,34 +291,34 @@ pub enum Event {
     CommandDropped {
         /// Robot.
         robot: String,
-        /// Its token.
+        /// Token that it was written under.
         token: u64,
-        /// Who wrote it.
+        /// Writer.
         writer: Writer,
-        /// Why.
+        /// Reason.
         reason: String,
     },
     /// A stream of set-points, of positions or of velocities, ended.
     Streamed {
         /// Robot.
         robot: String,
-        /// The token it was written under.
+        /// Token that it was written under.
         token: u64,
-        /// Who wrote it.
+        /// Writer.
         writer: Writer,
-        /// The motors that they named, by index. Absent in older journals.
+        /// Motors that they named, by index. Absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<usize>,
-        /// How many set-points.
+        /// Number of set-points.
         count: u64,
-        /// When the first and the last were written.
+        /// Times of the first and the last set-point.
         span: (Time, Time),
         /// Greatest step of a motor between two set-points, as a share of what its maximum speed allows in that time;
         /// for velocities the greatest share of a motor's maximum speed.
         greatest_step: f64,
-        /// Whether every value was finite and within limits.
+        /// True if every value was finite and within limits.
         within_limits: bool,
-        /// The last position written to each motor, by index, rad; none for velocities. Absent in older journals.
+        /// Last position written to each motor, by index, rad; empty for velocities. Absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         last: Vec<(usize, f64)>,
     },
@@ -326,16 +328,16 @@ pub enum Event {
         robot: String,
         /// The contact.
         contact: Contact,
-        /// The names of the two shapes.
+        /// Names of the two shapes.
         names: (String, String),
-        /// The state of the filter at that moment.
+        /// State of the filter at that time.
         during: Status,
     },
     /// A contact ended.
     ContactEnded {
         /// Robot.
         robot: String,
-        /// The names of the two shapes.
+        /// Names of the two shapes.
         names: (String, String),
         /// Greatest depth of a hard contact, m. Absent if it was not one, and in older journals.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -347,43 +349,43 @@ pub enum Event {
         robot: String,
         /// The contact.
         contact: Contact,
-        /// The names of the two shapes.
+        /// Names of the two shapes.
         names: (String, String),
     },
-    /// A robot has pushed something, as a simulation with forces computes it: reported when it lets go, and in between when it has pushed for a
-    /// second.
+    /// A robot has pushed an obstacle, as computed by a simulation with forces: reported at the end of the contact,
+    /// and after a second of pushing.
     Pushed {
         /// Robot.
         robot: String,
-        /// The greatest force so far, N.
+        /// Greatest force so far, N.
         newtons: f64,
-        /// For how long so far, s.
+        /// Duration so far, s.
         secs: f64,
-        /// Whether it still pushes.
+        /// True if it still pushes.
         lasting: bool,
     },
     /// The retreat begins.
     RetreatBegan {
         /// Robot.
         robot: String,
-        /// The commit that is being rolled back.
+        /// Number of the commit that is being rolled back.
         id: CommitId,
-        /// Number of recorded poses to retrace.
+        /// Number of recorded configurations to retrace.
         poses: usize,
         /// Recorded time to retrace, s.
         secs: f64,
-        /// Pairs that came below the margin since the filter closed, each at its nearest: during the retreat none of them may
-        /// come more than 1 mm nearer than that.
+        /// Pairs that came below the margin since the filter closed, each at its least distance: during the retreat,
+        /// none of them may get more than 1 mm closer than that.
         #[serde(default)]
         near: Vec<Contact>,
     },
-    /// The retreat stays where it is, until another robot that is in its way has been taken back.
+    /// The retreat waits where it is, until another robot that blocks it has retreated.
     RetreatWaits {
         /// Robot.
         robot: String,
-        /// What was observed, in words.
+        /// Observation, in words.
         what: String,
-        /// The sample that showed it.
+        /// Time of the sample that showed it.
         seen: Time,
     },
     /// A retreat that waited goes on.
@@ -391,22 +393,22 @@ pub enum Event {
         /// Robot.
         robot: String,
     },
-    /// The retreat was abandoned.
+    /// The retreat was aborted.
     RetreatStopped {
         /// Robot.
         robot: String,
-        /// Why the robot now holds.
+        /// Reason of the robot's hold.
         reason: Hold,
-        /// What was observed, in words.
+        /// Observation, in words.
         what: String,
-        /// The sample that showed it.
+        /// Time of the sample that showed it.
         seen: Time,
     },
     /// An object of the world was added, moved, changed or removed.
     World {
-        /// Its name.
+        /// Name of the object.
         object: String,
-        /// How it changed.
+        /// Kind of the change.
         what: WorldChange,
         /// Its class now, if it still exists.
         class: Option<mobee_model::ObjectClass>,
@@ -427,24 +429,25 @@ pub enum Event {
         /// Its summary.
         summary: Summary,
     },
-    /// The built-in agent was told how its motion ended, and asked what comes next.
+    /// The built-in agent was notified of the end of its motion, and returned its next intent.
     Told {
         /// Robot.
         robot: String,
-        /// The motion's commit; none if it was refused.
+        /// Commit of the motion; absent if it was refused.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         id: Option<CommitId>,
-        /// What it was told.
+        /// Reported end.
         end: MotionEnd,
     },
     /// The built-in agent may act again, or pauses for another agent.
     AgentActs {
         /// Robot.
         robot: String,
-        /// Whether it may make motions.
+        /// True if it may make motions.
         acts: bool,
     },
-    /// A person halted the robot: until `Released` nothing moves it. Recorded again by a part that is restarted meanwhile.
+    /// A person halted the robot: until `Released` nothing moves it. Recorded again by a part that is restarted in
+    /// between.
     Halted {
         /// Robot.
         robot: String,
@@ -458,7 +461,7 @@ pub enum Event {
     Swap {
         /// Robot.
         robot: String,
-        /// Which part.
+        /// Part that is being swapped.
         part: SwapPart,
         /// The step reached.
         #[serde(flatten)]
@@ -466,74 +469,74 @@ pub enum Event {
     },
     /// A part that runs beside the robots is being swapped.
     SwapBeside {
-        /// The name of the bridge, of the camera whose detector it is, or of the sensor whose locator.
+        /// Name of the bridge, of the camera of the detector, or of the sensor of the locator.
         name: String,
-        /// Which part.
+        /// Part that is being swapped.
         part: SwapPart,
         /// The step reached.
         #[serde(flatten)]
         step: SwapStep,
     },
-    /// What an agent that only observes would have done; none of it is carried out.
+    /// Intent of an agent that only observes; it is not carried out.
     Shadow {
         /// Robot.
         robot: String,
-        /// What it would have done.
+        /// Kind of the intent.
         intent: IntentKind,
         /// Targets per motor index, rad, if it is a move.
         q: Vec<(usize, f64)>,
     },
-    /// A detector has looked at a frame.
+    /// A detector has processed a frame.
     Sighted {
-        /// The camera.
+        /// Name of the camera.
         camera: String,
-        /// When the frame was exposed.
+        /// Exposure time of the frame.
         exposed: Time,
-        /// What it shows: the first regions of each object, as many as the sensor may report.
+        /// Regions found: the first ones of each object, as many as the sensor may report.
         regions: Vec<Region>,
-        /// The number of regions that were left out, since they were more.
+        /// Number of omitted regions beyond that limit.
         #[serde(default, skip_serializing_if = "is_zero")]
         omitted: u64,
-        /// Whether a new detector saw it that only looks on so far.
+        /// True if a new detector found them that only observes so far.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         is_shadow: bool,
     },
-    /// A locator has placed what a detector saw.
+    /// A locator has located the regions of a detector.
     Located {
-        /// The sensor.
+        /// Name of the sensor.
         sensor: String,
-        /// When the frame was exposed.
+        /// Exposure time of the frame.
         exposed: Time,
-        /// What is where.
+        /// Positions of the objects.
         objects: Vec<Located>,
-        /// What became of each of them at the world gate, in their order; none if there is no gate.
+        /// Decisions of the world gate on each of them, in their order; empty without a gate.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         admissions: Vec<Admission>,
     },
-    /// An object has not been seen for so long that the model may have it at the wrong place.
+    /// An object has not been observed for so long that its position in the model may be wrong.
     Stale {
-        /// The sensor that keeps it.
+        /// Sensor that tracks it.
         sensor: String,
-        /// The object.
+        /// Name of the object.
         object: String,
     },
     /// An actor died.
     Died {
-        /// Its name.
+        /// Name of the actor.
         actor: String,
         /// The cause.
         reason: String,
     },
     /// An actor was restarted.
     Restarted {
-        /// Its name.
+        /// Name of the actor.
         actor: String,
         /// Restarts within the intensity period, including this one.
         restarts: u32,
     },
-    /// A group's restart budget is used up: it stays down.
+    /// A group has used up its restart budget: it stays down.
     GaveUp {
-        /// The group's name.
+        /// Name of the group.
         group: String,
     },
     /// A fault was injected (simulation only).
@@ -548,7 +551,7 @@ pub enum Event {
     },
     /// The counters of a link at the end of the run (I6): sent = handled + queued + dropped.
     Link {
-        /// Its name.
+        /// Name of the link.
         link: String,
         /// Sent.
         sent: u64,
@@ -558,10 +561,10 @@ pub enum Event {
         queued: u64,
         /// Discarded, by design or by a restart.
         dropped: u64,
-        /// The most items waiting at once; 0 if not measured.
+        /// Greatest number of waiting items; 0 if not measured.
         #[serde(default)]
         most: u64,
-        /// How many items may wait (I7); 0 if not recorded.
+        /// Capacity of the queue (I7); 0 if not recorded.
         #[serde(default)]
         capacity: u64,
     },
@@ -574,12 +577,12 @@ pub enum Event {
     },
     /// Last event: the run ended in an orderly way.
     Ended {
-        /// Why: `done`, `time`, `interrupted`, `gave up`.
+        /// Reason: `done`, `time`, `interrupted`, `gave up`.
         reason: String,
     },
 }
 
-/// Whether a field is left out of the journal.
+/// Returns whether a field is omitted from the journal.
 fn is_zero(n: &u64) -> bool {
     *n == 0
 }

@@ -1,4 +1,5 @@
-//! The words all parts speak. No behavior lives here: only what may be said, by whom, and what it means.
+//! The contract: types and traits shared by all parts. No behavior is defined here, only data, interfaces and their
+//! meaning.
 //!
 //! ```text
 //! agent ──Intent──> (actors) ──Commit──> supervise ──Command──> driver ──> robot
@@ -6,10 +7,10 @@
 //!   └──── MotionEnd, View ───────────────────┘      Sample <───────┘
 //! ```
 //!
-//! * [`Agent`] is written by people who plan; it sees a [`View`] and answers with an [`Intent`].
-//! * [`Driver`] is written by people who own a robot; it takes [`Command`]s and gives [`Sample`]s.
-//! * [`Refusal`] is a normal answer, [`DriverFault`] recoverable trouble; a bug is a panic, for the supervisor.
-//! * [`Event`] is what a run leaves behind, told to every [`Sink`] (journal, recorder).
+//! * [`Agent`] is implemented by authors of planners; it receives a [`View`] and returns an [`Intent`].
+//! * [`Driver`] is implemented by owners of a robot; it takes [`Command`]s and returns [`Sample`]s.
+//! * [`Refusal`] is a normal answer, [`DriverFault`] a recoverable fault; a bug is a panic, for the supervisor.
+//! * [`Event`] is an entry of a run's record, written to every [`Sink`] (journal, recorder).
 //!
 //! Units: radians, meters, seconds, f64. Times are [`Time`], nanoseconds since the run began.
 
@@ -55,5 +56,6 @@ pub use mobee_model::{nearest, suggestion};
 
 use std::sync::Arc;
 
-/// A robot's motor positions in the order of `Robot::motors`, rad of encoder. Cheap to clone, never changed.
+/// Configuration of a robot: motor positions in the order of `Robot::motors`, rad of encoder. Cheap to clone,
+/// immutable.
 pub type Pose = Arc<[f64]>;

@@ -1,4 +1,4 @@
-//! Motions as transactions: what an agent commits, how it is refused, how it ends.
+//! Motions as transactions: targets and set-points of agents, refusals, and ends.
 
 use crate::{Axis, Move, Pose};
 use mobee_model::JointMotion;
@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::Duration;
 
-/// The number of an accepted commit, counted per robot from 1.
+/// Number of an accepted commit, counted per robot from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct CommitId(pub u64);
 
-/// Where to go: positions for some motors, all arriving together.
+/// Target of a motion: positions of some motors, all arriving together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target {
     /// Indices into `Robot::motors`, each at most once.
@@ -23,7 +23,7 @@ pub struct Target {
 }
 
 impl Target {
-    /// The whole pose that a robot standing at `from` has at this target.
+    /// Whole configuration at this target, for a robot at `from`.
     pub fn pose(&self, from: &[f64]) -> Pose {
         let mut q = from.to_vec();
         for (m, v) in self.motors.iter().zip(&self.q) {
@@ -34,17 +34,19 @@ impl Target {
         q.into()
     }
 
-    /// The board command that takes a robot from `from` to this target with all motors in step, so that the path is a
+    /// Board command that moves a robot from `from` to this target with all motors in step, so that the path is a
     /// straight line in joint space: speed and acceleration of every motor are scaled by its share of the slowest
-    /// motor's motion. A motor that the board does not have gets speed zero: the command is refused where it is checked.
+    /// motor's motion. A motor that the board does not have gets speed zero: the command is refused where it is
+    /// checked.
     pub fn in_step(&self, from: &[f64], axes: &[Axis]) -> Move {
-        // of each motor: how far it has to go, and the greatest speed and acceleration that it may have
+        // for each motor: its distance, and its greatest speed and acceleration
         let leg = |(m, q): (&usize, &f64)| match (from.get(*m), axes.get(*m)) {
             (Some(here), Some(axis)) => ((q - here).abs(), self.speed * axis.max_speed, axis.max_acceleration),
             _ => (0.0, 0.0, 0.0),
         };
         let legs: Vec<(f64, f64, f64)> = self.motors.iter().zip(&self.q).map(leg).collect();
-        // seconds at full allowed speed, and the accelerations' bound of the common time scale, for the slowest motor
+        // for the slowest motor: seconds at full allowed speed, and the bound of the common time scale by the
+        // accelerations
         let slowest = legs.iter().map(|(way, speed, _)| way / speed).fold(0.0, f64::max);
         let push = legs.iter().map(|(way, _, most)| way / most).fold(0.0, f64::max);
         let speed = legs.iter().map(|(way, speed, _)| if slowest > 0.0 { way / slowest } else { *speed }).collect();
@@ -64,21 +66,22 @@ impl Target {
 pub struct Setpoints {
     /// Indices into `Robot::motors`, each at most once.
     pub motors: Vec<usize>,
-    /// What each of them is to do.
+    /// One value for each of these motors.
     pub values: Values,
 }
 
-/// What the numbers of [`Setpoints`] are.
+/// Values of [`Setpoints`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Values {
-    /// Positions to be at, rad, followed as they come ([`crate::ControlMode::PositionDirect`]).
+    /// Positions, rad, followed directly ([`crate::ControlMode::PositionDirect`]).
     Position(Vec<f64>),
-    /// Velocities to go at, rad/s ([`crate::ControlMode::Velocity`]).
+    /// Velocities, rad/s ([`crate::ControlMode::Velocity`]).
     Velocity(Vec<f64>),
 }
 
-/// How an agent's motion ended. An agent never hears "rolled back": that word is the controller's.
+/// End of a motion as reported to its agent. "Rolled back" is an outcome of the controller, and is never reported to
+/// an agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MotionEnd {
@@ -98,7 +101,7 @@ pub enum RestStep {
     Reached,
     /// The robot rests elsewhere and holds there.
     Missed {
-        /// Why.
+        /// Reason.
         why: String,
     },
 }
@@ -113,19 +116,19 @@ impl fmt::Display for RestStep {
     }
 }
 
-/// The one outcome of an accepted commit (I2).
+/// The single outcome of an accepted commit (I2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// The robot rests at the target.
     Committed,
-    /// The reflex took the robot back to the safe pose, where it rests.
+    /// The reflex moved the robot back to the safe pose, where it rests.
     RolledBack,
     /// Neither: the robot stopped on the way and holds.
     Faulted,
 }
 
-/// Why a robot holds still with its filter closed to ordinary commits.
+/// Reason for which a robot holds with its filter closed to ordinary commits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hold {
@@ -143,12 +146,12 @@ pub enum Hold {
     Restarted,
     /// The board reports a fault.
     BoardFault,
-    /// The board answers more slowly than it was said to act: nothing of what is reckoned with its latency holds.
+    /// The board answers more slowly than its stated latency: everything computed from that latency is invalid.
     SlowBoard,
     /// A motor was moved while the robot rested, by no command of its filter.
     Displaced,
     /// The process ended in mid-motion, and the robot rests neither at its target nor at its safe pose. Nothing moves
-    /// before somebody asks to `recover`.
+    /// until a person requests `recover`.
     AfterCrash,
     /// A person halted the robot: nothing moves it until a person releases it.
     Halted,
@@ -177,42 +180,43 @@ impl fmt::Display for Hold {
     }
 }
 
-/// Why a motion is being rolled back, or the filter closed.
+/// Cause of a rollback, or of a closing of the filter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
-    /// A pair came nearer than its margin.
+    /// A pair got closer than its margin.
     Contact(Vec<mobee_model::Contact>),
-    /// The way on which the robot would come to rest leads nearer to these than what must be left: each where it would be nearest.
+    /// On its stopping path, the robot would get closer to these than the braking clearance: each at its least
+    /// distance.
     Foreseen(Vec<mobee_model::Contact>),
-    /// A motor does not follow what it was told: something holds it that no model knows.
+    /// A motor does not follow its command: something that is not in the model holds it.
     Stall {
-        /// Its name.
+        /// Name of the motor.
         motor: String,
-        /// How far it lags, rad of encoder.
+        /// Lag, rad of encoder.
         by: f64,
-        /// What it counts.
+        /// Kind of the joint.
         #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
         motion: JointMotion,
     },
-    /// The board reports a torque from outside: something pushes a motor.
+    /// The board reports an external torque: something pushes a motor.
     ExternalTorque {
-        /// Its name.
+        /// Name of the motor.
         motor: String,
-        /// The torque, N m (N where it slides), in the direction in which it pushes the joint.
+        /// Torque, N m (N for a prismatic joint), positive in the direction in which it pushes the joint.
         torque: f64,
-        /// What its encoder counts.
+        /// Kind of the joint.
         #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
         motion: JointMotion,
     },
     /// A constraint of a body part does not hold.
     Constraint {
-        /// The part's name.
+        /// Name of the part.
         part: String,
-        /// The clause's index within the part.
+        /// Index of the clause within the part.
         clause: usize,
     },
-    /// The board says the motion is done, and the robot is not at the target.
+    /// The board reports that the motion is done, and the robot is not at the target.
     TargetMissed,
     /// The agent that owned the motion died or was stopped.
     AgentDied,
@@ -224,22 +228,22 @@ pub enum Cause {
     Crashed,
     /// The board reports a fault.
     BoardFault(String),
-    /// A motor left the place where it rested, by more than the tolerance and by no command of the filter.
+    /// A motor left its resting position, by more than the tolerance and without a command of the filter.
     Displaced {
-        /// Its name.
+        /// Name of the motor.
         motor: String,
-        /// How far it has gone, rad of encoder.
+        /// Displacement, rad of encoder.
         by: f64,
-        /// What it counts.
+        /// Kind of the joint.
         #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
         motion: JointMotion,
     },
-    /// A person or the program asked for it.
+    /// A person or the program requested it.
     Asked,
 }
 
 impl Cause {
-    /// Its kind in a word or two, to be counted by.
+    /// Kind of the cause in a word or two, for counting.
     pub fn word(&self) -> &'static str {
         match self {
             Cause::Contact(_) => "contact",
@@ -259,7 +263,7 @@ impl Cause {
     }
 }
 
-/// For how long whoever streamed into something must be silent, once the filter is open again, to be heard again.
+/// Silence after which a stream that caused a contact is accepted again, counted from the opening of the filter.
 pub const SILENCE: Duration = Duration::from_millis(500);
 
 /// A normal answer to a commit that is not accepted; it changes nothing.
@@ -269,83 +273,84 @@ pub enum Refusal {
     /// The filter is closed while the reflex acts.
     #[error("the filter is closed while the reflex acts")]
     Closed,
-    /// The controller is not complete yet, or again not.
+    /// The controller is not complete yet, or was restarted.
     #[error("the controller is not ready: {missing}")]
     NotReady {
-        /// What is waited for.
+        /// Condition that is awaited.
         missing: String,
     },
     /// The robot holds, and this commit is no escape.
     #[error("the robot holds: {reason}")]
     Holding {
-        /// Why it holds.
+        /// Reason of the hold.
         reason: Hold,
     },
-    /// Another agent's motion is under way, or commands come too quickly.
+    /// Another agent's motion is in progress, or commands come too quickly.
     #[error("another agent's motion is under way, or commands come too quickly")]
     Busy,
-    /// The agent's last stream ran into something, and it has not been silent for [`SILENCE`] since the filter is open again.
+    /// The agent's last stream caused a contact, and it has not been silent for [`SILENCE`] since the filter opened
+    /// again.
     #[error("the last stream ran into something, and its program has not been silent for half a second since")]
     Pushing,
-    /// The motion that it would change has ended.
+    /// The motion to change has ended.
     #[error("the motion that it would change has ended")]
     Over,
     /// A position outside a motor's limits.
     #[error("motor {motor}: {q_deg:.3} {unit} is outside its limits {min_deg:.3} to {max_deg:.3} {unit}", unit = motion.unit())]
     Limits {
-        /// The motor's name.
+        /// Name of the motor.
         motor: String,
-        /// The position asked for.
+        /// Requested position, in degrees or millimeters.
         q_deg: f64,
-        /// The lower limit.
+        /// Lower limit, in the same unit.
         min_deg: f64,
-        /// The upper limit.
+        /// Upper limit, in the same unit.
         max_deg: f64,
-        /// What it counts.
+        /// Kind of the joint, which determines the unit.
         #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
         motion: JointMotion,
     },
     /// A number that is not finite.
     #[error("motor {motor}: the position is not a finite number")]
     NotFinite {
-        /// The motor's name.
+        /// Name of the motor.
         motor: String,
     },
     /// A set-point too far from the one before.
     #[error("motor {motor}: a set-point {by_deg:.3} {unit} away, {most_deg:.3} {unit} is the most it can follow at once", unit = motion.unit())]
     Jump {
-        /// The motor's name.
+        /// Name of the motor.
         motor: String,
-        /// How far away.
+        /// Distance, in degrees or millimeters.
         by_deg: f64,
-        /// How far it may be.
+        /// Greatest allowed distance, in the same unit.
         most_deg: f64,
-        /// What it counts.
+        /// Kind of the joint, which determines the unit.
         #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
         motion: JointMotion,
     },
     /// A share of the greatest speed outside (0, 1].
     #[error("speed {speed} is not a share of the greatest speed, above 0 and up to 1")]
     Speed {
-        /// What was asked for, as text (it may be no number).
+        /// Requested value, as text (it may be NaN).
         speed: String,
     },
     /// A motor named twice, unknown, or lists of different length.
     #[error("the target is malformed: {what}")]
     Malformed {
-        /// What is wrong.
+        /// Problem.
         what: String,
     },
-    /// The agent could not take over the state it was offered.
+    /// The agent could not import the offered state.
     #[error("the state can't be taken over: {what}")]
     State {
-        /// What is wrong.
+        /// Problem.
         what: String,
     },
 }
 
 impl Refusal {
-    /// The short name users and programs match on.
+    /// Short name for users and programs to match on.
     pub fn code(&self) -> &'static str {
         match self {
             Refusal::Closed => "closed",
@@ -363,7 +368,7 @@ impl Refusal {
         }
     }
 
-    /// What to do about it.
+    /// Remedy.
     pub fn remedy(&self) -> &'static str {
         match self {
             Refusal::Closed => "wait until the rollback has ended, then plan again from the robot's pose",
@@ -392,8 +397,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_lift_is_refused_is_told_in_millimeters() {
-        let (motor, motion) = ("lift".to_owned(), JointMotion::Slide);
+    fn refused_limits_of_a_lift_are_in_millimeters() {
+        let motor = "lift".to_owned();
+        let motion = JointMotion::Slide;
         let refusal = Refusal::Limits { motor, q_deg: 900.0, min_deg: 0.0, max_deg: 350.0, motion };
         assert_eq!(refusal.to_string(), "motor lift: 900.000 mm is outside its limits 0.000 to 350.000 mm");
         let written = serde_json::to_value(&refusal).unwrap();

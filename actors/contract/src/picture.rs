@@ -1,73 +1,77 @@
-//! Pictures in files, as people see them: the one decoder of folder cameras, stickers, walls, training and evaluation.
+//! Image files: the only decoder, for folder cameras, stickers, walls, training and evaluation.
 //!
-//! A picture is turned upright as its EXIF orientation says, 16 bits for each channel become 8, and transparent pixels show white paper.
+//! An image is rotated upright by its EXIF orientation, 16-bit channels are reduced to 8 bits, and transparent pixels
+//! become white.
 
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits, RgbImage};
 use mobee_model::file::{MIB, open as open_file, read as read_file};
 use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::{Path, PathBuf};
 
-/// Greatest width or height of a picture, pixels.
+/// Greatest width or height of an image, pixels.
 pub const MAX_SIDE: u32 = 4096;
-/// Greatest length of a picture's file.
+/// Greatest size of an image file.
 const MAX_FILE_BYTES: u64 = 256 * MIB;
-/// Greatest number of pictures in a folder.
+/// Greatest number of images in a folder.
 const MAX_PICTURES: usize = 100_000;
-/// Ending of a mask's file name, in small letters; the name of its picture precedes it.
+/// Suffix of a mask's file name, in lower case; it follows the name of the image.
 pub const MASK_ENDING: &str = "_mask.png";
-/// Endings of the names of pictures, in small letters.
+/// Suffixes of image files, in lower case.
 const ENDINGS: [&str; 5] = [".jpg", ".jpeg", ".jpe", ".jfif", ".png"];
-/// Endings of pictures in formats that are not decoded.
+/// Suffixes of image formats that are not decoded.
 const OTHER_ENDINGS: [&str; 10] = [".bmp", ".gif", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".ppm", ".pgm"];
 
-/// A picture, mask or folder that can't be used.
+/// Error: an image, mask or folder that can't be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}: {what}", path.display())]
 pub struct PictureFault {
-    /// The file or folder.
+    /// File or folder.
     pub path: PathBuf,
-    /// The problem.
+    /// Problem.
     pub what: String,
-    /// The remedy.
+    /// Remedy.
     pub help: String,
 }
 
 impl PictureFault {
-    /// A fault of the file or folder at `path`.
+    /// Creates a fault of the file or folder at `path`.
     pub fn new(path: &Path, what: impl Into<String>, help: impl Into<String>) -> PictureFault {
         PictureFault { path: path.to_owned(), what: what.into(), help: help.into() }
     }
 }
 
-/// The pictures of a folder.
+/// Images of a folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PictureFolder {
-    /// Its pictures in the order of their names, without the masks.
+    /// Images in the order of their names, without the masks.
     pub pictures: Vec<PictureFile>,
-    /// Masks whose picture is missing.
+    /// Masks whose image is missing.
     pub lone_masks: Vec<PathBuf>,
 }
 
-/// A picture in a folder.
+/// An image in a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PictureFile {
-    /// Its file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// The file's name without its ending.
+    /// File name without its suffix.
     pub name: String,
-    /// Its mask, if there is one.
+    /// Path of its mask, if there is one.
     pub mask: Option<PathBuf>,
 }
 
-/// Lists the pictures of a folder and their masks: `NAME.jpg` (or `.jpeg`, `.png`) and `NAME_mask.png`. Endings may be in capitals; hidden
-/// files and files that are no pictures are skipped.
+/// Lists the images of a folder and their masks: `NAME.jpg` (or `.jpeg`, `.png`) and `NAME_mask.png`. Suffixes may be
+/// in upper case; hidden files and files of other kinds are skipped.
 ///
 /// # Errors
-/// A folder that can't be read or has no pictures, a picture in another format, two masks of one picture, more than 100,000 pictures.
+/// A folder that can't be read or has no images, an image in another format, two masks of one image, more than
+/// 100,000 images.
 pub fn list(folder: &Path) -> Result<PictureFolder, PictureFault> {
     let unreadable =
         |e: std::io::Error| PictureFault::new(folder, format!("can't read it: {e}"), "give a folder of pictures");
-    let (mut names, mut pictures, mut masks) = (Vec::new(), Vec::new(), Vec::new());
+    let mut names = Vec::new();
+    let mut pictures = Vec::new();
+    let mut masks = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         names.push(entry.map_err(unreadable)?.file_name());
         if names.len() > 4 * MAX_PICTURES {
@@ -76,7 +80,8 @@ pub fn list(folder: &Path) -> Result<PictureFolder, PictureFault> {
     }
     names.sort();
     for name in names {
-        let (path, name) = (folder.join(&name), name.to_string_lossy().into_owned());
+        let path = folder.join(&name);
+        let name = name.to_string_lossy().into_owned();
         if name.starts_with('.') {
             continue;
         }
@@ -113,10 +118,10 @@ pub fn list(folder: &Path) -> Result<PictureFolder, PictureFault> {
     Ok(PictureFolder { pictures, lone_masks })
 }
 
-/// The paths of a folder's pictures in the order of their names.
+/// Paths of a folder's images in the order of their names.
 ///
 /// # Errors
-/// As for [`list`], and a folder of masks alone.
+/// As for [`list`], and a folder that has only masks.
 pub fn list_paths(folder: &Path) -> Result<Vec<PathBuf>, PictureFault> {
     let pictures = list(folder)?.pictures;
     if pictures.is_empty() { Err(no_pictures(folder)) } else { Ok(pictures.into_iter().map(|p| p.path).collect()) }
@@ -127,7 +132,7 @@ fn no_pictures(folder: &Path) -> PictureFault {
     PictureFault::new(folder, "there are no pictures (.jpg, .jpeg, .png) in it", help)
 }
 
-/// The name before one of these endings, which it may have in capitals.
+/// Returns the name before one of these suffixes, ignoring case.
 fn without_ending<'a>(name: &'a str, endings: &[&str]) -> Option<&'a str> {
     let stem = |ending: &&str| {
         let (stem, last) = name.split_at_checked(name.len().checked_sub(ending.len())?)?;
@@ -136,7 +141,7 @@ fn without_ending<'a>(name: &'a str, endings: &[&str]) -> Option<&'a str> {
     endings.iter().find_map(stem)
 }
 
-/// Reads a picture: red, green and blue, 8 bits each.
+/// Reads an image: red, green and blue, 8 bits each.
 ///
 /// # Errors
 /// As for [`open`].
@@ -144,19 +149,20 @@ pub fn read(path: &Path) -> Result<RgbImage, PictureFault> {
     open(path).map(on_white)
 }
 
-/// Reads a picture or mask with all its channels, upright.
+/// Reads an image or mask with all its channels, upright.
 ///
 /// # Errors
-/// A file that can't be read, is no regular file, is damaged, not JPEG or PNG, or has more than 4096x4096 pixels.
+/// A file that can't be read, is not a regular file, is damaged, is not JPEG or PNG, or has more than 4096x4096
+/// pixels.
 pub fn open(path: &Path) -> Result<DynamicImage, PictureFault> {
     let bytes = read_file(path, MAX_FILE_BYTES).map_err(|e| unreadable(path, &e))?;
     upright(&bytes).map_err(|e| PictureFault::new(path, format!("this is no whole picture: {e}"), HELP))
 }
 
-/// Width and height of a picture as [`read`] returns it, from the head of its file.
+/// Width and height of an image as [`read`] returns it, from the head of its file.
 ///
 /// # Errors
-/// As for [`open`], but damage behind the head is not noticed.
+/// As for [`open`], but damage behind the head is not detected.
 pub fn size(path: &Path) -> Result<[u32; 2], PictureFault> {
     let wrong = |what: String| PictureFault::new(path, what, HELP);
     let (decoder, orientation) = decoder(reader(path)?).map_err(|e| wrong(format!("this is no picture: {e}")))?;
@@ -168,15 +174,15 @@ pub fn size(path: &Path) -> Result<[u32; 2], PictureFault> {
     Ok(if is_turned { [height, width] } else { [width, height] })
 }
 
-/// Decodes a picture from the bytes of its file.
+/// Decodes an image from the bytes of its file.
 ///
 /// # Errors
-/// As for [`open`], in words.
+/// As for [`open`], as text.
 pub fn decode(bytes: &[u8]) -> Result<RgbImage, String> {
     upright(bytes).map(on_white)
 }
 
-/// Remedy for a file that is no picture.
+/// Remedy for a file that is not a usable image.
 const HELP: &str = "replace it by a whole JPEG or PNG file of at most 4096x4096 pixels";
 
 fn unreadable(path: &Path, e: &std::io::Error) -> PictureFault {
@@ -192,7 +198,7 @@ fn reader(path: &Path) -> Result<ImageReader<BufReader<std::fs::File>>, PictureF
     ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(wrong)
 }
 
-/// The decoder of a picture within the limits, and how its picture must be turned.
+/// Decoder of an image within the limits, and the orientation of the image.
 fn decoder<'a, R: BufRead + Seek + 'a>(
     mut reader: ImageReader<R>,
 ) -> image::ImageResult<(impl ImageDecoder + 'a, image::metadata::Orientation)> {
@@ -215,14 +221,14 @@ fn upright(bytes: &[u8]) -> Result<DynamicImage, String> {
     Ok(picture)
 }
 
-/// Whether a JPEG goes on to its end: the decoder shows gray where it does not.
+/// Returns whether a JPEG is complete: the decoder fills missing parts with gray.
 fn ends_jpeg(bytes: &[u8]) -> bool {
     let mut rest = bytes.get(2..).unwrap_or_default();
     loop {
-        // segments begin with a marker; behind the last one of a scan there is its data
+        // Segments begin with a marker; the last one of a scan is followed by its data.
         match rest {
             [0xff, 0xd9, ..] => return true,
-            // filling, stuffed data and restarts
+            // padding, stuffed data and restart markers
             [0xff, 0xff, ..] => rest = rest.get(1..).unwrap_or_default(),
             [0xff, 0x00 | 0x01 | 0xd0..=0xd7, ..] => rest = rest.get(2..).unwrap_or_default(),
             [0xff, _, high, low, ..] => {
@@ -238,7 +244,7 @@ fn ends_jpeg(bytes: &[u8]) -> bool {
     }
 }
 
-/// Colors of 8 bits; what is transparent shows white.
+/// Converts to 8-bit colors; transparent pixels become white.
 fn on_white(picture: DynamicImage) -> RgbImage {
     if !picture.color().has_alpha() {
         return picture.into_rgb8();

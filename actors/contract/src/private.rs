@@ -1,22 +1,22 @@
-//! Files of a run: its user's alone, whatever the umask. They tell what a robot did and is about to do, and one of them
-//! opens the control port.
+//! Files of a run, accessible to their owner only, whatever the umask: they record what a robot did, and one of them
+//! gives access to the control port.
 
 use std::fs::{File, OpenOptions, Permissions};
 use std::io;
 use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
-/// May be read and written by its owner, and by nobody else.
+/// Mode: readable and writable by the owner only.
 const OWNER: u32 = 0o600;
 
-/// What to do about a file that stands there already.
+/// Treatment of an existing file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Before {
-    /// It is an error.
+    /// Return an error.
     Refuse,
-    /// It is emptied.
+    /// Empty it.
     Empty,
-    /// It is written over from its beginning.
+    /// Overwrite it from its beginning, without truncating it.
     Keep,
 }
 
@@ -32,7 +32,7 @@ pub fn create_private(path: &Path, before: Before) -> io::Result<File> {
         Before::Keep => options.create(true).truncate(false),
     };
     let file = options.write(true).mode(OWNER).open(path)?;
-    // the umask may have taken bits away, and a file that stood there keeps those it had
+    // The umask may have removed bits, and an existing file has its previous mode.
     file.set_permissions(Permissions::from_mode(OWNER))?;
     Ok(file)
 }

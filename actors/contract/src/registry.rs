@@ -1,10 +1,10 @@
-//! The registry of kinds: whatever a configuration file can name, by its role (`agent`, `driver`, ...) and its own name, registered
-//! where it is defined.
+//! Registry of kinds: everything that a configuration file can name, by its role (`agent`, `driver`, ...) and its own
+//! name, registered where it is defined.
 //!
 //! ```text
 //! inventory::submit! { Registered(&Kind::<dyn Agent> { name: "wave", .. }) }        in the file of the kind
-//! kinds::<dyn Agent>()                                                            whoever builds one, typed
-//! registered()                                                                    whoever lists all: names, docs, settings
+//! kinds::<dyn Agent>()                                                            typed, to build one
+//! registered()                                                                    all, to list names, descriptions and settings
 //! ```
 
 use crate::{Agent, Bridge, Context, Hardware, KindError};
@@ -15,13 +15,14 @@ use std::any::Any;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A part of the system that comes in kinds. A new role needs an implementation of this, beside what it builds, and nothing here.
+/// Part of the system that comes in kinds. A new role needs only an implementation of this trait, beside the type
+/// that it builds.
 pub trait Role: 'static {
-    /// What configuration files and `mobee kinds` call it.
+    /// Name of the role in configuration files and `mobee kinds`.
     const NAME: &'static str;
-    /// What is known, beside its settings, when one is built.
+    /// Data available, in addition to the settings, when an instance is built.
     type Context;
-    /// What is built.
+    /// Type that is built.
     type Built;
 }
 
@@ -39,37 +40,37 @@ impl Role for dyn Hardware {
 
 impl Role for dyn Bridge {
     const NAME: &'static str = "bridge";
-    /// The folder that paths in its settings are relative to.
+    /// Folder that paths in its settings are relative to.
     type Context = PathBuf;
     type Built = Arc<dyn Bridge>;
 }
 
 /// One kind of a role.
 pub struct Kind<R: Role + ?Sized> {
-    /// Its name in configuration files.
+    /// Name in configuration files.
     pub name: &'static str,
-    /// One paragraph for its users.
+    /// Description of one paragraph for users.
     pub doc: &'static str,
-    /// Its own settings with their docs and defaults.
+    /// Schema of its own settings, with descriptions and defaults.
     pub schema: fn() -> Schema,
-    /// Settings that work for a robot as it is, without anything else: what `mobee new` writes, and what the composition tests run; or
-    /// why there are none.
+    /// Settings that work for a robot without any other changes, written by `mobee new` and run by the composition
+    /// tests; or the reason why there are none.
     pub example: fn(&Robot) -> Result<Value, &'static str>,
-    /// Builds one from its settings.
+    /// Builds an instance from its settings.
     pub build: fn(&Value, &R::Context) -> Result<R::Built, KindError>,
 }
 
-/// What can be said of a kind without knowing its role.
+/// Properties of a kind of any role.
 pub trait AnyKind: Sync {
-    /// The name of its role.
+    /// Name of the role.
     fn role(&self) -> &'static str;
-    /// Its name.
+    /// Name of the kind.
     fn name(&self) -> &'static str;
-    /// One paragraph for its users.
+    /// Description of one paragraph for users.
     fn doc(&self) -> &'static str;
-    /// Its own settings with their docs and defaults.
+    /// Schema of its own settings, with descriptions and defaults.
     fn schema(&self) -> Schema;
-    /// The kind itself, for who knows the role.
+    /// The kind itself, to be downcast to the kind of a role.
     fn as_any(&self) -> &dyn Any;
 }
 
@@ -95,18 +96,18 @@ impl<R: Role + ?Sized> AnyKind for Kind<R> {
     }
 }
 
-/// A kind in the registry: `inventory::submit!` takes it.
+/// Kind in the registry, submitted by `inventory::submit!`.
 pub struct Registered(pub &'static dyn AnyKind);
 inventory::collect!(Registered);
 
-/// All kinds of all roles, by role and name: the linker's order is nobody's.
+/// Kinds of all roles, sorted by role and name, since the linker's order is arbitrary.
 pub fn registered() -> Vec<&'static dyn AnyKind> {
     let mut kinds: Vec<_> = inventory::iter::<Registered>.into_iter().map(|r| r.0).collect();
     kinds.sort_by_key(|k| (k.role(), k.name()));
     kinds
 }
 
-/// The kinds of one role, by name.
+/// Kinds of one role, sorted by name.
 pub fn kinds<R: Role + ?Sized>() -> Vec<&'static Kind<R>> {
     registered().into_iter().filter_map(|k| k.as_any().downcast_ref()).collect()
 }

@@ -1,7 +1,8 @@
-//! What sensing speaks of (paper, sections 1.1 and 3.2): a camera gives frames, a detector finds regions in them, a locator tells where
-//! in the world these are.
+//! Types and traits of sensing (paper, sections 1.1 and 3.2): a camera provides frames, a detector finds regions in
+//! them, a locator computes the positions of these in the world.
 //!
-//! Nothing here is in the pulse: a sensor that falls behind or dies makes objects stale, and holds up nobody.
+//! Sensing is not part of the pulse: a sensor that falls behind or dies makes its objects stale, and delays no other
+//! component.
 
 use crate::{Context, Pose, Refusal, Role, Snapshot, Time};
 use mobee_model::{Robot, Scene};
@@ -10,61 +11,63 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How a camera projects: a pinhole, and what its lens bends.
+/// Projection of a camera: a pinhole with lens distortion.
 ///
-/// Frames of cameras: z along the optical axis, x to the picture's right, y down.
+/// Camera frames: z along the optical axis, x to the right of the image, y down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
-    /// Width and height of its pictures, pixels.
+    /// Width and height of its images, pixels.
     pub size: [u32; 2],
-    /// Focal lengths across and down, pixels.
+    /// Horizontal and vertical focal length, pixels.
     pub focal: [f64; 2],
-    /// Where the optical axis meets the picture, pixels from its upper left corner.
+    /// Principal point, pixels from the upper left corner of the image.
     pub center: [f64; 2],
-    /// What the lens bends, by the model of Brown and Conrady as OpenCV writes it: k1, k2 (radial), p1, p2 (tangential). All zero: nothing.
+    /// Lens distortion by the model of Brown and Conrady, in OpenCV's notation: k1, k2 (radial), p1, p2 (tangential).
+    /// All zero: none.
     pub distortion: [f64; 4],
 }
 
-/// One picture. Cheap to clone.
+/// Image of one exposure. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// When it was exposed (the middle of the exposure), not when it arrived.
+    /// Time of the middle of the exposure, not of the arrival.
     pub exposed: Time,
-    /// How it was projected.
+    /// Projection of the camera.
     pub intrinsics: Intrinsics,
-    /// Row by row from the top, three bytes each pixel: red, green, blue.
+    /// Pixels row by row from the top, three bytes each: red, green, blue.
     pub pixels: Arc<[u8]>,
 }
 
-/// Something that a detector found in a frame.
+/// Region of a frame in which a detector found an object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Region {
-    /// What it is, by the object's name in the world.
+    /// Name of the object in the world.
     pub object: String,
-    /// The mean place of its pixels, pixels from the upper left corner of the picture; the middle of the first pixel is (0.5, 0.5).
+    /// Mean of its pixels, pixels from the upper left corner of the image; the center of the first pixel is (0.5,
+    /// 0.5).
     pub center: [f64; 2],
-    /// Left, top, right and bottom of what encloses it, pixels.
+    /// Bounding box: left, top, right and bottom, pixels.
     pub bounds: [f64; 4],
-    /// Its area, pixels.
+    /// Area, pixels.
     pub area: f64,
-    /// Whether it touches the picture's border, so that there may be more of it beyond.
+    /// True if it touches the image's border, so that a part of it may be outside.
     pub is_clipped: bool,
-    /// How sure the detector is, 0 to 1.
+    /// Confidence of the detector, 0 to 1.
     pub confidence: f64,
-    /// Where it is before the camera, if its detector can tell that from one picture.
+    /// Pose relative to the camera, if the detector can estimate it from one image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<SeenPose>,
 }
 
-/// Greatest number of regions of one picture, all objects together.
+/// Greatest number of regions of one image, all objects together.
 pub const MAX_REGIONS: usize = 256;
-/// Greatest number of regions of each object in one picture, unless a sensor says otherwise.
+/// Default for the greatest number of regions of each object in one image.
 pub const DEFAULT_MAX_REGIONS: usize = 16;
 /// Greatest length of an object's name, bytes.
 pub const MAX_OBJECT_NAME_BYTES: usize = 128;
 
-/// Keeps the first regions of each object, at most `each`, and [`MAX_REGIONS`] of all; none with a longer name than
-/// [`MAX_OBJECT_NAME_BYTES`]. Returns the number of those that were left out.
+/// Reduces the regions to the first `each` of each object, and to [`MAX_REGIONS`] in total; removes regions with a
+/// longer name than [`MAX_OBJECT_NAME_BYTES`]. Returns the number of removed regions.
 ///
 /// # Examples
 /// ```
@@ -80,21 +83,22 @@ pub fn limit_regions(regions: &mut Vec<Region>, each: usize) -> u64 {
     let all = regions.len();
     regions.retain(|region| region.object.len() <= MAX_OBJECT_NAME_BYTES);
     if regions.len() > each.min(MAX_REGIONS) {
-        let (mut counts, mut kept) = (BTreeMap::<String, usize>::new(), 0usize);
+        let mut counts = BTreeMap::<String, usize>::new();
+        let mut retained = 0usize;
         regions.retain(|region| {
-            if kept >= MAX_REGIONS {
+            if retained >= MAX_REGIONS {
                 return false;
             }
             let count = counts.entry(region.object.clone()).or_default();
             *count += 1;
-            kept += usize::from(*count <= each);
+            retained += usize::from(*count <= each);
             *count <= each
         });
     }
     (all - regions.len()) as u64
 }
 
-/// Whether a detector may use this as the name of an object: it stands in every line of the journal that has a region.
+/// Checks whether a detector may use this as the name of an object: it is part of every journal line with a region.
 ///
 /// # Errors
 /// The problem, as the end of a sentence that begins with "the object's name".
@@ -112,7 +116,7 @@ pub fn check_object_name(name: &str) -> Result<(), String> {
 }
 
 impl Region {
-    /// Whether all its numbers are finite. What is told with others is of no use to anybody.
+    /// Returns whether all its numbers are finite. Regions with other numbers are useless.
     pub fn is_finite(&self) -> bool {
         let pose = self.pose.iter();
         let pose = pose.flat_map(|p| p.position.iter().chain(&p.rotation).chain(p.covariance.iter().flatten()));
@@ -121,237 +125,243 @@ impl Region {
     }
 }
 
-/// Where something is before the camera that saw it, in all six degrees of freedom.
+/// Pose of an object relative to the camera that observed it, in all six degrees of freedom.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeenPose {
-    /// Its middle in the camera's frame, meters.
+    /// Center in the camera's frame, meters.
     pub position: [f64; 3],
-    /// How it is turned there (`camera_from_it`): a unit quaternion, w, x, y, z.
+    /// Rotation (`camera_from_object`): a unit quaternion, w, x, y, z.
     pub rotation: [f64; 4],
-    /// How sure that is, row by row: the covariance of the position (meters) and of a small turn about the camera's axes (rad).
+    /// Covariance, row by row: of the position (meters) and of a small rotation about the camera's axes (rad).
     pub covariance: [[f64; 6]; 6],
 }
 
-/// Which pixels of a frame a detector took for objects'.
+/// Pixels of a frame that a detector assigned to objects.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SeenMask {
-    /// Width and height, pixels: the frame's.
+    /// Width and height, pixels: those of the frame.
     pub size: [u32; 2],
-    /// Row by row from the top: 0 where nothing is, else the number of the object among the detector's, from 1 on.
+    /// Row by row from the top: 0 for no object, else the number of the object among the detector's, from 1 on.
     pub objects: Arc<[u8]>,
 }
 
-/// Where a camera is fixed on a robot.
+/// Pose of a camera that is fixed on a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraMount {
-    /// The robot's index in the scene.
+    /// Index of the robot in the scene.
     pub robot: usize,
-    /// The node of its model that carries the camera.
+    /// Node of the robot model that carries the camera.
     pub node: usize,
-    /// Where the camera is in that node's frame (`node_from_camera`), meters.
+    /// Position in that node's frame (`node_from_camera`), meters.
     pub position: [f64; 3],
-    /// How it is turned there: a unit quaternion, w, x, y, z.
+    /// Rotation in that node's frame: a unit quaternion, w, x, y, z.
     pub rotation: [f64; 4],
 }
 
-/// A frame, and what became of it, for people to look at.
+/// A frame with its detections, for people to look at.
 #[derive(Clone, Debug)]
 pub struct SeenPicture {
-    /// What the camera saw.
+    /// Frame of the camera.
     pub frame: Frame,
-    /// What its detector found.
+    /// Regions found by its detector.
     pub regions: Arc<[Region]>,
-    /// By which pixels, if the detector tells.
+    /// Pixels of these regions, if the detector provides them.
     pub mask: Option<SeenMask>,
-    /// Where the camera is on its robot, as far as that is known.
+    /// Pose of the camera on its robot, if known.
     pub mount: Option<CameraMount>,
 }
 
-/// Pictures that a camera could not use.
+/// Images that a camera could not use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SkippedPictures {
-    /// Their number.
+    /// Number of images.
     pub count: u64,
-    /// What is wrong with the last of them, and the remedy if there is one.
+    /// Problem of the last of them, with the remedy if there is one.
     pub why: String,
 }
 
 impl SkippedPictures {
-    /// Counts one more.
+    /// Counts one more image.
     pub fn add(skipped: &mut Option<SkippedPictures>, why: String) {
         let count = skipped.as_ref().map_or(0, |s| s.count) + 1;
         *skipped = Some(SkippedPictures { count, why });
     }
 }
 
-/// Gives frames.
+/// Source of frames.
 pub trait Camera: Send {
-    /// The time until the next frame, asked after each.
+    /// Time until the next frame; called after each.
     fn period(&self) -> Duration;
-    /// The frame of now; `None` if there is no new one. Does not wait.
+    /// Present frame; `None` if there is no new one. Does not wait.
     ///
     /// # Errors
-    /// Why there will be none any more, as a sentence; the camera is then made anew.
+    /// The reason why there will be no further frames, as a sentence; the camera is then built again.
     fn frame(&mut self, now: Time) -> Result<Option<Frame>, String>;
-    /// Whether it shows something by a virtual clock: a camera of the world outside doesn't.
+    /// Returns whether it provides frames under a virtual clock: a camera of the real world does not.
     fn runs_in_virtual_time(&self) -> bool {
         true
     }
-    /// Whether what it shows is simulated, from [`Truth`]. The objects that its sensor keeps are then moved by scripts in truth alone, and
-    /// in the model by the sensor alone.
+    /// Returns whether its images are simulated, from [`Truth`]. Scripts then move the objects that its sensor tracks
+    /// in the ground truth only, and the sensor alone moves them in the model.
     fn is_simulated(&self) -> bool {
         false
     }
-    /// Pictures that it has skipped since this was last called, and why; `None`: none. A camera skips what it can't use, such as a damaged
-    /// picture, and goes on with the next one: only what ends the camera is an error of [`Camera::frame`].
+    /// Images that it has skipped since the last call, and the reason; `None`: none. A camera skips an unusable
+    /// image, such as a damaged one, and goes on with the next: [`Camera::frame`] returns an error only if the camera
+    /// ends.
     fn skipped(&mut self) -> Option<SkippedPictures> {
         None
     }
-    /// Where it is on its robot, for the recording; `None`: not known. No locator is told.
+    /// Pose on its robot, for the recording; `None`: unknown. No locator receives it.
     fn mount(&self) -> Option<CameraMount> {
         None
     }
 }
 
-/// A region, and where and when it was seen.
+/// Region with its camera and time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sighting {
-    /// The camera that saw it, by its name in the run.
+    /// Name of the camera in the run.
     pub camera: Arc<str>,
-    /// How that projects.
+    /// Projection of the camera.
     pub intrinsics: Intrinsics,
-    /// What it saw.
+    /// Region found.
     pub region: Region,
-    /// When the frame was exposed.
+    /// Exposure time of the frame.
     pub at: Time,
 }
 
-/// Where a robot's motors were when something was seen.
+/// Configuration of a robot at the time of an observation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodyState {
-    /// When.
+    /// Time of the observation.
     pub at: Time,
-    /// The pose, rad.
+    /// Configuration, rad.
     pub q: Pose,
 }
 
-/// Where an object is.
+/// Position of an object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Located {
-    /// Its name in the world.
+    /// Name of the object in the world.
     pub object: String,
-    /// Where it is in the world, meters.
+    /// Position in the world, meters.
     pub position: [f64; 3],
-    /// How sure that is: the covariance of the position, square meters, row by row.
+    /// Covariance of the position, square meters, row by row.
     pub covariance: [[f64; 3]; 3],
 }
 
 impl Located {
-    /// Whether all its numbers are finite.
+    /// Returns whether all its numbers are finite.
     pub fn is_finite(&self) -> bool {
         self.position.iter().chain(self.covariance.iter().flatten()).all(|n| n.is_finite())
     }
 }
 
-/// What became of an object's place at the world gate, between a locator and the model.
+/// Decision of the world gate, between a locator and the model, on the position of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Admission {
-    /// The object is there in the model from now on.
+    /// The object is moved there in the model.
     Moved,
-    /// It is there already, as near as makes no difference.
+    /// The object is there already, within the least update.
     Agrees,
-    /// Too far from where it was seen last: believed once it has been seen there some more times in a row.
+    /// Too far from its last observed position: accepted after some more consecutive observations there.
     Waits,
-    /// Another place in the same frame is nearer to where the object was seen last.
+    /// Another position from the same frame is closer to the object's last observed position.
     Other,
-    /// Less sure than the gate demands.
+    /// Less certain than the gate requires.
     Unsure,
     /// Outside the workspace.
     Outside,
-    /// No object that this sensor keeps, or numbers that are none.
+    /// Not an object that this sensor tracks, or numbers that are not finite.
     Foreign,
 }
 
-/// Finds regions in frames. Pure: whatever it learns is its own.
+/// Finds regions in frames. Pure: its state is its own.
 pub trait Detector: Send {
-    /// What there is to see, the surest or greatest first: if there are too many regions, the last ones are left out.
+    /// Returns the regions of a frame, the most confident or largest first: if there are too many, the last ones are
+    /// omitted.
     fn detect(&mut self, frame: &Frame) -> Vec<Region>;
-    /// The number of regions of the last frame that it found and left out by itself, since they were too many.
+    /// Number of regions of the last frame that the detector itself omitted, since there were too many.
     fn omitted(&self) -> u64 {
         0
     }
-    /// Why it can't go on, if it has failed while it looked at the last frame. It is then made again.
+    /// Reason why it cannot go on, if it failed on the last frame. It is then built again.
     fn failure(&mut self) -> Option<String> {
         None
     }
-    /// How long that takes by a virtual clock, so that runs in virtual time are equal; a real clock tells by itself.
+    /// Duration of a detection by a virtual clock, so that runs in virtual time are reproducible; unused with a real
+    /// clock.
     fn takes(&self) -> Duration;
-    /// What it can find, by the objects' names in the world, in the order of the mask's numbers; empty: it does not say.
+    /// Names of the objects that it can find, in the order of the mask's numbers; empty: unknown.
     fn objects(&self) -> Vec<String> {
         Vec::new()
     }
-    /// Which pixels of the frame that it looked at last it took for its objects', for the recording; `None`: it goes by no mask.
+    /// Pixels of the last frame that it assigned to objects, for the recording; `None`: it uses no mask.
     fn mask(&self) -> Option<SeenMask> {
         None
     }
-    /// What somebody should know of the frame that it looked at last, as a sentence; it says no more than once what stays so.
+    /// Warning about the last frame, as a sentence; a lasting problem is reported once.
     fn complaint(&mut self) -> Option<String> {
         None
     }
-    /// What it has learned, for a successor; `None`: nothing.
+    /// Exports what it has learned, for a successor; `None`: nothing.
     fn export(&self) -> Option<Snapshot> {
         None
     }
-    /// Takes over what a predecessor has learned.
+    /// Imports what a predecessor has learned.
     ///
     /// # Errors
-    /// [`Refusal::State`] if that is of another kind or version; the detector is then as before, and begins anew.
+    /// [`Refusal::State`] if the state is of another kind or version; the detector is then unchanged, and starts
+    /// without it.
     fn import(&mut self, _from: Snapshot) -> Result<(), Refusal> {
         Err(Refusal::State { what: "this detector learns nothing".into() })
     }
 }
 
-/// Tells where in the world is what was seen. Pure: whatever it remembers, such as what another camera saw just before, is its own.
+/// Computes positions in the world. Pure: its state, such as earlier observations of another camera, is its own.
 pub trait Locator: Send {
-    /// Where the things are that one camera saw at one instant, as far as that can be told, with the body as it was then.
+    /// Returns the positions of the objects that one camera observed at one instant, as far as possible; `body`: the
+    /// robot at that instant.
     fn locate(&mut self, seen: &[Sighting], body: &BodyState) -> Vec<Located>;
-    /// How long that takes by a virtual clock; a real clock tells by itself.
+    /// Duration of a call by a virtual clock; unused with a real clock.
     fn takes(&self) -> Duration {
         Duration::ZERO
     }
-    /// What it remembers, for a successor; `None`: nothing.
+    /// Exports its memory, for a successor; `None`: nothing.
     fn export(&self) -> Option<Snapshot> {
         None
     }
-    /// Takes over what a predecessor remembers.
+    /// Imports the memory of a predecessor.
     ///
     /// # Errors
-    /// [`Refusal::State`] if that is of another kind or version; the locator is then as before, and begins anew.
+    /// [`Refusal::State`] if the state is of another kind or version; the locator is then unchanged, and starts
+    /// without it.
     fn import(&mut self, _from: Snapshot) -> Result<(), Refusal> {
         Err(Refusal::State { what: "this locator remembers nothing".into() })
     }
 }
 
-/// What there is in truth, where robots are simulated: what their cameras see. No detector and no locator is told.
+/// Ground truth of simulated robots: the world that their cameras show. No detector and no locator receives it.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// The robots and the objects, these where they are, not where the model believes them.
+    /// Robots and objects; the objects at their true positions, not at those in the model.
     pub scene: Arc<Scene>,
-    /// Where the motors of each robot are, rad, in the scene's order.
+    /// Configurations of the robots, rad, in the scene's order.
     pub poses: Vec<Pose>,
 }
 
-/// What is known, beside its settings, when a camera is built.
+/// Data available, in addition to the settings, when a camera is built.
 #[derive(Clone)]
 pub struct CameraContext {
-    /// The robot that carries it.
+    /// Robot that carries it.
     pub robot: Arc<Robot>,
-    /// That robot's index in the scene.
+    /// Index of that robot in the scene.
     pub index: usize,
-    /// Its own seed, derived from the run's.
+    /// Seed of its own, derived from the run's.
     pub seed: u64,
-    /// The truth of now; `None` if a robot has not been heard of yet, or if it is not simulated.
+    /// Present ground truth; `None` if a robot has not sent a reading yet, or is not simulated.
     pub truth: Arc<dyn Fn() -> Option<Truth> + Send + Sync>,
 }
 

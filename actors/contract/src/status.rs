@@ -11,9 +11,9 @@ pub enum Status {
     Starting,
     /// At rest with a safe pose, open to commits.
     Rest,
-    /// A motion is under way.
+    /// A motion is in progress.
     Moving,
-    /// An escape from contact is under way.
+    /// An escape from contact is in progress.
     Escaping,
     /// Braking before the retreat.
     Stopping,
@@ -26,7 +26,7 @@ pub enum Status {
 }
 
 impl Status {
-    /// The state in one word, whatever its reason.
+    /// Name of the state in one word, without its reason.
     pub fn word(self) -> &'static str {
         match self {
             Status::Starting => "starting",

@@ -1,4 +1,4 @@
-//! Swapping a part while the robot runs: which part, and how far the swap is.
+//! Swapping a part while the robot runs: the part, and the steps of the swap.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -13,11 +13,11 @@ pub enum SwapPart {
     Controller,
     /// The driver of the board.
     Driver,
-    /// What programs outside move robots through.
+    /// Bridge through which external programs move robots.
     Bridge,
-    /// What finds regions in a camera's frames.
+    /// Detector of regions in a camera's frames.
     Detector,
-    /// What tells where that is which detectors have found.
+    /// Locator of the regions found by detectors.
     Locator,
 }
 
@@ -38,30 +38,30 @@ impl fmt::Display for SwapPart {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "step", rename_all = "snake_case")]
 pub enum SwapStep {
-    /// The new part is built and checked, and waits for its moment.
+    /// The new part is built and checked, and waits for its turn.
     Offered {
-        /// What it is, in words.
+        /// Description of the part.
         what: String,
-        /// For how long it only observes, seconds.
+        /// Duration for which it only observes, seconds.
         shadow: f64,
-        /// For how long it is on probation once it has taken over, seconds.
+        /// Duration of its probation after taking over, seconds.
         probation: f64,
     },
-    /// It has taken over: a part of a robot at a transaction boundary, what runs beside the robots at once.
+    /// It has taken over: a part of a robot at a transaction boundary, a part beside the robots at once.
     TookOver {
-        /// From the boundary, or the end of the old part's work, until the new part is in place, seconds.
+        /// Time from the boundary, or the end of the old part's work, until the new part is in place, seconds.
         gap: f64,
         /// Hash of the roadmap that was handed over, if there is one: equal before and after.
         map: Option<String>,
     },
     /// It was refused, and the old part continues unaffected.
     Refused {
-        /// Why.
+        /// Reason.
         why: String,
     },
     /// It failed on probation, and the old part is back.
     Reverted {
-        /// Why.
+        /// Reason.
         why: String,
     },
     /// Its probation is over; the old part is gone.
@@ -69,7 +69,7 @@ pub enum SwapStep {
 }
 
 impl SwapStep {
-    /// Whether this step ends the swap.
+    /// Returns whether this step ends the swap.
     pub fn is_last(&self) -> bool {
         matches!(self, SwapStep::Refused { .. } | SwapStep::Reverted { .. } | SwapStep::Settled)
     }

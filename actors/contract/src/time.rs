@@ -1,20 +1,20 @@
-//! Time as everybody tells it: since the run began, never of the day.
+//! Time of a run: relative to its beginning, never the time of day.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::{Add, Sub};
 use std::time::Duration;
 
-/// An instant: nanoseconds since the run began. Only the clock handle makes one out of the passing of time.
+/// Instant: nanoseconds since the run began. Only the clock handle creates instants from the passage of time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Time(pub u64);
 
 impl Time {
-    /// The beginning of the run.
+    /// Beginning of the run.
     pub const ZERO: Time = Time(0);
 
-    /// From seconds since the beginning; negative and not-a-number give zero.
+    /// Converts seconds since the beginning; negative values and NaN give zero.
     pub fn from_secs(secs: f64) -> Time {
         Time((secs * 1e9).round() as u64)
     }
@@ -24,7 +24,7 @@ impl Time {
         self.0 as f64 * 1e-9
     }
 
-    /// How long after `earlier` this is; zero if it is not after.
+    /// Duration since `earlier`; zero if `earlier` is not before this.
     pub fn since(self, earlier: Time) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }

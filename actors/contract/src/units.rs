@@ -1,9 +1,9 @@
-//! What a robot's motors count, for sentences.
+//! Units of a robot's motors, for texts.
 
 use crate::Axis;
 use mobee_model::JointMotion;
 
-/// Which of a robot's motors slide, as its description tells ([`Event::Robot`](crate::Event::Robot)).
+/// Joint kinds of a robot's motors, from its description ([`Event::Robot`](crate::Event::Robot)).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MotorUnits {
     motors: usize,
@@ -11,33 +11,34 @@ pub struct MotorUnits {
 }
 
 impl MotorUnits {
-    /// Of so many motors, of which these slide.
+    /// Units of this number of motors, with these prismatic joints.
     pub fn new(motors: usize, sliding: &[usize]) -> MotorUnits {
         MotorUnits { motors, sliding: sliding.to_vec() }
     }
 
-    /// Of these motors.
+    /// Units of these motors.
     pub fn of_axes(axes: &[Axis]) -> MotorUnits {
         let sliding = axes.iter().enumerate().filter(|(_, axis)| !axis.motion.is_turn()).map(|(motor, _)| motor);
         MotorUnits { motors: axes.len(), sliding: sliding.collect() }
     }
 
-    /// Those that slide, by their number.
+    /// Indices of the prismatic joints.
     pub fn sliding(&self) -> &[usize] {
         &self.sliding
     }
 
-    /// How a motor moves.
+    /// Joint kind of a motor.
     pub fn of(&self, motor: usize) -> JointMotion {
         if self.sliding.contains(&motor) { JointMotion::Slide } else { JointMotion::Turn }
     }
 
-    /// A way, rad of encoder, that may be any motor's: `3.2 deg`, or `3.2 deg or mm` of a robot that has both kinds.
+    /// Formats a distance, rad of encoder, of an unspecified motor: `3.2 deg`, or `3.2 deg or mm` for a robot with
+    /// both joint kinds.
     pub fn told(&self, q: f64, digits: usize) -> String {
         self.any(q, digits, "")
     }
 
-    /// A speed, rad/s of encoder, that may be any motor's.
+    /// Formats a speed, rad/s of encoder, of an unspecified motor.
     pub fn told_speed(&self, speed: f64, digits: usize) -> String {
         self.any(speed, digits, "/s")
     }
@@ -57,12 +58,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_may_be_any_motors_is_told_in_the_units_that_there_are() {
+    fn values_of_an_unspecified_motor_have_all_units_of_the_robot() {
         let q = 3.25_f64.to_radians();
-        let told = |motors, sliding: &[usize]| MotorUnits::new(motors, sliding).told_speed(q, 1);
-        assert_eq!(told(2, &[]), "3.2 deg/s");
-        assert_eq!(told(2, &[1]), "3.2 deg/s or mm/s");
-        assert_eq!(told(1, &[0]), "3.2 mm/s");
+        let format = |motors, sliding: &[usize]| MotorUnits::new(motors, sliding).told_speed(q, 1);
+        assert_eq!(format(2, &[]), "3.2 deg/s");
+        assert_eq!(format(2, &[1]), "3.2 deg/s or mm/s");
+        assert_eq!(format(1, &[0]), "3.2 mm/s");
         assert_eq!(MotorUnits::new(2, &[1]).of(1).told(q, 2), "3.25 mm");
     }
 }

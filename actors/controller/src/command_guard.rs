@@ -1,8 +1,8 @@
-//! The guard before a robot's driver: what passes, what is thrown away, and what is told of it (I1, I5).
+//! Command guard of a robot's driver: it admits, discards and journals commands (I1, I5).
 //!
-//! The last that a command meets, and the only place that all of them meet, whoever wrote them: agents through
-//! supervise, the reflex on its retreat, supervise's own stops. It trusts none of them; what it refuses that supervise
-//! let pass is a defect, and told as one.
+//! The guard is the last stage that a command passes, and the only one for all writers: agents through Supervise, the
+//! reflex during its retreat, and Supervise with its own stops. It trusts none of them. A command that it rejects
+//! after Supervise admitted it is a defect, and is reported as one.
 
 use crate::Rules;
 use crate::gate::Gate;
@@ -10,83 +10,83 @@ use mobee_contract::{Axis, Command, CommandKind, Event, Sample, Time, Writer};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// Share of a motor's greatest speed that a set-point which had to wait may ask for: what is left is for the board to
-/// catch up.
-const SHARE: f64 = 0.95;
+/// Greatest speed of a delayed set-point, as a share of a motor's greatest speed: the rest lets the board catch up.
+const MAX_SPEED_SHARE: f64 = 0.95;
 
-/// How far beyond its limits a motor may be read to be, rad: motors may rest a few degrees outside, and no farther than
-/// a thumb can be bent.
-const BEYOND: f64 = 20.0 * std::f64::consts::PI / 180.0;
+/// Greatest plausible reading beyond a limit, rad: motors may rest a few degrees outside, and no farther than a thumb
+/// can be bent.
+const MAX_BEYOND_LIMIT: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
-/// A stream of set-points that is being written.
+/// Stream of set-points in progress.
 #[derive(Clone, Debug)]
 struct Streaming {
-    /// Under which token, and by whom: another is another stream.
+    /// Token of the stream; another token or writer means another stream.
     token: u64,
-    /// Who writes it.
+    /// Writer of the stream.
     writer: Writer,
-    /// How many commands there were.
+    /// Number of commands.
     count: u64,
-    /// The motors that they named.
+    /// Motors named by the commands.
     motors: BTreeSet<usize>,
-    /// Whether all of them were finite and within limits.
+    /// True if all set-points were finite and within limits.
     within: bool,
-    /// When the first and the last of them were written.
+    /// Times of the first and the last command.
     span: (Time, Time),
-    /// The last position of each motor that it named, rad; a stream of velocities has none.
+    /// Last position of each named motor, rad; `None` for a stream of velocities.
     last: Option<Setpoints>,
-    /// The greatest share of its motor's speed that one of them asked for.
+    /// Greatest requested speed, as a share of the motor's greatest speed.
     greatest_step: f64,
 }
 
 /// Positions that would be a jump if they were written at once.
 #[derive(Debug)]
 struct Waiting {
-    /// Under which token they were written.
+    /// Token under which they were written.
     token: u64,
-    /// By whom.
+    /// Writer.
     writer: Writer,
-    /// Where to, rad.
+    /// Target positions, rad.
     q: Setpoints,
 }
 
-/// What going on from a stream's last set-points to others would ask for.
+/// Requested step from a stream's last set-points to the next.
 struct NextStep<'a> {
-    /// The set-points that were written last, rad.
+    /// Last written set-points, rad.
     last: &'a Setpoints,
-    /// The greatest share of a motor's speed.
+    /// Greatest requested speed, as a share of the motor's greatest speed.
     share: f64,
-    /// The time since they were written, s.
+    /// Time since the last set-points, s.
     secs: f64,
 }
 
 /// Positions of some motors, rad, by their index.
 type Setpoints = BTreeMap<usize, f64>;
 
-/// The state machine before the driver. It clamps nothing: what does not fit is refused.
+/// State machine in front of the driver. It does not clamp: a command that does not fit is rejected.
 #[derive(Debug)]
 pub struct CommandGuard {
-    /// Of its robot.
+    /// Parameters of the robot's controller.
     rules: Arc<Rules>,
-    /// The stream under way: told as one line when it ends, since a journal of every set-point would be read by nobody.
+    /// Stream in progress. It is journaled as one event when it ends, since a journal of every set-point would be
+    /// unreadable.
     streaming: Option<Streaming>,
-    /// The newest positions that had to wait; older ones are overtaken.
+    /// Newest delayed positions; older ones are superseded.
     waiting: Option<Waiting>,
-    /// Whether the driver makes moves of set-points.
+    /// True if the driver converts moves to set-points.
     pub leads: bool,
 }
 
 impl CommandGuard {
-    /// A guard to one robot.
+    /// Creates the guard of one robot.
     pub fn new(rules: Arc<Rules>) -> CommandGuard {
         CommandGuard { rules, streaming: None, waiting: None, leads: false }
     }
 
-    /// Whether this command may pass the gate. The token first: what was written before a close is void, whatever it
-    /// says, and no defect of its writer's.
+    /// Checks whether this command may pass the gate. The token is checked first: a command written before a closing
+    /// is void, whatever its content, and this is no defect of its writer.
     ///
     /// # Errors
-    /// Why not, in words.
+    /// The reason for the rejection, in words.
     pub fn admit(&self, gate: &Gate, token: u64, writer: Writer, command: &Command) -> Result<(), String> {
         let present = gate.token();
         if token != present {
@@ -101,8 +101,8 @@ impl CommandGuard {
         self.fits(command)
     }
 
-    /// What is wrong with a reading: it must have a finite position for every motor. Such a one is thrown away; a board
-    /// that tells only such ones is stale.
+    /// Returns the defect of a malformed reading: it must have a finite position for every motor. Such readings are
+    /// discarded; a board that sends no others is stale.
     pub fn makes_no_sense(&self, sample: &Sample) -> Option<String> {
         let n = self.rules.axes.len();
         if sample.q.len() != n || sample.done.len() != n {
@@ -119,27 +119,27 @@ impl CommandGuard {
         position.or_else(torque).or_else(force)
     }
 
-    /// A reading that no robot of this model can have: a motor far beyond its limits. Its name, and where it is said to
-    /// be.
+    /// Describes a reading that is impossible for this robot model: a motor far beyond its limits.
     pub fn is_beyond(&self, sample: &Sample) -> Option<String> {
-        let far = |(q, axis): &(&f64, &Axis)| **q < axis.min - BEYOND || **q > axis.max + BEYOND;
+        let far = |(q, axis): &(&f64, &Axis)| **q < axis.min - MAX_BEYOND_LIMIT || **q > axis.max + MAX_BEYOND_LIMIT;
         let (q, axis) = sample.q.iter().zip(self.rules.axes.iter()).find(far)?;
         let [min, max] = [axis.min, axis.max].map(f64::to_degrees);
-        let (name, q) = (&axis.name, axis.motion.told(*q, 1));
-        Some(format!("{name} reads {q}, and its limits are {min:.1}..{max:.1}: calibrate it, or mend the model"))
+        let name = &axis.name;
+        let q = axis.motion.told(*q, 1);
+        Some(format!("{name} reads {q}, but its limits are {min:.1}..{max:.1}: calibrate it, or correct the model"))
     }
 
-    /// Whether a command fits its motors: written so that what is no number does not fit.
+    /// Checks whether a command fits its motors; NaN never fits.
     fn fits(&self, command: &Command) -> Result<(), String> {
         let within = |motor: usize, q: f64| match self.rules.axes.get(motor) {
             None => Err(format!("there is no motor {motor}")),
             Some(axis) if !(q >= axis.min && q <= axis.max) => {
-                Err(format!("{} is asked to go to {}", axis.name, axis.motion.told(q, 3)))
+                Err(format!("{} is commanded to {}", axis.name, axis.motion.told(q, 3)))
             }
             Some(_) => Ok(()),
         };
         let speeds = |list: &Option<Vec<f64>>| match list.iter().flatten().find(|v| !(v.is_finite() && **v >= 0.0)) {
-            Some(v) => Err(format!("a reference of {v} makes no sense")),
+            Some(v) => Err(format!("a reference of {v} is invalid")),
             None => Ok(()),
         };
         match command {
@@ -165,21 +165,21 @@ impl CommandGuard {
         }
     }
 
-    /// Whether a motor may go so fast, rad/s; the last bit of a product may be rounded up.
+    /// Checks whether a motor may move at this speed, rad/s; tolerates a product rounded up in its last bit.
     fn slow(&self, motor: usize, v: f64) -> Result<(), String> {
         match self.rules.axes.get(motor) {
             None => Err(format!("there is no motor {motor}")),
-            // a comparison that is false for what is no number
+            // false for NaN
             Some(axis) if v.abs() <= axis.max_speed * (1.0 + 1e-9) => Ok(()),
-            Some(axis) => Err(format!("{} is asked to go at {}", axis.name, axis.motion.told_speed(v, 3))),
+            Some(axis) => Err(format!("{} is commanded to move at {}", axis.name, axis.motion.told_speed(v, 3))),
         }
     }
 
-    /// The command if it may be written at once. Set-points of positions that come in a bunch, as after a driver that
-    /// was held up, would make a board without limits of its own jump: the newest of them waits for
+    /// Returns the command if it may be written at once. Position set-points that arrive in a burst, as after a delay
+    /// in the driver, would make a board without limits of its own jump: the newest of them waits for
     /// [`CommandGuard::due`].
     pub fn pace(&mut self, token: u64, writer: Writer, command: Command, now: Time) -> Option<Command> {
-        // whatever comes is newer than what waits: a stop, too, which must not be followed by a step
+        // Each command supersedes a waiting one, also a stop, after which no step may follow.
         self.waiting = None;
         let Command::Direct { motors, q } = command else { return Some(command) };
         let all: Setpoints = motors.iter().copied().zip(q.iter().copied()).collect();
@@ -190,19 +190,20 @@ impl CommandGuard {
         None
     }
 
-    /// What has waited and may be written now: a step towards it, or all of the way.
+    /// Returns the next step of the delayed set-points, if it may be written now: a part or all of the remaining
+    /// distance.
     pub fn due(&mut self, now: Time) -> Option<(u64, Writer, Command)> {
         let Waiting { token, writer, q } = self.waiting.take()?;
         let Some(NextStep { last, share, secs }) = self.step_to(token, writer, &q, now) else {
             return Some((token, writer, direct(q)));
         };
         let period = self.rules.period.as_secs_f64();
-        // half a sample early rather than a whole one late
+        // Half a sample early rather than a whole one late.
         if secs < 0.75 * period {
             self.waiting = Some(Waiting { token, writer, q });
             return None;
         }
-        let part = SHARE * secs.min(1.5 * period) / (share * secs).max(1e-12);
+        let part = MAX_SPEED_SHARE * secs.min(1.5 * period) / (share * secs).max(1e-12);
         if part >= 1.0 {
             return Some((token, writer, direct(q)));
         }
@@ -212,25 +213,27 @@ impl CommandGuard {
         Some((token, writer, direct(step)))
     }
 
-    /// What going on to `q` now would ask for. `None`: it would be the stream's first, which is where the robot is.
+    /// Computes the step of the present stream to `q`. `None` for the first set-points of a stream, which are at the
+    /// robot's present position.
     fn step_to(&self, token: u64, writer: Writer, q: &Setpoints, now: Time) -> Option<NextStep<'_>> {
         let stream = self.streaming.as_ref().filter(|s| s.token == token && s.writer == writer)?;
-        let (last, secs) = (stream.last.as_ref()?, now.since(stream.span.1).as_secs_f64());
+        let last = stream.last.as_ref()?;
+        let secs = now.since(stream.span.1).as_secs_f64();
         Some(NextStep { last, share: share(&self.rules.axes, last, q, secs), secs })
     }
 
-    /// What to tell of a command that the driver took: a stream only at its end.
+    /// Returns the events for a command that the driver accepted; a stream is journaled only at its end.
     pub fn took(&mut self, token: u64, writer: Writer, command: &Command, now: Time) -> Vec<Event> {
         let by_motor = |motors: &[usize], values: &[f64]| motors.iter().copied().zip(values.iter().copied()).collect();
         let none = Vec::new;
         let Some(kind) = command.kind() else {
             let velocity = matches!(command, Command::Velocity { .. });
-            // one of velocities after one of positions is another, though one program writes both
+            // A stream of velocities after one of positions is a new stream, even from the same writer.
             let goes_on = |s: &Streaming| s.token == token && s.writer == writer && s.last.is_none() == velocity;
             let ended = self.streaming.as_ref().is_some_and(|s| !goes_on(s));
-            let told = if ended { self.end_stream() } else { None };
+            let event = if ended { self.end_stream() } else { None };
             self.stream(token, writer, command, now);
-            return told.into_iter().collect();
+            return event.into_iter().collect();
         };
         let (motors, q, speed) = match command {
             Command::Move(m) => {
@@ -241,13 +244,14 @@ impl CommandGuard {
             Command::Reference { motors, speed, .. } => (motors, none(), by_motor(motors, speed)),
             Command::Direct { motors, .. } | Command::Velocity { motors, .. } => (motors, none(), none()),
         };
-        let (robot, motors) = (self.rules.robot.clone(), motors.clone());
+        let robot = self.rules.robot.clone();
+        let motors = motors.clone();
         let led = kind == CommandKind::Move && self.leads;
         let command = Event::Command { robot, token, writer, kind, motors, q, speed, led };
         self.end_stream().into_iter().chain([command]).collect()
     }
 
-    /// Counts a set-point that was written.
+    /// Adds a written set-point to the stream.
     fn stream(&mut self, token: u64, writer: Writer, command: &Command, now: Time) {
         let stream = self.streaming.get_or_insert(Streaming {
             token,
@@ -284,16 +288,17 @@ impl CommandGuard {
         stream.span.1 = now;
     }
 
-    /// Ends the stream of set-points, if there is one: what to tell of it.
+    /// Ends the stream of set-points, if there is one, and returns its event.
     pub fn end_stream(&mut self) -> Option<Event> {
         let Streaming { token, writer, count, motors, within, span, last, greatest_step } = self.streaming.take()?;
-        let (robot, motors) = (self.rules.robot.clone(), motors.into_iter().collect());
-        let (last, within_limits) = (last.into_iter().flatten().collect(), within);
-        Some(Event::Streamed { robot, token, writer, motors, count, span, greatest_step, within_limits, last })
+        let robot = self.rules.robot.clone();
+        let motors = motors.into_iter().collect();
+        let last = last.into_iter().flatten().collect();
+        Some(Event::Streamed { robot, token, writer, motors, count, span, greatest_step, within_limits: within, last })
     }
 }
 
-/// What the journal is told of a set-point that was written, whoever let it pass.
+/// Returns whether a written set-point is within limits, for the journal; independent of the checks that admitted it.
 fn within_limits(axes: &[Axis], command: &Command) -> bool {
     match command {
         Command::Direct { motors, q } => {
@@ -309,17 +314,18 @@ fn within_limits(axes: &[Axis], command: &Command) -> bool {
     }
 }
 
-/// The command that goes there.
+/// Creates the command with these set-points.
 fn direct(q: Setpoints) -> Command {
     let (motors, q) = q.into_iter().unzip();
     Command::Direct { motors, q }
 }
 
-/// The greatest share of its axis' speed that a motor would need to get from one to the other in this time. One that
-/// joins begins where it is.
+/// Greatest speed between these set-points in this time, as a share of the axis' greatest speed. A motor without a
+/// last set-point starts at its present position.
 fn share(axes: &[Axis], from: &Setpoints, to: &Setpoints, secs: f64) -> f64 {
     let step = |(m, b): (&usize, &f64)| {
-        let (axis, a) = (axes.get(*m)?, from.get(m)?);
+        let axis = axes.get(*m)?;
+        let a = from.get(m)?;
         Some((a - b).abs() / (axis.max_speed * secs).max(1e-12))
     };
     to.iter().filter_map(step).fold(0.0, f64::max)

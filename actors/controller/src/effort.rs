@@ -1,55 +1,57 @@
-//! A contact by effort: the board reports a torque from outside that is greater than its arm knows in free motion.
+//! Contact detection by effort: the board reports an external torque that is greater than the arm's in free motion.
 //!
-//! A stiff arm pushes with hundreds of newtons before it lags by a degree; its torque sensors, or its motors' currents, show the contact
-//! while it pushes with tens ([`Sample::external`]). Thresholds are per motor ([`Rules::contact_effort`]). A torque that was there before the
-//! motion, of a payload or of the contact that an escape leads out of, counts by its change alone.
+//! A stiff arm pushes with hundreds of newtons before it lags by a degree. Its torque sensors, or its motors'
+//! currents, show the contact while it pushes with tens ([`Sample::external`]). Thresholds are per motor
+//! ([`Rules::contact_effort`]). A torque that was present before the motion, of a payload or of the contact that an
+//! escape leads out of, counts only by its change.
 //!
-//! A servo that reports its own load has the arm's weight in it, so that its threshold is high, and a slow arm pushes for seconds before it
-//! gets there. But weight changes with the pose, and a contact with time: load that rises within a second by more than the
-//! arm's motion explains is a contact, too.
+//! The load reported by a servo includes the arm's weight. Its threshold is high, and a slow arm pushes for seconds
+//! before it is reached. But weight changes with the configuration, and a contact with time. Therefore a load that
+//! rises within a second by more than the arm's motion explains is a contact, too.
 
 use crate::Rules;
 use mobee_contract::{Pose, Sample, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// So many readings in a row must show it: noise, and the jerk with which a motor sets out, show it in one.
+/// Number of consecutive readings that must show a contact: noise, and the jerk of a starting motor, show it in one.
 const READINGS: u32 = 3;
 
-/// The times within which a rise of the load counts: of a fast arm, and of a slow one.
+/// Time windows in which a rise of the load is evaluated: for a fast arm, and for a slow one.
 const WINDOWS: [Duration; 2] = [Duration::from_millis(400), Duration::from_millis(1200)];
-/// The share of its threshold by which load must rise within one: at rest, and more per radian that a joint of the arm has moved meanwhile,
-/// which changes the weight and takes speed.
-const RISE: (f64, f64) = (0.3, 2.0);
-/// The share of the latter for a joint that stands itself: little of the weight that it carries changes then.
-const STANDING: f64 = 0.25;
-/// A joint that has moved by less stands, rad, or by two counts of its encoder.
-const STANDS: f64 = 0.3 * std::f64::consts::PI / 180.0;
-/// So many readings are remembered at most.
-const REMEMBERED: usize = 512;
+/// Rise of the load within a window that counts as a contact, as a share of the threshold: at rest, and in addition
+/// per radian of joint motion, which changes the weight and takes speed.
+const RISE_SHARES: (f64, f64) = (0.3, 2.0);
+/// Factor on the latter for a joint at rest: the weight that it carries changes little.
+const RESTING_JOINT_FACTOR: f64 = 0.25;
+/// Greatest motion of a joint at rest, rad, unless two counts of its encoder are more.
+const REST_BAND: f64 = 0.3 * std::f64::consts::PI / 180.0;
+/// Greatest number of stored readings.
+const MAX_STORED: usize = 512;
 
-/// Watches the torques from outside of one robot.
+/// Monitors the external torques of one robot.
 #[derive(Clone, Debug, Default)]
 pub struct EffortWatch {
-    /// Per motor how many readings in a row have been beyond its threshold.
+    /// Number of consecutive readings beyond the threshold, per motor.
     beyond: Vec<u32>,
-    /// The torques of the last reading before the motion.
+    /// Torques of the last reading before the motion.
     before: Vec<f64>,
-    /// The readings of the longest window, oldest first: torques and positions.
+    /// Readings of the longest window, oldest first: torques and positions.
     window: VecDeque<(Time, Vec<f64>, Pose)>,
 }
 
-/// A motor that something pushes.
+/// Motor that something pushes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pushed {
-    /// The motor.
+    /// Index of the motor.
     pub motor: usize,
-    /// The torque, N m (N where it slides).
+    /// External torque, N m (N for a prismatic joint).
     pub torque: f64,
 }
 
 impl EffortWatch {
-    /// A reading, in a motion or between two: the motor that is pushed most, by its threshold. Torques that are no numbers are none.
+    /// Processes a reading. Returns the motor that is pushed most, relative to its threshold. `moving`: whether a
+    /// motion is in progress. NaN torques are ignored.
     pub fn read(&mut self, sample: &Sample, moving: bool, rules: &Rules) -> Option<Pushed> {
         self.beyond.resize(sample.external.len(), 0);
         if !moving {
@@ -61,12 +63,12 @@ impl EffortWatch {
         let has_weight = |motor: usize| rules.hold_error(motor) > 0.0;
         let mut rose = Vec::new();
         if (0..sample.external.len()).any(has_weight) {
-            self.remember(sample);
+            self.store(sample);
             rose = WINDOWS.iter().filter_map(|window| self.rose(sample, *window)).collect();
         }
         let rises = |motor: usize, limit: f64| {
             let count = rules.axes.get(motor).map_or(0.0, |axis| axis.resolution);
-            let rise = |rise: &Rise| rise.share(motor, STANDS.max(2.0 * count));
+            let rise = |rise: &Rise| rise.share(motor, REST_BAND.max(2.0 * count));
             if has_weight(motor) { rose.iter().map(rise).fold(0.0, f64::max) / limit } else { 0.0 }
         };
         let before = |motor: usize| self.before.get(motor).copied().filter(|torque| torque.is_finite()).unwrap_or(0.0);
@@ -86,15 +88,15 @@ impl EffortWatch {
         worst.map(|(pushed, _)| pushed)
     }
 
-    fn remember(&mut self, sample: &Sample) {
+    fn store(&mut self, sample: &Sample) {
         let longest = WINDOWS.into_iter().max().unwrap_or_default();
-        while self.window.len() >= REMEMBERED || self.window.get(1).is_some_and(|(at, ..)| *at + longest <= sample.at) {
+        while self.window.len() >= MAX_STORED || self.window.get(1).is_some_and(|(at, ..)| *at + longest <= sample.at) {
             self.window.pop_front();
         }
         self.window.push_back((sample.at, sample.external.clone(), sample.q.clone()));
     }
 
-    /// What has changed within a window.
+    /// Changes within a window.
     fn rose(&self, sample: &Sample, window: Duration) -> Option<Rise> {
         let (_, then, q) = self.window.iter().find(|(at, ..)| *at + window > sample.at)?;
         let change = |(now, then): (&f64, &f64)| Some((now - then).abs()).filter(|by| by.is_finite()).unwrap_or(0.0);
@@ -105,20 +107,20 @@ impl EffortWatch {
     }
 }
 
-/// By how much torques, N m, and positions, rad, have changed within a window.
+/// Changes of torques, N m, and positions, rad, within a window.
 struct Rise {
     torques: Vec<f64>,
     moved: Vec<f64>,
 }
 
 impl Rise {
-    /// How much of its threshold a motor's torque has risen by, beyond what the arm's motion explains: N m over the share that counts. A
-    /// joint that has moved by no more than `stands`, rad, stands.
+    /// Rise of a motor's torque, N m, divided by the share of the threshold that counts as a contact in view of the
+    /// arm's motion. A joint that has moved by at most `stands`, rad, is at rest.
     fn share(&self, motor: usize, stands: f64) -> f64 {
         let arm = self.moved.iter().copied().fold(0.0, f64::max);
         let own = self.moved.get(motor).copied().unwrap_or_default();
-        let per_radian = if own <= stands { STANDING * RISE.1 } else { RISE.1 };
-        self.torques.get(motor).map_or(0.0, |rose| rose / (RISE.0 + per_radian * arm))
+        let per_radian = if own <= stands { RESTING_JOINT_FACTOR * RISE_SHARES.1 } else { RISE_SHARES.1 };
+        self.torques.get(motor).map_or(0.0, |rose| rose / (RISE_SHARES.0 + per_radian * arm))
     }
 }
 
@@ -142,7 +144,8 @@ mod tests {
         Rules::new("r", vec![], &ControllerSettings { contact_nm, ..ControllerSettings::default() }, &board)
     }
 
-    /// The readings in which the first motor counts as pushed; the second, whose board reports none, never does.
+    /// Indices of the readings in which the first motor counts as pushed; the second, whose board reports none, never
+    /// does.
     fn pushed(rules: &Rules, torques: &[f64]) -> Vec<usize> {
         let mut watch = EffortWatch::default();
         let shows = |torque: f64| Sample { external: vec![torque, 1e6], ..Sample::default() };
@@ -170,15 +173,17 @@ mod tests {
         assert_eq!(rules.unused(), None, "switched off");
     }
 
-    /// A hobby arm, which carries its weight by its load: by how much that rises in a second, how fast the joint and another one move, rad/s,
-    /// and after how many ms that is a contact.
+    /// Time, ms, at which a hobby arm, whose load includes its weight, detects a contact: with this rise of the load
+    /// per second, and these speeds of the joint and of another one, rad/s.
     fn rises(hold_error: f64, per_second: f64, (own, other): (f64, f64)) -> Option<u64> {
         let of = rules(None);
         let axes = of.axes.iter().map(|axis| Axis { hold_error, ..axis.clone() }).collect();
-        let (rules, mut watch) = (Rules { axes, ..of }, EffortWatch::default());
+        let rules = Rules { axes, ..of };
+        let mut watch = EffortWatch::default();
         let mut read = |ms: u64, moving: bool| {
             let secs = ms as f64 * 1e-3;
-            let (external, q) = (vec![1.0 + per_second * secs, 0.0], vec![own * secs, other * secs].into());
+            let external = vec![1.0 + per_second * secs, 0.0];
+            let q = vec![own * secs, other * secs].into();
             let sample = Sample { at: Time(ms * 1_000_000), external, q, ..Sample::default() };
             watch.read(&sample, moving, &rules).is_some()
         };
@@ -192,16 +197,17 @@ mod tests {
         let contact = |per_second: f64, speeds| rises(0.1, per_second, speeds).unwrap_or(u64::MAX);
         assert!((300..390).contains(&contact(5.0, (0.05, 0.0))), "{}", contact(5.0, (0.05, 0.0)));
         assert!((850..1030).contains(&contact(2.0, (0.02, 0.02))), "slower: {}", contact(2.0, (0.02, 0.02)));
-        assert!((1000..1200).contains(&contact(2.0, (0.0, 0.2))), "it stands: {}", contact(2.0, (0.0, 0.2)));
+        assert!((1000..1200).contains(&contact(2.0, (0.0, 0.2))), "at rest: {}", contact(2.0, (0.0, 0.2)));
         assert_eq!(rises(0.1, 2.0, (0.2, 0.2)), None, "it moves, and its weight with it");
-        assert_eq!(rises(0.1, 0.9, (0.0, 0.0)), None, "so fast the weight may change");
-        assert_eq!(rises(0.0, 4.0, (0.05, 0.0)), None, "its board compensates the weight: the level says it");
+        assert_eq!(rises(0.1, 0.9, (0.0, 0.0)), None, "the weight may change at this rate");
+        assert_eq!(rises(0.0, 4.0, (0.05, 0.0)), None, "its board compensates the weight: the level counts");
     }
 
-    /// A payload, or the contact that an escape leads out of: letting go of it is no contact, more of it is.
+    /// A payload, or the contact that an escape leads out of: its release is no contact, an increase is.
     #[test]
     fn a_torque_that_was_there_before_the_motion_counts_by_its_change() {
-        let (rules, mut watch) = (rules(None), EffortWatch::default());
+        let rules = rules(None);
+        let mut watch = EffortWatch::default();
         let shows = |torque: f64| Sample { external: vec![torque, 0.0], ..Sample::default() };
         assert_eq!(watch.read(&shows(8.0), false, &rules), None);
         let mut read = |torque: f64| (0..5).filter_map(|_| watch.read(&shows(torque), true, &rules)).count();

@@ -1,7 +1,7 @@
 //! The kind `fields`: the force-field controller of the later MoBeE.
 //!
-//! Settings in the original's names and units (degrees, seconds), so that its configurations can be taken over; the law
-//! itself is the model's ([`mobee_model::ForceLaw`]), one for this kind and for the command port.
+//! The settings have the original's names and units (degrees, seconds), so that its configurations can be reused. The
+//! law itself is the model's ([`mobee_model::ForceLaw`]); this kind and the command port share it.
 
 use crate::{Drive, Rules};
 use mobee_contract::{Kind, KindError, Registered, settings};
@@ -15,7 +15,7 @@ inventory::submit! {
     Registered(&Kind::<Drive> {
         name: "fields",
         doc: "The force-field controller of later versions of MoBeE. A motion is streamed: its target attracts; joint limits, constraints and the fields around \
-              the shapes push; the result is damped, kept within limits, speeds and accelerations, and written once a period. So the robot goes \
+              the shapes push; the result is damped, limited in position, speed and acceleration, and written once per period. So the robot goes \
               around what is near instead of into it, but not always straight. Where the forces balance elsewhere for `patience_s`, the target counts \
               as missed, and the motion is rolled back. The reflex is the last resort, unless `reflex = false`: then contacts are recorded \
               and counted, but stop nothing.",
@@ -33,11 +33,10 @@ inventory::submit! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FieldsSettings {
-    /// Whether the reflex stops and takes back what comes nearer than the margin. `false`: the forces alone keep the
-    /// robot off.
+    /// True if the reflex stops the robot and retreats when a pair gets closer than the margin. With `false`, only
+    /// the forces hold the robot off.
     pub reflex: bool,
-    /// How far the field about each shape reaches, millimeters; for robots whose files have no field shapes of their
-    /// own.
+    /// Range of the field about each shape, millimeters; for robots whose files define no field shapes.
     pub field_mm: f64,
     /// Stiffness of the attractor near the target, 1/s^2.
     pub spring_const: f64,
@@ -53,11 +52,11 @@ pub struct FieldsSettings {
     pub max_limit_force: f64,
     /// Maximum push of the constraints, deg/s^2.
     pub max_constraint_force: f64,
-    /// How quickly a field's push approaches its maximum.
+    /// Rate at which a field's push approaches its maximum.
     pub field_const: f64,
     /// Maximum push of the fields, deg/s^2.
     pub max_field_force: f64,
-    /// How long the robot may rest away from its target before the motion is rolled back, s.
+    /// Time for which the robot may rest away from its target before the motion is rolled back, s.
     pub patience_s: f64,
 }
 
@@ -81,11 +80,10 @@ impl Default for FieldsSettings {
 }
 
 impl FieldsSettings {
-    /// Whether each is a number in its range: outside of it the law would not settle within a period, or not move at
-    /// all.
+    /// Checks the range of each setting: outside of it, the law would not settle within a period, or not move at all.
     ///
     /// # Errors
-    /// The first that is not, with its range.
+    /// The first setting that is out of range, with its range.
     fn check(&self) -> Result<(), KindError> {
         let ranges = [
             ("field_mm", self.field_mm, 0.0, 500.0),
@@ -109,21 +107,21 @@ impl FieldsSettings {
     }
 }
 
-/// The settings for a given robot and board: one law per body part.
+/// Field settings applied to a robot and board: one force law per body part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldRules {
-    /// The motors of each part, and their law.
+    /// Motor range and force law of each part.
     pub laws: Vec<(Range<usize>, ForceLaw)>,
-    /// How far the fields of shapes reach, meters.
+    /// Range of the fields of shapes, meters.
     pub width: f64,
-    /// How long the robot may rest elsewhere than at its target.
+    /// Time for which the robot may rest away from its target.
     pub patience: Duration,
 }
 
 impl FieldRules {
-    /// The settings for a robot under these rules.
+    /// Applies the settings to a robot under these rules.
     pub fn new(settings: &FieldsSettings, robot: &Robot, rules: &Rules) -> FieldRules {
-        // what friction leaves of a velocity after one period
+        // remaining share of a velocity after one period of friction
         let weight = (-settings.friction * rules.period.as_secs_f64()).exp();
         let joint = |axis: &mobee_contract::Axis| JointLaw {
             weight,

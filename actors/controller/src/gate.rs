@@ -1,50 +1,51 @@
 //! The gate of a robot's filter: a fencing token that only grows, odd while open and even while closed.
 //!
-//! Every command to a driver carries the token it was written under; the driver throws away what carries another than
-//! the present one. So closing takes effect at once and under any interleaving: a command that was sent before and
-//! arrives after finds its token outdated (I1).
+//! Every command to a driver carries the token it was written under; the driver discards commands whose token is not
+//! the current one. Closing therefore takes effect at once under any interleaving: a command sent before the closing
+//! and received after it carries an outdated token (I1).
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A robot's gate, shared by all who may close it. Only supervise opens it.
+/// A robot's gate. Several components may close it; only Supervise opens it.
 #[derive(Debug, Default)]
 pub struct Gate(AtomicU64);
 
 impl Gate {
-    /// As an earlier process left it.
+    /// Restores the gate with the token of an earlier process.
     pub fn resumed(token: u64) -> Gate {
         Gate(AtomicU64::new(token))
     }
 
-    /// The present token.
+    /// Current token.
     pub fn token(&self) -> u64 {
         self.0.load(Ordering::SeqCst)
     }
 
-    /// Whether commands of agents pass under this token.
+    /// Returns whether commands of agents pass under this token.
     pub fn opens(token: u64) -> bool {
         token % 2 == 1
     }
 
-    /// Whether commands of agents pass now.
+    /// Returns whether commands of agents pass now.
     pub fn is_open(&self) -> bool {
         Gate::opens(self.token())
     }
 
-    /// Closes, or closes anew: whatever was written before is void. Returns the new token.
+    /// Closes the gate, or voids the token of a closed one: all commands written before are void. Returns the new
+    /// token.
     pub fn close(&self) -> u64 {
-        // the next even number, from an odd one as from an even one: closing a closed gate voids what was written under
-        // it, too
+        // The next even number, for an odd and for an even token: closing a closed gate also voids what was written
+        // under its token.
         let next = |t: u64| t + 2 - t % 2;
         match self.0.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |t| Some(next(t))) {
             Ok(before) | Err(before) => next(before),
         }
     }
 
-    /// Opens, if the gate is still as closed by the token `seen`; `None` if somebody closed it anew since, or it is
-    /// open.
+    /// Opens the gate if its token is still the closed one in `seen`. Returns `None` if the gate was closed again
+    /// since, or is open.
     pub fn open(&self, seen: u64) -> Option<u64> {
-        // compared and exchanged in one step: between looking and opening the reflex might close
+        // Compare and exchange in one operation: the reflex might close the gate between a read and a write.
         let free =
             !Gate::opens(seen) && self.0.compare_exchange(seen, seen + 1, Ordering::SeqCst, Ordering::SeqCst).is_ok();
         free.then_some(seen + 1)

@@ -1,10 +1,10 @@
-//! History (Algorithm 4): a ring buffer of poses and the period between them.
+//! History (Algorithm 4): a ring buffer of configurations and the period between them.
 //!
-//! What the retreat goes back along. The paper needs the poses and their period; here the ring also says where it must
-//! *not* be used (gaps, where nobody knows how the robot came from one pose to the next), and how fast the robot moves,
-//! by which everybody judges rest.
+//! The retreat follows the recorded path. The paper needs the configurations and their period. Here the ring also
+//! marks gaps, across which the path is unknown and must *not* be used, and provides the robot's speed, by which all
+//! components detect rest.
 //!
-//! Times are those at which readings were taken, never when they came here.
+//! Times are those at which readings were taken, not those at which they arrived.
 
 mod at;
 
@@ -16,104 +16,105 @@ use mobee_contract::{Axis, Pose, Sample, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How many readings the speed is estimated from: the means of two halves, so that encoder noise hardly counts. At the
-/// usual rate they span 70 ms: a longer window would tell of rest too late, a shorter one would take noise for motion.
+/// Number of readings in a speed estimate: the means of two halves are compared, which averages encoder noise. At the
+/// usual rate they span 70 ms: a longer window would detect rest too late, a shorter one would take noise for motion.
 const WINDOW: usize = 8;
-/// Of a board that tells more than one in so many seconds, so many times as many: noise counts by the time that it is
-/// divided by.
-const USUAL: f64 = 0.01;
-/// At most so many times as many: beyond a rate of 1600 a second noise counts more again.
-const FASTEST: f64 = 16.0;
-/// So many readings may be missing, as they are when a thread comes late, without a gap: a robot can't go far
-/// meanwhile.
-const FEW: u64 = 8;
-/// A motor whose readings differ by so many counts of its encoder stands.
-const COUNTS: f64 = 1.5;
-/// It is looked at for no longer than this, s, whatever its encoder shows.
-const LONGEST: f64 = 0.5;
+/// Usual period of readings, s. At a shorter period the window has proportionally more readings, since the effect of
+/// noise depends on its duration.
+const USUAL_PERIOD: f64 = 0.01;
+/// Greatest factor on the number of readings: beyond 1600 readings per second, noise has more effect again.
+const MAX_DENSITY: f64 = 16.0;
+/// Greatest number of missing readings, at the usual rate, that is no gap, as after a late thread: the robot cannot
+/// go far in that time.
+const MAX_MISSING: u64 = 8;
+/// Greatest spread of the readings of a motor at rest, in counts of its encoder.
+const REST_COUNTS: f64 = 1.5;
+/// Longest time, s, over which that spread is evaluated, for any encoder.
+const MAX_REST_TIME: f64 = 0.5;
 
-/// How far (rad, every motor) a robot may have gone on while nobody recorded it, for the path to have no gap there: the
-/// way back between two poses so near each other is watched like any other.
-const BRIDGE: f64 = 5.0 * std::f64::consts::PI / 180.0;
+/// Greatest motion of any motor during missing readings, rad, for the path to have no gap there: the retreat between
+/// two configurations this close is monitored like any other.
+const MAX_BRIDGED_MOTION: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
-/// A recorded pose.
+/// Recorded configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recorded {
-    /// When it was read.
+    /// Time of the reading.
     pub at: Time,
-    /// Where the motors were, rad.
+    /// Positions of the motors, rad.
     pub q: Pose,
-    /// Greatest motor speed about then, rad/s; infinite if not known.
+    /// Greatest motor speed about then, rad/s; infinite if unknown.
     pub speed: f64,
-    /// Whether nobody knows how the robot came here from the pose before.
+    /// True if the path from the previous configuration is unknown.
     pub after_gap: bool,
-    /// Whether more than a few readings are missing before it: no speed is told across that.
+    /// True if more than a few readings are missing before this one: no speed is estimated across that.
     after_pause: bool,
 }
 
 impl Recorded {
-    /// A pose that comes next on the way, without a gap; rad, rad/s.
+    /// Next configuration on the path, without a gap; rad, rad/s.
     pub fn next(at: Time, q: Pose, speed: f64) -> Recorded {
         Recorded { at, q, speed, after_gap: false, after_pause: false }
     }
 }
 
-/// The recorded poses do not reach back that far without a gap.
+/// Error: the recording does not reach back that far without a gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the history reaches back to {oldest} without a gap, not to {asked}")]
+#[error("the history reaches back to {oldest} without a gap, not to {requested}")]
 pub struct HistoryTooShort {
-    /// The oldest usable pose's time.
+    /// Time of the oldest usable configuration.
     pub oldest: Time,
-    /// The time asked for.
-    pub asked: Time,
+    /// Requested time.
+    pub requested: Time,
 }
 
-/// The ring buffer. Lives in the ledger, so that it outlives its actor.
+/// Ring buffer. It is part of the ledger, so that it outlives its actor.
 #[derive(Clone, Debug)]
 pub struct HistoryCore {
-    /// The poses, oldest first.
+    /// Configurations, oldest first.
     ring: VecDeque<Recorded>,
-    /// How many it holds.
+    /// Capacity.
     length: usize,
-    /// The estimated period between readings, s; zero before there is one.
+    /// Estimated period between readings, s; zero before the first estimate.
     period: f64,
-    /// The number of the newest reading: what is missing between two shows in it, and not in their times.
+    /// Number of the newest reading: missing readings show in the numbers, not in the times.
     seq: u64,
-    /// When the first was taken of the newest readings that are equal bit for bit.
+    /// Time of the first of the newest readings that are equal bit for bit.
     unchanged: Time,
-    /// Set if readings are missing after the newest pose, whatever the next one is.
+    /// True if there is a gap after the newest configuration, whatever the next one is.
     cut: bool,
-    /// Set while the newest pose was recorded by an earlier process.
+    /// True if the newest configuration was recorded by an earlier process.
     restored: bool,
-    /// Per motor with a coarse encoder how rest is judged.
+    /// Rest detection of each motor with a coarse encoder.
     coarse: Vec<Coarse>,
 }
 
-/// A motor whose encoder is too coarse to show within the window whether it rests.
+/// Rest detection of a motor whose encoder is too coarse to show rest within the window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Coarse {
-    /// It stands while its readings differ by no more, rad; zero: it is judged by the window.
+    /// Greatest spread of the readings at rest, rad; zero: the window is used.
     band: f64,
-    /// For so long, s: in less time a motor that counts as moving might not leave the band.
+    /// Time over which the spread is evaluated, s: in less time a moving motor might not leave the band.
     secs: f64,
 }
 
 impl Coarse {
-    /// `None`: the encoder is fine enough for the window.
+    /// Returns `None` if the encoder is fine enough for the window.
     fn new(resolution: f64, rest_speed: f64) -> Option<Coarse> {
-        let band = COUNTS * resolution;
+        let band = REST_COUNTS * resolution;
         let secs = band / rest_speed.max(1e-6);
-        (secs > USUAL * WINDOW as f64).then_some(Coarse { band, secs: secs.min(LONGEST) })
+        (secs > USUAL_PERIOD * WINDOW as f64).then_some(Coarse { band, secs: secs.min(MAX_REST_TIME) })
     }
 }
 
-/// Whether an encoder of this resolution, rad, is too coarse to show within eight readings whether a motor moves at its rest speed, rad/s.
+/// Returns whether an encoder of this resolution, rad, is too coarse to show within eight readings that a motor moves
+/// at its rest speed, rad/s.
 pub fn is_coarse(resolution: f64, rest_speed: f64) -> bool {
     Coarse::new(resolution, rest_speed).is_some()
 }
 
 impl HistoryCore {
-    /// An empty ring of this length (at least a few poses).
+    /// Creates an empty ring of this capacity (at least a few configurations).
     pub fn new(length: usize) -> HistoryCore {
         let length = length.max(2 * WINDOW);
         HistoryCore {
@@ -128,37 +129,40 @@ impl HistoryCore {
         }
     }
 
-    /// Judges rest by these encoders from now on. Within the window a count of a coarse encoder looks like several degrees a second: such a
-    /// motor stands if its readings stay within a count and a half for as long as one that moves at `rest_speed`, rad/s, takes to pass them.
+    /// Sets the encoders for rest detection. Within the window, one count of a coarse encoder looks like several
+    /// degrees per second. Such a motor is at rest if its readings stay within a count and a half for the time in
+    /// which a motor at `rest_speed`, rad/s, passes them.
     pub fn set_encoders(&mut self, axes: &[Axis], rest_speed: f64) {
         self.coarse = axes.iter().map(|axis| Coarse::new(axis.resolution, rest_speed).unwrap_or_default()).collect();
     }
 
-    /// Records a pulse's pose and tells it the speed. Readings that are not newer than the last are passed over.
+    /// Records a pulse's configuration, and sets the pulse's speed. Skips readings that are not newer than the last.
     ///
-    /// There is a gap before it if it comes so late that the reading before was stale, or if more than a few readings
-    /// are missing and the robot has gone on meanwhile.
+    /// There is a gap before the reading if the previous reading was stale by then, or if more than a few readings
+    /// are missing and the robot has moved on in that time.
     pub fn push(&mut self, pulse: &mut Pulse, stale: Duration) {
-        let (at, q) = (pulse.sample.at, pulse.sample.q.clone());
-        let (mut after_gap, mut after_pause) = (true, true);
+        let at = pulse.sample.at;
+        let q = pulse.sample.q.clone();
+        let mut after_gap = true;
+        let mut after_pause = true;
         if let Some(last) = self.ring.back() {
             if at <= last.at {
                 return;
             }
             let pause = at.since(last.at).as_secs_f64();
-            let near = |q: &Pose| distance(q, &last.q) <= BRIDGE;
+            let near = |q: &Pose| distance(q, &last.q) <= MAX_BRIDGED_MOTION;
             let bridged = std::mem::take(&mut self.restored) && near(&q);
-            // a driver that was restarted counts anew: then nobody knows what is missing
+            // A restarted driver restarts its numbering: then the number of missing readings is unknown.
             let steps = pulse.sample.seq.checked_sub(self.seq).filter(|n| *n > 0);
-            let few = FEW * self.crowd() as u64;
+            let few = MAX_MISSING * self.density() as u64;
             let late = self.period > 0.0 && pause > few as f64 * self.period;
             after_pause = late || steps.is_none_or(|n| n > few);
             let follows = steps.is_some() && at <= last.at + stale && (!after_pause || near(&q));
             let cut = std::mem::take(&mut self.cut);
             after_gap = !bridged && (cut || !follows || q.len() != last.q.len());
             if let Some(steps) = steps.filter(|n| !after_gap && *n <= few) {
-                // the estimated period: a running mean, as the robot's own clock has jitter; after a bunch of readings
-                // it grows again
+                // The period is a running mean, since the robot's own clock has jitter; after a burst of readings it
+                // grows again.
                 let pause = pause / steps as f64;
                 self.period = if self.period > 0.0 { self.period + 0.05 * (pause - self.period) } else { pause };
             }
@@ -180,14 +184,14 @@ impl HistoryCore {
         }
     }
 
-    /// Holds this many poses from now on (at least a few), the newest of those recorded among them.
+    /// Sets the capacity (at least a few configurations); the newest ones stay.
     pub fn resize(&mut self, length: usize) {
         self.length = length.max(2 * WINDOW);
         self.ring.drain(..self.ring.len().saturating_sub(self.length));
     }
 
-    /// Takes up what an earlier process recorded, oldest first. The next reading continues the path if it is near its
-    /// end: a robot brakes when its program dies.
+    /// Loads the recording of an earlier process, oldest first. The next reading continues the path if it is near its
+    /// end, since a robot brakes when its program dies.
     pub fn restore(&mut self, poses: &[(Time, Pose)]) {
         for (k, (at, q)) in (1..).zip(poses) {
             let sample = Sample { seq: k, at: *at, q: q.clone(), done: vec![true; q.len()], ..Sample::default() };
@@ -196,54 +200,56 @@ impl HistoryCore {
         self.restored = !self.ring.is_empty();
     }
 
-    /// The recorded pose nearest to `q` of those about the time `at`: what a safe pose was taken from.
+    /// Returns the recorded configuration nearest to `q` among those about the time `at`: the one that a safe pose
+    /// was taken from.
     pub fn recorded_near(&self, at: Time, q: &[f64], within: Duration) -> Option<&Recorded> {
         let about = self.ring.iter().filter(|r| r.at <= at + within && at <= r.at + within);
         about.min_by(|a, b| distance(&a.q, q).total_cmp(&distance(&b.q, q)))
     }
 
-    /// Marks that readings are missing here, as after a restart or a pause: nothing leads back across it.
+    /// Marks a gap here, as after a restart or a pause: no retreat crosses it.
     pub fn mark_gap(&mut self) {
         self.cut = true;
     }
 
-    /// The estimated period between poses, seconds (Algorithm 4); zero while there is none.
+    /// Estimated period between configurations, seconds (Algorithm 4); zero before the first estimate.
     pub fn period(&self) -> f64 {
         self.period
     }
 
-    /// The newest recorded pose.
+    /// Newest recorded configuration.
     pub fn newest(&self) -> Option<&Recorded> {
         self.ring.back()
     }
 
-    /// All that was recorded without a gap, oldest first, and which of these is the pose at `since`.
+    /// Returns the recording since the last gap, oldest first, and the index of the configuration at `since`.
     ///
     /// # Errors
-    /// If that has fallen out of the ring, or there is a gap since then.
+    /// If that configuration has left the ring, or there is a gap after it.
     pub fn past(&self, since: Time) -> Result<(Vec<Recorded>, usize), HistoryTooShort> {
         let start = self.ring.partition_point(|r| r.at < since);
-        // a gap is before the pose that is marked: that pose itself can be gone back to
+        // The gap is before the marked configuration; a retreat to that configuration is possible.
         let usable = self.ring.iter().rposition(|r| r.after_gap).unwrap_or(0);
         let oldest = self.ring.get(usable).map_or(Time::ZERO, |r| r.at);
         match (self.ring.get(start), start.checked_sub(usable)) {
             (Some(r), Some(start)) if r.at == since => Ok((self.ring.range(usable..).cloned().collect(), start)),
-            _ => Err(HistoryTooShort { oldest, asked: since }),
+            _ => Err(HistoryTooShort { oldest, requested: since }),
         }
     }
 
-    /// If the pose at `since` is about to fall out of the full ring: one that will stay for a while, a tenth of the
-    /// ring after the oldest. About to: it is asked at each reading, of which some may be missing.
+    /// Returns a later beginning if the configuration at `since` is about to leave the full ring: one that will stay
+    /// for a while, a tenth of the ring after the oldest. Early, since this is called at each reading, and readings
+    /// may be missing.
     pub fn later_start(&self, since: Time) -> Option<&Recorded> {
         let brink = self.ring.get(self.length / 50 + 1)?;
         (self.ring.len() == self.length && since <= brink.at).then(|| self.ring.get(self.length / 10 + 2)).flatten()
     }
 
-    /// Greatest motor speed over the window, rad/s: between the means of its halves, and, so that a motor that turns
-    /// round is not at rest, between those of each half's own halves; these are three times as noisy, and count a
-    /// third.
+    /// Greatest motor speed over the window, rad/s: by the means of its halves, and by the means of each half's own
+    /// halves, so that a motor that reverses is not at rest. The latter are three times as noisy, and are weighted by
+    /// two thirds.
     fn speed(&self) -> f64 {
-        let window = WINDOW * self.crowd();
+        let window = WINDOW * self.density();
         let half = window / 2;
         let Some(start) = self.ring.len().checked_sub(window) else { return f64::INFINITY };
         if self.ring.range(start + 1..).any(|r| r.after_gap || r.after_pause) {
@@ -254,28 +260,30 @@ impl HistoryCore {
         let sum = |range: std::ops::Range<usize>, motor: usize| -> f64 {
             self.ring.range(range).filter_map(|r| r.q.get(motor)).sum()
         };
-        // nothing has moved in the whole window, as in most of them: no sums are needed
+        // Usually nothing has moved in the whole window: no sums are needed.
         if self.unchanged <= first.at {
             return 0.0;
         }
         let way = |from: usize, n: usize, m: usize| {
             (sum(from..from + n, m) - sum(from + n..from + 2 * n, m)).abs() / n as f64
         };
-        let motors = (0..last.q.len()).filter(|m| !self.stands(*m, last.at));
+        let motors = (0..last.q.len()).filter(|m| !self.rests(*m, last.at));
         let turn = |m: usize| way(start, half / 2, m).max(way(start + half, half / 2, m));
         motors.map(|m| way(start, half, m).max(turn(m) * 2.0 / 3.0)).fold(0.0, f64::max) / secs
     }
 
-    /// Whether a motor with a coarse encoder stands; without one it is judged by the window.
-    fn stands(&self, motor: usize, now: Time) -> bool {
+    /// Returns whether a motor with a coarse encoder is at rest; false for other motors, to which the window applies.
+    fn rests(&self, motor: usize, now: Time) -> bool {
         let Some(Coarse { band, secs }) = self.coarse.get(motor).copied().filter(|coarse| coarse.band > 0.0) else {
             return false;
         };
         let since = Duration::from_secs_f64(secs);
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut low = f64::INFINITY;
+        let mut high = f64::NEG_INFINITY;
         for r in self.ring.iter().rev() {
             let q = r.q.get(motor).copied().unwrap_or(f64::NAN);
-            (low, high) = (low.min(q), high.max(q));
+            low = low.min(q);
+            high = high.max(q);
             if high - low > band {
                 return false;
             }
@@ -289,13 +297,13 @@ impl HistoryCore {
         false
     }
 
-    /// How many readings there are in the time of a usual one: a board that tells a thousand a second has ten times as
-    /// many in its window, or the speed would be nothing but noise.
-    fn crowd(&self) -> usize {
-        if self.period > 0.0 { (USUAL / self.period).round().clamp(1.0, FASTEST) as usize } else { 1 }
+    /// Number of readings in the time of a usual one: a board with a thousand readings per second has ten times as
+    /// many in its window, since the speed would otherwise be mostly noise.
+    fn density(&self) -> usize {
+        if self.period > 0.0 { (USUAL_PERIOD / self.period).round().clamp(1.0, MAX_DENSITY) as usize } else { 1 }
     }
 
-    /// How long the ring reaches back, gaps or not.
+    /// Time span of the ring, with or without gaps.
     pub fn span(&self) -> Duration {
         match (self.ring.front(), self.ring.back()) {
             (Some(a), Some(b)) => b.at.since(a.at),

@@ -1,6 +1,6 @@
 //! Kinds of controllers, registered by name where they are defined, so that a configuration file can name them.
 //!
-//! Every controller keeps a history, supervises and has a reflex; the kinds differ in how they drive a motion.
+//! Every controller has a history, a supervise and a reflex; the kinds differ in how they drive a motion.
 
 use crate::Drive;
 use mobee_contract::{Kind, Registered, Role, settings};
@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde_json::json;
 
-/// The kind of a controller that names none.
+/// Kind of a controller whose configuration names none.
 pub const DEFAULT_KIND: &str = "rollback";
 
 impl Role for Drive {
@@ -33,7 +33,8 @@ inventory::submit! {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RollbackSettings {
-    /// Whether the reflex stops and takes back what comes nearer than the margin. `false` is for simulations, to see what it is good for.
+    /// True if the reflex stops the robot and retreats when a pair gets closer than the margin. `false` is for
+    /// simulations: to measure the effect of the reflex.
     #[serde(default = "yes")]
     pub reflex: bool,
 }
@@ -48,7 +49,7 @@ mod tests {
     use mobee_contract::kinds;
 
     #[test]
-    fn every_kind_has_words_and_defaults_and_refuses_what_it_does_not_know() {
+    fn every_kind_has_a_description_and_defaults_and_rejects_unknown_settings() {
         let kinds = kinds::<Drive>();
         assert!(kinds.iter().any(|k| k.name == DEFAULT_KIND));
         for kind in kinds {
@@ -60,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reflex_is_on_unless_somebody_turns_it_off() {
+    fn the_reflex_is_on_unless_the_settings_disable_it() {
         for kind in kinds::<Drive>() {
             for (value, reflex) in [(json!({}), true), (json!({ "reflex": false }), false)] {
                 let drive = (kind.build)(&value, &()).expect("a drive");

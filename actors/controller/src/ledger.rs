@@ -1,8 +1,8 @@
-//! The ledger: what must survive the death of any actor of a robot's controller.
+//! The ledger: the state that must survive the death of any actor of a robot's controller.
 //!
-//! The rule is that an outcome is owed for what was accepted (I2): so the open transaction is written here before the
-//! driver hears of it, and whoever comes after a death finds it. All else that cores hold may be lost, and is found
-//! again by measuring.
+//! Each accepted commit must get an outcome (I2). Therefore the open transaction is recorded here before the driver
+//! receives it, and a restarted actor finds it. All other state of the cores may be lost, and is recovered by
+//! measuring.
 
 mod transaction;
 
@@ -14,52 +14,53 @@ use mobee_model::Contact;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// How many ends of motions are remembered: for agents that ask late. A bound, since a ledger lives as long as its
-/// robot's controller, for days.
+/// Number of remembered motion ends, for agents that query late. Bounded, since a ledger lives as long as its robot's
+/// controller, for days.
 const ENDS: usize = 100;
 
-/// The state that outlives the actors.
+/// State that outlives the actors.
 #[derive(Clone, Debug)]
 pub struct TransactionState {
-    /// The open transaction.
+    /// Open transaction.
     pub open: Option<Open>,
-    /// The number of the last accepted commit; they count up over restarts, so that none stands for two.
+    /// Number of the last accepted commit. Numbers increase over restarts, so that each is unique.
     pub last_id: u64,
-    /// The filter's state.
+    /// State of the filter.
     pub status: Status,
-    /// Where a motion under forces leads now: the fields are asked there, not where the readings are, which lag behind.
+    /// Present reference configuration of a motion under forces: the fields are evaluated there, not at the lagging
+    /// readings.
     pub ahead: Option<Pose>,
-    /// The recorded poses.
+    /// Recorded configurations.
     pub history: HistoryCore,
-    /// An actor that died since supervise last looked.
+    /// Actor that died since Supervise last checked.
     pub died: Option<String>,
-    /// The open transaction whose agent died since supervise last looked.
+    /// Open transaction whose agent died since Supervise last checked.
     pub orphan: Option<CommitId>,
-    /// Whether a person has halted the robot: from the request until its release, whatever dies meanwhile.
+    /// True if a person has halted the robot: from the request until the release, also across deaths of actors.
     pub halted: bool,
-    /// Whether the journal has that.
-    pub halt_told: bool,
-    /// Where the motors were last sent, as the last transaction left them.
+    /// True if the halt has been journaled.
+    pub halt_journaled: bool,
+    /// Commanded positions of the motors after the last transaction.
     pub places: Places,
-    /// The safe pose last taken: kept while the robot counts as being there, so that rollbacks do not drift.
+    /// Last safe pose: it is retained while the robot is close to it, so that rollbacks do not drift.
     pub safe: Option<Pose>,
-    /// How the newest motions ended, oldest first.
+    /// Ends of the newest motions, oldest first.
     ends: VecDeque<PastEnd>,
 }
 
-/// How a motion ended.
+/// End of a motion.
 #[derive(Clone, Debug)]
 struct PastEnd {
-    /// Which.
+    /// Commit of the motion.
     id: CommitId,
-    /// What its agent was told.
+    /// Result reported to its agent.
     end: MotionEnd,
-    /// Why it failed, if it is known; what came into contact, for one.
+    /// Cause of a failure, if it is known, such as the contacts.
     cause: Option<Cause>,
 }
 
 impl TransactionState {
-    /// An empty one with a history of this length.
+    /// Creates an empty state with a history of this length.
     pub fn new(history: usize) -> TransactionState {
         TransactionState {
             open: None,
@@ -70,28 +71,31 @@ impl TransactionState {
             died: None,
             orphan: None,
             halted: false,
-            halt_told: false,
+            halt_journaled: false,
             places: Vec::new().into(),
             safe: None,
             ends: VecDeque::new(),
         }
     }
 
-    /// Notes that an agent died: if it owns the open transaction, supervise cancels that before it decides anything else (I18).
+    /// Records the death of an agent: if it owns the open transaction, Supervise cancels that before any other
+    /// decision (I18).
     pub fn note_agent_death(&mut self, agent: &str) {
         let owned = self.open.as_ref().filter(|open| &*open.agent == agent);
         self.orphan = owned.map(|open| open.id).or(self.orphan);
     }
 
-    /// What is under way, for the reflex.
+    /// Motion in progress, for the reflex.
     pub fn motion(&self) -> Option<Underway> {
         let open = self.open.as_ref()?;
-        let (safe, named, places) = (open.safe.clone(), open.named.clone(), self.places.clone());
+        let safe = open.safe.clone();
+        let named = open.named.clone();
+        let places = self.places.clone();
         let pressed = matches!(open.cause, Some(Cause::Stall { .. } | Cause::ExternalTorque { .. }));
         Some(Underway { id: open.id, safe, named, places, extent: open.extent, pressed })
     }
 
-    /// A motion whose outcome was given before has been taken back after all.
+    /// Updates the commanded positions after a retry has rolled back a motion whose outcome was settled before.
     pub fn send_home(&mut self, motion: &Underway, tolerance: f64) {
         let Some(SafePose { q: safe, .. }) = &motion.safe else { return };
         let place = |m: usize| motion.places.get(m).copied().flatten();
@@ -102,13 +106,14 @@ impl TransactionState {
         self.places = self.places.iter().enumerate().map(rests).collect();
     }
 
-    /// Gives the open transaction its one outcome (I2), with the robot at rest at `q`: as told, or as the pose shows.
-    /// Its end and the motors' places are remembered in the same step, so that nobody sees it neither open nor ended.
-    pub fn settle(&mut self, told: Option<Outcome>, q: Pose, tolerance: f64) -> Option<Ended> {
+    /// Settles the open transaction with its single outcome (I2), with the robot at rest at `q`: the given outcome,
+    /// or the one shown by `q`. Its end and the commanded positions are recorded in the same step, so that it is
+    /// always either open or ended.
+    pub fn settle(&mut self, given: Option<Outcome>, q: Pose, tolerance: f64) -> Option<Ended> {
         let open = self.open.take()?;
-        let outcome = told.unwrap_or_else(|| open.shown_at(&q, tolerance));
+        let outcome = given.unwrap_or_else(|| open.shown_at(&q, tolerance));
         self.places = open.places_after(&self.places, outcome, &q, tolerance);
-        let ended = Ended { open, outcome, q, measured: told.is_none() };
+        let ended = Ended { open, outcome, q, measured: given.is_none() };
         if self.ends.len() >= ENDS {
             self.ends.pop_front();
         }
@@ -116,14 +121,14 @@ impl TransactionState {
         Some(ended)
     }
 
-    /// Where the robot is, as far as anybody knows: its newest recorded pose, or where the open transaction sent it.
+    /// Latest configuration of the robot: the newest recorded one, or else the target of the open transaction.
     pub fn last_known(&self) -> Option<Pose> {
         let recorded = self.history.newest().map(|r| r.q.clone());
         recorded.or_else(|| self.open.as_ref().map(|open| open.target.clone()))
     }
 
-    /// How a motion ended; `None` while it is under way. Those too old to be remembered, and any that never was,
-    /// failed.
+    /// Returns the end of a motion; `None` while it is in progress. Motions that are too old to be remembered, or
+    /// never existed, count as failed.
     pub fn end_of(&self, id: CommitId) -> Option<MotionEnd> {
         if self.open.as_ref().is_some_and(|open| open.id == id) {
             return None;
@@ -132,7 +137,7 @@ impl TransactionState {
         Some(ended.map_or(MotionEnd::Failed, |ended| ended.end))
     }
 
-    /// The motor that something held or pushed in a motion that failed by that, if it is remembered.
+    /// Motor that was held or pushed in a motion that failed by that, if the motion is remembered.
     pub fn stalled_in(&self, id: CommitId) -> Option<&str> {
         match &self.ends.iter().rev().find(|ended| ended.id == id)?.cause {
             Some(Cause::Stall { motor, .. } | Cause::ExternalTorque { motor, .. }) => Some(motor),
@@ -140,7 +145,7 @@ impl TransactionState {
         }
     }
 
-    /// What came into contact in a motion that failed by that, if it is remembered.
+    /// Contacts of a motion that failed by them, if the motion is remembered.
     pub fn contacts_of(&self, id: CommitId) -> Option<&[Contact]> {
         match self.ends.iter().rev().find(|ended| ended.id == id) {
             Some(PastEnd {
@@ -153,17 +158,17 @@ impl TransactionState {
     }
 }
 
-/// A robot's ledger. Cheap to clone; all clones are one.
+/// Ledger of a robot. Cheap to clone; all clones share the same state.
 #[derive(Clone, Debug)]
 pub struct Ledger(Arc<Mutex<TransactionState>>);
 
 impl Ledger {
-    /// An empty ledger with a history of this length.
+    /// Creates an empty ledger with a history of this length.
     pub fn new(history: usize) -> Ledger {
         Ledger(Arc::new(Mutex::new(TransactionState::new(history))))
     }
 
-    /// The book. A panic of somebody who held it leaves it readable: each entry is written in one step.
+    /// Locks the state. A panic of a thread that held the lock leaves it readable: each entry is written in one step.
     pub fn book(&self) -> MutexGuard<'_, TransactionState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

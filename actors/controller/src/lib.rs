@@ -1,30 +1,28 @@
-//! The paper's Controller, pure: History, Supervise and Reflex (Algorithms 4 to 6) as state machines, and what they
-//! share.
+//! The paper's Controller as pure state machines: History, Supervise and Reflex (Algorithms 4 to 6), and the values
+//! they share.
 //!
-//! Nothing here knows an actor library, a clock, a file or a socket, nor any agent: cores take inputs and the time, and
-//! give what they want done. `mobee-actors` gives each a mailbox.
-//!
-//! | | paper | |
+//! This crate depends on no actor library, clock, file, socket or agent. Each core takes inputs and the time, and
+//! returns the actions to perform. `mobee-actors` gives each core a mailbox.
 //! |---|---|---|
-//! | [`history`] | Algorithm 4 | records poses, tells speed and gaps |
-//! | [`supervise`] | Algorithm 5 | takes commits, keeps transactions, opens the filter |
-//! | [`reflex`] | Algorithm 6 | closes the filter, stops the robot, takes it back |
-//! | [`joint_retreat`] | | leads several robots back on one clock |
-//! | [`look_ahead`] | | where a robot would come to rest, and what is in the way there |
-//! | [`hold_offset`] | | how far beside its target a motor is commanded, so that its joint rests there |
-//! | [`effort`] | | motors that something pushes, by the torques that the board reports |
-//! | [`stall`] | | motors that do not follow what they were told |
-//! | [`simultaneous`] | | how near robots come to each other at common instants |
-//! | [`gate`], [`command_guard`] | | the filter itself: a fencing token, and who asks for it |
-//! | [`ledger`] | | what survives the death of all of these |
+//! | [`history`] | Algorithm 4 | records configurations, estimates the speed and detects gaps |
+//! | [`supervise`] | Algorithm 5 | admits commits, maintains transactions, opens the filter |
+//! | [`reflex`] | Algorithm 6 | closes the filter, stops the robot, retreats |
+//! | [`joint_retreat`] | | retreats several robots on one clock |
+//! | [`look_ahead`] | | predicts the configuration in which a robot would stop, and the contacts there |
+//! | [`hold_offset`] | | offset of the commanded position from the target so that the joint rests at the target |
+//! | [`effort`] | | detects pushed motors by the torques that the board reports |
+//! | [`stall`] | | detects motors that do not follow their commands |
+//! | [`simultaneous`] | | distances between robots at common instants |
+//! | [`gate`], [`command_guard`] | | the filter: a fencing token, and the check of each command against it |
+//! | [`ledger`] | | state that survives a restart of all of these |
 //!
-//! Units are those of the SI, angles in radians, unless a name says otherwise (`tolerance_deg`); poses are one number
-//! per motor of the board, in its order. Two clocks meet here: `sampled_at` is when a reading was taken, and judges
-//! what it shows; `now` is when a core is stepped, and spaces what is written. A reading may be held up between the
+//! Units are SI, angles are in radians, unless a name states otherwise (`tolerance_deg`). A configuration has one value
+//! per motor of the board, in the board's order. Two times are used: `sampled_at` is the time of a reading and dates
+//! what the reading shows; `now` is the time of the step and spaces the commands. A reading may be delayed between the
 //! two.
 //!
-//! The tests are in the crate: each states a promise, and `tools/mutants` asks whether a change of any operator would
-//! break one.
+//! The tests are in the crate: each states a promise, and `tools/mutants` checks that changing any operator breaks at
+//! least one.
 
 #![cfg_attr(
     not(test),

@@ -1,21 +1,23 @@
-//! Where a robot would come to rest if it were told to stop now, and what is in the way there.
+//! Look-ahead: prediction of the configuration in which a robot would stop, and of the contacts on the way there.
 //!
-//! Algorithm 6 acts on what is near. At full speed that is late: the stop takes effect a little after it is told, and braking
-//! takes its way. So a *ghost* of the robot runs ahead of it, by as much as the robot would go on. Where the ghost comes nearer to
-//! anything than a reserve, the reflex closes the filter, and the robot comes to rest with about that reserve left.
+//! Algorithm 6 acts on present distances. At full speed that is too late: a stop takes effect after a delay, and
+//! braking takes a distance. Therefore a *ghost* of the robot runs ahead of it by its stopping distance. Where the
+//! ghost gets closer to anything than the braking clearance, the reflex closes the filter, and the robot stops with
+//! about that clearance left.
 //!
 //! ```text
 //! robot ●━━━━━━━━━━━━━━▶ ghost ○                     ┃ obstacle
-//!        until it takes     brakes     reserve ├────┤
+//!        until it takes     brakes   clearance ├────┤
 //!        effect
 //! ```
-//! Slow robots have short ways: their ghost is hardly ahead, and it is the margin that stops them, as in the paper. A pair that is
-//! not getting nearer is never a reason: what is inside of the reserve already may always move out.
+//! Slow robots have short stopping distances: their ghost is hardly ahead, and the margin stops them, as in the
+//! paper. A pair that does not get closer is never a reason to stop: a robot within the clearance may always move
+//! out.
 //!
-//! The ghost moves on with each reading, and its way since the last one is looked at in steps, so that nothing slips between two
-//! readings at any speed. Motors brake each by itself, so that the way on which the robot brakes is not the one that it would have gone:
-//! of a fast robot, more ghosts are where it would be on that way. After an edit of the world, the way from the robot to its ghosts is
-//! looked at as well.
+//! The ghost advances with each reading, and its path since the last one is checked in steps, so that no contact is
+//! missed between two readings at any speed. The motors brake independently, so a braking robot leaves the path that
+//! it was on: a fast robot has further ghosts along its braking path. After an edit of the world, the path from the
+//! robot to its ghosts is checked as well.
 
 mod brakes;
 mod clearance;
@@ -32,44 +34,44 @@ use mobee_model::{Contact, Scene, ShapeId, Sweep, Watch};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The parts of the time to rest after which a ghost is: the last is where the robot rests.
+/// Shares of the time to rest at which the ghosts are; the last is the robot at rest.
 const GHOSTS: [f64; 8] = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0];
 
-/// A pair that would come nearer than the reserve if the robot were stopped now.
+/// Pair that would get closer than the braking clearance if the robot were stopped now.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foreseen {
-    /// Where it would be nearest.
+    /// Its predicted nearest contact.
     pub contact: Contact,
-    /// The scene's count of edits as its object was put there; zero for robots, and for what never changed.
+    /// Edit count of the scene when the object was placed; zero for robots, and for objects that never changed.
     pub edited: u64,
 }
 
-/// Looks ahead for the robots of a scene.
+/// Look-ahead for the robots of a scene.
 #[derive(Clone, Debug)]
 pub struct LookAhead {
-    /// By their index in the scene.
+    /// Robots, by their index in the scene.
     robots: Vec<Runner>,
     scene: Arc<Scene>,
-    /// Per object the count of edits as it was put where it is.
+    /// Edit count of the scene when each object was placed.
     edited: BTreeMap<u32, u64>,
-    /// Look at the ways of the ghosts, each at those of one part of the time.
+    /// Sweeps along the paths of the ghosts, one per ghost.
     sweeps: [Sweep; GHOSTS.len()],
-    /// Finds the pairs that may come near on any of those ways: most can't, and are left out of all sweeps.
+    /// Finds the pairs that may get close on any of these paths: most cannot, and are excluded from all sweeps.
     vicinity: Watch,
-    /// Where the robots have rested since they were looked at last: nothing is ahead of any of them.
+    /// Configurations of the robots at rest, as of the last check: there is nothing ahead of them.
     resting: Option<Vec<Pose>>,
 }
 
-/// A robot and its ghost.
+/// A robot and its ghosts.
 #[derive(Clone, Debug)]
 struct Runner {
-    /// What it goes by; `None`: it does not look ahead, and its ghost is where it is.
+    /// Controller parameters; `None`: the robot does not look ahead, and its ghost is at its own configuration.
     rules: Option<Arc<Rules>>,
     course: Course,
     brakes: Brakes,
-    /// Where it would be, the last at rest; none before the first reading.
+    /// Predicted configurations, the last at rest; empty before the first reading.
     ghosts: Vec<Pose>,
-    /// Whether the world was edited since its last reading.
+    /// True if the world was edited since the last reading.
     edited: bool,
 }
 
@@ -78,13 +80,13 @@ impl Runner {
         self.rules.as_ref().and_then(|rules| rules.reserve).unwrap_or(0.0)
     }
 
-    /// The clearance while it goes on so far after a stop, meters: what is foreseen of a long way is less exact.
+    /// Clearance for a stopping path of this length, meters: the prediction of a long path is less exact.
     fn reserve_after(&self, way: f64) -> f64 {
         let fast = self.rules.as_ref().map_or(FastClearance::default(), |rules| rules.fast_clearance);
         self.reserve().max(fast.after(way))
     }
 
-    /// Takes in a reading; its ghost moves on. `open`: whether agents' commands reach the robot.
+    /// Processes a reading and advances the ghosts. `open`: whether agents' commands reach the robot.
     fn follow(&mut self, sample: &Sample, open: bool) {
         let Some(rules) = &self.rules else { return };
         self.course.push(sample, rules.fresh);
@@ -93,19 +95,20 @@ impl Runner {
         self.ghosts = self.brakes.ahead(&sample.q, &moving, open, rules, &GHOSTS);
     }
 
-    /// True unless it rests at `q`, its position.
+    /// Returns false if the robot rests at `q`, its position.
     fn moves(&self, q: &Pose) -> bool {
         self.ghosts.last().is_some_and(|rest| rest != q)
     }
 
-    /// A ghost of it, or where it is.
+    /// Ghost of this index, or the robot's own configuration.
     fn ghost(&self, k: usize, q: &Pose) -> Pose {
         self.ghosts.get(k).filter(|ghost| ghost.len() == q.len()).unwrap_or(q).clone()
     }
 }
 
 impl LookAhead {
-    /// For robots that are controlled by these rules, in the scene's order; `None` if none of them looks ahead.
+    /// Creates the look-ahead for robots with these rules, in the scene's order. Returns `None` if none of them looks
+    /// ahead.
     pub fn new(scene: &Arc<Scene>, rules: impl IntoIterator<Item = Arc<Rules>>) -> Option<LookAhead> {
         let runner = |rules: Arc<Rules>| Runner {
             rules: rules.reserve.is_some().then_some(rules),
@@ -117,7 +120,7 @@ impl LookAhead {
         let robots: Vec<Runner> = rules.into_iter().map(runner).collect();
         let most = farthest(robots.iter().filter_map(|runner| runner.rules.as_deref()));
         let least = robots.iter().filter(|r| r.rules.is_some()).map(Runner::reserve).fold(f64::INFINITY, f64::min);
-        // of a way in such steps nothing nearer than half of the reserve is overlooked
+        // With these steps, no distance below half of the clearance is missed.
         let sweep = || Sweep::of_all(scene.clone(), most, least / 2.0);
         let sweeps = || GHOSTS.map(|_| sweep());
         least.is_finite().then(|| LookAhead {
@@ -130,7 +133,7 @@ impl LookAhead {
         })
     }
 
-    /// Goes on with another scene, such as one after an edit.
+    /// Replaces the scene, as after an edit.
     pub fn set_scene(&mut self, scene: &Arc<Scene>) {
         let before = std::mem::replace(&mut self.scene, scene.clone());
         for (id, object) in scene.objects() {
@@ -144,13 +147,13 @@ impl LookAhead {
         self.robots.iter_mut().for_each(|runner| runner.edited = true);
     }
 
-    /// A robot was read: the pairs of it that would come nearer than its reserve if it were stopped now. None of those that are as near
-    /// already.
+    /// Processes a reading of a robot. Returns its pairs that would get closer than its braking clearance if it were
+    /// stopped now, except those that are that close already.
     ///
     /// # Arguments
-    /// * `poses`: the newest of all robots, rad, in the scene's order.
-    /// * `near`: the pairs that are near now, at least those within [`farthest`].
-    /// * `open`: whether agents' commands reach the robot: while they don't, how it brakes is measured.
+    /// * `poses`: newest configurations of all robots, rad, in the scene's order.
+    /// * `near`: present pairs, at least those within [`farthest`].
+    /// * `open`: whether agents' commands reach the robot; while they don't, its braking is measured.
     pub fn read(
         &mut self,
         robot: usize,
@@ -161,17 +164,18 @@ impl LookAhead {
     ) -> Vec<Foreseen> {
         let Some(runner) = self.robots.get_mut(robot) else { return Vec::new() };
         runner.follow(sample, open);
-        let (looks, edited) = (runner.rules.is_some(), std::mem::take(&mut runner.edited));
+        let looks = runner.rules.is_some();
+        let edited = std::mem::take(&mut runner.edited);
         let last = self.sweeps.len() - 1;
         let stopping = self.scene.travel(robot, &sample.q, &runner.ghost(last, &sample.q));
         let reserve = runner.reserve_after(stopping);
-        // nothing gets nearer while every robot is where it rests; the first reading of a rest ends the ways that led there
+        // No pair gets closer while all robots rest; the first reading at rest ends the paths that led there.
         if self.robots.iter().zip(poses).all(|(runner, q)| runner.rules.is_some() && runner.ghost(last, q) == *q) {
             if self.resting.replace(poses.to_vec()).is_some() {
                 return Vec::new();
             }
         } else if let Some(rested) = self.resting.take() {
-            // the ways begin there
+            // The paths begin at the configurations at rest.
             for sweep in &mut self.sweeps {
                 sweep.jump();
             }
@@ -183,7 +187,7 @@ impl LookAhead {
         let mut ways: Vec<Option<Vec<Pose>>> = Vec::with_capacity(GHOSTS.len());
         for (k, sweep) in self.sweeps.iter_mut().enumerate() {
             if k < last && !is_far {
-                // all of its way is near where it rests
+                // The whole path is near the configuration at rest.
                 sweep.jump();
                 ways.push(None);
                 continue;
@@ -193,7 +197,7 @@ impl LookAhead {
             }
             ways.push(Some(self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect()));
         }
-        // two robots that move both use up their reserve in the worst case
+        // Two moving robots both use up their clearance in the worst case.
         let clearance = |(r, (runner, q)): (usize, (&Runner, &Pose))| match runner.moves(q) {
             true => runner.reserve_after(self.scene.travel(r, q, &runner.ghost(last, q))),
             false => 0.0,
@@ -207,7 +211,7 @@ impl LookAhead {
             let present = || near.iter().find(|n| n.pair == c.pair).map_or(f64::INFINITY, |n| n.distance);
             looks && own && c.distance < reserve + others && c.distance < present() - DEEPER
         };
-        // a slow robot needs little clearance: what is farther off is not measured
+        // A slow robot needs little clearance: pairs farther off are not measured.
         let others = moving.iter().enumerate().filter(|(of, _)| *of != robot).map(|(_, clearance)| *clearance);
         let within = reserve + others.fold(0.0, f64::max);
         let ranges = ranges(&self.scene, poses, &self.sweeps, &ways);
@@ -226,7 +230,8 @@ impl LookAhead {
     }
 }
 
-/// The greatest distance at which a pair may matter to robots that go by these rules, meters: the sum of the two greatest reserves.
+/// Greatest distance at which a pair may matter to robots with these rules, meters: the sum of the two greatest
+/// clearances.
 pub fn farthest<'a>(rules: impl IntoIterator<Item = &'a Rules>) -> f64 {
     let mut reserves: Vec<f64> =
         rules.into_iter().filter_map(|rules| Some(rules.reserve?.max(rules.fast_clearance.most))).collect();
@@ -234,7 +239,7 @@ pub fn farthest<'a>(rules: impl IntoIterator<Item = &'a Rules>) -> f64 {
     reserves.iter().take(2).sum()
 }
 
-/// How far each motor of the scene is from its pose at most on the ways of the sweeps, rad of encoder.
+/// Greatest distance of each motor of the scene from its position on the paths of the sweeps, rad of encoder.
 fn ranges(scene: &Scene, poses: &[Pose], sweeps: &[Sweep], ways: &[Option<Vec<Pose>>]) -> Vec<f64> {
     let mut ranges = Vec::new();
     for (robot, (model, q)) in scene.robots().iter().zip(poses).enumerate() {

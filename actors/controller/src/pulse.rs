@@ -1,13 +1,13 @@
-//! The pulse: every sample travels one chain, and each link adds what it knows.
+//! The pulse: each sample passes through one chain, and each link adds what it computes.
 //!
 //! ```text
 //! driver ──> history ──> model ──────> reflex ──> supervise ──lease──> driver
 //!   q         speed      contacts       free
 //! ```
 //!
-//! A sample that reaches supervise proves that all five live; supervise then renews the driver's lease. A death
-//! anywhere breaks the chain, the lease runs out, and the robot brakes without anybody being told. A watchdog of its
-//! own would have to be trusted as much as what it watches.
+//! A sample that reaches Supervise proves that all five links are alive; Supervise then renews the driver's lease. If
+//! any link dies, the chain breaks, the lease expires and the robot brakes without any notification. A separate
+//! watchdog would have to be as trustworthy as the chain it watches.
 
 use crate::look_ahead::Foreseen;
 use crate::simultaneous::note;
@@ -15,41 +15,41 @@ use mobee_contract::{AnswerTime, Sample, Time};
 use mobee_model::Contact;
 use std::sync::Arc;
 
-/// A sample and what is known of it.
+/// A sample and everything derived from it.
 #[derive(Clone, Debug)]
 pub struct Pulse {
     /// The reading.
     pub sample: Sample,
-    /// How long the board took to answer of late, if that is known (driver).
+    /// Recent answer time of the board, if it is measured (driver).
     pub answers: Option<AnswerTime>,
-    /// Greatest motor speed over the last readings, rad/s; infinite while there are too few (history).
+    /// Greatest motor speed over the last readings, rad/s; infinite while there are too few readings (history).
     pub speed: f64,
-    /// Since when the readings have been equal bit for bit (history).
+    /// Time since which the readings have been equal bit for bit (history).
     pub unchanged: Time,
-    /// Reflex pairs nearer than margin + 2 mm, by the newest readings of all robots (model).
+    /// Reflex pairs closer than margin + 2 mm, by the newest readings of all robots (model).
     pub contacts: Arc<[Contact]>,
-    /// The pairs of this robot and others that were as near since its last reading, where all were at one instant, each
-    /// where it was nearest (model).
+    /// Pairs of this robot and other robots that were closer than margin + 2 mm since its last reading, evaluated at
+    /// common instants; each at its least distance (model).
     pub together: Arc<[Contact]>,
-    /// The pairs of this robot that would come nearer than its reserve if it were stopped now (model).
+    /// Pairs of this robot that would get closer than its braking clearance if it were stopped now (model).
     pub foreseen: Arc<[Foreseen]>,
-    /// The first violated constraint: part and clause (model).
+    /// First violated constraint: indices of part and clause (model).
     pub violated: Option<(usize, usize)>,
-    /// By how much the constraint that holds least is violated, in the units of its clause (model).
+    /// Depth of the worst constraint violation, in the units of its clause (model).
     pub depth: f64,
-    /// Counts the edits of the scene in which the contacts were looked for (model).
+    /// Edit count of the scene in which the contacts were computed (model).
     pub epoch: u64,
-    /// What the fields about the robot's shapes do to its motors, if it moves under forces and they do anything
-    /// (model).
+    /// Effect of the fields around the robot's shapes on its motors, if the robot moves under forces and the effect is
+    /// not zero (model).
     pub push: Option<Arc<[f64]>>,
-    /// Whether nothing touches the robot and no constraint is violated (reflex).
+    /// True if nothing touches the robot and no constraint is violated (reflex).
     pub free: bool,
 }
 
 impl Pulse {
-    /// The pairs near the robot, each once. Of those with another robot for which `along` holds only what was so at one
-    /// instant: of two readings that are not of one instant the one may be of a place that the other has left. Of all others
-    /// the nearest that is known.
+    /// Returns the pairs near the robot, each once. Among pairs with another robot, those for which `along` holds are
+    /// taken only from common instants: two readings of different instants may show one robot where the other no longer
+    /// is. Of all other pairs the smallest known distance is taken.
     pub fn near(&self, along: impl Fn(&Contact) -> bool) -> Arc<[Contact]> {
         let two = |c: &Contact| matches!((c.pair.0.robot(), c.pair.1.robot()), (Some(a), Some(b)) if a != b);
         if self.together.is_empty() && !self.contacts.iter().any(|c| two(c) && along(c)) {
@@ -60,7 +60,7 @@ impl Pulse {
         near.into()
     }
 
-    /// A reading of which nothing else is known yet.
+    /// A pulse with only the reading filled in.
     pub fn new(sample: Sample, none: &Arc<[Contact]>) -> Pulse {
         let unchanged = sample.at;
         Pulse {

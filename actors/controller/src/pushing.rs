@@ -1,15 +1,15 @@
-//! Episodes in which a simulated robot pushes something ([`Sample::contact_n`]). They are reported, and nothing depends on them: no real board
-//! knows them.
+//! Episodes in which a simulated robot pushes an obstacle ([`Sample::contact_n`]). They are only reported, and
+//! nothing depends on them: no real board provides this value.
 
 use mobee_contract::{Event, Sample, Time};
 use std::time::Duration;
 
-/// A contact that comes back within this time is the same one: stiff links bounce.
-const BOUNCE: Duration = Duration::from_millis(100);
-/// A contact that lasts so long is reported before it ends.
-const LASTING: Duration = Duration::from_secs(1);
+/// Longest interruption within one contact: stiff links bounce.
+const BOUNCE_TIME: Duration = Duration::from_millis(100);
+/// Duration from which a contact is reported before it ends.
+const LASTING_TIME: Duration = Duration::from_secs(1);
 
-/// Follows the forces in a robot's readings.
+/// Detects pushing episodes in a robot's readings.
 #[derive(Clone, Debug, Default)]
 pub struct PushWatch {
     open: Option<Push>,
@@ -18,14 +18,14 @@ pub struct PushWatch {
 #[derive(Clone, Copy, Debug)]
 struct Push {
     since: Time,
-    /// The last reading that showed a force.
+    /// Time of the last reading with a force.
     last: Time,
     newtons: f64,
     reported: bool,
 }
 
 impl PushWatch {
-    /// Takes the next reading.
+    /// Processes a reading. Returns the event of an episode that ended, or that lasts.
     pub fn read(&mut self, sample: &Sample, robot: &str) -> Option<Event> {
         let event = |push: &Push, lasting| Event::Pushed {
             robot: robot.to_owned(),
@@ -38,13 +38,13 @@ impl PushWatch {
             let push = self.open.get_or_insert(new);
             push.last = sample.at;
             push.newtons = push.newtons.max(sample.contact_n);
-            if !push.reported && push.last.since(push.since) >= LASTING {
+            if !push.reported && push.last.since(push.since) >= LASTING_TIME {
                 push.reported = true;
                 return Some(event(push, true));
             }
             return None;
         }
-        let push = self.open.take_if(|push| sample.at.since(push.last) > BOUNCE)?;
+        let push = self.open.take_if(|push| sample.at.since(push.last) > BOUNCE_TIME)?;
         Some(event(&push, false))
     }
 }

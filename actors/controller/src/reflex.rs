@@ -1,175 +1,183 @@
-//! Reflex (Algorithm 6): on contact close the filter, stop, take the robot back along its recorded path, and watch it.
+//! Reflex (Algorithm 6): on contact it closes the filter, stops the robot and retreats along the recorded path, under
+//! observation.
 //!
-//! It is stepped by pulses alone: without fresh readings there are no set-points, so it never moves blindly. It closes
-//! the gate itself, before anybody is told: between the reading and the stop no mailbox is waited for. Only supervise
-//! opens it again, so that there is one who decides that all is well.
+//! Pulses alone step the reflex: without fresh readings it writes no set-points, so it never moves blindly. It closes
+//! the gate itself, before any notification is sent: no mailbox lies between the reading and the stop. Only Supervise
+//! opens the gate again, so that a single component decides that the robot is safe.
 //!
 //! ```text
 //! Watching ──touch, constraint, `RollBack`──> Stopping ──at rest──> Retreating ──last pose──> Settling ──at rest──> Watching
-//!                                                ^                      │ new or deeper contact     │ not there in time
-//!                                                └──────────────────────┴───────────────────────────┘ gives up
+//!                                                ^                      │ new or deeper contact     │ timeout
+//!                                                └──────────────────────┴───────────────────────────┘ aborts
 //! ```
 
-mod back;
 mod contacts;
 mod floors;
 mod retreat;
-mod room;
+mod retreating;
+mod yielding;
 
 use crate::gate::Gate;
 use crate::history::HistoryTooShort;
-use crate::joint_retreat::{Asked, JointRetreat};
+use crate::joint_retreat::{JointRetreat, RetreatRequest};
 use crate::ledger::{SafePose, Underway};
 use crate::pulse::Pulse;
 use crate::stop::Stop;
 use crate::{Rules, Shared};
 use contacts::Contacts;
-use floors::{Floors, Lately};
+use floors::{ClearanceFloors, RecentClearances};
 use mobee_contract::{Cause, Command, CommitId, Event, Hold, Status, Time};
 use mobee_model::{Contact, Pair};
-pub use retreat::HALT_BRAKES;
+pub use retreat::HALT_ACCELERATION_SHARE;
 use retreat::Retreat;
-use room::Room;
 use std::sync::Arc;
 use std::time::Duration;
+use yielding::RetreatYield;
 
-/// Readings equal bit for bit for so long, while set-points moved on by [`FROZEN_WAY`], are no readings (I26). Encoders
-/// are noisy: equal for half a second, they were not read. Shorter, a board that answers slowly would be taken for one
-/// that froze.
-pub const FROZEN: Duration = Duration::from_millis(500);
-/// By how much deeper a constraint may be violated on the way of an escape that set out violating one, in the units of
-/// its clause (degrees): the encoders' noise.
-const NOISE: f64 = 0.1;
-/// How far set-points must have moved meanwhile, rad: one degree, so that a robot
-/// that creeps or stands is not suspected.
-pub const FROZEN_WAY: f64 = std::f64::consts::PI / 180.0;
+/// Time for which readings must be equal bit for bit, while set-points move by [`FROZEN_TRAVEL`], to count as frozen
+/// (I26). Encoders are noisy: if they are equal for half a second, they were not read. A shorter time would mistake a
+/// slow board for a frozen one.
+pub const FROZEN_TIME: Duration = Duration::from_millis(500);
+/// Tolerance for a constraint that was violated as an escape set out, in the units of its clause (degrees): encoder
+/// noise.
+const CONSTRAINT_NOISE: f64 = 0.1;
+/// Least travel of the set-points in that time, rad: one degree, so that a robot that creeps or stands still is not
+/// suspected.
+pub const FROZEN_TRAVEL: f64 = std::f64::consts::PI / 180.0;
 
-/// What the reflex hears.
+/// Input of the reflex.
 #[derive(Debug)]
 pub enum ReflexIn<'a> {
-    /// A reading, which it completes.
+    /// A reading, which the reflex completes.
     Pulse(&'a mut Pulse),
-    /// Supervise closed the filter under this token and stopped the robot: take it back.
+    /// Supervise closed the filter under this token and stopped the robot: retreat.
     RollBack {
-        /// The closing's token.
+        /// Token of the closing.
         token: u64,
-        /// What is rolled back.
+        /// Motion to roll back.
         motion: Underway,
-        /// Whether this is another try after a failed one.
+        /// True if this is a retry after a failed retreat.
         again: bool,
     },
-    /// The path that was asked for is with the joint retreat, or there is none: asked for and answered by messages,
-    /// since the history is the ledger's, and copying it out takes longer than a step may.
+    /// The requested recording was handed to the joint retreat, or does not exist. Request and answer are messages:
+    /// the history belongs to the ledger, and copying it takes longer than a step may.
     Brought(Result<(), HistoryTooShort>),
 }
 
-/// What the reflex wants done.
+/// Action requested by the reflex.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ReflexOut {
-    /// Tell the driver, as the reflex, under this token.
+    /// Send this command to the driver, with the reflex as writer, under this token.
     Command(u64, Command),
-    /// Tell supervise that the filter was closed.
+    /// Notify Supervise that the filter was closed.
     Closed {
-        /// The closing's token.
+        /// Token of the closing.
         token: u64,
-        /// Why.
+        /// Cause of the closing.
         cause: Cause,
     },
-    /// Bring the joint retreat what the robot recorded, then say so.
-    Bring(Asked),
-    /// Tell supervise.
+    /// Hand the robot's recording to the joint retreat, then answer with [`ReflexIn::Brought`].
+    Bring(RetreatRequest),
+    /// Send this report to Supervise.
     ReflexReport(ReflexReport),
-    /// Tell the taps.
+    /// Publish this event.
     Event(Event),
 }
 
-/// What supervise learns about the retreat.
+/// Progress of a retreat, as reported to Supervise.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ReflexReport {
     /// The retreat begins.
     Retreating,
-    /// It leads to this pose and not to the safe pose, and moves these motors: to an earlier rest, since another robot has to
-    /// pass where it would stand; or to a later pose of a stream, which is not undone whole.
+    /// The retreat leads to this configuration instead of the safe pose, and moves these motors. It is an earlier
+    /// rest, since another robot has to pass where this one would stand; or a later configuration of a stream, which
+    /// is not undone completely.
     EndsAt {
-        /// The pose.
+        /// The configuration.
         to: SafePose,
-        /// The motors, in order.
+        /// The motors, in ascending order.
         motors: Arc<[usize]>,
-        /// Whether it is the latter.
+        /// True if a stream is undone partially.
         stream: bool,
     },
-    /// The last pose was written.
+    /// The last set-point of the retreat was written.
     Settling,
-    /// The robot rests at the safe pose, control modes restored.
+    /// The robot rests at the safe pose, and the control modes are restored.
     Back,
-    /// An escape broke its rule: the robot has stopped and rests.
+    /// An escape violated its rule: the robot has stopped and rests.
     Stopped,
     /// The robot has stopped and rests, but not at the safe pose.
     GaveUp(Hold),
 }
 
-/// What the reflex is about. All but the first hold the token under which the filter was closed: under another one it
-/// is somebody else who acts, and this one is back to watching.
+/// Phase of the reflex. All phases but the first hold the token under which the filter was closed. If the gate has
+/// another token, another component acts, and the reflex returns to watching.
 #[derive(Clone, Debug)]
 enum Phase {
-    /// The filter is open, or closed by somebody who needs no retreat.
+    /// The filter is open, or was closed for a reason that needs no retreat.
     Watching,
-    /// The robot was stopped at `since`, and is waited for to rest.
-    Stopping { token: u64, since: Time, then: Then },
-    /// It is being taken back. `violated`: whether a constraint was as it began.
-    Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, still: Still, room: Room },
-    /// The last pose was written; it should be reached at `since`.
-    Settling { token: u64, since: Time, retreat: Retreat, back: Back, violated: bool, room: Room },
+    /// The robot was stopped at `since`; the reflex waits until it rests.
+    Stopping { token: u64, since: Time, then: AfterStop },
+    /// The retreat is in progress. `violated`: whether a constraint was violated as it began.
+    Retreating {
+        token: u64,
+        retreat: Retreat,
+        job: RetreatJob,
+        violated: bool,
+        frozen_watch: FrozenEncoderWatch,
+        yielding: RetreatYield,
+    },
+    /// The last set-point was written; the robot should arrive at `since`.
+    Settling { token: u64, since: Time, retreat: Retreat, job: RetreatJob, violated: bool, yielding: RetreatYield },
 }
 
-/// What is due once the robot rests.
+/// Action after a stop, once the robot rests.
 #[derive(Debug, Clone)]
-enum Then {
-    /// It is taken back.
-    Retreat(Back),
-    /// It stays, and supervise is told why.
-    Say(ReflexReport),
+enum AfterStop {
+    /// Retreat.
+    Retreat(RetreatJob),
+    /// Remain there, and send this report to Supervise.
+    Report(ReflexReport),
 }
 
-/// How long the readings of a retreat have been the same, and where it was sent when that began: what tells frozen
-/// encoders.
+/// Detects frozen encoders during a retreat: duration of equal readings, and the set-points at their beginning.
 #[derive(Debug, Clone)]
-struct Still {
-    /// Since when they are equal bit for bit, as the history tells it.
+struct FrozenEncoderWatch {
+    /// Time since which the readings are equal bit for bit, from the history.
     unchanged: Time,
-    /// The set-points at the first of them that came in the retreat, rad.
+    /// Set-points at the first of these readings within the retreat, rad.
     written: Vec<f64>,
-    /// When that reading was taken.
+    /// Time of that reading.
     sampled_at: Time,
 }
 
-/// An escape under way, and what it must not make worse (I24).
+/// Escape in progress, and the limits that it must not exceed (I24).
 #[derive(Debug, Clone)]
 struct Escape {
-    /// Its commit.
+    /// Commit of the escape.
     id: CommitId,
-    /// How near pairs may come.
-    floors: Floors,
-    /// How deeply a constraint was violated as it set out, if one was, in the units of its clause.
+    /// Least distances of the pairs.
+    floors: ClearanceFloors,
+    /// Depth of a constraint violation as it set out, if there was one, in the units of its clause.
     depth: Option<f64>,
 }
 
-/// A motion that is taken back: to where, and whether it is another try.
+/// Retreat to perform: the motion and its end.
 #[derive(Debug, Clone)]
-struct Back {
-    /// The motion.
+struct RetreatJob {
+    /// Motion to roll back.
     motion: Underway,
-    /// Its safe pose: the retreat's end.
+    /// Safe pose of the motion: the end of the retreat.
     safe: SafePose,
-    /// Whether it is another try: such a one goes by itself, and leaves out detours.
+    /// True if this is a retry: a retry is planned for this robot alone, and skips detours.
     again: bool,
 }
 
-/// The two shapes of a pair in words.
+/// Returns the names of the two shapes of a pair.
 type Names<'a> = dyn Fn(Pair) -> (String, String) + 'a;
 
-/// One step of the reflex: what it shares with the other actors of its robot and with other reflexes, the time, and
-/// what it wants done.
+/// One step of the reflex: the values shared with the robot's other actors and with other reflexes, the time, and the
+/// requested actions.
 struct Step<'a> {
     rules: &'a Rules,
     gate: &'a Gate,
@@ -180,12 +188,12 @@ struct Step<'a> {
 }
 
 impl Step<'_> {
-    /// Tells the taps.
+    /// Publishes an event.
     fn emit(&mut self, event: Event) {
         self.out.push(ReflexOut::Event(event));
     }
 
-    /// Stops all motors: which of them move is not asked, since that would be a matter of belief.
+    /// Stops all motors: the set of moving motors is not reliably known.
     fn stop(&mut self, token: u64) {
         self.out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
     }
@@ -195,42 +203,43 @@ impl Step<'_> {
     }
 }
 
-/// The state machine.
+/// State machine of the reflex.
 #[derive(Clone, Debug)]
 pub struct ReflexCore {
-    /// Its robot's index in the scene.
+    /// Index of the robot in the scene.
     robot: usize,
-    /// What it is about.
+    /// Current phase.
     phase: Phase,
-    /// The present contacts.
+    /// Present contacts.
     contacts: Contacts,
-    /// The pairs near the robot in the newest reading, those with other robots as they were at one instant.
+    /// Pairs near the robot in the newest reading; those with other robots at a common instant.
     near: Arc<[Contact]>,
-    /// How near pairs came since the robot was stopped to be taken back, and may come on the way.
-    floors: Floors,
-    /// How near they came on the way: one that begins anew leads through there once more.
-    passed: Floors,
-    /// How near they came in the latest motions: a way that leads farther back leads through those.
-    lately: Lately,
-    /// Whether a constraint was violated in the newest reading.
+    /// Least distances of the pairs since the robot was stopped: the limits of the retreat.
+    floors: ClearanceFloors,
+    /// Least distances during the retreat: a replanned retreat passes there again.
+    passed: ClearanceFloors,
+    /// Least distances in the latest motions: a retreat to an earlier rest passes there again.
+    recent: RecentClearances,
+    /// True if a constraint was violated in the newest reading.
     violated: bool,
-    /// The last stop that it told, or was told of.
+    /// Last stop, sent by the reflex or by Supervise.
     stop: Stop,
-    /// The motors of the motion that it has stopped: they are put back into the mode of position moves.
+    /// Motors of the stopped motion: they are switched back to the mode of position moves.
     stopped: Arc<[usize]>,
-    /// The last escape.
+    /// Last escape.
     escape: Option<Escape>,
-    /// The last motion.
+    /// Last motion.
     motion: Option<CommitId>,
-    /// The scene's count of edits as it set out: up to there the way back was free.
+    /// Edit count of the scene as the motion set out: up to this count the retreat path was free.
     epoch: u64,
-    /// The contacts that began in it: what its agent learns from, though the retreat has ended them since.
+    /// Contacts that began in the motion. The agent learns from them, even if the retreat has ended them since.
     met: Vec<Contact>,
 }
 
 impl ReflexCore {
-    /// A reflex that watches the robot of this index. A predecessor that died may have been on its way with others: it
-    /// leaves them, and they stop, since nobody writes its set-points any more.
+    /// Creates a reflex for the robot of this index. A predecessor that died may have been retreating with other
+    /// robots: the reflex leaves that group, and the group stops, since nothing writes this robot's set-points any
+    /// more.
     pub fn new(robot: usize, shared: &Shared) -> ReflexCore {
         shared.joint_retreat.leave(robot);
         let contacts = Contacts::new(shared.rules.margin);
@@ -241,11 +250,11 @@ impl ReflexCore {
             phase,
             contacts,
             near,
-            floors: Floors::default(),
-            passed: Floors::default(),
-            lately: Lately::new(shared.rules.margin),
+            floors: ClearanceFloors::default(),
+            passed: ClearanceFloors::default(),
+            recent: RecentClearances::new(shared.rules.margin),
             violated: false,
-            stop: Stop::told(Time::ZERO),
+            stop: Stop::sent(Time::ZERO),
             stopped: Vec::new().into(),
             escape: None,
             motion: None,
@@ -254,12 +263,13 @@ impl ReflexCore {
         }
     }
 
-    /// The present contacts.
+    /// Present contacts.
     pub fn present(&self) -> &Arc<[Contact]> {
         self.contacts.present()
     }
 
-    /// What an agent may learn a cause from: the present contacts, else those that began during the last motion.
+    /// Contacts from which an agent may learn the cause: the present ones, else those that began during the last
+    /// motion.
     pub fn seen(&self) -> Arc<[Contact]> {
         if self.present().is_empty() && !self.met.is_empty() {
             self.met.as_slice().into()
@@ -268,8 +278,8 @@ impl ReflexCore {
         }
     }
 
-    /// One step: what is to be done about this input at the time `now`, in the order in which it is to be done. `names`
-    /// gives the words for a pair of shapes.
+    /// Performs one step at the time `now`. Returns the requested actions in the order in which they must be
+    /// performed. `names` returns the names of a pair of shapes.
     pub fn on(
         &mut self,
         input: ReflexIn,
@@ -284,49 +294,55 @@ impl ReflexCore {
             ReflexIn::RollBack { token, motion, again } => {
                 if token == step.gate.token() {
                     self.stopped = motion.named.clone();
-                    let back = motion.safe.clone().map(|safe| Then::Retreat(Back { motion, safe, again }));
-                    let then = back.unwrap_or(Then::Say(ReflexReport::GaveUp(Hold::HistoryTooShort)));
-                    self.floors = Floors::new(step.rules.margin, &self.near);
-                    self.turn(Phase::Stopping { token, since: step.now, then }, step);
+                    let back = motion.safe.clone().map(|safe| AfterStop::Retreat(RetreatJob { motion, safe, again }));
+                    let then = back.unwrap_or(AfterStop::Report(ReflexReport::GaveUp(Hold::HistoryTooShort)));
+                    self.floors = ClearanceFloors::new(step.rules.margin, &self.near);
+                    self.enter(Phase::Stopping { token, since: step.now, then }, step);
                 }
             }
-            ReflexIn::Brought(Ok(())) => self.ask(step),
+            ReflexIn::Brought(Ok(())) => self.request_retreat(step),
             ReflexIn::Brought(Err(why)) => {
-                if let Phase::Stopping { token, then: Then::Retreat(_), .. } = self.phase {
-                    let (robot, reason, what) = (step.robot(), Hold::HistoryTooShort, why.to_string());
+                if let Phase::Stopping { token, then: AfterStop::Retreat(_), .. } = self.phase {
+                    let robot = step.robot();
+                    let reason = Hold::HistoryTooShort;
+                    let what = why.to_string();
                     step.emit(Event::RetreatStopped { robot, reason, what, seen: step.now });
-                    self.say(token, ReflexReport::GaveUp(reason), step);
+                    self.report(token, ReflexReport::GaveUp(reason), step);
                 }
             }
         }
         std::mem::take(&mut step.out)
     }
 
-    /// A reading: contacts are told, then either watched for a reason to close, or acted upon. Completes the pulse by
-    /// whether the robot is free.
+    /// Processes a reading: reports changes of contacts, then either looks for a reason to close the filter or
+    /// continues the phase. Sets whether the robot is free in the pulse.
     fn pulse(&mut self, pulse: &mut Pulse, motion: Option<&Underway>, status: Status, step: &mut Step) {
         self.violated = pulse.violated.is_some();
         self.near = pulse.near(|_| true);
         if let Some(m) = motion.filter(|m| self.motion != Some(m.id)) {
-            (self.motion, self.epoch) = (Some(m.id), pulse.epoch);
+            self.motion = Some(m.id);
+            self.epoch = pulse.epoch;
             self.met.clear();
-            self.lately.begin();
+            self.recent.begin();
         }
-        self.lately.note(&self.near, pulse.sample.at);
-        // what touches a robot at rest was moved there by somebody else
+        self.recent.note(&self.near, pulse.sample.at);
+        // An object that touches a robot at rest was moved there by something else.
         let moving = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
         let back = matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. });
-        // who is on its way with others passes them as it did; of anybody else, and in a motion, the worst that is known counts
-        let along = |c: &Contact| back && self.goes_along(c, step);
+        // A robot that retreats in the same group passes this one as recorded. Of any other robot, and during a
+        // motion, the smallest known distance counts.
+        let along = |c: &Contact| back && self.shares_group(c, step);
         let close = pulse.near(along);
         let changes = self.contacts.update(&close, back, moving, pulse.epoch);
         let names = step.names;
         for contact in &changes.began {
-            let (robot, names) = (step.robot(), names(contact.pair));
+            let robot = step.robot();
+            let names = names(contact.pair);
             step.emit(Event::ContactBegan { robot, contact: *contact, names, during: status });
         }
         for contact in &changes.hard {
-            let (robot, names) = (step.robot(), names(contact.pair));
+            let robot = step.robot();
+            let names = names(contact.pair);
             step.emit(Event::HardContact { robot, contact: *contact, names });
         }
         for ended in &changes.ended {
@@ -337,7 +353,8 @@ impl ReflexCore {
         }
         pulse.free = self.is_free(step);
 
-        // as it is now, not as this step began: whoever closed the filter since then is in charge
+        // The gate's current token, not the one at the beginning of this step: the last component that closed it is
+        // in charge.
         let token = step.gate.token();
         let outdated = match &self.phase {
             Phase::Watching => false,
@@ -346,45 +363,47 @@ impl ReflexCore {
             | Phase::Settling { token: t, .. } => *t != token,
         };
         if outdated {
-            // somebody closed the filter anew, and stopped the robot
-            self.turn(Phase::Watching, step);
+            // The filter was closed again, and the robot stopped, by another component.
+            self.enter(Phase::Watching, step);
         }
         if matches!(self.phase, Phase::Watching) {
             if Gate::opens(token) {
                 self.watch(pulse, &close, motion, status, step);
             }
         } else {
-            self.act(pulse, &close, step);
-            // a retreat that ended in this very reading has ended contacts
+            self.step_phase(pulse, &close, step);
+            // A retreat that ended with this reading has ended contacts.
             pulse.free = self.is_free(step);
         }
     }
 
-    /// Whether this is a contact with a robot that is taken back together with this one.
-    fn goes_along(&self, contact: &Contact, step: &Step) -> bool {
+    /// Returns whether this is a contact with a robot of the same retreat group.
+    fn shares_group(&self, contact: &Contact, step: &Step) -> bool {
         let mut others =
             [contact.pair.0.robot(), contact.pair.1.robot()].into_iter().flatten().filter(|r| *r != self.robot);
-        others.any(|other| step.joint_retreat.goes_along(self.robot, other))
+        others.any(|other| step.joint_retreat.shares_group(self.robot, other))
     }
 
-    /// Whether nothing is there that the reflex would act upon.
+    /// Returns whether there is nothing that the reflex would act upon.
     fn is_free(&self, step: &Step) -> bool {
         !step.rules.reflex || (self.present().is_empty() && !self.violated)
     }
 
-    /// The filter is open: is there a reason to close it?
+    /// Looks for a reason to close the open filter, and closes it.
     fn watch(&mut self, pulse: &Pulse, close: &[Contact], motion: Option<&Underway>, status: Status, step: &mut Step) {
         let escape = motion.filter(|m| m.is_escape() && status == Status::Escaping);
         let cause = if let Some(m) = escape {
-            // it begins in contact by its nature: only what gets worse than it was as it set out stops it
+            // An escape begins in contact by its nature: it is stopped only by pairs and constraints that are worse
+            // than at its start.
             if self.escape.as_ref().is_none_or(|escape| escape.id != m.id) {
-                let (floors, depth) = (Floors::new(step.rules.margin, close), pulse.violated.map(|_| pulse.depth));
+                let floors = ClearanceFloors::new(step.rules.margin, close);
+                let depth = pulse.violated.map(|_| pulse.depth);
                 self.escape = Some(Escape { id: m.id, floors, depth });
             }
             let (floors, depth) =
                 self.escape.as_ref().map_or((None, None), |escape| (Some(&escape.floors), escape.depth));
-            // one that set out violating nothing may violate nothing
-            let deeper = depth.is_none_or(|depth| pulse.depth > depth + NOISE);
+            // An escape that set out without a violation may violate nothing.
+            let deeper = depth.is_none_or(|depth| pulse.depth > depth + CONSTRAINT_NOISE);
             match floors.and_then(|f| f.broken(close, step.rules)) {
                 Some(c) => Some(Cause::Contact(vec![*c])),
                 None if deeper => pulse.violated.map(|v| constraint(v, step.rules)),
@@ -395,7 +414,7 @@ impl ReflexCore {
         } else if !self.present().is_empty() {
             Some(Cause::Contact(self.present().to_vec()))
         } else if motion.is_some() && !pulse.foreseen.is_empty() {
-            // the agent learns from what it did not come to touch as from a contact
+            // The agent learns from a foreseen contact as from a contact.
             let foreseen: Vec<Contact> = pulse.foreseen.iter().map(|f| f.contact).collect();
             self.met.extend_from_slice(&foreseen);
             Some(Cause::Foreseen(foreseen))
@@ -403,42 +422,46 @@ impl ReflexCore {
             pulse.violated.map(|v| constraint(v, step.rules))
         };
         let Some(cause) = cause else { return };
-        // closed first: from here on nothing that an agent wrote can pass, whatever is in flight (I1)
+        // Close first: from here on, no agent's command passes, including those in flight (I1).
         let token = step.gate.close();
         step.emit(Event::Disabled { robot: step.robot(), token, cause: cause.clone() });
         step.stop(token);
         step.out.push(ReflexOut::Closed { token, cause });
-        // at rest there is nothing to be taken back: supervise holds, and an escape is the way out
+        // At rest there is nothing to roll back: Supervise holds, and an escape is the way out.
         let Some(motion) = motion else { return };
         self.stopped = motion.named.clone();
         let motion = &Underway { extent: motion.extent.stopped(pulse.sample.at), ..motion.clone() };
-        let back = |safe| Then::Retreat(Back { motion: motion.clone(), safe, again: false });
-        let then = motion.safe.clone().map_or(Then::Say(ReflexReport::Stopped), back);
-        // the stop takes effect from now on: a reading that was held up does not show it
-        self.floors = Floors::new(step.rules.margin, &self.near);
-        self.turn(Phase::Stopping { token, since: step.now, then }, step);
+        let back = |safe| AfterStop::Retreat(RetreatJob { motion: motion.clone(), safe, again: false });
+        let then = motion.safe.clone().map_or(AfterStop::Report(ReflexReport::Stopped), back);
+        // The stop takes effect from now on: a delayed reading does not show it.
+        self.floors = ClearanceFloors::new(step.rules.margin, &self.near);
+        self.enter(Phase::Stopping { token, since: step.now, then }, step);
     }
 
-    /// The next phase, and what it means for those who might go back with this robot.
-    fn turn(&mut self, phase: Phase, step: &Step) {
-        // whoever turned to this phase has just told it
+    /// Enters the next phase, and joins or leaves the joint retreat accordingly.
+    fn enter(&mut self, phase: Phase, step: &Step) {
+        // A stop was sent just before this phase is entered.
         if let Phase::Stopping { .. } = phase {
-            self.stop = Stop::told(step.now);
+            self.stop = Stop::sent(step.now);
         }
         match &phase {
-            Phase::Stopping { then: Then::Retreat(_), .. } => {
-                // it may have been on its way already: that retreat is over, and would never give it another path
+            Phase::Stopping { then: AfterStop::Retreat(_), .. } => {
+                // The robot may have been retreating already: that retreat is over, and would not plan another path
+                // for it.
                 step.joint_retreat.leave(self.robot);
-                step.joint_retreat.coming(self.robot, step.now);
+                step.joint_retreat.announce(self.robot, step.now);
             }
             Phase::Retreating { .. } | Phase::Settling { .. } => {}
-            Phase::Watching | Phase::Stopping { then: Then::Say(_), .. } => step.joint_retreat.leave(self.robot),
+            Phase::Watching | Phase::Stopping { then: AfterStop::Report(_), .. } => {
+                step.joint_retreat.leave(self.robot)
+            }
         }
         self.phase = phase;
     }
 }
 
-/// The cause that a violated constraint is: the part by name, so that the journal needs no model to be read.
+/// Returns the cause for a violated constraint. It contains the part's name, so that the journal can be read without
+/// the model.
 fn constraint((part, clause): (usize, usize), rules: &Rules) -> Cause {
     Cause::Constraint { part: rules.parts.get(part).cloned().unwrap_or_default(), clause }
 }

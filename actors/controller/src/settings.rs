@@ -1,73 +1,75 @@
-//! A controller's settings, as its config file has them: the names, units and defaults that a user sees. Changed here,
-//! they change the schema, and `docs/configuration.md` with it.
+//! Controller settings of a config file: the names, units and defaults that a user sees. A change here changes the
+//! schema and `docs/configuration.md`.
 
 use crate::fields::FieldsSettings;
 use crate::kinds::DEFAULT_KIND;
 use serde::{Deserialize, Serialize};
 
-/// A robot's controller as its config file sets it: two required settings, the rest has defaults.
+/// Controller settings of one robot, as in its config file. Two settings are required; the others have defaults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ControllerSettings {
-    /// Control period, seconds: the retreat's set-points are this far apart.
+    /// Control period, seconds: the interval between set-points of a retreat.
     pub period_s: f64,
-    /// Length of the history: how many poses it keeps. A motion that outlasts it moves its safe pose.
+    /// Length of the history, in recorded configurations. If a motion lasts longer than the history, its safe pose
+    /// moves.
     pub history: usize,
     /// Distance below which two shapes count as touching, meters.
     #[serde(default = "margin")]
     pub margin_m: f64,
-    /// Braking clearance, meters: the reflex looks ahead, and this distance must be left when the robot has braked. Without it the
-    /// clearance is [`braking_clearance`](crate::look_ahead::braking_clearance); zero: the reflex does not look ahead (the paper's
-    /// Algorithm 6).
+    /// Braking clearance, meters. The reflex looks ahead, and this distance must remain when the robot has braked. By
+    /// default the clearance is computed by [`braking_clearance`](crate::look_ahead::braking_clearance). With zero,
+    /// the reflex does not look ahead (the paper's Algorithm 6).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reserve_m: Option<f64>,
-    /// How far a motor may lag behind one that follows half as fast as it was told, degrees, before it counts as held by
-    /// something; without it nobody looks.
+    /// Lag, degrees, from which a motor counts as stalled: the lag beyond that of a motor that follows at half the
+    /// commanded speed. Without it, stalls are not detected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stall_deg: Option<f64>,
-    /// The torque from outside from which on something pushes a motor, N m (N where it slides); without it the board's own
-    /// ([`Axis::contact_effort`](mobee_contract::Axis::contact_effort)); zero: not watched.
+    /// External torque, N m (N for a prismatic joint), from which a motor counts as pushed. By default the board's
+    /// own value is used ([`Axis::contact_effort`](mobee_contract::Axis::contact_effort)). With zero, torques are not
+    /// watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact_nm: Option<f64>,
-    /// Greatest distance per motor at which a pose counts as reached, degrees.
+    /// Greatest distance per motor at which a configuration counts as reached, degrees.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
     /// Speed below which a motor counts as at rest, degrees per second.
     #[serde(default = "rest_speed")]
     pub rest_speed_deg: f64,
-    /// Greatest share of full speed for an escape from a hold: so slow that it can be stopped within a millimeter.
+    /// Greatest share of full speed for an escape from a hold: slow enough to stop within a millimeter.
     #[serde(default = "escape_speed")]
     pub escape_speed: f64,
-    /// A stream of set-points that is quiet for so long, seconds, has ended: the robot brakes, and rests where it is.
+    /// Time without a set-point after which a stream has ended, seconds: the robot brakes and rests where it is.
     #[serde(default = "stream_quiet")]
     pub stream_quiet_s: f64,
-    /// By how much a stream of set-points is undone that is stopped by something, seconds: the robot goes back to where it was
-    /// so long before. With 0 it stops where it is, which only a braking clearance makes safe.
+    /// Time by which a stream of set-points is undone after a stop, seconds: the robot returns to where it was this
+    /// long before. With 0 it stops where it is, which is safe only with a braking clearance.
     #[serde(default = "undo")]
     pub undo_s: f64,
-    /// Age at which a reading is stale, and the length of a lease, seconds; five control periods if not given.
+    /// Age at which a reading is stale, and the length of a lease, seconds. The default is five control periods.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stale_s: Option<f64>,
-    /// How motions are driven, by the controller's kind.
+    /// Drive of the motions, by the controller's kind.
     #[serde(default)]
     pub drive: Drive,
 }
 
-/// How a controller drives the motions that agents commit.
+/// Drive of the motions that agents commit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Drive {
-    /// Straight to the target, by the board's own position moves.
+    /// Straight to the target, by position moves of the board.
     #[default]
     Straight,
-    /// The same, and the reflex stops nothing.
+    /// Straight to the target, and the reflex does not stop anything.
     Blind,
-    /// Drawn and pushed by forces.
+    /// Attracted by the target and repelled by fields.
     Fields(FieldsSettings),
 }
 
 impl Drive {
-    /// The name of the kind that drives so.
+    /// Name of the controller kind with this drive.
     pub fn kind(&self) -> &'static str {
         match self {
             Drive::Straight | Drive::Blind => DEFAULT_KIND,
@@ -75,7 +77,8 @@ impl Drive {
         }
     }
 
-    /// Whether motions go straight to their target in joint space, so that their path is known before they begin.
+    /// Returns whether motions go straight to their target in joint space, so that their path is known before they
+    /// begin.
     pub fn is_straight(&self) -> bool {
         match self {
             Drive::Straight | Drive::Blind => true,
@@ -83,7 +86,7 @@ impl Drive {
         }
     }
 
-    /// Whether the reflex stops and takes back what comes too near.
+    /// Returns whether the reflex stops the robot and retreats when a pair gets too close.
     pub fn has_reflex(&self) -> bool {
         match self {
             Drive::Straight => true,
@@ -93,7 +96,7 @@ impl Drive {
     }
 }
 
-/// A centimeter: the hysteresis of contacts (2 mm) and what counts as deeper (1 mm) are small beside it.
+/// One centimeter. The hysteresis of contacts (2 mm) and the tolerance for deeper contact (1 mm) are small beside it.
 fn margin() -> f64 {
     0.010
 }

@@ -1,20 +1,20 @@
-//! What the cores of one robot's controller share. Each step is handed it, so that nothing hides in a core: what a core
-//! will do follows from its own value, its input, the time, and this.
+//! Values shared by the cores of one robot's controller. Every step receives them, so that a core has no hidden inputs:
+//! its output follows from its own value, its input, the time, and these.
 
 use crate::Rules;
 use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
 use crate::ledger::TransactionState;
 
-/// What a step may read and write beside the core's own state.
+/// Values that a step may read and write in addition to the core's own state.
 #[derive(Debug)]
 pub struct Shared<'a> {
-    /// What the robot's settings mean for its board.
+    /// Controller parameters: the settings applied to this board.
     pub rules: &'a Rules,
-    /// The fencing token of its filter.
+    /// Fencing token of the robot's filter.
     pub gate: &'a Gate,
-    /// Its transactions, safe pose and history.
+    /// Transactions, safe pose and history.
     pub book: &'a mut TransactionState,
-    /// The retreat that it may share with other robots.
+    /// Retreat that the robot may share with other robots.
     pub joint_retreat: &'a JointRetreat,
 }

@@ -1,15 +1,17 @@
-//! Where several robots are at one instant, though each board reads its encoders in its own time.
+//! Distances between robots at common instants, although each board reads its encoders in its own time.
 //!
-//! The newest readings of two robots are up to a period apart. Arms that pass each other at half of their speed go several
-//! millimeters meanwhile: by such readings they are nearer than they ever were, or farther. On the way there and on the way
-//! back the readings fall differently, so that a retreat along what was free would look as if it were not.
+//! The newest readings of two robots are up to a period apart. Arms that pass each other at half of their speed move
+//! several millimeters in that time: by these readings they seem closer than they ever were, or farther. On the way
+//! there and on the retreat the readings fall at different instants, so that a retreat along a free path would not
+//! look free.
 //!
 //! ```text
 //! arm     ──●─────────●─────────●            readings
 //! other   ───────●─────────●────
-//! common         ├─────────┤                 looked at: up to the older of the two newest, in steps of a millimeter
+//! common         ├─────────┤                 checked: up to the older of the two newest, in steps of a millimeter
 //! ```
-//! What is nearest on the way between two such instants counts, too ([`Sweep`]): what touches between two readings is seen.
+//! The least distance between two such instants counts as well ([`Sweep`]), so that no contact between readings is
+//! missed.
 
 use crate::{RELEASE, Rules};
 use mobee_contract::{Pose, Time};
@@ -18,37 +20,37 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How near pairs of robots come to each other at common instants.
+/// Distances between pairs of robots at common instants.
 #[derive(Clone, Debug)]
 pub struct Simultaneous {
-    /// By their index in the scene.
+    /// Tracks of the robots, by their index in the scene.
     robots: Vec<Track>,
-    /// Up to when all has been looked at.
+    /// Instant up to which everything has been checked.
     until: Time,
-    /// Looks at the ways between instants.
+    /// Sweep between instants.
     sweep: Sweep,
 }
 
-/// A robot's readings.
+/// Readings of a robot.
 #[derive(Clone, Debug)]
 struct Track {
-    /// Below this distance its pairs are told, meters.
+    /// Distance below which its pairs are reported, meters.
     within: f64,
-    /// After so long without a reading it is taken to rest where it was: nobody waits for it.
+    /// Time without a reading after which the robot counts as resting: the others do not wait for it.
     fresh: Duration,
-    /// The readings since the last instant that was looked at, and the one before that; oldest first.
+    /// Readings since the last checked instant, and the one before it; oldest first.
     readings: VecDeque<(Time, Pose)>,
-    /// What was found since its last reading.
+    /// Contacts found since its last reading.
     found: Vec<Contact>,
 }
 
 impl Track {
-    /// When it was read last.
+    /// Time of the newest reading.
     fn newest(&self) -> Option<Time> {
         self.readings.back().map(|(at, _)| *at)
     }
 
-    /// Where it was then, on the line between two readings; after the newest it is taken to rest.
+    /// Configuration at this instant, interpolated linearly between two readings; constant after the newest.
     fn at(&self, time: Time) -> Option<Pose> {
         let after = self.readings.partition_point(|(at, _)| *at <= time);
         match (after.checked_sub(1).and_then(|i| self.readings.get(i)), self.readings.get(after)) {
@@ -62,7 +64,7 @@ impl Track {
 }
 
 impl Simultaneous {
-    /// Of robots that are controlled by these rules, in the scene's order.
+    /// Creates the check for robots with these rules, in the scene's order.
     pub fn new<'a>(scene: &Arc<Scene>, rules: impl IntoIterator<Item = &'a Rules>) -> Simultaneous {
         let track = |rules: &Rules| Track {
             within: rules.margin + RELEASE,
@@ -75,19 +77,19 @@ impl Simultaneous {
         Simultaneous { robots, until: Time::ZERO, sweep: Sweep::new(scene.clone(), within) }
     }
 
-    /// Goes on with another scene, such as one after an edit.
+    /// Replaces the scene, as after an edit.
     pub fn set_scene(&mut self, scene: &Arc<Scene>) {
         self.sweep.set_scene(scene.clone());
     }
 
-    /// A robot was read: the pairs of it and other robots that were nearer than its margin + 2 mm since it was read last, each
-    /// where it was nearest.
+    /// Processes a reading of a robot. Returns its pairs with other robots that were closer than its margin + 2 mm
+    /// since its last reading, each at its least distance.
     pub fn read(&mut self, robot: usize, at: Time, q: &Pose) -> Vec<Contact> {
         let Some(track) = self.robots.get_mut(robot) else { return Vec::new() };
         let last = track.newest();
         if last.is_none_or(|last| at > last) {
             if last.is_some_and(|last| at > last + track.fresh) {
-                // nobody knows how it came here
+                // The path to this configuration is unknown.
                 track.readings.clear();
                 self.sweep.jump();
             }
@@ -97,7 +99,7 @@ impl Simultaneous {
         self.robots.get_mut(robot).map(|track| std::mem::take(&mut track.found)).unwrap_or_default()
     }
 
-    /// Looks at all instants up to the last one at which all robots are known that are read at all.
+    /// Checks all instants up to the last one with readings of all robots that are being read.
     fn look(&mut self, now: Time) {
         let known = |track: &Track| track.newest().filter(|at| now <= *at + track.fresh);
         let Some(common) = self.robots.iter().filter_map(known).min() else { return };
@@ -119,7 +121,7 @@ impl Simultaneous {
             self.until = time;
         }
         for track in &mut self.robots {
-            // of those that were passed the last one is where the next way begins
+            // The last reading before the checked instant is the beginning of the next interval.
             while track.readings.get(1).is_some_and(|(at, _)| *at <= self.until) {
                 track.readings.pop_front();
             }
@@ -127,7 +129,7 @@ impl Simultaneous {
     }
 }
 
-/// The nearest of each pair counts.
+/// Adds a contact; the least distance of each pair counts.
 pub fn note(least: &mut Vec<Contact>, contact: &Contact) {
     match least.iter_mut().find(|c| c.pair == contact.pair) {
         Some(least) if least.distance <= contact.distance => {}
@@ -141,9 +143,11 @@ mod tests {
     use super::*;
     use crate::joint_retreat::tests::{PERIOD, rules, scene};
 
-    /// What is told of two arms whose readings are taken at these times (ms) and angles (rad), in the order in which they come.
-    fn told(readings: &[(usize, u64, f64)]) -> Vec<usize> {
-        let (scene, rules) = (scene(), rules(true));
+    /// Numbers of contacts returned for two arms with readings at these times (ms) and angles (rad), in the order of
+    /// arrival.
+    fn contacts(readings: &[(usize, u64, f64)]) -> Vec<usize> {
+        let scene = scene();
+        let rules = rules(true);
         let mut simultaneous = Simultaneous::new(&scene, [&*rules, &*rules]);
         let read = |(robot, ms, q): &(usize, u64, f64)| {
             simultaneous.read(*robot, Time(ms * 1_000_000), &vec![*q].into()).len()
@@ -152,37 +156,37 @@ mod tests {
     }
 
     #[test]
-    fn what_touches_between_two_readings_is_told_to_both() {
+    fn a_contact_between_two_readings_is_reported_to_both() {
         let passes = [(0, 0, -0.25), (1, 1, 0.0), (0, 10, 0.25), (1, 11, 0.0), (0, 20, 0.7), (1, 21, 0.0)];
         assert!(
             passes
                 .iter()
                 .all(|(robot, _, q)| *robot == 1 || scene().contacts(&[vec![*q], vec![0.0]], 0.012).is_empty())
         );
-        assert_eq!(told(&passes), [0, 0, 1, 1, 1, 0], "it begins before the second reading of the other");
+        assert_eq!(contacts(&passes), [0, 0, 1, 1, 1, 0], "it begins before the second reading of the other");
     }
 
-    /// The one leaves as the other comes: its last reading is from before.
+    /// One arm leaves as the other one comes: its last reading is from before.
     #[test]
-    fn what_was_not_so_at_any_instant_is_not_told() {
+    fn a_contact_at_no_common_instant_is_not_reported() {
         let follows = [(0, 0, -0.4), (1, 0, 0.0), (0, 10, 0.0), (1, 10, -0.4), (0, 20, 0.0), (1, 20, -0.4)];
         assert!(!scene().contacts(&[vec![0.0], vec![0.0]], 0.012).is_empty(), "as the readings come");
-        assert_eq!(told(&follows), [0; 6]);
+        assert_eq!(contacts(&follows), [0; 6]);
     }
 
     #[test]
-    fn who_is_silent_is_taken_to_rest_and_comes_from_nowhere() {
+    fn a_silent_robot_counts_as_resting_and_has_no_path_when_it_returns() {
         let fresh = rules(true).fresh.as_millis() as u64;
         assert_eq!(fresh, 5 * PERIOD.as_millis() as u64);
         let mut readings = vec![(1, 0, 0.0), (0, 0, -0.25)];
         readings.extend((1..=fresh / 10).map(|k| (0, 10 * k, -0.25)));
-        // one is waited for while it is fresh: what happened meanwhile is told late, but told
+        // the other robot waits for it while it is fresh: what happened in that time is reported late, but reported
         readings.extend([(0, fresh + 10, 0.0)]);
-        let found = told(&readings);
+        let found = contacts(&readings);
         assert_eq!((found.last(), found.iter().sum::<usize>()), (Some(&1), 1));
-        // from where it was silent to where it is nobody knows its way
+        // its path during the silence is unknown
         let returns =
             [(0, 0, -0.25), (1, 0, 0.0), (0, 10, -0.25), (1, 10, 0.0), (1, 200, 0.0), (0, 201, 0.25), (1, 202, 0.0)];
-        assert_eq!(told(&returns), [0; 7]);
+        assert_eq!(contacts(&returns), [0; 7]);
     }
 }

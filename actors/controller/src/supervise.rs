@@ -1,4 +1,4 @@
-//! Supervise (Algorithm 5): the filtered interface that agents command, and the keeper of transactions.
+//! Supervise (Algorithm 5): the filtered interface for the commands of agents, and the owner of transactions.
 //!
 //! ```text
 //!           Commit accepted                     motion done, at target
@@ -10,23 +10,23 @@
 //!    +---- escape or `recover` ------- Holding(reason)                                 Faulted
 //! ```
 //!
-//! Whatever else happens (stale encoders, a death, a stop): close, stop, wait for fresh readings at rest, and give the
-//! open transaction the outcome that the measured pose shows. Then, if nothing touches the robot, open again: a robot
-//! should not need a person to free it.
+//! For any other event (stale encoders, a death, a stop): close, stop, wait for fresh readings at rest, and give the
+//! open transaction the outcome that the measured configuration shows. Then, if nothing touches the robot, open
+//! again: a robot should not need a person to free it.
 //!
-//! The paper's Algorithm 5 passes a command on while the filter is open and notes the pose as safe. What is added here
-//! is the transaction: each accepted commit ends exactly once (I2), by a measured pose and not by what was commanded,
-//! whoever dies meanwhile.
+//! The paper's Algorithm 5 passes a command on while the filter is open and records the pose as safe. The transaction
+//! is added here: each accepted commit ends exactly once (I2), by a measured configuration and not by the commanded
+//! one, whatever dies in the meantime.
 
-mod back;
 mod check;
 mod commit;
+mod cooldown;
 mod credit;
 mod displaced;
 mod end;
 mod forces;
 mod halt;
-mod hush;
+mod rollback;
 mod stalled;
 mod stream;
 mod streaming;
@@ -39,7 +39,7 @@ use crate::pulse::Pulse;
 use crate::pushing::PushWatch;
 use crate::reflex::ReflexReport;
 use crate::shared::Shared;
-use crate::stall::{Errands, StallWatch};
+use crate::stall::{StallWatch, TrackedCommands};
 use crate::stop::Stop;
 use crate::{Rules, distance};
 use credit::Credits;
@@ -49,31 +49,30 @@ use mobee_contract::{
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// What becomes of a motion that is under way. Apart from a commit: it must not begin a motion anew that is over by the
+/// Change of a motion in progress. It differs from a commit: it must not begin a motion again that has ended by the
 /// time it arrives.
 #[derive(Debug)]
 pub enum Revision {
-    /// It goes to another target.
+    /// Changes the target.
     Commit(Commit),
-    /// Its stream goes on.
+    /// Continues the stream.
     Stream(Arc<str>, Setpoints),
 }
 
-/// What supervise hears. One enum for all of it, so that a run is a list of these with their times, which tests can
-/// make up.
+/// Input of Supervise. A single enum, so that a run is a list of inputs with their times, which tests can generate.
 #[derive(Debug)]
 pub enum SuperviseIn<'a> {
     /// An agent commits. Answered by [`SuperviseOut::Verdict`].
     Commit(Commit),
     /// An agent streams set-points. Answered by [`SuperviseOut::Verdict`].
     Stream(Arc<str>, Setpoints),
-    /// An agent changes its motion, if that is still under way. Answered by [`SuperviseOut::Verdict`].
+    /// An agent changes its motion, if that is still in progress. Answered by [`SuperviseOut::Verdict`].
     Revise(CommitId, Revision),
-    /// The agent wants its motion to brake.
+    /// The agent requests its motion to brake.
     Stop(Arc<str>),
     /// The agent died.
     AgentDied(Arc<str>),
-    /// A reading came through the whole chain.
+    /// A reading has passed the whole chain.
     Pulse(&'a Pulse),
     /// Time passed.
     Tick,
@@ -81,20 +80,21 @@ pub enum SuperviseIn<'a> {
     Fault(String),
     /// A motor is much faster than it was commanded.
     TooFast(String),
-    /// The reflex closed the filter; the motors that brought together what touched, if it is known.
+    /// The reflex closed the filter; the last value: the motors that caused the contact, if they are known.
     Closed(u64, Cause, Option<BTreeSet<usize>>),
-    /// The reflex tells how the retreat goes.
+    /// Progress of the retreat.
     ReflexReport(ReflexReport),
-    /// Somebody asks to try the failed retreat again.
+    /// A person requests a retry of the failed retreat.
     Recover,
-    /// A person stops the robot: it holds until `Release`, whatever happens meanwhile. The ledger has it already.
+    /// A person stops the robot: it holds until `Release`, whatever happens in between. The ledger has recorded it
+    /// already.
     Halt,
-    /// A person lets a halted robot act again. The ledger has it already.
+    /// A person releases a halted robot. The ledger has recorded it already.
     Release,
-    /// A part of the controller is to be exchanged: close at the next boundary, and say so by
+    /// A part of the controller is to be swapped: close at the next boundary, and report it by
     /// [`SuperviseOut::Yielded`].
     Yield,
-    /// It is not exchanged after all: open again.
+    /// The swap was cancelled: open again.
     Resume,
     /// The run ends: come to rest, and accept nothing more.
     Shutdown,
@@ -102,99 +102,100 @@ pub enum SuperviseIn<'a> {
     Abandon,
 }
 
-/// What supervise wants done.
+/// Action requested by Supervise.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SuperviseOut {
     /// Answer the commit.
     Verdict(Verdict),
-    /// Tell the driver.
+    /// Send this command to the driver.
     Command(u64, Writer, Command),
-    /// Let the driver move until then.
+    /// Allow the driver to move until then.
     Lease(Time),
-    /// Ask the reflex to take the robot back; the filter is closed under this token.
+    /// Request a retreat from the reflex; the filter is closed under this token.
     RollBack {
-        /// The token.
+        /// Token of the closing.
         token: u64,
-        /// What to roll back.
+        /// Motion to roll back.
         motion: Underway,
-        /// Whether it is another try.
+        /// True if this is a retry.
         again: bool,
     },
-    /// Say that the filter is closed at a boundary.
+    /// Report that the filter is closed at a boundary.
     Yielded,
-    /// Tell the agent that its motion has ended.
+    /// Notify the agent that its motion has ended.
     Ended(Arc<str>, CommitId, MotionEnd),
-    /// Tell the taps.
+    /// Publish this event.
     Event(Event),
 }
 
-/// What supervise keeps of a reading.
+/// Stored part of a reading.
 #[derive(Clone, Debug)]
 struct Reading {
-    /// When it was taken: what it is judged by, and what its lease is counted from. When it was heard is `Step::now`.
+    /// Time of the reading: it dates the contents, and the lease is counted from it. The time of its arrival is
+    /// `Step::now`.
     sampled_at: Time,
-    /// Where the motors were, rad.
+    /// Positions of the motors, rad.
     q: Pose,
-    /// The greatest speed of a motor, rad/s.
+    /// Greatest speed of a motor, rad/s.
     speed: f64,
-    /// Whether that counts as rest, by the rules of when it was heard.
+    /// True if that counts as rest, by the rules at the time of arrival.
     at_rest: bool,
-    /// Whether nothing is there that the reflex would act upon.
+    /// True if there is nothing that the reflex would act upon.
     free: bool,
 }
 
-/// How a closed filter comes to its end.
+/// Pending end of a closing.
 #[derive(Clone, Debug, PartialEq)]
 enum Closing {
-    /// Nothing is pending: open, or holding with the outcome given.
+    /// Nothing is pending: the filter is open, or the robot holds with the outcome given.
     No,
-    /// When the readings are fresh and the robot rests, measure where it is; not before this time.
+    /// Measure the configuration once the readings are fresh and the robot rests; not before this time.
     Settle(Time),
-    /// The reflex acts and will tell.
+    /// The reflex is acting and will report.
     Reflex,
-    /// A part of the controller is being exchanged: nothing happens until it has been, or `Resume`.
+    /// A part of the controller is being swapped: nothing happens until that is done, or `Resume`.
     Yielded,
 }
 
-/// What supervise knows of the open transaction's motion beside the ledger. Dropped as a whole when the filter closes,
-/// and begun anew with each transaction.
+/// State of the open transaction's motion, in addition to the ledger. Dropped as a whole when the filter closes, and
+/// created with each transaction.
 #[derive(Clone, Debug, Default)]
 struct MotionState {
-    /// The start of the board's own moves in it.
+    /// Start of the board's own moves.
     started: Option<Started>,
-    /// Its set-points.
+    /// Stream of set-points.
     stream: Option<streaming::Streaming>,
-    /// The forces that lead the set-points, if it is a motion under forces.
+    /// Forces that generate the set-points of a motion under forces.
     forces: Option<forces::Forces>,
-    /// Since when the board has said that it is done, away from its target.
+    /// Time since which the board has reported "done" away from the target.
     done_since: Option<Time>,
-    /// When it was commanded to its target again, from which its board had left it, and how often.
+    /// Time and number of repeated commands to the target, after the board had left it.
     held: Option<(Time, u32)>,
-    /// What its motors were told, by which it is seen whether they follow.
-    told: Errands,
+    /// Commands that the motors track, for the detection of stalls.
+    tracked: TrackedCommands,
 }
 
-/// A commit as it was accepted, or last amended: what its readings should show by now.
+/// Expected progress of a commit since it was accepted or last amended.
 #[derive(Clone, Copy, Debug)]
 struct Started {
-    /// When, by the clock: the command was written then.
+    /// Time of the command, by the clock.
     at: Time,
-    /// Of the motor with the longest way, rad.
+    /// Distance of the motor with the longest way, rad.
     distance_to_go: f64,
-    /// How long it should take, s.
+    /// Expected duration, s.
     expected: f64,
 }
 
 impl Started {
-    /// Of the motor with the longest way, rad/s.
+    /// Mean speed of the motor with the longest way, rad/s.
     fn mean_speed(self) -> f64 {
-        // a commit to where the robot is takes no time at all
+        // A commit to the present configuration takes no time at all.
         self.distance_to_go / self.expected.max(1e-3)
     }
 }
 
-/// One step of supervise: it is built for each input and dropped with it, so that nothing is carried over by accident.
-/// What it shares with the other actors of its robot, the time, and what it wants done.
+/// One step of Supervise. It is created for each input and dropped with it, so that nothing is carried over by
+/// accident. It holds the values shared with the robot's other actors, the time, and the requested actions.
 struct Step<'a> {
     rules: &'a Rules,
     gate: &'a Gate,
@@ -204,37 +205,37 @@ struct Step<'a> {
 }
 
 impl<'a> Step<'a> {
-    /// At this time, with nothing to be done yet.
+    /// Begins a step at this time, without actions.
     fn new(shared: &'a mut Shared, now: Time) -> Step<'a> {
         Step { rules: shared.rules, gate: shared.gate, book: shared.book, now, out: Vec::new() }
     }
 
-    /// Tells the taps: the journal, and whoever looks on.
+    /// Publishes an event.
     fn emit(&mut self, event: Event) {
         self.out.push(SuperviseOut::Event(event));
     }
 
-    /// Tells the driver, under this token: as an agent's word, or supervise's own.
+    /// Sends a command to the driver under this token, with an agent or Supervise as the writer.
     fn command(&mut self, token: u64, writer: Writer, command: Command) {
         self.out.push(SuperviseOut::Command(token, writer, command));
     }
 
-    /// The safe pose for a robot that rests at `q`: the last one if the robot counts as being there, so that many
-    /// rollbacks to one vertex do not drift with the encoders' noise.
+    /// Safe pose of a robot that rests at `q`: the last one if the robot is close to it, so that many rollbacks to
+    /// one vertex do not drift with encoder noise.
     fn safe_pose(&mut self, q: &Pose) -> Pose {
-        let kept = self.book.safe.clone().filter(|safe| distance(safe, q) <= self.rules.tolerance);
-        let safe = kept.unwrap_or_else(|| q.clone());
+        let retained = self.book.safe.clone().filter(|safe| distance(safe, q) <= self.rules.tolerance);
+        let safe = retained.unwrap_or_else(|| q.clone());
         self.book.safe = Some(safe.clone());
         safe
     }
 
-    /// Who committed the open transaction.
+    /// Agent that committed the open transaction.
     fn owner(&self) -> Option<Arc<str>> {
         self.book.open.as_ref().map(|open| open.agent.clone())
     }
 
-    /// Why the open transaction fails. The cause that was there first stays: what comes later is often but its
-    /// consequence, as a board's fault after a collision.
+    /// Sets the cause for the failure of the open transaction. The first cause stays: later ones are often its
+    /// consequences, such as a board's fault after a collision.
     fn give_cause(&mut self, cause: Cause) {
         if let Some(open) = &mut self.book.open {
             open.cause.get_or_insert(cause);
@@ -246,49 +247,49 @@ impl<'a> Step<'a> {
     }
 }
 
-/// The state machine. Its transactions live in the ledger's book, which each step is handed.
+/// State machine of Supervise. Its transactions are in the ledger, which is passed to each step.
 #[derive(Clone, Debug)]
 pub struct SuperviseCore {
-    /// The token as far as supervise knows: another one at the gate means that the reflex, or the death of an actor,
-    /// has closed it.
+    /// Last token that Supervise has seen: if the gate has another one, the reflex, or the death of an actor, has
+    /// closed it.
     token: u64,
-    /// The filter's state, as the ledger shows it to others.
+    /// State of the filter, as the ledger shows it to other components.
     status: Status,
-    /// What is awaited before the filter may open.
+    /// Condition that is awaited before the filter may open.
     closing: Closing,
-    /// The last stop that was told.
+    /// Last stop sent.
     stop: Stop,
-    /// The newest reading.
+    /// Newest reading.
     newest: Option<Reading>,
-    /// Where the motors rest that nobody commands.
+    /// Resting positions of motors that are not commanded.
     resting: displaced::Resting,
-    /// The safe pose of a retreat that failed, for another try.
+    /// Failed retreat, for a retry.
     retry: Option<Underway>,
-    /// How the open transaction is driven.
+    /// State of the open transaction's motion.
     motion: MotionState,
-    /// Who streamed into something, and is not heard.
-    hushed: Option<hush::Hush>,
-    /// The motors that are perhaps in another control mode than that of position moves.
+    /// Agent whose stream caused a contact, and is rejected for now.
+    cooldown: Option<cooldown::StreamCooldown>,
+    /// Motors that may be in another control mode than that of position moves.
     modes: BTreeSet<usize>,
-    /// The hold that a halted robot returns to when it is released, if that does not end by itself.
+    /// Hold that a halted robot returns to after its release, if that hold does not end by itself.
     held: Option<Hold>,
-    /// Whether to close at the next boundary.
+    /// True if to close at the next boundary.
     yields: bool,
-    /// Whether the run ends: nothing is accepted any more.
+    /// True if the run ends: nothing is accepted any more.
     shutdown: bool,
-    /// How much of a flood is heard.
+    /// Credit of commits and journaled refusals.
     credits: Credits,
-    /// Whether the motors follow, if anybody looks.
+    /// Stall detection, if it is enabled.
     stall: Option<StallWatch>,
-    /// Watches the external torques that the board reports.
+    /// Monitor of the external torques that the board reports.
     effort: EffortWatch,
-    /// Reports with which force a simulated robot pushes.
+    /// Reports the force with which a simulated robot pushes.
     push: PushWatch,
 }
 
 impl SuperviseCore {
-    /// Starts closed: nothing moves until the readings are fresh, the robot rests, and the open transaction, if a
-    /// predecessor left one, has its outcome (I10). Returns what is to be done first.
+    /// Starts closed: nothing moves until the readings are fresh, the robot rests, and the open transaction that a
+    /// predecessor may have left has its outcome (I10). Returns the first actions.
     pub fn new(shared: &mut Shared, now: Time) -> (SuperviseCore, Vec<SuperviseOut>) {
         let step = &mut Step::new(shared, now);
         let token = step.gate.token();
@@ -298,12 +299,12 @@ impl SuperviseCore {
             token,
             status: Status::Starting,
             closing: Closing::Settle(now),
-            stop: Stop::told(now),
+            stop: Stop::sent(now),
             newest: None,
             resting: displaced::Resting::default(),
             retry: None,
             motion: MotionState::default(),
-            hushed: None,
+            cooldown: None,
             modes: named.iter().flat_map(|named| named.iter().copied()).collect(),
             held: None,
             yields: false,
@@ -314,48 +315,49 @@ impl SuperviseCore {
             push: PushWatch::default(),
         };
         if open || Gate::opens(token) {
-            // a crash of the process is the cause already if that is what happened
+            // A crash of the process has been recorded as the cause already, if there was one.
             core.interrupt(Cause::ActorDied("supervise".into()), Status::Holding(Hold::Restarted), step);
         } else {
             core.enter(Status::Starting, step);
         }
-        halt::tell_at_start(step);
+        halt::journal_at_start(step);
         (core, std::mem::take(&mut step.out))
     }
 
-    /// The filter's state.
+    /// State of the filter.
     pub fn status(&self) -> Status {
         self.status
     }
 
-    /// Whether the robot rests with every outcome given.
+    /// Returns whether the robot rests with every outcome given.
     pub fn is_settled(&self) -> bool {
         self.closing == Closing::No && matches!(self.status, Status::Rest | Status::Holding(_))
     }
 
-    /// One step: what is to be done about this input at the time `now`, in the order in which it is to be done; a
-    /// verdict comes first.
+    /// Performs one step at the time `now`. Returns the requested actions in the order in which they must be
+    /// performed; a verdict comes first.
     pub fn on(&mut self, input: SuperviseIn, now: Time, shared: &mut Shared) -> Vec<SuperviseOut> {
         let step = &mut Step::new(shared, now);
-        // before anything is decided: a commit that comes after a death is judged with the filter closed
+        // First of all: a commit that arrives after a death is decided with the filter closed.
         self.note_death(step);
         self.note_agent_death(step);
         match input {
-            SuperviseIn::Commit(commit) => self.motion_asked(Revision::Commit(commit), true, step),
+            SuperviseIn::Commit(commit) => self.handle_request(Revision::Commit(commit), true, step),
             SuperviseIn::Stream(agent, setpoints) => {
-                self.motion_asked(Revision::Stream(agent, setpoints), true, step);
+                self.handle_request(Revision::Stream(agent, setpoints), true, step);
             }
             SuperviseIn::Revise(id, revision) => {
                 let open = step.book.open.as_ref().is_some_and(|open| open.id == id);
-                self.motion_asked(revision, open, step);
+                self.handle_request(revision, open, step);
             }
             SuperviseIn::Stop(agent) => {
                 let own = step.owner().is_some_and(|a| a == agent);
                 if own && self.is_moving() {
                     self.interrupt(Cause::Asked, Status::Stopping, step);
                 } else if own {
-                    // something else closed the filter first: the journal shows that the agent gave its motion up (I23)
-                    self.tell_refusal(&agent, &Err(Refusal::Closed), step);
+                    // The filter was closed for another reason first: the journal shows that the agent aborted its
+                    // motion (I23).
+                    self.report_refusal(&agent, &Err(Refusal::Closed), step);
                 }
             }
             SuperviseIn::AgentDied(agent) => {
@@ -364,8 +366,8 @@ impl SuperviseCore {
             }
             SuperviseIn::Pulse(pulse) => self.pulse(pulse, step),
             SuperviseIn::Tick => {
-                self.sum_up(step);
-                // only a tick can notice this: what stays away does not step anybody
+                self.summarize_refusals(step);
+                // Only a tick can detect this: missing readings cause no step.
                 let stale = self.newest.as_ref().is_none_or(|newest| now > newest.sampled_at + step.rules.fresh);
                 let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));
                 if stale && !known && !matches!(self.closing, Closing::Settle(_)) {
@@ -373,13 +375,14 @@ impl SuperviseCore {
                 }
             }
             SuperviseIn::Fault(what) => {
-                // a board that is faulty says so at each question: once is enough
+                // A faulty board reports its fault at each query: once is enough.
                 if self.status != Status::Holding(Hold::BoardFault) {
                     self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), step);
                 }
             }
             SuperviseIn::TooFast(what) => {
-                // what something pushes is fast, too: in a motion it is taken back, and what drives a robot at rest is no contact
+                // A motor pushed by an obstacle is fast as well: in a motion it is rolled back; a robot driven at
+                // rest is no contact.
                 if self.is_moving() && self.token == step.gate.token() {
                     self.roll_back(Cause::BoardFault(what), step);
                 } else if self.status != Status::Holding(Hold::BoardFault) && self.closing != Closing::Reflex {
@@ -387,14 +390,14 @@ impl SuperviseCore {
                 }
             }
             SuperviseIn::Closed(token, cause, blamed) => self.closed(token, (cause, blamed), step),
-            SuperviseIn::ReflexReport(word) => self.word(word, step),
+            SuperviseIn::ReflexReport(report) => self.on_report(report, step),
             SuperviseIn::Recover => self.recover(step),
             SuperviseIn::Halt => self.halt(step),
             SuperviseIn::Release => self.release(step),
             SuperviseIn::Yield => self.yields = true,
             SuperviseIn::Resume => {
                 self.yields = false;
-                // not open at once: the part that was tried may have moved something
+                // Not open at once: the part under trial may have moved something.
                 if self.closing == Closing::Yielded {
                     self.closing = Closing::Settle(now);
                 }
@@ -410,7 +413,7 @@ impl SuperviseCore {
                 self.shutdown = true;
                 if self.closing != Closing::No || self.is_moving() {
                     self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), step);
-                    // nobody waits for rest any more: the outcome is what the newest reading shows
+                    // There is no waiting for rest any more: the outcome is that shown by the newest reading.
                     self.end(None, step);
                     self.closing = Closing::No;
                 }
@@ -423,41 +426,42 @@ impl SuperviseCore {
             self.enter(Status::Starting, step);
             step.out.push(SuperviseOut::Yielded);
         }
-        self.note_told(step);
+        self.track_commands(step);
         std::mem::take(&mut step.out)
     }
 
-    /// Whether the robot rests with every outcome given, and nothing is left to be tried. One that no reading comes
-    /// from any more was at rest when it was last seen.
+    /// Returns whether the robot rests with every outcome given, and no retry is pending. A robot without further
+    /// readings was at rest in the last one.
     fn is_at_boundary(&self, step: &Step) -> bool {
         let lost = matches!(self.status, Status::Holding(Hold::Stale | Hold::BoardFault))
             && matches!(self.closing, Closing::Settle(_));
         let rests = self.newest.as_ref().is_some_and(|newest| newest.at_rest);
-        let tells = self.token == step.gate.token() && !self.shutdown && self.retry.is_none();
-        (self.is_settled() || lost) && rests && tells && step.book.open.is_none()
+        let is_current = self.token == step.gate.token() && !self.shutdown && self.retry.is_none();
+        (self.is_settled() || lost) && rests && is_current && step.book.open.is_none()
     }
 
-    /// Whether an agent's motion is under way, with the filter open as far as supervise knows.
+    /// Returns whether an agent's motion is in progress, with the filter open by the last known token.
     fn is_moving(&self) -> bool {
         matches!(self.status, Status::Moving | Status::Escaping)
     }
 
-    /// An agent asks for a motion, or for another one in the place of one that may be over.
-    fn motion_asked(&mut self, asked: Revision, goes_on: bool, step: &mut Step) {
-        match asked {
+    /// Handles an agent's request for a motion, or for a change of one that may have ended.
+    fn handle_request(&mut self, request: Revision, is_open: bool, step: &mut Step) {
+        match request {
             Revision::Commit(commit) => {
                 let agent = commit.agent.clone();
-                let verdict = if goes_on { self.commit(commit, step) } else { Err(Refusal::Over) };
+                let verdict = if is_open { self.commit(commit, step) } else { Err(Refusal::Over) };
                 self.answer(&agent, verdict, step);
             }
             Revision::Stream(agent, setpoints) => {
-                let verdict = if goes_on { self.stream(&agent, setpoints, step) } else { Err(Refusal::Over) };
+                let verdict = if is_open { self.stream(&agent, setpoints, step) } else { Err(Refusal::Over) };
                 self.answer_setpoints(&agent, verdict, step);
             }
         }
     }
 
-    /// The filter's next state, told once; that it starts is told each time, since each is another start.
+    /// Enters a state of the filter and journals the change; `Starting` is journaled each time, since each is another
+    /// start.
     fn enter(&mut self, status: Status, step: &mut Step) {
         step.book.status = status;
         if std::mem::replace(&mut self.status, status) != status || status == Status::Starting {
@@ -465,32 +469,33 @@ impl SuperviseCore {
         }
     }
 
-    /// Closes the filter and stops the robot: all motors, whatever mode they are in. In this order: what an agent wrote
-    /// before the stop can't pass after it (I1).
+    /// Closes the filter, then stops all motors, in any mode. The order matters: commands that agents wrote before
+    /// the stop must not pass after it (I1).
     fn close(&mut self, cause: Cause, step: &mut Step) {
         self.note_stop(step);
         self.motion = MotionState::default();
         self.token = step.gate.close();
-        let (robot, token) = (step.robot(), self.token);
+        let robot = step.robot();
+        let token = self.token;
         step.emit(Event::Disabled { robot, token, cause });
         step.command(token, Writer::Supervise, Command::Stop { motors: Vec::new() });
     }
 
-    /// Something ends the motion that is no matter for the reflex: close, stop, then measure. A reading shows the
-    /// stop's effect no earlier than a reaction later; before, a robot that is about to move on may look at rest.
+    /// Ends the motion for a reason that needs no retreat: close, stop, then measure. A reading shows the effect of
+    /// the stop a reaction time later at the earliest; before, a robot that is about to move on may look at rest.
     fn interrupt(&mut self, cause: Cause, status: Status, step: &mut Step) {
         self.close(cause.clone(), step);
         step.give_cause(cause);
         self.closing = Closing::Settle(step.now + step.rules.reaction());
-        self.stop = Stop::told(step.now);
+        self.stop = Stop::sent(step.now);
         self.enter(status, step);
     }
 
-    /// An actor of the controller died since we looked last: its successor knows nothing of the motion.
+    /// Handles the death of an actor of the controller since the last step: its successor has no state of the motion.
     fn note_death(&mut self, step: &mut Step) {
         let died = step.book.died.take();
         let Some(actor) = died else { return };
-        // a robot that never began to be supervised starts, it is not restarted
+        // A robot that was never supervised is started, not restarted.
         let status = if self.status == Status::Starting { Status::Starting } else { Status::Holding(Hold::Restarted) };
         self.interrupt(Cause::ActorDied(actor), status, step);
     }

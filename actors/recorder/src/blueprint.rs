@@ -1,7 +1,7 @@
 //! The layout a recording opens with.
 //!
-//! Rerun's own builder can't set a view's eye, background or time range, so the few archetypes that a blueprint is made
-//! of are logged here directly, into a stream of their own that goes ahead of the data.
+//! Rerun's own builder can't set a view's eye, background or time range, so the archetypes of a blueprint are
+//! logged here directly, into a separate stream that is sent before the data.
 
 mod map;
 mod model;
@@ -19,30 +19,30 @@ use rerun::external::re_sdk_types::datatypes::{Range2D, TimeInt, TimeRange, Time
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, StoreId, components};
 use std::collections::BTreeMap;
 
-/// Seconds of a trail that are shown.
+/// Length of the visible part of a trail, s.
 const TRAIL_SECS: i64 = 30;
 
-/// What one recorder shows.
+/// Content of one recorder's page.
 pub(crate) struct Page {
-    /// Before all its entities: empty, or `NAME/`.
+    /// Prefix of all its entities: empty, or `NAME/`.
     pub(crate) root: String,
-    /// Its robots.
+    /// Robots on the page.
     pub(crate) robots: Vec<Shown>,
-    /// Its cameras, as entities.
+    /// Entities of its cameras.
     pub(crate) eyes: Vec<String>,
-    /// Where to look from.
+    /// Viewpoint of the scene.
     pub(crate) front: Front,
 }
 
-/// What the layout must know of a robot.
+/// Properties of a robot that the layout depends on.
 pub(crate) struct Shown {
-    /// Its name as a part of entity paths.
+    /// Name of the robot as a part of entity paths.
     pub(crate) name: String,
     /// Its parts with motors, as parts of entity paths, and whether each has moved.
     pub(crate) parts: Vec<(String, bool)>,
     /// Entities of its trails.
     pub(crate) trails: Vec<String>,
-    /// What its flat roadmap covers: left, top, right, bottom.
+    /// Bounds of its flat roadmap: left, top, right, bottom.
     pub(crate) bounds: Option<[f32; 4]>,
 }
 
@@ -67,40 +67,40 @@ fn publish(rec: &RecordingStream, write: impl FnOnce(&mut Print<'_>) -> Written)
     Ok(())
 }
 
-/// A layout in the making.
+/// A layout that is being written.
 struct Print<'a> {
     rec: &'a RecordingStream,
-    /// How many boxes of each class there are.
+    /// Number of boxes of each class.
     counts: BTreeMap<u8, u8>,
-    /// The newest box: its class, and its number in that.
+    /// The newest box: its class, and its number in that class.
     last: [u8; 2],
 }
 
-/// A finished box of the layout: its path in the blueprint.
+/// Path of a finished box in the blueprint.
 type Place = String;
 
-/// A view's name, with the robot's if there are several.
+/// Name of a view, with the robot's name if there are several robots.
 fn named(what: &str, robot: &Shown, robots: &[Shown]) -> String {
     if robots.len() > 1 { format!("{}: {what}", robot.name) } else { what.to_owned() }
 }
 
-/// The plot that the joints open at, counted over all robots: the first of a part that has moved.
+/// Index of the plot that opens first, counted over all robots: the first of a part that has moved.
 pub(crate) fn open_plot(robots: &[Shown]) -> usize {
     robots.iter().flat_map(|robot| &robot.parts).position(|(_, moves)| *moves).unwrap_or(0)
 }
 
-/// A time so many seconds from the cursor.
+/// A time at an offset from the cursor, s.
 fn around(secs: i64) -> TimeRangeBoundary {
     TimeRangeBoundary::CursorRelative(TimeInt(secs * 1_000_000_000))
 }
 
-/// The bytes of the id of a class's box with this number.
+/// Id of the box of a class with this number.
 fn uuid([class, number]: [u8; 2]) -> Uuid {
     Uuid { bytes: [0x6d, 0x6f, 0x62, 0x65, 0, 0, 0x40, 0, 0x80, 0, 0, 0, 0, 0, class, number] }
 }
 
-/// The classes of boxes, each with ids of its own: the viewer keeps the state of a view by its id when the layout is sent again, and that of
-/// another class is none that it can draw with.
+/// Classes of boxes, each with its own ids. The viewer stores the state of a view by its id when the layout is
+/// sent again, and can't draw a view with the state of another class.
 const CLASSES: [&str; 11] = [
     "3D",
     "2D",
@@ -115,7 +115,7 @@ const CLASSES: [&str; 11] = [
     "Grid",
 ];
 
-/// The number of a class in ids.
+/// Number of a class in ids.
 fn class_number(class: &str) -> u8 {
     CLASSES.iter().zip(1..).find_map(|(known, number)| (*known == class).then_some(number)).unwrap_or(0)
 }
@@ -132,7 +132,7 @@ impl Print<'_> {
         self.frame(PanelState::Collapsed, PlayState::Following)
     }
 
-    /// What is around the views: all of the window but the time line is theirs. Comes last, as the last box holds all others.
+    /// Writes the viewport and the panels around it. It must come last, because the last box contains all others.
     fn frame(&mut self, time_line: PanelState, play: PlayState) -> Written {
         let viewport = look::ViewportBlueprint::new()
             .with_root_container(rerun::blueprint::components::RootContainer(uuid(self.last)))
@@ -151,13 +151,13 @@ impl Print<'_> {
         self.log("time_panel", &time)
     }
 
-    /// Everything of one recorder.
+    /// Writes the page of one recorder.
     fn page(&mut self, page: &Page) -> Result<Place, String> {
         let Page { root, robots, eyes, front } = page;
         let scene = self.scene(page, front)?;
-        // before the maps, which come and shift the numbers of what follows
+        // Before the maps: they are added later and shift the numbers of the boxes that follow.
         let eyes = self.eyes(root, eyes)?;
-        // agents without a map leave no empty view; the layout is sent again when the first vertex comes
+        // No empty view for agents without a map; the layout is sent again when the first vertex arrives.
         let mut maps = Vec::new();
         for robot in robots.iter().filter(|robot| robot.bounds.is_some()) {
             maps.push(self.map(root, robot, robots)?);
@@ -195,7 +195,7 @@ impl Print<'_> {
         self.container(ContainerKind::Vertical, name, &[top, bottom], &[3.0, 1.0])
     }
 
-    /// What the cameras see, side by side.
+    /// Writes the camera images, side by side.
     fn eyes(&mut self, root: &str, eyes: &[String]) -> Result<Option<Place>, String> {
         let mut views = Vec::new();
         for eye in eyes {
@@ -208,7 +208,7 @@ impl Print<'_> {
         self.container(ContainerKind::Horizontal, "Eyes", &views, &vec![1.0; views.len()]).map(Some)
     }
 
-    /// The world, seen from the robot's front, trails of the last seconds only.
+    /// Writes the view of the world from the robot's front, with trails of the last seconds only.
     fn scene(&mut self, page: &Page, front: &Front) -> Result<Place, String> {
         let Page { root, robots, .. } = page;
         let name = if root.is_empty() { "Robot and world" } else { root.trim_end_matches('/') };
@@ -224,7 +224,7 @@ impl Print<'_> {
         Ok(scene)
     }
 
-    /// A space, seen from the front.
+    /// Writes a 3D view from the front.
     fn space(&mut self, name: &str, origin: &str, front: &Front) -> Result<Place, String> {
         let scene = self.view("3D", name, origin)?;
         let eye = look::EyeControls3D::new()
@@ -255,7 +255,7 @@ impl Print<'_> {
         Ok(view)
     }
 
-    /// The event log; its column of sources only if there are several robots to keep apart.
+    /// Writes the event log; its column of sources is shown only if there are several robots.
     fn log_view(&mut self, root: &str, sources: bool) -> Result<Place, String> {
         let view = self.view("TextLog", "Log", &format!("/{root}log"))?;
         let column = |kind, visible: bool| TextLogColumn(shapes::TextLogColumn { kind, visible: visible.into() });
@@ -281,8 +281,9 @@ impl Print<'_> {
         Ok(view)
     }
 
-    /// State lanes over all times. The view fits itself to what is there when it is first drawn, which is a part of a file that is still
-    /// being loaded, and of a live run its first instant; only the time axis that plots can share follows. Its range is set nowhere: all.
+    /// Writes state lanes over all times. The view fits its range to the data when it is first drawn, which may
+    /// be a part of a file that is still loading, or the first instant of a live run. Only the shared time axis
+    /// follows later, so no range is set: all.
     fn lanes(&mut self, name: &str, origin: &str) -> Result<Place, String> {
         let view = self.view("StateTimeline", name, origin)?;
         let axis = look::TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
@@ -290,7 +291,7 @@ impl Print<'_> {
         Ok(view)
     }
 
-    /// What part of time a view shows.
+    /// Sets the time range of a view.
     fn window(&self, view: &str, start: TimeRangeBoundary, end: TimeRangeBoundary) -> Written {
         let axis = look::TimeAxis::new().with_view_range(TimeRange { start, end });
         self.log(&format!("{view}/TimeAxis"), &axis)
@@ -337,7 +338,8 @@ impl Print<'_> {
         Ok(path)
     }
 
-    /// A new box's path. Counted by class, not random: two recordings of one run open with equal layouts.
+    /// Creates the path of a new box. Ids are counted by class, not random: two recordings of one run open with
+    /// equal layouts.
     fn id(&mut self, what: &str, class: &str) -> Place {
         let class = class_number(class);
         let number = self.counts.entry(class).or_default();
@@ -355,7 +357,7 @@ impl Print<'_> {
 mod tests {
     use super::*;
 
-    /// The layout is sent again with more boxes, as when the first vertex of a map comes.
+    /// The layout is sent again with more boxes, as when the first vertex of a map arrives.
     #[test]
     fn an_id_is_of_one_class_whatever_a_layout_has() {
         let mut classes: BTreeMap<Place, &str> = BTreeMap::new();

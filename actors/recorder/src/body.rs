@@ -3,10 +3,10 @@
 //!
 //! ```text
 //! world/icub                      shapes that no joint moves
-//! world/icub/torso_yaw            static: where the joint sits
+//! world/icub/torso_yaw            static: origin of the joint
 //! world/icub/torso_yaw/turned     one rotation per frame, and the shapes that turn with it
 //! world/icub/torso_yaw/turned/torso_roll/turned/...
-//! world/tiago/lift/slid           one translation per frame, for a joint that slides
+//! world/tiago/lift/slid           one translation per frame, for a prismatic joint
 //! ```
 
 use crate::palette::{self, Rgba};
@@ -22,25 +22,25 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-/// A joint's angle is written again when it changed by more than this, rad (0.05 degrees).
+/// Change of a revolute joint's angle after which it is written again, rad (0.05 degrees).
 const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
-/// The same for the way of a joint that slides, meters.
+/// The same for the position of a prismatic joint, meters.
 const SLIDE_STEP: f64 = 5e-5;
 
-/// How a robot is drawn.
+/// Appearance of a robot.
 pub(crate) struct Look<'a> {
-    /// Whether its shapes hide what is behind them.
+    /// Fill mode of its shapes: opaque or transparent.
     pub(crate) fill: FillMode,
-    /// The color of a node's shapes.
+    /// Color of a node's shapes.
     pub(crate) color: &'a dyn Fn(&Robot, usize) -> Rgba,
-    /// Whether hulls are drawn, and of the shapes that have one only the outlines.
+    /// True if hulls are drawn, with only the outlines of the shapes that have one.
     pub(crate) hulls: bool,
     /// Nodes that carry more than their shapes, which must move with them.
     pub(crate) carrying: &'a BTreeSet<usize>,
 }
 
 impl Look<'_> {
-    /// As in the recording of a run: solid, a color for each part.
+    /// Appearance in the recording of a run: solid, with a color for each part.
     pub(crate) const RUN: Look<'static> = Look {
         fill: FillMode::Solid,
         color: &|robot, node| palette::part(robot.nodes.get(node).map_or(0, |n| n.part)),
@@ -49,12 +49,12 @@ impl Look<'_> {
     };
 }
 
-/// A robot's entities and the joint positions that wait to be sent.
+/// Entities of a robot, and the joint positions that are still to be sent.
 pub(crate) struct Body {
     joints: Vec<Moving>,
-    /// Where each node sits.
+    /// Frame of each node.
     pub(crate) seats: Vec<Seat>,
-    /// Its shapes, to be painted.
+    /// Its shapes, to be colored.
     pub(crate) shapes: Shapes,
 }
 
@@ -71,7 +71,7 @@ struct Moving {
     positions: Vec<f32>,
 }
 
-/// Where a node sits: on which entity, and how far from its origin.
+/// Frame of a node: its entity, and its offset from the entity's origin.
 #[derive(Clone)]
 pub(crate) struct Seat {
     pub(crate) entity: String,
@@ -83,7 +83,7 @@ impl Body {
     /// Writes a robot's shapes and joints under `world/NAME`; `base` is `world_from_robot`.
     ///
     /// # Errors
-    /// In words.
+    /// If Rerun refuses the data, as a message.
     pub(crate) fn new(
         stream: &Stream,
         robot: &Robot,
@@ -96,7 +96,7 @@ impl Body {
         stream.log_static(&root, &place)?;
         let moved = moves_something(robot, look.carrying);
         let mut body = Body { joints: Vec::new(), seats: Vec::new(), shapes: Shapes::default() };
-        // where children of each node sit, and the solids of each entity
+        // Frames for the children of each node, and the solids of each entity.
         let mut seats: Vec<Seat> = Vec::with_capacity(robot.nodes.len());
         let mut solids: Vec<(String, Vec<Solid<'_>>)> = Vec::new();
         let base = Seat { entity: root, offset: Vector3::zeros() };
@@ -147,7 +147,7 @@ impl Body {
         Ok(body)
     }
 
-    /// Takes note of a pose: the positions that changed.
+    /// Takes a configuration: stores the positions that changed.
     pub(crate) fn pose(&mut self, at: Time, robot: &Robot, q: &[f64]) {
         for joint in &mut self.joints {
             let position = robot.joint_position(joint.node, q);
@@ -155,7 +155,7 @@ impl Body {
                 JointMotion::Turn => STEP,
                 JointMotion::Slide => SLIDE_STEP,
             };
-            // not-a-number (nothing written yet) is no small change either
+            // NaN (nothing written yet) does not count as a small change.
             let small = (position - joint.written).abs() <= step;
             if !small && position.is_finite() {
                 joint.written = position;
@@ -165,7 +165,7 @@ impl Body {
         }
     }
 
-    /// Sends what waits.
+    /// Sends the stored positions.
     pub(crate) fn flush(&mut self, stream: &Stream) -> Written {
         for joint in &mut self.joints {
             if joint.times.is_empty() {
@@ -183,7 +183,7 @@ impl Body {
     }
 }
 
-/// Rotations about one axis as a column, built whole from flat buffers: the typed builders cost ten times as much.
+/// Rotations about one axis as a column, built from flat buffers: the typed builders cost ten times as much.
 fn rotations(axis: [f32; 3], angles: Vec<f32>) -> Option<rerun::SerializedComponentColumn> {
     let n = angles.len();
     let axes = Float32Array::from_iter_values(axis.iter().copied().cycle().take(3 * n));
@@ -197,7 +197,7 @@ fn rotations(axis: [f32; 3], angles: Vec<f32>) -> Option<rerun::SerializedCompon
     batch.partitioned(std::iter::repeat_n(1, n)).ok()
 }
 
-/// Translations along one axis as a column, as [`rotations`].
+/// Translations along one axis as a column, like [`rotations`].
 fn translations(axis: [f32; 3], ways: &[f32]) -> Option<rerun::SerializedComponentColumn> {
     let along = Float32Array::from_iter_values(ways.iter().flat_map(|way| axis.map(|a| a * way)));
     let item = Arc::new(Field::new("item", DataType::Float32, false));
@@ -206,7 +206,7 @@ fn translations(axis: [f32; 3], ways: &[f32]) -> Option<rerun::SerializedCompone
     batch.partitioned(std::iter::repeat_n(1, ways.len())).ok()
 }
 
-/// Which nodes have shapes, or what else they carry, in their subtree, themselves not counted.
+/// True for each node whose subtree, without the node itself, has shapes or carries something.
 fn moves_something(robot: &Robot, carrying: &BTreeSet<usize>) -> Vec<bool> {
     let mut moves = vec![false; robot.nodes.len()];
     for (n, node) in robot.nodes.iter().enumerate().rev() {
@@ -218,9 +218,9 @@ fn moves_something(robot: &Robot, carrying: &BTreeSet<usize>) -> Vec<bool> {
     moves
 }
 
-/// What the recorder draws beside robots.
+/// Names of the recorder's entities beside robots.
 const WORLD: [&str; 8] = ["axis", "contacts", "eyes", "map", "near", "objects", "roadmap", "trails"];
-/// What it draws beside joints.
+/// Names of the recorder's entities beside joints.
 const FRAME: [&str; 9] = [
     "boxes",
     "boxes_around_hulls",
@@ -233,7 +233,7 @@ const FRAME: [&str; 9] = [
     "spheres_around_hulls",
 ];
 
-/// The entity of a joint: named after its motor, counted if the motor drives several.
+/// Entity of a joint: named after its motor, with a number if the motor drives several.
 fn joint_path(parent: &str, robot: &Robot, motor: usize, node: usize) -> String {
     let Some(m) = robot.motors.get(motor) else { return format!("{parent}/..joint{node}") };
     let name = entity_beside(&m.name, &FRAME);
@@ -243,13 +243,14 @@ fn joint_path(parent: &str, robot: &Robot, motor: usize, node: usize) -> String 
     }
 }
 
-/// A name as a part of an entity path, where the recorder calls other entities by these words.
+/// A name as a part of an entity path that differs from the recorder's own names.
 fn entity_beside(name: &str, words: &[&str]) -> String {
     if words.contains(&name) { format!("..{name}") } else { entity(name) }
 }
 
-/// A name as a part of an entity path. Different names are different entities: what Rerun would read as syntax becomes its number
-/// between dots (a blank `..20.`), and of dots in a row all but the last do.
+/// A name as a part of an entity path. Different names give different entities: a character that Rerun would
+/// read as syntax becomes its code between dots (a blank `..20.`), and so do all but the last of several dots
+/// in a row.
 pub(crate) fn entity(name: &str) -> String {
     if name.is_empty() {
         return "..unnamed".to_owned();
@@ -279,7 +280,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// A name can be read from its entity: so no two names have one.
+        /// The name can be reconstructed from the entity, so no two names share one.
         #[test]
         fn names_that_differ_are_entities_that_differ(name in "[ab._/ :é-]{1,9}") {
             let encoded = entity(&name);

@@ -1,4 +1,4 @@
-//! What is in a recording, without a viewer.
+//! Contents of a recording, without a viewer.
 
 use crate::stream::TIMELINE;
 use mobee_contract::Time;
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::io::BufReader;
 use std::path::Path;
 
-/// What a recording holds. A recording whose run was killed gives what had been written.
+/// Contents of a recording. If its run was killed, they end with the last complete message.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Contents {
     /// Rows by entity, such as `/joints/icub/left_arm`.
@@ -25,13 +25,13 @@ impl Contents {
     /// Reads a recording.
     ///
     /// # Errors
-    /// In words, if there is no such file or it is no recording.
+    /// As a message, if there is no such file or it is not a recording.
     pub fn read(path: &Path) -> Result<Contents, String> {
         let bad = |why: &dyn std::fmt::Display| format!("{} can't be read as a recording: {why}", path.display());
         let file = BufReader::new(mobee_model::file::open(path).map_err(|e| bad(&e))?);
         let messages = DecoderApp::decode_eager(file).map_err(|e| bad(&e))?;
         let mut contents = Contents::default();
-        // a file whose writer was killed ends in the middle of a message: what came before counts
+        // A file whose writer was killed ends in the middle of a message: the messages before are valid.
         for message in messages.map_while(Result::ok) {
             if let LogMsg::ArrowMsg(store, rows) = message
                 && store.kind() == StoreKind::Recording

@@ -1,8 +1,8 @@
-//! The recording's file, written on Rerun's own thread. An error is noted where the recorder finds it, and the file then
-//! ends with its last whole message.
+//! The recording's file, written on Rerun's own thread. An error is stored for the recorder, and the file then
+//! ends with its last complete message.
 //!
-//! Rerun's own file sink ends its thread at the first error, tells nobody, and keeps a flush that was asked for meanwhile
-//! waiting for ever.
+//! Rerun's own file sink ends its thread at the first error without reporting it, and a flush that was
+//! requested then never returns.
 
 use mobee_contract::{Before, create_private};
 use rerun::external::re_log_encoding::{CrateVersion, Encoder, EncodingOptions};
@@ -13,34 +13,34 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-/// So many messages are indexed at most: Rerun's index has a row of some hundred columns for each of them (two kilobytes) in memory until the
-/// file is closed. A longer file has none.
+/// Most messages that are indexed: until the file is closed, Rerun's index takes two kilobytes of memory for
+/// each of them (a row of some hundred columns). A longer file has no index.
 const MAX_INDEXED: u64 = 8192;
 
-/// Why a file could not be written on, once that has happened.
+/// Error that ended the writing of a file, once it has happened.
 pub(crate) type Trouble = Arc<OnceLock<String>>;
 
 /// A file that is being written.
 pub(crate) struct Disk {
-    book: Mutex<TransactionState>,
+    state: Mutex<FileState>,
     trouble: Trouble,
 }
 
-struct TransactionState {
+struct FileState {
     /// `None` after an error.
     encoder: Option<Encoder<File>>,
     file: File,
-    /// Bytes of whole messages.
+    /// Size of the complete messages, bytes.
     good: u64,
-    /// Messages that the index still takes.
+    /// Number of messages that the index can still take.
     indexed: u64,
 }
 
 impl Disk {
-    /// Begins a file, with an index at its end if `index`, unless it gets too long for one.
+    /// Creates a file, with an index at its end if `index`, unless it gets too long for one.
     ///
     /// # Errors
-    /// If it can't be written, in words.
+    /// If it can't be written, as a message.
     pub(crate) fn create(path: &Path, index: bool) -> Result<(Disk, Trouble), String> {
         let file = create_private(path, Before::Empty).map_err(|e| e.to_string())?;
         let second = file.try_clone().map_err(|e| e.to_string())?;
@@ -51,33 +51,33 @@ impl Disk {
         }
         let good = file.metadata().map_err(|e| e.to_string())?.len();
         let trouble = Trouble::default();
-        let book = Mutex::new(TransactionState { encoder: Some(encoder), file, good, indexed: MAX_INDEXED });
-        Ok((Disk { book, trouble: trouble.clone() }, trouble))
+        let state = Mutex::new(FileState { encoder: Some(encoder), file, good, indexed: MAX_INDEXED });
+        Ok((Disk { state, trouble: trouble.clone() }, trouble))
     }
 
-    fn lock(&self) -> MutexGuard<'_, TransactionState> {
-        self.book.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, FileState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl LogSink for Disk {
     fn send(&self, message: LogMsg) {
-        let mut book = self.lock();
-        let book = &mut *book;
-        let Some(encoder) = book.encoder.as_mut() else { return };
+        let mut state = self.lock();
+        let state = &mut *state;
+        let Some(encoder) = state.encoder.as_mut() else { return };
         match encoder.append(&message) {
             Ok(bytes) => {
-                if book.indexed == 0 {
+                if state.indexed == 0 {
                     encoder.do_not_emit_footer();
                 }
-                book.indexed = book.indexed.saturating_sub(1);
-                book.good += bytes;
+                state.indexed = state.indexed.saturating_sub(1);
+                state.good += bytes;
             }
             Err(e) => {
                 let _ = self.trouble.set(e.to_string());
-                // without its writer it can't add an end to half a message
-                let _ = book.encoder.take().map(Encoder::into_inner);
-                let _ = book.file.set_len(book.good);
+                // Without its writer the encoder can't append an end to an incomplete message.
+                let _ = state.encoder.take().map(Encoder::into_inner);
+                let _ = state.file.set_len(state.good);
             }
         }
     }
@@ -109,7 +109,7 @@ mod tests {
         line.split_whitespace().next().unwrap().parse().unwrap()
     }
 
-    /// What a run of eight hours sends, for each second of real time one message of each of its entities: memory stays flat.
+    /// An eight-hour run with one message per entity and second of real time: the memory stays flat.
     #[test]
     fn memory_stays_bounded_however_long_a_file_gets() {
         let (rec, storage) = RecordingStreamBuilder::new("test").memory().unwrap();
@@ -137,7 +137,7 @@ mod tests {
         let (grown, long) = write("long.rrd", 600);
         assert!(grown < 4_000, "{grown} kB");
         let (_, short) = write("short.rrd", 2);
-        // an index ends with the mark that the file begins with
+        // An index ends with the mark that the file begins with.
         let has_index = |bytes: &[u8]| bytes[bytes.len() - 64..].windows(4).any(|end| *end == bytes[..4]);
         assert!(has_index(&short) && !has_index(&long));
     }

@@ -1,4 +1,5 @@
-//! The roadmap drawn three times: in the world at the hand's places, flat as in figure 4 of the paper, and as a graph.
+//! The roadmap in three drawings: in the world at the hand's positions, flat as in figure 4 of the paper, and
+//! as a graph.
 
 use crate::palette;
 use crate::roadmap::{Changed, Roadmap, Vertex};
@@ -8,7 +9,8 @@ use rerun::{GraphEdges, GraphNodes, LineStrips2D, LineStrips3D, Points2D, Points
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// States as layers, the lower ones first, with widths in the world (meters) and in the flat drawing (its units).
+/// Edge states as layers, the lower ones first, with line widths in the world (meters) and in the flat drawing
+/// (its units).
 const LAYERS: [(EdgeState, &str, f32, f32); 5] = [
     (EdgeState::Removed, "removed", 0.0008, 1.2),
     (EdgeState::Optimistic, "untried", 0.0006, 0.9),
@@ -16,28 +18,28 @@ const LAYERS: [(EdgeState, &str, f32, f32); 5] = [
     (EdgeState::Blocked, "blocked", 0.0010, 1.8),
     (EdgeState::Feasible, "feasible", 0.0022, 3.5),
 ];
-/// Vertices whose numbers are shown in the world.
+/// Most vertices whose numbers are shown in the world.
 const LABELED: usize = 30;
-/// Dashes of a removed edge.
+/// Number of dashes of a removed edge.
 const DASHES: usize = 5;
-/// Bytes per simulated second that a growing picture may cost; a larger map is drawn less often.
-const BUDGET: f64 = 6000.0;
+/// Data rate of a growing drawing, bytes per simulated second; a larger map is drawn less often.
+const BYTES_PER_SECOND: f64 = 6000.0;
 
-/// The pictures of one robot's roadmap.
+/// Drawings of one robot's roadmap.
 pub(crate) struct Drawing {
-    /// The robot's name as a part of entity paths.
+    /// Name of the robot as a part of entity paths.
     name: String,
-    /// The lines shown now, by layer.
+    /// The lines that are shown, by layer.
     shown: BTreeMap<EdgeState, Vec<(u32, u32)>>,
-    /// No edges are drawn before this time.
+    /// Time before which no edges are drawn.
     not_before: Time,
 }
 
 impl Drawing {
-    /// Names the counters of a robot's map.
+    /// Writes the names of the counters of a robot's map.
     ///
     /// # Errors
-    /// In words.
+    /// If Rerun refuses the data, as a message.
     pub(crate) fn new(stream: &Stream, name: &str) -> Result<Drawing, String> {
         let lines = SeriesLines::new()
             .with_names(["feasible edges", "untried edges", "removed edges", "vertices"])
@@ -47,7 +49,7 @@ impl Drawing {
         Ok(Drawing { name: name.to_owned(), shown: BTreeMap::new(), not_before: Time::ZERO })
     }
 
-    /// Draws what changed. Edges of a large map wait until their turn, unless it is the last picture.
+    /// Draws the changes. Edges of a large map are delayed, unless this is the last drawing.
     pub(crate) fn draw(&mut self, stream: &Stream, at: Time, map: &mut Roadmap, last: bool) -> Written {
         let Changed { vertices, edges, plan } = map.changed;
         if vertices {
@@ -56,7 +58,7 @@ impl Drawing {
         }
         if edges && (last || at >= self.not_before) {
             let bytes = self.edges(stream, map)?;
-            self.not_before = at + Duration::from_secs_f64(bytes / BUDGET);
+            self.not_before = at + Duration::from_secs_f64(bytes / BYTES_PER_SECOND);
             map.changed.edges = false;
         }
         if plan {
@@ -72,7 +74,7 @@ impl Drawing {
         let labels: Vec<_> = map.vertices.keys().map(|id| map.label(*id)).collect();
         let solid: Vec<_> = map.vertices.values().map(|v| v.at).collect();
         let flat: Vec<_> = map.vertices.values().map(|v| v.flat).collect();
-        // in the world labels lie over the robot: names are worth that, and numbers of a small map
+        // Labels in the world cover the robot: only names, and the numbers of a small map, are shown.
         let shows = map.has_names() || labels.len() <= LABELED;
         let points = Points3D::new(solid)
             .with_colors([palette::VERTEX])
@@ -87,12 +89,12 @@ impl Drawing {
             .with_show_labels(true)
             .with_draw_order(30.0);
         stream.log(&format!("roadmap/{name}/vertices"), &points)?;
-        // a graph view knows edges only between nodes of one entity
+        // A graph view has edges only between nodes of one entity.
         let nodes = GraphNodes::new(ids).with_positions(flat).with_labels(labels);
         stream.log(&format!("graph/{name}/map"), &nodes.with_colors([palette::VERTEX]))
     }
 
-    /// Draws the layers that changed; gives their size in bytes.
+    /// Draws the layers that changed, and returns their size in bytes.
     fn edges(&mut self, stream: &Stream, map: &Roadmap) -> Result<f64, String> {
         let name = &self.name;
         let mut layers: BTreeMap<EdgeState, Vec<(u32, u32)>> = BTreeMap::new();
@@ -157,7 +159,7 @@ fn end(map: &Roadmap, vertex: u32) -> Option<Vertex> {
     map.vertices.get(&vertex).copied()
 }
 
-/// A line as so many dashes with gaps as long between them.
+/// A line as a number of dashes with gaps of equal length.
 fn dashes<const N: usize>(a: [f32; N], b: [f32; N], pieces: usize) -> impl Iterator<Item = [[f32; N]; 2]> {
     let parts = (2 * pieces - 1) as f32;
     let at = move |share: f32| {

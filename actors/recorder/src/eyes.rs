@@ -1,5 +1,5 @@
-//! What cameras see, and what was found in it: a picture and a mask before each of them, in the frustum of a camera whose place on its
-//! robot is known.
+//! Camera images with their detections: an image and a mask in front of each camera, in the camera's frustum if
+//! its pose on the robot is known.
 
 use crate::body::entities;
 use crate::palette;
@@ -13,29 +13,29 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use rerun::datatypes::{ChannelDatatype, ImageFormat, Rgba32};
 use rerun::{AnnotationContext, Boxes2D, EncodedImage, Pinhole, Points2D, SegmentationImage, Transform3D};
 
-/// Of a hundred: pictures for people to look at.
-const QUALITY: u8 = 80;
-/// How far before a camera its picture is drawn, meters: less than to where hands work.
-const BEFORE: f32 = 0.12;
-/// How much of the mask's color is laid over the picture.
+/// JPEG quality, percent: the images are for display only.
+const JPEG_QUALITY: u8 = 80;
+/// Distance of an image from its camera, meters: less than to the workspace of the hands.
+const IMAGE_DISTANCE_M: f32 = 0.12;
+/// Opacity of the mask over the image.
 const OPACITY: f32 = 0.5;
-/// A camera's place is written again when it has moved by more than this, meters, or turned, rad (0.05 degrees).
+/// Change of a camera's pose after which it is written again: meters, and rad (0.05 degrees).
 const STEP: [f64; 2] = [1e-4, 1e-3];
 
-/// A camera of which there were pictures.
+/// A camera with at least one image.
 pub(crate) struct Eye {
-    /// Its name in the run.
+    /// Name of the camera in the run.
     name: String,
-    /// Its entity.
+    /// Entity of the camera.
     pub(crate) path: String,
     mount: Option<CameraMount>,
     lens: Option<Intrinsics>,
-    /// Where it was written to be last, `world_from_camera`.
+    /// Pose that was written last, `world_from_camera`.
     written: Option<Isometry3<f64>>,
 }
 
 impl Eye {
-    /// A camera of this name in the run. One on a robot is drawn there.
+    /// Creates the entity of a camera with this name in the run. A camera on a robot is drawn there.
     pub(crate) fn new(stream: &Stream, name: &str, mount: Option<&CameraMount>) -> Result<Eye, String> {
         let below = if mount.is_some() { "world/eyes" } else { "eyes" };
         let path = format!("{below}/{}", entities(name));
@@ -43,28 +43,30 @@ impl Eye {
         Ok(Eye { name: name.to_owned(), path, mount: mount.cloned(), lens: None, written: None })
     }
 
-    /// Whether it is the camera of this name.
+    /// True if it is the camera of this name.
     pub(crate) fn is(&self, name: &str) -> bool {
         self.name == name
     }
 
-    /// Draws a picture, the mask over it, and boxes and centers of what was found in it.
+    /// Draws an image, the mask over it, and boxes and centers of the detections.
     ///
     /// # Errors
-    /// In words. A picture or a mask that is not what it says is left out.
+    /// If Rerun refuses the data, as a message. An image or a mask whose size does not match its data is
+    /// skipped.
     pub(crate) fn show(&mut self, stream: &Stream, seen: &SeenPicture) -> Written {
         let SeenPicture { frame, regions, mask, mount } = seen;
-        // a camera may have been exchanged for one elsewhere on the robot
+        // The camera may have been exchanged for one elsewhere on the robot.
         if self.mount.is_some() && mount.is_some() {
             self.mount.clone_from(mount);
         }
-        let (path, [width, height]) = (&self.path, frame.intrinsics.size);
+        let path = &self.path;
+        let [width, height] = frame.intrinsics.size;
         if self.mount.is_some() && self.lens != Some(frame.intrinsics) {
             stream.log(path, &pinhole(&frame.intrinsics))?;
             self.lens = Some(frame.intrinsics);
         }
         let mut jpeg = Vec::new();
-        let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
+        let encoder = JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY);
         if encoder.write_image(&frame.pixels, width, height, ExtendedColorType::Rgb8).is_ok() {
             let picture = EncodedImage::from_file_contents(jpeg).with_media_type("image/jpeg");
             stream.log(&format!("{path}/picture"), &picture)?;
@@ -84,10 +86,10 @@ impl Eye {
         stream.log(&format!("{path}/centers"), &Points2D::new(centers).with_colors([palette::NEAR]).with_radii([2.0]))
     }
 
-    /// Takes it where a robot at this pose carries it.
+    /// Moves the camera with its robot in this configuration.
     ///
     /// # Errors
-    /// In words.
+    /// If Rerun refuses the data, as a message.
     pub(crate) fn carry(&mut self, stream: &Stream, scene: &Scene, robot: usize, q: &[f64]) -> Written {
         let Some(mount) = self.mount.as_ref().filter(|mount| mount.robot == robot) else { return Ok(()) };
         let Some(at) = place(mount, scene, q) else { return Ok(()) };
@@ -105,7 +107,7 @@ impl Eye {
     }
 }
 
-/// `world_from_camera`; `None` for a robot or a pose that is not the scene's.
+/// Pose of a camera, `world_from_camera`; `None` if the robot or the configuration does not fit the scene.
 fn place(mount: &CameraMount, scene: &Scene, q: &[f64]) -> Option<Isometry3<f64>> {
     let robot = scene.robots().get(mount.robot).filter(|r| r.motors.len() == q.len())?;
     let mut frames = Vec::new();
@@ -117,13 +119,13 @@ fn place(mount: &CameraMount, scene: &Scene, q: &[f64]) -> Option<Isometry3<f64>
     at.translation.vector.iter().all(|x| x.is_finite()).then_some(at)
 }
 
-/// A camera's frustum; what its lens bends is not in it.
+/// Frustum of a camera, without lens distortion.
 fn pinhole(lens: &Intrinsics) -> Pinhole {
     let [[fx, fy], [cx, cy]] = [lens.focal, lens.center].map(|pair| pair.map(|x| x as f32));
     let [width, height] = lens.size.map(|n| n as f32);
     Pinhole::new([[fx, 0.0, 0.0], [0.0, fy, 0.0], [cx, cy, 1.0]])
         .with_resolution([width, height])
-        .with_image_plane_distance(BEFORE)
+        .with_image_plane_distance(IMAGE_DISTANCE_M)
         .with_color(palette::FRUSTUM)
 }
 
@@ -132,7 +134,7 @@ fn is_whole(mask: &SeenMask) -> bool {
     width.checked_mul(height) == Some(mask.objects.len())
 }
 
-/// The colors of a mask: none where nothing is, then one for each of the detector's objects.
+/// Colors of a mask: none for the background, then one for each of the detector's objects.
 fn classes() -> impl Iterator<Item = (u16, &'static str, Rgba32)> {
     let nothing = (0, "", Rgba32(0));
     let objects = (1..=u16::from(u8::MAX)).map(|n| (n, "", Rgba32(palette::trail(usize::from(n)))));

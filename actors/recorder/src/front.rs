@@ -1,62 +1,63 @@
-//! The eye of the 3D view: before the robot's front, far enough away that robots, near objects and the map are in the picture.
+//! Viewpoint of the 3D view: in front of the robots, far enough away that robots, near objects and the map are
+//! visible.
 
 use crate::traces::trail_markers;
 use mobee_model::{Object, Primitive, Robot, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// An object wider than this is ground or wall and does not move the eye, meters.
-const WALL: f64 = 3.0;
-/// What is farther than this from the robots and their reach does not move the eye, meters.
-const NEAR: f64 = 0.3;
-/// An object that is smaller than this from corner to corner is framed as a whole, meters.
-const SMALL: f64 = 1.0;
-/// Half the viewer's vertical field of view, 55 degrees in Rerun, as a tangent.
+/// Size from which an object is ground or wall and does not move the viewpoint, meters.
+const WALL_M: f64 = 3.0;
+/// Distance from the robots and their reach beyond which an object does not move the viewpoint, meters.
+const NEAR_M: f64 = 0.3;
+/// Diagonal below which an object is framed as a whole, meters.
+const SMALL_M: f64 = 1.0;
+/// Tangent of half the viewer's vertical field of view, which is 55 degrees in Rerun.
 const HALF_FIELD: f64 = 0.5206;
-/// Width by height of the view: less than that of the layout's, so that a narrower window shows everything, too.
+/// Width by height of the view: less than in the layout, so that a narrower window still shows everything.
 const ASPECT: f64 = 1.2;
-/// Share of the view that is used; the rest is an edge around it.
+/// Share of the view that is used; the rest is margin.
 const USED: f64 = 0.92;
-/// Configurations of which the reach of the hands is taken.
+/// Number of configurations from which the reach of the hands is determined.
 const SAMPLES: usize = 400;
 
-/// A camera before the robots.
+/// A viewpoint in front of the robots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Front {
-    /// Where the eye is, meters.
+    /// Position of the viewpoint, meters.
     pub(crate) eye: [f32; 3],
-    /// What it looks at, meters.
+    /// Point that it looks at, meters.
     pub(crate) target: [f32; 3],
     /// The world's direction to the viewer's right.
     pub(crate) right: [f32; 3],
-    /// Height of the lowest thing, meters.
+    /// Height of the lowest shape, meters.
     pub(crate) floor: f32,
     frame: Frame,
 }
 
-/// What must be in the picture, as seen in one direction.
+/// Extent of the content, as seen in one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Frame {
     /// Right, up, and toward the viewer; of unit length.
     axes: [Vector3<f64>; 3],
-    /// How far it extends toward the right, left, upper and lower plane of the view, meters.
+    /// Extent toward the right, left, upper and lower plane of the view, meters.
     sides: [f64; 4],
-    /// Where it begins and ends along the view, meters.
+    /// Start and end along the view, meters.
     depth: [f64; 2],
 }
 
 impl Front {
-    /// An eye for the scene's robots at home, the reach of their hands, and the objects near them: a little to the side and
-    /// above.
+    /// Creates a viewpoint for the scene's robots at home, the reach of their hands, and the objects near them:
+    /// a little to the side and above.
     ///
-    /// A robot's markers (eyes, palms, tools) are on its front: the mean of their positions, seen from its root, gives the
-    /// direction. A robot without markers is taken to look along x.
+    /// A robot's markers (eyes, palms, tools) are on its front, so the mean of their positions relative to its
+    /// root gives the direction. A robot without markers is assumed to face along x.
     pub(crate) fn of(scene: &Scene) -> Front {
         let reach = |(i, robot): (usize, &std::sync::Arc<Robot>)| hands(robot, &scene.base(i));
         let hands: Vec<Point3<f64>> = scene.robots().iter().enumerate().flat_map(reach).collect();
         Front::framing(scene, scene.home().iter().enumerate().map(|(i, q)| (i, q.to_vec())), &hands)
     }
 
-    /// An eye for a robot that moves through these configurations, the first of the scene.
+    /// Creates a viewpoint for the first robot of the scene, moving through these configurations.
     pub(crate) fn of_motion(scene: &Scene, poses: impl Iterator<Item = Vec<f64>>) -> Front {
         Front::framing(scene, poses.map(|q| (0, q)), &[])
     }
@@ -87,7 +88,7 @@ impl Front {
         }
         let floor = floor(scene);
         if let Some((low, high)) = near.0 {
-            let edge = Vector3::repeat(NEAR);
+            let edge = Vector3::repeat(NEAR_M);
             let around = (low - edge, high + edge);
             let parts = scene.objects().filter_map(|(_, object)| within(object, &around));
             parts.for_each(|(low, high)| corners(low, high).iter().for_each(|corner| frame.point(corner)));
@@ -98,13 +99,13 @@ impl Front {
         Front { eye: f32s(&eye), target: f32s(&target), right: f32s(&right), floor: floor as f32, frame }
     }
 
-    /// Moves the eye so that a box is in the picture, too, with room around it; gives whether it had to move.
+    /// Moves the viewpoint so that a box is visible, too, with room around it. Returns true if it had to move.
     pub(crate) fn include(&mut self, low: [f32; 3], high: [f32; 3]) -> bool {
         let [low, high] = [low, high].map(|p| Point3::from(p.map(f64::from)));
         if corners(low, high).iter().all(|corner| self.frame.sees(corner)) {
             return false;
         }
-        // room for what is added next, so that a growing map moves the eye a few times only
+        // Room for later additions, so that a growing map moves the viewpoint only a few times.
         let room = 0.1 * (high - low);
         corners(low - room, high + room).iter().for_each(|corner| self.frame.point(corner));
         let (eye, target) = self.frame.eye();
@@ -112,7 +113,7 @@ impl Front {
         true
     }
 
-    /// How far the eye is from what it looks at, meters.
+    /// Distance of the viewpoint from the point that it looks at, meters.
     pub(crate) fn distance(&self) -> f64 {
         let squares = self.eye.iter().zip(self.target).map(|(a, b)| f64::from(a - b).powi(2));
         squares.sum::<f64>().sqrt()
@@ -124,14 +125,15 @@ impl Frame {
         Frame { axes, sides: [f64::NEG_INFINITY; 4], depth: [f64::INFINITY, f64::NEG_INFINITY] }
     }
 
-    /// How far the planes of the view open, as tangents: to the sides, and up and down.
+    /// Tangents of the view's half opening angles: to the sides, and up and down.
     fn opening() -> [f64; 2] {
         [USED * HALF_FIELD * ASPECT, USED * HALF_FIELD]
     }
 
-    /// The normals of the right, left, upper and lower plane.
+    /// Normals of the right, left, upper and lower plane.
     fn normals(&self) -> [Vector3<f64>; 4] {
-        let ([right, up, back], [wide, high]) = (self.axes, Frame::opening());
+        let [right, up, back] = self.axes;
+        let [wide, high] = Frame::opening();
         [right + wide * back, wide * back - right, up + high * back, high * back - up]
     }
 
@@ -143,7 +145,7 @@ impl Frame {
         self.add(&|direction: &Vector3<f64>| support(shape, at, direction));
     }
 
-    /// Adds something, of which is given how far it extends in a direction.
+    /// Adds a shape, given by its extent in any direction.
     fn add(&mut self, extent: &dyn Fn(&Vector3<f64>) -> f64) {
         let normals = self.normals();
         for (side, normal) in self.sides.iter_mut().zip(normals) {
@@ -151,12 +153,15 @@ impl Frame {
         }
         let [begin, end] = &mut self.depth;
         let [_, _, back] = self.axes;
-        (*begin, *end) = (begin.min(-extent(&-back)), end.max(extent(&back)));
+        *begin = begin.min(-extent(&-back));
+        *end = end.max(extent(&back));
     }
 
-    /// The nearest eye that has everything within the view's planes, and the point in the middle that it looks at.
+    /// The nearest viewpoint with all content within the view's planes, and the point in the middle that it
+    /// looks at.
     fn eye(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let ([wide, high], [a, b, c, d]) = (Frame::opening(), self.sides);
+        let [wide, high] = Frame::opening();
+        let [a, b, c, d] = self.sides;
         let distance = ((a + b) / (2.0 * wide)).max((c + d) / (2.0 * high));
         let [right, up, back] = self.axes;
         let line = right * (0.5 * (a - b)) + up * (0.5 * (c - d));
@@ -165,14 +170,14 @@ impl Frame {
         (line + back * distance, line + back * middle)
     }
 
-    /// Whether a point is within the view.
+    /// True if a point is within the view.
     fn sees(&self, at: &Point3<f64>) -> bool {
         let (eye, _) = self.eye();
         self.normals().iter().all(|normal| normal.dot(&(at.coords - eye)) <= 1e-9)
     }
 }
 
-/// Where a robot's markers are at home, seen from its root.
+/// Mean position of a robot's markers at home, relative to its root, meters.
 fn ahead(robot: &Robot, base: &Isometry3<f64>) -> Vector3<f64> {
     let mut frames = Vec::new();
     robot.forward_from(base, &robot.home(), &mut frames);
@@ -180,11 +185,11 @@ fn ahead(robot: &Robot, base: &Isometry3<f64>) -> Vector3<f64> {
     places.map(|p| p - base.translation.vector).sum::<Vector3<f64>>() / robot.markers.len().max(1) as f64
 }
 
-/// Where a robot's hands get to: at home, and at random configurations within the limits.
+/// Positions of a robot's hands: at home, and in random configurations within the limits.
 fn hands(robot: &Robot, base: &Isometry3<f64>) -> Vec<Point3<f64>> {
     let markers = trail_markers(robot);
     let mut random = 1_u64;
-    // a congruential generator: equal robots have equal eyes
+    // A linear congruential generator: equal robots have equal viewpoints.
     let mut share = || {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (random >> 33) as f64 / (1_u64 << 31) as f64
@@ -201,7 +206,7 @@ fn hands(robot: &Robot, base: &Isometry3<f64>) -> Vec<Point3<f64>> {
     places
 }
 
-/// Height of the lowest thing, walls apart.
+/// Height of the lowest shape, except walls.
 fn floor(scene: &Scene) -> f64 {
     let mut all = Bounds::default();
     for (i, (robot, q)) in scene.robots().iter().zip(scene.home()).enumerate() {
@@ -212,27 +217,28 @@ fn floor(scene: &Scene) -> f64 {
         }
     }
     let objects = scene.objects().flat_map(|(_, o)| o.shapes.iter().map(move |s| (s.shape, o.pose * s.pose)));
-    for (shape, at) in objects.filter(|(shape, _)| shape.bounding_radius() < WALL) {
+    for (shape, at) in objects.filter(|(shape, _)| shape.bounding_radius() < WALL_M) {
         all.shape(&shape, &at);
     }
     all.0.map_or(0.0, |(low, _)| low.z)
 }
 
-/// The part of an object that is to be framed: all of a small one that meets the box, of a large one the part within it; `None` if
-/// there is none, or the object is a wall.
+/// Part of an object that is to be framed: a small one completely, if it meets the box, and of a large one the
+/// part within the box. `None` if there is no such part, or the object is a wall.
 fn within(object: &Object, around: &(Point3<f64>, Point3<f64>)) -> Option<(Point3<f64>, Point3<f64>)> {
     let mut bounds = Bounds::default();
-    for Primitive { shape, pose } in object.shapes.iter().filter(|s| s.shape.bounding_radius() < WALL) {
+    for Primitive { shape, pose } in object.shapes.iter().filter(|s| s.shape.bounding_radius() < WALL_M) {
         bounds.shape(shape, &(object.pose * pose));
     }
     let (low, high) = bounds.0?;
-    let (inner_low, inner_high) = (low.sup(&around.0), high.inf(&around.1));
+    let inner_low = low.sup(&around.0);
+    let inner_high = high.inf(&around.1);
     let meets = inner_low.x <= inner_high.x && inner_low.y <= inner_high.y && inner_low.z <= inner_high.z;
-    let framed = if (high - low).norm() < SMALL { (low, high) } else { (inner_low, inner_high) };
+    let framed = if (high - low).norm() < SMALL_M { (low, high) } else { (inner_low, inner_high) };
     meets.then_some(framed)
 }
 
-/// How far a shape extends in a direction of any length, meters times that length.
+/// Extent of a shape in a direction of any length, meters times that length.
 fn support(shape: &Shape, at: &Isometry3<f64>, direction: &Vector3<f64>) -> f64 {
     let length = direction.norm();
     let own = at.rotation.inverse() * direction / length.max(f64::MIN_POSITIVE);
@@ -260,7 +266,8 @@ impl Bounds {
             let middle = at.translation.vector.dot(&axis);
             support(shape, at, &axis) - middle
         });
-        let (middle, half) = (Point3::from(at.translation.vector), Vector3::new(x, y, z));
+        let middle = Point3::from(at.translation.vector);
+        let half = Vector3::new(x, y, z);
         self.point(&(middle - half));
         self.point(&(middle + half));
     }
@@ -277,7 +284,7 @@ mod tests {
     use std::path::Path;
     use std::sync::Arc;
 
-    /// Where a point is in the picture: 1 is the edge, of a view that is no wider than [`ASPECT`].
+    /// Position of a point on the screen: 1 is the edge of a view that is no wider than [`ASPECT`].
     fn on_screen(front: &Front, at: &Point3<f64>) -> [f64; 2] {
         let [eye, target] = [front.eye, front.target].map(|p| Vector3::from(p.map(f64::from)));
         let forward = (target - eye).normalize();
@@ -320,7 +327,7 @@ mod tests {
             for (node, at) in robot.nodes.iter().zip(&frames) {
                 for Primitive { shape, pose } in &node.solids {
                     let mut bounds = Bounds::default();
-                    // the ends of the shape alone: what is between them is between them in the picture, too
+                    // Only the ends of the shape: everything between them is between them on the screen, too.
                     bounds.shape(&Shape::Sphere { radius: 0.0 }, &(at * pose));
                     assert!(shape.bounding_radius() > 0.0);
                     points.extend(bounds.0.map(|(low, _)| low));

@@ -1,4 +1,4 @@
-//! The page that explains the picture.
+//! The page that explains the views.
 
 /// The legend, in Markdown.
 pub(crate) const TEXT: &str = "\

@@ -1,9 +1,10 @@
-//! Sends state to Rerun: a tap on its own thread, never in the control path.
+//! Recording of a run's state with Rerun: a tap on its own thread, never in the control path.
 //!
-//! Owns the appearance of a run: robots as solid shapes, the world's objects, trails of the hands, the roadmap in the world and
-//! flat, joint plots, state lanes and an event log, and the layout that shows them. Accepts [`Entry`](mobee_contract::Entry)s as a
-//! [`Sink`](mobee_contract::Sink); emits one `.rrd` file and, if asked, a live view. Promises to be cheap (a
-//! 20 Hz frame costs microseconds), and that a killed run's file is readable up to about its last second.
+//! Defines the appearance of a run: robots as solid shapes, the world's objects, trails of the hands, the
+//! roadmap in the world and flat, joint plots, state lanes and an event log, and the layout that shows them.
+//! Accepts [`Entry`](mobee_contract::Entry)s as a [`Sink`](mobee_contract::Sink); writes one `.rrd` file or
+//! sends to a live viewer. Promises to be cheap (a 20 Hz frame costs microseconds), and that the file of a
+//! killed run is readable up to about its last second.
 //!
 //! ```text
 //! Entry::Pose  ── angles that changed ──> columns, 2048 frames at once ─┐
@@ -11,7 +12,8 @@
 //! Entry::Event ── words, lanes, roadmap ─> rows ───────────────────────┘
 //! ```
 //!
-//! Beside runs it records robot models, to be looked at by who converted one: [`view_model`]; and roadmaps: [`view_map`].
+//! Besides runs it records robot models for inspection after a conversion: [`view_model`]; and roadmaps:
+//! [`view_map`].
 //!
 //! This is the only crate that depends on Rerun.
 

@@ -1,5 +1,5 @@
-//! A roadmap as a recording, as in the paper's figure 7: the map grows, pose by pose, and its edges follow, each group
-//! in a color of its own.
+//! A roadmap as a recording, as in the paper's figure 7: the map grows vertex by vertex, and its edges follow,
+//! each group in its own color.
 
 use crate::blueprint::send_map;
 use crate::body::{Body, Look, entity};
@@ -14,39 +14,39 @@ use rerun::{LineStrips3D, Points3D, TextDocument};
 use std::fmt::Write;
 use std::time::Duration;
 
-/// How long the disk may take for what is still to be written.
-const WRITTEN: Duration = Duration::from_secs(60);
-/// In how many steps the map grows, and how long that takes, seconds.
+/// Longest time for the disk to write the rest.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
+/// Number of steps in which the map grows, and the duration of its growth, s.
 const GROWTH: (usize, f64) = (60, 12.0);
-/// In how many parts the edges follow the poses that they join.
+/// Number of parts in which the edges follow the vertices that they join.
 const PARTS: usize = 10;
-/// Vertices of a map that are all labeled, with their numbers where they have no names.
+/// Most vertices of a map that are all labeled, with their numbers if they have no names.
 const LABELED: usize = 50;
-/// What is said of it all.
+/// Legend of the recording.
 const LEGEND: &str = "Each point is a pose of the map: the place of the hand at it. Lines join the hand's places at the \
                       two ends of an edge; what the hand does between them is not drawn.";
 
-/// Edges that are shown alike.
+/// Edges with a common appearance.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MapLines {
-    /// In words, such as `blocked by table`.
+    /// Name of the group, such as `blocked by table`.
     pub name: String,
-    /// Whether something is in their way.
+    /// True if an object blocks them.
     pub blocked: bool,
-    /// Numbers of the two vertices of each.
+    /// Numbers of the two vertices of each edge.
     pub edges: Vec<(u32, u32)>,
 }
 
-/// What is to be looked at.
+/// Content of the recording.
 #[derive(Clone, Copy, Debug)]
 pub struct MapView<'a> {
-    /// The robot, the first of the scene, and what stands around it.
+    /// The robot, the first of the scene, and the objects around it.
     pub scene: &'a Scene,
-    /// Where the hand is at each vertex, meters.
+    /// Position of the hand at each vertex, meters.
     pub vertices: &'a [[f64; 3]],
-    /// The whole robot's pose at each vertex, rad of encoder.
+    /// Configuration of the whole robot at each vertex, rad of encoder.
     pub poses: &'a [&'a [f64]],
-    /// The name of each vertex that has one.
+    /// Name of each vertex that has one.
     pub names: &'a [Option<&'a str>],
     /// The edges, in the order in which they are drawn, the last ones on top.
     pub lines: &'a [MapLines],
@@ -55,7 +55,7 @@ pub struct MapView<'a> {
 /// Writes the recording.
 ///
 /// # Errors
-/// In words: if the file can't be written.
+/// As a message, if the file can't be written.
 pub fn view_map(settings: &Settings, view: &MapView<'_>) -> Result<(), String> {
     let recording = Recording::begin(settings).map_err(|e| e.to_string())?;
     let stream = recording.stream(String::new(), LEGEND)?;
@@ -78,11 +78,11 @@ pub fn view_map(settings: &Settings, view: &MapView<'_>) -> Result<(), String> {
     }
     grow(&stream, view)?;
     lines(&stream, view)?;
-    recording.reach(WRITTEN)?;
+    recording.reach(WRITE_TIMEOUT)?;
     recording.check()
 }
 
-/// The lowest and the highest corner of the box around the vertices.
+/// Lowest and highest corner of the box around the vertices.
 fn extent(vertices: &[[f64; 3]]) -> Option<([f32; 3], [f32; 3])> {
     let all = vertices.iter().filter(|v| v.iter().all(|x| x.is_finite())).map(|v| v.map(|x| x as f32));
     let pick = |f: fn(f32, f32) -> f32, a: [f32; 3], b: [f32; 3]| std::array::from_fn(|i| f(a[i], b[i]));
@@ -90,7 +90,7 @@ fn extent(vertices: &[[f64; 3]]) -> Option<([f32; 3], [f32; 3])> {
     box_of.reduce(|(low, high), (a, b)| (pick(f32::min, low, a), pick(f32::max, high, b)))
 }
 
-/// When how many vertices are there.
+/// Time and number of vertices of each step.
 fn steps(vertices: usize) -> impl Iterator<Item = (Time, usize)> {
     let (steps, secs) = GROWTH;
     (1..=steps).map(move |i| (Time::from_secs(secs * i as f64 / steps as f64), vertices * i / steps))
@@ -103,7 +103,7 @@ fn grow(stream: &Stream, view: &MapView<'_>) -> Written {
         let shown = points.iter().take(count).copied();
         stream.log("world/map/poses", &Points3D::new(shown).with_colors([palette::VERTEX]).with_radii([0.0025]))?;
     }
-    // those that have names, all of a small map: thousands of numbers would hide everything
+    // Vertices with names, or all of a small map: thousands of numbers would hide everything.
     let label = |id: usize| match view.names.get(id).copied().flatten() {
         Some(name) => Some(name.to_owned()),
         None => (points.len() <= LABELED).then(|| id.to_string()),
@@ -121,7 +121,7 @@ fn lines(stream: &Stream, view: &MapView<'_>) -> Written {
     let mut words = String::from("| edges | |\n|---|---|\n");
     let mut blocked = 0;
     let at = |id: u32| view.vertices.get(id as usize).map(|v| v.map(|x| x as f32));
-    // the part of the map's growth in which both ends are there
+    // Part of the map's growth in which both ends exist.
     let part = |(a, b): &(u32, u32)| PARTS * (*a).max(*b) as usize / view.vertices.len().max(1);
     for group in view.lines {
         let color = if group.blocked { palette::blocker(blocked) } else { palette::UNBLOCKED };

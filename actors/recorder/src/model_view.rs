@@ -1,9 +1,9 @@
-//! A robot model as a recording: whether it is right is seen in a minute.
+//! A robot model as a recording, in which its correctness can be judged within a minute.
 //!
 //! ```text
-//! Robot ──────> shapes, see-through ──┐
+//! Robot ──────> shapes, transparent ──┐
 //! LinkSurface ──> meshes ─────────────┼──> recording.rrd: home, then motor after motor through its range
-//! Watch ──────> what is near, in red ─┘
+//! Watch ──────> near pairs, in red ───┘
 //! ```
 
 mod meshes;
@@ -27,36 +27,37 @@ use std::sync::Arc;
 use std::time::Duration;
 use sweep::{AT_HOME, Sweep, in_units, sweeps};
 
-/// How long the disk may take for what is still to be written.
-const WRITTEN: Duration = Duration::from_secs(60);
+/// Longest time for the disk to write the rest.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// How long an axis is drawn, as a share of the way from the eye to the robot.
+/// Length of an axis in the view, as a share of the distance from the viewpoint to the robot.
 const ARROW: f64 = 0.4;
 
-/// What is to be looked at.
+/// Content of the recording.
 #[derive(Clone, Copy, Debug)]
 pub struct ModelView<'a> {
     /// The robot.
     pub robot: &'a Arc<Robot>,
-    /// What the links of its URDF collide with; may be empty.
+    /// Collision meshes of the links in its URDF; may be empty.
     pub meshes: &'a [LinkSurface],
-    /// Pairs nearer than this are shown in red, meters.
+    /// Distance below which a pair is shown in red, meters.
     pub margin: f64,
 }
 
-/// Two links that come nearer than the margin.
+/// Two links that get closer than the margin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NearLinks {
-    /// Their names.
+    /// Names of the links.
     pub links: (String, String),
-    /// How near they come, meters; negative if they overlap.
+    /// Least distance, meters; negative if they overlap.
     pub distance: f64,
-    /// The motor that then moves, as an index into the robot's motors, and its position, rad of encoder; `None` at home.
+    /// The motor that moves at that distance, as an index into the robot's motors, and its position, rad of
+    /// encoder; `None` at home.
     pub motor: Option<(usize, f64)>,
 }
 
 impl NearLinks {
-    /// In words, such as `base - wrist: 3.2 mm (elbow at 120.0°)`.
+    /// Formats the pair, such as `base - wrist: 3.2 mm (elbow at 120.0°)`.
     pub fn in_words(&self, robot: &Robot) -> String {
         let (a, b) = &self.links;
         let place = match self.motor.and_then(|(m, q)| Some((robot.motors.get(m)?, q))) {
@@ -67,19 +68,20 @@ impl NearLinks {
     }
 }
 
-/// What was found while the motors moved.
+/// Result of the sweep through all motors' ranges.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SeenModel {
-    /// How long the recording is, seconds.
+    /// Length of the recording, s.
     pub secs: f64,
-    /// Pairs of links that come near, the deepest first, each once at home and once for each motor.
+    /// Pairs of links that get near, the deepest first, each once at home and once for each motor.
     pub near: Vec<NearLinks>,
 }
 
 /// Writes the recording.
 ///
 /// # Errors
-/// In words: if the file can't be written, a link with meshes is not in the robot, or the robot makes no scene.
+/// As a message, if the file can't be written, a link with meshes is not in the robot, or the robot makes no
+/// scene.
 pub fn view_model(settings: &Settings, view: &ModelView<'_>) -> Result<SeenModel, String> {
     let scene = Scene::new(vec![(Arc::clone(view.robot), Isometry3::identity())], Vec::new());
     let scene = Arc::new(scene.map_err(|e| e.to_string())?);
@@ -100,12 +102,12 @@ pub fn view_model(settings: &Settings, view: &ModelView<'_>) -> Result<SeenModel
     let mut show =
         Show { stream, robot: view.robot, body, watch, arrow: ARROW * front.distance(), found: BTreeMap::new() };
     let seen = show.all(view.margin)?;
-    recording.reach(WRITTEN)?;
+    recording.reach(WRITE_TIMEOUT)?;
     recording.check()?;
     Ok(seen)
 }
 
-/// The robot at home, and with each motor at every position of its sweep.
+/// Configurations of the robot: at home, and with each motor at every position of its sweep.
 fn poses(robot: &Robot) -> impl Iterator<Item = Vec<f64>> {
     let moved = |(motor, position): (usize, f64)| {
         let mut q = robot.home();
@@ -122,15 +124,15 @@ fn poses(robot: &Robot) -> impl Iterator<Item = Vec<f64>> {
 /// Two nodes, and the motor that moves.
 type Where = ((usize, usize), Option<usize>);
 
-/// The recording in the making.
+/// The recording that is being written.
 struct Show<'a> {
     stream: Stream,
     robot: &'a Robot,
     body: Body,
     watch: Watch,
-    /// How long an axis is drawn, meters: to be seen beside the robot, and not to hide it.
+    /// Length of an axis, meters: visible beside the robot without hiding it.
     arrow: f64,
-    /// The least distance of each pair that came near, and the motor's position there.
+    /// Least distance of each near pair, and the motor's position there.
     found: BTreeMap<Where, (f64, f64)>,
 }
 
@@ -161,7 +163,7 @@ impl Show<'_> {
         Ok(seen)
     }
 
-    /// Colors and words of the lanes, and the plot's line.
+    /// Writes the colors and labels of the lanes, and the plot's line.
     fn lanes(&self, sweeps: &[Sweep]) -> Written {
         let names = sweeps.iter().filter_map(|s| self.robot.motors.get(s.motor)).map(|m| (entity(&m.name), &m.name));
         let names: Vec<_> = names.collect();
@@ -176,7 +178,7 @@ impl Show<'_> {
         self.stream.log_static("position", &line)
     }
 
-    /// One pose: a motor somewhere and all others at home.
+    /// Writes one configuration: one motor at a position, and all others at home.
     fn pose(&mut self, at: Time, moving: Option<(usize, f64)>) -> Written {
         let mut q = self.robot.home();
         if let Some((motor, position)) = moving
@@ -208,7 +210,7 @@ impl Show<'_> {
         }
     }
 
-    /// What is near, in red, with a line between the nearest points.
+    /// Draws near pairs in red, with a line between the nearest points.
     fn contacts(&mut self, contacts: &[Contact]) -> Written {
         self.body.shapes.paint(&self.stream, &touched(contacts))?;
         let ends = contacts.iter().map(|c| c.points.map(|p| vec3(&p.coords)));
@@ -221,9 +223,11 @@ impl Show<'_> {
         self.stream.log("state/near", &StateChange::single(word))
     }
 
-    /// The axes of the motor that moves, with its name and position.
+    /// Draws the axes of the motor that moves, with its name and position.
     fn axes(&self, q: &[f64], moving: Option<(usize, f64)>) -> Written {
-        let (mut origins, mut vectors, mut labels) = (Vec::new(), Vec::new(), Vec::new());
+        let mut origins = Vec::new();
+        let mut vectors = Vec::new();
+        let mut labels = Vec::new();
         let mut frames = Vec::new();
         self.robot.forward(q, &mut frames);
         if let Some((motor, position)) = moving.and_then(|(m, q)| Some((self.robot.motors.get(m)?, q))) {

@@ -1,4 +1,4 @@
-//! The world's objects: shown when they appear, moved, painted anew and taken away as the scene is edited.
+//! The world's objects: shown, moved, recolored and removed as the scene is edited.
 
 use crate::body::entity;
 use crate::palette;
@@ -10,14 +10,14 @@ use rerun::{Clear, FillMode, Points3D, Transform3D};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// What is shown of the world.
+/// Objects that are shown.
 #[derive(Default)]
 pub(crate) struct Objects {
     shown: BTreeMap<u32, (Arc<Object>, Shapes)>,
 }
 
 impl Objects {
-    /// Writes what differs from the scene shown so far.
+    /// Writes the differences from the scene shown so far.
     pub(crate) fn update(&mut self, stream: &Stream, scene: &Scene) -> Written {
         let now: BTreeMap<u32, &Arc<Object>> = scene.objects().collect();
         let gone: Vec<u32> = self.shown.keys().filter(|id| !now.contains_key(id)).copied().collect();
@@ -42,18 +42,18 @@ impl Objects {
         Ok(())
     }
 
-    /// All shapes, to be painted.
+    /// All shapes, to be colored.
     pub(crate) fn shapes(&mut self) -> impl Iterator<Item = &mut Shapes> {
         self.shown.values_mut().map(|(_, shapes)| shapes)
     }
 }
 
-/// Whether only the place differs.
+/// True if only the pose differs.
 fn looks_alike(a: &Object, b: &Object) -> bool {
     a.name == b.name && a.class == b.class && a.color == b.color && a.shapes == b.shapes
 }
 
-/// An object's entity; its id keeps apart a removed object and a later one of the same name.
+/// Entity of an object; its id distinguishes a removed object from a later one of the same name.
 fn path(id: u32, object: &Object) -> String {
     format!("world/objects/{}_{id}", entity(&object.name))
 }
@@ -64,7 +64,7 @@ fn place(stream: &Stream, id: u32, object: &Object) -> Written {
     stream.log(&path(id, object), &at)
 }
 
-/// Shows an object as what it is now: solid if it can be touched, see-through if it is a ghost.
+/// Shows an object by its class: solid if it can be touched, transparent if it is a ghost.
 fn show(stream: &Stream, id: u32, object: &Object) -> Result<Shapes, String> {
     place(stream, id, object)?;
     let fill = match object.class {
@@ -90,13 +90,13 @@ fn show(stream: &Stream, id: u32, object: &Object) -> Result<Shapes, String> {
         ObjectClass::Target => format!("{} (target)", object.name),
         ObjectClass::Ghost => format!("{} (ghost)", object.name),
     };
-    // the viewer writes a label below its point: below the object, it hides nothing
+    // The viewer writes a label below its point: below the object, it hides nothing.
     let name = Points3D::new([below(object)]).with_labels([word]).with_show_labels(true).with_radii([0.001]);
     stream.log(&format!("{}/name", path(id, object)), &name.with_colors([0xC8D0DCFFu32]))?;
     Ok(shapes)
 }
 
-/// A point under the object, in its frame.
+/// A point below the object, in its frame, meters.
 fn below(object: &Object) -> [f32; 3] {
     let down = object.pose.rotation.inverse() * -Vector3::z();
     let depths = object.shapes.iter().map(|p| {

@@ -1,4 +1,4 @@
-//! The colors, in one place, so that the legend can't tell a different story.
+//! The colors, in one place, so that legend and views agree.
 
 use mobee_contract::{EdgeState, Outcome};
 use mobee_model::{Object, ObjectClass};
@@ -6,9 +6,9 @@ use mobee_model::{Object, ObjectClass};
 /// A color as `0xRRGGBBAA`.
 pub(crate) type Rgba = u32;
 
-/// Shells of body parts, by the part's index; muted, and none near red.
+/// Shells of body parts, by the part's index: muted, and none close to red.
 const PARTS: [Rgba; 6] = [0x8796AEFF, 0xE8DCC2FF, 0x5B9BD0FF, 0x5CB8A0FF, 0xA58BC8FF, 0xBFA95AFF];
-/// A shape nearer to another one than the margin of the reflex.
+/// A shape that is closer to another one than the reflex's margin.
 pub(crate) const NEAR: Rgba = 0xF0322DFF;
 /// A shape that touches or penetrates another one.
 pub(crate) const HARD: Rgba = 0xFF00C8FF;
@@ -22,38 +22,40 @@ pub(crate) const PLAN: Rgba = 0xFF3B30FF;
 pub(crate) const FRUSTUM: Rgba = 0x6FE3FFA0;
 /// The meshes that shapes were fitted to.
 pub(crate) const MESH: Rgba = 0xB8BCC4FF;
-/// The axis of the motor that is looked at.
+/// Axis of the selected motor.
 pub(crate) const AXIS: Rgba = 0xFFD34EFF;
-/// Nothing is near.
+/// No pair is near.
 pub(crate) const FREE: Rgba = 0x4B7F5AFF;
 /// Trails of markers, by index.
 const TRAILS: [Rgba; 4] = [0xFFD34EFF, 0x6FE3FFFF, 0xFF9DF0FF, 0xB6FF7AFF];
 
-/// The color of a body part's shapes.
+/// Color of a body part's shapes.
 pub(crate) fn part(index: usize) -> Rgba {
     PARTS.get(index % PARTS.len()).copied().unwrap_or(0x8796AEFF)
 }
 
-/// The color of a marker's trail.
+/// Color of a marker's trail.
 pub(crate) fn trail(index: usize) -> Rgba {
     TRAILS.get(index % TRAILS.len()).copied().unwrap_or(0xFFD34EFF)
 }
 
-/// Lines of motors in a plot: far apart from each other and from the dark background.
+/// Lines of motors in a plot: clearly different from each other and from the dark background.
 const SERIES: [Rgba; 18] = [
     0x4FA3FFFF, 0xFF8A3DFF, 0x52D273FF, 0xF2484BFF, 0xFFE14AFF, 0xC77DFFFF, 0x2EE6E6FF, 0xFF6FD0FF, 0xB07A45FF,
     0xC8F560FF, 0x8C96A8FF, 0xFFC9A3FF, 0x1E9E8AFF, 0x8F8FFFFF, 0xB03A6AFF, 0xA8E6CFFF, 0x6E8C1EFF, 0xFFFFFFFF,
 ];
-/// Hue from one line to the next where a plot has more, degrees: the golden angle, which never repeats.
+/// Difference in hue between the additional lines of a larger plot, degrees: the golden angle, which never
+/// repeats.
 const NEXT_HUE: f32 = 137.508;
 
-/// The color of the line of a motor, by its index in the plot.
+/// Color of a motor's line, by its index in the plot.
 pub(crate) fn series(index: usize) -> Rgba {
     let Some(more) = index.checked_sub(SERIES.len()) else {
         return SERIES.get(index).copied().unwrap_or(0xFFFFFFFF);
     };
-    // three rings of lightness: hues that come close differ there
-    let (hue, value) = ((NEXT_HUE * more as f32).rem_euclid(360.0), [0.95, 0.75, 0.6][more % 3]);
+    // Three rings of lightness: similar hues differ in lightness.
+    let hue = (NEXT_HUE * more as f32).rem_euclid(360.0);
+    let value = [0.95, 0.75, 0.6][more % 3];
     let channel = |n: f32| {
         let k = (n + hue / 60.0).rem_euclid(6.0);
         let share = value - value * 0.65 * k.min(4.0 - k).clamp(0.0, 1.0);
@@ -62,17 +64,17 @@ pub(crate) fn series(index: usize) -> Rgba {
     u32::from_be_bytes([channel(5.0), channel(3.0), channel(1.0), 255])
 }
 
-/// Edges of a map that nothing is known to block.
+/// Edges of a map that no known object blocks.
 pub(crate) const UNBLOCKED: Rgba = 0x35D07F70;
-/// Edges that something blocks, by its index.
+/// Edges that an object blocks, by the object's index.
 const BLOCKERS: [Rgba; 5] = [0xF0322DFF, 0xFFD34EFF, 0xFF9DF0FF, 0x6FE3FFFF, 0xFF8A3DFF];
 
-/// The color of edges that something blocks.
+/// Color of edges that an object blocks.
 pub(crate) fn blocker(index: usize) -> Rgba {
     BLOCKERS.get(index % BLOCKERS.len()).copied().unwrap_or(NEAR)
 }
 
-/// The color of an object: its own, or what its class says.
+/// Color of an object: its own, or that of its class.
 pub(crate) fn object(object: &Object) -> Rgba {
     let own = object.color.map(|[r, g, b]| u32::from_be_bytes([r, g, b, 255]));
     match object.class {
@@ -82,7 +84,7 @@ pub(crate) fn object(object: &Object) -> Rgba {
     }
 }
 
-/// The color of an edge by what is believed of it.
+/// Color of an edge, by its state.
 pub(crate) fn edge(state: EdgeState) -> Rgba {
     match state {
         EdgeState::Feasible => 0x35D07FFF,
@@ -93,11 +95,11 @@ pub(crate) fn edge(state: EdgeState) -> Rgba {
     }
 }
 
-/// How near two shapes of a model are: value, words, color.
+/// Distance classes of two shapes of a model: value, label, color.
 pub(crate) const NEARNESS: [(&str, &str, Rgba); 3] =
     [("free", "nothing near", FREE), ("near", "nearer than the margin", NEAR), ("touch", "shapes touch", HARD)];
 
-/// The value of a distance in that lane, meters; what is farther than the margin counts as infinite.
+/// Value of a distance (meters) in that lane; distances beyond the margin are infinite.
 pub(crate) fn nearness(distance: f64) -> &'static str {
     match distance {
         d if d <= 0.0 => "touch",
@@ -106,7 +108,7 @@ pub(crate) fn nearness(distance: f64) -> &'static str {
     }
 }
 
-/// The states of a filter: value, words, color.
+/// States of a filter: value, label, color.
 pub(crate) const FILTER: [(&str, &str, Rgba); 8] = [
     ("starting", "starting", 0x6B7280FF),
     ("rest", "at rest, open", 0x4B7F5AFF),
@@ -118,7 +120,7 @@ pub(crate) const FILTER: [(&str, &str, Rgba); 8] = [
     ("holding", "holding", 0xB0186CFF),
 ];
 
-/// The states of a transaction: value, words, color.
+/// States of a transaction: value, label, color.
 pub(crate) const TRANSACTION: [(&str, &str, Rgba); 4] = [
     ("open", "open", 0x3A5F8AFF),
     ("committed", "committed", 0x35B06FFF),
@@ -126,7 +128,7 @@ pub(crate) const TRANSACTION: [(&str, &str, Rgba); 4] = [
     ("faulted", "faulted", 0xB0186CFF),
 ];
 
-/// The value of an outcome in its lane.
+/// Value of an outcome in its lane.
 pub(crate) fn outcome(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::Committed => "committed",
@@ -148,7 +150,7 @@ mod tests {
             assert!(a[..3].iter().sum::<f64>() > 250.0, "{i} is dark: {a:?}");
             for (k, b) in all.iter().enumerate().skip(i + 1) {
                 let apart = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-                // a part with more motors than the iCub's arm has is rare
+                // Parts with more motors than the iCub's arm are rare.
                 let least = if k < 18 { 55.0 } else { 3.0 };
                 assert!(apart >= least, "{i} and {k} are alike: {a:?} {b:?}");
             }

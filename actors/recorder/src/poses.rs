@@ -1,4 +1,4 @@
-//! A robot's poses, taken out of a recording again.
+//! Configurations of a robot, read back from a recording.
 
 use crate::body::entity;
 use crate::stream::TIMELINE;
@@ -11,10 +11,10 @@ use std::collections::BTreeMap;
 use std::io::BufReader;
 use std::path::Path;
 
-/// What a recording tells of a robot's motors: within 0.05 degrees and a second where nothing moves, see the plots.
+/// Recorded positions of a robot's motors: within 0.05 degrees and, at rest, one second; see the plots.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordedPoses {
-    /// Per part its motors' names, and its positions over time, degrees.
+    /// Per part the names of its motors, and their positions over time, degrees.
     parts: BTreeMap<String, Plot>,
 }
 
@@ -25,10 +25,10 @@ struct Plot {
 }
 
 impl RecordedPoses {
-    /// Reads what a recording has of a robot.
+    /// Reads the data of a robot from a recording.
     ///
     /// # Errors
-    /// In words, if there is no such file, it is no recording, or it has nothing of the robot.
+    /// As a message, if there is no such file, it is not a recording, or it has no data of the robot.
     pub fn read(path: &Path, robot: &str) -> Result<RecordedPoses, String> {
         let bad = |why: &dyn std::fmt::Display| format!("{} can't be read as a recording: {why}", path.display());
         let file = BufReader::new(mobee_model::file::open(path).map_err(|e| bad(&e))?);
@@ -51,8 +51,8 @@ impl RecordedPoses {
         Ok(poses)
     }
 
-    /// As a table of comma-separated values: `t_s`, then `PART.MOTOR`, degrees; parts that were not plotted at a time are
-    /// interpolated.
+    /// Returns a table of comma-separated values: `t_s`, then `PART.MOTOR`, degrees; parts without a value at a
+    /// time are interpolated.
     pub fn table(&self) -> String {
         use std::fmt::Write as _;
         let mut text = String::from("t_s");
@@ -92,7 +92,7 @@ impl Plot {
         }
     }
 
-    /// The positions at a time: between two rows on the line that joins them.
+    /// Positions at a time, interpolated linearly between two rows.
     fn at(&self, at: i64) -> Vec<f64> {
         let before = self.rows.range(..=at).next_back();
         let after = self.rows.range(at..).next();

@@ -1,4 +1,4 @@
-//! The sink itself: entries in, rows and columns out.
+//! The sink: receives entries, writes rows and columns.
 
 use crate::blueprint::{Page, open_plot};
 use crate::body::{entities, entity};
@@ -6,7 +6,7 @@ use crate::eyes::Eye;
 use crate::front::Front;
 use crate::objects::Objects;
 use crate::palette;
-use crate::recording::{PATIENCE, RecorderError, Recording, Settings};
+use crate::recording::{RecorderError, Recording, SEND_INTERVAL, Settings};
 use crate::shadow::Shadow;
 use crate::shapes::touched;
 use crate::stream::{Stream, Written};
@@ -17,37 +17,37 @@ use rerun::{Points3D, StateChange, TextLog};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Frames that are sent as one column per entity.
+/// Number of frames that are sent as one column per entity.
 const FRAMES: usize = 2048;
-/// At most so many places of past contacts are kept in view.
-const PAST: usize = 300;
+/// Most places of past contacts that remain visible.
+const MAX_PAST_CONTACTS: usize = 300;
 
-/// Writes a run as a Rerun recording: a [`Sink`], to be put behind a tap.
+/// Writes a run as a Rerun recording: a [`Sink`] behind a tap.
 ///
-/// Poses are buffered and sent as whole columns; a joint that rests costs nothing. Everything is written at the run's own time
-/// (timeline `sim_time`). What waits is written when the recorder is dropped.
+/// Configurations are buffered and sent as whole columns; a joint at rest costs nothing. Everything is written
+/// at the run's time (timeline `sim_time`). Buffered data is written when the recorder is dropped.
 pub struct Recorder {
     recording: Recording,
     stream: Stream,
     robots: Vec<Shadow>,
-    /// The cameras of which there were pictures.
+    /// Cameras with at least one image.
     eyes: Vec<Eye>,
     objects: Objects,
     front: Option<Front>,
     scene: Option<Arc<Scene>>,
-    /// What the log calls shapes.
+    /// Labels of shapes in the log.
     labels: Labels,
     /// Places where contacts began, newest last.
     past: Vec<[f32; 3]>,
     now: Time,
     frames: usize,
-    /// The plot that the layout opens the joints at.
+    /// Index of the joint plot that the layout opens.
     plot: usize,
     flushed: Instant,
 }
 
 impl Recorder {
-    /// Begins a recording with one recorder.
+    /// Starts a recording with one recorder.
     ///
     /// # Errors
     /// [`RecorderError`] if the file or the viewer can't be opened.
@@ -56,15 +56,15 @@ impl Recorder {
         Recording::begin(settings)?.recorder("").map_err(|why| RecorderError::File { path, why })
     }
 
-    /// Waits until a viewer has taken what it was sent so far.
+    /// Waits until a viewer has received all data that was sent so far.
     ///
     /// # Errors
-    /// If it has not within this time, in words.
+    /// If it has not within this time, as a message.
     pub fn reach(&self, within: Duration) -> Written {
         self.recording.reach(within)
     }
 
-    /// One more that draws into a recording, by this stream.
+    /// Creates a recorder that draws into an existing recording through this stream.
     pub(crate) fn on(recording: Recording, stream: Stream) -> Recorder {
         Recorder {
             recording,
@@ -100,7 +100,7 @@ impl Recorder {
         self.paint()
     }
 
-    /// Shows what a camera sees, with what was found in it. The first of a camera makes room for it in the layout.
+    /// Shows a camera image with its detections. The first image of a camera adds a view to the layout.
     fn picture(&mut self, camera: &str, seen: &SeenPicture) -> Written {
         if !self.eyes.iter().any(|eye| eye.is(camera)) {
             let mut eye = Eye::new(&self.stream, camera, seen.mount.as_ref())?;
@@ -135,7 +135,7 @@ impl Recorder {
         if self.frames >= FRAMES { self.send() } else { Ok(()) }
     }
 
-    /// Sends the waiting columns.
+    /// Sends the buffered columns.
     fn send(&mut self) -> Written {
         self.frames = 0;
         self.flushed = wall();
@@ -146,7 +146,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Paints what is in contact, and marks where.
+    /// Colors the shapes in contact, and marks the places.
     fn paint(&mut self) -> Written {
         let contacts: Vec<&Contact> = self.robots.iter().flat_map(|r| &r.contacts).collect();
         let touched = touched(contacts.iter().copied());
@@ -201,7 +201,7 @@ impl Recorder {
                     self.paint()?;
                 }
                 self.past.push(middle(contact));
-                self.past.drain(..self.past.len().saturating_sub(PAST));
+                self.past.drain(..self.past.len().saturating_sub(MAX_PAST_CONTACTS));
                 let marks =
                     Points3D::new(self.past.iter().copied()).with_colors([palette::PAST_CONTACT]).with_radii([0.005]);
                 self.stream.log("world/contacts/so_far", &marks)?;
@@ -217,12 +217,13 @@ impl Recorder {
         Ok(())
     }
 
-    /// The plot that the joints open at.
+    /// Index of the plot that the joints open at.
     fn open_plot(&self) -> usize {
         open_plot(&self.robots.iter().map(Shadow::shown).collect::<Vec<_>>())
     }
 
-    /// Sends the layout; again when a map has outgrown its view, which does not follow by itself, and when the first part moves.
+    /// Sends the layout: at first, when a map has outgrown its view, which does not follow by itself, and when
+    /// the first part moves.
     fn lay_out(&mut self) -> Written {
         let Some(front) = self.front else { return Ok(()) };
         let robots: Vec<_> = self.robots.iter().map(Shadow::shown).collect();
@@ -232,9 +233,9 @@ impl Recorder {
         self.recording.lay_out(page)
     }
 
-    /// Draws the roadmaps as they were up to now, before time goes on: notes of one instant make one picture.
+    /// Draws the roadmaps as of the present time, before it advances: notes of one instant make one drawing.
     fn draw(&mut self, last: bool) -> Written {
-        // what a late viewer is told first bears the times when it happened
+        // The first entries for a late viewer have their original times.
         self.stream.at(self.now);
         let mut outgrown = false;
         for shadow in self.robots.iter_mut().filter(|s| s.roadmap.changed.vertices) {
@@ -270,8 +271,8 @@ impl Sink for Recorder {
     }
 
     fn flush(&mut self) -> Result<(), String> {
-        // asked for at every pause: columns of one row would cost more than they are worth
-        if self.flushed.elapsed() < PATIENCE {
+        // Flushes are requested at every pause: columns of one row would cost more than they are worth.
+        if self.flushed.elapsed() < SEND_INTERVAL {
             return Ok(());
         }
         self.send()?;
@@ -281,19 +282,19 @@ impl Sink for Recorder {
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        // nobody is left to be told of an error
+        // There is no receiver for an error any more.
         let _ = self.draw(true).and_then(|()| self.send());
         let _ = self.recording.flush();
     }
 }
 
-/// Half way between the two shapes of a contact.
+/// Midpoint between the two shapes of a contact.
 fn middle(contact: &Contact) -> [f32; 3] {
     let [a, b] = contact.points;
     crate::shapes::vec3(&nalgebra::center(&a, &b).coords)
 }
 
-/// The wall clock: only here, to bound what a killed run loses; nothing that is written depends on it.
+/// The wall clock, used only here, to limit the data loss of a killed run; no written data depends on it.
 #[expect(clippy::disallowed_methods, reason = "bounds the real time that frames wait; no entry bears it")]
 fn wall() -> Instant {
     Instant::now()

@@ -1,4 +1,5 @@
-//! A recording being written: one file or one viewer, and what the recorders that draw into it share.
+//! A recording that is being written: one file or one viewer, and the shared state of the recorders that draw
+//! into it.
 
 use crate::blueprint::{self, Page};
 use crate::body::entity;
@@ -17,45 +18,45 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Waiting frames are sent after this much real time, so that a killed run loses no more.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
-/// How long a flush is waited for. Later ones are no error: whoever is behind may still catch up.
-const FLUSH: Duration = Duration::from_secs(1);
-/// Bytes that may wait within Rerun for a slow disk or viewer, before its caller has to wait.
-const IN_FLIGHT: u64 = 16 << 20;
+/// Real time after which buffered frames are sent, so that a killed run loses no more.
+pub(crate) const SEND_INTERVAL: Duration = Duration::from_secs(1);
+/// Longest wait for a flush. A timeout is not an error: a slow viewer may still catch up.
+const FLUSH_TIMEOUT: Duration = Duration::from_secs(1);
+/// Bytes that Rerun may buffer for a slow disk or viewer before its caller must wait.
+const MAX_BYTES_IN_FLIGHT: u64 = 16 << 20;
 
-/// What a recording is called and where it goes.
+/// Name and destination of a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Settings {
-    /// The file to write, usually `recording.rrd` in the run's folder.
+    /// Path of the file, usually `recording.rrd` in the run's folder.
     pub path: PathBuf,
-    /// The run's name, shown in the viewer.
+    /// Name of the run, shown in the viewer.
     pub name: String,
-    /// The configuration file's name, kept as a property.
+    /// Name of the configuration file, stored as a property.
     pub config: String,
-    /// The program's version and build, kept as a property.
+    /// Version and build of the program, stored as a property.
     pub build: String,
-    /// Address of a viewer that is to follow live, such as `127.0.0.1:9876`: it is told instead of the file.
+    /// Address of a live viewer, such as `127.0.0.1:9876`: it receives the data instead of the file.
     pub live: Option<String>,
-    /// Whether the file gets an index at its end, for which the memory grows as long as it is written (tens of megabytes an
-    /// hour). Files without one are read whole.
+    /// True if the file gets an index at its end. The index takes memory while the file is written (tens of
+    /// megabytes per hour). Files without one are read completely.
     pub index: bool,
-    /// Names of poses: a vertex of a roadmap that is at one of them is called by it.
+    /// Names of poses: a vertex of a roadmap at one of them is labeled with it.
     pub names: Vec<PoseName>,
 }
 
-/// The name of a pose of a robot.
+/// A named pose of a robot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PoseName {
-    /// The robot's name in the run.
+    /// Name of the robot in the run.
     pub robot: String,
-    /// The pose's name.
+    /// Name of the pose.
     pub name: String,
-    /// Positions of motors, degrees (millimeters of motors that slide); the others are at home.
+    /// Positions of motors, degrees (millimeters for prismatic joints); the others are at home.
     pub q_deg: BTreeMap<String, f64>,
 }
 
-/// A recording could not be begun.
+/// Error at the start of a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
     /// The file can't be written.
@@ -63,17 +64,17 @@ pub enum RecorderError {
         "the recording {path} can't be begun: {why}; check that the folder exists and can be written, or run with `--no-record`"
     )]
     File {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// Why not.
+        /// Reason.
         why: String,
     },
-    /// The viewer's address makes no sense.
+    /// The viewer's address is invalid.
     #[error("the viewer {address} can't be connected: {why}; start it with `rerun` and give its address")]
     Live {
-        /// The address.
+        /// Address of the viewer.
         address: String,
-        /// Why not.
+        /// Reason.
         why: String,
     },
 }
@@ -82,16 +83,16 @@ pub enum RecorderError {
 #[derive(Clone)]
 pub struct Recording {
     rec: RecordingStream,
-    /// What each recorder shows, in the order in which they began.
+    /// Pages of the recorders, in the order in which they started.
     pages: Arc<Mutex<Vec<Page>>>,
     is_live: bool,
     names: Arc<[PoseName]>,
-    /// Why the file can't be written on.
+    /// Error that ended the writing of the file.
     trouble: Trouble,
 }
 
 impl Recording {
-    /// Begins a recording.
+    /// Starts a recording.
     ///
     /// # Errors
     /// [`RecorderError`] if the file or the viewer can't be opened.
@@ -100,9 +101,9 @@ impl Recording {
             path: settings.path.display().to_string(),
             why: why.to_string(),
         };
-        // every chunk costs; only somebody who looks on live needs them at once
-        let flush_tick = if settings.live.is_some() { ChunkBatcherConfig::DEFAULT.flush_tick } else { PATIENCE };
-        let max_bytes_in_flight = IN_FLIGHT;
+        // Each chunk has a cost; only a live viewer needs them immediately.
+        let flush_tick = if settings.live.is_some() { ChunkBatcherConfig::DEFAULT.flush_tick } else { SEND_INTERVAL };
+        let max_bytes_in_flight = MAX_BYTES_IN_FLIGHT;
         let builder = RecordingStreamBuilder::new("mobee")
             .recording_name(settings.name.clone())
             .batcher_config(ChunkBatcherConfig { flush_tick, max_bytes_in_flight, ..ChunkBatcherConfig::DEFAULT });
@@ -131,16 +132,17 @@ impl Recording {
         Ok(Recording { rec, pages: Arc::default(), is_live: settings.live.is_some(), names, trouble })
     }
 
-    /// A recorder that draws below the entity `name`; below none if that is empty, as it should be for the only one.
+    /// Creates a recorder that draws below the entity `name`, or at the root if that is empty, as for the only
+    /// recorder.
     ///
     /// # Errors
-    /// In words, if the stream refuses.
+    /// As a message, if the stream refuses.
     pub fn recorder(&self, name: &str) -> Result<Recorder, String> {
         let root = if name.is_empty() { String::new() } else { format!("{}/", entity(name)) };
         Ok(Recorder::on(self.clone(), self.stream(root, legend::TEXT)?))
     }
 
-    /// A way into it that begins with the world's axes and a legend.
+    /// Creates a stream into the recording, which begins with the world's axes and a legend.
     pub(crate) fn stream(&self, root: String, legend: &str) -> Result<Stream, String> {
         let stream = Stream { rec: self.rec.clone(), root };
         stream.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
@@ -148,7 +150,7 @@ impl Recording {
         Ok(stream)
     }
 
-    /// Shows a recorder's page as it now is, beside those of the others.
+    /// Shows the present page of a recorder, beside those of the others.
     pub(crate) fn lay_out(&self, page: Page) -> Written {
         let mut pages = self.pages.lock().unwrap_or_else(PoisonError::into_inner);
         match pages.iter_mut().find(|p| p.root == page.root) {
@@ -158,7 +160,7 @@ impl Recording {
         blueprint::send(&self.rec, &pages)
     }
 
-    /// The poses of a robot that have names, and its home. A name whose motors the robot does not have is left out.
+    /// The named poses of a robot, and its home. A name with motors that the robot does not have is skipped.
     pub(crate) fn named(&self, robot: &Robot) -> Vec<NamedPose> {
         let pose = |name: &PoseName| {
             let mut q = robot.home();
@@ -171,24 +173,24 @@ impl Recording {
         given.chain([NamedPose { name: "home".to_owned(), q: robot.home() }]).collect()
     }
 
-    /// What is known of the whole recording.
+    /// Writes a property of the whole recording.
     pub(crate) fn property(&self, name: &'static str, value: &str) -> Written {
         property(&self.rec, name, value)
     }
 
-    /// Whether it can be written on.
+    /// Error if the file can no longer be written.
     pub(crate) fn check(&self) -> Written {
         self.trouble.get().map_or(Ok(()), |why| Err(unwritable(why)))
     }
 
-    /// Waits until all is written that was sent.
+    /// Waits until all data that was sent is written.
     pub(crate) fn reach(&self, within: Duration) -> Written {
         self.rec.flush_with_timeout(within).map_err(|e| e.to_string())
     }
 
-    /// Writes what waits, for a while; whoever is behind then may still catch up.
+    /// Writes the buffered data, for a limited time; a slow viewer may catch up later.
     pub(crate) fn flush(&self) -> Written {
-        match self.rec.flush_with_timeout(FLUSH) {
+        match self.rec.flush_with_timeout(FLUSH_TIMEOUT) {
             Ok(()) | Err(SinkFlushError::Timeout) => Ok(()),
             Err(e) if self.is_live => Err(format!("the viewer is not reached: {e}")),
             Err(e) => Err(unwritable(&e.to_string())),

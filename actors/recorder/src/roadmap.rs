@@ -1,10 +1,10 @@
-//! An agent's roadmap as its notes tell it: vertices, edges by state, the plan. Pure; `draw.rs` shows it.
+//! An agent's roadmap from its notes: vertices, edges by state, the plan. Pure; `draw.rs` shows it.
 
 use crate::layout;
 use mobee_contract::{EdgeState, Note};
 use std::collections::BTreeMap;
 
-/// A roadmap as it is known now.
+/// The present state of a roadmap.
 #[derive(Default)]
 pub(crate) struct Roadmap {
     pub(crate) vertices: BTreeMap<u32, Vertex>,
@@ -12,35 +12,35 @@ pub(crate) struct Roadmap {
     pub(crate) edges: BTreeMap<(u32, u32), EdgeState>,
     /// The plan, vertex by vertex.
     pub(crate) plan: Vec<u32>,
-    /// What changed since it was last drawn.
+    /// Changes since the last drawing.
     pub(crate) changed: Changed,
-    /// Poses that have names.
+    /// Named poses of the robot.
     pub(crate) named: Vec<NamedPose>,
-    /// Names of vertices that are at one of them.
+    /// Names of the vertices at named poses.
     pub(crate) names: BTreeMap<u32, String>,
 }
 
-/// A pose of a robot that has a name.
+/// A named pose of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct NamedPose {
     pub(crate) name: String,
-    /// The whole robot's pose, rad of encoder.
+    /// Configuration of the whole robot, rad of encoder.
     pub(crate) q: Vec<f64>,
 }
 
-/// A vertex has the name of a pose if no motor of it is farther away, rad.
+/// Greatest distance per motor at which a vertex has the name of a pose, rad.
 const SAME: f64 = 1e-5;
 
-/// Where a vertex is shown.
+/// Position of a vertex in the drawings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Vertex {
-    /// In the world: the hand's position there, meters.
+    /// In the world: the position of the hand, meters.
     pub(crate) at: [f32; 3],
     /// In the flat drawing, x right and y down.
     pub(crate) flat: [f32; 2],
 }
 
-/// Parts of the picture that are out of date.
+/// Parts of the drawing that are out of date.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Changed {
     pub(crate) vertices: bool,
@@ -49,7 +49,7 @@ pub(crate) struct Changed {
 }
 
 impl Roadmap {
-    /// Takes over a note; `right` is the direction in the world that the flat drawing has on its right.
+    /// Takes a note; `right` is the direction in the world that points right in the flat drawing.
     pub(crate) fn on(&mut self, note: &Note, right: [f32; 3]) {
         match note {
             Note::Vertex { id, at, q } => {
@@ -62,7 +62,7 @@ impl Roadmap {
                 let flat = layout::place(layout::project(at, right), &taken);
                 let before = self.vertices.insert(*id, Vertex { at, flat });
                 if before.is_some_and(|before| before.at != at) {
-                    // another vertex, whose edges are told anew
+                    // It is another vertex now, whose edges are reported again.
                     self.edges.retain(|(from, to), _| from != id && to != id);
                     self.changed.edges = true;
                 }
@@ -83,18 +83,20 @@ impl Roadmap {
         }
     }
 
-    /// What the flat drawing covers, labels included: left, top, right, bottom.
+    /// Bounds of the flat drawing, labels included: left, top, right, bottom.
     pub(crate) fn bounds(&self) -> Option<[f32; 4]> {
         let [mut left, mut top] = [f32::INFINITY; 2];
         let [mut right, mut bottom] = [f32::NEG_INFINITY; 2];
         for Vertex { flat: [x, y], .. } in self.vertices.values() {
-            (left, top) = (left.min(x - 50.0), top.min(y - 30.0));
-            (right, bottom) = (right.max(x + 50.0), bottom.max(y + 60.0));
+            left = left.min(x - 50.0);
+            top = top.min(y - 30.0);
+            right = right.max(x + 50.0);
+            bottom = bottom.max(y + 60.0);
         }
         (left < right).then_some([left, top, right, bottom])
     }
 
-    /// The lowest and the highest corner of the box around it in the world, meters.
+    /// Lowest and highest corner of the box around it in the world, meters.
     pub(crate) fn extent(&self) -> Option<([f32; 3], [f32; 3])> {
         let grown = |(low, high): ([f32; 3], [f32; 3]), at: [f32; 3]| {
             let pick = |f: fn(f32, f32) -> f32, a: [f32; 3]| std::array::from_fn(|i| f(a[i], at[i]));
@@ -104,17 +106,17 @@ impl Roadmap {
         Some(self.vertices.values().map(|v| v.at).fold((first, first), grown))
     }
 
-    /// A vertex's label: its pose's name, else its number.
+    /// Label of a vertex: the name of its pose, or its number.
     pub(crate) fn label(&self, id: u32) -> String {
         self.names.get(&id).cloned().unwrap_or_else(|| id.to_string())
     }
 
-    /// Whether a vertex has a name.
+    /// True if a vertex has a name.
     pub(crate) fn has_names(&self) -> bool {
         !self.names.is_empty()
     }
 
-    /// The undirected lines of the picture, each with the better of its two directions' states.
+    /// Undirected lines of the drawing, each with the higher-ranked state of its two directions.
     pub(crate) fn lines(&self) -> BTreeMap<(u32, u32), EdgeState> {
         let mut lines = BTreeMap::new();
         for ((from, to), state) in &self.edges {
@@ -126,7 +128,7 @@ impl Roadmap {
         lines
     }
 
-    /// Directed edges in a state.
+    /// Number of directed edges in a state.
     pub(crate) fn count(&self, state: EdgeState) -> usize {
         self.edges.values().filter(|s| **s == state).count()
     }
@@ -138,13 +140,13 @@ impl NamedPose {
     }
 }
 
-/// Which of two opposite directions is shown: what was found out before what is only believed, passable before not.
+/// Rank of a state among two opposite directions: evidence before assumptions, passable before impassable.
 fn rank(state: EdgeState) -> u8 {
     match state {
-        // what the world blocks can't be passed, whatever was found out when it was another one
+        // An edge that the world blocks is impassable, whatever was found in an earlier world.
         EdgeState::Blocked => 4,
         EdgeState::Feasible => 3,
-        // a direction that failed is evidence; that the opposite one is doubtful follows from it
+        // A direction that failed is evidence; the opposite one is doubtful because of it.
         EdgeState::Removed => 2,
         EdgeState::Doubtful => 1,
         EdgeState::Optimistic => 0,
@@ -205,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_note_that_says_nothing_new_draws_nothing() {
+    fn a_note_without_news_draws_nothing() {
         let mut map = Roadmap::default();
         map.on(&edge(1, 2, EdgeState::Optimistic), [1.0, 0.0, 0.0]);
         assert!(map.changed.edges);

@@ -1,4 +1,4 @@
-//! What is kept of one robot that is drawn.
+//! Drawing state of one robot.
 
 use crate::blueprint::Shown;
 use crate::body::{Body, Look, entity};
@@ -13,7 +13,7 @@ use nalgebra::Isometry3;
 use rerun::{SeriesLines, StateChange, StateConfiguration};
 use std::sync::Arc;
 
-/// What is kept of one robot.
+/// Drawing state of one robot.
 pub(crate) struct Shadow {
     pub(crate) name: String,
     pub(crate) robot: Arc<Robot>,
@@ -23,9 +23,9 @@ pub(crate) struct Shadow {
     pub(crate) drawing: Drawing,
     pub(crate) contacts: Vec<Contact>,
     pub(crate) rollbacks: u32,
-    /// Its newest pose.
+    /// Newest configuration.
     pub(crate) pose: Option<Pose>,
-    /// What the view of its flat roadmap covers.
+    /// Bounds of the view of its flat roadmap.
     bounds: Option<[f32; 4]>,
 }
 
@@ -60,7 +60,7 @@ impl Shadow {
         Shown { name: self.name.clone(), parts: self.traces.parts(), trails: self.traces.trails(), bounds: self.bounds }
     }
 
-    /// Whether the roadmap no longer fits its view, which then gets room for some more.
+    /// Returns true if the roadmap no longer fits its view, and then enlarges the view with some room.
     pub(crate) fn outgrown(&mut self) -> bool {
         let Some([left, top, right, bottom]) = self.roadmap.bounds() else { return false };
         let fits = |[l, t, r, b]: [f32; 4]| l <= left && t <= top && r >= right && b >= bottom;
@@ -73,13 +73,13 @@ impl Shadow {
     }
 }
 
-/// Colors and words of a state lane.
+/// Writes the colors and labels of a state lane.
 pub(crate) fn lane(stream: &Stream, path: &str, states: &[(&str, &str, palette::Rgba)]) -> Written {
     let look = StateConfiguration::new()
         .with_values(states.iter().map(|s| s.0))
         .with_labels(states.iter().map(|s| s.1))
         .with_colors(states.iter().map(|s| s.2));
     stream.log_static(path, &look)?;
-    // an empty state opens the lane
+    // An empty state starts the lane.
     stream.log(path, &StateChange::new().with_state([""]))
 }

@@ -1,4 +1,4 @@
-//! Solid shapes, batched by kind: one entity holds all capsules that hang on one frame.
+//! Solid shapes, batched by kind: one entity has all capsules in one frame.
 
 use crate::palette::{self, Rgba};
 use crate::stream::{Stream, Written};
@@ -10,19 +10,19 @@ use rerun::{AsComponents, Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, FillMo
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
 
-/// Takes from a color what hides the mesh within.
+/// Mask that makes a color transparent, so that the mesh within is visible.
 const SEE_THROUGH: Rgba = 0xFFFF_FF90;
 
-/// How hard a shape is touched.
+/// Degree of a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Touch {
-    /// Nearer than the margin.
+    /// Closer than the margin.
     Near,
     /// At distance zero or below.
     Hard,
 }
 
-/// The shapes of these contacts, and how hard each is touched.
+/// Shapes of these contacts, each with its worst contact.
 pub(crate) fn touched<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> BTreeMap<ShapeId, Touch> {
     let mut touched: BTreeMap<ShapeId, Touch> = BTreeMap::new();
     for contact in contacts {
@@ -35,11 +35,11 @@ pub(crate) fn touched<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> BT
     touched
 }
 
-/// All shapes of one robot or object, with what is needed to paint them.
+/// All shapes of one robot or object, with the data to color them.
 #[derive(Default)]
 pub(crate) struct Shapes {
     batches: Vec<Batch>,
-    /// Where a shape is: batches and instances.
+    /// Batches and instances of each shape.
     index: BTreeMap<ShapeId, Vec<(usize, usize)>>,
 }
 
@@ -58,29 +58,29 @@ enum Kind {
     Spheres,
 }
 
-/// How the colors of an entity are written.
+/// Form in which the colors of an entity are written.
 #[derive(Clone, Copy)]
 enum Paint {
     /// One color for each shape of this kind.
     Shapes(Kind),
-    /// That of a single hull.
+    /// One color for a single hull.
     Hull,
 }
 
-/// One shape to show: whose it is, what it is, where it sits on its frame, and in which color.
+/// One shape: its id, its geometry, its pose in the frame, and its color.
 pub(crate) struct Solid<'a> {
     pub(crate) id: ShapeId,
     pub(crate) primitive: &'a Primitive,
-    /// To be drawn within it.
+    /// Hull to be drawn within it.
     pub(crate) hull: Option<&'a Hull>,
     pub(crate) frame_from_node: Isometry3<f64>,
     pub(crate) color: Rgba,
 }
 
 impl Shapes {
-    /// Writes shapes that hang on the frame of the entity `frame`, and remembers them.
+    /// Writes shapes in the frame of the entity `frame`, and stores them.
     ///
-    /// Their colors are temporal, since static data would hide every later change of the same component.
+    /// Their colors are temporal, because static data would hide every later change of the same component.
     pub(crate) fn add(&mut self, stream: &Stream, frame: &str, solids: &[Solid<'_>], fill: FillMode) -> Written {
         let mut kinds: BTreeMap<(Kind, bool), Vec<&Solid<'_>>> = BTreeMap::new();
         for solid in solids {
@@ -105,7 +105,7 @@ impl Shapes {
         Ok(())
     }
 
-    /// Colors the shapes of an entity, and remembers them.
+    /// Colors the shapes of an entity, and stores them.
     fn batch(&mut self, stream: &Stream, (path, paint): (String, Paint), solids: &[&Solid<'_>]) -> Written {
         let base: Vec<_> = solids.iter().map(|s| s.color).collect();
         stream.log(&path, paint.colors(&base).as_ref())?;
@@ -116,7 +116,7 @@ impl Shapes {
         Ok(())
     }
 
-    /// Gives every shape its own color back, but for those that are touched; writes what changed.
+    /// Gives every shape its own color, except those in contact; writes the changes.
     pub(crate) fn paint(&mut self, stream: &Stream, touched: &BTreeMap<ShapeId, Touch>) -> Written {
         let mut wanted: Vec<Vec<Rgba>> = self.batches.iter().map(|b| b.base.clone()).collect();
         for (id, touch) in touched {
@@ -157,8 +157,8 @@ impl Kind {
         }
     }
 
-    /// The archetype with sizes and places; Rerun's cylinders and capsules lie along z, and its capsules begin at the
-    /// origin, where ours lie along y and are centered.
+    /// Archetype with sizes and poses. Rerun's cylinders and capsules lie along z, and its capsules start at
+    /// the origin; ours lie along y and are centered.
     fn geometry(self, solids: &[&Solid<'_>], fill: FillMode) -> Box<dyn AsComponents> {
         let mut sizes = Vec::new();
         let mut lengths = Vec::new();
@@ -223,17 +223,17 @@ impl Paint {
     }
 }
 
-/// Turns the z axis to the y axis.
+/// Rotation from the z axis to the y axis.
 fn y_from_z() -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2)
 }
 
-/// A vector as Rerun takes it.
+/// Converts a vector for Rerun.
 pub(crate) fn vec3(v: &Vector3<f64>) -> [f32; 3] {
     v.cast::<f32>().into()
 }
 
-/// A rotation as Rerun takes it.
+/// Converts a rotation for Rerun.
 pub(crate) fn quaternion(q: &UnitQuaternion<f64>) -> rerun::Quaternion {
     rerun::Quaternion::from_xyzw([q.i as f32, q.j as f32, q.k as f32, q.w as f32])
 }

@@ -1,6 +1,8 @@
-//! A made-up run, to look at and to test with: a robot explores among obstacles, as a real run would, only that nobody drives it.
+//! A simulated run for demonstrations and tests: a robot explores among obstacles as in a real run, but without
+//! a controller.
 //!
-//! Motions are straight lines at constant speed, contacts are the scene's own, and every contact leads back the way it came.
+//! Motions are straight lines at constant speed, contacts come from the scene, and every contact leads to a
+//! retreat along the path.
 
 use mobee_contract::{
     CommitId, EdgeState, Entry, Event, Hold, Note, Outcome, Pose, Sink, Status, Summary, Time, WorldChange,
@@ -11,36 +13,36 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Time between two poses.
+/// Time between two configurations.
 const STEP: Duration = Duration::from_millis(50);
-/// Distance at which the pretended reflex acts, meters.
+/// Distance at which the simulated reflex acts, meters.
 const MARGIN: f64 = 0.010;
-/// Neighbors of a vertex.
+/// Number of neighbors of a vertex.
 const NEIGHBORS: usize = 4;
 
-/// What is staged.
+/// Settings of a staged run.
 #[derive(Clone, Debug)]
 pub struct Stage {
     /// The robot.
     pub robot: Arc<Robot>,
-    /// What stands around it. The last object that is no obstacle is made one half way through.
+    /// Objects around it. The last object that is no obstacle becomes one half way through.
     pub objects: Vec<Object>,
     /// The motors that move, as indices into the robot's motors.
     pub motors: Vec<usize>,
-    /// The marker whose place is drawn for each vertex.
+    /// Marker whose position is drawn for each vertex.
     pub hand: String,
-    /// Vertices of the roadmap.
+    /// Number of vertices of the roadmap.
     pub vertices: usize,
-    /// Motions.
+    /// Number of motions.
     pub motions: usize,
-    /// Seed of the poses.
+    /// Seed of the configurations.
     pub seed: u64,
 }
 
-/// Tells a sink the whole run; gives the time of its end.
+/// Writes the whole run to a sink; returns the time of its end.
 ///
 /// # Errors
-/// What the sink says, or that the scene can't be made.
+/// The error of the sink, or that the scene can't be created.
 pub fn play(stage: &Stage, sink: &mut dyn Sink) -> Result<Time, String> {
     let robot = Arc::clone(&stage.robot);
     let scene = Scene::new(vec![(Arc::clone(&robot), Isometry3::identity())], stage.objects.clone());
@@ -65,7 +67,7 @@ pub fn play(stage: &Stage, sink: &mut dyn Sink) -> Result<Time, String> {
         let untried = |from: u32, states: &BTreeMap<(u32, u32), EdgeState>| {
             edges.iter().copied().find(|e| e.0 == from && states.get(e) == Some(&EdgeState::Optimistic))
         };
-        // an untried edge from here, else over any edge that was not removed
+        // An untried edge from here, otherwise any edge that was not removed.
         let next = untried(here, &actor.states).or_else(|| {
             let open: Vec<_> =
                 edges.iter().filter(|e| e.0 == here && actor.states.get(e) != Some(&EdgeState::Removed)).collect();
@@ -108,7 +110,7 @@ impl Actor<'_> {
         self.state(Status::Rest)
     }
 
-    /// Random poses free of contact, the robot's home first.
+    /// Random configurations free of contact, the robot's home first.
     fn vertices(&mut self, stage: &Stage) -> Result<Vec<Vec<f64>>, String> {
         let mut poses = vec![self.q.clone()];
         for _ in 0..200 * stage.vertices {
@@ -136,7 +138,7 @@ impl Actor<'_> {
         Ok(poses)
     }
 
-    /// Edges to the nearest poses, both ways.
+    /// Edges to the nearest configurations, in both directions.
     fn edges(&mut self, poses: &[Vec<f64>]) -> Result<BTreeSet<(u32, u32)>, String> {
         let mut edges = BTreeSet::new();
         for (a, p) in poses.iter().enumerate() {
@@ -157,14 +159,16 @@ impl Actor<'_> {
         Ok(edges)
     }
 
-    /// Drives an edge; gives whether it was feasible.
+    /// Drives an edge; returns true if it was feasible.
     fn drive(&mut self, edge: (u32, u32), goal: &[f64]) -> Result<bool, String> {
         self.commits += 1;
-        let (id, robot) = (CommitId(self.commits), self.name.clone());
+        let id = CommitId(self.commits);
+        let robot = self.name.clone();
         let start = self.q.clone();
         self.note(Note::Plan { path: vec![edge.0, edge.1] })?;
         let target: Pose = goal.into();
-        let (agent, motors) = ("explorer".into(), Vec::new());
+        let agent = "explorer".into();
+        let motors = Vec::new();
         self.event(Event::Commit { robot: robot.clone(), id, agent, target, escape: false, motors, stream: false })?;
         self.state(Status::Moving)?;
         let way = start.iter().zip(goal).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -181,7 +185,8 @@ impl Actor<'_> {
             let [a, b] = names;
             let words = format!("{a} - {b}");
             let names = (a, b);
-            let (contact, during) = (*contact, Status::Moving);
+            let contact = *contact;
+            let during = Status::Moving;
             self.event(Event::ContactBegan { robot: robot.clone(), contact, names: names.clone(), during })?;
             self.state(Status::Stopping)?;
             self.stand(Duration::from_millis(300))?;
@@ -202,7 +207,7 @@ impl Actor<'_> {
             }
             return Ok(false);
         }
-        self.outcome(id, Outcome::Committed, Contact { pair: NOBODY, distance: 1.0, points: Default::default() })?;
+        self.outcome(id, Outcome::Committed, Contact { pair: NO_PAIR, distance: 1.0, points: Default::default() })?;
         self.edge(edge, EdgeState::Feasible, None)?;
         Ok(true)
     }
@@ -235,7 +240,7 @@ impl Actor<'_> {
         Ok(())
     }
 
-    /// Tells the present pose and goes on one step.
+    /// Writes the present configuration and advances one step.
     fn show(&mut self) -> Result<Arc<[Contact]>, String> {
         let contacts: Arc<[Contact]> = self.touching(&self.q, MARGIN).into();
         let pose = Entry::Pose { robot: 0, q: self.q.clone().into(), contacts: Arc::clone(&contacts) };
@@ -265,15 +270,15 @@ impl Actor<'_> {
         self.sink.write(self.at, &Entry::Event(Arc::new(event)))
     }
 
-    /// A number below `below`, from a congruential generator: good enough to stage with.
+    /// A number below `below`, from a linear congruential generator: sufficient for a staged run.
     fn random(&mut self, below: usize) -> usize {
         self.random = self.random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.random >> 33) as usize % below.max(1)
     }
 }
 
-/// The pair of a contact that is none.
-const NOBODY: mobee_model::Pair = {
+/// Placeholder for the pair of an outcome without a contact.
+const NO_PAIR: mobee_model::Pair = {
     let id = mobee_model::ShapeId::Robot { robot: 0, node: 0, shape: 0 };
     (id, id)
 };

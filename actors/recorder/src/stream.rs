@@ -1,38 +1,38 @@
-//! The thread's way into Rerun: one stream, one timeline, errors in words.
+//! The thread's connection to Rerun: one stream, one timeline, errors as messages.
 
 use mobee_contract::Time;
 use rerun::{AsComponents, RecordingStream, SerializedComponentColumn, TimeColumn};
 
-/// The timeline of everything: seconds of the run.
+/// Timeline of all data: seconds of the run.
 pub(crate) const TIMELINE: &str = "sim_time";
 
-/// What writing something gives.
+/// Result of a write; the error is a message.
 pub(crate) type Written = Result<(), String>;
 
-/// A recording stream, below which entity it is written, and the time that its next entries bear.
+/// A recording stream, with the entity below which it writes and the time of its next entries.
 pub(crate) struct Stream {
     pub(crate) rec: RecordingStream,
-    /// Before all entities: empty, or `NAME/`.
+    /// Prefix of all entities: empty, or `NAME/`.
     pub(crate) root: String,
 }
 
 impl Stream {
-    /// Sets the time of all that is logged from now on.
+    /// Sets the time of all following entries.
     pub(crate) fn at(&self, time: Time) {
         self.rec.set_duration_secs(TIMELINE, time.secs());
     }
 
-    /// Logs at the present time.
+    /// Logs an entity at the present time.
     pub(crate) fn log(&self, path: &str, what: &dyn AsComponents) -> Written {
         self.rec.log(self.below(path), what).map_err(|e| in_words(path, &e))
     }
 
-    /// Logs for all times.
+    /// Logs an entity for all times.
     pub(crate) fn log_static(&self, path: &str, what: &dyn AsComponents) -> Written {
         self.rec.log_static(self.below(path), what).map_err(|e| in_words(path, &e))
     }
 
-    /// Sends whole columns over many times (nanoseconds of the run) at once: many times cheaper than row by row.
+    /// Sends whole columns over many times (nanoseconds of the run): many times cheaper than row by row.
     pub(crate) fn columns(
         &self,
         path: &str,
@@ -50,7 +50,7 @@ impl Stream {
     }
 }
 
-/// A failed write in words.
+/// Message of a failed write.
 pub(crate) fn in_words(path: &str, error: &dyn std::fmt::Display) -> String {
     format!("the recording can't take {path}: {error}")
 }

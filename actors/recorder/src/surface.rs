@@ -1,11 +1,11 @@
-//! Triangles as the viewer takes them.
+//! Triangle meshes for the viewer.
 
 use crate::shapes::vec3;
 use mobee_model::Mesh;
 use nalgebra::{Isometry3, Vector3};
 use rerun::Mesh3D;
 
-/// A mesh as Rerun takes it, with the normals that it needs to be lit.
+/// Converts a mesh for Rerun, with the normals that lighting needs.
 pub(crate) fn mesh3d(mesh: &Mesh, place: &Isometry3<f64>) -> Mesh3D {
     let corners: Vec<Vector3<f64>> = mesh.vertices.iter().map(|v| place.transform_point(&(*v).into()).coords).collect();
     let normals = normals(&corners, &mesh.triangles);
@@ -14,7 +14,7 @@ pub(crate) fn mesh3d(mesh: &Mesh, place: &Isometry3<f64>) -> Mesh3D {
         .with_vertex_normals(normals.iter().map(vec3))
 }
 
-/// At each corner the mean of the triangles there, by their areas.
+/// Normal at each corner: the mean of its triangles' normals, weighted by their areas.
 fn normals(corners: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut normals = vec![Vector3::zeros(); corners.len()];
     for triangle in triangles {

@@ -1,4 +1,4 @@
-//! What leaves a line: motor positions over time, and the trails of markers in space.
+//! Lines over time and in space: plots of motor positions, and trails of markers.
 
 use crate::body::entity;
 use crate::palette;
@@ -9,22 +9,22 @@ use mobee_model::{Marker, Motor, Robot};
 use nalgebra::Isometry3;
 use rerun::{LineStrips3D, Scalars, SeriesLines};
 
-/// A motor is plotted again when it changed by more than this, rad (0.05 degrees).
+/// Change of a motor's position after which it is plotted again, rad (0.05 degrees).
 const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
-/// A part counts as moving when a motor of it is farther than this from where it was first, rad (one degree).
+/// Distance of a motor from its first position beyond which its part counts as moving, rad (one degree).
 const BEGINS: f64 = 20.0 * STEP;
-/// A resting part is plotted again after this time, ns.
-const AT_LEAST: i64 = 1_000_000_000;
-/// A trail goes on when its marker moved by more than this, meters.
+/// Longest interval between the plotted points of a resting part, ns.
+const MAX_INTERVAL_NS: i64 = 1_000_000_000;
+/// Distance after which a trail continues, meters.
 const TRAIL_STEP: f32 = 0.001;
 
-/// A robot's plots and trails with what waits to be sent.
+/// Plots and trails of a robot with the data that is still to be sent.
 pub(crate) struct Traces {
     parts: Vec<Plot>,
     trails: Vec<Trail>,
     /// `world_from_robot`.
     base: Isometry3<f64>,
-    /// `world_from_node` of every node, kept to be filled again.
+    /// `world_from_node` of every node, as a reused buffer.
     frames: Vec<Isometry3<f64>>,
 }
 
@@ -35,13 +35,14 @@ struct Plot {
     part: usize,
     motors: std::ops::Range<usize>,
     times: Vec<i64>,
-    /// Row by row, one value per motor.
+    /// Row by row, one value per motor, degrees.
     degrees: Vec<f64>,
     written: Option<(i64, Vec<f64>)>,
-    /// The newest pose that was not worth writing; written when motion goes on, else the line would slope.
+    /// The newest skipped configuration; written when motion resumes, because the line would slope otherwise.
     held: Option<(i64, Vec<f64>)>,
-    /// The first pose, and whether the part has left it.
+    /// The first configuration.
     first: Option<Vec<f64>>,
+    /// True if the part has left it.
     moves: bool,
 }
 
@@ -56,10 +57,10 @@ struct Trail {
 }
 
 impl Traces {
-    /// Names the lines.
+    /// Writes the names of the lines.
     ///
     /// # Errors
-    /// In words.
+    /// If Rerun refuses the data, as a message.
     pub(crate) fn new(stream: &Stream, robot: &Robot, base: &Isometry3<f64>) -> Result<Traces, String> {
         let name = entity(&robot.name);
         let mut parts = Vec::new();
@@ -100,7 +101,7 @@ impl Traces {
         Ok(Traces { parts, trails, base: *base, frames: Vec::new() })
     }
 
-    /// The parts that are plotted, those with a trail first: names as parts of entity paths, and whether the part has moved.
+    /// Plotted parts, those with a trail first: names as parts of entity paths, and whether the part has moved.
     pub(crate) fn parts(&self) -> Vec<(String, bool)> {
         let mut parts: Vec<_> = self.parts.iter().collect();
         parts.sort_by_key(|p| self.trails.iter().all(|t| t.part != p.part));
@@ -108,12 +109,12 @@ impl Traces {
         parts.into_iter().filter_map(name).collect()
     }
 
-    /// The entities of the trails.
+    /// Entities of the trails.
     pub(crate) fn trails(&self) -> Vec<String> {
         self.trails.iter().map(|t| t.path.clone()).collect()
     }
 
-    /// Takes note of a pose; gives whether a part moves that had not moved before.
+    /// Takes a configuration; returns true if a part moves for the first time.
     pub(crate) fn pose(&mut self, at: Time, robot: &Robot, q: &[f64]) -> bool {
         let at = at.0 as i64;
         let mut begins = false;
@@ -132,7 +133,7 @@ impl Traces {
         begins
     }
 
-    /// Sends what waits.
+    /// Sends the buffered data.
     pub(crate) fn flush(&mut self, stream: &Stream) -> Written {
         for plot in &mut self.parts {
             let times = std::mem::take(&mut plot.times);
@@ -158,7 +159,7 @@ impl Traces {
 }
 
 impl Plot {
-    /// Whether the part leaves its first pose now.
+    /// Returns true if the part leaves its first configuration now.
     fn begins(&mut self, q: &[f64]) -> bool {
         if self.moves {
             return false;
@@ -171,7 +172,7 @@ impl Plot {
     fn pose(&mut self, at: i64, q: &[f64]) {
         let moved = |last: &[f64]| last.iter().zip(q).any(|(a, b)| (a - b).abs() > STEP);
         match &self.written {
-            Some((then, last)) if !moved(last) && at - then < AT_LEAST => self.held = Some((at, q.to_vec())),
+            Some((then, last)) if !moved(last) && at - then < MAX_INTERVAL_NS => self.held = Some((at, q.to_vec())),
             Some((_, last)) => {
                 let resumes = moved(last);
                 if let Some((then, q)) = self.held.take().filter(|_| resumes) {
@@ -210,8 +211,8 @@ impl Trail {
     }
 }
 
-/// The markers whose trails are shown, at most one of each part: hands and tools, else those whose file entry asks for
-/// a tracer, else all.
+/// Markers whose trails are shown, at most one per part: hands and tools; otherwise those whose file entry
+/// requests a tracer; otherwise all.
 pub(crate) fn trail_markers(robot: &Robot) -> Vec<&Marker> {
     let pick = |f: &dyn Fn(&Marker) -> bool| -> Vec<&Marker> {
         let mut picked: Vec<&Marker> = Vec::new();

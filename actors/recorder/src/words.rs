@@ -1,9 +1,9 @@
-//! Events in words, for the log: where it belongs, how grave it is, and one sentence.
+//! Log lines of events: source, severity, and one sentence.
 
 use mobee_contract::{Cause, EdgeState, Event, Hold, Note, Outcome, RestStep, Status, SwapStep};
 use mobee_model::Contact;
 
-/// How grave.
+/// Severity of a log line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Level {
     Trace,
@@ -14,7 +14,7 @@ pub(crate) enum Level {
 }
 
 impl Level {
-    /// Rerun's word for it.
+    /// Name of the level in Rerun.
     pub(crate) fn word(self) -> &'static str {
         match self {
             Level::Trace => "TRACE",
@@ -30,8 +30,8 @@ fn displaced(motor: &str, by: &str) -> String {
     format!("{motor} was moved by {by} at rest: by another program, by hand or by its weight")
 }
 
-/// A line of the log: the source (`system`, `world` or a robot's name), level and text. `None`: not worth a line. `vertex` is the
-/// label of a robot's vertex.
+/// Log line of an event: the source (`system`, `world` or a robot's name), level and text. `None` if it gets no
+/// line. `vertex` returns the label of a robot's vertex.
 pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -> Option<(&'a str, Level, String)> {
     use Level::{Debug, Error, Info, Trace, Warn};
     Some(match event {
@@ -80,7 +80,7 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
             let because = cause.as_ref().map(|c| format!(": {}", why(c))).unwrap_or_default();
             match outcome {
                 Outcome::Committed => (robot, Info, format!("#{} committed", id.0)),
-                // an orderly end is no error
+                // An orderly end is not an error.
                 Outcome::Faulted if *cause == Some(Cause::Asked) => {
                     (robot, Info, format!("#{} aborted: {}", id.0, why(&Cause::Asked)))
                 }
@@ -89,7 +89,7 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
             }
         }
         Event::CommandDropped { robot, writer, reason, .. } => {
-            (robot, Warn, format!("command of {writer:?} thrown away: {reason}"))
+            (robot, Warn, format!("command of {writer:?} discarded: {reason}"))
         }
         Event::ContactBegan { robot, contact, names: (a, b), .. } => {
             (robot, Warn, format!("{a} is {:.1} mm from {b}", contact.distance * 1e3))
@@ -117,7 +117,7 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
             (robot, if matches!(step, RestStep::Missed { .. }) { Warn } else { Info }, step.to_string())
         }
         Event::AgentActs { robot, acts } => {
-            (robot, Info, if *acts { "its own agent acts again" } else { "its own agent makes way" }.to_owned())
+            (robot, Info, if *acts { "its own agent acts again" } else { "its own agent yields" }.to_owned())
         }
         Event::Swap { robot: name, part, step } | Event::SwapBeside { name, part, step } => {
             let level = match step {
@@ -144,7 +144,7 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
 fn note_line<'a>(robot: &'a str, note: &Note, vertex: &dyn Fn(u32) -> String) -> Option<(&'a str, Level, String)> {
     let way = |from: u32, to: u32| format!("{} -> {}", vertex(from), vertex(to));
     Some(match note {
-        // what it taught of the edge says the rest
+        // The notes on the edge give the result.
         Note::Vertex { .. } | Note::Tried { .. } => return None,
         Note::Edge { from, to, state: EdgeState::Feasible, .. } => {
             (robot, Level::Info, format!("edge {} is feasible", way(*from, *to)))

@@ -1,4 +1,5 @@
-//! The one list of invariants: what the checker runs, what `mobee check` says, and what the documents must hold.
+//! The single list of invariants, used by the checker and by `mobee check`; a test compares the documents with
+//! it.
 
 use super::Invariant;
 use super::as_fast_as_allowed::AsFastAsAllowed;
@@ -35,21 +36,21 @@ use super::watched_retreat::WatchedRetreat;
 pub struct InvariantEntry {
     /// Its number, such as `I4`.
     pub name: &'static str,
-    /// What it promises, in a few words: those of the documents' tables.
+    /// Promise in a few words, as in the documents' tables.
     pub what: &'static str,
-    /// What it can't be judged without.
+    /// Source of data that the invariant needs.
     pub wants: Wants,
     make: fn() -> Box<dyn Invariant>,
 }
 
-/// What an invariant is judged by.
+/// Source of data that an invariant is judged by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wants {
-    /// The journal's events; some look at the measured poses, too, where there are any.
+    /// The journal's events; some invariants also use the measured configurations if they were recorded.
     Events,
-    /// The measured poses beside the journal.
+    /// The measured configurations beside the journal.
     Poses,
-    /// A simulation, which knows when its faults have healed.
+    /// A simulation, which reports the time at which its faults have healed.
     Healing,
 }
 
@@ -67,7 +68,7 @@ const fn of<I: Invariant + Default + 'static>(name: &'static str, what: &'static
     InvariantEntry { name, what, wants, make: boxed::<I> }
 }
 
-/// All of them, by number.
+/// All invariants, by number.
 pub const ALL: &[InvariantEntry] = &[
     of::<ClosedMeansClosed>("I1", "closed means closed", Wants::Events),
     of::<OneOutcome>("I2", "one outcome", Wants::Events),
@@ -99,18 +100,19 @@ pub const ALL: &[InvariantEntry] = &[
     of::<Released>("I35", "nothing is pushed for long", Wants::Events),
 ];
 
-/// The names of those that a journal is judged by, with or without measured poses, as a sentence has them: `I1-I7, I9 and I10`.
+/// Names of the invariants that a journal is judged by, with or without measured configurations, as a phrase:
+/// `I1-I7, I9 and I10`.
 pub fn judged(poses: bool) -> String {
     let is_judged = |p: &&InvariantEntry| p.wants == Wants::Events || poses && p.wants == Wants::Poses;
     spans(ALL.iter().filter(is_judged).filter_map(|p| p.name.strip_prefix('I')?.parse().ok()))
 }
 
-/// The names of those that only measured poses can judge.
+/// Names of the invariants that need measured configurations.
 pub fn wants_poses() -> String {
     spans(ALL.iter().filter(|p| p.wants == Wants::Poses).filter_map(|p| p.name.strip_prefix('I')?.parse().ok()))
 }
 
-/// Numbers in order as spans.
+/// Formats ascending numbers as ranges.
 fn spans(numbers: impl Iterator<Item = u32>) -> String {
     let mut spans: Vec<(u32, u32)> = Vec::new();
     for n in numbers {
@@ -136,12 +138,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_said_as_spans() {
+    fn numbers_are_formatted_as_ranges() {
         assert_eq!(spans([1, 2, 3, 5, 8, 9].into_iter()), "I1-I3, I5, I8 and I9");
         assert_eq!(spans([4].into_iter()), "I4");
     }
 
-    /// The documents say of every invariant what it promises, in the words of the list.
+    /// The documents list every invariant with the promise from [`ALL`].
     #[test]
     fn the_documents_have_every_invariant() {
         let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

@@ -1,11 +1,15 @@
-//! I20: no motor is measured to go faster than the open commit allows it, in the mean over sixteen readings.
+//! I20: no motor is measured to be faster than the open commit allows, averaged over sixteen readings.
 //!
-//! Wants the poses, and a journal that tells what is allowed (version 2). For a while after an amendment what was allowed before still
-//! is: the motor brakes. Where set-points are streamed it may be faster, as it catches up with those that came late, and as fast as it
-//! can if the board did not take some; a move that the driver makes of set-points counts as streamed; during the retreat it may be so fast as any commit has allowed it to be. A kink of its readings is no motion. What no commit names is a matter of I21.
+//! Needs the measured configurations, and a journal that records the allowed speeds (version 2). For a while
+//! after an amendment the previous speed remains allowed, because the motor brakes. With streamed set-points a
+//! motor may be faster, because it catches up with late ones, and it is not judged shortly after the board
+//! dropped some. A move that the driver makes of set-points counts as streamed. During the retreat a motor may
+//! be as fast as any commit has ever allowed. A kink of the readings does not count as motion. Motors that
+//! no commit names are judged by I21.
 //!
-//! A joint that something pushes is as fast as that makes it: it springs back by what its servo gave way, and it is not judged for a contact
-//! that the filter closes for within half a second, until that is open again.
+//! A joint that something pushes moves as fast as it is pushed, and springs back by the deflection of its
+//! servo. It is not judged if the filter closes for that contact within half a second, until the filter opens
+//! again.
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
@@ -15,12 +19,12 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// What a board may add to what it was told, as a share and in rad/s.
+/// Tolerance of a board over the commanded speed, as a factor and in rad/s.
 const BOARD: (f64, f64) = (1.05, 0.25 * DEGREE);
-/// The same where set-points are streamed, by whoever: those that come late are one and a half of a control period apart, in three quarters of one, and a
-/// slow line brings them in bunches.
+/// The same where set-points are streamed, by any writer. Late set-points are one and a half control periods
+/// apart and are made up in three quarters of one, and a slow line delivers them in bursts.
 const CATCHES_UP: (f64, f64) = (2.75, 0.25 * DEGREE);
-/// How long what was allowed before an amendment, or the end of a motion, counts on.
+/// Time for which the previous limit remains valid after an amendment or the end of a motion.
 const BRAKES: Duration = Duration::from_secs(1);
 
 /// Longest time from a push until the filter closes for it.
@@ -35,31 +39,35 @@ struct Robot {
     window: Window,
     units: MotorUnits,
     motors: Vec<Motor>,
-    /// Whether a commit is open that tells what is allowed; and whether the filter is closed.
+    /// True if a commit that states the allowed speeds is open.
     open: bool,
+    /// True if the filter is closed.
     closed: bool,
-    /// Whether the motion is one of the board's own moves, and no stream of set-points.
+    /// True if the motion is one of the board's own moves, not a stream of set-points.
     moves: bool,
-    /// By how much its joints spring back where a push ends, rad.
+    /// Deflection by which its joints spring back when a push ends, rad.
     springs: f64,
-    /// Whether the filter has closed for something that pushes it; and what is wrong unless it does so soon.
+    /// True if the filter has closed because something pushes the robot.
     pushed: bool,
+    /// Excess speeds that become violations unless the filter soon closes for a push.
     pending: Vec<(Time, String)>,
-    /// Until when set-points that the board did not take may be caught up with.
+    /// End of the interval in which the motors may catch up with set-points that the board dropped.
     behind: Time,
 }
 
 #[derive(Clone, Default)]
 struct Motor {
     name: String,
-    /// What the open commit allows it, rad/s; what was allowed before, and until when; and the most that any commit has.
+    /// Speed that the open commit allows, rad/s.
     allowed: f64,
+    /// Speeds allowed before, each with the time until which it was, rad/s.
     before: VecDeque<(Time, f64)>,
+    /// Greatest speed that any commit has allowed, rad/s.
     ever: f64,
-    /// The greatest kink of its readings in this motion, rad: during the retreat it is led along them.
+    /// Greatest kink of its readings in this motion, rad: a retreat follows the recorded readings.
     kink: f64,
-    /// Whether it was told in this motion.
-    told: bool,
+    /// True if a violation was already reported for this motion.
+    reported: bool,
 }
 
 impl Motor {
@@ -69,7 +77,7 @@ impl Motor {
         self.ever = self.ever.max(speed);
     }
 
-    /// The most that it may do since then, rad/s, if that is known.
+    /// Greatest speed that is allowed since then, rad/s; `None` if the journal does not state one.
     fn most(&mut self, since: Time, back: bool, streamed: bool) -> Option<f64> {
         while self.before.front().is_some_and(|(until, _)| *until + BRAKES < since) {
             self.before.pop_front();
@@ -92,15 +100,17 @@ impl Robot {
         self.motors.iter_mut().filter(|motor| motor.allowed > 0.0).for_each(|motor| motor.allow(at, 0.0));
     }
 
-    /// What has been wrong for so long that no contact was the reason.
+    /// Takes the excess speeds that are older than [`NOTICED`], so that no contact explains them.
     fn due(&mut self, at: Time) -> Vec<String> {
         let due = self.pending.iter().take_while(|(since, _)| *since + NOTICED <= at).count();
         self.pending.drain(..due).map(|(_, wrong)| wrong).collect()
     }
 
     fn judge(&mut self, robot: &str, at: Time) -> Vec<String> {
-        let (since, back) = (self.window.since(), self.closed);
-        let (streamed, springs) = (back || !self.moves, self.springs);
+        let since = self.window.since();
+        let back = self.closed;
+        let streamed = back || !self.moves;
+        let springs = self.springs;
         let mut wrong = Vec::new();
         if since < self.behind || self.pushed {
             return wrong;
@@ -110,12 +120,14 @@ impl Robot {
             motor.kink = motor.kink.max(kink);
             let kink = if streamed { motor.kink } else { kink };
             let Some(most) =
-                motor.most(since, back, streamed).filter(|most| !motor.told && way > most * secs + kink + springs)
+                motor.most(since, back, streamed).filter(|most| !motor.reported && way > most * secs + kink + springs)
             else {
                 continue;
             };
-            motor.told = true;
-            let (name, is, most) = (&motor.name, self.units.of(m).told_speed(way / secs, 3), most.to_degrees());
+            motor.reported = true;
+            let name = &motor.name;
+            let is = self.units.of(m).told_speed(way / secs, 3);
+            let most = most.to_degrees();
             wrong.push(format!("{robot}: motor {name} was measured at {is} at {at}, {most:.3} are allowed"));
         }
         wrong
@@ -129,16 +141,23 @@ impl Invariant for AsFastAsAllowed {
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|known| known.len() == motors.len());
                 let motor = |name: &String| Motor { name: name.clone(), ..Motor::default() };
                 let motors = known.unwrap_or_else(|| motors.iter().map(motor).collect());
-                let (window, units) = (Window::new(*period), MotorUnits::new(motors.len(), sliding));
-                let (springs, pending) = (hold_error.max(*deflection), Vec::new());
-                let (open, closed, moves, pushed, behind) = (false, true, false, false, Time::ZERO);
-                let robot_state =
-                    Robot { window, units, motors, open, closed, moves, springs, pushed, pending, behind };
+                let robot_state = Robot {
+                    window: Window::new(*period),
+                    units: MotorUnits::new(motors.len(), sliding),
+                    motors,
+                    open: false,
+                    closed: true,
+                    moves: false,
+                    springs: hold_error.max(*deflection),
+                    pushed: false,
+                    pending: Vec::new(),
+                    behind: Time::ZERO,
+                };
                 self.robots.insert(robot.clone(), robot_state);
             }
             Event::Commit { robot, motors, .. } => self.robots.of(robot, |r| {
                 (r.open, r.moves) = (!motors.is_empty(), false);
-                r.motors.iter_mut().for_each(|motor| (motor.told, motor.kink) = (false, 0.0));
+                r.motors.iter_mut().for_each(|motor| (motor.reported, motor.kink) = (false, 0.0));
                 r.ended(line.at);
                 r.allow(line.at, motors);
             }),
@@ -173,12 +192,12 @@ impl Invariant for AsFastAsAllowed {
             let wrong = state.judge(robot, at);
             state.pending.extend(wrong.into_iter().map(|wrong| (at, wrong)));
         }
-        found.say_all(state.due(at));
+        found.report_all(state.due(at));
     }
 
     fn end(&mut self, found: &mut Found<'_>) {
         for state in self.robots.values_mut() {
-            found.say_all(state.pending.drain(..).map(|(_, wrong)| wrong));
+            found.report_all(state.pending.drain(..).map(|(_, wrong)| wrong));
         }
     }
 

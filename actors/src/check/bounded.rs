@@ -1,4 +1,5 @@
-//! I7: no more wait on a link than its credit allows. The most that waited at once is told when a run ends in order.
+//! I7: the queue of a link never exceeds its credit. A run that ends in order records the longest queue of each
+//! link.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -13,7 +14,7 @@ impl Invariant for Bounded {
             && *capacity > 0
             && most > capacity
         {
-            found.say(format!("{link}: {most} waited at once, {capacity} may"));
+            found.report(format!("{link}: {most} waited at once, {capacity} may"));
         }
     }
 }

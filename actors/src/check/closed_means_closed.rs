@@ -1,9 +1,11 @@
 //! I1: from `Disabled` to `Enabled` no command of an agent reaches the driver, and the reflex writes under its token only.
 //!
-//! A token is open if an `Enabled` brought it and closed otherwise, from then until the next token. Every command must carry
-//! the token of its moment and its writer must be the one that this token lets pass: agents through open ones, the reflex
-//! through closed ones. From `Halted` to `Released` nothing opens it. Supervise writes through closed ones too, stops and modes alone. A stream is told at its end, so it is
-//! judged by when it was written. The driver itself only stops.
+//! A token is open if an `Enabled` event introduced it, and closed otherwise, until the next token. Every
+//! command must carry the token that is current when it is written, and that token must admit its writer:
+//! agents write under open tokens, the reflex under closed ones. The filter does not open between `Halted` and
+//! `Released`. Supervise also writes under closed tokens, but only stops and control modes. A stream is
+//! recorded when it ends, so it is judged by the time span in which it was written. The driver itself only
+//! stops.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -19,7 +21,7 @@ struct Filter {
     token: u64,
     /// Per token: whether it is open, and since when.
     tokens: BTreeMap<u64, (bool, Time)>,
-    /// Whether a person has halted the robot.
+    /// True if a person has halted the robot.
     halted: bool,
 }
 
@@ -32,7 +34,7 @@ impl Default for Filter {
 impl Filter {
     fn turn(&mut self, token: u64, open: bool, at: Time, found: &mut Found<'_>) {
         if token <= self.token {
-            found.say(format!("token {token} follows token {}: tokens only grow", self.token));
+            found.report(format!("token {token} follows token {}: tokens only grow", self.token));
         }
         self.token = token;
         self.tokens.insert(token, (open, at));
@@ -47,7 +49,7 @@ impl Filter {
         }
     }
 
-    /// When a token was replaced.
+    /// Time at which a token was replaced.
     fn until(&self, token: u64) -> Option<Time> {
         self.tokens.range(token + 1..).next().map(|(_, (_, from))| *from)
     }
@@ -61,7 +63,7 @@ impl Invariant for ClosedMeansClosed {
             Event::Enabled { robot, token } => {
                 let filter = self.robots.entry(robot.clone()).or_default();
                 if filter.halted {
-                    found.say(format!("{robot}: the filter opened while the robot was halted"));
+                    found.report(format!("{robot}: the filter opened while the robot was halted"));
                 }
                 filter.turn(*token, true, line.at, found);
             }
@@ -74,16 +76,16 @@ impl Invariant for ClosedMeansClosed {
                 if matches!(writer, Writer::Driver | Writer::Supervise)
                     && !matches!(kind, CommandKind::Stop | CommandKind::Mode)
                 {
-                    let who = if *writer == Writer::Driver { "the driver" } else { "supervise" };
-                    found.say(format!(
-                        "{robot}: {who} itself wrote a `{}`; it may only stop and set modes",
+                    let subject = if *writer == Writer::Driver { "the driver" } else { "supervise" };
+                    found.report(format!(
+                        "{robot}: {subject} itself wrote a `{}`; it may only stop and set modes",
                         kind.word()
                     ));
                 } else if *writer == Writer::Driver {
-                    // the stop that follows every start comes whatever the filter's state
+                    // The driver stops its board after every start, whatever the filter's state.
                 } else if *token != now || !filter.may_write(*writer, *token) {
                     let state = if filter.may_write(Writer::Agent, now) { "open" } else { "closed" };
-                    found.say(format!(
+                    found.report(format!(
                         "{robot}: {writer:?} wrote a `{}` under token {token} while the filter was {state} under {now}",
                         kind.word()
                     ));
@@ -92,9 +94,9 @@ impl Invariant for ClosedMeansClosed {
             Event::Streamed { robot, token, writer, span, .. } => {
                 let filter = self.robots.entry(robot.clone()).or_default();
                 if *writer == Writer::Supervise || !filter.may_write(*writer, *token) {
-                    found.say(format!("{robot}: {writer:?} streamed under token {token}, which is not its own"));
+                    found.report(format!("{robot}: {writer:?} streamed under token {token}, which is not its own"));
                 } else if let Some(until) = filter.until(*token).filter(|until| span.1 > *until) {
-                    found.say(format!(
+                    found.report(format!(
                         "{robot}: {writer:?} streamed under token {token} until {}, after it ended at {until}",
                         span.1
                     ));

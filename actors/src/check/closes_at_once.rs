@@ -1,7 +1,7 @@
-//! I28: what takes the robot out of the controller's hands closes the filter at once: the death of the model or of an actor of the
-//! robot's controller, whatever it was doing; an exchange of its controller or driver, before the new part is looked at. A driver that was
-//! started again stops its board before it passes anything on, and what waited at the driver is hushed by a stop: a stream begins with its
-//! control mode, never where a stop was told.
+//! I28: the filter closes at once when the controller loses its robot, through the death of the model or of an
+//! actor of the robot's controller, whatever it was doing. An exchange of the controller or driver closes it
+//! before the new part is inspected. A restarted driver stops its board before it forwards a command. A stop
+//! discards the set-points that are queued at the driver: a later stream begins with its control mode.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -9,7 +9,7 @@ use mobee_contract::{CommandKind, Event, SwapPart, SwapStep, Time, Writer};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How many leases it may take: one runs out, the next is not given.
+/// Most leases until the filter is closed: one expires, the next is not granted.
 const LEASES: u32 = 2;
 /// The actors of a robot's controller.
 const CHAIN: [&str; 4] = ["driver", "history", "supervise", "reflex"];
@@ -24,27 +24,28 @@ pub(super) struct ClosesAtOnce {
 struct Filter {
     fresh: Duration,
     open: bool,
-    /// When it was closed last, and when an actor of its controller died last.
+    /// Time at which the filter last closed.
+    /// Time at which an actor of its controller last died.
     closed: Time,
     died: Option<Time>,
-    /// Who died, and when, with the filter open since.
+    /// Actor that died while the filter was open, and the time; `None` once the filter has closed.
     death: Option<(String, Time)>,
-    /// Whether its driver was started again, and has told nothing yet.
+    /// True if its driver was restarted and has not written yet.
     new_driver: bool,
-    /// The motors of the last command, if that was a stop of the reflex or an agent; none: all.
+    /// Motors of the last command, if that was a stop of the reflex or an agent; an empty list means all.
     stopped: Option<Vec<usize>>,
 }
 
 impl Filter {
     fn judge(&mut self, robot: &str, now: Time, found: &mut Found<'_>) {
         let within = self.fresh * LEASES;
-        if let Some((who, at)) = self.death.take_if(|(_, at)| now.since(*at) > within) {
+        if let Some((actor, at)) = self.death.take_if(|(_, at)| now.since(*at) > within) {
             let after = now.since(at).as_secs_f64();
-            found.say(format!("{robot}: {who} died at {at}, and the filter was open {after:.3} s later"));
+            found.report(format!("{robot}: {actor} died at {at}, and the filter was open {after:.3} s later"));
         }
     }
 
-    /// A command was written, or a stream of them, which it ends.
+    /// Takes a written command, or a stream that has just ended.
     fn written(&mut self, robot: &str, event: &Event, found: &mut Found<'_>) {
         let (writer, kind, motors) = match event {
             Event::Command { writer, kind, motors, .. } => (*writer, Some(*kind), motors),
@@ -53,7 +54,7 @@ impl Filter {
         };
         if std::mem::take(&mut self.new_driver) && (writer, kind) != (Writer::Driver, Some(CommandKind::Stop)) {
             let what = kind.map_or("set-points".into(), |kind| format!("a {}", kind.word()));
-            found.say(format!("{robot}: a new driver wrote {what} of the {writer:?} before a stop of its own"));
+            found.report(format!("{robot}: a new driver wrote {what} of the {writer:?} before a stop of its own"));
         }
         let stopped = std::mem::take(&mut self.stopped);
         match stopped {
@@ -61,7 +62,7 @@ impl Filter {
             Some(stopped) if kind.is_none() => {
                 let meant = |m: &usize| stopped.is_empty() || stopped.contains(m);
                 if motors.iter().any(meant) {
-                    found.say(format!("{robot}: set-points were written after a stop, and no new stream began"));
+                    found.report(format!("{robot}: set-points were written after a stop, and no new stream began"));
                 }
             }
             _ => {}
@@ -88,7 +89,7 @@ impl Invariant for ClosesAtOnce {
             Event::Command { robot, .. } | Event::Streamed { robot, .. } => {
                 self.robots.entry(robot.clone()).or_default().written(robot, &line.event, found);
             }
-            // it told its board to stop, and the board does not answer
+            // The driver commanded a stop, and the board does not answer.
             Event::CommandDropped { robot, writer: Writer::Driver, .. } => {
                 self.robots.entry(robot.clone()).or_default().new_driver = false;
             }
@@ -101,7 +102,7 @@ impl Invariant for ClosesAtOnce {
                 let begun = line.at - Duration::try_from_secs_f64(*gap).unwrap_or_default();
                 let died = filter.died.is_some_and(|at| at >= begun);
                 if (filter.open || filter.closed > begun) && !died {
-                    found.say(format!("{robot}: a part was exchanged from {begun} on, and the filter was open"));
+                    found.report(format!("{robot}: a part was exchanged from {begun} on, and the filter was open"));
                 }
             }
             Event::Died { actor, .. } => {

@@ -1,8 +1,8 @@
-//! I25: a constraint that is violated closes the filter, at rest and in motion, and during the retreat it stops the robot.
+//! I25: a violated constraint closes the filter, at rest and in motion; during the retreat it stops the robot.
 //!
-//! Wants the poses, and a journal that tells the robot's constraints. What was violated already as a retreat set out is excused while
-//! that goes on: it may be what the robot comes out of. An escape may violate as much as it did when it set out, and no more. A controller
-//! without a reflex promises nothing of this.
+//! Needs the measured configurations, and a journal that records the robot's constraints. A violation that
+//! exists when a retreat starts is excused while it lasts, because the retreat may lead out of it. An escape
+//! may violate as much as at its start, and no more. A controller without a reflex does not promise this.
 
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
@@ -10,11 +10,13 @@ use mobee_contract::{Clauses, Event, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How many control periods it may take until the filter is closed, or the retreat stopped.
+/// Most control periods until the filter is closed, or the retreat stopped.
 const PERIODS: u32 = 3;
-/// A clause below this counts as violated, degrees times its coefficients: measured poses are kept rounded.
+/// A clause below this value counts as violated, degrees times its coefficients: measured configurations are
+/// rounded.
 const SURELY: f64 = -0.001;
-/// How much more an escape may violate than as it set out, in the same units: encoders' noise, in its first reading and on its way.
+/// Amount by which an escape may exceed the violation at its start, in the same units: encoder noise in its
+/// first reading and on its path.
 const NOISE: f64 = 0.15;
 
 #[derive(Default)]
@@ -28,36 +30,37 @@ struct Robot {
     period: Duration,
     no_reflex: bool,
     watch: Watch,
-    /// Whether the newest reading violates, and whether none has come since the watch began.
+    /// True if the newest reading violates a constraint.
     violates: bool,
+    /// True if no reading has come since the watch began.
     begins: bool,
-    /// While it escapes: the least value that a clause may have.
+    /// Least allowed value of a clause during an escape.
     escape: Option<f64>,
-    /// Since when it does while it is watched.
+    /// Start of the current violation while it is watched.
     since: Option<Time>,
 }
 
-/// What a violation is to do.
+/// Required reaction to a violation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Watch {
-    /// Nothing: the filter is closed, and nothing is driven.
+    /// None: the filter is closed, and no motor is driven.
     #[default]
     Nothing,
     /// Close the filter.
     Close,
-    /// Stop the retreat, or the escape.
+    /// Stop the retreat or the escape.
     Stop,
 }
 
 impl Robot {
     fn watch(&mut self, watch: Watch) {
         self.escape = None;
-        // what was violated from the start of a retreat is excused
+        // A violation that exists when a retreat starts is excused.
         self.watch = if watch == Watch::Stop && self.violates { Watch::Nothing } else { watch };
         (self.since, self.begins) = (None, true);
     }
 
-    /// An escape sets out.
+    /// An escape starts.
     fn escapes(&mut self) {
         (self.watch, self.escape) = (Watch::Stop, Some(0.0));
         (self.since, self.begins) = (None, true);
@@ -70,7 +73,8 @@ impl Robot {
             self.begins = false;
         }
         self.violates = least < self.escape.unwrap_or(SURELY);
-        // the first reading on the way is the one that those are judged by who drive it
+        // The reflex judges a retreat by the first reading after its start: a violation in that reading is
+        // excused, too.
         if std::mem::take(&mut self.begins) && self.violates && self.watch == Watch::Stop {
             self.watch = Watch::Nothing;
         }
@@ -81,14 +85,15 @@ impl Robot {
         let since = *self.since.get_or_insert(at);
         (at.since(since) > self.period * PERIODS).then(|| {
             let what = if self.watch == Watch::Close { "the filter is open" } else { "the robot is driven on" };
-            // it is told once
+            // Reported once.
             self.watch = Watch::Nothing;
             format!("{robot}: a constraint is violated since {since}, and {what} at {at}")
         })
     }
 }
 
-/// The value of a clause, its largest member; above zero it holds.
+/// Value of a clause: that of its largest member, degrees times its coefficients; the clause holds if it is
+/// positive.
 fn value(clause: &[(Vec<(usize, f64)>, f64)], q: &Pose) -> f64 {
     let member = |(terms, b): &(Vec<(usize, f64)>, f64)| {
         let term = |(m, a): &(usize, f64)| a * q.get(*m).copied().unwrap_or(0.0).to_degrees();
@@ -127,7 +132,7 @@ impl Invariant for ConstraintsClose {
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
-        found.say_all(state.pose(robot, at, q));
+        found.report_all(state.pose(robot, at, q));
     }
 
     fn blind(&mut self, robot: &str) {

@@ -1,5 +1,5 @@
-//! I19: a contact that begins while a motion is under way closes the filter within one control period (Algorithm 6). An escape is
-//! excused: it sets out in contact. A controller without a reflex does not promise it.
+//! I19: a contact that begins during a motion closes the filter within one control period (Algorithm 6). An
+//! escape is excused: it starts in contact. A controller without a reflex does not promise this.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -16,16 +16,16 @@ pub(super) struct ContactCloses {
 struct Filter {
     period: Duration,
     open: bool,
-    /// Whether its controller has no reflex, and so promises nothing of this.
+    /// True if its controller has no reflex, and so does not promise this.
     no_reflex: bool,
-    /// When a contact began that has closed nothing yet.
+    /// Start of a contact that has not closed the filter yet.
     met: Option<Time>,
 }
 
 impl Filter {
     fn judge(&mut self, robot: &str, now: Time, found: &mut Found<'_>) {
         if let Some(at) = self.met.take_if(|at| now.since(*at) > self.period) {
-            found.say(format!("{robot}: the contact that began at {at} in mid-motion did not close the filter"));
+            found.report(format!("{robot}: the contact that began at {at} in mid-motion did not close the filter"));
         }
     }
 }

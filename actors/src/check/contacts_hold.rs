@@ -1,6 +1,8 @@
-//! I27: contacts have a hysteresis: one begins below the margin (during the retreat 1 mm below it), and begins again only after it has ended.
+//! I27: contacts have a hysteresis. A contact begins below the margin (during the retreat 1 mm below it), and
+//! begins again only after it has ended.
 //!
-//! Whoever starts anew, as a reflex that died, or judges by another margin, finds contacts that were known before.
+//! After a restart, as of a reflex that died, or after a change of the margin or the world, present contacts may
+//! be reported again.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -8,7 +10,7 @@ use mobee_contract::Event;
 use mobee_model::Contact;
 use std::collections::BTreeMap;
 
-/// What rounding may add, meters.
+/// Tolerance for rounding, meters.
 const ROUNDING: f64 = 1e-9;
 
 #[derive(Default)]
@@ -33,12 +35,14 @@ impl Invariant for ContactsHold {
             }
             Event::ContactBegan { robot, contact, names, .. } => {
                 let Some(state) = self.robots.get_mut(robot) else { return };
-                let (mm, margin) = (contact.distance * 1e3, state.margin * 1e3);
+                let mm = contact.distance * 1e3;
+                let margin = state.margin * 1e3;
                 if contact.distance > state.margin + ROUNDING {
-                    found.say(format!("{robot}: a contact began at {mm:.2} mm, beyond the margin of {margin:.2} mm"));
+                    found
+                        .report(format!("{robot}: a contact began at {mm:.2} mm, beyond the margin of {margin:.2} mm"));
                 }
                 if state.present.iter().any(|(known, _)| known.pair == contact.pair) {
-                    found.say(format!("{robot}: the contact of {} and {} began a second time", names.0, names.1));
+                    found.report(format!("{robot}: the contact of {} and {} began a second time", names.0, names.1));
                 } else {
                     state.present.push((*contact, names.clone()));
                 }

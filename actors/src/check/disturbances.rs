@@ -1,17 +1,18 @@
-//! After what nothing that touches is held against a controller: deaths, swaps, stale readings, faults.
+//! Recent disturbances (deaths, swaps, stale readings, faults), after which contacts are not attributed to the
+//! controller.
 
 use crate::record::names::HEALED;
 use mobee_contract::{Cause, Event, SwapStep, Time};
 use std::time::Duration;
 
-/// For how long.
+/// Time for which a disturbance excuses contacts.
 const DISTURBED: Duration = Duration::from_secs(3);
 
-/// When anything failed last.
+/// Time of the most recent disturbance.
 #[derive(Debug, Default)]
 pub(super) struct Disturbances {
     last: Option<Time>,
-    /// Whether faults are being injected.
+    /// True if faults are being injected.
     injecting: bool,
 }
 
@@ -34,7 +35,7 @@ impl Disturbances {
         }
     }
 
-    /// Whether something failed shortly before, or faults are being injected.
+    /// True if a disturbance happened shortly before, or faults are being injected.
     pub fn excuse(&self, at: Time) -> bool {
         self.injecting || self.last.is_some_and(|last| at.since(last) <= DISTURBED)
     }

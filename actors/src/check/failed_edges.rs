@@ -1,11 +1,12 @@
-//! I23: an edge whose motion failed is removed before its agent commits again, and no other is: so the agent was told how its motion ended.
+//! I23: an edge whose motion failed is removed before its agent commits again, and no other edge is. This shows
+//! that the agent was notified of the end of its motion.
 //!
-//! An agent that stopped its own motion, or turned it elsewhere, since what it was after has moved, need not blame the edge: not even if
-//! that came too late, and was refused since the filter was closed by then, or may have been lost with a supervise that died. It is told
-//! that the motion failed, and not why.
+//! An agent that stopped or redirected its own motion, because its goal moved, need not remove the edge. That
+//! also holds if the stop or amendment came too late, was refused because the filter had closed, or may have
+//! been lost with a supervise that died. The notification states that the motion failed, and not why.
 //!
-//! Which edge a motion drives is told by the plan, in which its target is a vertex. An agent that died, or makes way for another,
-//! was told nothing.
+//! The plan determines the edge of a motion: the target of the motion is a vertex of the plan. An agent that
+//! died, or that was replaced, received no notification.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -13,10 +14,10 @@ use mobee_contract::{Cause, CommitId, EdgeState, Event, Note, Outcome, Refusal, 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// How far the target of a commit may be from its vertex, rad.
+/// Tolerance between the target of a commit and its vertex, rad.
 const SAME: f64 = 1e-9;
 
-/// From vertex, to vertex.
+/// Start vertex, end vertex.
 type Edge = (u32, u32);
 
 #[derive(Default)]
@@ -28,22 +29,23 @@ pub(super) struct FailedEdges {
 struct Walk {
     vertices: BTreeMap<u32, Vec<f64>>,
     plan: Vec<u32>,
-    /// Whether the agent has committed since it began.
+    /// True if this agent has committed since it started.
     begun: bool,
     /// The edge that the open motion drives.
     drives: Option<(CommitId, Edge)>,
-    /// Whether it wanted, or may have wanted, to stop or to turn that motion, and could not.
+    /// True if the agent tried, or may have tried, to stop or redirect that motion without success.
     late: bool,
     /// The edge whose motion failed.
     failed: Option<(CommitId, Edge)>,
-    /// Whether the agent, or a person, asked for that.
-    asked: bool,
+    /// True if the agent, or a person, requested that end.
+    stop_requested: bool,
 }
 
 impl Walk {
-    /// The edge of the plan that leads to this target of these motors.
+    /// Edge of the plan that leads to this target of these motors.
     fn edge(&self, target: &[f64], motors: &[(usize, f64)]) -> Option<Edge> {
-        // Of a motor that turns without end the target may be whole turns from the vertex: the same place by a shorter way.
+        // The target of a continuous joint may differ from the vertex by whole turns: the same place by a
+        // shorter path.
         let same = |a: f64, b: f64| ((a - b) - TAU * ((a - b) / TAU).round()).abs() <= SAME;
         let at =
             |q: &[f64]| motors.iter().all(|(m, _)| q.get(*m).zip(target.get(*m)).is_some_and(|(a, b)| same(*a, *b)));
@@ -52,7 +54,7 @@ impl Walk {
         edges.find(|(_, to)| leads(to)).map(|(from, to)| (*from, *to))
     }
 
-    /// The agent is another one now.
+    /// The agent was replaced.
     fn begins(&mut self) {
         (self.begun, self.drives, self.failed) = (false, None, None);
         self.plan.clear();
@@ -60,7 +62,8 @@ impl Walk {
 
     fn removed(&mut self, edge: Edge) -> Option<String> {
         let failed = self.failed.take_if(|(_, failed)| *failed == edge).is_some();
-        // where the poses of a map are those of the configuration, the journal does not tell what is driven
+        // Where a map takes its poses from the configuration file, the journal does not show which edge is
+        // driven.
         if failed || !self.begun || !self.vertices.contains_key(&edge.1) {
             return None;
         }
@@ -91,8 +94,8 @@ impl Invariant for FailedEdges {
                 let walk = self.robots.entry(robot.clone()).or_default();
                 walk.begun = true;
                 (walk.drives, walk.late) = (walk.edge(target, motors).map(|edge| (*id, edge)), false);
-                let asked = walk.asked;
-                walk.failed.take().filter(|_| !asked).map(|(id, (from, to))| {
+                let stop_requested = walk.stop_requested;
+                walk.failed.take().filter(|_| !stop_requested).map(|(id, (from, to))| {
                     format!("{robot}: the edge {from} -> {to} was not removed, though commit {} failed along it", id.0)
                 })
             }
@@ -103,7 +106,7 @@ impl Invariant for FailedEdges {
                 walk.late = walk.drives.is_some();
                 None
             }
-            // turned elsewhere in mid-motion, it does not drive the edge any more
+            // A motion that is redirected no longer drives the edge.
             Event::Amended { robot, id, .. } => {
                 let walk = self.robots.entry(robot.clone()).or_default();
                 walk.drives.take_if(|(open, _)| open == id);
@@ -113,7 +116,7 @@ impl Invariant for FailedEdges {
                 let walk = self.robots.entry(robot.clone()).or_default();
                 let ended = walk.drives.take_if(|(open, _)| open == id);
                 walk.failed = ended.filter(|_| *outcome != Outcome::Committed);
-                walk.asked = *cause == Some(Cause::Asked) || std::mem::take(&mut walk.late);
+                walk.stop_requested = *cause == Some(Cause::Asked) || std::mem::take(&mut walk.late);
                 None
             }
             Event::Swap { robot, step: SwapStep::TookOver { .. } | SwapStep::Reverted { .. }, .. } => {
@@ -133,6 +136,6 @@ impl Invariant for FailedEdges {
             }
             _ => None,
         };
-        wrong.into_iter().for_each(|what| found.say(what));
+        wrong.into_iter().for_each(|what| found.report(what));
     }
 }

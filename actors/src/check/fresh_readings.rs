@@ -1,7 +1,7 @@
 //! I8: a commit is accepted, and an outcome given, only while the newest reading is fresh.
 //!
-//! Wants the poses. The end of a run may be in a hurry: what is settled after a group gave up, or while the run is brought to its
-//! end, is settled by the newest reading there is.
+//! Needs the measured configurations. The end of a run may be hurried: outcomes given after a supervision group
+//! gave up, or while the run is being shut down, use the newest available reading.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -44,11 +44,11 @@ impl Invariant for FreshReadings {
             _ => return,
         };
         let Some(reading) = self.robots.get(robot).filter(|r| !r.ending && !self.gave_up) else { return };
-        // without poses there is nothing to judge by
+        // Without measured configurations the age is unknown.
         let Some(newest) = reading.newest else { return };
         let age = line.at.since(newest);
         if age > reading.fresh {
-            found.say(format!("{robot}: {what} by a reading {:.3} s old", age.as_secs_f64()));
+            found.report(format!("{robot}: {what} by a reading {:.3} s old", age.as_secs_f64()));
         }
     }
 

@@ -1,9 +1,12 @@
-//! I26: encoders that freeze in a move are noticed: readings that are equal bit for bit while the motors should go on end the motion
-//! within half a second, or the time in which the motor with the longest way should have gone a degree at its mean speed, whichever is
-//! longer, and half a second more; of coarse encoders (a joint of 4,096 counts) a fifth of the motion's time more, in which it begins.
+//! I26: encoders that freeze during a move are noticed. Readings that stay bit-identical while the motors
+//! should move end the motion within a time limit. The limit is half a second, or the time in which the motor
+//! with the longest path should have moved one degree at its mean speed, whichever is longer, plus half a
+//! second to react. With coarse encoders (a joint with 4,096 counts) a fifth of the motion's duration is added,
+//! because the motion starts slowly.
 //!
-//! Wants the poses. Streams tell the journal of no set-point: what moves on behind frozen encoders there, and during the retreat, is seen by
-//! the witness of a simulation, which knows where the motors really are.
+//! Needs the measured configurations. The journal does not record the set-points of a stream. Frozen encoders
+//! in a stream or a retreat are therefore judged by the oracle of a simulation, which has the true joint
+//! positions.
 
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
@@ -12,14 +15,15 @@ use mobee_controller::distance;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// For how long readings may be equal in any case, and what is granted for reacting to it, seconds.
+/// Time for which readings may always be equal, and the time allowed for the reaction, s.
 const STILL: f64 = 0.5;
-/// What the time between two readings counts for at most: nothing can be noticed without a reading, and a process may be suspended.
+/// Most that one interval between two readings contributes: nothing can be noticed without a reading, and a
+/// process may be suspended.
 const GAP: Duration = Duration::from_millis(250);
-/// The share of a motion's time in which a coarse encoder may show nothing of it yet.
+/// Share of a motion's duration in which a coarse encoder may not show any motion yet.
 const BEGINS: f64 = 0.2;
-/// How far from its target, rad, a motion is not about to end: 2 deg.
-const FAR: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// Distance from the target within which a motion is about to end, rad (2 deg).
+const APPROACH_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
 #[derive(Default)]
 pub(super) struct FrozenIsNoticed {
@@ -29,15 +33,15 @@ pub(super) struct FrozenIsNoticed {
 #[derive(Default)]
 struct Robot {
     units: MotorUnits,
-    /// Whether its encoders are so coarse that they rightly show the same while a motion begins.
+    /// True if its encoders are so coarse that they may show no change while a motion begins.
     coarse: bool,
-    /// How far beside its commanded position a motor may rest, rad.
+    /// Position error at which a motor may rest, rad.
     hold_error: f64,
     newest: Option<Reading>,
     course: Option<ReferenceTrajectory>,
 }
 
-/// The newest reading, and for how long readings have been so since the move began.
+/// The newest reading, and the time for which readings have been equal since the move began.
 struct Reading {
     q: Pose,
     at: Time,
@@ -47,18 +51,18 @@ struct Reading {
 /// A move under way.
 struct ReferenceTrajectory {
     target: Vec<(usize, f64)>,
-    /// For how long readings may be equal.
+    /// Time for which readings may be equal.
     within: Duration,
 }
 
 impl Robot {
-    /// The course of a move from where the robot is.
+    /// Starts tracking a move from the robot's current configuration.
     fn course(&mut self, now: Time, q: &[(usize, f64)], speed: &[(usize, f64)]) -> Option<ReferenceTrajectory> {
         let newest = self.newest.as_mut()?;
         (newest.at, newest.still) = (now, Duration::ZERO);
         let way = |(m, q): &(usize, f64)| Some((q - newest.q.get(*m)?).abs());
         let farthest = q.iter().filter_map(way).fold(0.0, f64::max);
-        // at a mean speed of half the greatest
+        // The mean speed is half of the peak speed.
         let secs = q.iter().zip(speed).filter_map(|(q, (_, v))| Some(2.0 * way(q)? / v.max(1e-6))).fold(0.0, f64::max);
         let degree = secs * 1f64.to_radians() / farthest.max(1e-9);
         let begins = if self.coarse { BEGINS * secs } else { 0.0 };
@@ -83,10 +87,12 @@ impl Robot {
         let here: Vec<f64> = course.target.iter().map(of).collect();
         let there: Vec<f64> = course.target.iter().map(|(_, q)| *q).collect();
         let away = distance(&here, &there);
-        if still <= course.within || away < FAR + self.hold_error {
+        if still <= course.within || away < APPROACH_RAD + self.hold_error {
             return None;
         }
-        let (secs, within, away) = (still.as_secs_f64(), course.within.as_secs_f64(), self.units.told(away, 1));
+        let secs = still.as_secs_f64();
+        let within = course.within.as_secs_f64();
+        let away = self.units.told(away, 1);
         self.course = None;
         Some(format!(
             "{robot}: the readings are equal for {secs:.2} s at {at}, {away} from the target of a move, and {within:.2} s are allowed"
@@ -118,7 +124,7 @@ impl Invariant for FrozenIsNoticed {
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
-        found.say_all(state.pose(robot, at, q));
+        found.report_all(state.pose(robot, at, q));
     }
 
     fn blind(&mut self, robot: &str) {

@@ -1,9 +1,9 @@
-//! I34: a robot that looks ahead touches nothing that it could have stopped before.
+//! I34: a robot that looks ahead touches nothing that it could have stopped short of.
 //!
-//! Not avoidable is a contact with an object that was put where it is so late that the robot could not have come to rest since, one in an
-//! escape, which sets out in contact, and one soon after a part failed, a reading was stale or a motor was displaced. A contact under
-//! Algorithm 6, without a reflex, or with a robot that is driven so, is counted and breaks nothing; one whose journal does not state the
-//! clearance is not judged.
+//! A contact is unavoidable if the object was placed so late that the robot could not have stopped since, in an
+//! escape, which starts in contact, or soon after a part failed, a reading was stale or a motor was displaced.
+//! A contact under Algorithm 6 or without a reflex, also of the other robot, is counted but is no violation. A
+//! contact is not judged if the journal does not state the clearance.
 
 use super::disturbances::Disturbances;
 use super::touches::Touches;
@@ -16,20 +16,20 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
-/// The hard contacts of a run, each an episode, by the rule that applies to it.
+/// Hard contacts of a run, as episodes, by the rule that applies to each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct HardContactTally {
-    /// All of them.
+    /// Number of episodes.
     pub episodes: u64,
-    /// The greatest depth of any, meters.
+    /// Greatest penetration depth, meters.
     pub depth: f64,
-    /// Those that a robot that looks ahead could have avoided: each breaks I34.
+    /// Episodes that a robot that looks ahead could have avoided: each is a violation of I34.
     pub avoidable: u64,
-    /// Those that it could not.
+    /// Episodes that it could not have avoided.
     pub unavoidable: u64,
-    /// Those under Algorithm 6 or without a reflex.
+    /// Episodes under Algorithm 6 or without a reflex.
     pub unpromised: u64,
-    /// Those whose journal does not state the clearance.
+    /// Episodes for which the journal does not state the clearance.
     pub unjudged: u64,
 }
 
@@ -48,14 +48,14 @@ impl fmt::Display for HardContactTally {
     }
 }
 
-/// Judges hard contacts as they come.
+/// Judges hard contacts as they occur.
 #[derive(Default)]
 pub(super) struct HardContacts {
     touches: Touches,
     tally: HardContactTally,
     /// In the order of the journal, which is that of the scene.
     robots: Vec<Driven>,
-    /// When each object was last put where it is.
+    /// Time at which each object was last placed.
     edited: BTreeMap<String, Time>,
     disturbances: Disturbances,
 }
@@ -63,9 +63,9 @@ pub(super) struct HardContacts {
 #[derive(Default)]
 struct Driven {
     name: String,
-    /// Its braking clearance, meters: zero under Algorithm 6; none if the journal does not state it.
+    /// Braking clearance, meters: zero under Algorithm 6; `None` if the journal does not state it.
     clearance: Option<f64>,
-    /// The time in which it comes to rest.
+    /// Stopping time.
     stops: Duration,
     escapes: bool,
 }
@@ -82,7 +82,7 @@ impl HardContacts {
     /// Takes the next event.
     ///
     /// # Returns
-    /// What is wrong, if an avoidable contact begins.
+    /// The violation, if an avoidable contact begins.
     pub fn note(&mut self, at: Time, event: &Event) -> Option<String> {
         self.follow(at, event);
         let begins = self.touches.note(event);
@@ -94,7 +94,8 @@ impl HardContacts {
         match self.rule(at, contact.pair, names) {
             Rule::Avoidable => {
                 self.tally.avoidable += 1;
-                let ((a, b), mm) = (names, -contact.distance * 1e3);
+                let (a, b) = names;
+                let mm = -contact.distance * 1e3;
                 Some(format!(
                     "{robot}: {a} touches {b}, {mm:.1} mm deep; it looks ahead, and nothing was put there too late to brake"
                 ))
@@ -111,7 +112,7 @@ impl HardContacts {
         }
     }
 
-    /// All contacts so far.
+    /// Tally of all contacts so far.
     pub fn tally(&self) -> HardContactTally {
         self.tally
     }
@@ -136,7 +137,7 @@ impl HardContacts {
         Rule::Avoidable
     }
 
-    /// What the rules depend on.
+    /// Updates the state that the rules depend on.
     fn follow(&mut self, at: Time, event: &Event) {
         self.disturbances.note(at, event);
         match event {
@@ -161,6 +162,6 @@ impl HardContacts {
 
 impl Invariant for HardContacts {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
-        found.say_all(self.note(line.at, &line.event));
+        found.report_all(self.note(line.at, &line.event));
     }
 }

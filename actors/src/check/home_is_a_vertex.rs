@@ -1,8 +1,9 @@
-//! I3: after a rollback the robot rests within tolerance of the safe pose that was taken last, or moved last.
+//! I3: after a rollback the robot rests within tolerance of the safe pose that was last taken or last moved.
 //!
-//! For an agent with a map that pose is a vertex, with these exceptions: the safe pose was moved in mid-motion, or the robot
-//! was not on the map when the motion began. It is on the map once a commit to a vertex was reached, or a rollback ended at a
-//! vertex; it is off the map at the start, after any end elsewhere, and while the agent CONNECTs (Algorithm 1).
+//! For an agent with a map that configuration is a vertex, with two exceptions: the safe pose was moved in
+//! mid-motion, or the robot was not on the map when the motion began. The robot is on the map once a commit has
+//! reached a vertex or a rollback has ended at one. It is off the map at the start, after a motion that ends
+//! elsewhere, and while the agent CONNECTs (Algorithm 1).
 
 use super::{Found, Invariant, near};
 use crate::record::journal::JournalLine;
@@ -32,18 +33,18 @@ impl Home {
 
     fn rolled_back(&self, robot: &str, q: &[f64], safe: Option<&Pose>, found: &mut Found<'_>) {
         let Some(safe) = safe else {
-            return found.say(format!("{robot}: rolled back without a safe pose"));
+            return found.report(format!("{robot}: rolled back without a safe pose"));
         };
         if self.safe.as_ref() != Some(safe) {
-            found.say(format!("{robot}: rolled back to a pose that was not the last safe pose"));
+            found.report(format!("{robot}: rolled back to a pose that was not the last safe pose"));
         }
         if !near(q, safe, self.tolerance) {
-            found.say(format!("{robot}: rests {} from its safe pose", self.units.told(distance(q, safe), 3)));
+            found.report(format!("{robot}: rests {} from its safe pose", self.units.told(distance(q, safe), 3)));
         }
         if self.on_map && !self.moved && !self.is_vertex(safe) {
             let nearest = self.vertices.iter().map(|v| distance(v, safe)).fold(f64::INFINITY, f64::min);
             let nearest = self.units.told(nearest, 3);
-            found.say(format!("{robot}: rolled back to a pose {nearest} from the nearest vertex"));
+            found.report(format!("{robot}: rolled back to a pose {nearest} from the nearest vertex"));
         }
     }
 }
@@ -53,7 +54,8 @@ impl Invariant for HomeIsAVertex {
         match &line.event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {
                 let home = self.robots.entry(robot.clone()).or_default();
-                (home.units, home.tolerance) = (MotorUnits::new(motors.len(), sliding), *tolerance);
+                home.units = MotorUnits::new(motors.len(), sliding);
+                home.tolerance = *tolerance;
             }
             Event::SafePose { robot, q, .. } => {
                 self.robots.entry(robot.clone()).or_default().safe = Some(q.clone());

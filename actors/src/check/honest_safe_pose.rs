@@ -1,8 +1,9 @@
 //! I4: a safe pose is taken only from a fresh reading, at rest, free of contact, with no transaction open.
 //!
-//! The one exception is `SafePoseMoved` in an open transaction. An escape has none, and so is never rolled back; any other
-//! commit has one. A controller without a reflex does not promise that its safe poses are free. Where the poses are known, the
-//! speed is measured, too, whatever was told.
+//! The one exception is `SafePoseMoved` in an open transaction. An escape has no safe pose and is never rolled
+//! back; every other commit has one. A controller without a reflex does not promise that its safe poses are
+//! free of contact. If measured configurations are available, the speed is computed from them as well as read
+//! from the event.
 
 use super::measured::Measured;
 use super::{Found, Invariant};
@@ -21,10 +22,10 @@ struct Rest {
     fresh: f64,
     rest_speed: f64,
     measured: Measured,
-    /// Whether its controller has no reflex: then nobody says that a pose is free.
+    /// True if its controller has no reflex: then no component checks that a configuration is free of contact.
     no_reflex: bool,
     has_safe: bool,
-    /// Whether the open commit, if there is one, is an escape.
+    /// The open commit, if any: `true` if it is an escape.
     open: Option<bool>,
 }
 
@@ -33,7 +34,8 @@ impl Invariant for HonestSafePose {
         match &line.event {
             Event::Robot { robot, motors, sliding, fresh, rest_speed, period, resolution, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
-                (rest.fresh, rest.rest_speed) = (*fresh, *rest_speed);
+                rest.fresh = *fresh;
+                rest.rest_speed = *rest_speed;
                 rest.units = MotorUnits::new(motors.len(), sliding);
                 rest.measured = Measured::new(*rest_speed, *period, *resolution);
             }
@@ -44,7 +46,7 @@ impl Invariant for HonestSafePose {
                 let rest = self.robots.entry(robot.clone()).or_default();
                 rest.has_safe = true;
                 let by = Time::from_secs((line.at.secs() - age).max(0.0));
-                let mut wrong = |what: String| found.say(format!("{robot}: a safe pose was taken {what}"));
+                let mut wrong = |what: String| found.report(format!("{robot}: a safe pose was taken {what}"));
                 if rest.open.is_some() {
                     wrong("with a transaction open".into());
                 }
@@ -63,22 +65,22 @@ impl Invariant for HonestSafePose {
             Event::SafePoseMoved { robot, .. }
                 if self.robots.get(robot).is_none_or(|rest| rest.open != Some(false)) =>
             {
-                found.say(format!("{robot}: a safe pose was moved with no transaction open that has one"));
+                found.report(format!("{robot}: a safe pose was moved with no transaction open that has one"));
             }
             Event::Commit { robot, id, escape, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
                 rest.open = Some(*escape);
                 if !escape && !rest.has_safe {
-                    found.say(format!("{robot}: commit {} was accepted without a safe pose", id.0));
+                    found.report(format!("{robot}: commit {} was accepted without a safe pose", id.0));
                 }
             }
             Event::Outcome { robot, id, outcome, safe, .. } => {
                 let escape = self.robots.entry(robot.clone()).or_default().open.take().unwrap_or(false);
                 if escape && (safe.is_some() || *outcome == Outcome::RolledBack) {
-                    found.say(format!("{robot}: commit {} was an escape, but was given a safe pose", id.0));
+                    found.report(format!("{robot}: commit {} was an escape, but was given a safe pose", id.0));
                 }
                 if !escape && safe.is_none() {
-                    found.say(format!("{robot}: the outcome of commit {} does not name its safe pose", id.0));
+                    found.report(format!("{robot}: the outcome of commit {} does not name its safe pose", id.0));
                 }
             }
             _ => {}

@@ -1,9 +1,11 @@
-//! I21: a motor that no open commit names does not leave its place: where it rested as the last motion that named it ended, over the
-//! whole run, so that it does not walk either. No command but a stop names it. What the journal says was moved by others has no place.
+//! I21: a motor that no open commit names does not leave its place. Its place is where it came to rest after
+//! the last motion that named it, over the whole run, so that slow drift is found, too. No command except a
+//! stop names such a motor. A motor that the journal reports as displaced loses its place.
 //!
-//! Wants the poses, and a journal that tells which motors a commit names (version 2). A place is the mean of sixteen readings, and so is
-//! where the motor is now. The load of the others' motion may move it: by the hold error of its servo, a joint that slides by 2 mm. An encoder that jumps, from one reading to the next or while none came, says nothing of its motor, which has
-//! its place where it is then said to be.
+//! Needs the measured configurations, and a journal that records the motors of each commit (version 2). Both
+//! the place and the current position are means of sixteen readings. The load of other motors' motion may move
+//! a motor by the hold error of its servo, a prismatic joint by 2 mm. An encoder that jumps between two
+//! readings, or during a gap in the readings, is no evidence of motion: the place is then taken again.
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
@@ -13,13 +15,14 @@ use mobee_controller::play;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long a motor may take to come to rest after the motion that named it has ended.
+/// Time in which a motor settles after the end of the motion that named it.
 const SETTLES: Duration = Duration::from_secs(1);
 
-/// A step of so many tolerances between two readings that is none of a motion: noise stays below it, and an offset that would break
-/// the promise does not.
+/// Smallest step between two readings that counts as an encoder jump, in tolerances. Noise stays below it; an
+/// offset that would break the promise exceeds it.
 const JUMPS: f64 = 0.75;
-/// More than so many tolerances from the last reading before a pause to the first after it is no motion that was seen.
+/// Largest difference between the readings before and after a gap at which the place remains valid, in
+/// tolerances.
 const UNSEEN: f64 = 0.5;
 
 #[derive(Default)]
@@ -32,22 +35,22 @@ struct Robot {
     names: Vec<String>,
     units: MotorUnits,
     tolerance: f64,
-    /// By how much the load of the others' motion may move a motor, rad.
+    /// Deflection of a motor under the load of other motors' motion, rad.
     hold_error: f64,
     window: Window,
     motors: Vec<Motor>,
-    /// From when on places are taken: not before the robot has settled.
+    /// Time from which places are taken, after the robot has settled.
     settled: Time,
-    /// Whether a commit is open that does not tell its motors.
-    untold: bool,
-    /// The motors that the last two commits named: a mode that is put back may be told after the next has begun. `None`: not told, as of
-    /// a retreat that leads beyond its commit.
+    /// True if the open commit does not state its motors.
+    motors_unknown: bool,
+    /// Motors that the last two commits named: a restored control mode may be recorded after the next commit
+    /// has begun. `None` if unknown, as for a retreat that goes back beyond its commit.
     last: [Option<BTreeSet<usize>>; 2],
 }
 
 #[derive(Clone, Default)]
 struct Motor {
-    /// Whether the open commit names it.
+    /// True if the open commit names it.
     named: bool,
     place: Option<f64>,
 }
@@ -64,7 +67,7 @@ impl Robot {
         }
     }
 
-    /// What a command names that no commit does.
+    /// Violation if a command names a motor that no commit does.
     fn commanded(&self, robot: &str, kind: &str, motors: &[usize]) -> Option<String> {
         let [Some(newest), Some(before)] = &self.last else { return None };
         let idle = motors.iter().find(|m| !newest.contains(m) && !before.contains(m))?;
@@ -76,10 +79,11 @@ impl Robot {
         let mut wrong = Vec::new();
         let settled = self.window.since() >= self.settled;
         for (m, motor) in self.motors.iter_mut().enumerate() {
-            if motor.named || self.untold {
+            if motor.named || self.motors_unknown {
                 continue;
             }
-            let (here, kink) = (self.window.mean(m), self.window.kink(m));
+            let here = self.window.mean(m);
+            let kink = self.window.kink(m);
             let gives = self.hold_error.max(play(self.units.of(m)));
             match motor.place {
                 _ if self.window.jump(m) > JUMPS * self.tolerance => motor.place = None,
@@ -103,55 +107,49 @@ impl Invariant for IdleMotorsStay {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, period, tolerance, hold_error, .. } => {
-                let window = Window::new(*period);
-                let (names, n) = (motors.clone(), motors.len());
-                let units = MotorUnits::new(n, sliding);
+                let n = motors.len();
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|motors| motors.len() == n);
-                let motors = known.unwrap_or_else(|| vec![Motor::default(); n]);
-                let (tolerance, hold_error, settled) = (*tolerance, *hold_error, line.at + SETTLES);
-                self.robots.insert(
-                    robot.clone(),
-                    Robot {
-                        names,
-                        units,
-                        tolerance,
-                        hold_error,
-                        window,
-                        motors,
-                        settled,
-                        untold: false,
-                        last: [None, None],
-                    },
-                );
+                let state = Robot {
+                    names: motors.clone(),
+                    units: MotorUnits::new(n, sliding),
+                    tolerance: *tolerance,
+                    hold_error: *hold_error,
+                    window: Window::new(*period),
+                    motors: known.unwrap_or_else(|| vec![Motor::default(); n]),
+                    settled: line.at + SETTLES,
+                    motors_unknown: false,
+                    last: [None, None],
+                };
+                self.robots.insert(robot.clone(), state);
             }
-            // nobody saw where it was while no process ran
+            // The motors may have moved while no process ran.
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.motors.fill(Motor::default())),
             Event::Commit { robot, motors, .. } => self.robots.of(robot, |r| {
                 let [before, _] = std::mem::take(&mut r.last);
                 r.last = [Some(BTreeSet::new()), before];
-                r.untold = motors.is_empty();
-                if r.untold {
+                r.motors_unknown = motors.is_empty();
+                if r.motors_unknown {
                     r.motors.fill(Motor::default());
                 }
                 r.name(motors);
             }),
-            // it was moved, and that was said
+            // The displacement was reported.
             Event::Displaced { robot, .. } | Event::Disabled { robot, cause: Cause::Displaced { .. }, .. } => {
                 self.robots.of(robot, |r| r.motors.iter_mut().for_each(|m| m.place = None));
             }
             Event::SafePoseMoved { robot, .. } => self.robots.of(robot, |r| r.last = [None, None]),
             Event::Command { robot, kind, motors, .. } if *kind != CommandKind::Stop => {
                 let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, kind.word(), motors));
-                wrong.into_iter().for_each(|what| found.say(what));
+                wrong.into_iter().for_each(|what| found.report(what));
             }
             Event::Streamed { robot, motors, .. } => {
                 let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, "set-point", motors));
-                wrong.into_iter().for_each(|what| found.say(what));
+                wrong.into_iter().for_each(|what| found.report(what));
             }
             Event::Amended { robot, motors, .. } => self.robots.of(robot, |r| r.name(motors)),
             Event::Outcome { robot, .. } => self.robots.of(robot, |r| {
                 r.settled = line.at + SETTLES;
-                r.untold = false;
+                r.motors_unknown = false;
                 r.motors.iter_mut().for_each(|m| m.named = false);
             }),
             _ => {}
@@ -166,7 +164,7 @@ impl Invariant for IdleMotorsStay {
             readings.filter(|(_, (a, b))| (*a - *b).abs() > unseen).for_each(|(motor, _)| motor.place = None);
         }
         if state.window.take(at, q) {
-            found.say_all(state.judge(robot, at));
+            found.report_all(state.judge(robot, at));
         }
     }
 

@@ -1,17 +1,19 @@
-//! I5: every value that leaves the filter is finite, within its motor's limits, and not faster than the motor may be.
+//! I5: every value that leaves the filter is finite, within its motor's limits, and not faster than the motor
+//! may move.
 //!
-//! A commit's whole pose holds readings of the motors that it does not name, which may stand beyond a limit. Those that were named in
-//! the open transaction may be beyond one by the tolerance, for encoder noise where a stream of theirs ended. Streams, of positions
-//! and of velocities, are told at their end with the greatest share of a motor's speed that they asked for.
+//! The target of a commit contains readings for the motors that it does not name; these may lie beyond a limit.
+//! Motors that the open transaction has named may exceed a limit by the tolerance, for encoder noise where
+//! their stream ended. A stream of positions or velocities is recorded when it ends, with the greatest share of
+//! a motor's speed that it requested.
 
 use super::{Found, Invariant};
 use crate::record::journal::{JournalLine, NOT_FINITE};
 use mobee_contract::{Event, MotorUnits};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What rounding may add.
+/// Tolerance for rounding, as a share, and in rad or rad/s.
 const SLACK: f64 = 1e-9;
-/// What rounding may add to the share of a step in the greatest step.
+/// Tolerance for rounding in the ratio of a step to the greatest allowed step.
 const STEP_SLACK: f64 = 1e-6;
 
 #[derive(Default)]
@@ -26,7 +28,7 @@ struct Motors {
     range: Vec<(f64, f64)>,
     max_speed: Vec<f64>,
     tolerance: f64,
-    /// The motors that the last transaction has named.
+    /// Motors that the last transaction has named.
     named: BTreeSet<usize>,
 }
 
@@ -57,15 +59,21 @@ impl Invariant for Limits {
         let robot = match &line.event {
             Event::Robot { robot, motors, sliding, min, max, max_speed, tolerance, .. } => {
                 let range = min.iter().copied().zip(max.iter().copied()).collect();
-                let (names, max_speed) = (motors.clone(), max_speed.clone());
-                let units = MotorUnits::new(names.len(), sliding);
-                let motors = Motors { names, units, range, max_speed, tolerance: *tolerance, named: BTreeSet::new() };
+                let units = MotorUnits::new(motors.len(), sliding);
+                let motors = Motors {
+                    names: motors.clone(),
+                    units,
+                    range,
+                    max_speed: max_speed.clone(),
+                    tolerance: *tolerance,
+                    named: BTreeSet::new(),
+                };
                 self.robots.insert(robot.clone(), motors);
                 return;
             }
             Event::Warning { text } => {
                 if text.starts_with(NOT_FINITE) {
-                    found.say(text.clone());
+                    found.report(text.clone());
                 }
                 return;
             }
@@ -76,7 +84,7 @@ impl Invariant for Limits {
             _ => return,
         };
         let Some(motors) = self.robots.get_mut(robot) else {
-            return found.say(format!("{robot}: moved before the journal named its limits"));
+            return found.report(format!("{robot}: moved before the journal named its limits"));
         };
         let mut wrong: Vec<String> = Vec::new();
         match &line.event {
@@ -106,6 +114,6 @@ impl Invariant for Limits {
             }
             _ => {}
         }
-        wrong.into_iter().for_each(|what| found.say(format!("{robot}: {what}")));
+        wrong.into_iter().for_each(|what| found.report(format!("{robot}: {what}")));
     }
 }

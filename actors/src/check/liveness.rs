@@ -1,8 +1,9 @@
-//! I15: when all faults have healed, each open transaction and each swap ends, the filter is open again, and the agent asks for
-//! another motion, all within [`WITHIN`].
+//! I15: after all faults have healed, each open transaction and each swap ends, the filter opens, and the agent
+//! commits again, all within [`PROGRESS_TIMEOUT`].
 //!
-//! A robot that was escaping at the healing is excused: escapes are slow by design, and may well be long. A robot whose agent has said that it is done need not ask again; one that has no agent, or never asked, need not either. A
-//! group that used up its restarts is down for good.
+//! A robot that was escaping when the faults healed is excused: escapes are slow by design and may take long.
+//! An agent that has reported its end need not commit again; nor need a robot without an agent, or one whose
+//! agent never committed. A supervision group that used up its restarts stays down.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -11,31 +12,32 @@ use mobee_contract::{Event, Hold, Status, SwapPart, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long progress may take.
-const WITHIN: Duration = Duration::from_secs(120);
+/// Longest time until progress.
+const PROGRESS_TIMEOUT: Duration = Duration::from_secs(120);
 
 #[derive(Default)]
 pub(super) struct Liveness {
     healed: Option<Time>,
     gave_up: bool,
     robots: BTreeMap<String, Robot>,
-    /// The last event before the run was brought to its end.
+    /// Time of the last event before the run was brought to its end.
     last: Time,
 }
 
 #[derive(Default)]
 struct Robot {
-    /// The commit that was open at the healing, and whether it is an escape.
+    /// The commit that was open when the faults healed, and whether it is an escape.
     open: Option<(u64, bool)>,
     enabled: bool,
-    /// Whether the filter was open at some time since.
+    /// True if the filter has been open at any time since.
     opened: bool,
-    /// The run is being brought to its end: nothing can be asked of it any more.
+    /// True if the run is being brought to its end: no further motion is expected.
     ending: bool,
-    /// Whether it has an agent that asked for motions before, and has more to do.
-    asks: bool,
-    asked_since: bool,
-    /// The parts that are being exchanged.
+    /// True if its agent has committed before and is not done.
+    expects_commit: bool,
+    /// True if the agent has committed since the faults healed.
+    committed_since: bool,
+    /// Parts that are being exchanged.
     swaps: BTreeSet<SwapPart>,
 }
 
@@ -48,7 +50,7 @@ impl Robot {
             (self.open.is_some(), "its open motion has not ended"),
             (!self.opened, "its filter has not opened"),
             (!self.swaps.is_empty(), "a swap has not ended"),
-            (self.asks && !self.asked_since, "its agent has not asked for another motion"),
+            (self.expects_commit && !self.committed_since, "its agent has not requested another motion"),
         ];
         lacks.into_iter().find(|(lacks, _)| *lacks).map(|(_, what)| what)
     }
@@ -65,9 +67,9 @@ impl Invariant for Liveness {
             Event::Robot { robot, .. } => drop(self.robots.insert(robot.clone(), Robot::default())),
             Event::Injected { fault } if fault == HEALED => {
                 self.healed = Some(line.at);
-                self.robots.values_mut().for_each(|r| (r.opened, r.asked_since) = (r.enabled, false));
+                self.robots.values_mut().for_each(|r| (r.opened, r.committed_since) = (r.enabled, false));
             }
-            // a fault after the healing: nothing can be demanded any more
+            // A fault after the healing: no progress can be demanded any more.
             Event::Injected { .. } => self.healed = None,
             Event::GaveUp { .. } => self.gave_up = true,
             Event::Enabled { robot, .. } => {
@@ -79,13 +81,13 @@ impl Invariant for Liveness {
                 let own = *agent == format!("{robot}/agent");
                 let robot = self.of(robot);
                 if own {
-                    (robot.asks, robot.asked_since) = (true, healed);
+                    (robot.expects_commit, robot.committed_since) = (true, healed);
                 }
                 robot.open = if healed { robot.open } else { Some((id.0, *escape)) };
             }
             Event::Refused { robot, agent, .. } if *agent == format!("{robot}/agent") => {
                 let robot = self.of(robot);
-                (robot.asks, robot.asked_since) = (true, healed);
+                (robot.expects_commit, robot.committed_since) = (true, healed);
             }
             Event::Outcome { robot, id, .. } => {
                 let robot = self.of(robot);
@@ -99,7 +101,7 @@ impl Invariant for Liveness {
                     robot.swaps.insert(*part);
                 }
             }
-            Event::Done { robot, .. } => self.of(robot).asks = false,
+            Event::Done { robot, .. } => self.of(robot).expects_commit = false,
             _ => {}
         }
     }
@@ -110,12 +112,12 @@ impl Invariant for Liveness {
 
     fn end(&mut self, found: &mut Found<'_>) {
         let Some(healed) = self.healed.filter(|_| !self.gave_up) else { return };
-        if self.last.since(healed) < WITHIN {
+        if self.last.since(healed) < PROGRESS_TIMEOUT {
             return;
         }
         for (robot, state) in &self.robots {
             if let Some(what) = state.lacks() {
-                found.say(format!("{robot}: {what}, {} s after all faults had healed", WITHIN.as_secs()));
+                found.report(format!("{robot}: {what}, {} s after all faults had healed", PROGRESS_TIMEOUT.as_secs()));
             }
         }
     }

@@ -1,7 +1,9 @@
-//! I31: a robot that is moved by no command of its filter closes it: beyond the tolerance it does not stay open, and none is told of
-//! that has left its place so far while it does.
+//! I31: the filter closes if a robot at rest is moved by something other than its commands. After a
+//! displacement beyond the tolerance it does not stay open, and a displacement by that much is never reported
+//! with the filter open.
 //!
-//! Wants the poses. The place of a rest is its first reading; a reading or two that jump are noise.
+//! Needs the measured configurations. The place of a rest is its first reading; one or two readings that jump
+//! are noise.
 
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
@@ -9,8 +11,8 @@ use mobee_contract::{Event, MotorUnits, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How long the filter may stay open, and for how many readings.
-const LATE: (Duration, u32) = (Duration::from_millis(500), 8);
+/// Longest time, and most readings, for which the filter may stay open.
+const MAX_OPEN: (Duration, u32) = (Duration::from_millis(500), 8);
 
 #[derive(Default)]
 pub(super) struct MovedAtRest {
@@ -29,7 +31,7 @@ struct Robot {
 #[derive(Default)]
 struct Rest {
     place: Option<Pose>,
-    /// Since when, and for how many readings, a motor has been elsewhere.
+    /// Start of the displacement, and the number of readings since.
     away: Option<(Time, u32)>,
 }
 
@@ -45,11 +47,12 @@ impl Robot {
         }
         let (since, readings) = rest.away.map_or((at, 1), |(since, readings)| (since, readings + 1));
         rest.away = Some((since, readings));
-        if at.since(since) <= LATE.0 || readings <= LATE.1 {
+        if at.since(since) <= MAX_OPEN.0 || readings <= MAX_OPEN.1 {
             return None;
         }
         self.rest = None;
-        let (name, by) = (self.names.get(motor).map_or("?", String::as_str), self.units.of(motor).told(by, 3));
+        let name = self.names.get(motor).map_or("?", String::as_str);
+        let by = self.units.of(motor).told(by, 3);
         Some(format!("{robot}: motor {name} was moved by {by} at rest, and the filter is open at {at}"))
     }
 }
@@ -58,9 +61,10 @@ impl Invariant for MovedAtRest {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {
-                let (names, units, tolerance) = (motors.clone(), MotorUnits::new(motors.len(), sliding), *tolerance);
+                let units = MotorUnits::new(motors.len(), sliding);
                 let open = self.robots.get(robot).is_some_and(|r| r.open);
-                self.robots.insert(robot.clone(), Robot { names, units, tolerance, open, rest: None });
+                let state = Robot { names: motors.clone(), units, tolerance: *tolerance, open, rest: None };
+                self.robots.insert(robot.clone(), state);
             }
             Event::State { robot, status } => {
                 let rest = (*status == Status::Rest).then(Rest::default);
@@ -72,7 +76,7 @@ impl Invariant for MovedAtRest {
                 if self.robots.get(robot).is_some_and(|r| r.open && *by > r.tolerance) =>
             {
                 let by = motion.told(*by, 3);
-                found.say(format!("{robot}: motor {motor} was moved by {by}, and the filter stays open"));
+                found.report(format!("{robot}: motor {motor} was moved by {by}, and the filter stays open"));
             }
             Event::Commit { robot, .. } => self.robots.of(robot, |r| r.rest = None),
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| (r.open, r.rest) = (false, None)),
@@ -82,7 +86,7 @@ impl Invariant for MovedAtRest {
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let wrong = self.robots.get_mut(robot).and_then(|state| state.judge(robot, at, q));
-        wrong.into_iter().for_each(|what| found.say(what));
+        wrong.into_iter().for_each(|what| found.report(what));
     }
 
     fn blind(&mut self, robot: &str) {

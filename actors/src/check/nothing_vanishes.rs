@@ -1,4 +1,4 @@
-//! I6: on every link, sent = handled + queued + dropped. The counters are told when a run ends in order.
+//! I6: on every link, sent = handled + queued + dropped. A run that ends in order records the counters.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -12,7 +12,7 @@ impl Invariant for NothingVanishes {
         if let Event::Link { link, sent, handled, queued, dropped, .. } = &line.event {
             let known = [*handled, *queued, *dropped].into_iter().fold(0_u64, u64::saturating_add);
             if *sent != known {
-                found.say(format!("{link}: {sent} sent, but {handled} handled, {queued} queued, {dropped} dropped"));
+                found.report(format!("{link}: {sent} sent, but {handled} handled, {queued} queued, {dropped} dropped"));
             }
         }
     }

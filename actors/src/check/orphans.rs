@@ -1,5 +1,6 @@
-//! I18: when the agent that owns a motion dies, the motion is cancelled: later than two control periods after the death it is
-//! neither amended nor ends as committed, unless the filter has closed in between, or was closed before.
+//! I18: when the agent that owns a motion dies, the motion is cancelled. More than two control periods after
+//! the death it is neither amended nor ends as committed, unless the filter has closed in between or was closed
+//! before.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -7,7 +8,7 @@ use mobee_contract::{CommitId, Event, Outcome, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How long a motion may go on, in control periods.
+/// Longest time for which a motion may continue, in control periods.
 const PERIODS: u32 = 2;
 
 #[derive(Default)]
@@ -19,9 +20,9 @@ pub(super) struct Orphans {
 struct Motion {
     period: Duration,
     open: Option<(CommitId, String)>,
-    /// Whether the filter is closed: what is under way has been stopped.
+    /// True if the filter is closed, so that the motion has been stopped.
     closed: bool,
-    /// When its agent died, as long as nothing has been done about it.
+    /// Time of its agent's death, until the motion is stopped.
     orphan: Option<Time>,
 }
 
@@ -58,7 +59,7 @@ impl Invariant for Orphans {
         let motion = self.robots.entry(robot.clone()).or_default();
         let late = motion.orphan.filter(|died| line.at.since(*died) > motion.period * PERIODS);
         if let (Some(died), false) = (late, what.is_empty()) {
-            found.say(format!("{robot}: commit {} {what}, although its agent died at {died}", id.0));
+            found.report(format!("{robot}: commit {} {what}, although its agent died at {died}", id.0));
         }
         if matches!(line.event, Event::Outcome { .. }) {
             (motion.open, motion.orphan) = (None, None);

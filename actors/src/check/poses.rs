@@ -1,27 +1,27 @@
-//! The measured poses beside a journal, in the order in which they were told.
+//! Merges the measured configurations beside a journal with its events, by the time of recording.
 //!
-//! Where readings are missing, since a process died or a disk was full, nothing is held against the robot that only they could
-//! have excused: the checker is told that it sees it no more.
+//! Readings may be missing because a process died or a disk was full. The checker is notified that it is blind
+//! to the robot, and finds no violation that only those readings could have excused.
 
 use super::{Checker, wants_poses};
 use crate::record::track::{Readings, TrackGap, file, read};
 use mobee_contract::Time;
 use std::path::Path;
 
-/// What measured poses a journal was judged by.
+/// Measured configurations that a journal was judged by.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JudgedPoses {
-    /// Readings, of all robots.
+    /// Number of readings of all robots.
     pub readings: u64,
-    /// Robots without any.
+    /// Robots without readings.
     pub missing: Vec<String>,
-    /// What is wrong with those that there are, and what is not judged for it, in words.
+    /// Damage of the existing readings, and the checks that it prevents, as sentences.
     pub wrong: Vec<String>,
-    /// Whether more is wrong than the end that a crash leaves.
+    /// True if there is more damage than the unfinished end that a crash leaves.
     pub is_damaged: bool,
 }
 
-/// What is not judged of a robot for a part of its measured poses that can't be read.
+/// Describes an unreadable part of a robot's measured configurations and the checks that it prevents.
 fn unjudged(robot: &str, file: &Path, gap: &TrackGap) -> String {
     let TrackGap { bytes: (from, to), after, until } = gap;
     let what = match (from == to, until) {
@@ -38,7 +38,7 @@ fn unjudged(robot: &str, file: &Path, gap: &TrackGap) -> String {
     format!("{}: {what}: {} of {robot} are not judged {span}", file.display(), wants_poses())
 }
 
-/// The robots' readings that are still to come.
+/// Readings of all robots that are still to be merged.
 #[derive(Default)]
 pub(super) struct Merge {
     robots: Vec<OfRobot>,
@@ -48,23 +48,23 @@ pub(super) struct Merge {
 struct OfRobot {
     name: String,
     readings: Option<Readings>,
-    /// Whether the checker sees it.
+    /// True if the checker currently receives its readings.
     seen: bool,
 }
 
 impl OfRobot {
-    fn told(&mut self) -> Option<Time> {
+    fn recorded_at(&mut self) -> Option<Time> {
         Some(self.readings.as_mut()?.peek()?.told)
     }
 
-    /// Whether the next reading is the next there was.
+    /// True if the next reading follows the last one without a gap.
     fn goes_on(&mut self) -> bool {
         self.readings.as_mut().and_then(Readings::peek).is_some_and(|reading| reading.follows)
     }
 }
 
 impl Merge {
-    /// A robot of the journal, whose readings are in the run's folder, if anywhere.
+    /// Adds a robot of the journal, whose readings are expected in the run's folder.
     pub fn robot(&mut self, dir: &Path, robot: &str) {
         if self.robots.iter().any(|known| known.name == robot) {
             return;
@@ -80,11 +80,11 @@ impl Merge {
         self.robots.push(OfRobot { name: robot.into(), readings, seen: false });
     }
 
-    /// Hands the checker what was told up to this time.
+    /// Passes the readings recorded up to this time to the checker.
     pub fn until(&mut self, time: Time, checker: &mut Checker) {
         loop {
-            let next = self.robots.iter_mut().enumerate().filter_map(|(i, r)| Some((r.told()?, i))).min();
-            let Some((_, i)) = next.filter(|(told, _)| *told <= time) else { break };
+            let next = self.robots.iter_mut().enumerate().filter_map(|(i, r)| Some((r.recorded_at()?, i))).min();
+            let Some((_, i)) = next.filter(|(recorded_at, _)| *recorded_at <= time) else { break };
             let Some(robot) = self.robots.get_mut(i) else { break };
             if !robot.goes_on() {
                 checker.blind(i);
@@ -102,12 +102,12 @@ impl Merge {
         }
     }
 
-    /// What there was, once all was told.
+    /// Returns the result after all readings were passed on.
     pub fn end(self) -> JudgedPoses {
         let Merge { robots, mut found } = self;
         for robot in robots {
             let Some(readings) = robot.readings else { continue };
-            // a crash leaves an end that can't be read, and nothing behind it
+            // A crash leaves an unreadable end with nothing behind it.
             found.is_damaged |= readings.gaps().iter().any(|gap| gap.until.is_some());
             found.wrong.extend(readings.gaps().iter().map(|gap| unjudged(&robot.name, readings.path(), gap)));
         }

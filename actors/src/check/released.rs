@@ -1,7 +1,8 @@
-//! I35: a robot does not go on pushing what it meets: it has brought that to an end within a second and the time that it takes to brake and
-//! to come back.
+//! I35: a robot does not push a thing for long. The push ends within a second, plus the time that the robot
+//! takes to brake and to return.
 //!
-//! Judged by the forces that a simulation knows (`pushed`). Excused are pushes after a disturbance, as for hard contacts, and in an escape.
+//! Judged by the forces that a simulation computes (`pushed`). Excused are pushes after a disturbance, as for
+//! hard contacts, and in an escape.
 
 use super::disturbances::Disturbances;
 use super::{Found, Invariant, PerRobot};
@@ -9,8 +10,8 @@ use crate::record::journal::JournalLine;
 use mobee_contract::Event;
 use std::collections::BTreeMap;
 
-/// How long a push may last beside braking and coming back, s.
-const LONGEST: f64 = 1.0;
+/// Longest duration of a push in addition to braking and returning, s.
+const MAX_PUSH_S: f64 = 1.0;
 
 /// Judges pushes as they end.
 #[derive(Default)]
@@ -21,17 +22,17 @@ pub(super) struct Released {
 
 #[derive(Default)]
 struct Robot {
-    /// The time in which it comes to rest, s.
+    /// Stopping time, s.
     stops: f64,
-    /// Whether its motion leads out of a contact, or has begun while it was in one.
+    /// True if its motion leads out of a contact, or began in one.
     escapes: bool,
-    /// The push that was reported before its end: when it began, s, and its greatest force so far, N.
+    /// The push that was reported before its end: its start, s, and its greatest force so far, N.
     open: Option<(f64, f64)>,
 }
 
 impl Robot {
     fn judge(&self, robot: &str, secs: f64, newtons: f64) -> Option<String> {
-        let most = LONGEST + 2.0 * self.stops;
+        let most = MAX_PUSH_S + 2.0 * self.stops;
         (secs > most && !self.escapes).then(|| {
             format!("{robot}: pushed something for {secs:.2} s, with at most {newtons:.1} N; {most:.2} s are allowed")
         })
@@ -52,13 +53,13 @@ impl Invariant for Released {
                 let Some(of) = self.robots.get_mut(robot) else { return };
                 of.open = lasting.then_some((now - secs, *newtons));
                 if !lasting && !excused {
-                    found.say_all(of.judge(robot, *secs, *newtons));
+                    found.report_all(of.judge(robot, *secs, *newtons));
                 }
             }
             Event::Ended { .. } => {
                 let judge =
                     |(name, r): (&String, &Robot)| r.open.and_then(|(since, most)| r.judge(name, now - since, most));
-                found.say_all(self.robots.iter().filter_map(judge));
+                found.report_all(self.robots.iter().filter_map(judge));
             }
             _ => {}
         }

@@ -1,5 +1,5 @@
-//! I11: an edge that was removed is in no later plan, until a note states it as optimistic or feasible again. So with one that the
-//! world blocks: whatever else a note states of it ends that.
+//! I11: a removed edge is in no later plan until a note states it as optimistic or feasible again. The same
+//! holds for an edge that the world blocks, until a note states any other state.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -41,10 +41,10 @@ impl Invariant for RemovedStaysRemoved {
             Note::Plan { path } => {
                 for (from, to) in path.iter().zip(path.iter().skip(1)) {
                     if removed.contains(&(*from, *to)) {
-                        found.say(format!("{robot}: plans over the edge {from} -> {to}, which was removed"));
+                        found.report(format!("{robot}: plans over the edge {from} -> {to}, which was removed"));
                     }
                     if blocked.contains(&(*from, *to)) {
-                        found.say(format!("{robot}: plans over the edge {from} -> {to}, which the world blocks"));
+                        found.report(format!("{robot}: plans over the edge {from} -> {to}, which the world blocks"));
                     }
                 }
             }

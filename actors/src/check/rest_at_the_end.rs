@@ -1,8 +1,9 @@
-//! I17: an outcome is given only while the robot is measured to rest.
+//! I17: an outcome is given only while the robot is measured to be at rest.
 //!
-//! Wants the poses: the robot must rest by the reading whose pose is told, or by the newest; the one decided by lies between them. (That
-//! it was fresh is I8.) A cancel, a swap and the end of a run wait for outcomes, so they are covered. A run that is ended at once,
-//! and a group that gave up, can't wait.
+//! Needs the measured configurations. The robot must be at rest by the reading whose configuration is recorded,
+//! or by the newest one; the reading of the decision lies between them. (I8 checks that it was fresh.) A
+//! cancel, a swap and the end of a run wait for outcomes, so they are covered. A run that is ended immediately,
+//! and a supervision group that gave up, can't wait.
 
 use super::measured::Measured;
 use super::{Found, Invariant};
@@ -38,12 +39,13 @@ impl Invariant for RestAtTheEnd {
             Event::GaveUp { .. } => self.gave_up = true,
             Event::Outcome { robot, id, q, .. } if !self.gave_up => {
                 let Some(newest) = self.robots.get(robot).filter(|n| !n.ending) else { return };
-                // the reflex decides by the reading after the one whose pose is told
-                let told = newest.measured.read_at(q).unwrap_or(line.at);
-                let both = newest.measured.moves(told).zip(newest.measured.moves(line.at));
+                // The reflex decides by the reading after the one whose configuration is recorded.
+                let recorded = newest.measured.read_at(q).unwrap_or(line.at);
+                let both = newest.measured.moves(recorded).zip(newest.measured.moves(line.at));
                 let Some((speed, _)) = both else { return };
-                let (id, speed) = (id.0, newest.units.told_speed(speed, 2));
-                found.say(format!("{robot}: the outcome of commit {id} was given at {speed}"));
+                let id = id.0;
+                let speed = newest.units.told_speed(speed, 2);
+                found.report(format!("{robot}: the outcome of commit {id} was given at {speed}"));
             }
             _ => {}
         }

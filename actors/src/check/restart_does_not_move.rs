@@ -1,31 +1,32 @@
-//! I10: starting or restarting an actor of a controller causes no commanded motion until the next commit, unless the reflex takes
-//! back the motion that was interrupted.
+//! I10: starting or restarting an actor of a controller causes no commanded motion until the next commit,
+//! except the reflex's rollback of the interrupted motion.
 //!
-//! It is about driver, history, model, supervise and reflex, named `ROBOT/ACTOR` (or `ACTOR` alone for all robots): the death
-//! of an agent or a recorder stops no controller, and the reflex may well be retreating then. Stops, modes and
-//! references move nothing. Nor does a swap: a new part takes over with no transaction open.
+//! This concerns driver, history, model, supervise and reflex, named `ROBOT/ACTOR` (or `ACTOR` alone for all
+//! robots). The death of an agent or a recorder stops no controller, and the reflex may be retreating then.
+//! Stops, modes and references move nothing. A swap causes no motion either: a new part takes over with no
+//! transaction open.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, SwapStep, Time};
 use std::collections::BTreeMap;
 
-/// The actors that keep a robot safe.
+/// The actors of a robot's safety chain.
 const CHAIN: [&str; 5] = ["driver", "history", "model", "supervise", "reflex"];
 
 #[derive(Default)]
 pub(super) struct RestartDoesNotMove {
-    /// Per robot that has committed: who was restarted since its last commit, and when.
+    /// Per robot that has committed: the actor that was restarted since its last commit, and the time.
     robots: BTreeMap<String, Option<(String, Time)>>,
 }
 
 impl RestartDoesNotMove {
-    /// `late` says whether the motion is younger than a restart.
+    /// `late` is true if the motion is younger than the given restart.
     fn judge(&self, robot: &str, late: impl Fn(Time) -> bool, found: &mut Found<'_>) {
         match self.robots.get(robot) {
-            None => found.say(format!("{robot}: was moved before its first commit")),
+            None => found.report(format!("{robot}: was moved before its first commit")),
             Some(Some((actor, at))) if late(*at) => {
-                found.say(format!(
+                found.report(format!(
                     "{robot}: was moved after {actor} was restarted or exchanged at {at}, before a new commit"
                 ));
             }
@@ -38,7 +39,7 @@ impl Invariant for RestartDoesNotMove {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Commit { robot, .. } => drop(self.robots.insert(robot.clone(), None)),
-            // told before anything of the retreat is written, and only with a transaction open (I2, I9)
+            // Recorded before the retreat writes its first command, and only with a transaction open (I2, I9).
             Event::RetreatBegan { robot, .. } => {
                 if let Some(restarted) = self.robots.get_mut(robot) {
                     *restarted = None;
@@ -61,7 +62,7 @@ impl Invariant for RestartDoesNotMove {
                 self.robots.values_mut().for_each(|restarted| *restarted = whole());
             }
             Event::Command { robot, kind, .. } if *kind == CommandKind::Move => self.judge(robot, |_| true, found),
-            // told at its end, and so judged by when its last set-point was written
+            // Recorded at its end, and therefore judged by the time of its last set-point.
             Event::Streamed { robot, span, .. } => self.judge(robot, |restart| span.1 > restart, found),
             _ => {}
         }

@@ -1,43 +1,45 @@
-//! The retreat of a motion, by the measured poses (I22).
+//! Pace and path of the retreat of a motion, from the measured configurations (I22).
 //!
-//! It runs along what was measured from the commit to the stop, backwards and in order, and at that rate: the robot is nowhere earlier
-//! than it was on its way there, and is in motion about as long. Who goes back with others may have to wait for them, and rests
-//! meanwhile, so only time in motion counts, there and back. An encoder that jumps says nothing of its motor.
+//! The retreat follows the readings from the commit to the stop, backwards, in order and at the same rate. The
+//! robot is at no point earlier than it took to get there, and is in motion about as long. A robot that
+//! retreats in a group may have to wait for others and rests in between, so only time in motion counts, both
+//! there and back. A motor whose encoder jumps is not judged.
 
 use mobee_contract::{MotorUnits, Pose, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How a violation about the duration of a retreat begins.
+/// Start of the text of a violation about the duration of a retreat.
 pub const SLOW_RETREAT: &str = "was in motion for";
-/// How far beside the path that was measured a motor may be, rad: a degree, and half of one for overshooting. A path that ends in a
-/// stop begins, backwards, with the motors' greatest acceleration. Who is one set-point late then catches up faster than it came, and
-/// where set-points brake just as hard, at the beginning of the motion, it can't lose that speed before them.
+/// Largest distance of a motor from the measured path, rad: one degree, and half a degree for overshoot.
+/// Reversed, a path that ends in a stop begins with the motors' greatest acceleration. A motor that is one
+/// set-point late then catches up faster than it came. Where the set-points brake as hard, at the beginning of
+/// the motion, it can't lose that speed before them.
 const BESIDE: f64 = 1.5 * std::f64::consts::PI / 180.0;
-/// By how much more a motor may be behind the others than it was on the way there, s: each starts and brakes by itself.
+/// Additional lag of a motor behind the others in the retreat, s: each starts and brakes by itself.
 const LAG: f64 = 0.12;
-/// How much of the way may have been made before its time, s: readings and events are told by different threads.
+/// Lead that is allowed on the path, s: readings and events are recorded by different threads.
 const EARLY: f64 = 0.1;
-/// How much longer the robot may be in motion, as a share and in seconds: it is made to wait, and catches up. So many seconds more each
-/// time it has to make a halt.
+/// Longest duration of the retreat, as a factor and in seconds: the robot is made to wait, and catches up. The
+/// seconds are allowed once more for each halt.
 const LONGER: (f64, f64) = (1.25, 0.5);
-/// For as many halts an arm that sags counts as it settles at the end.
+/// Number of halts that are allowed for a sagging arm to settle at the end.
 const SETTLES: u32 = 2;
-/// By so many times more it may be before its time: how far it sags differs on the way back.
+/// Factor on [`EARLY`] for a sagging arm: it sags differently on the retreat path.
 const SAGS: f64 = 3.0;
-/// A kink of the readings that is no motion, rad.
+/// Smallest jump of the readings that is not motion, rad.
 const JUMP: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// How many readings tell motion from rest.
+/// Readings in the window that distinguishes motion from rest.
 const WINDOW: usize = 8;
-/// After a pause of so many control periods nobody knows how the robot came on.
-const PAUSE: u32 = 8;
-/// A retreat is stepped by readings, and goes no farther by one of them than in so many control periods: where readings are missing it is
-/// slower than it came.
+/// Control periods after which a gap in the readings ends the comparison: the robot's progress is unknown.
+const PAUSE_PERIODS: u32 = 8;
+/// Control periods that one reading counts for in the retreat at most. The retreat advances with the readings,
+/// so it is slower than the motion where readings are missing.
 const STEP: u32 = 2;
-/// A motion of more readings is not judged.
-const KEPT: usize = 1 << 14;
+/// Most readings of a motion; a longer one is not judged.
+const MAX_READINGS: usize = 1 << 14;
 
-/// A reading, and how long the robot had been in motion by then, s.
+/// A reading, and the time for which the robot had been in motion by then, s.
 #[derive(Clone)]
 struct Passed {
     at: Time,
@@ -52,35 +54,35 @@ pub(super) struct RetreatPace {
     rest_speed: f64,
     pause: Duration,
     there: VecDeque<Passed>,
-    back: Option<Back>,
-    /// How often it waited for a robot that was in its way.
+    back: Option<Retreat>,
+    /// Number of times it waited for a robot that blocked its path.
     halts: u32,
-    /// How much of the way may have been made before its time, s.
+    /// Lead that is allowed on the path, s.
     early: f64,
-    /// How far beside its path it may be, rad.
+    /// Largest distance from its path, rad.
     beside: f64,
-    /// A count of its encoders, rad: one that flickers is no motion.
+    /// One count of its encoders, rad: a count that flickers is not motion.
     count: f64,
-    /// Whether a board is known to be late, so that the retreat waits for it again and again.
+    /// True if a board responds late, so that the retreat waits for it repeatedly.
     late: bool,
-    /// Set once the way there, or the retreat, can't be told.
+    /// Set once the path there or the retreat can't be determined.
     lost: bool,
 }
 
 /// The retreat so far.
-struct Back {
+struct Retreat {
     began: Time,
-    /// Where on the way there the robot is now.
+    /// Index of the reading on the way there that the robot has retreated to.
     here: usize,
     newest: VecDeque<Passed>,
-    /// Whether set-points are streamed, so that its rate is told.
+    /// True if set-points are streamed, so that the retreat's rate is defined.
     streamed: bool,
 }
 
 impl RetreatPace {
-    /// Of these motors of a robot that rests below this speed, rad/s, and is controlled with this period, s.
+    /// Creates the judge for these motors of a robot with this rest speed (rad/s) and control period (s).
     pub fn new(motors: &[(usize, f64)], rest_speed: f64, period: f64, units: &MotorUnits) -> RetreatPace {
-        let pause = Duration::try_from_secs_f64(period).unwrap_or_default() * PAUSE;
+        let pause = Duration::try_from_secs_f64(period).unwrap_or_default() * PAUSE_PERIODS;
         let there = VecDeque::new();
         let mut way = RetreatPace {
             motors: Vec::new(),
@@ -100,64 +102,66 @@ impl RetreatPace {
         way
     }
 
-    /// More motors take part.
+    /// Adds the motors that take part.
     pub fn join(&mut self, motors: &[(usize, f64)]) {
         let new: Vec<usize> = motors.iter().map(|(m, _)| *m).filter(|m| !self.motors.contains(m)).collect();
         self.motors.extend(new);
     }
 
-    /// The retreat begins. Another one after a failed one is not judged: it leaves out detours.
-    pub fn turn(&mut self, at: Time) {
+    /// Starts the retreat. A second retreat after a failed one is not judged, because it leaves out detours.
+    pub fn begin_retreat(&mut self, at: Time) {
         if self.back.is_some() {
             return self.forget();
         }
-        // the board is later than its `latency_ms`: stopped before it showed any motion, it sets out after all until the stop reaches
-        // it, and nothing was measured that it could retrace. Where it ends is judged all the same (I3)
+        // A board that is later than its `latency_ms` can be stopped before it shows any motion. It then starts
+        // after all, until the stop reaches it, and no path was measured that it could retrace. I3 still judges
+        // where it ends.
         if self.there.back().is_none_or(|last| last.moved <= 0.0) {
             return self.forget();
         }
         let newest = self.there.range(self.there.len().saturating_sub(WINDOW)..).cloned().collect();
-        self.back = Some(Back { began: at, here: self.there.len().saturating_sub(1), newest, streamed: true });
+        self.back = Some(Retreat { began: at, here: self.there.len().saturating_sub(1), newest, streamed: true });
     }
 
-    /// Where the robot was on the way there, at the instant of one of its readings.
+    /// Configuration on the way there at the time of one of its readings.
     pub fn was_at(&self, at: Time) -> Option<&Pose> {
         self.there.iter().find(|passed| passed.at == at).map(|passed| &passed.q)
     }
 
-    /// It is driven by moves from way-point to way-point, each of which the board starts and ends.
+    /// Records that the retreat is driven by moves between way-points, each started and ended by the board.
     pub fn is_moved(&mut self) {
         self.back.iter_mut().for_each(|back| back.streamed = false);
     }
 
-    /// It makes a halt: another robot is in its way.
+    /// Counts a halt for a robot that blocks the path.
     pub fn halts(&mut self) {
         self.halts += 1;
     }
 
-    /// Its arm sags, by so much at most, rad: it is commanded higher, beside its path, and settles, once or twice.
+    /// Allows for an arm that sags by at most `by`, rad: it is commanded higher, beside its path, and settles
+    /// once or twice.
     pub fn sags(&mut self, by: f64) {
         self.beside += by;
         self.halts += SETTLES;
         self.early = SAGS * EARLY;
     }
 
-    /// Its encoders have counts of so much, rad.
+    /// Sets the size of an encoder count, rad.
     pub fn counts(&mut self, count: f64) {
         self.count = count;
     }
 
-    /// A board heeds late what it is told: how long the retreat takes is not judged.
+    /// Records that a board responds late: the duration of the retreat is not judged.
     pub fn is_late(&mut self) {
         self.late = true;
     }
 
-    /// The path, or what comes next, is not known.
+    /// Ends the comparison, because the path, or its continuation, is unknown.
     pub fn forget(&mut self) {
         self.lost = true;
     }
 
-    /// Takes the next reading. Returns what is wrong with the retreat, in words, once.
+    /// Takes the next reading. Returns a violation of the retreat as a phrase, once.
     pub fn take(&mut self, at: Time, q: &Pose) -> Option<String> {
         let newest = self.back.as_ref().map_or(&self.there, |back| &back.newest);
         let last = newest.back().map_or((at, 0.0), |last| (last.at, last.moved));
@@ -167,10 +171,10 @@ impl RetreatPace {
         let pause = at.since(last.0);
         let mut next = Passed { at, q: q.clone(), moved: last.1 };
         if self.moves(newest, &next) {
-            let counts = if self.back.is_some() { pause.min(self.pause / PAUSE * STEP) } else { pause };
+            let counts = if self.back.is_some() { pause.min(self.pause / PAUSE_PERIODS * STEP) } else { pause };
             next.moved += counts.as_secs_f64();
         }
-        self.lost = pause > self.pause || self.jumps(newest, &next) || self.there.len() == KEPT;
+        self.lost = pause > self.pause || self.jumps(newest, &next) || self.there.len() == MAX_READINGS;
         let Some(back) = &mut self.back else {
             self.there.push_back(next);
             return None;
@@ -184,24 +188,27 @@ impl RetreatPace {
         wrong
     }
 
-    /// Whether the way there is what it was: the place that is nearest to the beginning, in order, and when the robot was there.
+    /// Compares a reading of the retreat with the path there: position, order and time. Takes the last matching
+    /// reading before the current one.
     fn compare(&mut self, now: &Passed) -> Option<String> {
         let back = self.back.as_ref()?;
-        let (all, was) = (self.there.back()?.moved, back.here);
+        let all = self.there.back()?.moved;
+        let was = back.here;
         let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= self.beside) else {
             let nearest = (0..=was).map(|i| self.beside(i, &now.q)).fold(f64::INFINITY, f64::min);
             let beside = self.units.told(nearest, 2);
             return Some(format!("is {beside} beside the way that it came, or not on it in order, at {}", now.at));
         };
         let gone = all - self.there.get(here)?.moved;
-        let (secs, streamed) = (now.at.since(back.began).as_secs_f64(), back.streamed);
+        let secs = now.at.since(back.began).as_secs_f64();
+        let streamed = back.streamed;
         self.back.iter_mut().for_each(|back| back.here = here);
         (streamed && gone > secs + self.early)
             .then(|| format!("has gone {gone:.2} s of its retreat in {secs:.2} s at {}", now.at))
     }
 
-    /// The robot is back. Returns what is wrong with how long it took, in words.
-    pub fn over(&self) -> Option<String> {
+    /// Ends the retreat. Returns a violation of its duration as a phrase.
+    pub fn end(&self) -> Option<String> {
         let back = self.back.as_ref().filter(|back| back.streamed && !self.late && !self.lost)?;
         let there = self.there.back()?.moved;
         let took = back.newest.back()?.moved - there;
@@ -210,8 +217,8 @@ impl RetreatPace {
             .then(|| format!("{SLOW_RETREAT} {took:.2} s on {gone:.2} s of its retreat"))
     }
 
-    /// How far a pose is from the path about one of its readings, rad: at most half a step from the nearest of them, and what the
-    /// motors go in their lag.
+    /// Distance of a configuration from the path about one of its readings, rad, less half a step to the
+    /// previous reading and the distance that the motors travel in their lag.
     fn beside(&self, index: usize, q: &Pose) -> f64 {
         let Some(here) = self.there.get(index) else { return f64::INFINITY };
         let before = index.checked_sub(1).and_then(|i| self.there.get(i));
@@ -227,7 +234,7 @@ impl RetreatPace {
         self.motors.iter().filter_map(of).fold(0.0, f64::max)
     }
 
-    /// Whether a reading is off the line through the two before it.
+    /// True if a reading is off the line through the two before it by more than [`JUMP`].
     fn jumps(&self, newest: &VecDeque<Passed>, next: &Passed) -> bool {
         let Some(i) = newest.len().checked_sub(2) else { return false };
         let (Some(a), Some(b)) = (newest.get(i), newest.back()) else { return false };
@@ -239,7 +246,8 @@ impl RetreatPace {
         self.motors.iter().filter_map(kink).any(|kink| kink > JUMP)
     }
 
-    /// Whether the robot is in motion: by the means of the two halves of the newest readings, as for encoders with noise.
+    /// True if the robot is in motion, by the means of the two halves of the newest readings, as for noisy
+    /// encoders.
     fn moves(&self, newest: &VecDeque<Passed>, next: &Passed) -> bool {
         let half = WINDOW / 2;
         let Some(start) = (newest.len() + 1).checked_sub(WINDOW) else { return false };

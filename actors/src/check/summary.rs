@@ -1,4 +1,4 @@
-//! A run in figures, from its journal.
+//! Key figures of a run, from its journal.
 
 use super::touches::Touches;
 use crate::record::journal::{JournalError, read};
@@ -7,46 +7,47 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What a run did, counted over all robots.
+/// Counts over all robots of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RunSummary {
-    /// The seed.
+    /// Seed of the run.
     pub seed: Option<u64>,
     /// `virtual` or `real`.
     pub clock: String,
     /// Names of the robots.
     pub robots: Vec<String>,
-    /// How long it took by the run's clock, seconds.
+    /// Duration on the run's clock, s.
     pub secs: f64,
-    /// Events in the journal.
+    /// Number of events in the journal.
     pub events: u64,
-    /// The final hash.
+    /// Final hash of the journal.
     pub hash: String,
-    /// Why it ended, if in order.
+    /// Reason for which the run ended, if it ended in order.
     pub ended: Option<String>,
-    /// Where the journal stops in mid-line, if it does.
+    /// Place at which the journal stops in mid-line, if it does.
     pub truncated: Option<String>,
     /// Accepted commits, escapes included.
     pub commits: u64,
     /// Accepted escapes from a hold.
     pub escapes: u64,
-    /// Commits that were not accepted, by code.
+    /// Refused commits, by the code of the refusal.
     pub refused: BTreeMap<String, u64>,
-    /// Outcomes: reached.
+    /// Motions that reached their target.
     pub committed: u64,
-    /// Outcomes: taken back to the safe pose.
+    /// Motions that were rolled back to the safe pose.
     pub rolled_back: u64,
-    /// Outcomes: neither.
+    /// Motions that neither reached their target nor were rolled back.
     pub faulted: u64,
-    /// Outcomes: neither, since a person, a program or the end of the run stopped the motion.
+    /// Motions that faulted because a person, a program or the end of the run stopped them.
     pub stopped: u64,
     /// Contacts below the margin.
     pub contacts: u64,
-    /// Hard contacts: times at which a robot touched another, an object or itself, however many of their shapes met.
+    /// Hard contacts: episodes in which a robot touched another, an object or itself, however many of their
+    /// shapes met.
     pub hard_contacts: u64,
-    /// The greatest depth of these, millimeters.
+    /// Greatest penetration depth of these, mm.
     pub hard_contact_depth_mm: f64,
-    /// Retreats that were given up.
+    /// Retreats that were aborted.
     pub retreats_stopped: u64,
     /// Safe poses that moved in mid-motion.
     pub safe_poses_moved: u64,
@@ -58,27 +59,27 @@ pub struct RunSummary {
     pub restarts: u64,
     /// Deaths of actors.
     pub deaths: u64,
-    /// Parts that took over while the robot ran.
+    /// Parts that were replaced while the robot ran.
     pub swaps: u64,
-    /// Of these, parts that broke on probation.
+    /// Of these, parts that failed on probation.
     pub swaps_reverted: u64,
-    /// New parts that were not taken.
+    /// New parts that were rejected.
     pub swaps_refused: u64,
-    /// Groups that used up their restarts.
+    /// Supervision groups that used up their restarts.
     pub gave_up: Vec<String>,
     /// Edits of the world.
     pub world_edits: u64,
     /// Faults that were injected.
     pub injected: u64,
-    /// Commands that were thrown away on their way to a driver.
+    /// Commands that were discarded on their way to a driver.
     pub commands_dropped: u64,
-    /// Warnings.
+    /// Texts of the warnings.
     pub warnings: Vec<String>,
-    /// What agents said at their end, by robot.
+    /// Final reports of the agents, by robot.
     pub done: Vec<(String, Summary)>,
 }
 
-/// Counts a run's journal (its file, or its run's folder), verifying its chain on the way.
+/// Counts the events of a run's journal (its file, or its run's folder), and verifies its chain.
 ///
 /// # Errors
 /// As for [`super::check`].
@@ -104,7 +105,7 @@ pub fn summary(path: &Path) -> Result<RunSummary, JournalError> {
             Event::Note { robot, note: Note::Vertex { id, q, .. } } => {
                 let before = vertices.insert((robot.clone(), id), q.clone());
                 if before.is_some_and(|before| before != q) {
-                    // another vertex, whose edges are told anew
+                    // It is another vertex now, whose edges are recorded again.
                     edges.retain(|(r, from, to), _| *r != robot || (*from != id && *to != id));
                 }
             }

@@ -1,8 +1,9 @@
-//! I22: what is taken back: a motion in which a contact begins, a constraint is violated or a motor stalls, whose target is missed, or whose agent died. An
-//! escape has no retreat.
+//! I22: a motion is rolled back if a contact begins in it, a constraint is violated, a motor stalls, its target
+//! is missed, or its agent dies. An escape has no retreat.
 //!
-//! Where there are measured poses, the retreat is judged by them, too ([`RetreatPace`]). Where it leads is judged by what was written
-//! last: to the safe pose, and to an earlier rest only to let another robot pass.
+//! If measured configurations are available, the retreat is also judged by them ([`RetreatPace`]). Its end is
+//! judged by the last set-points: it leads to the safe pose, or to an earlier rest only to let another robot
+//! pass.
 
 use super::retreat_pace::RetreatPace;
 use super::{Found, Invariant};
@@ -11,7 +12,7 @@ use mobee_contract::{Cause, CommandKind, Event, Hold, MotorUnits, Outcome, Pose,
 use mobee_controller::distance;
 use std::collections::BTreeMap;
 
-/// By how much a stream is undone unless the journal tells otherwise, s.
+/// Time by which a stream is undone, s, unless the journal states another.
 const UNDO: f64 = 0.5;
 
 #[derive(Default)]
@@ -26,18 +27,18 @@ struct Robot {
     period: f64,
     tolerance: f64,
     rest_speed: f64,
-    /// A count of its encoders, rad.
+    /// One count of its encoders, rad.
     resolution: f64,
-    /// By how much its joints give way where something pushes them, rad.
+    /// Deflection of its joints under an external load, rad.
     bends: f64,
-    /// By how much its arm may sag, rad: it settles by new commands at the end of a retreat.
+    /// Sag of its arm, rad: new commands correct it at the end of a retreat.
     sags: f64,
     newest: Option<(Time, Pose)>,
     safe: Option<Pose>,
     motion: Motion,
-    /// Whether it holds since an actor of its controller was restarted.
+    /// True if it holds because an actor of its controller was restarted.
     restarted: bool,
-    /// The way of the open motion, if it has a safe pose and tells its motors.
+    /// Path of the open motion, if it has a safe pose and the journal states its motors.
     way: Option<RetreatPace>,
     fresh: f64,
     undo: f64,
@@ -45,26 +46,28 @@ struct Robot {
 
 #[derive(Default)]
 struct Motion {
-    /// Whether a motion is open that has a safe pose.
+    /// True if a motion with a safe pose is open.
     open: bool,
-    /// Why it is to be taken back, in words.
+    /// Reason for which it must be rolled back, for messages.
     cause: Option<&'static str>,
-    /// Whether it is taken back after all, though an actor of the robot's controller died in it: the journal tells no other cause then.
+    /// True if it is rolled back although an actor of the robot's controller died in it: the journal then
+    /// states no other cause.
     after_all: bool,
-    /// Whether a retreat was driven, and to its last pose.
+    /// True if a retreat was driven.
     driven: bool,
+    /// True if the retreat was driven to its last configuration.
     settling: bool,
-    /// Whether it ended there without being back.
+    /// True if it ended there without having reached the safe pose.
     missed: bool,
-    /// Whether set-points of its retreat were dropped, so that the last ones written are not its end.
+    /// True if set-points of its retreat were dropped, so that the last ones written are not its end.
     dropped: bool,
-    /// Whether the journal says why it may end otherwise.
+    /// True if the journal explains another end.
     excused: bool,
-    /// How often the reflex has told it to stop.
+    /// Number of stops that the reflex has commanded.
     stops: u32,
-    /// When it was accepted, if it consists of set-points alone.
+    /// Time of its acceptance, if it consists of set-points alone.
     stream: Option<Time>,
-    /// When the filter closed.
+    /// Time at which the filter closed.
     closed: Option<Time>,
 }
 
@@ -82,7 +85,7 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
 }
 
 impl Robot {
-    fn set_out(&mut self, escape: bool, motors: &[(usize, f64)], stream: Option<Time>) {
+    fn start_motion(&mut self, escape: bool, motors: &[(usize, f64)], stream: Option<Time>) {
         self.motion = Motion { open: !escape, stream, ..Motion::default() };
         let way = (!escape && !motors.is_empty())
             .then(|| RetreatPace::new(motors, self.rest_speed, self.period, &self.units));
@@ -96,7 +99,8 @@ impl Robot {
         });
     }
 
-    /// A robot that holds after a restart is stopped only to be taken back.
+    /// Takes a change of the robot's status. A robot that holds after a restart is stopped only to be rolled
+    /// back.
     fn enters(&mut self, status: Status) {
         let restarted = std::mem::replace(&mut self.restarted, status == Status::Holding(Hold::Restarted));
         match status {
@@ -112,15 +116,17 @@ impl Robot {
         self.way = None;
     }
 
-    /// The retreat was stopped. One that got to its end, and was not back, must have led there.
+    /// The retreat was aborted. If it reached its end without reaching the safe pose, its last set-points must
+    /// have led there.
     fn stopped(&mut self, reason: Hold) {
         let led = self.motion.settling && !self.motion.dropped && !self.motion.excused;
         self.motion.missed = reason == Hold::RetreatMissed && led;
         self.excuse();
     }
 
-    /// It is a stream that is taken back to where it was at that time: not farther than to its beginning, and by no less than
-    /// its controller's setting. A move is taken back whole.
+    /// The motion is rolled back to a configuration recorded at the given time. That applies to streams only.
+    /// It goes back at least by the controller's setting, and not beyond the beginning of the stream. A move is
+    /// rolled back completely.
     fn undone_to(&mut self, q: &Pose, recorded: Time) -> Option<String> {
         self.safe = Some(q.clone());
         let (Some(begun), Some(closed)) = (self.motion.stream, self.motion.closed) else {
@@ -138,7 +144,8 @@ impl Robot {
         (away > self.tolerance).then(|| format!("was {} from where it is taken back to", self.units.told(away, 2)))
     }
 
-    /// What was written last during a retreat that missed its end, if that is not its end.
+    /// Checks the last set-points of a retreat that missed its end: a violation if they don't lead to the safe
+    /// pose.
     fn misled(&mut self, last: &[(usize, f64)]) -> Option<String> {
         let safe = self.safe.as_ref().filter(|_| std::mem::take(&mut self.motion.missed))?;
         let (sent, end): (Vec<f64>, Vec<f64>) = last.iter().filter_map(|(m, q)| Some((q, safe.get(*m)?))).unzip();
@@ -147,7 +154,8 @@ impl Robot {
     }
 
     fn ended(&mut self, id: u64, outcome: Outcome) -> Option<String> {
-        let (motion, way) = (std::mem::take(&mut self.motion), self.way.take());
+        let motion = std::mem::take(&mut self.motion);
+        let way = self.way.take();
         let cause = motion.cause.filter(|_| motion.open && !motion.excused)?;
         if outcome != Outcome::RolledBack {
             return Some(format!("commit {id} was to be taken back for {cause}, and ended otherwise"));
@@ -155,7 +163,7 @@ impl Robot {
         if !motion.driven {
             return Some(format!("commit {id} was rolled back for {cause} without a retreat"));
         }
-        way?.over()
+        way?.end()
     }
 }
 
@@ -177,9 +185,13 @@ impl Invariant for TakenBack {
                 ..
             } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
-                (robot.fresh, robot.sags, robot.resolution) = (*fresh, *hold_error, *resolution);
+                robot.fresh = *fresh;
+                robot.sags = *hold_error;
+                robot.resolution = *resolution;
                 robot.bends = *deflection;
-                (robot.period, robot.tolerance, robot.rest_speed) = (*period, *tolerance, *rest_speed);
+                robot.period = *period;
+                robot.tolerance = *tolerance;
+                robot.rest_speed = *rest_speed;
                 robot.units = MotorUnits::new(motors.len(), sliding);
                 None
             }
@@ -187,29 +199,29 @@ impl Invariant for TakenBack {
             Event::SafePoseMoved { robot, q, recorded: Some(at), .. } => self.with(robot, |r| r.undone_to(q, *at)),
             Event::SafePoseMoved { robot, q, .. } => self.moved(robot, q),
             Event::Commit { robot, escape, motors, stream, .. } => {
-                self.of(robot, |r| r.set_out(*escape, motors, stream.then_some(line.at)))
+                self.of(robot, |r| r.start_motion(*escape, motors, stream.then_some(line.at)))
             }
             Event::Amended { robot, motors, stream, .. } => self.of(robot, |r| {
                 r.motion.stream = r.motion.stream.filter(|_| *stream || motors.is_empty());
                 r.way.iter_mut().for_each(|way| way.join(motors));
             }),
             Event::Disabled { robot, cause, .. } => self.of(robot, |r| {
-                // anything else, or a second closing, ends the retreat
+                // Any other cause, or a second closing, ends the retreat.
                 if r.motion.cause.is_some() || in_words(cause).is_none() {
                     r.excuse();
                 }
                 r.motion.cause = r.motion.cause.or(in_words(cause));
                 r.motion.closed = r.motion.closed.or(Some(line.at));
-                // held by something, it waits where it sticks
+                // A robot that is held by something waits where it is held.
                 if matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. }) {
                     r.way.iter_mut().for_each(RetreatPace::is_late);
-                    // an arm whose joints it has bent leaves it on a line of its own: how it was shaken is no path
+                    // Bent joints relax on a path of their own, so the measured path is no reference.
                     r.way = r.way.take().filter(|_| r.bends <= 0.0);
                 }
             }),
             Event::RetreatBegan { robot, .. } => self.of(robot, |r| {
                 (r.motion.driven, r.motion.settling) = (true, false);
-                r.way.iter_mut().for_each(|way| way.turn(line.at));
+                r.way.iter_mut().for_each(|way| way.begin_retreat(line.at));
             }),
             Event::RetreatWaits { .. } => self.all_taken_back(RetreatPace::halts),
             Event::State { robot, status } => self.of(robot, |r| r.enters(*status)),
@@ -223,7 +235,7 @@ impl Invariant for TakenBack {
                 self.of(robot, |r| r.way.iter_mut().for_each(RetreatPace::is_moved))
             }
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Stop => {
-                self.told_to_stop(robot)
+                self.reflex_stops(robot)
             }
             Event::Died { actor, .. } if !actor.ends_with("/agent") => self.excuse_all(),
             Event::Resumed { .. } => self.excuse_all(),
@@ -237,14 +249,14 @@ impl Invariant for TakenBack {
             }
             _ => None,
         };
-        wrong.into_iter().for_each(|what| found.say(what));
+        wrong.into_iter().for_each(|what| found.report(what));
     }
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         state.newest = Some((at, q.clone()));
         let wrong = state.way.as_mut().and_then(|way| way.take(at, q));
-        found.say_all(wrong.map(|what| format!("{robot}: {what}")));
+        found.report_all(wrong.map(|what| format!("{robot}: {what}")));
     }
 
     fn blind(&mut self, robot: &str) {
@@ -258,22 +270,23 @@ impl TakenBack {
         None
     }
 
-    /// Told twice, a board does not heed in time: set-points come to it as late, and whoever goes back with it waits for it, so that
-    /// nothing is said by how long that takes.
-    fn told_to_stop(&mut self, robot: &str) -> Option<String> {
+    /// A second stop before the retreat shows that a board responds late. Set-points reach it as late, and
+    /// every robot in the same retreat waits for it, so the duration of these retreats is not judged.
+    fn reflex_stops(&mut self, robot: &str) -> Option<String> {
         let motion = &mut self.robots.entry(robot.into()).or_default().motion;
         motion.stops += 1;
         if motion.stops > 1 && !motion.driven { self.all_taken_back(RetreatPace::is_late) } else { None }
     }
 
-    /// Who goes back with somebody waits with it.
+    /// Applies a change to all robots that are rolled back: they wait for each other.
     fn all_taken_back(&mut self, change: impl Fn(&mut RetreatPace)) -> Option<String> {
         let taken_back = self.robots.values_mut().filter(|r| r.motion.cause.is_some());
         taken_back.flat_map(|r| &mut r.way).for_each(change);
         None
     }
 
-    /// The safe pose of a motion moved. During the retreat, to let another robot pass that is taken back, too.
+    /// The safe pose of a motion moved. During the retreat that is allowed only to let another robot pass that
+    /// is also rolled back.
     fn moved(&mut self, robot: &str, q: &Pose) -> Option<String> {
         let goes_back = |m: &Motion| m.open && (m.cause.is_some() || m.after_all);
         let taken_back = |(name, r): (&String, &Robot)| name != robot && goes_back(&r.motion);

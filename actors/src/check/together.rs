@@ -1,6 +1,7 @@
 //! I14: while several robots are retreating, no contact between two of them begins.
 //!
-//! A pair that touched as they were stopped may part and touch again: the way leads past there once more, and is watched (I9).
+//! A pair that was in contact when the robots were stopped may separate and touch again: the retreat path
+//! passes that point a second time, and I9 watches it.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -9,24 +10,26 @@ use mobee_model::{Contact, ShapeId};
 
 #[derive(Default)]
 pub(super) struct Together {
-    /// In the scene's order.
+    /// Robots in the scene's order.
     robots: Vec<Robot>,
 }
 
 struct Robot {
     name: String,
-    /// While it is retreating: the pairs that touched before.
+    /// While it is retreating: the pairs that were near at the start.
     back: Option<Vec<Contact>>,
-    /// How long its way is: poses, and the bits of the seconds. Those of one plan are equal, and of no other.
+    /// Length of its path: configurations, and the bits of the seconds. They are equal for the robots of one
+    /// plan, and for no others.
     plan: (usize, u64),
-    /// Whether it waits for a robot that is in its way, and those who go along with it: what comes near then is another's doing.
+    /// True while it, and the robots of its plan with it, wait for a robot that blocks the path: a contact is
+    /// then caused by that one.
     waits: bool,
-    /// Whether its reflex stopped it, to begin anew: the robots of its plan part, each in its time.
+    /// True if its reflex stopped it for a new start: the robots of its plan separate, each at its own time.
     stopped: bool,
 }
 
 impl Together {
-    fn turn(&mut self, name: &str, back: Option<Vec<Contact>>) {
+    fn set_retreat(&mut self, name: &str, back: Option<Vec<Contact>>) {
         self.of(name, |r| {
             r.back.clone_from(&back);
             (r.waits, r.stopped) = (false, false);
@@ -37,7 +40,7 @@ impl Together {
         self.robots.iter_mut().filter(|r| r.name == name).for_each(change);
     }
 
-    /// The robot that a shape belongs to, if that is retreating.
+    /// The robot of a shape with the pairs near at its start, if it is retreating and in motion.
     fn back(&self, shape: ShapeId) -> Option<(&Robot, &Vec<Contact>)> {
         let robot = self.robots.get(shape.robot()?)?;
         let holds_up = |r: &Robot| r.back.is_some() && r.waits && r.plan == robot.plan;
@@ -53,7 +56,7 @@ impl Invariant for Together {
                 self.robots.push(Robot { name: robot.clone(), back: None, plan: (0, 0), waits: false, stopped: false });
             }
             Event::RetreatBegan { robot, near, poses, secs, .. } => {
-                self.turn(robot, Some(near.clone()));
+                self.set_retreat(robot, Some(near.clone()));
                 self.of(robot, |r| r.plan = (*poses, secs.to_bits()));
             }
             Event::RetreatWaits { robot, .. } => self.of(robot, |r| r.waits = true),
@@ -62,7 +65,7 @@ impl Invariant for Together {
             }
             Event::RetreatGoesOn { robot } => self.of(robot, |r| r.waits = false),
             Event::Disabled { robot, .. } | Event::RetreatStopped { robot, .. } | Event::Outcome { robot, .. } => {
-                self.turn(robot, None);
+                self.set_retreat(robot, None);
             }
             Event::ContactBegan { contact, names: (a, b), .. } => {
                 let pair = contact.pair;
@@ -71,8 +74,9 @@ impl Invariant for Together {
                 };
                 if one.name != other.name && !of_one.iter().chain(of_other).any(|c| c.pair == pair) {
                     let mm = contact.distance * 1e3;
-                    let (one, other) = (&one.name, &other.name);
-                    found.say(format!("{a} and {b} came to {mm:.1} mm while {one} and {other} were retreating"));
+                    let one = &one.name;
+                    let other = &other.name;
+                    found.report(format!("{a} and {b} came to {mm:.1} mm while {one} and {other} were retreating"));
                 }
             }
             _ => {}

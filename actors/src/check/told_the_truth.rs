@@ -1,7 +1,8 @@
-//! I29: `committed` is said only of a motion that ended within the tolerance of its target; and the built-in agent is told how its motion
-//! ended before it commits again: once, after its outcome, and what that was.
+//! I29: `committed` is reported only for a motion that ended within the tolerance of its target. The built-in
+//! agent is notified of the end of its motion once, after the outcome and before it commits again, and the
+//! notification matches the outcome.
 //!
-//! An agent that died, or was taken back while its motion was under way, need not be told.
+//! An agent that died, or was replaced while its motion was under way, need not be notified.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -13,28 +14,28 @@ use std::collections::BTreeMap;
 pub(super) struct ToldTheTruth {
     agents: BTreeMap<String, Agent>,
     targets: BTreeMap<String, Target>,
-    /// Whether the journal tells what agents are told: older ones don't.
-    tells: bool,
+    /// True if the journal records the notifications: older ones don't.
+    records_notices: bool,
 }
 
 #[derive(Default)]
 struct Target {
     units: MotorUnits,
     tolerance: f64,
-    /// Where the open commit leads.
+    /// Target of the open commit.
     q: Option<Pose>,
 }
 
 #[derive(Default)]
 struct Agent {
-    /// Its last motion, and its outcome if it has one.
+    /// Its last motion, with the outcome if it has one.
     motion: Option<(CommitId, Option<Outcome>)>,
-    /// Whether the agent that waits for the end of that motion is still the one that asked for it.
+    /// True if the agent that waits for the end of that motion is still the one that committed it.
     waits: bool,
 }
 
 impl Agent {
-    fn told(&mut self, id: CommitId, end: MotionEnd) -> Option<String> {
+    fn notified(&mut self, id: CommitId, end: MotionEnd) -> Option<String> {
         let number = id.0;
         match self.motion {
             Some((last, Some(outcome))) if last == id => {
@@ -51,21 +52,22 @@ impl Agent {
     }
 
     fn commits(&mut self, id: CommitId) -> Option<String> {
-        let (last, waited) = (self.motion.replace((id, None)), std::mem::replace(&mut self.waits, true));
-        let (untold, _) = last.filter(|_| waited)?;
-        Some(format!("commits again, and was not told how commit {} had ended", untold.0))
+        let last = self.motion.replace((id, None));
+        let waited = std::mem::replace(&mut self.waits, true);
+        let (open, _) = last.filter(|_| waited)?;
+        Some(format!("commits again, and was not told how commit {} had ended", open.0))
     }
 }
 
 impl ToldTheTruth {
-    /// A motion is said to have reached its target here.
+    /// Checks a motion that is reported to have reached its target in this configuration.
     fn reached(&self, robot: &str, q: &Pose) -> Option<String> {
         let target = self.targets.get(robot)?;
         let away = distance(q, target.q.as_ref()?);
-        let said = || {
+        let what = || {
             format!("{robot}: a commit is said to have reached its target {} away from it", target.units.told(away, 3))
         };
-        (away > target.tolerance).then(said)
+        (away > target.tolerance).then(what)
     }
 
     fn outcome(&mut self, robot: &str, id: CommitId, outcome: Outcome) {
@@ -84,13 +86,14 @@ impl Invariant for ToldTheTruth {
         let wrong = match &line.event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {
                 let target = self.targets.entry(robot.clone()).or_default();
-                (target.units, target.tolerance) = (MotorUnits::new(motors.len(), sliding), *tolerance);
+                target.units = MotorUnits::new(motors.len(), sliding);
+                target.tolerance = *tolerance;
                 None
             }
-            Event::Commit { robot, id, agent: who, target, .. } => {
+            Event::Commit { robot, id, agent: owner, target, .. } => {
                 self.targets.entry(robot.clone()).or_default().q = Some(target.clone());
-                let untold = (*who == agent(robot)).then(|| self.agent(robot).commits(*id)).flatten();
-                untold.filter(|_| self.tells).map(|what| format!("{robot}: its agent {what}"))
+                let wrong = (*owner == agent(robot)).then(|| self.agent(robot).commits(*id)).flatten();
+                wrong.filter(|_| self.records_notices).map(|what| format!("{robot}: its agent {what}"))
             }
             Event::Amended { robot, target, .. } => {
                 self.targets.entry(robot.clone()).or_default().q = Some(target.clone());
@@ -101,8 +104,8 @@ impl Invariant for ToldTheTruth {
                 self.reached(robot, q).filter(|_| *outcome == Outcome::Committed)
             }
             Event::Told { robot, id: Some(id), end } => {
-                self.tells = true;
-                self.agent(robot).told(*id, *end).map(|what| format!("{robot}: its agent {what}"))
+                self.records_notices = true;
+                self.agent(robot).notified(*id, *end).map(|what| format!("{robot}: its agent {what}"))
             }
             Event::Told { robot, id: None, end: MotionEnd::Reached } => {
                 Some(format!("{robot}: its agent was told that it reached what was refused"))
@@ -122,6 +125,6 @@ impl Invariant for ToldTheTruth {
             }
             _ => None,
         };
-        wrong.into_iter().for_each(|what| found.say(what));
+        wrong.into_iter().for_each(|what| found.report(what));
     }
 }

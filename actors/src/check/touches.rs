@@ -1,5 +1,6 @@
-//! Hard contacts, counted as episodes: one begins when a shape of a robot reaches distance zero to another robot, an object or the robot
-//! itself, and ends when no shape of the two is in contact any more, however many shapes touch meanwhile.
+//! Hard contacts, counted as episodes. An episode begins when a shape of a robot reaches distance zero to
+//! another robot, an object or the robot itself. It ends when no shapes of the two are in contact any more,
+//! however many touch in between.
 
 use mobee_contract::{Event, SwapPart, SwapStep};
 use mobee_model::{Contact, Pair, ShapeId};
@@ -21,22 +22,23 @@ impl Body {
     }
 
     fn both(pair: &Pair) -> (Body, Body) {
-        let (a, b) = (Body::of(pair.0), Body::of(pair.1));
+        let a = Body::of(pair.0);
+        let b = Body::of(pair.1);
         if a <= b { (a, b) } else { (b, a) }
     }
 }
 
-/// A hard contact as one robot reports it: the robot, and the names of the shapes.
+/// A hard contact as reported by one robot: the robot, and the names of the shapes.
 type Reported = (String, (String, String));
 
-/// Follows the hard contacts of a run through its events.
+/// Tracks the hard contacts of a run through its events.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Touches {
-    /// The pairs that touched and are still in contact, by the bodies that they are of.
+    /// Pairs that touched and are still in contact, by their two bodies.
     touching: BTreeMap<(Body, Body), BTreeMap<Reported, Pair>>,
-    /// Episodes so far.
+    /// Number of episodes so far.
     pub episodes: u64,
-    /// The greatest depth so far, meters.
+    /// Greatest penetration depth so far, meters.
     pub depth: f64,
 }
 
@@ -44,7 +46,7 @@ impl Touches {
     /// Takes the next event.
     ///
     /// # Returns
-    /// Whether an episode begins with it.
+    /// True if an episode begins with it.
     pub fn note(&mut self, event: &Event) -> bool {
         match event {
             Event::HardContact { robot, contact, names } => {
@@ -55,7 +57,7 @@ impl Touches {
                 self.episodes += u64::from(begins);
                 return begins;
             }
-            // how near the pairs came while the robot braked
+            // Distances of the pairs after the robot has braked.
             Event::RetreatBegan { near, .. } => {
                 let touches = |c: &&Contact| {
                     let pairs = self.touching.get(&Body::both(&c.pair));
@@ -72,7 +74,7 @@ impl Touches {
                     !pairs.is_empty()
                 });
             }
-            // a reflex that starts anew reports no end of what it has not seen begin
+            // A restarted reflex does not report the end of a contact whose beginning it has not seen.
             Event::Restarted { .. } | Event::Resumed { .. } => self.touching.clear(),
             Event::Swap { part: SwapPart::Controller | SwapPart::Driver, step: SwapStep::TookOver { .. }, .. } => {
                 self.touching.clear();

@@ -1,12 +1,14 @@
-//! I9: a contact that begins during the retreat stops it within one control period, and nothing is driven on. Behind boards, each of which
-//! reads its encoders in its own time, it takes a second one: a reading of all is as old as its oldest part.
+//! I9: a contact that begins during the retreat stops it within one control period, and no motion is commanded
+//! after that. Behind boards, each of which reads its encoders in its own cycle, a second period is allowed: a
+//! reading of the whole robot is as old as its oldest part.
 //!
-//! A pair may come 1 mm nearer than its margin, or than it was as the retreat began, since that is not followed to the hair
-//! and a pair that all but touches must be able to part; half as near, where joints give way. One that is nearer as its contact begins, or as it touches, must
-//! stop it. The same holds from the sample that showed a contact deepen (`RetreatStopped::seen`). After the stop the reflex
-//! writes no move and no set-point until a new transaction. A retreat that waits for another robot to get out of its way has stopped as
-//! well, until it goes on; and so has one that the reflex stops because the robots of a joint retreat part, until it begins anew: what is
-//! put onto the robot in between is near as that begins.
+//! A pair may get 1 mm closer than its margin, or than at the start of the retreat, because the path is not
+//! followed exactly and a pair in near-contact must be able to separate. Where joints deflect, it may get half
+//! as close. A pair that is closer when its contact begins, or when it touches, must stop the retreat. The same
+//! holds from the sample in which a contact deepened (`RetreatStopped::seen`). After the stop the reflex writes
+//! no move and no set-point until a new transaction. A retreat that waits for another robot to clear its path
+//! counts as stopped until it continues. So does one that the reflex stops to separate a joint retreat, until
+//! it restarts: a thing that is put onto the robot in between is listed as near at the restart.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -15,45 +17,46 @@ use mobee_model::Contact;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How much nearer than its margin, or than as it began, a pair may come during the retreat, meters.
+/// Distance by which a pair may get closer than its margin, or than at the start, during the retreat, meters.
 const DEEPER: f64 = 0.001;
 
 #[derive(Default)]
 pub(super) struct WatchedRetreat {
-    robots: BTreeMap<String, Way>,
-    /// When the world changed last: no reading showed before then what is new in it.
+    robots: BTreeMap<String, Retreat>,
+    /// Time of the last change of the world: earlier readings can't show its effects.
     changed: Time,
 }
 
 #[derive(Default)]
-struct Way {
+struct Retreat {
     period: Duration,
-    /// Whether it is behind boards, each of which reads its encoders in its own time: what is read of all is as old as the oldest part.
+    /// True if it is behind boards, each of which reads its encoders in its own cycle: a reading of all is as
+    /// old as the oldest part.
     has_boards: bool,
     margin: f64,
-    /// Whether its joints give way: its sag differs on the way there and on the way back.
+    /// True if its joints deflect: its sag differs on the way there and on the retreat.
     gives: bool,
-    /// The pairs that were nearer than the margin as the retreat began.
+    /// Pairs that were closer than the margin at the start of the retreat.
     near: Vec<Contact>,
     retreating: bool,
-    /// A retreat is being driven: from its beginning until it has stopped, or the filter was closed anew.
+    /// A retreat is being driven: from its start until it has stopped, or the filter was closed again.
     driven: bool,
-    /// When the reflex stopped it last while it was driven.
+    /// Time at which the reflex last stopped it while it was driven.
     halted: Time,
     /// The filter was closed since the last retreat.
     closed: bool,
-    /// When a contact began during the retreat that has not stopped it yet.
+    /// Start of a contact during the retreat that has not stopped it yet.
     contact: Option<Time>,
     stopped: Option<Time>,
 }
 
-impl Way {
+impl Retreat {
     fn in_time(&self, from: Time, to: Time) -> bool {
         let parts = if self.has_boards { self.period } else { Duration::ZERO };
         to.since(from) <= self.period + parts
     }
 
-    /// A contact during the retreat, which has to stop it if it is nearer than it may be.
+    /// Takes a contact during the retreat, which must stop it if the pair is closer than allowed.
     fn meet(&mut self, contact: &Contact, at: Time) {
         let granted = |least: f64| if self.gives { DEEPER.max(0.5 * least) } else { DEEPER };
         let too_near = match self.near.iter().find(|c| c.pair == contact.pair) {
@@ -68,10 +71,10 @@ impl Way {
         }
     }
 
-    /// The retreat is over; a contact that should have stopped it has not.
+    /// The retreat is over: a violation if a contact should have stopped it and has not.
     fn over(&mut self, robot: &str, found: &mut Found<'_>) {
         if let Some(at) = self.contact.take() {
-            found.say(format!("{robot}: the contact that began at {at} during the retreat did not stop it"));
+            found.report(format!("{robot}: the contact that began at {at} during the retreat did not stop it"));
         }
     }
 }
@@ -94,21 +97,22 @@ impl Invariant for WatchedRetreat {
                 let way = self.robots.entry(robot.clone()).or_default();
                 let halted = way.halted;
                 if let Some(at) = way.contact.take().filter(|at| halted < *at || !way.in_time(*at, halted)) {
-                    found.say(format!(
+                    found.report(format!(
                         "{robot}: the contact that began at {at} did not stop the retreat that begins anew"
                     ));
                 }
-                (way.driven, way.near) = (true, near.clone());
+                way.driven = true;
+                way.near.clone_from(near);
                 if std::mem::take(&mut way.closed) {
                     way.stopped = None;
                 }
             }
-            // a new closing comes with a stop, and ends whatever was driven under the old token
+            // A new closing comes with a stop, and ends any motion under the old token.
             Event::Disabled { robot, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 (way.driven, way.closed) = (false, true);
                 if let Some(at) = way.contact.take().filter(|at| !way.in_time(*at, line.at)) {
-                    found.say(format!(
+                    found.report(format!(
                         "{robot}: the contact that began at {at} during the retreat did not stop it in time"
                     ));
                 }
@@ -135,10 +139,11 @@ impl Invariant for WatchedRetreat {
                 let seen = (reason == Hold::RetreatBlocked).then_some((*seen).max(self.changed));
                 if let Some(from) = way.contact.take().into_iter().chain(seen).find(|t| !way.in_time(*t, line.at)) {
                     let took = line.at.since(from).as_secs_f64() * 1e3;
-                    found.say(format!("{robot}: a contact during the retreat stopped it after {took:.1} ms only"));
+                    found.report(format!("{robot}: a contact during the retreat stopped it after {took:.1} ms only"));
                 }
             }
-            // the robots of a joint retreat part: each stops, and sets out again from what is near by then
+            // The robots of a joint retreat separate: each stops, and restarts with the pairs that are near by
+            // then.
             Event::Command { robot, writer: Writer::Reflex, kind: CommandKind::Stop, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 if std::mem::take(&mut way.driven) {
@@ -148,13 +153,13 @@ impl Invariant for WatchedRetreat {
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 if way.stopped.is_some() {
-                    found.say(format!("{robot}: the reflex moved on after it had given up the retreat"));
+                    found.report(format!("{robot}: the reflex moved on after it had given up the retreat"));
                 }
             }
             Event::Streamed { robot, writer: Writer::Reflex, span, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 if way.stopped.is_some_and(|stop| span.1 > stop) {
-                    found.say(format!("{robot}: the reflex streamed on after it had given up the retreat"));
+                    found.report(format!("{robot}: the reflex streamed on after it had given up the retreat"));
                 }
             }
             Event::Outcome { robot, .. } => self.robots.entry(robot.clone()).or_default().over(robot, found),

@@ -1,16 +1,17 @@
-//! The newest readings of a robot, for those who judge its motors one by one.
+//! The newest readings of a robot, for checks of single motors.
 //!
-//! Encoders may lie: an offset that comes and goes, noise, readings that were held up. Each of them is a kink, which a second
-//! difference shows, and a motor that obeys its bounds of acceleration hardly has one: what a kink could have feigned is no evidence.
+//! Encoder readings may be wrong: an offset that comes and goes, noise, delayed readings. Each causes a kink,
+//! which a second difference shows, while a motor that obeys its acceleration limits hardly has one. Motion
+//! that a kink could have feigned is no evidence.
 
 use mobee_contract::{Pose, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How many readings are looked at.
+/// Number of readings in the window.
 pub(super) const WINDOW: usize = 16;
 
-/// When a motor was read, seconds since the oldest reading, and where it was, rad.
+/// Time of a reading, seconds since the oldest one, and the motor's position, rad.
 type Reading = (f64, f64);
 
 /// The newest readings.
@@ -18,21 +19,21 @@ type Reading = (f64, f64);
 pub(super) struct Window {
     period: Duration,
     readings: VecDeque<(Time, Pose)>,
-    /// Where the motors were before some readings were missed.
+    /// Positions of the motors before some readings were lost.
     before: Option<Pose>,
 }
 
 impl Window {
-    /// Of a robot that is controlled with this period, seconds.
+    /// Creates the window for a robot with this control period, s.
     pub fn new(period: f64) -> Window {
         Window { period: Duration::try_from_secs_f64(period).unwrap_or_default(), ..Window::default() }
     }
 
-    /// Takes the next reading; whether there are enough of them now.
+    /// Takes the next reading. Returns true if the window is full.
     pub fn take(&mut self, at: Time, q: &Pose) -> bool {
         match self.readings.back() {
             Some((last, _)) if at <= *last => return false,
-            // after a pause the readings before say nothing
+            // After a pause the earlier readings no longer apply.
             Some((last, _)) if at.since(*last) > self.period * 2 => self.readings.clear(),
             _ => {}
         }
@@ -43,8 +44,8 @@ impl Window {
         self.readings.len() == WINDOW
     }
 
-    /// Where the motors were, if a reading of this time would come after a pause, or after some that were missed. By the last reading
-    /// but one: nobody saw what came after the last, which may have been a jump.
+    /// Positions of the motors before a gap, if a reading at this time would follow a pause or lost readings.
+    /// The last reading but one is used: no reading confirms the last one, which may have been a jump.
     pub fn before_pause(&mut self, at: Time) -> Option<Pose> {
         let paused = self.readings.back().is_some_and(|(last, _)| at.since(*last) > self.period * 2);
         self.before.take().or_else(|| self.last_but_one().filter(|_| paused))
@@ -55,35 +56,38 @@ impl Window {
         self.readings.get(last.saturating_sub(1)).map(|(_, q)| q.clone())
     }
 
-    /// Forgets all of them: some were missed.
+    /// Clears the window, because readings were lost.
     pub fn forget(&mut self) {
         self.before = self.last_but_one().or(self.before.take());
         self.readings.clear();
     }
 
-    /// When the oldest was read.
+    /// Time of the oldest reading.
     pub fn since(&self) -> Time {
         self.readings.front().map_or(Time::ZERO, |(at, _)| *at)
     }
 
-    /// The mean position of a motor, rad.
+    /// Mean position of a motor, rad.
     pub fn mean(&self, motor: usize) -> f64 {
         mean(self.of(motor).map(|(_, q)| q))
     }
 
-    /// How far a motor came from the older half of the readings to the newer one, rad, and in which time, s.
+    /// Distance of a motor between the means of the older and the newer half of the readings, rad, and the time
+    /// between them, s.
     pub fn way(&self, motor: usize) -> (f64, f64) {
         let half = self.readings.len() / 2;
         let part = |skip: usize| {
             let part = || self.of(motor).skip(skip).take(half);
             (mean(part().map(|(t, _)| t)), mean(part().map(|(_, q)| q)))
         };
-        let ((t0, q0), (t1, q1)) = (part(0), part(half));
+        let (t0, q0) = part(0);
+        let (t1, q1) = part(half);
         ((q1 - q0).abs(), t1 - t0)
     }
 
-    /// The greatest kink of a motor's readings, rad: how far one was from the line through the two before. A jump makes two of them. The
-    /// third is added: an encoder may jump twice, and noise may hide a part of a jump that is as large as the kinks that it makes itself.
+    /// Greatest kink of a motor's readings, rad: the distance of a reading from the line through the two before
+    /// it. A jump causes two of them. The third largest is added, because an encoder may jump twice, and noise
+    /// may hide as much of a jump as the kinks that it causes itself.
     pub fn kink(&self, motor: usize) -> f64 {
         let [first, second, third] = [0, 1, 2].map(|skip| self.of(motor).skip(skip));
         let kink = |(((t0, a), (t1, b)), (t2, c)): ((Reading, Reading), Reading)| {
@@ -94,13 +98,13 @@ impl Window {
         kinks.iter().step_by(2).take(2).sum()
     }
 
-    /// The greatest step of a motor's readings, rad a period, by which they went faster than both before and after: no motor comes
-    /// and rests within one period, but an encoder's offset does.
+    /// Greatest step of a motor's readings, rad per period, in excess of the steps before and after it. No
+    /// motor starts and stops within one period, but an encoder's offset does.
     pub fn jump(&self, motor: usize) -> f64 {
         let period = self.period.as_secs_f64();
         let step = |((t0, a), (t1, b)): (Reading, Reading)| ((b - a) * period / (t1 - t0).max(1e-9)).abs();
         let steps = self.of(motor).zip(self.of(motor).skip(1)).map(step);
-        // nothing is known of the motor before the first, and what comes after the last step is still to be seen
+        // The motor's motion before the first reading is unknown, and so is the step after the last one.
         let steps: Vec<f64> = std::iter::once(0.0).chain(steps).collect();
         let beyond = |three: &[f64]| match three {
             [before, step, after] => step - before.max(*after),
@@ -124,7 +128,8 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
-    /// An offset of encoders that tremble comes or goes: that kink accounts for all of the way, though the noise about it hides a part.
+    /// A noisy encoder with an offset that comes or goes: the kink accounts for the whole distance, although
+    /// the noise hides part of it.
     #[test]
     fn a_jump_among_noise_is_a_kink_as_far_as_it_goes() {
         let seen = |noise: f64, jumps: [f64; 2]| {
@@ -142,7 +147,7 @@ mod tests {
             let (way, kink) = seen(noise, jumps);
             assert!(way > 0.075 && kink >= way - 1e-9, "{noise} {jumps:?}: {way} {kink}");
         }
-        // without noise one counts once
+        // Without noise the kink counts once.
         assert!(seen(0.0, [0.094, 0.0]).1 < 0.0941);
     }
 }

@@ -1,7 +1,7 @@
-//! Digests of a run's files, taken once it has ended in order: whatever happens to one of them afterwards shows.
+//! Digests of a run's files, taken after it has ended in order: they reveal later changes of a file.
 //!
 //! ```text
-//! files.sha256: a line for each file, as `sha256sum` writes and checks them      its own digest stands in journal.seal
+//! files.sha256: a line for each file, as `sha256sum` writes and checks them      its own digest is in journal.seal
 //! ```
 
 use super::journal::{self, Seal};
@@ -12,14 +12,14 @@ use std::fmt::Write as _;
 use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
 
-/// The file's name in a run's folder.
+/// Name of the file in a run's folder.
 pub const FILE: &str = "files.sha256";
-/// How long it may be, bytes.
+/// Largest size, bytes.
 const MAX_BYTES: u64 = MIB;
-/// Bytes that are read at once.
+/// Size of a read, bytes.
 const BLOCK: usize = 1 << 18;
 
-/// Whether a file of this name is one that a run writes, and that is as it was when the run ended.
+/// True if a run writes a file of this name and does not change it after the end.
 fn is_of_run(name: &str) -> bool {
     let is = |start: &str, end: &str| name.starts_with(start) && name.ends_with(end);
     let plain = !name.contains(['\n', '\\', '/']);
@@ -43,21 +43,23 @@ pub(super) fn write(dir: &Path) -> std::io::Result<String> {
     for name in names {
         let _ = writeln!(text, "{}  {name}", digest(&dir.join(&name))?);
     }
-    let (part, file) = (dir.join(format!("{FILE}.part")), dir.join(FILE));
+    let part = dir.join(format!("{FILE}.part"));
+    let file = dir.join(FILE);
     create_private(&part, Before::Empty)?.write_all(text.as_bytes())?;
     std::fs::rename(part, file)?;
     Ok(hex(Sha256::digest(&text).as_slice()))
 }
 
-/// How many of a run's files are as they were when it ended, and what is wrong with the others, in words. `expected` is the digest that
-/// the seal has of the digests.
+/// Compares a run's files with their digests. Returns the number of unchanged files and a description of each
+/// damaged one. `expected` is the digest of the digest file, from the seal.
 pub(crate) fn judge(dir: &Path, expected: &str) -> (usize, Vec<String>) {
     let text = match read_text(&dir.join(FILE), MAX_BYTES) {
         Ok(text) => text,
         Err(e) if e.kind() == ErrorKind::NotFound => return (0, vec![format!("{FILE} is missing")]),
         Err(e) => return (0, vec![format!("{FILE} can't be read: {e}")]),
     };
-    let (mut whole, mut damage) = (0, Vec::new());
+    let mut whole = 0;
+    let mut damage = Vec::new();
     if hex(Sha256::digest(&text).as_slice()) != expected {
         damage.push(format!("{FILE} is not the one that journal.seal has the digest of: one of the two is damaged"));
     }
@@ -73,14 +75,16 @@ pub(crate) fn judge(dir: &Path, expected: &str) -> (usize, Vec<String>) {
     (whole, damage)
 }
 
-/// What is wrong with the files of a run that ended in order and was not resumed since, in words.
+/// Describes each damaged file of a run that ended in order and was not resumed since.
 pub fn changed(dir: &Path) -> Vec<String> {
     let seal: Option<Seal> = journal::read_seal(&dir.join(journal::FILE)).ok().flatten();
     seal.and_then(|seal| seal.files).map_or_else(Vec::new, |files| judge(dir, &files).1)
 }
 
 fn digest(path: &Path) -> std::io::Result<String> {
-    let (mut file, mut sum, mut block) = (open(path)?, Sha256::new(), vec![0; BLOCK]);
+    let mut file = open(path)?;
+    let mut sum = Sha256::new();
+    let mut block = vec![0; BLOCK];
     loop {
         match file.read(&mut block)? {
             0 => return Ok(hex(sum.finalize().as_slice())),
@@ -111,9 +115,12 @@ mod tests {
         std::fs::write(at("eyes.left.frames"), "").unwrap();
         std::fs::remove_file(at("recording-2.rrd")).unwrap();
         let damage = judge(dir.path(), &expected).1;
-        let told = |what: &str| damage.iter().filter(|d| d.contains(what)).count();
-        assert_eq!((damage.len(), told("config.json is not as"), told("eyes.left.frames is not as")), (3, 1, 1));
-        assert_eq!(told("recording-2.rrd is missing"), 1);
+        let reported = |what: &str| damage.iter().filter(|d| d.contains(what)).count();
+        assert_eq!(
+            (damage.len(), reported("config.json is not as"), reported("eyes.left.frames is not as")),
+            (3, 1, 1)
+        );
+        assert_eq!(reported("recording-2.rrd is missing"), 1);
         std::fs::write(at(FILE), "").unwrap();
         assert_eq!(
             judge(dir.path(), &expected),

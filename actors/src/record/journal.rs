@@ -1,21 +1,23 @@
-//! The journal: what a run leaves behind as proof, one JSON line per event, chained by a hash.
+//! The journal, the tamper-evident record of a run: one JSON line per event, chained by a hash.
 //!
 //! ```text
-//! {"aside":{"build":"0.1.0",...},"version":2}                                not hashed: what differs between equal runs
+//! {"aside":{"build":"0.1.0",...},"version":2}                                not hashed: may differ between equal runs
 //! {"n":0,"t_ns":0,"event":{"event":"started",...},"hash":"9f86d081..."}
 //! {"n":1,"t_ns":20000000,"event":{"event":"enabled",...},"hash":"60303ae2..."}
 //! ```
 //!
-//! `hash` is the SHA-256 of the line before's hash (32 bytes; zeros at first) and this line's text up to `,"hash"`. So a
-//! changed, lost, doubled or moved line shows, and the last hash stands for the whole run: two runs in virtual time with one
-//! seed end with the same. Times are nanoseconds of the run's clock; wall time, paths and build names go into the aside.
-//! Numbers are written in full; serde_json reads them back to within the last bit.
+//! `hash` is the SHA-256 of the previous line's hash (32 bytes, initially zeros) and this line's text up to
+//! `,"hash"`. A changed, lost, duplicated or moved line is therefore detected, and the last hash identifies the
+//! whole run: two runs in virtual time with the same seed end with the same hash. Times are nanoseconds of the
+//! run's clock; wall time, paths and build names go into the aside. Numbers are written with full precision;
+//! serde_json reads them back to within the last bit.
 //!
-//! What is run, and every outcome of a commit, is on disk before the next event is written (fsync), and the seal beside the journal
-//! says so; a crash loses at most a last, half line.
+//! The description of the run and every outcome of a commit are on disk before the next event is written
+//! (fsync), and the seal beside the journal records that. A crash loses at most a last, unfinished line.
 //!
-//! Whether the file still stands in its folder, as long as it was written, is looked at before each outcome is written and twice a second:
-//! what is written into a file that was removed is lost, and a run without a journal comes to rest. A folder may be renamed.
+//! Before each outcome, and twice a second, the journal checks that its file is still in its folder and has its
+//! full length. Text that is written to a removed file is lost, so a run without a journal is brought to rest.
+//! A folder may be renamed.
 
 mod read;
 mod seal;
@@ -32,14 +34,15 @@ use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The journal's name in a run's folder.
+/// Name of the journal in a run's folder.
 pub const FILE: &str = "journal.jsonl";
-/// The version of the journals that are written. 1 told none; since 2 commits name their motors and the speeds allowed to them.
+/// Version of the journals that this program writes. Version 1 stated none; since 2 commits list their motors
+/// and the speeds allowed to them.
 pub const VERSION: u32 = 2;
-/// What a warning begins with that stands for an event whose numbers are not finite, since JSON can't hold those.
+/// Start of a warning that replaces an event with numbers that are not finite, which JSON can't represent.
 pub const NOT_FINITE: &str = "numbers that are not finite in: ";
-/// Lines are gathered up to so many bytes before they are handed to the operating system.
-const GATHER: usize = 1 << 16;
+/// Size of the buffered lines at which they are written to the file, bytes.
+const BUFFER_BYTES: usize = 1 << 16;
 
 /// A running hash over lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,32 +58,32 @@ impl Chain {
     }
 }
 
-/// A journal that is being written. Clones share it: one is kept to open its sink anew, and to read the final hash.
+/// A journal that is being written. Clones share it: one remains to reopen its sink and to read the final hash.
 #[derive(Clone, Debug)]
 pub struct Journal {
     path: PathBuf,
-    /// Its folder, under whatever name.
+    /// Handle of its folder, which may be renamed.
     folder: Arc<File>,
-    book: Arc<Mutex<TransactionState>>,
+    state: Arc<Mutex<JournalState>>,
 }
 
 #[derive(Debug)]
-struct TransactionState {
+struct JournalState {
     file: File,
     seal: Sealed,
-    /// Bytes of the file that are whole lines.
+    /// Bytes of the file that are complete lines.
     len: u64,
-    /// Lines not yet in the file.
+    /// Lines that are not in the file yet.
     gathered: Vec<u8>,
     n: u64,
     chain: Chain,
 }
 
 impl Journal {
-    /// Begins a journal in the folder `dir`, which must exist. `aside` is written first and is not hashed.
+    /// Creates a journal in the folder `dir`, which must exist. `aside` is written first and is not hashed.
     ///
     /// # Errors
-    /// If there is one already, or it can't be written.
+    /// If the folder already has one, or it can't be written.
     pub fn create(dir: &Path, aside: &serde_json::Value) -> Result<Journal, String> {
         let path = dir.join(FILE);
         let file = create_private(&path, Before::Refuse).map_err(|e| match e.kind() {
@@ -92,26 +95,26 @@ impl Journal {
         let head = serde_json::json!({ "aside": aside, "sealed": true, "version": VERSION });
         let mut gathered = head.to_string().into_bytes();
         gathered.push(b'\n');
-        let begin = || -> std::io::Result<(File, TransactionState)> {
+        let begin = || -> std::io::Result<(File, JournalState)> {
             claim(&file)?;
             let seal = Sealed::open(&path)?;
-            let mut book = TransactionState { file, seal, len: 0, gathered, n: 0, chain: Chain::default() };
-            book.spill(true)?;
-            Ok((File::open(dir)?, book))
+            let mut state = JournalState { file, seal, len: 0, gathered, n: 0, chain: Chain::default() };
+            state.spill(true)?;
+            Ok((File::open(dir)?, state))
         };
-        let (folder, book) = begin().map_err(|e| {
-            // nothing half-made stays
+        let (folder, state) = begin().map_err(|e| {
+            // Leave no unfinished files.
             let _ = (std::fs::remove_file(&path), std::fs::remove_file(seal::file(&path)));
             refused(&path, &e)
         })?;
-        Ok(Journal { path, folder: Arc::new(folder), book: Arc::new(Mutex::new(book)) })
+        Ok(Journal { path, folder: Arc::new(folder), state: Arc::new(Mutex::new(state)) })
     }
 
-    /// Opens the journal of a run that goes on: every line is verified and handed to `past`, and a half line at the end, as a
-    /// crash leaves it, is cut off.
+    /// Opens the journal of a run that is resumed. Every line is verified and passed to `past`; an unfinished
+    /// line at the end, as a crash leaves it, is cut off.
     ///
     /// # Errors
-    /// If it can't be read, is not as it was written, or can't be written on.
+    /// If it can't be read, its hash chain is broken, or it can't be appended to.
     pub fn resume(dir: &Path, mut past: impl FnMut(&JournalLine)) -> Result<Journal, JournalError> {
         let path = dir.join(FILE);
         let refused = |e: std::io::Error| JournalError {
@@ -146,34 +149,34 @@ impl Journal {
         file.set_len(len).map_err(refused)?;
         let seal = Sealed::open(&path).map_err(refused)?;
         let folder = File::open(dir).map_err(refused)?;
-        let book = TransactionState { file, seal, len, gathered: Vec::new(), n, chain };
-        Ok(Journal { path, folder: Arc::new(folder), book: Arc::new(Mutex::new(book)) })
+        let state = JournalState { file, seal, len, gathered: Vec::new(), n, chain };
+        Ok(Journal { path, folder: Arc::new(folder), state: Arc::new(Mutex::new(state)) })
     }
 
-    /// The sink that writes it. A new one continues where the last one failed.
+    /// Returns a sink that writes the journal. A new one continues where the last one failed.
     pub fn sink(&self) -> Box<dyn Sink> {
         Box::new(self.clone())
     }
 
-    /// Whether its file is where it was made, and has all that was written.
+    /// Checks that the file is in its folder and has its full length.
     ///
     /// # Errors
-    /// What became of it, in words.
+    /// The state of the file, in words.
     pub fn is_in_place(&self) -> Result<(), String> {
         self.lock().is_in_place(&self.folder).map_err(|what| self.gone(what))
     }
 
-    /// Seals the run's files: writes their digests beside the journal, and the digest of those into its seal. To be called once the run has
-    /// ended in order and all files are written.
+    /// Seals the run's files: writes their digests beside the journal, and the digest of those into its seal.
+    /// Call it after the run has ended in order and all files are written.
     ///
     /// # Errors
     /// If a file can't be read, or the digests can't be written.
     pub fn seal_files(&self, dir: &Path) -> Result<(), String> {
         let explain = |e: std::io::Error| format!("{}: {e}; damage to this run's files can't be noticed", files::FILE);
         let digest = files::write(dir).map_err(explain)?;
-        let mut book = self.lock();
-        let seal = Seal { files: Some(digest), ..book.sealed() };
-        book.seal.write(&seal).map_err(explain)
+        let mut state = self.lock();
+        let seal = Seal { files: Some(digest), ..state.sealed() };
+        state.seal.write(&seal).map_err(explain)
     }
 
     fn gone(&self, what: &str) -> String {
@@ -183,29 +186,29 @@ impl Journal {
         )
     }
 
-    /// The hash of the last line, in hexadecimal: the final hash once the taps have finished.
+    /// Hash of the last line, in hexadecimal: the final hash once the taps have finished.
     pub fn hash(&self) -> String {
         self.lock().chain.hex()
     }
 
-    /// The number of events so far.
+    /// Number of events so far.
     pub fn events(&self) -> u64 {
         self.lock().n
     }
 
-    /// Whether all that it was told is in its file; not so on a disk that is full, or if the file was removed.
+    /// True if all lines are in the file; false on a full disk, or if the file was removed.
     pub fn is_whole(&self) -> bool {
-        let book = self.lock();
-        book.gathered.is_empty() && book.is_in_place(&self.folder).is_ok()
+        let state = self.lock();
+        state.gathered.is_empty() && state.is_in_place(&self.folder).is_ok()
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    fn lock(&self) -> MutexGuard<'_, TransactionState> {
-        self.book.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, JournalState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn explain(&self, error: std::io::Error) -> String {
@@ -213,7 +216,8 @@ impl Journal {
     }
 }
 
-/// Locks the journal for as long as its file is open: one process writes it. A file system without locks has none.
+/// Locks the journal for as long as its file is open, so that one process writes it. No-op on a file system
+/// without locks.
 fn claim(file: &File) -> std::io::Result<()> {
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
@@ -227,7 +231,7 @@ fn refused(path: &Path, error: &std::io::Error) -> String {
     format!("{}: {error}; make room on the disk or check its permissions", path.display())
 }
 
-/// The hash of a journal that nobody writes: two equal runs end with the same.
+/// Hash of a journal that is not written: two equal runs end with the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint {
     n: u64,
@@ -235,20 +239,20 @@ pub struct Fingerprint {
 }
 
 impl Fingerprint {
-    /// Takes in the next event.
+    /// Adds the next event.
     pub fn add(&mut self, at: Time, event: &Event) {
         let text = event_text(event).unwrap_or_else(|complaint| complaint);
         self.chain = self.chain.next(body(self.n, at, &text).as_bytes());
         self.n += 1;
     }
 
-    /// The hash of the last line, in hexadecimal, as [`Journal::hash`] gives it.
+    /// Hash of the last line, in hexadecimal, as [`Journal::hash`] returns it.
     pub fn hex(self) -> String {
         self.chain.hex()
     }
 }
 
-/// What is hashed of a line.
+/// The hashed part of a line.
 fn body(n: u64, at: Time, event: &str) -> String {
     format!(r#"{{"n":{n},"t_ns":{},"event":{event}"#, at.0)
 }
@@ -257,8 +261,8 @@ impl Sink for Journal {
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
         let Entry::Event(event) = entry else { return Ok(()) };
         let text = event_text(event)?;
-        let mut book = self.lock();
-        let before = (book.gathered.len(), book.n, book.chain);
+        let mut state = self.lock();
+        let before = (state.gathered.len(), state.n, state.chain);
         let durable = matches!(
             **event,
             Event::Started { .. }
@@ -268,16 +272,16 @@ impl Sink for Journal {
                 | Event::Ended { .. }
         );
         if durable {
-            book.is_in_place(&self.folder).map_err(|what| self.gone(what))?;
+            state.is_in_place(&self.folder).map_err(|what| self.gone(what))?;
         }
-        book.append(at, &text);
-        if durable || book.gathered.len() >= GATHER {
-            let end = book.spill(durable);
+        state.append(at, &text);
+        if durable || state.gathered.len() >= BUFFER_BYTES {
+            let end = state.spill(durable);
             if end.is_err() {
-                // the event will be given to the next sink
-                let (kept, n, chain) = before;
-                book.gathered.truncate(kept);
-                (book.n, book.chain) = (n, chain);
+                // The event will be passed to the next sink: roll the state back.
+                let (len, n, chain) = before;
+                state.gathered.truncate(len);
+                (state.n, state.chain) = (n, chain);
             }
             return end.map_err(|e| self.explain(e));
         }
@@ -291,7 +295,7 @@ impl Sink for Journal {
     }
 }
 
-impl TransactionState {
+impl JournalState {
     fn append(&mut self, at: Time, event: &str) {
         let body = body(self.n, at, event);
         self.chain = self.chain.next(body.as_bytes());
@@ -300,12 +304,12 @@ impl TransactionState {
         self.gathered.extend_from_slice(line.as_bytes());
     }
 
-    /// What its seal says of it now.
+    /// Seal of the current state.
     fn sealed(&self) -> Seal {
         Seal { events: self.n, hash: self.chain.hex(), files: None, is_whole: true }
     }
 
-    /// Whether the file is in its folder, and has all that was written.
+    /// Checks that the file is in its folder and has its full length.
     fn is_in_place(&self, folder: &File) -> Result<(), &'static str> {
         let own = fstat(&self.file).map_err(|_| "can't be read")?;
         match statat(folder, FILE, AtFlags::SYMLINK_NOFOLLOW) {
@@ -316,7 +320,8 @@ impl TransactionState {
         }
     }
 
-    /// Writes what was gathered. If that fails the file may end with a half line, which the next try overwrites.
+    /// Writes the buffered lines. If that fails the file may end with an unfinished line, which the next try
+    /// overwrites.
     fn spill(&mut self, durable: bool) -> std::io::Result<()> {
         if !self.gathered.is_empty() {
             self.file.seek(SeekFrom::Start(self.len))?;
@@ -333,7 +338,8 @@ impl TransactionState {
     }
 }
 
-/// An event's JSON; if that can't be read back, since a number is not finite, a warning's that holds it.
+/// JSON of an event. If it can't be read back, because a number is not finite, JSON of a warning that contains
+/// it.
 fn event_text(event: &Event) -> Result<String, String> {
     let text = serde_json::to_string(event).map_err(|e| format!("an event can't be written as JSON: {e}"))?;
     if !text.contains("null") || serde_json::from_str::<Event>(&text).is_ok() {

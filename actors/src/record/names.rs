@@ -1,24 +1,24 @@
-//! Names that a journal's readers go by.
+//! Names that readers of a journal depend on.
 
 use mobee_contract::Event;
 
-/// What a simulation says, as [`Event::Injected`], when all faults have healed.
+/// Text of the [`Event::Injected`] by which a simulation reports that all faults have healed.
 pub const HEALED: &str = "nothing more: all faults have healed";
 
-/// An actor that serves a service: the last part of its name.
+/// Last part of the name of an actor that runs a service.
 pub const SERVICE: &str = "service";
-/// The group of a service.
+/// Supervision group of a service.
 pub const SERVICES: &str = "services";
-/// The group of a sensor.
+/// Supervision group of a sensor.
 pub const SENSOR: &str = "sensor";
-/// A camera's actor.
+/// Actor of a camera.
 pub const CAMERA: &str = "camera";
-/// A detector's actor.
+/// Actor of a detector.
 pub const DETECTOR: &str = "detector";
-/// A locator's actor.
+/// Actor of a locator.
 pub const LOCATOR: &str = "locator";
 
-/// Whether an event tells of the life of what runs beside the safety chain: it excuses nobody there.
+/// True if the event is about the life of an actor beside the safety chain: it excuses nothing there.
 pub fn is_beside(event: &Event) -> bool {
     let (Event::Died { actor: name, .. } | Event::Restarted { actor: name, .. } | Event::GaveUp { group: name }) =
         event

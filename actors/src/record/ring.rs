@@ -1,11 +1,12 @@
-//! The pose ring in a file: what a robot did in its last minutes, for the process that comes after a crash.
+//! The configuration ring in a file: the last minutes of a robot's motion, for the process that resumes after a
+//! crash.
 //!
 //! ```text
-//! "mobee poses 1\n", motors u32, room u32 | record 0 | record 1 | ...        little endian
+//! "mobee poses 1\n", motors u32, capacity u32 | record 0 | record 1 | ...        little endian
 //! record: time of the run u64 ns, position of each motor f64 rad, CRC-32 of both
 //! ```
-//! Records are written round and round, one write each. They reach the operating system at once, and so outlive the process;
-//! they are not forced to the disk, as the journal's outcomes are.
+//! Records are written cyclically, in one write each. They reach the operating system immediately, and so
+//! survive the process; unlike the journal's outcomes they are not synced to disk.
 
 use mobee_contract::{Before, Entry, Pose, Sink, Time, create_private};
 use std::fs::File;
@@ -14,17 +15,17 @@ use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8; 14] = b"mobee poses 1\n";
 const HEADER: usize = MAGIC.len() + 8;
-/// A ring with more is no robot's.
-const MOST: usize = 1 << 24;
-/// A longer file is no ring, bytes: a million poses of 30 motors.
-const LONGEST: u64 = 256 << 20;
+/// Limit on the number of motors and of records.
+const MAX_COUNT: usize = 1 << 24;
+/// Largest size of a file, bytes: a million configurations of 30 motors.
+const MAX_FILE_BYTES: u64 = 256 << 20;
 
-/// The file of a robot's ring in a run's folder.
+/// Path of a robot's ring in a run's folder.
 pub fn file(dir: &Path, robot: &str) -> PathBuf {
     dir.join(format!("poses-{robot}.ring"))
 }
 
-/// Writes the poses of all robots of a run.
+/// Sink that writes the configurations of all robots of a run.
 #[derive(Debug)]
 pub struct Rings(Vec<Ring>);
 
@@ -33,28 +34,29 @@ struct Ring {
     path: PathBuf,
     file: File,
     motors: usize,
-    room: usize,
+    capacity: usize,
     next: usize,
 }
 
 impl Rings {
-    /// Begins a ring per robot (its name, motors, and how many poses to keep), in place of those of an earlier process.
+    /// Creates a ring per robot (its name, number of motors, and number of configurations to store), in place
+    /// of those of an earlier process.
     ///
     /// # Errors
-    /// The file that can't be written, in words.
+    /// The file that can't be written, as a message.
     pub fn create(dir: &Path, robots: &[(String, usize, usize)]) -> Result<Rings, String> {
-        let begin = |(robot, motors, room): &(String, usize, usize)| {
+        let begin = |(robot, motors, capacity): &(String, usize, usize)| {
             let path = file(dir, robot);
             let begin = || -> std::io::Result<File> {
                 let mut file = create_private(&path, Before::Empty)?;
                 file.write_all(MAGIC)?;
-                for n in [*motors, *room] {
+                for n in [*motors, *capacity] {
                     file.write_all(&u32::try_from(n).unwrap_or(u32::MAX).to_le_bytes())?;
                 }
                 Ok(file)
             };
             let file = begin().map_err(|e| format!("{}: {e}; choose a folder that can be written", path.display()))?;
-            Ok(Ring { path, file, motors: *motors, room: (*room).max(1), next: 0 })
+            Ok(Ring { path, file, motors: *motors, capacity: (*capacity).max(1), next: 0 })
         };
         robots.iter().map(begin).collect::<Result<_, String>>().map(Rings)
     }
@@ -74,7 +76,7 @@ impl Sink for Rings {
         let Some(ring) = self.0.get_mut(*robot).filter(|r| r.motors == q.len()) else { return Ok(()) };
         let bytes = record(at, q);
         let place = HEADER as u64 + (ring.next * bytes.len()) as u64;
-        ring.next = (ring.next + 1) % ring.room;
+        ring.next = (ring.next + 1) % ring.capacity;
         let written = ring.file.seek(SeekFrom::Start(place)).and_then(|_| ring.file.write_all(&bytes));
         written.map_err(|e| format!("{}: {e}; make room on the disk", ring.path.display()))
     }
@@ -84,12 +86,13 @@ impl Sink for Rings {
     }
 }
 
-/// The poses in a ring file, oldest first; those that were cut off or damaged are left out. None without a file.
+/// Reads the configurations of a ring file, oldest first; truncated or damaged ones are skipped. Empty without
+/// a file.
 ///
 /// # Errors
-/// A file that is no ring, or can't be read, in words.
+/// A file that is not a ring, or can't be read, as a message.
 pub fn read(path: &Path) -> Result<Vec<(Time, Pose)>, String> {
-    let bytes = match mobee_model::file::read(path, LONGEST) {
+    let bytes = match mobee_model::file::read(path, MAX_FILE_BYTES) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(e) => return Err(format!("{}: {e}", path.display())),
@@ -98,8 +101,8 @@ pub fn read(path: &Path) -> Result<Vec<(Time, Pose)>, String> {
         let four: [u8; 4] = bytes.get(at..at + 4)?.try_into().ok()?;
         usize::try_from(u32::from_le_bytes(four)).ok()
     };
-    let (motors, room) = match (bytes.starts_with(MAGIC), number(MAGIC.len()), number(MAGIC.len() + 4)) {
-        (true, Some(motors), Some(room)) if motors < MOST && room < MOST => (motors, room),
+    let (motors, capacity) = match (bytes.starts_with(MAGIC), number(MAGIC.len()), number(MAGIC.len() + 4)) {
+        (true, Some(motors), Some(capacity)) if motors < MAX_COUNT && capacity < MAX_COUNT => (motors, capacity),
         _ => {
             return Err(format!(
                 "{}: this is no file of recorded poses; take it away to go on without",
@@ -109,12 +112,12 @@ pub fn read(path: &Path) -> Result<Vec<(Time, Pose)>, String> {
     };
     let size = 8 + 8 * motors + 4;
     let mut poses: Vec<(Time, Pose)> =
-        bytes.get(HEADER..).unwrap_or_default().chunks_exact(size).take(room).filter_map(pose).collect();
+        bytes.get(HEADER..).unwrap_or_default().chunks_exact(size).take(capacity).filter_map(pose).collect();
     poses.sort_by_key(|(at, _)| *at);
     Ok(poses)
 }
 
-/// A whole record whose sum is right and whose numbers are finite.
+/// Parses a complete record with a valid checksum and finite numbers.
 fn pose(bytes: &[u8]) -> Option<(Time, Pose)> {
     let (body, sum) = bytes.split_last_chunk::<4>()?;
     if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
@@ -130,7 +133,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn told(ring: &mut Rings, n: u64) {
+    fn write_poses(ring: &mut Rings, n: u64) {
         for k in 0..n {
             let entry = Entry::Pose { robot: 0, q: vec![k as f64, -0.5].into(), contacts: Vec::new().into() };
             ring.write(Time(k), &entry).unwrap();
@@ -141,7 +144,7 @@ mod tests {
         #[test]
         fn the_newest_poses_come_back_in_order(n in 0_u64..50, room in 1_usize..20) {
             let dir = tempfile::tempdir().unwrap();
-            told(&mut Rings::create(dir.path(), &[("a".into(), 2, room)]).unwrap(), n);
+            write_poses(&mut Rings::create(dir.path(), &[("a".into(), 2, room)]).unwrap(), n);
             let back = read(&file(dir.path(), "a")).unwrap();
             let times: Vec<u64> = back.iter().map(|(at, _)| at.0).collect();
             prop_assert_eq!(times, (n.saturating_sub(room as u64)..n).collect::<Vec<_>>());
@@ -151,7 +154,7 @@ mod tests {
         #[test]
         fn damage_costs_poses_and_nothing_else(cut in 0_usize..400, flip in 0_usize..400) {
             let dir = tempfile::tempdir().unwrap();
-            told(&mut Rings::create(dir.path(), &[("a".into(), 2, 12)]).unwrap(), 12);
+            write_poses(&mut Rings::create(dir.path(), &[("a".into(), 2, 12)]).unwrap(), 12);
             let path = file(dir.path(), "a");
             let mut bytes = std::fs::read(&path).unwrap();
             bytes.truncate(cut.max(1));

@@ -1,13 +1,14 @@
-//! Taps: everything that happens is told to the journal and the recorder, which stand in nobody's way.
+//! Taps: the journal and the recorder receive everything that happens, without delaying the actors.
 //!
 //! ```text
 //! any actor ──event──> [ bounded queue ] ──> thread of the journal   (essential: nothing is lost unnoticed)
 //!                  └─> [ bounded queue ] ──> thread of the recorder  (poses thinned, dropped if it can't follow)
 //! ```
 //!
-//! In virtual time a full queue is waited for, so that nothing is dropped and two runs stay equal. In real time nobody
-//! waits: poses are dropped first, oldest first, then events, and counted. An event that an essential sink lost is a fault
-//! that lasts: see [`Taps::failed`]. A viewer may come later ([`Taps::attach`]): it is first told how everything is now.
+//! In virtual time a full queue blocks its producer, so that nothing is dropped and two runs are equal. In real
+//! time no producer waits: poses are dropped first, oldest first, then events, and both are counted. An event
+//! that an essential sink lost is a lasting fault: see [`Taps::failed`]. A viewer may be attached later
+//! ([`Taps::attach`]): it first receives the present state.
 
 mod kept;
 mod pipe;
@@ -26,56 +27,56 @@ use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Opens a sink, at the start and after a failure. An essential one continues where it failed.
+/// Opens a sink, at the start and after a failure. An essential sink continues where it failed.
 pub type OpenSink = Arc<dyn Fn() -> Result<Box<dyn Sink>, String> + Send + Sync>;
 
-/// Which pictures a sink wants.
+/// Camera images that a sink receives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Pictures {
     /// None.
     None,
-    /// A few per second of each camera, to look at. Only of a sink that wants poses.
+    /// A few per second from each camera, for display. Only for a sink that receives poses.
     Few,
-    /// All of these cameras, by their names in the run, to keep: by a virtual clock none is dropped.
+    /// All of these cameras, by their names in the run, for storage: in virtual time none is dropped.
     All(Arc<[String]>),
 }
 
-/// A sink and how it is served.
+/// A sink and its settings.
 #[derive(Clone)]
 pub struct SinkSpec {
     /// Its name: `journal`, `recorder`.
     pub name: String,
-    /// Whether the run must not go on without it.
+    /// True if the run must not continue without it.
     pub essential: bool,
-    /// Whether it wants poses and scenes, and how far apart: at most one pose per robot in each such span, and one whenever
-    /// contact begins or ends. Zero wants every pose.
+    /// Interval of poses, if the sink receives poses and scenes: at most one pose per robot in each interval,
+    /// plus one whenever contact begins or ends. Zero selects every pose.
     pub poses: Option<Duration>,
-    /// Which pictures it wants.
+    /// Camera images that it receives.
     pub pictures: Pictures,
-    /// Greatest number of entries that wait for it.
+    /// Greatest number of queued entries.
     pub capacity: usize,
-    /// How long it may take for one entry at the end of the run, before it is left behind.
+    /// Longest time for one entry at the end of the run, after which the sink is abandoned.
     pub patience: Duration,
-    /// Opens it; none if nobody is there yet, see [`Taps::attach`].
+    /// Opens it; `None` if it is attached later, see [`Taps::attach`].
     pub open: Option<OpenSink>,
 }
 
-/// The handle that everybody tells. Cheap to clone.
+/// Handle by which all actors report. Cheap to clone.
 #[derive(Clone)]
 pub struct Taps(Arc<Inner>);
 
 struct Inner {
     pipes: Vec<Pipe>,
-    /// Told in place, without a thread.
+    /// Sink that is called in place, without a thread.
     memory: Option<Arc<Mutex<dyn Sink>>>,
 }
 
-/// What was told to [`Taps::collect`].
+/// Entries that were reported to [`Taps::collect`].
 #[derive(Clone, Debug, Default)]
 pub struct Collected(Arc<Mutex<Vec<(Time, Entry)>>>);
 
 impl Collected {
-    /// Everything so far.
+    /// All entries so far.
     pub fn entries(&self) -> Vec<(Time, Entry)> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -99,18 +100,19 @@ impl Sink for Collected {
 }
 
 impl Taps {
-    /// Tells nobody.
+    /// Creates taps without sinks.
     pub fn none() -> Taps {
         Taps(Arc::new(Inner { pipes: Vec::new(), memory: None }))
     }
 
-    /// Keeps everything in memory, at once and without threads: for tests.
+    /// Creates taps that store everything in memory, immediately and without threads: for tests.
     pub fn collect() -> (Taps, Collected) {
         let memory = Collected::default();
         (Taps::in_place(Arc::new(Mutex::new(memory.clone()))), memory)
     }
 
-    /// Tells a sink at once and without a thread: for simulations. It must be quick, and can't fail.
+    /// Creates taps with a sink that is called immediately and without a thread: for simulations. The sink must
+    /// be fast, and must not fail.
     pub fn in_place(sink: Arc<Mutex<dyn Sink>>) -> Taps {
         Taps(Arc::new(Inner { pipes: Vec::new(), memory: Some(sink) }))
     }
@@ -118,17 +120,17 @@ impl Taps {
     /// Opens all sinks and starts a thread for each.
     ///
     /// # Errors
-    /// If a sink can't be opened, in its words.
+    /// If a sink can't be opened, with its message.
     pub fn spawn(clock: ClockKind, specs: Vec<SinkSpec>) -> Result<Taps, String> {
         let pipes = specs.into_iter().map(|spec| Pipe::spawn(clock, spec)).collect::<Result<_, _>>()?;
         Ok(Taps(Arc::new(Inner { pipes, memory: None })))
     }
 
-    /// Puts a sink in the place of the one of this name, or where nobody was yet. It is told how everything is now, and then
-    /// what comes; `open` opens it anew after a failure. Nobody waits for the one that was there.
+    /// Replaces the sink of this name, or fills the open place. The new sink first receives the present state,
+    /// and then what follows; `open` reopens it after a failure. The previous one is not waited for.
     ///
     /// # Errors
-    /// If there is no such place, or no thread for it.
+    /// If the run has no such place, or no thread can be started.
     pub fn attach(&self, name: &str, sink: Box<dyn Sink>, open: OpenSink) -> Result<(), String> {
         let pipe = self.0.pipes.iter().find(|p| p.name() == name);
         pipe.ok_or_else(|| format!("this run has no place for a {name}"))?.attach(sink, open)
@@ -139,23 +141,23 @@ impl Taps {
         self.0.pipes.iter().map(|pipe| (pipe.name().to_owned(), pipe.busy()))
     }
 
-    /// The names of the sinks.
+    /// Names of the sinks.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.pipes.iter().map(Pipe::name)
     }
 
-    /// Tells events, as a function.
+    /// Returns a function that reports events.
     pub fn emitter(&self) -> Emit {
         let taps = self.clone();
         Arc::new(move |at, event| taps.event(at, event))
     }
 
-    /// Tells an event.
+    /// Reports an event.
     pub fn event(&self, at: Time, event: Event) {
-        self.tell(at, &Entry::Event(Arc::new(event)));
+        self.report(at, &Entry::Event(Arc::new(event)));
     }
 
-    /// Tells a robot's pose and present contacts to those who want poses.
+    /// Reports a robot's pose and present contacts to the sinks that receive poses.
     pub fn pose(&self, at: Time, robot: usize, q: &Pose, contacts: &Arc<[Contact]>) {
         for pipe in &self.0.pipes {
             pipe.push_pose(at, robot, q, contacts);
@@ -165,19 +167,19 @@ impl Taps {
         }
     }
 
-    /// Tells what a camera saw to those who want pictures, with what its detector found in it.
+    /// Reports a camera image, with the detections in it, to the sinks that receive images.
     pub fn picture(&self, at: Time, camera: &str, seen: &Arc<SeenPicture>) {
         for pipe in &self.0.pipes {
             pipe.push_picture(at, camera, seen);
         }
     }
 
-    /// Tells the scene, at the start and whenever it was edited.
+    /// Reports the scene, at the start and after each edit.
     pub fn scene(&self, at: Time, scene: &Arc<Scene>) {
-        self.tell(at, &Entry::Scene(scene.clone()));
+        self.report(at, &Entry::Scene(scene.clone()));
     }
 
-    fn tell(&self, at: Time, entry: &Entry) {
+    fn report(&self, at: Time, entry: &Entry) {
         for pipe in &self.0.pipes {
             pipe.push(at, entry);
         }
@@ -190,20 +192,22 @@ impl Taps {
         }
     }
 
-    /// What went to each sink so far.
+    /// Counters of each sink so far.
     pub fn counters(&self) -> impl Iterator<Item = (String, StreamCounters)> {
         self.0.pipes.iter().map(|pipe| (format!("tap>{}", pipe.name()), pipe.counters()))
     }
 
-    /// Why an essential sink does not keep up the record, if so: the filters are to be closed, since no motion may go
-    /// unrecorded.
+    /// Reason for which an essential sink does not maintain the record, if so: the filters must close, because
+    /// no motion may go unrecorded.
     pub fn failed(&self) -> Option<String> {
         self.0.pipes.iter().find_map(Pipe::broken)
     }
 
-    /// Says the last event, closes all sinks, waits for their threads, and reports. What is told later is not heard.
+    /// Reports the last event, closes all sinks, waits for their threads, and returns a report per sink. Later
+    /// entries are ignored.
     ///
-    /// The other sinks end before the essential ones, so that the journal has their counters, if anything was dropped.
+    /// The other sinks end before the essential ones, so that the journal records their counters if anything
+    /// was dropped.
     pub fn finish(&self, at: Time, last: Event) -> Vec<SinkReport> {
         let last = Entry::Event(Arc::new(last));
         self.remember(at, &last);

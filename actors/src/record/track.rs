@@ -1,13 +1,14 @@
-//! The measured poses of a run, beside its journal: what invariants are judged by that no event tells.
+//! The measured configurations of a run, beside its journal: data that invariants need and that no event
+//! contains.
 //!
 //! ```text
 //! "mobee track 2\n", motors u32 | frame | frame | ...        little endian; one file per robot, poses-ROBOT.track
-//! frame: length u32, records, CRC-32 of them                 a crash at any byte costs the last frame at most, damage its own
+//! frame: length u32, records, CRC-32 of them                 a crash at any byte loses at most the last frame; damage, only its own
 //! ```
-//! Every reading is kept while a commit is open, the robot's filter is not at rest, or a motor leaves its place, from sixteen readings before; else one
-//! a second. Positions are rounded to [`QUANTUM`]. A motor that moves costs two bytes a reading as a rule, one that rests one byte; no
-//! file grows faster than [`per_hour`] says. It is written by a thread of its own, as the
-//! recording is: nobody waits for it, and a run goes on without.
+//! Every reading is stored while a commit is open, the filter is not at rest, or a motor has left its place,
+//! beginning sixteen readings earlier; otherwise one per second. Positions are rounded to [`QUANTUM`]. A moving
+//! motor usually takes two bytes per reading, one at rest takes one; a file grows by at most [`per_hour`]. A
+//! separate thread writes it, as for the recording: no actor waits for it, and a run continues without it.
 
 mod frame;
 mod read;
@@ -22,51 +23,53 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// To what a position is rounded, rad.
+/// Rounding step of a position, rad.
 pub const QUANTUM: f64 = 1e-6;
-/// Positions beyond this are no reading's, rad.
-const FARTHEST: f64 = 1000.0;
-/// Readings that come sooner after the one before are passed over.
-const SOONEST: Duration = Duration::from_millis(5);
-/// How far apart readings at rest are.
-const SPARSE: Duration = Duration::from_secs(1);
-/// How many readings are kept from before something begins.
-const BEFORE: usize = 16;
-/// So many readings wait for a frame at most, unless an outcome makes it urgent.
-const GATHER: usize = 16;
-/// A frame is closed when it is as long as this, bytes.
-const LONG: usize = 1 << 14;
+/// Greatest absolute position of a valid reading, rad.
+const MAX_POSITION_RAD: f64 = 1000.0;
+/// Least interval between readings; earlier ones are skipped.
+const MIN_INTERVAL: Duration = Duration::from_millis(5);
+/// Interval of the stored readings at rest.
+const REST_INTERVAL: Duration = Duration::from_secs(1);
+/// Number of readings that are stored from before a motion.
+const LEAD_READINGS: usize = 16;
+/// Number of readings from which a flush writes the frame; an outcome writes it at once.
+const FLUSH_READINGS: usize = 16;
+/// Size at which a frame is closed, bytes.
+const FRAME_BYTES: usize = 1 << 14;
 
-/// The file of a robot's measured poses in a run's folder.
+/// Path of a robot's measured configurations in a run's folder.
 pub fn file(dir: &Path, robot: &str) -> PathBuf {
     dir.join(format!("poses-{robot}.track"))
 }
 
-/// The most by which the file of a robot with so many motors can grow in an hour, bytes: two hundred readings a second, each with its
-/// times and frame in forty bytes at most, and five bytes for a motor.
+/// Upper bound on the growth of the file of a robot with this number of motors, bytes per hour: two hundred
+/// readings per second, each with at most forty bytes for its times and frame, and five bytes for a motor.
 pub const fn per_hour(motors: u64) -> u64 {
     3600 * 200 * (40 + 5 * motors)
 }
 
-/// Writes the measured poses of all robots of a run. Clones share it: one is kept to open its sink anew.
+/// Sink that writes the measured configurations of all robots of a run. Clones share it: one remains to reopen
+/// its sink.
 #[derive(Clone, Debug)]
 pub struct Tracks(Arc<Mutex<Vec<Track>>>);
 
 impl Tracks {
-    /// Begins a file per robot (its name, motors, and the tolerance within which it is in its place, rad), or goes on in that of an
-    /// earlier process, whose last frame is cut off if it is not whole. What is damaged before stays as it is.
+    /// Creates a file per robot (its name, number of motors, and the tolerance of its place, rad), or continues
+    /// that of an earlier process, whose last frame is cut off if it is not complete. Earlier damage stays as
+    /// it is.
     ///
     /// # Errors
-    /// The file that can't be written or is none of these, in words.
+    /// The file that can't be written or is not such a file, as a message.
     pub fn open(dir: &Path, robots: &[(String, usize, f64)]) -> Result<Tracks, String> {
         let tracks = robots.iter().map(|(robot, motors, tolerance)| Track::open(dir, robot, *motors, *tolerance));
         Ok(Tracks(Arc::new(Mutex::new(tracks.collect::<Result<_, _>>()?))))
     }
 
-    /// The sink that writes them. A new one continues where the last one failed.
+    /// Returns a sink that writes them. A new one continues where the last one failed.
     pub fn sink(&self) -> Box<dyn Sink> {
         self.tracks().iter_mut().for_each(|track| {
-            // what can't be written is lost, as what comes while nobody writes
+            // A frame that can't be written is lost, like readings that arrive without a sink.
             let _ = track.spill();
             track.before.clear();
             track.frame = Frame::default();
@@ -99,7 +102,7 @@ impl Sink for Tracks {
     }
 
     fn flush(&mut self) -> Result<(), String> {
-        self.spill(GATHER)
+        self.spill(FLUSH_READINGS)
     }
 
     fn lost(&mut self) {
@@ -110,28 +113,29 @@ impl Sink for Tracks {
     }
 }
 
-/// One robot's file, and what is not in it yet.
+/// The file of one robot, and the readings that are not in it yet.
 #[derive(Debug)]
 struct Track {
     robot: String,
     path: PathBuf,
     file: File,
-    /// Bytes of the file that are whole frames.
+    /// Size of the complete frames, bytes.
     len: u64,
     motors: usize,
-    /// How far a motor may be from where it was written before it has left its place, rad.
+    /// Distance from the last written position beyond which a motor has left its place, rad.
     place: f64,
     frame: Frame,
-    /// Whether something is under way, by the state of the filter.
+    /// True if the robot moves, by the state of the filter.
     busy: bool,
-    /// Whether a commit is open: it may well be while the filter holds.
+    /// True if a commit is open: it may also be while the filter holds.
     open: bool,
-    /// The time of the newest event: a pose that is told later was read earlier.
-    told: Time,
-    /// The newest reading, and the newest that was written.
+    /// Time of the newest event: a pose that is reported later may have been read earlier.
+    newest_event: Time,
+    /// Time of the newest reading.
     newest: Option<Time>,
+    /// The newest reading that was written.
     written: Option<(Time, Pose)>,
-    /// The newest readings at rest.
+    /// The newest readings at rest, not written yet.
     before: VecDeque<TrackReading>,
 }
 
@@ -143,7 +147,8 @@ impl Track {
         if let Some(mut readings) = read(&path)? {
             readings.by_ref().for_each(drop);
             if readings.motors() != motors {
-                let (at, of) = (path.display(), readings.motors());
+                let at = path.display();
+                let of = readings.motors();
                 return Err(format!(
                     "{at}: it has the measured poses of {of} motors, and {robot} has {motors}; put back the file as it was written, or take it away"
                 ));
@@ -166,7 +171,7 @@ impl Track {
             frame: Frame::default(),
             busy: false,
             open: false,
-            told: Time::ZERO,
+            newest_event: Time::ZERO,
             newest: None,
             written: None,
             before: VecDeque::new(),
@@ -174,13 +179,13 @@ impl Track {
     }
 
     fn event(&mut self, at: Time, event: &Event) -> Result<(), String> {
-        self.told = self.told.max(at);
+        self.newest_event = self.newest_event.max(at);
         match event {
             Event::State { robot, status } if *robot == self.robot => {
                 self.busy = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
                 Ok(())
             }
-            // what was decided by a reading is told with it
+            // The readings that led to a decision are stored with it.
             Event::Commit { robot, .. } if *robot == self.robot => {
                 self.open = true;
                 self.put_before()
@@ -193,7 +198,7 @@ impl Track {
         }
     }
 
-    /// The newest readings at rest are of interest.
+    /// Stores the newest readings at rest.
     fn put_before(&mut self) -> Result<(), String> {
         while let Some(reading) = self.before.pop_front() {
             self.put(&reading)?;
@@ -202,19 +207,19 @@ impl Track {
     }
 
     fn pose(&mut self, at: Time, q: &Pose) -> Result<(), String> {
-        let soon = self.newest.is_some_and(|newest| at < newest + SOONEST);
-        if soon || q.len() != self.motors || !q.iter().all(|q| q.abs() <= FARTHEST) {
+        let soon = self.newest.is_some_and(|newest| at < newest + MIN_INTERVAL);
+        if soon || q.len() != self.motors || !q.iter().all(|q| q.abs() <= MAX_POSITION_RAD) {
             return Ok(());
         }
         self.newest = Some(at);
         let left =
             self.written.as_ref().is_none_or(|(_, w)| w.iter().zip(q.iter()).any(|(w, q)| (w - q).abs() > self.place));
-        self.before.push_back(TrackReading { at, told: at.max(self.told), q: q.clone(), follows: true });
+        self.before.push_back(TrackReading { at, told: at.max(self.newest_event), q: q.clone(), follows: true });
         if self.busy || self.open || left {
             self.put_before()?;
-        } else if self.before.len() > BEFORE
+        } else if self.before.len() > LEAD_READINGS
             && let Some(oldest) = self.before.pop_front()
-            && self.written.as_ref().is_none_or(|(last, _)| oldest.at >= *last + SPARSE)
+            && self.written.as_ref().is_none_or(|(last, _)| oldest.at >= *last + REST_INTERVAL)
         {
             self.put(&oldest)?;
         }
@@ -224,10 +229,10 @@ impl Track {
     fn put(&mut self, reading: &TrackReading) -> Result<(), String> {
         self.written = Some((reading.at, reading.q.clone()));
         self.frame.put(reading);
-        if self.frame.len() >= LONG { self.spill() } else { Ok(()) }
+        if self.frame.len() >= FRAME_BYTES { self.spill() } else { Ok(()) }
     }
 
-    /// Writes the frame. If that fails the file may end with a part of it, which the next one overwrites.
+    /// Writes the frame. If that fails the file may end with a part of it, which the next write overwrites.
     fn spill(&mut self) -> Result<(), String> {
         if self.frame.readings() == 0 {
             return Ok(());
@@ -242,7 +247,7 @@ impl Track {
 
 impl Drop for Track {
     fn drop(&mut self) {
-        // nobody is left to be told
+        // There is no receiver for an error any more.
         let _ = self.spill();
     }
 }

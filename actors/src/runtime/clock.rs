@@ -1,8 +1,8 @@
-//! The clock handle: the only place where time comes from.
+//! The clock handle, the only source of time.
 //!
-//! A virtual clock is tokio's paused clock on one thread: when every task waits, it jumps to the next timer, so hours of
-//! simulated time pass in seconds and two runs with one seed are equal message by message. A real clock is the monotonic
-//! clock of the machine. Both read as [`Time`] since the handle was made.
+//! A virtual clock is tokio's paused clock on one thread: when every task waits, it jumps to the next timer.
+//! Hours of simulated time pass in seconds, and two runs with the same seed are equal message by message. A
+//! real clock is the monotonic clock of the machine. Both return [`Time`] since the handle was created.
 
 use mobee_contract::Time;
 use rustix::time::{ClockId, clock_gettime};
@@ -12,14 +12,14 @@ use std::time::{Duration, SystemTime};
 use tokio::runtime::{Builder, Runtime};
 use tokio::time::Instant;
 
-/// How time passes.
+/// Kind of a run's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ClockKind {
-    /// As fast as the work allows, and the same in every run.
+    /// As fast as the computation allows, and the same in every run.
     #[default]
     Virtual,
-    /// As on the wall.
+    /// In real time.
     Real,
 }
 
@@ -32,7 +32,7 @@ impl fmt::Display for ClockKind {
     }
 }
 
-/// A runtime of one thread in which time passes as `kind` says.
+/// Creates a single-threaded runtime whose time passes as `kind` defines.
 ///
 /// # Errors
 /// If the operating system gives no timer or poller.
@@ -40,12 +40,12 @@ pub fn runtime(kind: ClockKind) -> std::io::Result<Runtime> {
     Builder::new_current_thread().enable_all().start_paused(kind == ClockKind::Virtual).build()
 }
 
-/// Processor time that this thread has taken so far.
+/// Processor time of this thread so far.
 pub(crate) fn processor_time() -> Duration {
     spent(ClockId::ThreadCPUTime)
 }
 
-/// Processor time that the whole process has taken so far.
+/// Processor time of the whole process so far.
 pub fn processor_time_of_all() -> Duration {
     spent(ClockId::ProcessCPUTime)
 }
@@ -55,9 +55,9 @@ fn spent(clock: ClockId) -> Duration {
     Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
 }
 
-/// Tells the time since the run began, and waits. Cheap to clone.
+/// Measures the time since the start of the run, and sleeps. Cheap to clone.
 ///
-/// To be used inside the runtime it was made in: a virtual clock does not pass outside of it.
+/// Use it inside the runtime in which it was created: a virtual clock does not advance outside.
 #[derive(Clone, Debug)]
 pub struct Clock {
     kind: ClockKind,
@@ -66,30 +66,30 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Starts at [`Time::ZERO`], now. To be called inside the runtime.
+    /// Creates a clock that starts at [`Time::ZERO`] now. Call it inside the runtime.
     pub fn new(kind: ClockKind) -> Clock {
         Clock::from(kind, Time::ZERO)
     }
 
-    /// Starts at `begun`, now: the clock of a run that is resumed.
+    /// Creates a clock that starts at `begun` now, for a run that is resumed.
     #[allow(clippy::disallowed_methods)]
     pub fn from(kind: ClockKind, begun: Time) -> Clock {
         Clock { kind, start: Instant::now(), begun }
     }
 
-    /// How time passes.
+    /// Kind of the clock.
     pub fn kind(&self) -> ClockKind {
         self.kind
     }
 
-    /// The time since the run began.
+    /// Time since the start of the run.
     #[allow(clippy::disallowed_methods)]
     pub fn now(&self) -> Time {
         self.begun + Instant::now().duration_since(self.start)
     }
 
-    /// The time of day when this clock shows `at`, seconds since 1970, by the machine's clock as it is set now; a virtual clock has none
-    /// but its own.
+    /// Time of day at which this clock shows `at`, seconds since 1970, by the machine's present clock setting.
+    /// A virtual clock returns its own time.
     #[allow(clippy::disallowed_methods)]
     pub fn time_of_day(&self, at: Time) -> f64 {
         if self.kind == ClockKind::Virtual {
@@ -99,19 +99,21 @@ impl Clock {
         now - (self.now().secs() - at.secs())
     }
 
-    /// Waits until `at`; not at all if that is past. Timers are as fine as tokio's: one millisecond.
+    /// Sleeps until `at`; returns immediately if that is past. The resolution is that of tokio's timers: one
+    /// millisecond.
     pub async fn sleep_until(&self, at: Time) {
         tokio::time::sleep_until(self.start + at.since(self.begun)).await;
     }
 
-    /// Lets time pass without anybody acting, as while a process is suspended. A real clock is left alone.
+    /// Advances a virtual clock without running any task, as while a process is suspended. No-op for a real
+    /// clock.
     pub async fn suspend(&self, time: Duration) {
         if self.kind == ClockKind::Virtual {
             tokio::time::advance(time).await;
         }
     }
 
-    /// Waits for so long.
+    /// Sleeps for a duration.
     pub async fn sleep(&self, time: Duration) {
         tokio::time::sleep(time).await;
     }
@@ -136,14 +138,14 @@ mod tests {
 
     #[test]
     fn the_time_of_day_goes_with_the_clock() {
-        let told = |kind| {
+        let shown = |kind| {
             runtime(kind).unwrap().block_on(async {
                 let clock = Clock::from(kind, Time::from_secs(50.0));
                 [50.0, 51.5].map(|at| clock.time_of_day(Time::from_secs(at)))
             })
         };
-        assert_eq!(told(ClockKind::Virtual), [50.0, 51.5]);
-        let [first, second] = told(ClockKind::Real);
+        assert_eq!(shown(ClockKind::Virtual), [50.0, 51.5]);
+        let [first, second] = shown(ClockKind::Real);
         assert!((second - first - 1.5).abs() < 0.5 && first > 1.7e9, "{first} {second}");
     }
 

@@ -1,5 +1,5 @@
-//! How much processor time each actor takes, with what is computed for it on other threads. Measured by a real clock only: by a virtual
-//! one a run is the same wherever it runs.
+//! Processor time of each actor, including computations for it on other threads. Measured with a real clock
+//! only: with a virtual one a run is the same on every machine.
 
 use crate::runtime::clock::processor_time;
 use ractor::{Actor, ActorProcessingErr, ActorRef, SupervisionEvent};
@@ -11,21 +11,21 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 tokio::task_local! {
-    /// Whose message is being handled.
+    /// Load of the actor whose message is being handled.
     static OWN: Arc<Load>;
 }
 
-/// Processor time in all.
+/// Total processor time.
 #[derive(Debug, Default)]
 pub struct Load(AtomicU64);
 
 impl Load {
-    /// The load of the actor that this is called by; none outside of one, or by a virtual clock.
+    /// Load of the calling actor; `None` outside of an actor, or with a virtual clock.
     pub(crate) fn own() -> Option<Arc<Load>> {
         OWN.try_with(Arc::clone).ok()
     }
 
-    /// Does the work, and counts what it costs this thread.
+    /// Runs `work` and adds the processor time that it takes on this thread.
     pub(crate) fn counts<T>(&self, work: impl FnOnce() -> T) -> T {
         let before = processor_time();
         let done = work();
@@ -40,7 +40,7 @@ impl Load {
     }
 }
 
-/// The loads of all actors, by name; whoever is started again goes on with its own. Cheap to clone.
+/// Loads of all actors, by name; a restarted actor continues with its own. Cheap to clone.
 #[derive(Clone, Debug, Default)]
 pub struct Loads(Arc<Mutex<BTreeMap<String, Arc<Load>>>>);
 
@@ -49,25 +49,25 @@ impl Loads {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The load of this actor.
+    /// Load of this actor.
     pub(crate) fn of(&self, actor: &str) -> Arc<Load> {
         self.lock().entry(actor.to_owned()).or_default().clone()
     }
 
-    /// Processor time of each so far.
+    /// Processor time of each actor so far.
     pub fn busy(&self) -> BTreeMap<String, Duration> {
         self.lock().iter().map(|(name, load)| (name.clone(), load.busy())).collect()
     }
 }
 
-/// An actor in the place of another, whose work is counted.
+/// An actor whose processor time is measured: a wrapper that behaves like the inner actor.
 pub struct Measured<A> {
     actor: A,
     load: Arc<Load>,
 }
 
 impl<A> Measured<A> {
-    /// In the place of `actor`.
+    /// Wraps `actor`.
     pub fn new(actor: A, load: Arc<Load>) -> Measured<A> {
         Measured { actor, load }
     }
@@ -117,7 +117,7 @@ impl<A: Actor> Actor for Measured<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::runtime::attempt::{Given, attempt};
+    use crate::runtime::attempt::{Timed, attempt};
     use crate::runtime::clock::{Clock, ClockKind, runtime};
 
     const WORK: Duration = Duration::from_millis(5);
@@ -127,7 +127,7 @@ mod tests {
         while processor_time() < begun + WORK {}
     }
 
-    /// Works in place, waits, and has another thread work.
+    /// An actor that works in place, waits, and lets another thread work.
     struct Worker;
 
     impl Actor for Worker {
@@ -149,7 +149,7 @@ mod tests {
                 works();
                 return Ok(());
             }
-            let call = || Given { value: works(), cost: Duration::ZERO };
+            let call = || Timed { value: works(), cost: Duration::ZERO };
             Ok(attempt(clock, Duration::from_secs(60), call).await?)
         }
     }

@@ -1,32 +1,33 @@
-//! A bounded stream into an actor, since ractor's mailboxes have no bound.
+//! A bounded stream into an actor, because ractor's mailboxes are unbounded.
 //!
 //! ```text
 //! producer ──push──> [ bounded queue ] ──pop──> receiver's handler
 //!      └──── doorbell: one message, only if none is on its way ────┘
 //! ```
 //!
-//! A full queue drops its oldest item and counts it; a capacity of one is a latest-value cell. The queue belongs to neither
-//! end and survives both: a receiver that was restarted attaches its new doorbell, what was queued for its predecessor is
-//! dropped, and counted. So that nothing vanishes silently: sent = handled + queued + dropped (I6).
+//! A full queue drops its oldest item and counts it; a capacity of one is a latest-value cell. The queue
+//! belongs to neither end and survives both. A restarted receiver attaches its new doorbell; items that were
+//! queued for its predecessor are dropped and counted. Nothing is lost silently: sent = handled + queued +
+//! dropped (I6).
 
 use mobee_contract::Event;
 use std::collections::VecDeque;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Tells the receiver that there is something to pop; `false` if there is no receiver (any more).
+/// Notifies the receiver that an item is queued; `false` if there is no receiver (any more).
 pub type Doorbell = Box<dyn Fn() -> bool + Send + Sync>;
 
-/// How many items went through a stream: `sent = handled + queued + dropped`.
+/// Counters of a stream: `sent = handled + queued + dropped`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StreamCounters {
-    /// Pushed.
+    /// Items that were pushed.
     pub sent: u64,
-    /// Popped.
+    /// Items that were popped.
     pub handled: u64,
-    /// Waiting.
+    /// Items that are queued.
     pub queued: u64,
-    /// Pushed out by newer ones, lost with a receiver, or of no use to it.
+    /// Items that were displaced by newer ones, lost with a receiver, or discarded by it.
     pub dropped: u64,
 }
 
@@ -42,14 +43,14 @@ struct Inner<T> {
 struct Ring<T> {
     queue: VecDeque<T>,
     doorbell: Option<Doorbell>,
-    /// Whether a doorbell message is on its way: the credit of one.
+    /// True if a doorbell message is on its way: the credit of one.
     rung: bool,
-    /// How many of the next items are lost: a fault of a simulation.
+    /// Number of next items that are lost: a fault of a simulation.
     losing: u64,
     sent: u64,
     handled: u64,
     dropped: u64,
-    /// The most items that waited at once.
+    /// Longest queue so far.
     most: u64,
 }
 
@@ -62,7 +63,7 @@ impl<T> Ring<T> {
 }
 
 impl<T> Stream<T> {
-    /// An empty stream that holds up to `capacity` items (at least one).
+    /// Creates an empty stream that holds up to `capacity` items (at least one).
     pub fn new(name: impl Into<String>, capacity: usize) -> Stream<T> {
         let capacity = capacity.max(1);
         let ring = Ring {
@@ -87,7 +88,8 @@ impl<T> Stream<T> {
         self.0.ring.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Connects a receiver, in its start. What was queued for an earlier receiver is dropped and counted.
+    /// Connects a receiver when it starts. Items that were queued for an earlier receiver are dropped and
+    /// counted.
     ///
     /// The doorbell must only send a message: it is called with the stream locked.
     pub fn attach(&self, doorbell: Doorbell) {
@@ -106,7 +108,8 @@ impl<T> Stream<T> {
         let mut ring = self.lock();
         ring.sent += 1;
         if ring.losing > 0 {
-            (ring.losing, ring.dropped) = (ring.losing - 1, ring.dropped + 1);
+            ring.losing -= 1;
+            ring.dropped += 1;
             return;
         }
         if ring.queue.len() >= self.0.capacity {
@@ -118,7 +121,8 @@ impl<T> Stream<T> {
         ring.ring();
     }
 
-    /// Takes the oldest item. `None` gives the credit back: the next push rings again. So a receiver pops until `None`.
+    /// Takes the oldest item. `None` returns the credit: the next push rings again. A receiver therefore pops
+    /// until `None`.
     pub fn pop(&self) -> Option<T> {
         let mut ring = self.lock();
         let item = ring.queue.pop_front();
@@ -129,7 +133,7 @@ impl<T> Stream<T> {
         item
     }
 
-    /// The item that was taken last was of no use: it counts as dropped, and not as handled.
+    /// Counts the item that was taken last as dropped instead of handled.
     pub fn discard(&self) {
         let mut ring = self.lock();
         if let Some(handled) = ring.handled.checked_sub(1) {
@@ -137,7 +141,7 @@ impl<T> Stream<T> {
         }
     }
 
-    /// Takes everything, oldest first, and gives the credit back.
+    /// Takes all items, oldest first, and returns the credit.
     pub fn drain(&self) -> Vec<T> {
         let mut ring = self.lock();
         ring.rung = false;
@@ -145,7 +149,7 @@ impl<T> Stream<T> {
         ring.queue.drain(..).collect()
     }
 
-    /// The counters now.
+    /// Counters so far.
     pub fn counters(&self) -> StreamCounters {
         let ring = self.lock();
         StreamCounters {
@@ -156,15 +160,16 @@ impl<T> Stream<T> {
         }
     }
 
-    /// Its name.
+    /// Name of the stream.
     pub fn name(&self) -> String {
         self.0.name.clone()
     }
 
-    /// The counters as the event that a run ends with.
+    /// Returns the counters as the event that a run ends with.
     pub fn link(&self) -> Event {
         let StreamCounters { sent, handled, queued, dropped } = self.counters();
-        let (most, capacity) = (self.lock().most, self.0.capacity as u64);
+        let most = self.lock().most;
+        let capacity = self.0.capacity as u64;
         Event::Link { link: self.0.name.clone(), sent, handled, queued, dropped, most, capacity }
     }
 }

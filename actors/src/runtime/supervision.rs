@@ -1,11 +1,13 @@
-//! Supervision as in OTP, on top of ractor, which reports deaths but has no strategies.
+//! Supervision as in OTP, on top of ractor, which reports deaths but has no restart strategies.
 //!
-//! A [`Group`] starts its children in order and stops them in reverse order, one at a time (ractor's own order is not
-//! stable). After a failure it restarts the child, and its siblings as the [`Strategy`] says; more restarts in a period
-//! than its [`Intensity`] allows, and it stops all, tells, and fails, so that its own parent sees it. Groups nest.
+//! A [`Group`] starts its children in order and stops them in reverse order, one at a time (ractor's own order
+//! is not stable). After a failure it restarts the child, and its siblings according to the [`Strategy`]. If
+//! more restarts are needed in a period than its [`Intensity`] allows, it stops all children, emits `GaveUp`,
+//! and fails, so that its parent is notified. Groups nest.
 //!
-//! Planned ends drain a child's mailbox (`stop` would throw away what is queued) and kill it only after its grace. A kill
-//! counts as a failure. State that must survive a restart lives outside of the child, in what its start closure holds.
+//! A planned end drains a child's mailbox (`stop` would discard the queued messages) and kills the child only
+//! after its grace period. A kill counts as a failure. State that must survive a restart is owned by the
+//! child's start closure, not by the child.
 
 mod plan;
 pub use plan::{Input, Intensity, Restart, RestartPlan, RestartStep, Strategy};
@@ -21,11 +23,11 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a start closure gives: the child's cell, linked to the supervisor it was called with.
+/// Result of a start closure: the child's cell, linked to the supervisor that it was called with.
 pub type Starting = Pin<Box<dyn Future<Output = Result<ActorCell, String>> + Send>>;
 type Hook<A> = Arc<dyn Fn(A) + Send + Sync>;
 
-/// How to start and to treat a child. Cheap to clone.
+/// A child of a group: its start closure and restart policy. Cheap to clone.
 #[derive(Clone)]
 pub struct Child {
     name: Arc<str>,
@@ -35,8 +37,9 @@ pub struct Child {
 }
 
 impl Child {
-    /// A permanent child with one second of grace. `start` is called with the supervisor's cell, to be passed to
-    /// `spawn_linked`; give actors no registered name, since ractor's registry is one for the whole process.
+    /// Creates a permanent child with one second of grace. `start` is called with the supervisor's cell, to be
+    /// passed to `spawn_linked`. Actors must have no registered name, because ractor's registry is shared by
+    /// the whole process.
     pub fn new<F>(name: impl Into<Arc<str>>, start: impl Fn(ActorCell) -> F + Send + Sync + 'static) -> Child
     where
         F: Future<Output = Result<ActorCell, String>> + Send + 'static,
@@ -49,7 +52,7 @@ impl Child {
         }
     }
 
-    /// A group as a child. It is given all the time it needs to stop.
+    /// Creates a child that is a group. It may take any time to stop.
     pub fn group(group: Group) -> Child {
         let name = group.name.clone();
         let start = move |supervisor: ActorCell| {
@@ -59,18 +62,18 @@ impl Child {
         Child { grace: None, ..Child::new(name, start) }
     }
 
-    /// With another restart policy.
+    /// Sets the restart policy.
     pub fn restart(self, restart: Restart) -> Child {
         Child { restart, ..self }
     }
 
-    /// With another time to drain its mailbox before it is killed; `None` waits as long as it takes.
+    /// Sets the time to drain its mailbox before it is killed; `None` sets no limit.
     pub fn grace(self, grace: Option<Duration>) -> Child {
         Child { grace, ..self }
     }
 }
 
-/// Where the lives and deaths of children are journalled, with the time of the run.
+/// Receiver of events about the lives of children, with the time of the run.
 pub type Emit = Arc<dyn Fn(Time, Event) + Send + Sync>;
 
 /// A group of children under one supervisor. Cheap to clone: each clone can be started.
@@ -88,7 +91,7 @@ pub struct Group {
 }
 
 impl Group {
-    /// A group without children, hooks that do nothing.
+    /// Creates a group without children or hooks.
     pub fn new(name: impl Into<Arc<str>>, strategy: Strategy, intensity: Intensity, clock: Clock, emit: Emit) -> Group {
         Group {
             name: name.into(),
@@ -103,23 +106,23 @@ impl Group {
         }
     }
 
-    /// With one more child, started after the others.
+    /// Adds a child, started after the others.
     pub fn child(mut self, child: Child) -> Group {
         self.children.push(child);
         self
     }
 
-    /// Called with (name, reason) when a child has died, before anything else is done about it.
+    /// Sets a hook that is called with (name, reason) when a child has died, before any other reaction.
     pub fn on_death(self, hook: impl Fn(&str, &str) + Send + Sync + 'static) -> Group {
         Group { on_death: Arc::new(move |(name, reason)| hook(&name, &reason)), ..self }
     }
 
-    /// Called with (name, restarts within the period) after a child was started again.
+    /// Sets a hook that is called with (name, restarts within the period) after a child was restarted.
     pub fn on_restart(self, hook: impl Fn(&str, u32) + Send + Sync + 'static) -> Group {
         Group { on_restart: Arc::new(move |(name, count)| hook(&name, count)), ..self }
     }
 
-    /// Called when the budget is used up and all children have been stopped.
+    /// Sets a hook that is called when the restarts are used up and all children have been stopped.
     pub fn on_give_up(self, hook: impl Fn() + Send + Sync + 'static) -> Group {
         Group { on_give_up: Arc::new(move |()| hook()), ..self }
     }
@@ -127,7 +130,7 @@ impl Group {
     /// Starts the supervisor and its children.
     ///
     /// # Errors
-    /// If a child could not be started within the budget; those before it have then been stopped again.
+    /// If a child could not be started within the restart limit; those before it have then been stopped again.
     pub async fn start(&self, parent: Option<ActorCell>) -> Result<ActorRef<GroupMsg>, SpawnErr> {
         let (group, _) = match parent {
             Some(parent) => Actor::spawn_linked(None, Supervisor, self.clone(), parent).await?,
@@ -137,25 +140,26 @@ impl Group {
     }
 }
 
-/// What a supervisor can be asked for.
+/// Requests to a supervisor.
 #[derive(Debug)]
 pub enum GroupMsg {
-    /// Stop all children in reverse order, then yourself; the answer comes when the children have ended.
+    /// Stop all children in reverse order, then the supervisor; the reply comes when the children have ended.
     Stop(RpcReplyPort<()>),
-    /// How the children are.
+    /// Report the state of the children.
     Status(RpcReplyPort<Health>),
-    /// Kill the child of this name, here or in a group below, as a fault would: a group fails after stopping its children
-    /// in order. Answers whether there was one.
+    /// Kill the child of this name, here or in a group below, as a fault would: a group fails after stopping
+    /// its children in order. The reply is whether there was one.
     Kill(String, RpcReplyPort<bool>),
-    /// Stop all children of the group of this name, or of a child, in reverse order, do this, and start them again: neither a
-    /// failure nor a restart. A child group that is down is started, with all its restarts before it. The answer comes when they are up;
-    /// there is none if there is no such group, or it could not be started.
+    /// Stop all children of the group of this name, or of a child group, in reverse order, run the closure, and
+    /// start them again. This counts neither as a failure nor as a restart. A child group that is down is
+    /// started, with all its restarts available. The reply comes when they are up; there is none if there is no
+    /// such group, or it could not be started.
     Renew(String, Between, RpcReplyPort<()>),
-    /// Fail, as a fault would make it.
+    /// Fail, as after a fault.
     Fail,
 }
 
-/// What is done while no child of a group runs.
+/// Closure that runs while no child of a group runs.
 pub struct Between(pub Box<dyn FnOnce() + Send>);
 
 impl std::fmt::Debug for Between {
@@ -164,14 +168,14 @@ impl std::fmt::Debug for Between {
     }
 }
 
-/// How a group or child is.
+/// State of a group or child.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Health {
     /// Its name.
     pub name: String,
-    /// Whether it runs.
+    /// True if it is running.
     pub alive: bool,
-    /// Restarts since its supervisor was started; for the group that was asked, those within its period.
+    /// Restarts since its supervisor was started; for the group that answers, those within its period.
     pub restarts: u32,
     /// A group's children in their order.
     pub children: Vec<Health>,
@@ -188,7 +192,7 @@ struct Running {
 }
 
 impl Running {
-    /// Does what the plan says until nothing is left to do.
+    /// Executes the steps of the plan until none is left.
     ///
     /// # Errors
     /// If the group gave up.
@@ -200,14 +204,15 @@ impl Running {
                     self.stop(child).await;
                     self.plan.on(Input::Stopped(child), self.group.clock.now());
                 }
-                // ractor links nothing to an actor that is being drained: what still runs is stopped by `post_stop`
+                // ractor links no child to an actor that is being drained: `post_stop` stops the children that
+                // still run.
                 RestartStep::Start(_) if is_ending(me) => drop(self.plan.on(Input::End, self.group.clock.now())),
                 RestartStep::Start(child) => {
                     if let Err(reason) = self.start(child, me).await {
                         if is_ending(me) {
                             continue;
                         }
-                        self.tell_death(child, reason);
+                        self.report_death(child, reason);
                         steps = self.plan.on(Input::Died { child, failed: true }, self.group.clock.now()).into();
                     }
                 }
@@ -244,7 +249,7 @@ impl Running {
     async fn stop(&mut self, i: usize) {
         let Some(cell) = self.cells.get_mut(i).and_then(Option::take) else { return };
         let grace = self.group.children.get(i).and_then(|c| c.grace);
-        // an error means that it has already ended, or did not end in time
+        // An error means that it has already ended, or did not end in time.
         if cell.drain_and_wait(grace).await.is_err() {
             cell.kill();
             let _ = cell.wait(grace).await;
@@ -265,13 +270,13 @@ impl Running {
         renewed
     }
 
-    fn tell_death(&mut self, child: usize, reason: String) {
+    fn report_death(&mut self, child: usize, reason: String) {
         let Some(name) = self.group.children.get(child).map(|c| c.name.clone()) else { return };
         (self.group.on_death)((name.clone(), reason.clone()));
         (self.group.emit)(self.group.clock.now(), Event::Died { actor: name.to_string(), reason });
     }
 
-    /// The child with this cell now; none if it was stopped or replaced since.
+    /// Child that has this cell now; `None` if it was stopped or replaced since.
     fn find(&self, id: ActorId) -> Option<usize> {
         self.cells.iter().position(|c| c.as_ref().is_some_and(|c| c.get_id() == id))
     }
@@ -283,14 +288,15 @@ impl Running {
                 Some(group) => ractor::call!(group, GroupMsg::Status).map(|h| h.children).unwrap_or_default(),
                 None => Vec::new(),
             };
-            let (name, alive) = (child.name.to_string(), cell.is_some());
+            let name = child.name.to_string();
+            let alive = cell.is_some();
             children.push(Health { name, alive, restarts: *restarts, children: below });
         }
         let restarts = self.plan.restarts(self.group.clock.now());
         Health { name: self.group.name.to_string(), alive: true, restarts, children }
     }
 
-    /// The child of this name, if it is a group that runs.
+    /// The child of this name, if it is a running group.
     fn child_group(&self, name: &str) -> Option<ActorRef<GroupMsg>> {
         let child = self.group.children.iter().position(|c| &*c.name == name)?;
         self.cells.get(child)?.as_ref().and_then(as_group)
@@ -314,7 +320,7 @@ impl Running {
     }
 }
 
-/// Whether this supervisor is being drained, or ends already: no child can be linked to it any more.
+/// True if this supervisor is being drained or is ending: no child can be linked to it any more.
 fn is_ending(me: &ActorCell) -> bool {
     me.get_status() >= ActorStatus::Draining
 }
@@ -367,7 +373,7 @@ impl Actor for Supervisor {
                     (between.0)();
                     match running.start(child, &me).await {
                         Ok(()) => drop(reply.send(())),
-                        Err(reason) => running.tell_death(child, reason),
+                        Err(reason) => running.report_death(child, reason),
                     }
                 }
             }
@@ -386,10 +392,10 @@ impl Actor for Supervisor {
         running: &mut Running,
     ) -> Result<(), ActorProcessingErr> {
         let (id, failed, reason) = match event {
-            SupervisionEvent::ActorFailed(who, error) => (who.get_id(), true, error.to_string()),
-            SupervisionEvent::ActorTerminated(who, _, reason) => {
+            SupervisionEvent::ActorFailed(actor, error) => (actor.get_id(), true, error.to_string()),
+            SupervisionEvent::ActorTerminated(actor, _, reason) => {
                 let failed = matches!(reason.as_deref(), Some("killed" | "actor_task_cancelled"));
-                (who.get_id(), failed, reason.unwrap_or_else(|| "ended".into()))
+                (actor.get_id(), failed, reason.unwrap_or_else(|| "ended".into()))
             }
             _ => return Ok(()),
         };
@@ -399,12 +405,12 @@ impl Actor for Supervisor {
         }
         let permanent = running.group.children.get(child).is_some_and(|c| c.restart == Restart::Permanent);
         if failed || permanent {
-            running.tell_death(child, reason);
+            running.report_death(child, reason);
         }
         running.run(Input::Died { child, failed }, &myself.get_cell()).await
     }
 
-    /// When the group itself is drained or stopped: its children end in order, not in ractor's.
+    /// Stops the children in the group's order, not in ractor's, when the group itself is drained or stopped.
     async fn post_stop(&self, myself: ActorRef<GroupMsg>, running: &mut Running) -> Result<(), ActorProcessingErr> {
         running.run(Input::End, &myself.get_cell()).await
     }

@@ -1,15 +1,15 @@
-//! Exchanging a part while the robot runs, as a pure state machine.
+//! Exchange of a part while the robot runs, as a pure state machine.
 //!
 //! ```text
 //!            Offer          boundary, shadow over          probation over
 //!   Settled ------> Shadow -------------------> Probation -------------> Settled
-//!      ^              | it breaks or refuses       | it breaks
-//!      +--------------+ discarded, nothing was     | the old part returns, loudly
+//!      ^              | it fails or refuses       | it fails
+//!      +--------------+ discarded without effect  | the old part returns, with a warning
 //!      +-------------------------------------------+
 //! ```
 //!
-//! A boundary is a moment with no transaction open: the robot rests, every outcome is given. Only there a part takes over, so
-//! that no command is lost (I6) and nothing moves because of it (I10).
+//! A boundary is a moment with no transaction open: the robot is at rest and every outcome is given. A part
+//! takes over only at a boundary, so no command is lost (I6) and the exchange causes no motion (I10).
 
 use mobee_contract::Time;
 use std::time::Duration;
@@ -17,14 +17,14 @@ use std::time::Duration;
 #[cfg(test)]
 mod tests;
 
-/// What a new part must go through.
+/// Requirements on a new part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SwapPolicy {
-    /// For how long it sees all inputs while its intents are recorded, not executed.
+    /// Time for which it receives all inputs while its intents are recorded, not executed.
     pub shadow: Duration,
-    /// For how long after it took over the old part is kept, to return if the new one breaks.
+    /// Time for which the old part is retained after the exchange, to return if the new one fails.
     pub probation: Duration,
-    /// The longest time that it may take for an answer until its probation is over.
+    /// Longest time for an answer until its probation is over.
     pub budget: Duration,
 }
 
@@ -34,75 +34,75 @@ impl Default for SwapPolicy {
     }
 }
 
-/// Where a swap is.
+/// Phase of a swap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Phase {
     /// There is one part, and it is trusted.
     #[default]
     Settled,
-    /// A new one looks on until then, and takes over at the first boundary after it.
+    /// A new part observes until this time, and takes over at the first boundary after it.
     Shadow(Time),
-    /// The new one has taken over; the old one is kept until then.
+    /// The new part has taken over; the old one is retained until this time.
     Probation(Time),
 }
 
-/// What happens to a swap.
+/// Input of the state machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SwapIn {
-    /// A new part, built and checked.
+    /// A new part was built and checked.
     Offer(SwapPolicy),
     /// No transaction is open.
     Boundary,
     /// Time passed.
     Tick,
-    /// The part answered as it should.
+    /// The part answered correctly.
     Answered,
-    /// The new part is in place: answers [`SwapOut::HandOver`].
+    /// The new part is in place, in response to [`SwapOut::HandOver`].
     TookOver,
-    /// The new part panicked, refused the old one's state, or did not answer in time.
+    /// The new part panicked, refused the old part's state, or exceeded its time.
     Broke,
 }
 
-/// What is to be done about it.
+/// Required action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SwapOut {
-    /// Keep the new part beside the old one.
+    /// Store the new part beside the old one.
     Keep,
-    /// Turn the offer down: another swap is under way.
+    /// Refuse the offer: another swap is under way.
     Busy,
-    /// Let the new part see what the old one sees.
+    /// Give the new part the old part's inputs.
     Rehearse,
-    /// Give the old part's state to the new one, and put it in the old one's place.
+    /// Transfer the old part's state to the new one, and put it in the old one's place.
     HandOver,
-    /// Forget the new part.
+    /// Drop the new part.
     Discard,
     /// Put the old part back.
     Revert,
-    /// Forget the old part.
+    /// Drop the old part.
     Settle,
 }
 
-/// The state machine.
+/// State machine of a swap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SwapCore {
     phase: Phase,
     terms: SwapPolicy,
-    /// Whether the new part has answered since it took over: one that was never asked is never trusted.
+    /// True if the new part has answered since it took over: one without an answer is never trusted.
     answered: bool,
 }
 
 impl SwapCore {
-    /// Where it is.
+    /// Current phase.
     pub fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// What the present swap has to go through.
+    /// Requirements of the present swap.
     pub fn terms(&self) -> SwapPolicy {
         self.terms
     }
 
-    /// One step.
+    /// Takes one input.
     pub fn on(&mut self, input: SwapIn, now: Time) -> Option<SwapOut> {
         let (phase, out) = match (self.phase, input) {
             (Phase::Settled, SwapIn::Offer(terms)) => {

@@ -1,4 +1,5 @@
-//! The agent's shell: asks a planner what it wants, commits it, and tells it how its motions ended.
+//! The agent's shell: requests intents from a planner, commits them, and notifies it of the ends of its
+//! motions.
 
 mod planners;
 
@@ -8,119 +9,120 @@ use mobee_contract::{
     Commit, CommitId, Event, Hold, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Status, Target, Verdict, View,
 };
 use mobee_controller::supervise::Revision;
-use planners::{Last, PlannerHost};
+use planners::{MotionReport, PlannerHost};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// How long to wait before asking again whether the filter takes commits.
-const PAUSE: Duration = Duration::from_millis(100);
+/// Time between two requests while the filter takes no commits.
+const RETRY_PAUSE: Duration = Duration::from_millis(100);
 
 /// The agent's actor.
 pub struct AgentActor;
 
-/// What it keeps.
-pub struct Planning {
+/// State of an [`AgentActor`].
+pub struct AgentState {
     shared: Arc<SharedContext>,
     context: Arc<RobotContext>,
     planners: PlannerHost,
-    /// The motion under way.
+    /// The open motion.
     moving: Option<CommitId>,
-    /// Whether the motion under way was one of a planner that broke: its end is told to nobody.
+    /// True if the open motion belongs to a planner that failed: no planner is notified of its end.
     orphan: bool,
-    /// How the last one ended, until the planner was told.
-    last: Option<Last>,
-    asked: u64,
-    /// Whether the planner has nothing more to do.
+    /// End of the last motion, until the planner was notified.
+    last: Option<MotionReport>,
+    /// Number of the newest request for an intent: older messages are ignored.
+    request: u64,
+    /// True if the planner has reported its end.
     done: bool,
-    /// Whether the run ends.
-    rests: bool,
-    /// Whether the motion under way is a stream.
+    /// True if the run is ending.
+    ending: bool,
+    /// True if the open motion is a stream.
     streams: bool,
 }
 
 impl Actor for AgentActor {
     type Msg = AgentMsg;
-    type State = Planning;
+    type State = AgentState;
     type Arguments = (Arc<SharedContext>, Arc<RobotContext>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<AgentMsg>,
         (shared, context): Self::Arguments,
-    ) -> Result<Planning, ActorProcessingErr> {
+    ) -> Result<AgentState, ActorProcessingErr> {
         let planners = PlannerHost::start(shared.clone(), context.clone())?;
         context.agent.connect(myself.clone());
-        let planning = Planning {
+        let state = AgentState {
             shared,
             context,
             planners,
             moving: None,
             orphan: false,
             last: None,
-            asked: 0,
+            request: 0,
             done: false,
-            rests: false,
+            ending: false,
             streams: false,
         };
-        planning.ask_after(&myself, Duration::ZERO);
-        Ok(planning)
+        state.request_after(&myself, Duration::ZERO);
+        Ok(state)
     }
 
     async fn handle(
         &self,
         myself: ActorRef<AgentMsg>,
         message: AgentMsg,
-        planning: &mut Planning,
+        state: &mut AgentState,
     ) -> Result<(), ActorProcessingErr> {
         match message {
-            AgentMsg::Ask(n) if n == planning.asked && planning.moving.is_none() && !planning.done => {
-                planning.ask(&myself).await;
+            AgentMsg::Ask(n) if n == state.request && state.moving.is_none() && !state.done => {
+                state.request_intent(&myself).await;
             }
-            AgentMsg::Ended(id, end) if planning.moving == Some(id) => {
-                planning.moving = None;
-                planning.streams = false;
-                planning.last = (!std::mem::take(&mut planning.orphan)).then_some(Last { id: Some(id), end });
-                if !planning.done {
-                    planning.ask(&myself).await;
+            AgentMsg::Ended(id, end) if state.moving == Some(id) => {
+                state.moving = None;
+                state.streams = false;
+                state.last = (!std::mem::take(&mut state.orphan)).then_some(MotionReport { id: Some(id), end });
+                if !state.done {
+                    state.request_intent(&myself).await;
                 } else {
-                    planning.tick(&myself).await;
+                    state.tick(&myself).await;
                 }
             }
-            // of a motion that is being taken back there is nothing to be revised; how it ended will be told
-            AgentMsg::Revise if planning.moving.is_some() && planning.context.gate.is_open() => {
-                planning.revise(&myself).await;
+            // A motion that is being rolled back can't be revised; the planner is notified of its end.
+            AgentMsg::Revise if state.moving.is_some() && state.context.gate.is_open() => {
+                state.revise(&myself).await;
             }
-            AgentMsg::SetPoint(id) if planning.moving == Some(id) && !planning.done => {
-                // an agent that makes way, for now or for good, lets its stream go quiet
-                if planning.context.agent_acts.load(Ordering::SeqCst) && !planning.planners.is_due() {
-                    planning.revise(&myself).await;
+            AgentMsg::SetPoint(id) if state.moving == Some(id) && !state.done => {
+                // An agent that yields, for now or for good, lets its stream end by silence.
+                if state.context.agent_acts.load(Ordering::SeqCst) && !state.planners.is_due() {
+                    state.revise(&myself).await;
                 }
-                planning.set_point_after(&myself, id);
+                state.set_point_after(&myself, id);
             }
-            AgentMsg::Rest => (planning.done, planning.rests) = (true, true),
+            AgentMsg::Rest => (state.done, state.ending) = (true, true),
             AgentMsg::Swap(offer, reply) => {
-                let offered = planning.planners.offer(offer).await;
+                let offered = state.planners.offer(offer).await;
                 if let Ok(terms) = &offered {
                     myself.send_after(terms.shadow, || AgentMsg::Tick);
                 }
                 let _ = reply.send(offered.map(drop));
             }
-            AgentMsg::Tick => planning.tick(&myself).await,
+            AgentMsg::Tick => state.tick(&myself).await,
             _ => {}
         }
         Ok(())
     }
 }
 
-impl Planning {
+impl AgentState {
     fn view(&self) -> View {
         self.shared.view(&self.context)
     }
 
-    fn ask_after(&self, myself: &ActorRef<AgentMsg>, pause: Duration) {
-        let n = self.asked;
+    fn request_after(&self, myself: &ActorRef<AgentMsg>, pause: Duration) {
+        let n = self.request;
         if pause.is_zero() {
             let _ = myself.send_message(AgentMsg::Ask(n));
         } else {
@@ -128,20 +130,21 @@ impl Planning {
         }
     }
 
-    /// Time for a new planner to take over, if the old one does not come to a boundary by itself, or for its probation to end.
+    /// Lets a new planner take over if the old one does not reach a boundary by itself, or ends its probation.
     async fn tick(&mut self, myself: &ActorRef<AgentMsg>) {
         self.planners.tick();
-        if self.moving.is_some() || self.rests || !self.planners.is_due() {
+        if self.moving.is_some() || self.ending || !self.planners.is_due() {
             return;
         }
         if self.boundary(myself).await {
-            self.ask(myself).await;
+            self.request_intent(myself).await;
         } else if self.planners.is_due() {
-            myself.send_after(PAUSE, || AgentMsg::Tick);
+            myself.send_after(RETRY_PAUSE, || AgentMsg::Tick);
         }
     }
 
-    /// No transaction is open, if the robot is ready: whether a new planner took over.
+    /// Handles a moment with no transaction open, if the robot is ready. Returns true if a new planner took
+    /// over.
     async fn boundary(&mut self, myself: &ActorRef<AgentMsg>) -> bool {
         if self.planners.phase() == Phase::Settled || !self.context.latest.lock().ready {
             return false;
@@ -155,20 +158,20 @@ impl Planning {
         took_over
     }
 
-    async fn ask(&mut self, myself: &ActorRef<AgentMsg>) {
-        self.asked += 1;
+    async fn request_intent(&mut self, myself: &ActorRef<AgentMsg>) {
+        self.request += 1;
         self.boundary(myself).await;
         let ready = {
             let latest = self.context.latest.lock();
-            // a halted robot takes no commit: what its planner wants is asked for once it is released
+            // A halted robot takes no commit: its planner is called again after the release.
             latest.ready && latest.status != Status::Holding(Hold::Halted)
         };
         if !(self.context.agent_acts.load(Ordering::SeqCst) && ready) {
-            return self.ask_after(myself, PAUSE);
+            return self.request_after(myself, RETRY_PAUSE);
         }
         let view = self.view();
         let Some(intent) = self.planners.next(&mut self.last, &view).await else {
-            return self.ask_after(myself, Duration::ZERO);
+            return self.request_after(myself, Duration::ZERO);
         };
         match intent {
             Intent::MoveTo(target) => {
@@ -183,40 +186,41 @@ impl Planning {
                 let verdict = self.stream(setpoints, myself).await;
                 self.begin(verdict, myself);
             }
-            Intent::Stop => self.ask_after(myself, PAUSE),
-            Intent::Wait(time) => self.ask_after(myself, time.max(Duration::from_millis(1))),
+            Intent::Stop => self.request_after(myself, RETRY_PAUSE),
+            Intent::Wait(time) => self.request_after(myself, time.max(Duration::from_millis(1))),
             Intent::Done(summary) => {
                 self.done = true;
-                self.shared.tell(Event::Done { robot: self.context.name.clone(), summary });
+                self.shared.emit(Event::Done { robot: self.context.name.clone(), summary });
             }
         }
     }
 
-    /// A motion was asked for: it is under way, or the planner is asked again.
+    /// Handles the verdict on a motion: it is under way, or the planner is called again.
     fn begin(&mut self, verdict: Option<Verdict>, myself: &ActorRef<AgentMsg>) {
         match verdict {
             Some(Ok(id)) => {
                 self.moving = Some(id);
                 return;
             }
-            // not the target's fault: the robot or the filter is not ready for it
+            // The robot or the filter is not ready; the target is not at fault.
             Some(Err(Refusal::Closed | Refusal::Busy | Refusal::NotReady { .. } | Refusal::Holding { .. })) | None => {}
-            Some(Err(Refusal::Pushing)) => return self.ask_after(myself, SILENCE + PAUSE),
-            Some(Err(_)) => self.last = Some(Last { id: None, end: MotionEnd::Failed }),
+            Some(Err(Refusal::Pushing)) => return self.request_after(myself, SILENCE + RETRY_PAUSE),
+            Some(Err(_)) => self.last = Some(MotionReport { id: None, end: MotionEnd::Failed }),
         }
-        self.ask_after(myself, PAUSE);
+        self.request_after(myself, RETRY_PAUSE);
     }
 
     async fn revise(&mut self, myself: &ActorRef<AgentMsg>) {
         let view = self.view();
         let Ok(intent) = self.planners.revise(&view).await else {
-            // nobody plans this motion any more: it is stopped and taken back, as after an agent's death (I18)
+            // No planner is left for this motion: it is stopped and rolled back, as after an agent's death
+            // (I18).
             self.orphan = true;
             self.context.agent_died(self.context.agent_name.clone());
             return;
         };
         match intent {
-            // refused: the motion goes on as it was, and its end will be told
+            // A refused revision leaves the motion as it was; the planner is notified of its end.
             Some(Intent::MoveTo(target)) => drop(self.commit(target, None).await),
             Some(Intent::MoveEach(target, speeds)) => drop(self.commit(target, Some(speeds)).await),
             Some(Intent::Stream(setpoints)) => {
@@ -230,7 +234,7 @@ impl Planning {
     }
 
     async fn stream(&mut self, setpoints: Setpoints, myself: &ActorRef<AgentMsg>) -> Option<Verdict> {
-        let verdict = self.ask_for(Revision::Stream(self.context.agent_name.clone(), setpoints)).await;
+        let verdict = self.request_motion(Revision::Stream(self.context.agent_name.clone(), setpoints)).await;
         if let (Some(Ok(id)), false) = (&verdict, self.streams) {
             self.streams = true;
             self.set_point_after(myself, *id);
@@ -238,19 +242,19 @@ impl Planning {
         verdict
     }
 
-    /// Asks for the next set-point after a control period.
+    /// Schedules the next set-point after a control period.
     fn set_point_after(&self, myself: &ActorRef<AgentMsg>, id: CommitId) {
         myself.send_after(self.context.rules().period, move || AgentMsg::SetPoint(id));
     }
 
     async fn commit(&mut self, target: Target, speeds: Option<Vec<f64>>) -> Option<Verdict> {
         let agent = self.context.agent_name.clone();
-        self.ask_for(Revision::Commit(Commit { agent, target, speeds })).await
+        self.request_motion(Revision::Commit(Commit { agent, target, speeds })).await
     }
 
-    /// Asks for a motion. While one is under way as far as is known here, only that may be changed: it may have ended, and its
-    /// end wait to be heard.
-    async fn ask_for(&mut self, revision: Revision) -> Option<Verdict> {
+    /// Requests a motion from supervise. While a motion is open as far as this actor has been notified, the
+    /// request may only change that motion: it may have ended already, with the notification still queued.
+    async fn request_motion(&mut self, revision: Revision) -> Option<Verdict> {
         let (reply, verdict) = ractor::concurrency::oneshot();
         let reply = reply.into();
         self.context.supervise.send(match (self.moving, revision) {

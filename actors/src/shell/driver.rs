@@ -17,8 +17,8 @@ pub struct DriverActor;
 /// Shortest and longest time between two attempts to connect.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
 
-/// What it keeps.
-pub struct Driving {
+/// State of a [`DriverActor`].
+pub struct DriverState {
     shared: Arc<SharedContext>,
     context: Arc<RobotContext>,
     plug: HardwareHandle,
@@ -26,28 +26,28 @@ pub struct Driving {
     guard: CommandGuard,
     offsets: HoldOffsets,
     back_off: Duration,
-    /// Whether the last reading made no sense.
-    nonsense: bool,
-    /// Whether the last reading was far beyond the limits.
+    /// True if the last reading was invalid.
+    invalid: bool,
+    /// True if the last reading was far beyond the limits.
     beyond: bool,
-    /// When its next turn is due.
+    /// Time at which the next poll is due.
     due: Option<Time>,
 }
 
 impl Actor for DriverActor {
     type Msg = DriverMsg;
-    type State = Driving;
+    type State = DriverState;
     type Arguments = (Arc<SharedContext>, Arc<RobotContext>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<DriverMsg>,
         (shared, context): Self::Arguments,
-    ) -> Result<Driving, ActorProcessingErr> {
+    ) -> Result<DriverState, ActorProcessingErr> {
         let plug = context.parts.lock().plug.clone();
         let guard = CommandGuard::new(context.rules());
         let offsets = HoldOffsets::new(&context.rules());
-        let mut driving = Driving {
+        let mut state = DriverState {
             shared,
             context,
             plug,
@@ -55,48 +55,49 @@ impl Actor for DriverActor {
             guard,
             offsets,
             back_off: BACK_OFF.0,
-            nonsense: false,
+            invalid: false,
             beyond: false,
             due: None,
         };
-        driving.context.lease.store(0, Ordering::SeqCst);
-        driving.context.hold_offsets.lock().clear();
-        driving.connect();
-        driving.context.driver.connect(myself.clone());
+        state.context.lease.store(0, Ordering::SeqCst);
+        state.context.hold_offsets.lock().clear();
+        state.connect();
+        state.context.driver.connect(myself.clone());
         let _ = myself.send_message(DriverMsg::Poll);
-        Ok(driving)
+        Ok(state)
     }
 
     async fn handle(
         &self,
         myself: ActorRef<DriverMsg>,
         message: DriverMsg,
-        driving: &mut Driving,
+        state: &mut DriverState,
     ) -> Result<(), ActorProcessingErr> {
         match message {
             DriverMsg::Poll => {
-                driving.look_at_the_clock();
-                let next = driving.poll();
-                driving.due = Some(next);
-                let clock = driving.shared.clock.clone();
+                state.count_delay();
+                let next = state.poll();
+                state.due = Some(next);
+                let clock = state.shared.clock.clone();
                 tokio::spawn(async move {
                     clock.sleep_until(next).await;
                     let _ = myself.send_message(DriverMsg::Poll);
                 });
             }
-            DriverMsg::Command(token, writer, command) => driving.command(token, writer, command),
+            DriverMsg::Command(token, writer, command) => state.command(token, writer, command),
         }
         Ok(())
     }
 }
 
-impl Driving {
-    /// A new connection begins with a stop, whatever the board was doing (I10).
+impl DriverState {
+    /// Connects to the hardware. A new connection begins with a stop, whatever the board was doing (I10).
     fn connect(&mut self) {
         let Ok(driver) = self.plug.0.connect() else { return };
-        let (robot, motors) = (self.context.name.clone(), driver.found());
+        let robot = self.context.name.clone();
+        let motors = driver.found();
         if !motors.is_empty() {
-            self.shared.tell(Event::Found { robot, motors });
+            self.shared.emit(Event::Found { robot, motors });
         }
         self.driver = Some(driver);
         self.back_off = BACK_OFF.0;
@@ -104,8 +105,9 @@ impl Driving {
         self.give(token, Writer::Driver, &Command::Stop { motors: Vec::new() });
     }
 
-    /// Counts the control periods that it was too late for. In virtual time only a planted stall makes it late.
-    fn look_at_the_clock(&self) {
+    /// Counts the control periods by which the poll is late. In virtual time only a planted stall makes it
+    /// late.
+    fn count_delay(&self) {
         let now = self.shared.clock.now();
         if let Some(due) = self.due.filter(|_| self.shared.clock.kind() == ClockKind::Real) {
             let period = self.context.rules().period;
@@ -113,7 +115,7 @@ impl Driving {
         }
     }
 
-    /// Reads the encoders, and says when to do so next.
+    /// Reads the encoders, and returns the time of the next poll.
     fn poll(&mut self) -> Time {
         let now = self.shared.clock.now();
         if self.driver.is_none() {
@@ -131,7 +133,7 @@ impl Driving {
         };
         driver.lease(now, Time(self.context.lease.load(Ordering::SeqCst)));
         if let Some(news) = driver.news() {
-            self.shared.tell(Event::Warning { text: format!("{}: {news}", self.context.name) });
+            self.shared.emit(Event::Warning { text: format!("{}: {news}", self.context.name) });
         }
         match driver.sample(now) {
             Ok(sample) => {
@@ -145,17 +147,17 @@ impl Driving {
         }
     }
 
-    /// A reading goes on its way, unless it is none.
+    /// Passes a reading on to history, unless it is invalid.
     fn take(&mut self, sample: Sample) {
         let wrong = self.guard.makes_no_sense(&sample);
         if let Some(what) = &wrong
-            && !self.nonsense
+            && !self.invalid
         {
             let robot = &self.context.name;
-            let text = format!("{robot}: the board gives readings that make no sense ({what}); they are thrown away");
-            self.shared.tell(Event::Warning { text });
+            let text = format!("{robot}: discarding invalid encoder readings: {what}");
+            self.shared.emit(Event::Warning { text });
         }
-        self.nonsense = wrong.is_some();
+        self.invalid = wrong.is_some();
         self.shared.counts.lock().samples += 1;
         let beyond = self.guard.is_beyond(&sample).filter(|_| wrong.is_none());
         if let Some(what) = &beyond
@@ -164,7 +166,7 @@ impl Driving {
             self.context.supervise.send(SuperviseMsg::Fault(what.clone()));
         }
         self.beyond = beyond.is_some();
-        if !self.nonsense && !self.beyond {
+        if !self.invalid && !self.beyond {
             let learned = self.offsets.learn(&sample);
             if !learned.is_empty() {
                 self.context.hold_offsets.lock().extend(learned);
@@ -208,7 +210,7 @@ impl Driving {
             Ok(()) => {
                 self.guard.leads = driver.leads();
                 for event in self.guard.took(token, writer, command, now) {
-                    self.shared.tell(event);
+                    self.shared.emit(event);
                 }
             }
             Err(fault) => {
@@ -229,6 +231,6 @@ impl Driving {
 
     fn drop_command(&mut self, token: u64, writer: Writer, reason: String) {
         let robot = self.context.name.clone();
-        self.shared.tell(Event::CommandDropped { robot, token, writer, reason });
+        self.shared.emit(Event::CommandDropped { robot, token, writer, reason });
     }
 }

@@ -1,4 +1,4 @@
-//! History's shell: records each pulse and passes it on.
+//! History's shell: records each pulse and forwards it.
 
 use crate::wiring::{RobotContext, SharedContext};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
@@ -7,10 +7,10 @@ use std::sync::Arc;
 /// History's actor.
 pub struct HistoryActor;
 
-/// What it hears.
+/// Message to history.
 #[derive(Debug)]
 pub enum HistoryMsg {
-    /// There are pulses.
+    /// Pulses are queued.
     Pulses,
 }
 

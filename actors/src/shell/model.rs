@@ -1,4 +1,4 @@
-//! Model: the hub where sensors, agents and controllers meet. One for all robots and objects.
+//! The model's shell: the hub where sensors, agents and controllers meet. One for all robots and objects.
 
 use crate::wiring::{AgentMsg, ModelMsg, RobotContext, SharedContext};
 use mobee_contract::{CommitId, Event, Pose, Status, WorldChange};
@@ -15,19 +15,19 @@ use std::sync::Arc;
 /// The model's actor.
 pub struct ModelActor;
 
-/// What it keeps; the scene itself outlives it in the hub.
+/// State of a [`ModelActor`]; the scene itself survives it in the shared context.
 pub struct Model {
     shared: Arc<SharedContext>,
     scene: Arc<Scene>,
-    /// Where the objects are in truth, where that is simulated; see [`SharedContext::truth`].
+    /// The true poses of the objects, if they are simulated; see [`SharedContext::truth`].
     truth: Arc<Scene>,
     watch: Watch,
-    /// How near robots come to each other between readings.
+    /// Least distances between robots from one reading to the next.
     simultaneous: Simultaneous,
-    /// Where robots would come to rest, if any of them looks ahead.
+    /// Stopping configurations, if any robot looks ahead.
     ahead: Option<LookAhead>,
     poses: Vec<Pose>,
-    /// The fields of robots that move under forces.
+    /// Force fields of the robots that move under forces.
     fields: Vec<Option<Fields>>,
 }
 
@@ -43,7 +43,8 @@ impl Actor for ModelActor {
     ) -> Result<Model, ActorProcessingErr> {
         let scene = shared.scene.lock().clone();
         let truth = shared.truth.lock().clone();
-        let (watch, simultaneous) = (watch(&shared, &scene), simultaneous(&shared, &scene));
+        let watch = watch(&shared, &scene);
+        let simultaneous = simultaneous(&shared, &scene);
         let ahead = ahead(&shared, &scene);
         let poses = shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
         let fields = shared.robots.iter().map(|w| Fields::new(w, &scene)).collect();
@@ -68,16 +69,16 @@ impl Actor for ModelActor {
             }
             ModelMsg::Edit(edit, reply) => {
                 let done = model.change(&edit);
-                model.complain(&done);
+                model.warn_on_error(&done);
                 if let Some(reply) = reply {
                     let _ = reply.send(done);
                 }
             }
             ModelMsg::Seen(object, at) => {
-                // it may have been removed since
+                // The object may have been removed since.
                 if let Some(edit) = model.scene.object(&object).map(|(_, o)| seen_at(o, at)) {
                     let done = model.edit(&edit);
-                    model.complain(&done);
+                    model.warn_on_error(&done);
                 }
             }
         }
@@ -85,27 +86,27 @@ impl Actor for ModelActor {
     }
 }
 
-/// Puts an object where its middle was seen.
+/// Edit that puts an object with its center where it was seen.
 fn seen_at(object: &Object, at: [f64; 3]) -> Edit {
     let from_middle = object.pose.rotation * object.middle();
     let pose = Isometry3::from_parts((Vector3::from(at) - from_middle).into(), object.pose.rotation);
     Edit::Move { name: object.name.clone(), pose }
 }
 
-/// Watches as far as the robot with the greatest margin needs, and as looking ahead does.
+/// Creates the watch, with the range that the robot with the greatest margin and the look-ahead need.
 fn watch(shared: &SharedContext, scene: &Arc<Scene>) -> Watch {
     let rules: Vec<_> = shared.robots.iter().map(|w| w.rules()).collect();
     let margin = rules.iter().map(|rules| rules.margin).fold(0.0, f64::max);
     Watch::new(scene.clone(), (margin + RELEASE).max(look_ahead::farthest(rules.iter().map(|rules| &**rules))))
 }
 
-/// Looks between readings at the robots that there are now.
+/// Creates the check between readings for the present robots.
 fn simultaneous(shared: &SharedContext, scene: &Arc<Scene>) -> Simultaneous {
     let rules: Vec<_> = shared.robots.iter().map(|w| w.rules()).collect();
     Simultaneous::new(scene, rules.iter().map(|rules| &**rules))
 }
 
-/// Looks ahead for the robots that want it.
+/// Creates the look-ahead for the robots that use it.
 fn ahead(shared: &SharedContext, scene: &Arc<Scene>) -> Option<LookAhead> {
     LookAhead::new(scene, shared.robots.iter().map(|w| w.rules()))
 }
@@ -124,7 +125,7 @@ impl Model {
                 let own = |c: &&Contact| c.distance <= within && (is_own(c.pair.0) || is_own(c.pair.1));
                 pulse.contacts = near.iter().filter(own).copied().collect();
             }
-            // a robot that is alone meets no other
+            // A single robot has no other to meet.
             if self.poses.len() > 1 {
                 let met = self.simultaneous.read(robot, pulse.sample.at, &pulse.sample.q);
                 if !met.is_empty() {
@@ -148,17 +149,18 @@ impl Model {
         }
     }
 
-    fn complain(&self, done: &Result<(), String>) {
+    fn warn_on_error(&self, done: &Result<(), String>) {
         if let Err(text) = done {
-            self.shared.tell(Event::Warning { text: format!("the world was not edited: {text}") });
+            self.shared.emit(Event::Warning { text: format!("the world was not edited: {text}") });
         }
     }
 
-    /// What happens in the world. An object that simulated cameras look at moves in truth alone: the model learns by them.
+    /// Applies an edit of the world. An object that simulated cameras see moves in the truth only: the model is
+    /// updated by its sensors.
     fn change(&mut self, edit: &Edit) -> Result<(), String> {
         let is_secret = matches!(edit, Edit::Move { name, .. } if self.shared.looked_at.contains(name));
         self.truth = match self.shared.looked_at.is_empty() {
-            // what the model has is what there is
+            // Without simulated cameras the model is the truth.
             true => {
                 self.edit(edit)?;
                 self.scene.clone()
@@ -184,7 +186,7 @@ impl Model {
         self.fields.iter_mut().flatten().for_each(|f| f.set_scene(&next));
         *self.shared.scene.lock() = next.clone();
         for event in differences(&before, &next) {
-            self.shared.tell(event);
+            self.shared.emit(event);
         }
         self.shared.taps.scene(self.shared.clock.now(), &next);
         for context in &self.shared.robots {
@@ -194,10 +196,10 @@ impl Model {
     }
 }
 
-/// The fields about a robot's shapes, which act while it moves.
+/// The force field about a robot's shapes, which acts while it moves.
 struct Fields {
     field: Field,
-    /// Which commit's target it was told of.
+    /// Commit, and its target, at which the field is aimed.
     aimed: Option<(CommitId, Pose)>,
 }
 
@@ -212,7 +214,7 @@ impl Fields {
         self.aimed = None;
     }
 
-    /// What they do to the motors, if anything.
+    /// Torques on the motors, if any.
     fn push(&mut self, context: &RobotContext, robot: usize, poses: &[Pose]) -> Option<Arc<[f64]>> {
         let (open, ahead) = {
             let book = context.ledger.book();
@@ -233,9 +235,9 @@ impl Fields {
     }
 }
 
-/// What an edit did, object by object.
+/// Events for the objects that an edit changed.
 fn differences(before: &Scene, after: &Scene) -> Vec<Event> {
-    let told = |o: &Object, what: WorldChange, exists: bool| Event::World {
+    let world_event = |o: &Object, what: WorldChange, exists: bool| Event::World {
         object: o.name.clone(),
         what,
         class: exists.then_some(o.class),
@@ -244,13 +246,13 @@ fn differences(before: &Scene, after: &Scene) -> Vec<Event> {
     let mut events = Vec::new();
     for (id, old) in before.objects() {
         match after.objects().find(|(i, _)| *i == id) {
-            None => events.push(told(old, WorldChange::Removed, false)),
-            Some((_, new)) if old.class != new.class => events.push(told(new, WorldChange::Changed, true)),
-            Some((_, new)) if old.pose != new.pose => events.push(told(new, WorldChange::Moved, true)),
+            None => events.push(world_event(old, WorldChange::Removed, false)),
+            Some((_, new)) if old.class != new.class => events.push(world_event(new, WorldChange::Changed, true)),
+            Some((_, new)) if old.pose != new.pose => events.push(world_event(new, WorldChange::Moved, true)),
             Some(_) => {}
         }
     }
     let is_new = |id: u32| !before.objects().any(|(i, _)| i == id);
-    events.extend(after.objects().filter(|(id, _)| is_new(*id)).map(|(_, o)| told(o, WorldChange::Added, true)));
+    events.extend(after.objects().filter(|(id, _)| is_new(*id)).map(|(_, o)| world_event(o, WorldChange::Added, true)));
     events
 }

@@ -1,4 +1,4 @@
-//! Reflex's shell.
+//! The reflex's shell.
 
 use crate::wiring::{DriverMsg, ReflexMsg, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::Writer;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 /// The reflex's actor.
 pub struct ReflexActor;
 
-/// What it keeps.
+/// State of a [`ReflexActor`].
 pub struct Reflex {
     shared: Arc<SharedContext>,
     context: Arc<RobotContext>,
@@ -77,17 +77,18 @@ impl Reflex {
                 ReflexOut::Closed { token, cause } => {
                     self.context.supervise.send(SuperviseMsg::Closed(token, cause));
                 }
-                ReflexOut::Bring(asked) => {
+                ReflexOut::Bring(request) => {
                     let scene = self.shared.scene.lock().clone();
                     let poses = self.shared.robots.iter().map(|robot| robot.latest.lock().q.clone()).collect();
-                    let who = asked.participant(self.rules.clone(), &self.context.ledger.book().history, scene, poses);
-                    let enroll = |who| self.shared.joint_retreat.enroll(who, self.shared.clock.now());
-                    self.on(ReflexIn::Brought(who.map(enroll)));
+                    let participant =
+                        request.participant(self.rules.clone(), &self.context.ledger.book().history, scene, poses);
+                    let enroll = |participant| self.shared.joint_retreat.enroll(participant, self.shared.clock.now());
+                    self.on(ReflexIn::Brought(participant.map(enroll)));
                 }
-                ReflexOut::ReflexReport(word) => {
-                    self.context.supervise.send(SuperviseMsg::ReflexReport(word));
+                ReflexOut::ReflexReport(report) => {
+                    self.context.supervise.send(SuperviseMsg::ReflexReport(report));
                 }
-                ReflexOut::Event(event) => shared.tell(event),
+                ReflexOut::Event(event) => shared.emit(event),
             }
         }
     }

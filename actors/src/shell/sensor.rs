@@ -6,8 +6,8 @@
 //!                                           └──Sighted──> journal                      │
 //!                                                              history at the exposure ┘
 //! ```
-//! What the locator tells goes through the world gate (`sensor/world_gate.rs`) into the model.
-//! Who is slower than the one before it sees the newest, and what comes in between is dropped and counted.
+//! The world gate (`sensor/world_gate.rs`) admits the locator's results to the model. A part that is slower
+//! than its source receives the newest value; the values in between are dropped and counted.
 
 mod camera;
 mod detector;
@@ -20,7 +20,7 @@ pub use locator::{LocatorActor, LocatorMsg};
 pub use world_gate::{KeptObject, WorldGate, WorldGateSettings};
 
 use crate::runtime::stream::{Stream, StreamCounters};
-use crate::wiring::{ActorLink, LatestCell, RobotContext, Seat, SharedContext};
+use crate::wiring::{ActorLink, LatestCell, PartSlot, RobotContext, SharedContext};
 use mobee_contract::{
     Camera, CameraMount, Detector, Event, Frame, Intrinsics, Locator, Region, Snapshot, SwapPart, SwapStep, Time,
 };
@@ -28,121 +28,121 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::time::Duration;
 
-/// How long one frame may take.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Time limit for one frame.
+const FRAME_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Makes a part of a sensor, at the start and after each of its deaths.
+/// Creates a part of a sensor, at the start and after each of its deaths.
 pub type PartMaker<T> = Arc<dyn Fn() -> Result<Box<T>, String> + Send + Sync>;
 
-/// Cameras that look at one world, and what finds and places things in their frames.
+/// Settings of a sensor: cameras that see one world, with the detectors and the locator for their frames.
 pub struct SensorSetup {
-    /// Its name: unique in the setup, and no robot's.
+    /// Name of the sensor: unique in the setup, and different from all robots' names.
     pub name: String,
     /// Its cameras.
     pub cameras: Vec<CameraSetup>,
-    /// Whether they are simulated: the objects that it keeps are then moved by scripts in truth alone.
+    /// True if they are simulated: scripts then move the objects that the sensor tracks in the truth only.
     pub is_simulated: bool,
-    /// What places what they see; `None`: it is told and not placed.
+    /// Locator for the detections; `None`: they are recorded, and no object is located.
     pub locator: Option<LocatorSetup>,
 }
 
-/// A camera, and the detector behind it.
+/// Settings of a camera and its detector.
 pub struct CameraSetup {
-    /// Its name, unique in its sensor.
+    /// Name of the camera, unique in its sensor.
     pub name: String,
-    /// Makes the camera.
+    /// Creates the camera.
     pub camera: PartMaker<dyn Camera>,
-    /// Makes the detector.
+    /// Creates the detector.
     pub detector: PartMaker<dyn Detector>,
-    /// Greatest number of regions of each object in one picture.
+    /// Greatest number of regions of each object in one image.
     pub max_regions: usize,
 }
 
-/// A locator, and whose body it goes by.
+/// Settings of a locator, and of the robot that carries the cameras.
 pub struct LocatorSetup {
     /// The robot that carries the cameras.
     pub robot: String,
-    /// Makes the locator.
+    /// Creates the locator.
     pub locator: PartMaker<dyn Locator>,
-    /// What of it becomes the model's; `None`: it is told and changes nothing.
+    /// Settings of the gate to the model; `None`: results are recorded, and the model is not changed.
     pub gate: Option<WorldGateSettings>,
 }
 
 impl SensorSetup {
-    /// The objects that it keeps.
-    pub fn keeps(&self) -> &[String] {
+    /// Names of the objects that it tracks.
+    pub fn tracked_objects(&self) -> &[String] {
         self.locator.iter().find_map(|l| l.gate.as_ref()).map_or(&[], |gate| &gate.objects)
     }
 }
 
-/// What outlives the actors of one sensor.
+/// State of one sensor that survives its actors.
 pub struct Sensor {
-    /// Its name.
+    /// Name of the sensor.
     pub name: String,
     /// Its cameras.
-    pub eyes: Vec<Arc<Eye>>,
+    pub channels: Vec<Arc<CameraChannel>>,
     /// Its locator, if it has one.
-    pub placing: Option<Arc<Placing>>,
+    pub locator_slot: Option<Arc<LocatorSlot>>,
 }
 
-/// What outlives the actors of one camera and its detector.
-pub struct Eye {
-    /// Its name in the run: its sensor's, and its own.
+/// State of one camera and its detector that survives their actors.
+pub struct CameraChannel {
+    /// Name in the run: `<sensor>/<camera>`.
     pub name: String,
     camera: PartMaker<dyn Camera>,
-    /// Where the camera is on its robot, for the recording.
+    /// Mount of the camera on its robot, for the recording.
     mount: LatestCell<Option<CameraMount>>,
-    /// Greatest number of regions of each object in one picture.
+    /// Greatest number of regions of each object in one image.
     max_regions: usize,
-    /// Pictures that its camera has skipped.
+    /// Number of images that its camera has skipped.
     skipped: AtomicU64,
-    /// Whether it was reported that regions are left out.
-    told_omitted: AtomicBool,
-    /// Which detector looks, and how far its exchange is.
-    pub seat: Seat<Looking>,
-    /// Why a new detector that looked on does so no more.
+    /// True if the warning about omitted regions has been logged.
+    warned_omitted: AtomicBool,
+    /// The active detector, and the state of its exchange.
+    pub slot: PartSlot<DetectorVersion>,
+    /// Reason for which a new, observing detector has failed.
     pub onlooker_fault: LatestCell<Option<String>>,
-    /// The line to its detector.
+    /// Link to its detector.
     pub detector: ActorLink<DetectorMsg>,
     frames: Stream<Frame>,
-    /// None without a locator.
+    /// Detections for the locator; `None` without a locator.
     seen: Option<Stream<Seen>>,
 }
 
-/// What outlives the locator's actor.
-pub struct Placing {
-    /// Its name in the run.
+/// State of a locator that survives its actor.
+pub struct LocatorSlot {
+    /// Name of the locator in the run.
     pub name: String,
-    /// Its sensor's.
+    /// Name of its sensor.
     pub sensor: String,
     robot: Arc<RobotContext>,
-    /// Which locator places, and how far its exchange is.
-    pub seat: Seat<Remembering>,
-    /// The line to it.
+    /// The active locator, and the state of its exchange.
+    pub slot: PartSlot<LocatorVersion>,
+    /// Link to its actor.
     pub locator: ActorLink<LocatorMsg>,
-    /// What of it becomes the model's.
+    /// Gate to the model.
     pub gate: Option<LatestCell<WorldGate>>,
 }
 
-/// A detector that looks: how it is made, and what it has learned.
+/// An exchangeable detector: its maker and its trained state.
 #[derive(Clone)]
-pub struct Looking {
-    /// Makes it.
+pub struct DetectorVersion {
+    /// Creates it.
     pub maker: PartMaker<dyn Detector>,
-    /// What it knew after its last frame.
+    /// State after its last frame.
     pub state: Option<Snapshot>,
 }
 
-/// A locator that places: how it is made, and what it remembers.
+/// An exchangeable locator: its maker and its state.
 #[derive(Clone)]
-pub struct Remembering {
-    /// Makes it.
+pub struct LocatorVersion {
+    /// Creates it.
     pub maker: PartMaker<dyn Locator>,
-    /// What it knew after it was last asked.
+    /// State after its last call.
     pub state: Option<Snapshot>,
 }
 
-/// What a detector saw in one frame.
+/// Detections in one frame.
 struct Seen {
     camera: Arc<str>,
     intrinsics: Intrinsics,
@@ -151,37 +151,39 @@ struct Seen {
 }
 
 impl Sensor {
-    /// From its setup, in a run with these robots.
+    /// Creates the sensor from its settings, in a run with these robots.
     ///
     /// # Errors
-    /// The name of a robot that there is not.
+    /// The name of a robot that does not exist.
     pub fn new(setup: SensorSetup, robots: &[Arc<RobotContext>], now: Time) -> Result<Sensor, String> {
         let SensorSetup { name, cameras, is_simulated: _, locator } = setup;
         let placed = locator.is_some();
-        let eye = |setup: CameraSetup| Arc::new(Eye::new(format!("{name}/{}", setup.name), setup, placed));
-        let eyes = cameras.into_iter().map(eye).collect();
-        let placing = locator.map(|setup| {
+        let channel =
+            |setup: CameraSetup| Arc::new(CameraChannel::new(format!("{name}/{}", setup.name), setup, placed));
+        let channels = cameras.into_iter().map(channel).collect();
+        let locator_slot = locator.map(|setup| {
             let robot = robots.iter().find(|r| r.name == setup.robot).cloned().ok_or(setup.robot)?;
             let own = format!("{name}/{}", crate::record::names::LOCATOR);
-            let (sensor, locator) = (name.clone(), ActorLink::default());
-            let seat = Seat::new(Remembering { maker: setup.locator, state: None });
+            let sensor = name.clone();
+            let locator = ActorLink::default();
+            let slot = PartSlot::new(LocatorVersion { maker: setup.locator, state: None });
             let gate = setup.gate.map(|settings| LatestCell::new(WorldGate::new(settings, now)));
-            Ok::<_, String>(Arc::new(Placing { name: own, sensor, robot, seat, locator, gate }))
+            Ok::<_, String>(Arc::new(LocatorSlot { name: own, sensor, robot, slot, locator, gate }))
         });
-        let placing = placing.transpose()?;
-        Ok(Sensor { name, eyes, placing })
+        let locator_slot = locator_slot.transpose()?;
+        Ok(Sensor { name, channels, locator_slot })
     }
 }
 
-impl Eye {
-    fn new(name: String, setup: CameraSetup, placed: bool) -> Eye {
-        Eye {
+impl CameraChannel {
+    fn new(name: String, setup: CameraSetup, placed: bool) -> CameraChannel {
+        CameraChannel {
             camera: setup.camera,
             mount: LatestCell::default(),
             max_regions: setup.max_regions,
             skipped: AtomicU64::new(0),
-            told_omitted: AtomicBool::new(false),
-            seat: Seat::new(Looking { maker: setup.detector, state: None }),
+            warned_omitted: AtomicBool::new(false),
+            slot: PartSlot::new(DetectorVersion { maker: setup.detector, state: None }),
             onlooker_fault: LatestCell::default(),
             detector: ActorLink::default(),
             frames: Stream::new(format!("{name}/camera>detector"), 1),
@@ -190,30 +192,30 @@ impl Eye {
         }
     }
 
-    /// The names and counters of its links.
+    /// Names and counters of its links.
     pub fn counters(&self) -> impl Iterator<Item = (String, StreamCounters)> {
         let frames = (self.frames.name(), self.frames.counters());
         [frames].into_iter().chain(self.seen.as_ref().map(|seen| (seen.name(), seen.counters())))
     }
 
-    /// The counters of its links as the events that a run ends with.
+    /// Counters of its links, as the events that a run ends with.
     pub fn links(&self) -> impl Iterator<Item = Event> {
         [self.frames.link()].into_iter().chain(self.seen.as_ref().map(Stream::link))
     }
 
-    /// Its detector has failed: on probation the one before is back.
-    pub fn fell(&self, shared: &SharedContext, why: &str) {
-        if self.seat.broke(shared.clock.now()) {
-            shared.tell_beside(&self.name, SwapPart::Detector, SwapStep::Reverted { why: why.into() });
+    /// Reports a failure of its detector: on probation the previous one returns.
+    pub fn failed(&self, shared: &SharedContext, why: &str) {
+        if self.slot.broke(shared.clock.now()) {
+            shared.report_swap_beside(&self.name, SwapPart::Detector, SwapStep::Reverted { why: why.into() });
         }
     }
 }
 
-impl Placing {
-    /// Its locator has failed: on probation the one before is back.
-    pub fn fell(&self, shared: &SharedContext, why: &str) {
-        if self.seat.broke(shared.clock.now()) {
-            shared.tell_beside(&self.sensor, SwapPart::Locator, SwapStep::Reverted { why: why.into() });
+impl LocatorSlot {
+    /// Reports a failure of its locator: on probation the previous one returns.
+    pub fn failed(&self, shared: &SharedContext, why: &str) {
+        if self.slot.broke(shared.clock.now()) {
+            shared.report_swap_beside(&self.sensor, SwapPart::Locator, SwapStep::Reverted { why: why.into() });
         }
     }
 }

@@ -1,15 +1,15 @@
-//! A service's shell: one life of a [`Service`], from its start to its end, whatever that is.
+//! A service's shell: one life of a [`Service`], from its start to its end, orderly or not.
 //!
 //! ```text
-//! real clock      the life has a thread and a runtime of its own: whatever it does there, no pulse waits for it
-//! virtual clock   the life is a task of the one runtime, and time passes for it as for everybody
+//! real clock      the life has its own thread and runtime: it delays no pulse
+//! virtual clock   the life is a task of the shared runtime, in the run's time
 //! ```
-//! What a life may do goes through its own [`Access`], which is revoked when it ends: the motions that it has under way are taken back, and
-//! whatever of it still runs (a thread that blocks can't be killed) can begin none.
+//! A life acts through its own [`Access`], which is revoked when it ends: its open motions are rolled back, and
+//! code of it that still runs (a blocked thread can't be killed) can start no motion.
 
 use crate::access::Access;
 use crate::runtime::clock::{Clock, ClockKind};
-use crate::wiring::{LatestCell, Seat, SharedContext};
+use crate::wiring::{LatestCell, PartSlot, SharedContext};
 use mobee_contract::{Event, Service, SwapPart, SwapStep, Time};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
@@ -17,22 +17,26 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::sync::{oneshot, watch};
 
-/// How long a service may take to leave, and what becomes of its runtime after that.
-const LEAVE: Duration = Duration::from_secs(3);
-const CLEAR: Duration = Duration::from_secs(1);
-/// Before a service is served anew: what made it fail (a port that is taken, a name server that is away) may need a moment to pass.
-const PAUSE: Duration = Duration::from_secs(1);
-/// How often a life's runtime shows that it is not blocked, and how many times it may fail to before the life is given up. Counted, and not
-/// measured, so that a machine that slept kills nobody.
+/// Time in which a service must leave after a request.
+const LEAVE_TIMEOUT: Duration = Duration::from_secs(3);
+/// Time for its runtime to shut down after that.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
+/// Pause before a service is started again: the cause of its failure (a port in use, a name server that is
+/// down) may pass.
+const RESTART_PAUSE: Duration = Duration::from_secs(1);
+/// Interval of the heartbeats of a life's runtime, by which it shows that it is not blocked.
 const BEAT: Duration = Duration::from_secs(1);
-const MISSES: u32 = 10;
-/// After so many of them a life that follows a failed one counts as serving: it has had the time to open what it needs.
+/// Number of missed heartbeats after which a life is ended. They are counted rather than timed, so that no
+/// service is killed after the machine slept.
+const MAX_MISSES: u32 = 10;
+/// Number of heartbeats after which a restarted life counts as running: it has had the time to open its
+/// resources.
 const SERVES: u64 = 4;
 
-/// How long its supervisor waits for a service's end: longer than the service may take.
+/// Time for which its supervisor waits for a service's end: longer than the service may take.
 pub const GRACE: Duration = Duration::from_secs(6);
 
-/// The names by which services are known in a run: their own, and who has one that is taken gets a number behind it.
+/// Unique names of services in a run: a name that is taken gets a number appended.
 pub fn named_apart(own: impl IntoIterator<Item = String>) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for own in own {
@@ -43,73 +47,75 @@ pub fn named_apart(own: impl IntoIterator<Item = String>) -> Vec<String> {
     names
 }
 
-/// What outlives the lives of a service.
-pub struct Post {
+/// State of a service that survives its lives.
+pub struct ServiceSlot {
     name: String,
-    seat: Seat<Arc<dyn Service>>,
-    /// What the present life may do.
+    slot: PartSlot<Arc<dyn Service>>,
+    /// Access of the present life.
     access: LatestCell<Option<Arc<Access>>>,
-    /// Why the last life ended.
+    /// Reason for which the last life ended.
     why: LatestCell<String>,
     begun: AtomicBool,
     done: AtomicBool,
 }
 
-impl Post {
-    /// For these services.
-    pub fn all(services: Vec<Arc<dyn Service>>) -> Vec<Arc<Post>> {
+impl ServiceSlot {
+    /// Creates the slots of these services.
+    pub fn all(services: Vec<Arc<dyn Service>>) -> Vec<Arc<ServiceSlot>> {
         let names = named_apart(services.iter().map(|s| s.name()));
-        let post = |(service, name)| {
-            let (access, why, begun, done) =
-                (LatestCell::default(), LatestCell::default(), AtomicBool::new(false), AtomicBool::new(false));
-            Arc::new(Post { name, seat: Seat::new(service), access, why, begun, done })
+        let service_slot = |(service, name)| {
+            let begun = AtomicBool::new(false);
+            let done = AtomicBool::new(false);
+            let access = LatestCell::default();
+            let why = LatestCell::default();
+            Arc::new(ServiceSlot { name, slot: PartSlot::new(service), access, why, begun, done })
         };
-        services.into_iter().zip(names).map(post).collect()
+        services.into_iter().zip(names).map(service_slot).collect()
     }
 
-    /// The service's name in the run.
+    /// Name of the service in the run.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Which service is served, and how far its exchange is.
-    pub fn seat(&self) -> &Seat<Arc<dyn Service>> {
-        &self.seat
+    /// The active service, and the state of its exchange.
+    pub fn slot(&self) -> &PartSlot<Arc<dyn Service>> {
+        &self.slot
     }
 
-    /// The announced service is served from the next life on, which begins at once. `false`: it was withdrawn.
+    /// Serves the announced service from the next life on, which begins at once. `false` if it was withdrawn.
     pub fn take_over(&self, new: Arc<dyn Service>, now: Time) -> bool {
-        self.begin_anew();
-        self.seat.take_over(new, now)
+        self.reset();
+        self.slot.take_over(new, now)
     }
 
-    /// A life has failed: what it had under way is taken back, and on probation the service before is served again.
-    pub fn fell(&self, shared: &SharedContext, why: &str) {
+    /// Reports a failed life: its open motions are rolled back, and on probation the previous service returns.
+    pub fn failed(&self, shared: &SharedContext, why: &str) {
         self.vacate(why);
-        if self.seat.broke(shared.clock.now()) {
-            // the one before serves again: nothing is down
-            self.begin_anew();
-            shared.tell_beside(&self.name, SwapPart::Bridge, SwapStep::Reverted { why: why.into() });
+        if self.slot.broke(shared.clock.now()) {
+            // The previous service runs again: the service is not down.
+            self.reset();
+            shared.report_swap_beside(&self.name, SwapPart::Bridge, SwapStep::Reverted { why: why.into() });
             return;
         }
         let news = shared.counts.lock().down.insert(self.name.clone(), why.to_owned());
         if shared.clock.kind() == ClockKind::Real && news.as_deref() != Some(why) {
             let text = format!("service {} failed: {why}; it is started again", self.name);
-            shared.tell(Event::Warning { text });
+            shared.emit(Event::Warning { text });
         }
     }
 
-    fn begin_anew(&self) {
+    fn reset(&self) {
         self.begun.store(false, Ordering::SeqCst);
         self.done.store(false, Ordering::SeqCst);
     }
 
-    /// Whether the run goes on for it: until it ends in order.
+    /// True if the run must continue for it: until it ends in order.
     pub fn keeps_run(&self) -> bool {
-        self.seat.part().keeps_run() && !self.done.load(Ordering::SeqCst)
+        self.slot.part().keeps_run() && !self.done.load(Ordering::SeqCst)
     }
 
-    /// Its life has ended, for this reason: what it had under way is taken back.
+    /// Ends its life for this reason: its open motions are rolled back.
     pub fn vacate(&self, why: &str) {
         *self.why.lock() = why.to_owned();
         if let Some(access) = self.access.lock().take() {
@@ -117,11 +123,12 @@ impl Post {
         }
     }
 
-    /// It is not served any more.
+    /// Reports that it is not started again.
     pub fn give_up(&self, shared: &SharedContext) {
-        let (name, why) = (&self.name, self.why.lock().clone());
+        let name = &self.name;
+        let why = self.why.lock().clone();
         let text = format!("service {name} has used up its restarts and is down: {why}");
-        shared.tell(Event::Warning { text });
+        shared.emit(Event::Warning { text });
         shared.give_up_beside(name, why);
     }
 }
@@ -129,79 +136,81 @@ impl Post {
 /// The service's actor.
 pub struct ServiceActor;
 
-/// What it hears.
+/// Message to a service's actor.
 #[derive(Debug)]
 pub enum ServiceMsg {
     /// The service has ended by itself: in order, or for a reason.
     Ended(Result<(), String>),
-    /// See whether its runtime still moves.
+    /// A check of its heartbeats is due.
     Look,
 }
 
-/// What it keeps.
-pub struct Serving {
+/// State of a [`ServiceActor`].
+pub struct ServiceState {
     shared: Arc<SharedContext>,
-    post: Arc<Post>,
-    /// Tells it to leave.
+    service_slot: Arc<ServiceSlot>,
+    /// Sender of the request to leave.
     leave: watch::Sender<bool>,
-    /// Ready when it has left. Dropped with this, it ends the life at once.
+    /// Ready when it has left. Dropping it ends the life at once.
     left: oneshot::Receiver<()>,
+    /// Heartbeats of its runtime.
     beats: Arc<AtomicU64>,
-    seen: u64,
+    /// Heartbeats at the last check.
+    last_beats: u64,
     misses: u32,
 }
 
 impl Actor for ServiceActor {
     type Msg = ServiceMsg;
-    type State = Serving;
-    type Arguments = (Arc<SharedContext>, Arc<Post>);
+    type State = ServiceState;
+    type Arguments = (Arc<SharedContext>, Arc<ServiceSlot>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<ServiceMsg>,
-        (shared, post): Self::Arguments,
-    ) -> Result<Serving, ActorProcessingErr> {
+        (shared, service_slot): Self::Arguments,
+    ) -> Result<ServiceState, ActorProcessingErr> {
         let access = Arc::new(Access::new(&shared));
-        *post.access.lock() = Some(access.clone());
+        *service_slot.access.lock() = Some(access.clone());
         let (leave, until) = watch::channel(false);
         let (gone, left) = oneshot::channel();
         let beats = Arc::new(AtomicU64::new(0));
-        let pause = post.begun.swap(true, Ordering::SeqCst).then_some(PAUSE);
-        let life = Life { service: post.seat.part(), access, until, clock: shared.clock.clone(), pause };
+        let pause = service_slot.begun.swap(true, Ordering::SeqCst).then_some(RESTART_PAUSE);
+        let life = Life { service: service_slot.slot.part(), access, until, clock: shared.clock.clone(), pause };
         start(life, beats.clone(), myself.clone(), gone)?;
         myself.send_after(BEAT, || ServiceMsg::Look);
-        Ok(Serving { shared, post, leave, left, beats, seen: 0, misses: 0 })
+        Ok(ServiceState { shared, service_slot, leave, left, beats, last_beats: 0, misses: 0 })
     }
 
     async fn handle(
         &self,
         myself: ActorRef<ServiceMsg>,
         message: ServiceMsg,
-        serving: &mut Serving,
+        state: &mut ServiceState,
     ) -> Result<(), ActorProcessingErr> {
         match message {
             ServiceMsg::Ended(Ok(())) => {
-                serving.post.seat.answered(serving.shared.clock.now());
-                serving.post.done.store(true, Ordering::SeqCst);
-                serving.shared.counts.lock().down.remove(serving.post.name());
+                state.service_slot.slot.answered(state.shared.clock.now());
+                state.service_slot.done.store(true, Ordering::SeqCst);
+                state.shared.counts.lock().down.remove(state.service_slot.name());
                 myself.stop(None);
             }
             ServiceMsg::Ended(Err(why)) => return Err(why.into()),
             ServiceMsg::Look => {
-                let beats = serving.beats.load(Ordering::SeqCst);
-                let moves = beats != serving.seen;
-                serving.misses = if moves { 0 } else { serving.misses + 1 };
-                serving.seen = beats;
+                let beats = state.beats.load(Ordering::SeqCst);
+                let moves = beats != state.last_beats;
+                state.misses = if moves { 0 } else { state.misses + 1 };
+                state.last_beats = beats;
                 if moves {
-                    serving.post.seat.answered(serving.shared.clock.now());
+                    state.service_slot.slot.answered(state.shared.clock.now());
                 }
                 if beats >= SERVES {
-                    serving.shared.counts.lock().down.remove(serving.post.name());
+                    state.shared.counts.lock().down.remove(state.service_slot.name());
                 }
-                // one on probation has its budget, and a beat before and after
-                let beats = |budget: Duration| u32::try_from(budget.as_secs()).unwrap_or(MISSES).saturating_add(2);
-                let most = serving.post.seat.budget().map_or(MISSES, |budget| beats(budget).min(MISSES));
-                if serving.misses >= most {
+                // One on probation has its budget, plus a heartbeat before and after.
+                let beats = |budget: Duration| u32::try_from(budget.as_secs()).unwrap_or(MAX_MISSES).saturating_add(2);
+                let most = state.service_slot.slot.budget().map_or(MAX_MISSES, |budget| beats(budget).min(MAX_MISSES));
+                if state.misses >= most {
                     return Err(format!("its thread has been blocked for {} s", (BEAT * most).as_secs()).into());
                 }
                 myself.send_after(BEAT, || ServiceMsg::Look);
@@ -210,19 +219,19 @@ impl Actor for ServiceActor {
         Ok(())
     }
 
-    /// A planned end: it leaves in order, or is left behind.
-    async fn post_stop(&self, _: ActorRef<ServiceMsg>, serving: &mut Serving) -> Result<(), ActorProcessingErr> {
-        let _ = serving.leave.send(true);
-        if tokio::time::timeout(LEAVE + CLEAR, &mut serving.left).await.is_err() {
-            let text = format!("service {} did not leave in time, and is left behind", serving.post.name());
-            serving.shared.tell(Event::Warning { text });
+    /// Planned end: the service leaves in order, or is abandoned.
+    async fn post_stop(&self, _: ActorRef<ServiceMsg>, state: &mut ServiceState) -> Result<(), ActorProcessingErr> {
+        let _ = state.leave.send(true);
+        if tokio::time::timeout(LEAVE_TIMEOUT + SHUTDOWN_TIMEOUT, &mut state.left).await.is_err() {
+            let text = format!("service {} did not leave in time, and is left behind", state.service_slot.name());
+            state.shared.emit(Event::Warning { text });
         }
-        serving.post.vacate("it was told to leave");
+        state.service_slot.vacate("its end was requested");
         Ok(())
     }
 }
 
-/// One life, about to begin.
+/// One life of a service before its start.
 struct Life {
     service: Arc<dyn Service>,
     access: Arc<Access>,
@@ -232,19 +241,19 @@ struct Life {
 }
 
 impl Life {
-    /// From its start to its end.
+    /// Runs the service to its end.
     async fn live(self) -> Result<(), String> {
         let Life { service, access, mut until, clock, pause } = self;
         if let Some(pause) = pause {
             tokio::select! {
                 biased;
-                // an error means that nobody waits for it any more, which is an end as well
+                // An error means that the actor is gone, which is an end, too.
                 _ = until.wait_for(|leave| *leave) => return Ok(()),
                 () = clock.sleep(pause) => {}
             }
         }
         let leave = async move { drop(until.wait_for(|leave| *leave).await) };
-        // a task of its own, so that its panic is a reason like others
+        // A separate task, so that its panic is caught and becomes the reason.
         let served = tokio::spawn(async move { service.serve(access, Box::pin(leave)).await });
         let _end = AbortOnDrop(served.abort_handle());
         match served.await {
@@ -255,7 +264,7 @@ impl Life {
     }
 }
 
-/// Begins a life: a thread of its own by a real clock, a task by a virtual one.
+/// Starts a life: on its own thread with a real clock, as a task with a virtual one.
 fn start(
     life: Life,
     beats: Arc<AtomicU64>,
@@ -282,28 +291,28 @@ fn start(
         };
         (ended, gone)
     };
-    let tell = move |(ended, gone): (Option<Result<(), String>>, oneshot::Sender<()>)| {
-        // an error means that nobody waits for it any more
+    let report = move |(ended, gone): (Option<Result<(), String>>, oneshot::Sender<()>)| {
+        // An error means that the actor is gone.
         let _ = gone.send(());
         if let Some(ended) = ended {
             let _ = myself.send_message(ServiceMsg::Ended(ended));
         }
     };
     if clock.kind() == ClockKind::Virtual {
-        tokio::spawn(async move { tell(whole.await) });
+        tokio::spawn(async move { report(whole.await) });
         return Ok(());
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     std::thread::Builder::new().name(name).spawn(move || {
         let ended = runtime.block_on(whole);
-        // what the service left running ends before its successor begins
-        runtime.shutdown_timeout(CLEAR);
-        tell(ended);
+        // Tasks that the service left running end before its successor begins.
+        runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
+        report(ended);
     })?;
     Ok(())
 }
 
-/// A spawned task would outlive the one that waits for it.
+/// Aborts a task when dropped: a spawned task would otherwise survive the one that waits for it.
 struct AbortOnDrop(tokio::task::AbortHandle);
 
 impl Drop for AbortOnDrop {

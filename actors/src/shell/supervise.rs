@@ -1,4 +1,4 @@
-//! Supervise's shell.
+//! The shell of Supervise.
 
 use crate::wiring::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::{Cause, Event, Status, Verdict};
@@ -12,7 +12,7 @@ use std::sync::atomic::Ordering;
 /// Supervise's actor.
 pub struct SuperviseActor;
 
-/// What it keeps.
+/// State of a [`SuperviseActor`].
 pub struct Supervise {
     shared: Arc<SharedContext>,
     context: Arc<RobotContext>,
@@ -82,7 +82,7 @@ impl Actor for SuperviseActor {
                 };
                 supervise.on(SuperviseIn::Closed(token, cause, blamed));
             }
-            SuperviseMsg::ReflexReport(word) => supervise.on(SuperviseIn::ReflexReport(word)),
+            SuperviseMsg::ReflexReport(report) => supervise.on(SuperviseIn::ReflexReport(report)),
             SuperviseMsg::Recover => supervise.on(SuperviseIn::Recover),
             SuperviseMsg::Halt => supervise.on(SuperviseIn::Halt),
             SuperviseMsg::Release => supervise.on(SuperviseIn::Release),
@@ -108,7 +108,7 @@ impl Supervise {
         if !outputs.is_empty() {
             self.act(outputs);
         }
-        // a halted robot comes to rest without an output
+        // A halted robot comes to rest without an output.
         let mut latest = self.context.latest.lock();
         latest.status = self.core.status();
         latest.ready = self.core.is_settled();
@@ -141,7 +141,7 @@ impl Supervise {
                 }
                 SuperviseOut::Event(event) => {
                     let ended = matches!(event, Event::Outcome { .. });
-                    self.shared.tell(event);
+                    self.shared.emit(event);
                     if ended {
                         self.cue_outcome();
                     }
@@ -151,7 +151,7 @@ impl Supervise {
         self.context.can_recover.store(self.core.can_recover(), Ordering::SeqCst);
     }
 
-    /// Edits that wait for this robot's next outcome are made before its agent hears of it.
+    /// Applies the edits that wait for this robot's next outcome, before its agent is notified.
     fn cue_outcome(&self) {
         let due = self.shared.cues.lock().outcome(&self.context.name);
         for edit in due {
@@ -159,7 +159,7 @@ impl Supervise {
         }
     }
 
-    /// Edits that wait for this robot to rest at a pose.
+    /// Applies the edits that wait for this robot to rest at a configuration.
     fn cue_pose(&self, pulse: &Pulse) {
         let mut cues = self.shared.cues.lock();
         if cues.wants_poses() && self.core.status() == Status::Rest && pulse.speed < self.rules.rest_speed {

@@ -1,21 +1,22 @@
-//! Exchanging a robot's controller or driver while it runs.
+//! Exchange of a robot's controller or driver while it runs.
 //!
 //! ```text
-//! Offered ──boundary──> filter closed ──the new part fits──> all four actors stopped, new parts put in, started again ──> TookOver
-//!                          │ it does not: opened again, Refused
-//! TookOver ──ready in time, nobody dies, probation over──> Settled
-//!              │ else: the old parts are put back in, all four actors started again, Reverted
+//! Offered ──boundary──> filter closed ──the new part fits──> all four actors stopped, parts replaced, actors restarted ──> TookOver
+//!                          │ it does not: filter opens again, Refused
+//! TookOver ──ready in time, no death, probation over──> Settled
+//!              │ otherwise: the old parts are put back, all four actors restarted, Reverted
 //! ```
-//! The boundary is supervise's to find: the robot rests, every outcome is given, and from that moment no command passes (I10, F22).
-//! History ring, safe pose and token live in the ledger and the gate, and so outlast all of it. A driver is connected to only at the
-//! boundary, since a new connection begins with a stop.
+//! Supervise finds the boundary: the robot is at rest, every outcome is given, and from that moment no command
+//! passes (I10, F22). The history ring, the safe pose and the token are owned by the ledger and the gate, and
+//! therefore survive the exchange. The exchange connects to a driver only at the boundary, because a new
+//! connection begins with a stop.
 
 mod beside;
 
 pub(super) use beside::Beside;
 pub use beside::{BesideOffer, NewBeside};
 
-use crate::runtime::attempt::{Given, attempt};
+use crate::runtime::attempt::{Timed, attempt};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::supervision::{Between, GroupMsg};
 use crate::runtime::swap::SwapPolicy;
@@ -29,16 +30,16 @@ use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::task::JoinSet;
 
-/// How long to wait for a boundary.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// How long connecting to a board may take.
-const CONNECT: Duration = Duration::from_secs(30);
-/// How long a new driver may take for a first reading, and a new part until its robot is ready.
-const READY: Duration = Duration::from_secs(10);
-/// How often the robot is looked at meanwhile.
-const LOOK: Duration = Duration::from_millis(20);
+/// Longest wait for a boundary.
+const BOUNDARY_TIMEOUT: Duration = Duration::from_secs(60);
+/// Time limit for connecting to a board.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(30);
+/// Time limit for the first reading of a new driver, and for the robot of a new part to become ready.
+const READY_TIMEOUT: Duration = Duration::from_secs(10);
+/// Interval of the checks of the robot during an exchange.
+const CHECK_INTERVAL: Duration = Duration::from_millis(20);
 
-/// A new part of what keeps a robot safe.
+/// A new controller or driver.
 #[derive(Clone)]
 pub enum NewPart {
     /// Other settings of History, Supervise and Reflex.
@@ -48,7 +49,7 @@ pub enum NewPart {
 }
 
 impl NewPart {
-    /// Which part it is.
+    /// Kind of the part.
     pub fn part(&self) -> SwapPart {
         match self {
             NewPart::Controller(_) => SwapPart::Controller,
@@ -63,14 +64,14 @@ impl std::fmt::Debug for NewPart {
     }
 }
 
-/// A new part, as it is offered.
+/// Offer of a new part.
 #[derive(Clone, Debug)]
 pub struct PartOffer {
-    /// It.
+    /// The new part.
     pub part: NewPart,
-    /// What it is, in words.
+    /// Description of the part.
     pub what: String,
-    /// What it must go through. A controller or driver can't look on: its shadow is not used.
+    /// Requirements on the part. A controller or driver can't observe: its shadow time is not used.
     pub terms: SwapPolicy,
 }
 
@@ -83,13 +84,14 @@ pub(super) struct Exchanges {
 }
 
 impl Exchanges {
-    /// None is under way.
+    /// Creates the set without any exchange.
     pub(super) fn new(shared: &Arc<SharedContext>, controller: &ActorRef<GroupMsg>) -> Exchanges {
         let beside = Beside::default();
         Exchanges { shared: shared.clone(), controller: controller.clone(), beside, tasks: JoinSet::new() }
     }
 
-    /// Begins one, if the robot exists and none of its is under way. The run goes on meanwhile.
+    /// Begins an exchange, if the robot exists and no other exchange of it is under way. The run continues
+    /// during the exchange.
     pub(super) fn begin(&mut self, robot: &str, offer: PartOffer, reply: oneshot::Sender<Result<(), String>>) {
         while self.tasks.try_join_next().is_some() {}
         let Some(context) = self.shared.robots.iter().find(|w| w.name == robot).cloned() else {
@@ -102,17 +104,18 @@ impl Exchanges {
             return;
         }
         let PartOffer { part, what, terms } = offer;
-        let (shared, controller) = (self.shared.clone(), self.controller.clone());
+        let shared = self.shared.clone();
+        let controller = self.controller.clone();
         let exchange = Exchange { shared, context, controller, part: part.part() };
-        exchange.tell(SwapStep::Offered { what, shadow: 0.0, probation: terms.probation.as_secs_f64() });
+        exchange.report(SwapStep::Offered { what, shadow: 0.0, probation: terms.probation.as_secs_f64() });
         let _ = reply.send(Ok(()));
         self.tasks.spawn(async move { exchange.carry_out(part, terms).await });
     }
 
-    /// The run ends: what is under way stays as it is.
+    /// Ends all exchanges with the run: the parts stay as they are.
     pub(super) async fn end(&mut self) {
         self.tasks.shutdown().await;
-        // a renewal that was begun is over when the group answers
+        // The group answers after a renewal that is under way.
         let _ = ractor::call!(self.controller, GroupMsg::Status);
     }
 }
@@ -130,7 +133,7 @@ impl Exchange {
             Err(why) => SwapStep::Refused { why },
             Ok(()) => match self.probation(terms).await {
                 Ok(old) => {
-                    self.forget(Some(old));
+                    self.release(Some(old));
                     SwapStep::Settled
                 }
                 Err(why) => {
@@ -140,17 +143,17 @@ impl Exchange {
             },
         };
         *self.context.trial.lock() = Probation::default();
-        self.tell(last);
+        self.report(last);
     }
 
-    fn tell(&self, step: SwapStep) {
-        self.shared.tell_swap(&self.context, self.part, step);
+    fn report(&self, step: SwapStep) {
+        self.shared.report_swap(&self.context, self.part, step);
     }
 
-    /// At a boundary, puts the new part in.
+    /// Puts the new part in place at a boundary.
     ///
     /// # Errors
-    /// Why not; all is then as it was.
+    /// The reason for a refusal; nothing is changed then.
     async fn take_over(&self, part: NewPart) -> Result<(), String> {
         self.boundary().await?;
         let begun = self.shared.clock.now();
@@ -161,9 +164,10 @@ impl Exchange {
                 return Err(why);
             }
         };
-        let (shared, context) = (self.shared.clone(), self.context.clone());
+        let shared = self.shared.clone();
+        let context = self.context.clone();
         let renewed = self.renew(move || {
-            // somebody who restarted in between may have opened the filter
+            // A restart in between may have opened the filter.
             if context.ledger.book().open.is_none() {
                 if context.gate.is_open() {
                     shared.fence(&context, "a part that is exchanged");
@@ -181,44 +185,48 @@ impl Exchange {
             return Err("the robot was moved in between; try again".into());
         }
         let gap = self.shared.clock.now().since(begun).as_secs_f64();
-        self.tell(SwapStep::TookOver { gap, map: None });
+        self.report(SwapStep::TookOver { gap, map: None });
         Ok(())
     }
 
     /// Waits until supervise has closed the filter at a boundary.
     async fn boundary(&self) -> Result<(), String> {
         let clock = &self.shared.clock;
-        let until = clock.now() + PATIENCE;
+        let until = clock.now() + BOUNDARY_TIMEOUT;
         while clock.now() < until {
             let (reply, yielded) = ractor::concurrency::oneshot();
             self.context.supervise.send(SuperviseMsg::Yield(reply.into()));
             tokio::select! {
                 biased;
-                // an error: supervise is being restarted, and does not know of it
+                // An error: supervise is being restarted and has lost the request.
                 yielded = yielded => if yielded.is_ok() { return Ok(()) },
                 () = clock.sleep_until(until) => break,
             }
-            clock.sleep(LOOK).await;
+            clock.sleep(CHECK_INTERVAL).await;
         }
         self.context.supervise.send(SuperviseMsg::Resume);
         let status = self.context.latest.lock().status;
         let state = word(status);
-        Err(format!("the robot did not come to rest with all motions ended within {} s ({state})", PATIENCE.as_secs()))
+        Err(format!(
+            "the robot did not come to rest with all motions ended within {} s ({state})",
+            BOUNDARY_TIMEOUT.as_secs()
+        ))
     }
 
-    /// The parts with the new one among them, if it fits the robot where it rests.
+    /// Returns the parts with the new one, if it fits the robot at rest.
     async fn fit(&self, part: NewPart, begun: Time) -> Result<Parts, String> {
         let old = self.context.parts.lock().clone();
         match part {
             NewPart::Controller(controller) => {
                 let new = old.with_controller(*controller);
-                self.would_touch(old.rules.margin, new.rules.margin).map(|()| new)
+                self.check_margin(old.rules.margin, new.rules.margin).map(|()| new)
             }
             NewPart::Driver(hardware) => {
-                // only readings are asked for until it is certain that this is the robot: others are sent nothing
-                let asked = hardware.clone();
-                let look = move || Given { value: asked.look(), cost: Duration::ZERO };
-                let looked = attempt(&self.shared.clock, CONNECT, look).await?;
+                // Only readings are requested until the robot is identified: another robot must not receive a
+                // command.
+                let candidate = hardware.clone();
+                let look = move || Timed { value: candidate.look(), cost: Duration::ZERO };
+                let looked = attempt(&self.shared.clock, CONNECT_TIMEOUT, look).await?;
                 let looked_at = looked.is_some();
                 let driver = match looked {
                     Some(driver) => driver.map_err(unconnected)?,
@@ -242,8 +250,8 @@ impl Exchange {
         }
     }
 
-    /// A greater margin must not begin with a contact.
-    fn would_touch(&self, old: f64, new: f64) -> Result<(), String> {
+    /// Checks that a greater margin does not begin with a contact.
+    fn check_margin(&self, old: f64, new: f64) -> Result<(), String> {
         let scene = self.shared.scene.lock().clone();
         let poses: Vec<Pose> = self.shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
         let own = |id: ShapeId| matches!(id, ShapeId::Robot { robot, .. } if usize::from(robot) == self.context.robot);
@@ -258,27 +266,27 @@ impl Exchange {
     }
 
     async fn connect(&self, hardware: &Arc<dyn Hardware>) -> Result<Box<dyn Driver>, String> {
-        let asked = hardware.clone();
-        let connect = move || Given { value: asked.connect(), cost: Duration::ZERO };
-        attempt(&self.shared.clock, CONNECT, connect).await?.map_err(unconnected)
+        let candidate = hardware.clone();
+        let connect = move || Timed { value: candidate.connect(), cost: Duration::ZERO };
+        attempt(&self.shared.clock, CONNECT_TIMEOUT, connect).await?.map_err(unconnected)
     }
 
-    /// The first reading that is newer than the boundary.
+    /// Returns the first reading that is newer than the boundary.
     async fn first_reading(&self, driver: Box<dyn Driver>, begun: Time) -> Result<Pose, String> {
         let clock = &self.shared.clock;
-        let until = clock.now() + READY;
+        let until = clock.now() + READY_TIMEOUT;
         let mut driver = Some(driver);
-        while let Some(mut asked) = driver.take() {
+        while let Some(mut candidate) = driver.take() {
             let now = clock.now();
             if now >= until {
                 break;
             }
             let read = move || {
-                let value = asked.sample(now);
-                let next = asked.next_sample(now);
-                Given { value: (value, next, asked), cost: Duration::ZERO }
+                let value = candidate.sample(now);
+                let next = candidate.next_sample(now);
+                Timed { value: (value, next, candidate), cost: Duration::ZERO }
             };
-            let (read, next, asked) = attempt(clock, READY, read).await?;
+            let (read, next, candidate) = attempt(clock, READY_TIMEOUT, read).await?;
             match read {
                 Ok(Some(sample)) if sample.at >= begun => return Ok(sample.q),
                 Ok(_) => {}
@@ -286,14 +294,15 @@ impl Exchange {
                 Err(fault) => return Err(fault.to_string()),
             }
             clock.sleep_until(next.max(now + Duration::from_millis(1))).await;
-            driver = Some(asked);
+            driver = Some(candidate);
         }
-        Err(format!("it gives no reading within {} s", READY.as_secs()))
+        Err(format!("it gives no reading within {} s", READY_TIMEOUT.as_secs()))
     }
 
-    /// Stops the robot's actors in order, does this, and starts them again.
+    /// Stops the robot's actors in order, runs the closure, and starts them again.
     async fn renew(&self, between: impl FnOnce() + Send + 'static) -> Result<(), String> {
-        let (robot, between) = (self.context.name.clone(), Between(Box::new(between)));
+        let robot = self.context.name.clone();
+        let between = Between(Box::new(between));
         let renewed = ractor::call!(self.controller, GroupMsg::Renew, robot, between);
         renewed.map_err(|_| "the robot's controller is down".into())
     }
@@ -301,25 +310,26 @@ impl Exchange {
     /// Watches the new part until its probation is over, and returns the old parts then.
     ///
     /// # Errors
-    /// How it broke.
+    /// The failure of the new part.
     async fn probation(&self, terms: SwapPolicy) -> Result<Parts, String> {
         let clock = &self.shared.clock;
         let begun = clock.now();
         let mut seen: Option<Time> = None;
         loop {
-            clock.sleep(LOOK).await;
+            clock.sleep(CHECK_INTERVAL).await;
             if let Some((why, _)) = &self.context.trial.lock().broke {
                 return Err(why.clone());
             }
-            let (now, latest) = (clock.now(), self.context.latest.lock().clone());
+            let now = clock.now();
+            let latest = self.context.latest.lock().clone();
             let status = latest.status;
             let acts = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
             let ready = acts || latest.ready;
             if ready {
                 seen = Some(now);
             }
-            // the board itself may fall silent for a while: that is the driver's fault only if it lasts
-            let patience = if seen.is_some() { terms.budget.max(READY / 10) } else { READY };
+            // The board itself may be silent for a while: that is the driver's fault only if it lasts.
+            let patience = if seen.is_some() { terms.budget.max(READY_TIMEOUT / 10) } else { READY_TIMEOUT };
             if now > seen.unwrap_or(begun) + patience && (seen.is_none() || self.part == SwapPart::Driver) {
                 return Err(format!("the robot is not ready: {}", word(status)));
             }
@@ -330,32 +340,34 @@ impl Exchange {
         }
     }
 
-    /// The old parts return.
+    /// Puts the old parts back.
     async fn revert(&self) {
         self.shared.fence(&self.context, &format!("{}/new {}", self.context.name, self.part));
-        let (shared, context) = (self.shared.clone(), self.context.clone());
-        // whoever died is back with the old parts already; the others still run with the new ones
+        let shared = self.shared.clone();
+        let context = self.context.clone();
+        // An actor that died was restarted with the old parts; the others still run with the new ones.
         let renewed = self.renew(move || {
-            // described in either case: a reflex that is started again finds contacts that the one before has reported (I27)
+            // Described in either case: a restarted reflex reports contacts again that its predecessor has
+            // reported (I27).
             if !shared.count_against(&context, "it is not ready") {
                 shared.describe(&context);
             }
         });
-        // a controller that is down has said so
+        // A controller that is down has reported that.
         let _ = renewed.await;
         let broken = self.context.trial.lock().broke.take().map(|(_, broken)| broken);
-        self.forget(broken);
+        self.release(broken);
     }
 
-    /// Lets go of parts that are not used any more.
-    fn forget(&self, parts: Option<Parts>) {
+    /// Releases parts that are no longer used.
+    fn release(&self, parts: Option<Parts>) {
         let Some(Parts { plug, .. }) = parts else { return };
         if Arc::ptr_eq(&plug.0, &self.context.parts.lock().plug.0) {
             return;
         }
         plug.0.let_go();
         if self.shared.clock.kind() == ClockKind::Real {
-            // it may wait for its network
+            // The drop may wait for its network.
             tokio::task::spawn_blocking(move || drop(plug));
         }
     }
@@ -369,7 +381,7 @@ fn unconnected(fault: DriverFault) -> String {
     format!("{fault}; see that the board is switched on and connected")
 }
 
-/// Whether two drivers speak of one board.
+/// Checks that two drivers are of the same board.
 fn same_board(old: &Board, new: &Board, tolerance: f64) -> Result<(), String> {
     let names = |board: &Board| board.axes.iter().map(|a| a.name.clone()).collect::<Vec<String>>();
     if names(old) != names(new) {

@@ -1,4 +1,5 @@
-//! Faults that a whole-system simulation puts into a run, besides those of its hardware: see `mobee torture`.
+//! Faults that a whole-system simulation injects into a run, besides those of its hardware: see `mobee
+//! torture`.
 
 use crate::wiring::{Blow, ModelMsg, RobotContext, SharedContext, SuperviseMsg, Troubles};
 use mobee_contract::{Commit, Event, Pose};
@@ -7,73 +8,73 @@ use nalgebra::{Isometry3, Translation3};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A fault, and the moment it is healed.
+/// A fault, or the moment at which all faults heal.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Injection {
-    /// An actor's handler is struck at its `after`-th message from now on (0: the next).
+    /// An actor's handler fails at its `after`-th message from now on (0: the next).
     Strike {
         /// The actor, such as `icub/reflex` or `model`.
         actor: String,
-        /// How many messages it handles before.
+        /// Number of messages that it handles before.
         after: u64,
-        /// What happens then.
+        /// Kind of the failure.
         blow: Blow,
     },
     /// The next pulses on a link are lost, and counted as dropped.
     Lose {
         /// The link, such as `icub/model>reflex`.
         link: String,
-        /// How many.
+        /// Number of pulses.
         count: u64,
     },
-    /// Somebody else commits to a robot, `times` times at once, and does not wait for the answers.
+    /// Another client commits to a robot, `times` times at once, without waiting for the replies.
     Commit {
         /// The robot.
         robot: String,
-        /// What is committed.
+        /// The commit.
         commit: Commit,
-        /// How often.
+        /// Number of commits.
         times: u64,
     },
-    /// An obstacle appears where a body of a robot is, or will be.
+    /// An obstacle appears at a body of a robot, or at a place on its path.
     Obstruct {
         /// The obstacle's name.
         object: String,
         /// The robot.
         robot: String,
-        /// Where.
+        /// Place of the obstacle.
         spot: Spot,
     },
-    /// The whole process is suspended: time passes, and nobody acts. In virtual time only.
+    /// The whole process is suspended: time passes, and no actor runs. In virtual time only.
     Suspend(Duration),
     /// All faults have healed: from now on progress is demanded (I15).
     Heal,
 }
 
-/// A place on a robot's way.
+/// A place on a robot's path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// Towards the safe pose of the open motion rather than its target.
+    /// True for the path to the safe pose of the open motion, false for the path to its target.
     pub back: bool,
-    /// How far on the way there, 0 (where the robot is) to 1.
+    /// Position on that path, from 0 (the present configuration) to 1.
     pub share: f64,
-    /// Which of the robot's bodies that can move, from 0 (nearest the base) to 1 (the farthest).
+    /// Body among the robot's movable ones, from 0 (nearest to the base) to 1 (the farthest).
     pub body: f64,
-    /// The obstacle's radius, meters.
+    /// Radius of the obstacle, meters.
     pub radius: f64,
 }
 
-/// Puts a fault into the running system.
+/// Injects a fault into the running system.
 pub(super) async fn inject(injection: Injection, shared: &SharedContext) {
     match injection {
         Injection::Strike { actor, after, blow } => {
-            shared.tell(Event::Injected { fault: format!("{blow} in {actor} after {after} messages") });
+            shared.emit(Event::Injected { fault: format!("{blow} in {actor} after {after} messages") });
             if let Some(troubles) = &shared.troubles {
                 troubles.plan(&actor, after, blow);
             }
         }
         Injection::Lose { link, count } => {
-            shared.tell(Event::Injected { fault: format!("{count} pulses are lost on {link}") });
+            shared.emit(Event::Injected { fault: format!("{count} pulses are lost on {link}") });
             if *shared.to_model.name() == *link {
                 shared.to_model.lose(count);
             }
@@ -81,26 +82,26 @@ pub(super) async fn inject(injection: Injection, shared: &SharedContext) {
             streams.filter(|s| *s.name() == *link).for_each(|s| s.lose(count));
         }
         Injection::Commit { robot, commit, times } => {
-            shared.tell(Event::Injected { fault: format!("{} commits to {robot}, {times} times", commit.agent) });
+            shared.emit(Event::Injected { fault: format!("{} commits to {robot}, {times} times", commit.agent) });
             let Some(context) = find(shared, &robot) else { return };
             for _ in 0..times {
-                let (reply, _nobody_waits) = ractor::concurrency::oneshot();
+                let (reply, _unused) = ractor::concurrency::oneshot();
                 context.supervise.send(SuperviseMsg::Commit(commit.clone(), reply.into()));
             }
         }
         Injection::Obstruct { object, robot, spot } => {
-            shared.tell(Event::Injected { fault: format!("{object} appears on {robot} or its way") });
+            shared.emit(Event::Injected { fault: format!("{object} appears on {robot} or its way") });
             if let Some(edit) = find(shared, &robot).map(|context| obstacle(object, context, spot, shared)) {
                 shared.model.send(ModelMsg::Edit(edit, None));
             }
         }
         Injection::Suspend(time) => {
-            shared.tell(Event::Injected { fault: format!("suspended for {:.3} s", time.as_secs_f64()) });
+            shared.emit(Event::Injected { fault: format!("suspended for {:.3} s", time.as_secs_f64()) });
             shared.clock.suspend(time).await;
         }
         Injection::Heal => {
             shared.troubles.iter().for_each(Troubles::clear);
-            shared.tell(Event::Injected { fault: crate::record::names::HEALED.into() });
+            shared.emit(Event::Injected { fault: crate::record::names::HEALED.into() });
         }
     }
 }

@@ -1,16 +1,17 @@
-//! Overload: what shows that the machine was too slow for a run, in one line with a remedy.
+//! Overload: evidence that the machine was too slow for a run, as one line with a remedy.
 
 use crate::wiring::{Late, RunCounts};
 
-/// From so many late seconds on it is no single nap of the machine.
-const LASTING: u64 = 10;
-/// What to do about it.
+/// Number of late seconds from which an overload counts as lasting, not as one pause of the machine.
+const LASTING_SECONDS: u64 = 10;
+/// Remedy for an overload.
 const REMEDY: &str =
     "reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms";
 
-/// What there is to say of a machine that was too slow; `dropped` names the sinks that could not keep up, and what they lost.
+/// Describes the overload of a machine, if there was one; `dropped` lists the sinks that could not keep up with
+/// their losses.
 ///
-/// The second value says whether it lasted or something was lost: then the run was not what it was meant to be.
+/// The second value is true if the overload lasted or data was lost: the run is then not representative.
 pub fn overload(counts: &RunCounts, dropped: &[(String, u64)]) -> Option<(String, bool)> {
     let mut seen = Vec::new();
     let Late { periods, seconds, .. } = counts.late;
@@ -20,7 +21,7 @@ pub fn overload(counts: &RunCounts, dropped: &[(String, u64)]) -> Option<(String
             "{periods} control periods missed in {seconds} s of the run, filters closed {stale} times for old readings"
         ));
     }
-    let lasts = !seen.is_empty() && seconds >= LASTING;
+    let lasts = !seen.is_empty() && seconds >= LASTING_SECONDS;
     if counts.readings_dropped > 0 {
         seen.push(format!("{} readings dropped in transit", counts.readings_dropped));
     }
@@ -51,12 +52,12 @@ mod tests {
     }
 
     #[test]
-    fn a_nap_is_told_and_lasting_overload_counts() {
+    fn one_pause_is_reported_and_lasting_overload_counts() {
         let nap = late(&[(1000, 550), (1500, 60)]);
         assert_eq!((nap.late.periods, nap.late.seconds), (30, 1));
         let (line, grave) = overload(&nap, &[]).unwrap();
         assert!(line.contains("30 control periods missed") && line.contains("mobee doctor") && !grave, "{line}");
-        let lasting: Vec<_> = (1..=LASTING).map(|s| (1000 * s, 40)).collect();
+        let lasting: Vec<_> = (1..=LASTING_SECONDS).map(|s| (1000 * s, 40)).collect();
         assert!(overload(&late(&lasting), &[]).unwrap().1);
         let harmless = RunCounts { stale: 0, ..late(&lasting) };
         assert_eq!(overload(&harmless, &[]), None, "no filter closed for it");

@@ -1,4 +1,4 @@
-//! What an earlier process of a run left: read from its journal, for the process that resumes it.
+//! State of an earlier process of a run, read from its journal for the process that resumes it.
 
 use super::RunCounts;
 use crate::record::journal::JournalLine;
@@ -10,68 +10,70 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How far apart in time a safe pose and the recorded pose that it was taken from may be.
-const ABOUT: Duration = Duration::from_secs(1);
-/// Time on the run's clock between the last event and the process that resumes it: nothing told before is told after.
-const PAUSE: Duration = Duration::from_secs(1);
+/// Greatest time between a safe pose and the recorded configuration that it was taken from.
+const SAFE_POSE_TOLERANCE: Duration = Duration::from_secs(1);
+/// Time on the run's clock between the last event and the resuming process: earlier events are then strictly
+/// older.
+const RESUME_GAP: Duration = Duration::from_secs(1);
 
-/// What an earlier process left.
+/// State of an earlier process.
 #[derive(Clone, Debug, Default)]
 pub struct Past {
-    /// When the run goes on, on its own clock.
+    /// Time at which the run continues, on its own clock.
     pub at: Time,
-    /// How many events were told.
+    /// Number of events in the journal.
     pub events: u64,
-    /// What was counted.
+    /// Counters of the run.
     pub counts: RunCounts,
-    /// The configuration that the run began with; `None` if the journal does not tell it.
+    /// Configuration at the start of the run; `None` if the journal does not contain it.
     pub begun: Option<Value>,
-    /// The configuration of the newest process.
+    /// Configuration of the newest process.
     pub config: Option<Value>,
     robots: BTreeMap<String, PastRobot>,
     world: BTreeMap<String, Event>,
 }
 
-/// What it left of one robot.
+/// State of one robot from an earlier process.
 #[derive(Clone, Debug, Default)]
 pub struct PastRobot {
-    /// The last token of the gate.
+    /// Last token of the gate.
     pub token: u64,
-    /// The number of the last accepted commit.
+    /// Number of the last accepted commit.
     pub last_id: u64,
-    /// The transaction that was left open.
+    /// Transaction that was left open.
     pub open: Option<Open>,
-    /// Where the motors had been sent.
+    /// Last commanded positions of the motors.
     pub places: Places,
-    /// At which distance a motor counts as being there, rad.
+    /// Distance at which a motor counts as having arrived, rad.
     tolerance: f64,
-    /// How the motors were found by their driver.
+    /// State in which the driver found the motors.
     pub found: Vec<AsFound>,
-    /// The newest pose that is known of, rad: recorded, or that of the last outcome.
+    /// Newest known configuration, rad: recorded, or from the last outcome.
     pub q: Option<Pose>,
-    /// The recorded poses, oldest first.
+    /// Recorded configurations, oldest first.
     pub recorded: Vec<(Time, Pose)>,
-    /// What the agent noted of its map: vertices in order, edges as they were last, and the motions that it tried.
+    /// The agent's notes on its map: vertices in order, edges in their last state, and the attempted motions.
     pub notes: Vec<Note>,
-    /// Whether a person had halted it, and not released it.
+    /// True if a person had halted it, and not released it.
     halted: bool,
     safe: Option<SafePose>,
     outcomes: u64,
-    /// Where the notes of the map are in the list.
+    /// Indices of the map's notes in the list.
     vertices: BTreeMap<u32, usize>,
     edges: BTreeMap<(u32, u32), usize>,
 }
 
 impl Past {
-    /// Takes in the next line of the journal.
+    /// Takes the next line of the journal.
     pub fn on(&mut self, line: &JournalLine) {
-        (self.at, self.events) = (line.at + PAUSE, line.n + 1);
+        self.at = line.at + RESUME_GAP;
+        self.events = line.n + 1;
         self.counts.note(&line.event);
         match &line.event {
             Event::Started { config, .. } => {
                 (self.begun, self.config) = (Some(config.clone()), Some(config.clone()));
             }
-            // an older program kept what it went on with in config.json alone
+            // An older program stored the configuration of a resumed run in config.json only.
             Event::Resumed { config: None, .. } => (self.begun, self.config) = (None, None),
             Event::Resumed { config, .. } => self.config = config.clone(),
             Event::World { object, .. } => drop(self.world.insert(object.clone(), line.event.clone())),
@@ -92,7 +94,7 @@ impl Past {
             Event::Commit { robot, id: CommitId(id), agent, target, escape, motors, stream } => {
                 let past = self.of(robot);
                 let named = |motors: &[(usize, f64)]| motors.iter().map(|(m, _)| *m).collect();
-                // an old journal does not tell
+                // An old journal does not list the motors.
                 let named = if motors.is_empty() { (0..target.len()).collect() } else { named(motors) };
                 past.last_id = *id;
                 past.open = Some(Open {
@@ -139,32 +141,32 @@ impl Past {
         self.robots.entry(robot.to_owned()).or_default()
     }
 
-    /// The poses that a robot's ring file holds, oldest first.
+    /// Sets the configurations from a robot's ring file, oldest first.
     pub fn recorded(&mut self, robot: &str, poses: Vec<(Time, Pose)>) {
         if let Some((at, q)) = poses.last() {
-            self.at = self.at.max(*at + PAUSE);
+            self.at = self.at.max(*at + RESUME_GAP);
             self.of(robot).q = Some(q.clone());
         }
         self.of(robot).recorded = poses;
     }
 
-    /// The last reading there is beside the journal: time goes on after it.
+    /// Takes the time of the last reading beside the journal: the run continues after it.
     pub fn read_until(&mut self, last: Option<Time>) {
-        self.at = self.at.max(last.map_or(Time::ZERO, |last| last + PAUSE));
+        self.at = self.at.max(last.map_or(Time::ZERO, |last| last + RESUME_GAP));
     }
 
-    /// What was left of this robot.
+    /// State of this robot.
     pub fn robot(&self, name: &str) -> PastRobot {
         self.robots.get(name).cloned().unwrap_or_default()
     }
 
-    /// Outcomes given, by robot.
+    /// Number of outcomes, by robot.
     pub(crate) fn outcomes(&self) -> impl Iterator<Item = (&str, u64)> {
         self.robots.iter().map(|(name, robot)| (name.as_str(), robot.outcomes))
     }
 
-    /// The world as it was left: what was moved, changed or removed is so again. Objects that were added while the run went
-    /// on are named; their shapes are in no journal.
+    /// Applies the recorded edits to the initial world: moves, changes and removals. Returns it with the names
+    /// of the objects that were added during the run; their shapes are not in the journal.
     pub fn world(&self, scene: Scene) -> (Scene, Vec<String>) {
         let mut missing = Vec::new();
         let mut scene = scene;
@@ -202,7 +204,7 @@ impl PastRobot {
             Note::Vertex { id, q, .. } => {
                 let known = *self.vertices.entry(*id).or_insert(self.notes.len());
                 match self.notes.get_mut(known) {
-                    // an agent that began anew tells its map once more
+                    // An agent that restarted reports its whole map again.
                     Some(Note::Vertex { q: before, .. }) if before == q => {}
                     Some(slot) => {
                         *slot = note.clone();
@@ -211,7 +213,7 @@ impl PastRobot {
                     None => self.notes.push(note.clone()),
                 }
             }
-            // what blocks an edge now is found out anew; what the robot knew of it stays
+            // Obstructions are determined again; the robot's own knowledge of the edge is retained.
             Note::Edge { state: EdgeState::Blocked, from, to, .. } if self.edges.contains_key(&(*from, *to)) => {}
             Note::Edge { from, to, .. } => {
                 let known = *self.edges.entry((*from, *to)).or_insert(self.notes.len());
@@ -220,13 +222,13 @@ impl PastRobot {
                     None => self.notes.push(note.clone()),
                 }
             }
-            // the map itself keeps the newest
+            // The map itself limits these to the newest.
             Note::Tried { .. } => self.notes.push(note.clone()),
             Note::Plan { .. } | Note::Log { .. } => {}
         }
     }
 
-    /// A vertex is another one now, so what was told of its edges holds no longer.
+    /// Drops the notes on the edges of a vertex that was replaced.
     fn forget_edges(&mut self, id: u32) {
         let of_it = |n: &Note| matches!(n, Note::Edge { from, to, .. } | Note::Tried { from, to, .. } if *from == id || *to == id);
         self.notes.retain(|n| !of_it(n));
@@ -241,12 +243,12 @@ impl PastRobot {
         }
     }
 
-    /// Whether the gate was left open.
+    /// True if the gate was left open.
     pub fn was_open(&self) -> bool {
         Gate::opens(self.token)
     }
 
-    /// A ledger with all of it.
+    /// Creates a ledger with this state.
     pub(crate) fn ledger(&self, history: usize) -> Ledger {
         let ledger = Ledger::new(history);
         {
@@ -258,7 +260,7 @@ impl PastRobot {
             book.places = self.places.clone();
             let safe = book.open.as_ref().and_then(|o| o.safe.clone());
             let found = safe.and_then(|SafePose { since, q }| {
-                book.history.recorded_near(since, &q, ABOUT).map(|r| SafePose { since: r.at, q })
+                book.history.recorded_near(since, &q, SAFE_POSE_TOLERANCE).map(|r| SafePose { since: r.at, q })
             });
             if let (Some(open), Some(found)) = (book.open.as_mut(), found) {
                 open.safe = Some(found);
@@ -273,7 +275,8 @@ mod tests {
     use super::*;
     use mobee_contract::Outcome;
 
-    /// What the journal told: the second of three motors was sent to 1, and then on its way to 2 as the process died.
+    /// Journal of a run in which the second of three motors was sent to 1, and was on its way to 2 when the
+    /// process died.
     #[test]
     fn places_are_known_again_from_what_was_committed() {
         let r = || "r".to_owned();
@@ -331,7 +334,7 @@ mod tests {
         let ledger = robot.ledger(100);
         let motion = ledger.book().motion().unwrap();
         assert_eq!((motion.named.to_vec(), motion.places.to_vec()), (vec![1], vec![None, Some(1.0), None]));
-        // dead during its retreat: resting beside the target would not be reaching it
+        // Killed during its retreat: a rest beside the target does not count as reaching it.
         let back = Event::State { robot: r(), status: Status::Retreating };
         past.on(&JournalLine { line: 9, n: 7, at: Time(7), event: back, hash: String::new() });
         assert!(past.robot("r").open.is_some_and(|open| open.retreated));

@@ -1,4 +1,4 @@
-//! How a running system is: what a status line, or a person's "why does it not move?", is answered from.
+//! State of a running system, for a status line or the diagnosis of a robot that does not move.
 
 use super::RunCounts;
 use crate::runtime::clock::processor_time_of_all;
@@ -14,81 +14,82 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// A running system at an instant.
+/// A running system at one instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SystemReport {
-    /// When.
+    /// Time on the run's clock.
     pub at: Time,
-    /// The robots.
+    /// Reports of the robots.
     pub robots: Vec<RobotReport>,
-    /// The last step of the exchange of each part beside the robots that was ever exchanged, by the name of what it is a part of.
+    /// Last step of each exchange beside the robots, by the name of the owner and the part.
     pub beside: BTreeMap<(String, SwapPart), SwapStep>,
-    /// When the last step of each exchange was taken, by the name of what the part is a part of.
+    /// Time of the last step of each exchange, by the name of the owner and the part.
     pub swapped_at: BTreeMap<(String, SwapPart), Time>,
-    /// The sensors.
+    /// Reports of the sensors.
     pub sensors: Vec<SensorReport>,
-    /// Who runs, group by group.
+    /// Supervision groups with their children.
     pub tree: Vec<Health>,
-    /// The bounded links between actors, by name.
+    /// Bounded links between actors, by name.
     pub links: Vec<(String, StreamCounters)>,
-    /// Processor time that each actor and each sink has taken so far, by name; by a real clock.
+    /// Processor time of each actor and each sink so far, by name; with a real clock only.
     pub busy: BTreeMap<String, Duration>,
-    /// Processor time of the whole process so far: libraries have threads of their own.
+    /// Processor time of the whole process so far, including threads of libraries.
     pub process: Duration,
-    /// The counters of the run.
+    /// Counters of the run.
     pub counts: RunCounts,
 }
 
-/// One robot at an instant.
+/// One robot at one instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RobotReport {
-    /// Its name.
+    /// Name of the robot.
     pub name: String,
-    /// The state of its filter.
+    /// State of its filter.
     pub status: Status,
-    /// The age of its newest reading.
+    /// Age of its newest reading.
     pub age: Duration,
-    /// The greatest age of a reading that is still fresh.
+    /// Greatest age of a fresh reading.
     pub fresh: Duration,
-    /// How long its board took to answer of late, if that is known.
+    /// Recent response times of its board, if they are measured.
     pub answers: Option<AnswerTime>,
-    /// The motors that are commanded beside their targets, so that they rest there: name and offset, rad.
+    /// Motors that are commanded beside their targets to rest there: name and offset, rad.
     pub hold_offsets: Vec<(String, f64)>,
-    /// Whether it has an agent of its own.
+    /// True if it has an agent of its own.
     pub has_agent: bool,
-    /// Whether its own agent may make motions.
+    /// True if its own agent may make motions.
     pub acts: bool,
-    /// What touches it, or is nearer than its margin, as it was last seen: two labels and the distance, m, nearest first.
+    /// Contacts, and pairs that are closer than the margin, in the newest reading: two labels and the distance,
+    /// m, nearest first.
     pub touches: Vec<(String, String, f64)>,
-    /// The last step of the exchange of each part that was ever exchanged.
+    /// Last step of each part's exchange.
     pub swaps: BTreeMap<SwapPart, SwapStep>,
 }
 
-/// One sensor at an instant.
+/// One sensor at one instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorReport {
-    /// Its name.
+    /// Name of the sensor.
     pub name: String,
-    /// The objects that it keeps.
+    /// State of the objects that it tracks.
     pub objects: Vec<KeptObject>,
 }
 
 impl SensorReport {
     fn of(sensor: &Sensor) -> SensorReport {
-        let gate = sensor.placing.iter().find_map(|placing| placing.gate.as_ref());
-        SensorReport { name: sensor.name.clone(), objects: gate.map(|gate| gate.lock().kept()).unwrap_or_default() }
+        let gate = sensor.locator_slot.iter().find_map(|locator_slot| locator_slot.gate.as_ref());
+        SensorReport { name: sensor.name.clone(), objects: gate.map(|gate| gate.lock().objects()).unwrap_or_default() }
     }
 }
 
 impl SystemReport {
-    /// The system as it is, but for its tree.
+    /// Creates the report of the system; the caller provides the tree.
     pub(super) fn of(shared: &SharedContext, sensors: &[Arc<Sensor>], tree: Vec<Health>) -> SystemReport {
         let at = shared.clock.now();
         let of_robot =
             |w: &RobotContext| [&w.to_history, &w.to_reflex, &w.to_supervise].map(|s| (s.name(), s.counters()));
         let mut links: Vec<(String, StreamCounters)> = shared.robots.iter().flat_map(|w| of_robot(w)).collect();
         links.push((shared.to_model.name(), shared.to_model.counters()));
-        links.extend(sensors.iter().flat_map(|s| &s.eyes).flat_map(|eye| eye.counters()));
+        links.extend(sensors.iter().flat_map(|s| &s.channels).flat_map(|channel| channel.counters()));
         links.extend(shared.taps.counters());
         let scene = shared.scene.lock().clone();
         let robots = shared.robots.iter().map(|w| RobotReport::of(w, &scene, at)).collect();
@@ -104,7 +105,7 @@ impl SystemReport {
         SystemReport { at, robots, beside, swapped_at, sensors, tree, links, busy, process, counts }
     }
 
-    /// The last step of an exchange, by the name of the robot, or of what runs beside the robots.
+    /// Last step of an exchange, by the name of the robot or of the owner beside the robots.
     pub fn swap(&self, name: &str, part: SwapPart) -> Option<&SwapStep> {
         match part {
             SwapPart::Agent | SwapPart::Controller | SwapPart::Driver => {

@@ -3,7 +3,7 @@
 
 use super::RestSetup;
 use crate::access::Access;
-use crate::runtime::attempt::{Given, attempt};
+use crate::runtime::attempt::{Timed, attempt};
 use crate::wiring::{AgentMsg, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::{
     Agent, Commit, CommitId, Event, Filtered, Intent, MotionEnd, Refusal, RestStep, Running, Status, Target, Time,
@@ -11,14 +11,15 @@ use mobee_contract::{
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How often it looks whether the robot has come to rest.
+/// Interval of the checks whether the robot is at rest.
 const TICK: Duration = Duration::from_millis(20);
-/// Before a commit that was refused is tried again.
-const PAUSE: Duration = Duration::from_millis(100);
-/// How long a robot may hold, or give no readings, before the motion is given up: it will not move before somebody acts.
+/// Pause before a refused commit is tried again.
+const RETRY_PAUSE: Duration = Duration::from_millis(100);
+/// Time for which a robot may hold, or give no readings, before the motion is aborted: it will not move without
+/// intervention.
 const HOLD_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Moves all robots to their rest poses. The robots' own agents make no more motions from now on.
+/// Moves all robots to their rest poses. The robots' own agents make no more motions.
 pub(super) async fn move_to_rest(shared: &Arc<SharedContext>, rests: &[Option<RestSetup>]) {
     for context in &shared.robots {
         context.agent.send(AgentMsg::Rest);
@@ -46,7 +47,7 @@ pub(super) async fn move_to_rest(shared: &Arc<SharedContext>, rests: &[Option<Re
     }
 }
 
-/// Reports for every robot whose motion to its rest pose has not ended that it was not reached.
+/// Reports the rest pose as missed for every robot whose motion to it has not ended.
 pub(super) fn give_up(shared: &SharedContext, rests: &[Option<RestSetup>], why: &str) {
     for (context, _) in shared.robots.iter().zip(rests).filter(|(_, rest)| rest.is_some()) {
         let step = shared.counts.lock().rest.get(&context.name).cloned();
@@ -57,7 +58,7 @@ pub(super) fn give_up(shared: &SharedContext, rests: &[Option<RestSetup>], why: 
 }
 
 fn emit(shared: &SharedContext, context: &RobotContext, step: RestStep) {
-    shared.tell(Event::Rest { robot: context.name.clone(), step });
+    shared.emit(Event::Rest { robot: context.name.clone(), step });
 }
 
 /// The motion of one robot.
@@ -65,7 +66,7 @@ struct Motion<'a> {
     shared: &'a Arc<SharedContext>,
     context: &'a Arc<RobotContext>,
     filtered: &'a dyn Filtered,
-    /// As which agent it commits.
+    /// Name under which it commits.
     name: Arc<str>,
     begun: Time,
     until: Time,
@@ -73,10 +74,10 @@ struct Motion<'a> {
 }
 
 impl Motion<'_> {
-    /// Plans and commits until the robot is there.
+    /// Plans and commits until the robot is at its rest pose.
     ///
     /// # Errors
-    /// Why it is not.
+    /// The reason why it is not.
     async fn run(&self, rest: &RestSetup) -> Result<(), String> {
         let mut agent = (rest.maker)()?;
         let mut last = None;
@@ -93,7 +94,7 @@ impl Motion<'_> {
                     continue;
                 }
                 Intent::Stream(_) | Intent::Stop => {
-                    self.pause(PAUSE).await;
+                    self.pause(RETRY_PAUSE).await;
                     continue;
                 }
                 Intent::Done(summary) => {
@@ -111,22 +112,22 @@ impl Motion<'_> {
                     if now > *held_since.get_or_insert(now) + HOLD_TIMEOUT {
                         return Err(refusal.to_string());
                     }
-                    self.pause(PAUSE).await;
+                    self.pause(RETRY_PAUSE).await;
                 }
                 Err(Refusal::Closed | Refusal::Busy | Refusal::NotReady { .. } | Refusal::Pushing) => {
-                    // the robot's own agent may have committed while it was told to end
+                    // The robot's own agent may have committed after the request to stop.
                     self.context.supervise.send(SuperviseMsg::Stop(self.context.agent_name.clone()));
-                    self.pause(PAUSE).await;
+                    self.pause(RETRY_PAUSE).await;
                 }
                 Err(_) => {
                     last = Some(MotionEnd::Failed);
-                    self.pause(PAUSE).await;
+                    self.pause(RETRY_PAUSE).await;
                 }
             }
         }
     }
 
-    /// Waits until the robot rests and every outcome is given.
+    /// Waits until the robot is at rest and every outcome is given.
     async fn settle(&self) -> Result<(), String> {
         let mut held_since = None;
         loop {
@@ -161,7 +162,7 @@ impl Motion<'_> {
         }
     }
 
-    /// What the planner wants next, and the planner.
+    /// Requests the next intent from the planner; returns the planner with it.
     async fn next(
         &self,
         mut agent: Box<dyn Agent>,
@@ -170,20 +171,21 @@ impl Motion<'_> {
         self.in_time()?;
         let view = self.shared.view(self.context);
         let left = self.until.since(self.shared.clock.now());
-        let ask = move || {
+        let call = move || {
             let intent = agent.next(last, &view);
-            Given { value: (agent, intent), cost: Duration::ZERO }
+            Timed { value: (agent, intent), cost: Duration::ZERO }
         };
-        attempt(&self.shared.clock, left, ask).await.map_err(|why| format!("its planner failed: {why}"))
+        attempt(&self.shared.clock, left, call).await.map_err(|why| format!("its planner failed: {why}"))
     }
 
     async fn commit(&self, target: Target, speeds: Option<Vec<f64>>) -> Result<CommitId, Refusal> {
         self.filtered.commit(Commit { agent: self.name.clone(), target, speeds }).await
     }
 
-    /// Whether there is time left, and readings come.
+    /// Error if the time is over, or no readings arrive.
     fn in_time(&self) -> Result<(), String> {
-        let (latest, now) = (self.filtered.latest(), self.shared.clock.now());
+        let latest = self.filtered.latest();
+        let now = self.shared.clock.now();
         if now > latest.at.max(self.begun) + HOLD_TIMEOUT {
             return Err("no readings come from it".into());
         }

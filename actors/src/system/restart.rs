@@ -1,35 +1,36 @@
-//! Starting what runs beside the robots again: a sensor or a service that runs, or one that has used up its restarts.
+//! Restart of a part beside the robots: a sensor or a service that is running, or has used up its restarts.
 
 use super::tree;
 use crate::runtime::supervision::{Between, GroupMsg};
-use crate::shell::{Post, Sensor};
+use crate::shell::{Sensor, ServiceSlot};
 use crate::wiring::SharedContext;
 use ractor::ActorRef;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 
-/// Starts a sensor or a service again; the run goes on meanwhile.
+/// Restarts a sensor or a service; the run continues during the restart.
 pub(super) fn restart(
     shared: &Arc<SharedContext>,
     (sensors, seen): (&[Arc<Sensor>], Option<&ActorRef<GroupMsg>>),
-    (posts, services): (&[Arc<Post>], Option<&ActorRef<GroupMsg>>),
+    (service_slots, services): (&[Arc<ServiceSlot>], Option<&ActorRef<GroupMsg>>),
     name: String,
     reply: oneshot::Sender<Result<(), String>>,
 ) {
     let sensor = sensors.iter().any(|s| s.name == name).then(|| tree::sensor_of(&name)).zip(seen);
-    let service = posts.iter().any(|p| p.name() == name).then(|| tree::services_of(&name)).zip(services);
+    let service = service_slots.iter().any(|p| p.name() == name).then(|| tree::services_of(&name)).zip(services);
     let Some((group, root)) = sensor.or(service).map(|(group, root)| (group, root.clone())) else {
-        let names = sensors.iter().map(|s| s.name.as_str()).chain(posts.iter().map(|p| p.name()));
+        let names = sensors.iter().map(|s| s.name.as_str()).chain(service_slots.iter().map(|p| p.name()));
         let names: Vec<&str> = names.collect();
         let there =
             if names.is_empty() { "this run has none".into() } else { format!("there are: {}", names.join(", ")) };
-        // the caller may have gone
+        // The caller may have timed out.
         let _ = reply.send(Err(format!("there is no sensor or service `{name}`; {there}")));
         return;
     };
     let shared = shared.clone();
     tokio::spawn(async move {
-        let (run, own) = (shared.clone(), name.clone());
+        let run = shared.clone();
+        let own = name.clone();
         let between = Between(Box::new(move || drop(run.counts.lock().down.remove(&own))));
         let started = ractor::call!(root, GroupMsg::Renew, group, between);
         let answer = started.map_err(|_| {

@@ -5,12 +5,12 @@ use super::inject::inject;
 use super::rest::{give_up, move_to_rest};
 use super::restart::restart;
 use super::{Control, Cues, Reason, RobotSetup, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
-use crate::runtime::attempt::{Given, attempt};
+use crate::runtime::attempt::{Timed, attempt};
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::load::Loads;
 use crate::runtime::stream::Stream;
 use crate::runtime::supervision::{Group, GroupMsg};
-use crate::shell::{Eye, Post, Sensor};
+use crate::shell::{CameraChannel, Sensor, ServiceSlot};
 use crate::wiring::{
     ActorLink, AgentMsg, HardwareHandle, LatestCell, Maker, ModelMsg, Parts, PlannerSlot, RobotContext, SharedContext,
     SuperviseMsg, SwapRequest,
@@ -26,23 +26,24 @@ use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
-/// How often the run looks whether it has ended.
+/// Interval of the checks whether the run has ended.
 const TICK: Duration = Duration::from_millis(100);
-/// How often it tells its progress.
-const TELL: Duration = Duration::from_secs(1);
-/// How long robots may take to come to rest at the end.
-const PATIENCE: Duration = Duration::from_secs(30);
-/// Why robots are not moved to their rest poses, or not to their end.
+/// Interval of the progress reports.
+const PROGRESS_INTERVAL: Duration = Duration::from_secs(1);
+/// Longest time for the robots to come to rest at the end.
+const REST_TIMEOUT: Duration = Duration::from_secs(30);
+/// Reason for which robots did not reach their rest poses after an abort.
 const ABORTED: &str = "the run was stopped at once";
-/// How long a robot without readings is waited for: nothing would show that it rests.
-const BLIND: Duration = Duration::from_secs(2);
+/// Time for which a robot without readings is waited for: no reading would show that it is at rest.
+const BLIND_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Runs the system until all agents are done, the limit has passed, it is told to stop, or it gives up.
+/// Runs the system until all agents are done, the limit has passed, a stop is requested, or a supervisor gives
+/// up.
 ///
-/// In real time the safety chain has a thread and a runtime of its own; agents share the caller's.
+/// In real time the safety chain has its own thread and runtime; agents share the caller's.
 ///
 /// # Errors
-/// If it can't begin; nothing has moved then.
+/// If it can't start; nothing has moved then.
 pub fn run(
     setup: Setup,
     controls: mpsc::Receiver<Control>,
@@ -52,7 +53,7 @@ pub fn run(
     run_under(setup, Vec::new(), controls, limit, progress)
 }
 
-/// [`run`] with controls at set times, in order: the faults of a simulation.
+/// [`run`] with controls at given times, in order: the faults of a simulation.
 ///
 /// # Errors
 /// As for [`run`].
@@ -65,7 +66,8 @@ pub fn run_under(
 ) -> Result<RunEnd, RunError> {
     let start = |e: std::io::Error| RunError::Start(e.to_string());
     let (boards, looked_at) = look(&setup)?;
-    let (in_scene, in_setup) = (setup.scene.robots().len(), setup.robots.len());
+    let in_scene = setup.scene.robots().len();
+    let in_setup = setup.robots.len();
     if in_scene != in_setup {
         return Err(RunError::Robots { scene: in_scene, setup: in_setup });
     }
@@ -100,8 +102,8 @@ pub fn run_under(
     result
 }
 
-/// Describes the boards of all robots, and says of which nothing but readings was asked yet: nothing is sent to a robot
-/// before all that its run needs is there, since until then another program may move it.
+/// Describes the boards of all robots. Returns with each whether it was only read so far: a robot receives no
+/// command before everything that its run needs is available, because until then another program may move it.
 fn look(setup: &Setup) -> Result<(Vec<Board>, Vec<bool>), RunError> {
     let boards = setup.robots.iter().zip(setup.scene.robots()).map(|(robot, model)| {
         if let Some(past) = &setup.past {
@@ -111,7 +113,8 @@ fn look(setup: &Setup) -> Result<(Vec<Board>, Vec<bool>), RunError> {
         let looked_at = looked.is_some();
         let driver = looked.unwrap_or_else(|| robot.hardware.connect()).map_err(|fault| unreached(robot, &fault))?;
         let board = driver.board().clone();
-        let (n, m) = (board.axes.len(), model.motors.len());
+        let n = board.axes.len();
+        let m = model.motors.len();
         if n == m {
             Ok((board, looked_at))
         } else {
@@ -125,7 +128,7 @@ fn unreached(robot: &RobotSetup, fault: &DriverFault) -> RunError {
     RunError::Connect { robot: robot.name.clone(), fault: fault.to_string() }
 }
 
-/// Starts a group, on the safety chain's runtime if it has one.
+/// Starts a group, on the safety chain's runtime if it is given.
 async fn begin(group: Group, on: Option<&tokio::runtime::Handle>) -> Result<ActorRef<GroupMsg>, RunError> {
     let failed = |e: String| RunError::Start(e);
     match on {
@@ -148,28 +151,28 @@ async fn conduct(
     let clock = Clock::from(setup.clock, setup.past.as_ref().map_or(Time::ZERO, |p| p.at));
     let mut acting = setup.robots.iter().filter(|r| r.agent.is_some()).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
-    let posts = Post::all(std::mem::take(&mut setup.services));
-    let is_kept = || posts.iter().any(|p| p.keeps_run());
-    let mut somebody = acting > 0 || is_kept();
+    let service_slots = ServiceSlot::all(std::mem::take(&mut setup.services));
+    let must_continue = || service_slots.iter().any(|p| p.keeps_run());
+    let mut has_work = acting > 0 || must_continue();
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
     let sensors = std::mem::take(&mut setup.sensors);
     let rests: Vec<_> = setup.robots.iter_mut().map(|robot| robot.rest.take()).collect();
     let truth = setup.truth.take();
-    let looked_at = sensors.iter().filter(|s| s.is_simulated).flat_map(|s| s.keeps().to_vec()).collect();
+    let looked_at = sensors.iter().filter(|s| s.is_simulated).flat_map(|s| s.tracked_objects().to_vec()).collect();
     let shared = wire(setup, &boards, clock.clone(), troubles, looked_at);
     if let Some(truth) = truth {
         truth.begin(&shared);
     }
     let sensors = sensors.into_iter().map(|s| Sensor::new(s, &shared.robots, clock.now()).map(Arc::new));
     let sensors: Vec<Arc<Sensor>> = sensors.collect::<Result<_, _>>().map_err(RunError::Body)?;
-    // agents know from the first what is kept by sensors and not seen yet
-    sensors.iter().flat_map(|s| &s.placing).for_each(|placing| placing.show_seen(&shared));
+    // From the start, agents have the objects that sensors track and have not seen yet.
+    sensors.iter().flat_map(|s| &s.locator_slot).for_each(|locator_slot| locator_slot.publish_seen(&shared));
     let controller = begin(tree::controller(&shared), safety.as_ref()).await?;
     let agents = begin(tree::agents(&shared), None).await?;
     let taps = begin(tree::taps(&shared), None).await?;
-    let services = match posts.is_empty() {
+    let services = match service_slots.is_empty() {
         true => None,
-        false => Some(begin(tree::services(&shared, &posts), None).await?),
+        false => Some(begin(tree::services(&shared, &service_slots), None).await?),
     };
 
     let seen = match sensors.is_empty() {
@@ -179,11 +182,16 @@ async fn conduct(
     let mut added = Vec::new();
     let mut groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).chain(&seen).cloned().collect();
     let mut exchanges = Exchanges::new(&shared, &controller);
-    let eyes: Vec<Arc<Eye>> = sensors.iter().flat_map(|s| s.eyes.clone()).collect();
-    let placings = sensors.iter().filter_map(|s| s.placing.clone()).collect();
-    exchanges.beside = Beside { services: services.clone(), posts: posts.clone(), eyes: eyes.clone(), placings };
+    let channels: Vec<Arc<CameraChannel>> = sensors.iter().flat_map(|s| s.channels.clone()).collect();
+    let locator_slots = sensors.iter().filter_map(|s| s.locator_slot.clone()).collect();
+    exchanges.beside = Beside {
+        services: services.clone(),
+        service_slots: service_slots.clone(),
+        channels: channels.clone(),
+        locator_slots,
+    };
     let limit = limit.map(|l| Time::ZERO + l);
-    let mut told = Time::ZERO;
+    let mut last_progress = Time::ZERO;
     let mut listening = true;
     let mut is_aborted = false;
     let reason = loop {
@@ -211,7 +219,8 @@ async fn conduct(
                 Some(context) => {
                     let group = add_agent(&shared, &context, offer).await;
                     if let Ok(group) = &group {
-                        (acting, somebody) = (acting + 1, true);
+                        acting += 1;
+                        has_work = true;
                         added.push(group.clone());
                         groups.push(group.clone());
                     }
@@ -221,7 +230,7 @@ async fn conduct(
             Some(Control::SwapPart { robot, offer, reply }) => exchanges.begin(&robot, offer, reply),
             Some(Control::SwapBeside { name, offer, reply }) => drop(reply.send(exchanges.begin_beside(&name, offer))),
             Some(Control::Restart { name, reply }) => {
-                restart(&shared, (&sensors, seen.as_ref()), (&posts, services.as_ref()), name, reply);
+                restart(&shared, (&sensors, seen.as_ref()), (&service_slots, services.as_ref()), name, reply);
             }
             Some(other) => obey(other, &shared, &groups, &sensors).await,
             None => {}
@@ -232,8 +241,8 @@ async fn conduct(
             shared.model.send(ModelMsg::Edit(edit, None));
         }
         let counts = shared.counts.lock().clone();
-        if now >= told + TELL {
-            told = now;
+        if now >= last_progress + PROGRESS_INTERVAL {
+            last_progress = now;
             progress(&RunProgress { at: now, counts: counts.clone() });
         }
         if shared.taps.failed().is_some() {
@@ -242,7 +251,10 @@ async fn conduct(
         if counts.is_given_up {
             break Reason::GaveUp;
         }
-        if somebody && !is_kept() && counts.done.len() >= acting && shared.robots.iter().all(|w| w.latest.lock().ready)
+        if has_work
+            && !must_continue()
+            && counts.done.len() >= acting
+            && shared.robots.iter().all(|w| w.latest.lock().ready)
         {
             break Reason::Done;
         }
@@ -256,8 +268,11 @@ async fn conduct(
             Reason::GaveUp => give_up(&shared, &rests, "a part used up its restarts"),
             Reason::NoJournal => give_up(&shared, &rests, "the journal can't be written"),
             Reason::Done | Reason::Time | Reason::Interrupted if rests.iter().any(Option::is_some) => {
-                // programs outside begin no more motions, but an operator can still halt the robots
-                posts.iter().filter(|post| post.keeps_run()).for_each(|post| post.vacate("the run ends"));
+                // External programs can start no more motions, but an operator can still halt the robots.
+                service_slots
+                    .iter()
+                    .filter(|service_slot| service_slot.keeps_run())
+                    .for_each(|service_slot| service_slot.vacate("the run ends"));
                 exchanges.end().await;
                 move_to_rest(&shared, &rests).await;
             }
@@ -272,10 +287,10 @@ async fn conduct(
     tokio::select! {
         biased;
         () = in_order => {}
-        () = told_to_abort(&mut controls) => {
+        () = abort_requested(&mut controls) => {
             abandon(&shared).await;
             give_up(&shared, &rests, ABORTED);
-            // those that an operator halts robots through had gone on
+            // The services through which an operator halts robots were still running.
             if let Some(services) = services.as_ref().filter(|_| rests.iter().any(Option::is_some)) {
                 let _ = ractor::call!(services, GroupMsg::Stop);
             }
@@ -294,10 +309,10 @@ async fn conduct(
     for context in &shared.robots {
         [&context.to_history, &context.to_reflex, &context.to_supervise]
             .into_iter()
-            .for_each(|s| shared.tell(s.link()));
+            .for_each(|s| shared.emit(s.link()));
     }
-    shared.tell(shared.to_model.link());
-    eyes.iter().flat_map(|eye| eye.links()).for_each(|link| shared.tell(link));
+    shared.emit(shared.to_model.link());
+    channels.iter().flat_map(|channel| channel.links()).for_each(|link| shared.emit(link));
     let counts = shared.counts.lock().clone();
     progress(&RunProgress { at: clock.now(), counts: counts.clone() });
     let snapshots = shared.robots.iter().filter_map(|w| Some((w.name.clone(), w.snapshot.lock().clone()?)));
@@ -306,7 +321,7 @@ async fn conduct(
     Ok(RunEnd { reason, ended_at: clock.now(), counts, snapshots, scene })
 }
 
-/// Makes the contexts, and tells what is run.
+/// Creates the contexts, and reports the description of the run.
 fn wire(
     setup: Setup,
     boards: &[Board],
@@ -377,8 +392,8 @@ fn wire(
         none,
     });
     match setup.past {
-        None => shared.tell(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config }),
-        Some(past) => shared.tell(Event::Resumed { events: past.events, config: Some(setup.config) }),
+        None => shared.emit(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config }),
+        Some(past) => shared.emit(Event::Resumed { events: past.events, config: Some(setup.config) }),
     }
     for context in &shared.robots {
         let parts = context.parts.lock().clone();
@@ -387,9 +402,9 @@ fn wire(
             axes.map(|(axis, motor)| (motor.name.as_str(), motor.motion, (motor.min, motor.max), (axis.min, axis.max)));
         if let Some(what) = mobee_contract::narrowed(limits) {
             let text = format!("{}: {what}; what is asked beyond is refused", context.name);
-            shared.tell(Event::Warning { text });
+            shared.emit(Event::Warning { text });
         }
-        parts.rules.described(&parts.model).into_iter().for_each(|event| shared.tell(event));
+        parts.rules.described(&parts.model).into_iter().for_each(|event| shared.emit(event));
     }
     let scene = shared.scene.lock().clone();
     shared.taps.scene(shared.clock.now(), &scene);
@@ -402,13 +417,13 @@ async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<Group
             shared.model.send(ModelMsg::Edit(edit, None));
         }
         Control::Kill(name) => {
-            shared.tell(Event::Injected { fault: format!("kill {name}") });
+            shared.emit(Event::Injected { fault: format!("kill {name}") });
             let mut found = false;
             for group in groups {
                 found = found || ractor::call!(group, GroupMsg::Kill, name.clone()).unwrap_or(false);
             }
             if !found {
-                shared.tell(Event::Warning { text: format!("there is no actor {name} to kill") });
+                shared.emit(Event::Warning { text: format!("there is no actor {name} to kill") });
             }
         }
         Control::Inject(injection) => inject(injection, shared).await,
@@ -439,25 +454,26 @@ async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<Group
     }
 }
 
-/// The robot of this name, if it has no agent.
+/// Returns the robot of this name, if it has no agent.
 fn without_agent(shared: &SharedContext, robot: &str) -> Option<Arc<RobotContext>> {
     shared.robots.iter().find(|w| w.name == robot && w.slot.lock().maker.is_none()).cloned()
 }
 
-/// Gives an agent to a robot that has none. There is no old one that could return: it is settled as it starts.
+/// Adds an agent to a robot that has none. There is no old one to return to: the exchange is settled when it
+/// starts.
 ///
 /// # Errors
-/// Why it can't be made or started; the robot has none then, as before.
+/// The reason why it can't be created or started; the robot then has no agent, as before.
 async fn add_agent(
     shared: &Arc<SharedContext>,
     context: &Arc<RobotContext>,
     offer: SwapRequest,
 ) -> Result<ActorRef<GroupMsg>, String> {
     let SwapRequest { maker, what, terms, .. } = offer;
-    let tell = |step| shared.tell_swap(context, SwapPart::Agent, step);
+    let report = |step| shared.report_swap(context, SwapPart::Agent, step);
     let refused = |why: String| {
         context.slot.lock().maker = None;
-        tell(SwapStep::Refused { why: why.clone() });
+        report(SwapStep::Refused { why: why.clone() });
         why
     };
     if !terms.shadow.is_zero() {
@@ -465,17 +481,17 @@ async fn add_agent(
     }
     let made = maker.clone();
     let built =
-        attempt(&shared.clock, terms.budget, move || Given { value: (made.0)().map(drop), cost: Duration::ZERO });
+        attempt(&shared.clock, terms.budget, move || Timed { value: (made.0)().map(drop), cost: Duration::ZERO });
     built.await.and_then(|built| built).map_err(refused)?;
-    tell(SwapStep::Offered { what, shadow: 0.0, probation: 0.0 });
+    report(SwapStep::Offered { what, shadow: 0.0, probation: 0.0 });
     context.slot.lock().maker = Some(maker);
     let group = begin(tree::agent(shared, context), None).await.map_err(|e| refused(e.to_string()))?;
-    tell(SwapStep::TookOver { gap: 0.0, map: None });
-    tell(SwapStep::Settled);
+    report(SwapStep::TookOver { gap: 0.0, map: None });
+    report(SwapStep::Settled);
     Ok(group)
 }
 
-/// Passes an offer on, and its answer back when there is one; the run goes on meanwhile.
+/// Forwards an offer to the agent, and its answer back to the caller; the run continues in between.
 fn swap_agent(shared: &SharedContext, robot: &str, offer: SwapRequest, reply: oneshot::Sender<Result<(), String>>) {
     let context = shared.robots.iter().find(|w| w.name == robot);
     let Some(context) = context.filter(|w| w.slot.lock().maker.is_some()) else {
@@ -490,23 +506,23 @@ fn swap_agent(shared: &SharedContext, robot: &str, offer: SwapRequest, reply: on
     });
 }
 
-/// The orderly end: no new motions, all robots at rest, every commit with its outcome (I17).
+/// Ends the run in order: no new motions, all robots at rest, every commit with its outcome (I17).
 async fn come_to_rest(shared: &SharedContext) {
-    let mut asked = Vec::new();
+    let mut requested = Vec::new();
     for context in &shared.robots {
         context.agent.send(AgentMsg::Rest);
-        asked.push(context.supervise.send(SuperviseMsg::Shutdown));
+        requested.push(context.supervise.send(SuperviseMsg::Shutdown));
     }
     let clock = &shared.clock;
-    let until = clock.now() + PATIENCE;
+    let until = clock.now() + REST_TIMEOUT;
     let resting = |w: &Arc<RobotContext>| {
         let latest = w.latest.lock();
         latest.ready && matches!(latest.status, Status::Holding(_))
     };
     let begun = clock.now();
-    let blind = |w: &Arc<RobotContext>| clock.now() > w.latest.lock().at.max(begun) + BLIND;
-    let done = |(w, asked): (&Arc<RobotContext>, &bool)| !asked || resting(w) || blind(w);
-    while clock.now() < until && !shared.robots.iter().zip(&asked).all(done) {
+    let blind = |w: &Arc<RobotContext>| clock.now() > w.latest.lock().at.max(begun) + BLIND_TIMEOUT;
+    let done = |(w, requested): (&Arc<RobotContext>, &bool)| !requested || resting(w) || blind(w);
+    while clock.now() < until && !shared.robots.iter().zip(&requested).all(done) {
         clock.sleep(TICK / 5).await;
     }
     if !shared.robots.iter().all(resting) {
@@ -514,8 +530,8 @@ async fn come_to_rest(shared: &SharedContext) {
     }
 }
 
-/// Ready when somebody does not want to wait for the orderly end. Other wishes are too late: who asks finds the run ending.
-async fn told_to_abort(controls: &mut mpsc::Receiver<Control>) {
+/// Completes when an abort is requested during the orderly end. Other requests are dropped: the run is ending.
+async fn abort_requested(controls: &mut mpsc::Receiver<Control>) {
     loop {
         match controls.recv().await {
             Some(Control::Abort) => return,
@@ -536,13 +552,13 @@ async fn abandon(shared: &SharedContext) {
     }
 }
 
-/// What a controller that stayed down left open is settled by its newest recorded pose.
+/// Settles the commit that a failed controller left open, by its newest recorded configuration.
 fn settle_ledger(shared: &SharedContext, context: &RobotContext) {
     let ended = {
         let mut book = context.ledger.book();
         book.last_known().and_then(|q| book.settle(None, q, context.rules().tolerance))
     };
     if let Some(ended) = ended {
-        ended.events(context.name.clone()).into_iter().for_each(|event| shared.tell(event));
+        ended.events(context.name.clone()).into_iter().for_each(|event| shared.emit(event));
     }
 }

@@ -10,7 +10,7 @@
 //! └── <service>/services/service
 //! sensors                       one-for-one, each with its own budget; beside the safety chain
 //! └── <sensor>/sensor           one-for-one: camera and detector of each of its cameras, locator
-//! taps                          one-for-one: what watches over the threads of journal and recorder
+//! taps                          one-for-one: monitors of the threads of journal and recorder
 //! ├── journal
 //! └── recorder
 //! ```
@@ -20,8 +20,8 @@ use crate::record::tap::TapActor;
 use crate::runtime::load::Measured;
 use crate::runtime::supervision::{Child, Group, Intensity, Restart, Strategy};
 use crate::shell::{
-    AgentActor, CameraActor, DetectorActor, DriverActor, Eye, GRACE, HistoryActor, LocatorActor, ModelActor, Post,
-    ReflexActor, Sensor, ServiceActor, SuperviseActor,
+    AgentActor, CameraActor, CameraChannel, DetectorActor, DriverActor, GRACE, HistoryActor, LocatorActor, ModelActor,
+    ReflexActor, Sensor, ServiceActor, ServiceSlot, SuperviseActor,
 };
 use crate::wiring::{LatestCell, RobotContext, SharedContext, Troubled};
 use mobee_contract::{Event, Time};
@@ -29,11 +29,12 @@ use ractor::{Actor, ActorCell};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Restarts that a robot's controller, and each agent, may need within [`PERIOD`].
-const BUDGET: u32 = 8;
+/// Restarts of a robot's controller, or of an agent, that are allowed within [`PERIOD`].
+const MAX_RESTARTS: u32 = 8;
+/// Period of [`MAX_RESTARTS`].
 const PERIOD: Duration = Duration::from_secs(30);
 
-/// A child that is spawned with these arguments.
+/// Creates a child that is spawned with these arguments.
 fn child<A>(
     shared: &SharedContext,
     name: String,
@@ -44,10 +45,12 @@ where
     A: Actor + 'static,
     A::Arguments: Send,
 {
-    let (own, troubles) = (name.clone(), shared.troubles.clone());
+    let own = name.clone();
+    let troubles = shared.troubles.clone();
     let load = shared.loads.as_ref().map(|loads| loads.of(&name));
     Child::new(name, move |parent: ActorCell| {
-        let (arguments, troubled) = (arguments(), troubles.clone().map(|t| Troubled::new(actor(), own.clone(), t)));
+        let arguments = arguments();
+        let troubled = troubles.clone().map(|t| Troubled::new(actor(), own.clone(), t));
         let load = load.clone();
         async move {
             let spawned = match (troubled, load) {
@@ -61,8 +64,9 @@ where
 }
 
 fn group(name: &str, strategy: Strategy, shared: &Arc<SharedContext>) -> Group {
-    let intensity = Intensity { restarts: BUDGET, period: PERIOD };
-    let (restarted, gave_up) = (shared.clone(), shared.clone());
+    let intensity = Intensity { restarts: MAX_RESTARTS, period: PERIOD };
+    let restarted = shared.clone();
+    let gave_up = shared.clone();
     Group::new(name.to_string(), strategy, intensity, shared.clock.clone(), shared.taps.emitter())
         .on_restart(move |_, _| restarted.counts.lock().restarts += 1)
         .on_give_up(move || {
@@ -72,21 +76,24 @@ fn group(name: &str, strategy: Strategy, shared: &Arc<SharedContext>) -> Group {
         })
 }
 
-/// Those who watch over the sinks, and open one anew if it fails. Their deaths harm nobody.
+/// Group of the actors that monitor the sinks and reopen a failed one. Their deaths have no effect on other
+/// actors.
 pub fn taps(shared: &Arc<SharedContext>) -> Group {
     shared.taps.names().fold(group("taps", Strategy::OneForOne, shared), |root, name| {
-        let (taps, clock, sink) = (shared.taps.clone(), shared.clock.clone(), name.to_owned());
+        let taps = shared.taps.clone();
+        let clock = shared.clock.clone();
+        let sink = name.to_owned();
         root.child(child(shared, name.to_owned(), || TapActor, move || (taps.clone(), clock.clone(), sink.clone())))
     })
 }
 
-/// The safety chain of all robots.
+/// Group of the safety chain of all robots.
 pub fn controller(shared: &Arc<SharedContext>) -> Group {
     let fence = shared.clone();
     let model = shared.clone();
     let mut root = group("controller", Strategy::OneForOne, shared)
         .on_death(move |name, _| {
-            // the model's death closes all robots, a group's death its own
+            // The model's death closes all robots' filters, a group's death its own.
             for context in fence.robots.iter().filter(|w| name == "model" || name == w.name) {
                 fence.fence(context, name);
             }
@@ -101,10 +108,12 @@ pub fn controller(shared: &Arc<SharedContext>) -> Group {
 fn robot(shared: &Arc<SharedContext>, context: &Arc<RobotContext>) -> Group {
     let name = |part: &str| format!("{}/{part}", context.name);
     let both = || {
-        let (shared, context) = (shared.clone(), context.clone());
+        let shared = shared.clone();
+        let context = context.clone();
         move || (shared.clone(), context.clone())
     };
-    let (fence, fenced) = (shared.clone(), context.clone());
+    let fence = shared.clone();
+    let fenced = context.clone();
     group(&context.name, Strategy::RestForOne, shared)
         .on_death(move |name, reason| {
             fence.fence(&fenced, name);
@@ -116,7 +125,7 @@ fn robot(shared: &Arc<SharedContext>, context: &Arc<RobotContext>) -> Group {
         .child(child(shared, name("reflex"), || ReflexActor, both()))
 }
 
-/// The agents: their deaths can't touch a controller.
+/// Group of the agents: their deaths can't affect a controller.
 pub fn agents(shared: &Arc<SharedContext>) -> Group {
     let mut root = group("agents", Strategy::OneForOne, shared);
     for context in shared.robots.iter().filter(|w| w.slot.lock().maker.is_some()) {
@@ -125,11 +134,12 @@ pub fn agents(shared: &Arc<SharedContext>) -> Group {
     root
 }
 
-/// The agent of one robot.
+/// Group of the agent of one robot.
 pub fn agent(shared: &Arc<SharedContext>, context: &Arc<RobotContext>) -> Group {
     let orphan = context.clone();
     let arguments = {
-        let (shared, context) = (shared.clone(), context.clone());
+        let shared = shared.clone();
+        let context = context.clone();
         move || (shared.clone(), context.clone())
     };
     group(&format!("{}/agents", context.name), Strategy::OneForOne, shared)
@@ -139,34 +149,38 @@ pub fn agent(shared: &Arc<SharedContext>, context: &Arc<RobotContext>) -> Group 
         .child(child(shared, context.agent_name.to_string(), || AgentActor, arguments))
 }
 
-/// The services: whatever becomes of one, the run goes on.
-pub fn services(shared: &Arc<SharedContext>, posts: &[Arc<Post>]) -> Group {
-    posts.iter().fold(group("services", Strategy::OneForOne, shared), |root, post| {
-        let (fallen, run, given_up, gone) = (post.clone(), shared.clone(), post.clone(), shared.clone());
+/// Group of the services: the run continues after the failure of any of them.
+pub fn services(shared: &Arc<SharedContext>, service_slots: &[Arc<ServiceSlot>]) -> Group {
+    service_slots.iter().fold(group("services", Strategy::OneForOne, shared), |root, service_slot| {
+        let fallen = service_slot.clone();
+        let run = shared.clone();
+        let given_up = service_slot.clone();
+        let gone = shared.clone();
         let arguments = {
-            let (shared, post) = (shared.clone(), post.clone());
-            move || (shared.clone(), post.clone())
+            let shared = shared.clone();
+            let service_slot = service_slot.clone();
+            move || (shared.clone(), service_slot.clone())
         };
-        let served = child(shared, format!("{}/{SERVICE}", post.name()), || ServiceActor, arguments);
-        let own = group(&services_of(post.name()), Strategy::OneForOne, shared)
-            .on_death(move |_, reason| fallen.fell(&run, reason))
+        let served = child(shared, format!("{}/{SERVICE}", service_slot.name()), || ServiceActor, arguments);
+        let own = group(&services_of(service_slot.name()), Strategy::OneForOne, shared)
+            .on_death(move |_, reason| fallen.failed(&run, reason))
             .on_give_up(move || given_up.give_up(&gone))
             .child(served.restart(Restart::Transient).grace(Some(GRACE)));
         root.child(Child::group(own).restart(Restart::Temporary))
     })
 }
 
-/// The name of the group of a service.
+/// Name of the group of a service.
 pub fn services_of(service: &str) -> String {
     format!("{service}/{SERVICES}")
 }
 
-/// The name of the group of a sensor.
+/// Name of the group of a sensor.
 pub fn sensor_of(sensor: &str) -> String {
     format!("{sensor}/{SENSOR}")
 }
 
-/// The sensors: their deaths only make objects stale.
+/// Group of the sensors: their deaths only make objects stale.
 pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
     sensors.iter().fold(group("sensors", Strategy::OneForOne, shared), |root, sensor| {
         root.child(Child::group(self::sensor(shared, sensor)).restart(Restart::Temporary))
@@ -174,32 +188,39 @@ pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
 }
 
 fn sensor(shared: &Arc<SharedContext>, sensor: &Arc<Sensor>) -> Group {
-    let (gone, blind) = (shared.clone(), sensor.clone());
-    let (run, eyes, placing) = (shared.clone(), sensor.eyes.clone(), sensor.placing.clone());
-    // why it was started again last
+    let gone = shared.clone();
+    let blind = sensor.clone();
+    let run = shared.clone();
+    let channels = sensor.channels.clone();
+    let locator_slot = sensor.locator_slot.clone();
+    // Reason for the last restart.
     let last = Arc::new(LatestCell::<String>::default());
     let cause = last.clone();
     let mut own = group(&sensor_of(&sensor.name), Strategy::OneForOne, shared)
         .on_death(move |name, reason| {
-            let detector = |eye: &&Arc<Eye>| *name == format!("{}/{DETECTOR}", eye.name);
-            eyes.iter().filter(detector).for_each(|eye| eye.fell(&run, reason));
-            placing.iter().filter(|placing| placing.name == *name).for_each(|placing| placing.fell(&run, reason));
+            let detector = |channel: &&Arc<CameraChannel>| *name == format!("{}/{DETECTOR}", channel.name);
+            channels.iter().filter(detector).for_each(|channel| channel.failed(&run, reason));
+            locator_slot
+                .iter()
+                .filter(|locator_slot| locator_slot.name == *name)
+                .for_each(|locator_slot| locator_slot.failed(&run, reason));
             *cause.lock() = format!("{name} died: {reason}");
         })
         .on_give_up(move || {
             let why = last.lock().clone();
             let text = format!("sensor {} has used up its restarts and is down: {why}", blind.name);
-            gone.tell(Event::Warning { text });
+            gone.emit(Event::Warning { text });
             gone.give_up_beside(&blind.name, why);
-            // nobody looks any more for what is not seen
-            blind.placing.iter().for_each(|placing| placing.tell_stale(&gone, Time(u64::MAX)));
+            // The sensor no longer checks for stale objects.
+            blind.locator_slot.iter().for_each(|locator_slot| locator_slot.report_stale(&gone, Time(u64::MAX)));
         });
-    for eye in &sensor.eyes {
+    for channel in &sensor.channels {
         let both = || {
-            let (shared, eye) = (shared.clone(), eye.clone());
-            move || (shared.clone(), eye.clone())
+            let shared = shared.clone();
+            let channel = channel.clone();
+            move || (shared.clone(), channel.clone())
         };
-        let name = |part: &str| format!("{}/{part}", eye.name);
+        let name = |part: &str| format!("{}/{part}", channel.name);
         own = own.child(child(shared, name(CAMERA), || CameraActor, both())).child(child(
             shared,
             name(DETECTOR),
@@ -207,9 +228,12 @@ fn sensor(shared: &Arc<SharedContext>, sensor: &Arc<Sensor>) -> Group {
             both(),
         ));
     }
-    if let Some(placing) = &sensor.placing {
-        let (name, run, eyes, placing) = (placing.name.clone(), shared.clone(), sensor.eyes.clone(), placing.clone());
-        let arguments = move || (run.clone(), eyes.clone(), placing.clone());
+    if let Some(locator_slot) = &sensor.locator_slot {
+        let name = locator_slot.name.clone();
+        let run = shared.clone();
+        let channels = sensor.channels.clone();
+        let locator_slot = locator_slot.clone();
+        let arguments = move || (run.clone(), channels.clone(), locator_slot.clone());
         own = own.child(child(shared, name, || LocatorActor, arguments));
     }
     own

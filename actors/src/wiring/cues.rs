@@ -1,42 +1,42 @@
-//! Edits of the world that wait for their moment: the experiments' stage directions.
+//! Edits of the world that wait for a trigger: the script of an experiment.
 
 use mobee_contract::Time;
 use mobee_controller::distance;
 use mobee_model::Edit;
 
-/// When to edit the world.
+/// Trigger of an edit.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CueTrigger {
-    /// At a time.
+    /// At a time of the run.
     At(Time),
-    /// When this robot rests after its n-th outcome, before its agent plans on.
+    /// At rest of this robot after its n-th outcome, before its agent plans again.
     AfterOutcomes {
-        /// The robot's name.
+        /// Name of the robot.
         robot: String,
-        /// How many outcomes.
+        /// Number of outcomes.
         n: u64,
     },
-    /// When this robot rests at a pose.
+    /// At rest of this robot in a configuration.
     AtPose {
-        /// The robot's name.
+        /// Name of the robot.
         robot: String,
-        /// The pose, rad.
+        /// The configuration, rad.
         q: Vec<f64>,
         /// Greatest distance per motor, rad.
         tolerance: f64,
     },
 }
 
-/// An edit and its moment.
+/// An edit and its trigger.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScriptStep {
-    /// When.
+    /// Trigger.
     pub when: CueTrigger,
-    /// What.
+    /// Edit.
     pub edit: Edit,
 }
 
-/// The steps that are still to come.
+/// Steps that are still to be executed.
 #[derive(Clone, Debug, Default)]
 pub struct Cues {
     steps: Vec<ScriptStep>,
@@ -44,12 +44,12 @@ pub struct Cues {
 }
 
 impl Cues {
-    /// From a script.
+    /// Creates the cues of a script.
     pub fn new(steps: Vec<ScriptStep>) -> Cues {
         Cues { steps, outcomes: Vec::new() }
     }
 
-    /// What has happened up to a time, with so many outcomes of each robot, does not happen again.
+    /// Drops the steps up to a time and up to this number of outcomes of each robot: they have been executed.
     pub(crate) fn skip<'a>(&mut self, at: Time, outcomes: impl Iterator<Item = (&'a str, u64)>) {
         self.time(at);
         for (robot, count) in outcomes {
@@ -64,7 +64,7 @@ impl Cues {
         now.into_iter().map(|s| s.edit).collect()
     }
 
-    /// An outcome of this robot was given: what is due.
+    /// Counts an outcome of this robot, and returns the edits that are due.
     pub fn outcome(&mut self, robot: &str) -> Vec<Edit> {
         let count = match self.outcomes.iter_mut().find(|(r, _)| r == robot) {
             Some((_, n)) => {
@@ -79,12 +79,12 @@ impl Cues {
         self.take(|when| matches!(when, CueTrigger::AfterOutcomes { robot: r, n } if r == robot && *n <= count))
     }
 
-    /// Whether a step waits for a pose.
+    /// True if a step waits for a configuration.
     pub fn wants_poses(&self) -> bool {
         self.steps.iter().any(|s| matches!(s.when, CueTrigger::AtPose { .. }))
     }
 
-    /// This robot rests here: what is due.
+    /// Returns the edits that are due for a robot at rest in this configuration.
     pub fn pose(&mut self, robot: &str, here: &[f64]) -> Vec<Edit> {
         let is = |when: &CueTrigger| match when {
             CueTrigger::AtPose { robot: r, q, tolerance } => r == robot && distance(q, here) <= *tolerance,
@@ -93,12 +93,12 @@ impl Cues {
         self.take(is)
     }
 
-    /// It is now: what is due.
+    /// Returns the edits that are due at this time.
     pub fn time(&mut self, now: Time) -> Vec<Edit> {
         self.take(|when| matches!(when, CueTrigger::At(at) if *at <= now))
     }
 
-    /// The next time that a step waits for.
+    /// Time of the next step that waits for one.
     pub fn next_time(&self) -> Option<Time> {
         self.steps.iter().filter_map(|s| if let CueTrigger::At(at) = s.when { Some(at) } else { None }).min()
     }

@@ -1,4 +1,4 @@
-//! What the actors are told: the messages of their mailboxes.
+//! Messages to the actors.
 
 use super::SwapRequest;
 use mobee_contract::{Cause, Command, Commit, CommitId, MotionEnd, Setpoints, Verdict, Writer};
@@ -9,40 +9,40 @@ use mobee_model::Edit;
 use ractor::RpcReplyPort;
 use std::sync::Arc;
 
-/// What a driver hears.
+/// Message to a driver.
 #[derive(Debug)]
 pub enum DriverMsg {
-    /// It is time to read the encoders.
+    /// The encoders must be read.
     Poll,
     /// A command under a token.
     Command(u64, Writer, Command),
 }
 
-/// What a reflex hears.
+/// Message to a reflex.
 #[derive(Debug)]
 pub enum ReflexMsg {
-    /// There are pulses.
+    /// Pulses are queued.
     Pulses,
-    /// Supervise closed the filter: take the robot back.
+    /// Roll the motion back: supervise has closed the filter.
     RollBack(u64, Underway, bool),
 }
 
-/// What a supervise hears.
+/// Message to a supervise.
 #[derive(Debug)]
 pub enum SuperviseMsg {
-    /// There are pulses.
+    /// Pulses are queued.
     Pulses,
     /// An agent commits.
     Commit(Commit, RpcReplyPort<Verdict>),
     /// An agent streams set-points.
     Stream(Arc<str>, Setpoints, RpcReplyPort<Verdict>),
-    /// An agent changes its motion, if that is still under way.
+    /// An agent changes its motion, if that is still open.
     Revise(CommitId, Revision, RpcReplyPort<Verdict>),
-    /// The agent wants its motion to brake.
+    /// The agent requests that its motion brakes.
     Stop(Arc<str>),
     /// The agent died.
     AgentDied(Arc<str>),
-    /// See whether the readings are fresh.
+    /// Check that the readings are fresh.
     Tick,
     /// The board reports a fault.
     Fault(String),
@@ -50,52 +50,52 @@ pub enum SuperviseMsg {
     TooFast(String),
     /// The reflex closed the filter.
     Closed(u64, Cause),
-    /// The reflex tells how the retreat goes.
+    /// The reflex reports the progress of the retreat.
     ReflexReport(ReflexReport),
     /// Try the failed retreat again.
     Recover,
     /// Hold until released.
     Halt,
-    /// Act again.
+    /// Release a halted robot.
     Release,
-    /// Close at the next boundary, answer, and wait to be exchanged.
+    /// Close the filter at the next boundary, reply, and wait for an exchange.
     Yield(RpcReplyPort<()>),
-    /// Open again: nothing is exchanged.
+    /// Open the filter again: no exchange takes place.
     Resume,
-    /// Come to rest, and accept nothing more.
+    /// Bring the robot to rest, and accept no more commits.
     Shutdown,
     /// End without waiting.
     Abandon(RpcReplyPort<()>),
 }
 
-/// What an agent's actor hears.
+/// Message to an agent's actor.
 #[derive(Debug)]
 pub enum AgentMsg {
-    /// Ask the planner, if this is the newest of such messages.
+    /// Request the next intent from the planner, if this is the newest of such messages.
     Ask(u64),
     /// Its motion has ended.
     Ended(CommitId, MotionEnd),
     /// The world has changed.
     Revise,
-    /// It is time for the next set-point of the motion that is a stream.
+    /// The next set-point of the stream is due.
     SetPoint(CommitId),
     /// Make no more motions: the run ends.
     Rest,
-    /// Another planner is to take over.
+    /// Replace the planner by another one.
     Swap(SwapRequest, RpcReplyPort<Result<(), String>>),
-    /// See how far the swap is.
+    /// Check the progress of the swap.
     Tick,
 }
 
-/// What the model hears.
+/// Message to the model.
 #[derive(Debug)]
 pub enum ModelMsg {
-    /// There are pulses.
+    /// Pulses are queued.
     Pulses,
-    /// Change the world. The answer says why not, if not.
+    /// Change the world. The reply has the reason for a refusal.
     Edit(Edit, Option<RpcReplyPort<Result<(), String>>>),
-    /// A sensor has seen an object's middle here, meters in the world.
+    /// A sensor has seen an object's center here, meters in the world frame.
     Seen(String, [f64; 3]),
-    /// A robot has other rules now.
+    /// A robot's controller has other parameters now.
     Margins,
 }

@@ -1,4 +1,4 @@
-//! Actors whose handlers panic or stall when a simulation says so. Used in runs with planned faults only.
+//! Actors whose handlers panic or stall as a simulation plans. Used only in runs with planned faults.
 
 use super::LatestCell;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
@@ -7,12 +7,12 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What happens to a handler.
+/// Fault of a handler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Blow {
     /// It panics before it has done anything.
     Panic,
-    /// It waits so long before it does anything.
+    /// It waits for this time before it does anything.
     Stall(Duration),
 }
 
@@ -25,25 +25,25 @@ impl fmt::Display for Blow {
     }
 }
 
-/// What is planned for whom: per actor, after how many messages which blow.
+/// Planned faults: per actor, the number of messages before each fault.
 #[derive(Clone, Debug, Default)]
 pub struct Troubles(Arc<LatestCell<BTreeMap<String, Blows>>>);
 
-/// What is to come, each at its sample.
+/// Faults to come, each after a number of messages.
 type Blows = Vec<(u64, Blow)>;
 
 impl Troubles {
-    /// Plans a blow.
+    /// Plans a fault.
     pub fn plan(&self, actor: &str, after: u64, blow: Blow) {
         self.0.lock().entry(actor.to_owned()).or_default().push((after, blow));
     }
 
-    /// Forgets what is still planned.
+    /// Drops the planned faults.
     pub fn clear(&self) {
         self.0.lock().clear();
     }
 
-    /// This actor takes a message: what is due.
+    /// Counts a message to this actor, and returns the fault that is due.
     fn due(&self, actor: &str) -> Option<Blow> {
         let mut all = self.0.lock();
         let planned = all.get_mut(actor)?;
@@ -53,7 +53,7 @@ impl Troubles {
     }
 }
 
-/// An actor in the place of another, with troubles.
+/// An actor with planned faults: a wrapper that behaves like the inner actor otherwise.
 pub struct Troubled<A> {
     actor: A,
     name: String,
@@ -61,7 +61,7 @@ pub struct Troubled<A> {
 }
 
 impl<A> Troubled<A> {
-    /// In the place of `actor`.
+    /// Wraps `actor`.
     pub fn new(actor: A, name: String, troubles: Troubles) -> Troubled<A> {
         Troubled { actor, name, troubles }
     }
@@ -87,7 +87,7 @@ impl<A: Actor> Actor for Troubled<A> {
         state: &mut A::State,
     ) -> Result<(), ActorProcessingErr> {
         match self.troubles.due(&self.name) {
-            // unwinds as any panic does, without a word on the terminal
+            // Unwinds like any panic, but prints nothing on the terminal.
             Some(Blow::Panic) => std::panic::resume_unwind(Box::new("planted")),
             Some(Blow::Stall(time)) => tokio::time::sleep(time).await,
             None => {}

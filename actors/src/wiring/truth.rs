@@ -1,20 +1,21 @@
-//! What simulated cameras see.
+//! Access to the true scene for simulated cameras.
 
 use super::{LatestCell, SharedContext};
 use mobee_contract::{Pose, Time, Truth};
 use std::sync::{Arc, Weak};
 
-/// The truth of a run, from when it has begun: cameras are made before that.
+/// The truth of a run, available from its start: cameras are created before that.
 #[derive(Debug, Default)]
 pub struct TruthCell(LatestCell<Weak<SharedContext>>);
 
 impl TruthCell {
-    /// The run has begun.
+    /// Connects the cell to a run that has started.
     pub(crate) fn begin(&self, shared: &Arc<SharedContext>) {
         *self.0.lock() = Arc::downgrade(shared);
     }
 
-    /// The scene as it is, with the robots where their newest readings have them; `None` before all have been heard of.
+    /// The present true scene, with the robots in their newest measured configurations; `None` before all have
+    /// been read.
     pub fn now(&self) -> Option<Truth> {
         let shared = self.0.lock().upgrade()?;
         let pose = |w: &Arc<super::RobotContext>| {

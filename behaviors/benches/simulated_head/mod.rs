@@ -1,5 +1,6 @@
-//! Simulated heads that are off from their drawings in every way that is known of real ones, what they see, and how exactly anybody
-//! could know a place after having seen so much: the information bound (Cramer and Rao).
+//! Simulated heads that deviate from their nominal kinematics in every way known from real ones,
+//! their views, and the best possible accuracy of a position after this number of views: the
+//! information bound (Cramer and Rao).
 
 use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::calibrated::Calibrated;
@@ -12,11 +13,11 @@ use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Matrix4x3, Rotation3, Vector3
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Pixels scatter by this.
+/// Standard deviation of the pixels.
 const PIXEL: f64 = 1.0;
-/// Joints of neck and eyes stand off by so much, rad, on one side or the other: backlash.
+/// Backlash of the joints of neck and eyes, rad, to either side.
 const BACKLASH: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// The share of views in which an eye saw something else.
+/// Share of views in which an eye detected something else.
 const OUTLIERS: f64 = 0.15;
 /// Ranges of the joints, degrees.
 const RANGES: [(f64, f64); 9] = [
@@ -31,14 +32,14 @@ const RANGES: [(f64, f64); 9] = [
     (0.0, 20.0),
 ];
 
-/// A head, as it is.
+/// A simulated head.
 pub struct SimulatedHead {
-    /// The truth.
+    /// True model.
     pub model: HeadModel,
     rng: ChaCha8Rng,
 }
 
-/// How far each parameter is off, one standard deviation, in the order of the model's.
+/// Standard deviation of each parameter's error, in the order of the model.
 fn deviations() -> Vec<f64> {
     let degree = 1.0_f64.to_radians();
     let mut all = vec![1.5 * degree; 8];
@@ -58,7 +59,7 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 impl SimulatedHead {
-    /// One of many.
+    /// Creates one of many heads.
     pub fn new(seed: u64) -> SimulatedHead {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let angles = [0; 3].map(|_| rng.random_range(-3.0..3.0));
@@ -78,7 +79,7 @@ impl SimulatedHead {
         self.model.frame.rotation.tr_mul(&(root - self.model.frame.origin))
     }
 
-    /// A view of a place; `outliers`: whether an eye may have seen something else.
+    /// Creates a view of a position; `outliers`: an eye may have detected something else.
     pub fn view(&mut self, outliers: bool) -> KnownView {
         loop {
             let place = self.place();
@@ -105,7 +106,7 @@ impl SimulatedHead {
         }
     }
 
-    /// The covariance of the pixels of an honest view.
+    /// Returns the covariance of the pixels of a view without outliers.
     fn scatter(&self, view: &KnownView) -> Option<Matrix4<f64>> {
         let mut all = Matrix4::identity() * PIXEL.powi(2);
         let seen = self.model.pixels(&view.view.encoders, &view.place)?;
@@ -141,9 +142,9 @@ impl SimulatedHead {
         Some(by)
     }
 
-    /// What the parameters can be known to after these honest views: their covariance.
+    /// Returns the least covariance of the parameters after these views without outliers.
     fn known_after(&self, honest: &[KnownView]) -> Option<DMatrix<f64>> {
-        // of the frame nothing is known before; it has no lag
+        // No prior on the frame; there is no lag.
         let mut prior = deviations();
         prior[35..41].copy_from_slice(&[10.0; 6]);
         prior[41] = 1e-6;
@@ -157,7 +158,8 @@ impl SimulatedHead {
         information.try_inverse()
     }
 
-    /// The least mean square error, square meters, of places of these views after learning from those honest ones.
+    /// Returns the least mean square error, m^2, of the positions of these views after training on
+    /// those views without outliers.
     pub fn bound(&self, honest: &[KnownView], test: &[KnownView]) -> Option<f64> {
         let theta = self.known_after(honest)?;
         let mut sum = 0.0;
@@ -172,19 +174,19 @@ impl SimulatedHead {
     }
 }
 
-/// A head that learned from views of which some show something else: how good it is, and how good anybody could be.
+/// Accuracy of a head trained on views with outliers, and the best possible accuracy.
 pub struct Learned {
     /// The head.
     pub head: SimulatedHead,
-    /// What it learned.
+    /// The trained locator.
     pub calibrated: Calibrated,
-    /// The mean square error of honest views of other places, square meters.
+    /// Mean square error on views of other positions without outliers, m^2.
     pub error: f64,
-    /// The least that it could be.
+    /// Least possible mean square error, m^2.
     pub bound: f64,
 }
 
-/// Lets a head learn from this many views.
+/// Trains a head on this number of views.
 pub fn learn(seed: u64, views: usize) -> Learned {
     let mut head = SimulatedHead::new(seed);
     let seen: Vec<KnownView> = (0..views).map(|_| head.view(true)).collect();
@@ -201,7 +203,7 @@ fn is_honest(head: &SimulatedHead, known: &KnownView) -> bool {
     truth.is_some_and(|t| (t - known.view.pixels()).norm() < 15.0)
 }
 
-/// The mean square error in these views, square meters.
+/// Returns the mean square error on these views, m^2.
 pub fn mean_square(calibrated: &Calibrated, test: &[KnownView]) -> f64 {
     let ready = calibrated.ready();
     let square = |k: &KnownView| ready.locate(&k.view).map_or(1.0, |e| (e.place - k.place).norm_squared());

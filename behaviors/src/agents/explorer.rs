@@ -1,4 +1,5 @@
-//! The explorer: builds a roadmap of random poses and drives its edges until the feasible part is known (paper, 3.1).
+//! The explorer: builds a roadmap of random configurations and drives its edges until its feasible
+//! part is determined (paper, 3.1).
 
 use super::tour::defaults::{half, tenth};
 use super::{Dice, open, seal};
@@ -21,13 +22,14 @@ use std::time::Duration;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExplorerSettings {
-    /// Names of parts or motors to explore with, such as `["torso", "r_shoulder_pitch", "r_elbow"]`; a part stands for all
-    /// of its motors. The other motors stay where they are.
+    /// Names of parts or motors to explore with, such as
+    /// `["torso", "r_shoulder_pitch", "r_elbow"]`; a part stands for all of its motors. The other
+    /// motors stay where they are.
     pub motors: Vec<String>,
-    /// How many random poses the roadmap contains.
+    /// Number of random poses in the roadmap.
     #[serde(default = "twenty")]
     pub vertices: usize,
-    /// How many of its nearest poses each pose is joined to, in both directions.
+    /// Number of nearest poses that each pose is joined to, in both directions.
     #[serde(default = "ten")]
     pub neighbors: usize,
     /// Share of each motor's maximum speed, above 0 and up to 1.
@@ -36,24 +38,27 @@ pub struct ExplorerSettings {
     /// Ranges to sample poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
-    /// The most random poses that are drawn: those that are not free or violate a constraint are thrown away.
+    /// Maximum number of random poses drawn. Poses that collide or violate a constraint are
+    /// discarded.
     #[serde(default = "many")]
     pub samples: usize,
-    /// Whether edges are just tried (`optimistic`), or certified in the model before they are driven (`lazy`) or planned over
-    /// (`verified`).
+    /// Validation of edges: `optimistic` tries them without a check, `lazy` certifies them in the
+    /// model before they are driven, `verified` before they are used in a plan.
     #[serde(default)]
     pub validation: Validation,
-    /// Whether parts of the map that can't be reached from where the robot is are joined to the rest by a planner (RRT-Connect and
-    /// shortcuts, certified in the model), once nothing else is left to be tried.
+    /// Join parts of the map that can't be reached from the robot's position to the rest by a
+    /// planner (RRT-Connect and shortcuts, certified in the model), once no other edge is left to
+    /// try.
     #[serde(default)]
     pub join: bool,
     /// Seed of all randomness; default: derived from the run's seed.
     #[serde(default)]
     pub seed: Option<u64>,
-    /// How near every motor must be to a pose of the roadmap for the robot to count as at that pose, degrees.
+    /// Maximum distance of every motor from a pose of the roadmap for the robot to count as at that
+    /// pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
-    /// The marker whose position represents each pose in pictures of the roadmap; default: the one that most of the
+    /// Marker that represents each pose in drawings of the roadmap; default: the marker that most of the
     /// motors move.
     #[serde(default)]
     pub hand: Option<String>,
@@ -71,24 +76,27 @@ fn many() -> usize {
     100_000
 }
 
-/// Most vertices: a typing error must not eat the memory.
-const MOST_VERTICES: usize = 100_000;
-/// A goal is drawn from this many of the nearest vertices that have untried edges, so that the exploration spreads.
-const CHOICES: usize = 3;
-/// In how many rounds, a second apart, the samples are drawn while fewer than two are free: somebody may clear the world.
-const ROUNDS: usize = 60;
+/// Upper bound of the setting `vertices`: a typing error must not exhaust the memory.
+const MAX_VERTICES: usize = 100_000;
+/// Number of nearest vertices with untried edges that a goal is drawn from, so that the exploration
+/// spreads.
+const GOAL_CHOICES: usize = 3;
+/// Number of rounds, one second apart, that the samples are spread over while fewer than two of
+/// them are free: the world may be cleared in the meantime.
+const SAMPLING_ROUNDS: usize = 60;
 
 /// Drives untried edges, near ones first, until no untried edge can be reached any more.
 pub struct Explorer {
     robot: Arc<Robot>,
-    /// Motor, lower and upper bound of its samples, rad.
+    /// Motor, and lower and upper bound of its samples, rad.
     ranges: Vec<(usize, f64, f64)>,
     settings: ExplorerSettings,
-    /// The marker that the settings name.
+    /// Marker that the setting `hand` names.
     hand: Option<usize>,
     walker: Walker,
-    /// How many samples were drawn, and whether that was all of it.
+    /// Number of samples drawn so far.
     drawn: usize,
+    /// True if sampling is finished.
     sampled: bool,
     seed: u64,
     rng: ChaCha8Rng,
@@ -106,10 +114,11 @@ struct State {
 }
 
 impl Explorer {
-    /// An agent from its settings.
+    /// Creates an agent from its settings.
     ///
     /// # Errors
-    /// Unknown motors, ranges that are reversed or outside the limits, numbers out of bounds: with their path.
+    /// Unknown motors, ranges that are reversed or outside the limits, and numbers out of bounds,
+    /// each with the path of its setting.
     pub fn new(settings: ExplorerSettings, context: &Context) -> Result<Explorer, KindError> {
         let robot = context.robot.clone();
         let motors = group::motors("motors", &settings.motors, &robot);
@@ -124,7 +133,11 @@ impl Explorer {
             hand.clone().map(drop),
             counts(&settings),
         ])?;
-        let (motors, ranges, speed, tolerance, hand) = (motors?, ranges?, speed?, tolerance?, hand?);
+        let motors = motors?;
+        let ranges = ranges?;
+        let speed = speed?;
+        let tolerance = tolerance?;
+        let hand = hand?;
         let seed = settings.seed.unwrap_or(context.seed);
         let walker = Walker::new(Roadmap::new(motors, &robot), speed, tolerance, seed);
         let walker = walker.with_validation(settings.validation);
@@ -132,21 +145,22 @@ impl Explorer {
         Ok(Explorer { robot, ranges, settings, hand, walker, drawn: 0, sampled: false, seed, rng })
     }
 
-    /// The roadmap as it is now.
+    /// The current roadmap.
     pub fn map(&self) -> &Roadmap {
         &self.walker.map
     }
 
-    /// Random poses, kept only if free at the view's clearance and within all constraints; edges to the nearest, all optimistic. While there are
-    /// fewer than two, only a share of the samples is drawn.
+    /// Adds random configurations that are free at the view's clearance and satisfy all
+    /// constraints, and joins each to its nearest ones by optimistic edges. While the map has fewer
+    /// than two vertices, a call draws only its round's share of the samples.
     fn sample(&mut self, view: &View) {
         let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
-        // a motor of no concern that stands at home but for the noise of its encoder counts as standing there
+        // A motor outside the group that is at home except for encoder noise counts as at home.
         let near_home = 1f64.to_radians();
         let at_home = |(q, m): (&f64, &Motor)| if m.way(*q, m.home).abs() <= near_home { m.home } else { *q };
         let base: Vec<f64> = view.pose().iter().zip(&self.robot.motors).map(at_home).collect();
         let all = self.settings.samples;
-        let round = self.drawn.saturating_add(all.div_ceil(ROUNDS));
+        let round = self.drawn.saturating_add(all.div_ceil(SAMPLING_ROUNDS));
         while self.walker.map.len() < self.settings.vertices
             && self.drawn < if self.walker.map.len() < 2 { round.min(all) } else { all }
         {
@@ -170,12 +184,15 @@ impl Explorer {
             return;
         }
         self.walker.map.join_nearest(self.settings.neighbors);
-        let (vertices, edges, drawn) = (self.walker.map.len(), self.walker.map.edges().len(), self.drawn);
+        let vertices = self.walker.map.len();
+        let edges = self.walker.map.edges().len();
+        let drawn = self.drawn;
         self.walker.log(format!("roadmap of {vertices} poses from {drawn} samples, {edges} directed edges"));
     }
 
-    /// The next thing worth doing from a vertex: an optimistic edge here, else the way to a near vertex that has
-    /// one, and the doubtful ones last. `None`: no untried edge can be reached.
+    /// Chooses the next step from a vertex: an optimistic edge that starts here, otherwise the path
+    /// to a nearby vertex that has one. Doubtful edges come last. Returns `None` if no untried edge
+    /// can be reached.
     fn choose(&mut self, at: u32) -> Option<Choice> {
         for state in [EdgeState::Optimistic, EdgeState::Doubtful] {
             let here = self.walker.untried(at, state);
@@ -197,14 +214,15 @@ impl Explorer {
         None
     }
 
-    /// Joins what can't be reached from elsewhere on the map, or not be left, if there is any.
+    /// Joins vertices that can't be reached from the rest of the map, or can't be left. Returns
+    /// whether the number of disconnected parts decreased.
     fn join(&mut self, view: &View) -> bool {
         let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
         self.walker.map.islands().len() > 1 && self.walker.join_islands(view, hand)
     }
 
     fn one_of(&mut self, nearest_first: &[u32]) -> Option<u32> {
-        let n = nearest_first.len().min(CHOICES);
+        let n = nearest_first.len().min(GOAL_CHOICES);
         (n > 0).then(|| self.rng.random_range(0..n)).and_then(|i| nearest_first.get(i).copied())
     }
 
@@ -326,14 +344,14 @@ impl Agent for Explorer {
     }
 }
 
-/// The numbers of poses, neighbors and samples.
+/// Checks the numbers of poses, neighbors and samples.
 fn counts(settings: &ExplorerSettings) -> Result<(), KindError> {
     let unless = |good: bool, path: &str, what: String, help: &str| {
         if good { Ok(()) } else { Err(KindError::new(path, what, help)) }
     };
     let ExplorerSettings { vertices, neighbors, samples, .. } = settings;
-    let help = format!("give a number from 2 to {MOST_VERTICES}, such as 20");
-    let size = (2..=MOST_VERTICES).contains(vertices);
+    let help = format!("give a number from 2 to {MAX_VERTICES}, such as 20");
+    let size = (2..=MAX_VERTICES).contains(vertices);
     KindError::gather([
         unless(size, "vertices", format!("{vertices} is not a valid roadmap size"), &help),
         unless(

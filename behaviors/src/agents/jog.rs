@@ -1,4 +1,5 @@
-//! Jogging: a few motors at a time, by velocities, by set-points of position or by moves, as somebody at a panel does.
+//! Jogging: moves a few motors at a time by velocity streams, position setpoints or moves, like an
+//! operator at a panel.
 
 use super::{Dice, open, seal};
 use crate::group;
@@ -18,20 +19,20 @@ use std::time::Duration;
 pub struct JogSettings {
     /// Names of parts or motors to move, such as `["torso", "r_elbow"]`; a part stands for all of its motors.
     pub motors: Vec<String>,
-    /// The ways to move, one of which is drawn for each motion.
+    /// Ways to move, one of which is drawn for each motion.
     #[serde(default = "velocities")]
     pub by: Vec<JogBy>,
     /// Maximum number of motors to move at once; the others stay where they are.
     #[serde(default = "two")]
     pub at_once: usize,
-    /// How many motions to make; 0: forever.
+    /// Number of motions to make; 0: unlimited.
     #[serde(default = "ten")]
     pub count: u32,
-    /// Maximum share of a motor's maximum speed, above 0 and up to 1; each motor has its own speed between a third of this
-    /// and all of it.
+    /// Maximum share of a motor's maximum speed, above 0 and up to 1. Each motor's own speed is
+    /// drawn between a third of this and all of it.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// How long it streams before it goes quiet, seconds: minimum and maximum.
+    /// Duration of a stream, seconds: minimum and maximum.
     #[serde(default = "some_seconds")]
     pub lasts_s: [f64; 2],
     /// Ranges to stay in, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits. A stream
@@ -43,15 +44,17 @@ pub struct JogSettings {
     pub seed: Option<u64>,
 }
 
-/// How motors are jogged.
+/// Command mode of a jogging motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JogBy {
     /// A stream of velocities.
     Velocity,
-    /// A stream of position set-points, which the board follows at once. Requires a board that accepts them.
+    /// A stream of position setpoints, which the board follows at once. Requires a board that
+    /// accepts them.
     Position,
-    /// A move in which each motor goes at its own speed. Beside the others it also takes motors over from a stream.
+    /// A move in which each motor has its own speed. Combined with other modes, it also takes
+    /// motors over from a stream.
     Move,
 }
 
@@ -75,16 +78,18 @@ fn some_seconds() -> [f64; 2] {
     [1.0, 4.0]
 }
 
-/// Least share of the speed asked for that a motor is given.
-const SLOWEST: f64 = 1.0 / 3.0;
-/// How long a stream goes on before other motors join it or its motors change their speeds, seconds: at least and at most.
-const TURNS: std::ops::Range<f64> = 0.3..1.5;
-/// The longest time that a set-point leads on by, seconds: after a pause in the readings it goes on from where it was.
-const LEADS: f64 = 0.05;
+/// Minimum share of the setting `speed` that a motor is given.
+const MIN_SPEED_SHARE: f64 = 1.0 / 3.0;
+/// Time until other motors join a stream or its motors change their speeds, seconds: minimum and
+/// maximum.
+const JOIN_INTERVAL_S: std::ops::Range<f64> = 0.3..1.5;
+/// Longest time that a setpoint advances by, seconds: after a pause in the readings a stream
+/// continues from its last setpoint.
+const MAX_STEP_S: f64 = 0.05;
 
 /// Moves a few motors at a time.
 pub struct Jog {
-    /// Per motor: index, and from where to where it goes, rad.
+    /// Motor, and lower and upper bound of its range, rad.
     ranges: Vec<(usize, f64, f64)>,
     settings: JogSettings,
     seed: u64,
@@ -94,24 +99,24 @@ pub struct Jog {
     stream: Option<Stream>,
 }
 
-/// A stream under way.
+/// A stream in progress.
 struct Stream {
     by: JogBy,
-    /// When it falls silent.
+    /// Time at which it ends.
     until: Time,
-    /// When the next motors join.
+    /// Time at which the next motors join.
     turn: Time,
-    /// When it was led on last.
+    /// Time of its last setpoint.
     at: Time,
-    motors: BTreeMap<usize, Led>,
+    motors: BTreeMap<usize, JoggedMotor>,
 }
 
-/// A motor that is led.
-struct Led {
+/// A motor of a stream.
+struct JoggedMotor {
     range: (f64, f64),
-    /// Where it is asked to be, rad.
+    /// Commanded position, rad.
     q: f64,
-    /// How fast it is to go, rad/s.
+    /// Commanded velocity, rad/s.
     speed: f64,
 }
 
@@ -124,10 +129,10 @@ struct State {
 }
 
 impl Jog {
-    /// An agent from its settings.
+    /// Creates an agent from its settings.
     ///
     /// # Errors
-    /// An unknown motor, a speed, number or time that is none: with its path.
+    /// An unknown motor, or an invalid speed, number or time, each with the path of its setting.
     pub fn new(settings: JogSettings, context: &Context) -> Result<Jog, KindError> {
         let motors = group::motors("motors", &settings.motors, &context.robot);
         let [least, most] = settings.lasts_s;
@@ -146,14 +151,14 @@ impl Jog {
         Ok(Jog { ranges, settings, seed, rng, reached: 0, failed: 0, stream: None })
     }
 
-    /// Some of the motors, each once, with its range and a speed of its own, rad/s.
+    /// Draws some of the motors, each once, with its range, rad, and a speed of its own, rad/s.
     fn draw(&mut self, view: &View) -> Vec<(usize, (f64, f64), f64)> {
         let n = self.rng.random_range(1..=self.settings.at_once.min(self.ranges.len()).max(1));
         let mut left = self.ranges.clone();
         let mut drawn = Vec::new();
         while drawn.len() < n && !left.is_empty() {
             let (m, min, max) = left.swap_remove(self.rng.random_range(0..left.len()));
-            let share = self.settings.speed * self.rng.random_range(SLOWEST..=1.0);
+            let share = self.settings.speed * self.rng.random_range(MIN_SPEED_SHARE..=1.0);
             let speed = share * view.axes.get(m).map_or(0.0, |axis| axis.max_speed);
             drawn.push((m, group::allowed((min, max), view.axes.get(m)), speed));
         }
@@ -168,26 +173,26 @@ impl Jog {
         Intent::MoveEach(nearest_target(view, Target { motors, q, speed: self.settings.speed }), speeds)
     }
 
-    /// Motors join the stream, or get another speed.
+    /// Adds motors to the stream, or changes their speeds.
     fn lead(&mut self, stream: &mut Stream, view: &View) {
         for (m, range, speed) in self.draw(view) {
             let speed = if self.rng.random() { speed } else { -speed };
             let q = view.pose().get(m).copied().unwrap_or(range.0);
-            // the range in the turn that the motor is in
+            // The range, shifted to the turn that the motor is in.
             let middle = (range.0 + range.1) / 2.0;
             let turns = nearest_position(view, m, middle) - middle;
             let range = group::allowed((range.0 + turns, range.1 + turns), view.axes.get(m));
-            stream.motors.entry(m).or_insert(Led { range, q, speed }).speed = speed;
+            stream.motors.entry(m).or_insert(JoggedMotor { range, q, speed }).speed = speed;
         }
-        let turn = self.rng.random_range(TURNS);
+        let turn = self.rng.random_range(JOIN_INTERVAL_S);
         stream.turn = view.at + Duration::from_secs_f64(turn);
     }
 }
 
 impl Stream {
-    /// The next set-points.
+    /// Computes the next setpoints.
     fn step(&mut self, view: &View) -> Setpoints {
-        let secs = view.at.since(self.at).as_secs_f64().min(LEADS);
+        let secs = view.at.since(self.at).as_secs_f64().min(MAX_STEP_S);
         self.at = view.at;
         let by_velocity = self.by == JogBy::Velocity;
         for (m, led) in &mut self.motors {
@@ -247,7 +252,8 @@ impl Agent for Jog {
         if view.at >= stream.turn {
             self.lead(&mut stream, view);
             if self.settings.by.contains(&JogBy::Move) && self.rng.random_range(0..4) == 0 {
-                // a stream of positions ends with it, one of velocities goes on with the other motors
+                // The move ends a stream of positions; a stream of velocities continues with the
+                // other motors.
                 self.stream = Some(stream).filter(|stream| stream.by == JogBy::Velocity);
                 return Some(self.a_move(view));
             }

@@ -1,4 +1,4 @@
-//! Poses that a user names: the vertices that a map begins with.
+//! Poses that the settings of an agent name: the initial vertices of its map.
 
 use crate::group;
 use crate::hand_goal::{HandGoal, joint_values};
@@ -15,25 +15,28 @@ use std::ops::Range;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedPose {
-    /// Its name.
+    /// Name of the pose, unique in the agent.
     pub name: String,
     /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors are at home.
     #[serde(default)]
     pub q_deg: Option<BTreeMap<String, f64>>,
-    /// Instead of `q_deg`: where the hand is to be. Joint values are searched for when the file is read; the motors of the agent that move the
-    /// hand are set by it, the others are at home.
+    /// Goal pose of the hand, instead of `q_deg`. Joint values are searched for when the file is
+    /// read: those of the agent's motors that move the hand; the other motors are at home.
     #[serde(default)]
     pub hand_at: Option<HandGoal>,
 }
 
-/// A map with these poses as its last vertices; what a pose does not name is at home.
+/// Creates a map with these poses as its last vertices. Motors that a pose does not name are at
+/// home.
 ///
 /// # Arguments
 /// * `given`: the map to start from, as a run wrote it.
-/// * `motors`: what it moves, if nothing is given; nothing: what the poses name.
+/// * `motors`: the motors that the map moves if `given` is `None`; empty: those that the poses
+///   name.
 ///
 /// # Errors
-/// Unknown motors, positions outside the limits, names given twice, a broken map: with their path.
+/// Unknown motors, positions outside the limits, duplicate names and a broken map, each with its
+/// path.
 pub(super) fn map(
     given: Option<&Value>,
     motors: &[String],
@@ -49,7 +52,8 @@ pub(super) fn map(
     let mut map = match given {
         Some(value) => {
             let mut map = Roadmap::import(value, robot).map_err(|e| e.under("map"))?;
-            // it is told by its file: a journal could not take fifty thousand edges at once
+            // Discard its notes: the map's file already records them, and a journal could not take
+            // fifty thousand edges at once.
             map.notes();
             map
         }
@@ -77,17 +81,17 @@ pub(super) fn map(
     Ok(map)
 }
 
-/// What an agent needs of its map, of which its settings name these vertices.
+/// Returns the motors of a map, and those of its vertices that the settings name.
 pub(super) fn requirements(map: &Roadmap, own: Range<usize>) -> Requirements {
     let poses = map.vertices().skip(own.start).take(own.len()).enumerate();
     let poses = poses.map(|(i, (_, v))| SetPose { path: format!("poses[{i}]"), q: v.q.clone(), optional: false });
     Requirements { motors: map.motors().to_vec(), poses: poses.collect() }
 }
 
-/// The vertices that are to be gone to.
+/// Looks up the vertices of the goals.
 ///
 /// # Errors
-/// Names that the map does not have, or none at all.
+/// Names that the map does not have, or an empty list.
 pub(super) fn goals(map: &Roadmap, goals: &[String]) -> Result<Vec<u32>, KindError> {
     let goals = KindError::gather(goals.iter().enumerate().map(|(i, g)| find(map, &format!("goals[{i}]"), g)))?;
     if goals.is_empty() {
@@ -96,10 +100,10 @@ pub(super) fn goals(map: &Roadmap, goals: &[String]) -> Result<Vec<u32>, KindErr
     Ok(goals)
 }
 
-/// The vertex of this name.
+/// Looks up the vertex of this name.
 ///
 /// # Errors
-/// If there is none, with the most similar one.
+/// An unknown name, with the most similar one that exists.
 pub(super) fn find(map: &Roadmap, path: &str, name: &str) -> Result<u32, KindError> {
     map.find(name).ok_or_else(|| {
         let known: Vec<&str> = map.vertices().filter_map(|(_, v)| v.name.as_deref()).collect();

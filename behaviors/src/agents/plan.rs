@@ -1,15 +1,18 @@
-//! The planning agent: a tour of goals by a planner alone, for whoever has no map; the map comes about on the way.
+//! The planning agent: a tour of goals by a planner alone, for a robot without a map; it builds a
+//! map from its plans.
 //!
 //! ```text
-//!             known way, certified            none, or a detour
+//!             known path, certified           none, or a detour
 //!  at ──> goal ──────────────────> drive it      │
-//!    ^       └──────────────> RRT-Connect, shorten ──> way-points become vertices ──> drive it
-//!    └── an edge failed: it is removed, its place is avoided, another seed ──┘
+//!    ^       └──────────────> RRT-Connect, shorten ──> waypoints become vertices ──> drive it
+//!    └── an edge failed: it is removed, its middle is avoided, another seed ──┘
 //! ```
 //!
-//! Where it is and how motions end is the [`Walker`]'s matter, as for every agent with a map; but no edge is driven that was not
-//! certified in the scene as it is at that moment. What was removed by experience, and the place that is avoided for it, comes back when
-//! an object that was in its way has changed (I11), and not before. Way-points that did not serve for long make room for new ones.
+//! As for every agent with a map, the [`Walker`] tracks the robot's vertex and the outcome of
+//! motions. In addition, an edge is driven only if it has been certified in the current scene. An
+//! edge that failed stays removed, and its middle stays avoided, until an object in its way changes
+//! (I11). Once the map is full, waypoints that have not been used for the longest time are replaced
+//! by new ones.
 
 mod served;
 mod settings;
@@ -34,24 +37,25 @@ use std::sync::Arc;
 use std::time::Duration;
 use ways::{Leg, Spent, Ways};
 
-/// Plans made for one goal before it counts as missed.
-const PLANS: u32 = 20;
-/// Of these, the ones that may end without a path.
-const EXHAUSTED: u32 = 3;
-/// How often in a row a motion may end elsewhere than at its vertex.
-const OFF_MAP: u32 = 10;
-/// Escapes from what is too near for a plan, in a row.
-const ESCAPES: u32 = 20;
-/// A known way is driven if it is at most so many times as long as the straight line, or as a new plan.
-const DETOUR: f64 = 1.2;
+/// Maximum number of plans for one goal; after that the goal counts as missed.
+const MAX_PLANS: u32 = 20;
+/// Number of plans that exhaust their budget after which the goal counts as missed.
+const MAX_EXHAUSTED_PLANS: u32 = 3;
+/// Maximum number of motions in a row that end elsewhere than at their vertex.
+const MAX_OFF_MAP: u32 = 10;
+/// Maximum number of escapes in a row from a start that is too close to an obstacle to plan.
+const MAX_ESCAPES: u32 = 20;
+/// Maximum length of a known path relative to the straight line or to a new plan; a longer one is a
+/// detour.
+const MAX_DETOUR: f64 = 1.2;
 
-/// Goes round its goals, each by a plan.
+/// Tours its goals, planning a path to each.
 pub struct PlanAgent {
     robot: Arc<Robot>,
     walker: Walker,
-    /// How many of the vertices its settings name: the first ones.
+    /// Number of vertices that its settings name: the first ones.
     own: usize,
-    /// How many vertices there may be.
+    /// Maximum number of vertices.
     most: usize,
     served: Served,
     goals: Vec<u32>,
@@ -60,20 +64,21 @@ pub struct PlanAgent {
     seed: u64,
     placed: bool,
     ways: Ways,
-    /// The vertices still to go through, the one where the robot is first.
+    /// Vertices still to be visited; the first is the robot's.
     route: Vec<u32>,
     tour: Tour,
     tries: Tries,
-    /// Why the last goal that was given up was.
+    /// Reason why the last missed goal was abandoned.
     why: String,
 }
 
-/// What was tried for this goal.
+/// Attempts made for the current goal.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Tries {
-    /// Plans made, and those of them that found nothing.
+    /// Plans made.
     plans: u32,
+    /// Plans that exhausted their budget.
     in_vain: u32,
     /// Motions in a row that ended elsewhere than at their vertex.
     off_map: u32,
@@ -92,10 +97,11 @@ struct State {
 }
 
 impl PlanAgent {
-    /// An agent from its settings.
+    /// Creates an agent from its settings.
     ///
     /// # Errors
-    /// Unknown motors and poses, positions outside the limits, names given twice, a budget of nothing: with their path.
+    /// Unknown motors and poses, positions outside the limits, duplicate names and a budget of 0,
+    /// each with its path.
     pub fn new(settings: PlanSettings, context: &Context) -> Result<PlanAgent, KindError> {
         let robot = context.robot.clone();
         let hand = settings.hand.as_deref();
@@ -108,9 +114,11 @@ impl PlanAgent {
             bounds,
             tour.as_ref().map(drop).map_err(Clone::clone),
         ])?;
-        let (pace, (goals, map)) = (pace?, tour?);
+        let pace = pace?;
+        let (goals, map) = tour?;
         let seed = settings.seed.unwrap_or(context.seed);
-        // every line is certified when it is planned; the validator minds what must change before one that failed is tried again
+        // Every edge is certified when it is planned. The validator decides what must change before
+        // a failed edge is tried again.
         let walker = Walker::new(map, pace.speed, pace.tolerance, seed).with_validation(Validation::Lazy);
         Ok(PlanAgent {
             robot,
@@ -131,30 +139,31 @@ impl PlanAgent {
         })
     }
 
-    /// Why the goal that was missed last was given up; `None`: no goal was.
+    /// Returns the reason why the last missed goal was abandoned; `None`: no goal was missed.
     pub(super) fn why_missed(&self) -> Option<&str> {
         Some(self.why.as_str()).filter(|why| !why.is_empty())
     }
 
-    /// The map that has come about so far.
+    /// The map built so far.
     pub fn map(&self) -> &Roadmap {
         &self.walker.map
     }
 
-    /// Makes the place where the robot rests a vertex, so that no way has to lead to the map first. Answers whether that makes sense:
-    /// it does not where motion after motion ends elsewhere than at its vertex.
+    /// Makes the robot's configuration a vertex, so that no path has to lead to the map first.
+    /// Returns `false` if too many motions in a row ended elsewhere than at their vertex.
     fn stand(&mut self, last: Option<MotionEnd>, view: &View) -> bool {
         let at = self.walker.map.at(view.pose(), self.pace.tolerance);
         if let (Some(MotionEnd::Reached), Some(to)) = (last, self.route.get(1)) {
             self.tries.off_map = if at == Some(*to) { 0 } else { self.tries.off_map + 1 };
         }
-        if at.is_none() && self.tries.off_map <= OFF_MAP {
+        if at.is_none() && self.tries.off_map <= MAX_OFF_MAP {
             self.add(view.pose(), view);
         }
-        self.tries.off_map <= OFF_MAP
+        self.tries.off_map <= MAX_OFF_MAP
     }
 
-    /// The robot rests at a vertex on its way to another one: the next motion. `None`: this goal is given up.
+    /// Returns the next motion for a robot that rests at the vertex `at`. `None`: this goal is
+    /// abandoned.
     fn go(&mut self, at: u32, goal: u32, view: &View) -> Option<Intent> {
         if self.route.get(1) == Some(&at) {
             self.route.remove(0);
@@ -168,15 +177,15 @@ impl PlanAgent {
         if !(on_route && self.ways.passable(&leg, &self.route)) {
             self.route = self.ways.known(&leg).unwrap_or_default();
             let (length, straight) = self.ways.lengths(&leg, &self.route);
-            if self.route.is_empty() || length > DETOUR * straight {
-                if self.tries.plans >= PLANS {
-                    self.why = format!("{PLANS} plans failed");
-                    self.walker.log(format!("goal {goal} is given up after {PLANS} plans"));
+            if self.route.is_empty() || length > MAX_DETOUR * straight {
+                if self.tries.plans >= MAX_PLANS {
+                    self.why = format!("{MAX_PLANS} plans failed");
+                    self.walker.log(format!("goal {goal} is given up after {MAX_PLANS} plans"));
                     return None;
                 }
                 self.tries.plans += 1;
                 match self.ways.plan(&leg) {
-                    Ok(path) if self.route.is_empty() || DETOUR * path.length() < length => {
+                    Ok(path) if self.route.is_empty() || MAX_DETOUR * path.length() < length => {
                         self.enter(&path, at, goal, view)
                     }
                     Err(why) if self.route.is_empty() => return self.without_path(why, goal, view),
@@ -188,11 +197,11 @@ impl PlanAgent {
         Some(self.walker.follow(self.route.clone(), view))
     }
 
-    /// Takes a plan into the map, and as the route.
+    /// Adds a plan to the map and makes it the route.
     fn enter(&mut self, path: &JointPath, at: u32, goal: u32, view: &View) {
         let text = format!("a plan of {} way-points, {:.2} rad", path.poses.len(), path.length());
         self.walker.log(format!("{text}, after {} straight lines", path.evaluations));
-        // kept as it grows: what is on the route does not make room
+        // Extend the route with each vertex: vertices on the route are never replaced.
         self.route = vec![at];
         let inner = path.poses.len().saturating_sub(2);
         for pose in path.poses.iter().skip(1).take(inner) {
@@ -206,9 +215,9 @@ impl PlanAgent {
         }
     }
 
-    /// A vertex more, or in the place of the one that serves least, once there is no room.
+    /// Adds a vertex. If the map is full, it replaces the least recently used one.
     fn add(&mut self, q: &[f64], view: &View) -> u32 {
-        // an encoder may read a little beyond a limit
+        // An encoder may read slightly beyond a limit.
         let within = |(q, m): (&f64, &Motor)| q.clamp(m.min, m.max);
         let q: Vec<f64> = q.iter().zip(&self.robot.motors).map(within).collect();
         let hand = self.pace.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
@@ -225,7 +234,8 @@ impl PlanAgent {
         id
     }
 
-    /// The vertex that makes room, if there is no other room: never one that the settings name, or that is in use.
+    /// Returns the vertex to replace if the map is full: never one that the settings name or that
+    /// is in use.
     fn least(&self) -> Option<u32> {
         let map = &self.walker.map;
         let named = |id: u32| map.vertex(id).is_none_or(|v| v.name.is_some());
@@ -236,18 +246,18 @@ impl PlanAgent {
         (map.len() >= self.most).then(|| self.served.least(map, may_go)).flatten()
     }
 
-    /// What to do where there is no plan. `None`: the goal is given up for now.
+    /// Returns the next step if no plan was found. `None`: the goal is abandoned for now.
     fn without_path(&mut self, why: NoPath, goal: u32, view: &View) -> Option<Intent> {
         let text = why.text(&view.scene, view.robot);
         match why {
-            NoPath::Blocked { end: PathEnd::Start, .. } if self.tries.escapes < ESCAPES => {
+            NoPath::Blocked { end: PathEnd::Start, .. } if self.tries.escapes < MAX_ESCAPES => {
                 self.tries.escapes += 1;
                 let seed = self.seed.wrapping_add(u64::from(self.tries.escapes));
                 self.walker.log(format!("no plan: {text}"));
                 let out = escape(view, self.walker.map.motors(), &[], self.pace.speed, seed);
                 Some(out.map_or(Intent::Wait(Duration::from_secs(1)), Intent::MoveTo))
             }
-            NoPath::Exhausted { .. } if self.tries.in_vain + 1 < EXHAUSTED => {
+            NoPath::Exhausted { .. } if self.tries.in_vain + 1 < MAX_EXHAUSTED_PLANS => {
                 self.tries.in_vain += 1;
                 self.walker.log(format!("no plan to goal {goal}: {text}"));
                 Some(Intent::Wait(Duration::from_secs(1)))
@@ -260,7 +270,7 @@ impl PlanAgent {
         }
     }
 
-    /// Goes on to the next goal of the tour.
+    /// Proceeds to the next goal of the tour.
     fn advance(&mut self, reached: bool) {
         self.tour.advance(reached);
         (self.tries.plans, self.tries.in_vain, self.tries.escapes) = (0, 0, 0);
@@ -294,11 +304,11 @@ impl Agent for PlanAgent {
             return self.summary("motions end, but not within `tolerance_deg` of their pose: make it larger");
         }
         let mut last = last;
-        // A tour that needs no motion would turn for ever in no time: it rests a second after each round.
+        // A tour that needs no motion would loop forever: after each round it waits a second.
         for _ in 0..=2 * self.goals.len() {
             let at = match self.walker.step(last.take(), view) {
                 WalkStep::Do(intent) => {
-                    // an escape: the robot rests elsewhere after it
+                    // An escape: afterwards the robot rests elsewhere.
                     self.route.clear();
                     return intent;
                 }
@@ -338,8 +348,11 @@ impl Agent for PlanAgent {
 
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
-        let (progress, spent) = (self.walker.progress().clone(), self.ways.spent);
-        let (tour, tries, served) = (self.tour.clone(), self.tries.clone(), self.served.clone());
+        let progress = self.walker.progress().clone();
+        let spent = self.ways.spent;
+        let tour = self.tour.clone();
+        let tries = self.tries.clone();
+        let served = self.served.clone();
         seal("plan", 2, &State { map, progress, tour, tries, spent, served })
     }
 
@@ -361,9 +374,9 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     Registered(&Kind::<dyn Agent> {
         name: "plan",
-        doc: "Tours goals, each by a plan: RRT-Connect and shortcuts, on straight lines that are certified free in the scene as it \
-              is. It needs no map; ways that it has found are driven again as long as they are free. After a motion that failed it plans \
-              around where that was.",
+        doc: "Tours goals, planning a path to each: RRT-Connect and shortcuts, on straight lines that are \
+              certified free in the current scene. It needs no map; paths that it has found are used again \
+              while they are free. After a failed motion it plans around the place of the failure.",
         schema: || schemars::schema_for!(PlanSettings),
         example: |robot| {
             let pose = |name, share| json!({ "name": name, "q_deg": group::example_pose(robot, share) });

@@ -1,4 +1,4 @@
-//! Random moves: something to watch, to wear in a robot, or to collect data with.
+//! Random moves: for demonstrations, for running in a robot, or for collecting data.
 
 use super::{Dice, open, seal};
 use crate::group;
@@ -18,7 +18,7 @@ use std::time::Duration;
 pub struct RandomSettings {
     /// Names of parts or motors to move, such as `["torso", "r_elbow"]`; a part stands for all of its motors.
     pub motors: Vec<String>,
-    /// How many moves to make; 0: forever.
+    /// Number of moves to make; 0: unlimited.
     #[serde(default = "ten")]
     pub count: u32,
     /// Share of each motor's maximum speed, above 0 and up to 1.
@@ -27,10 +27,11 @@ pub struct RandomSettings {
     /// Ranges to sample poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
-    /// How long to rest at a pose that was reached, seconds.
+    /// Time to rest at each pose that was reached, seconds.
     #[serde(default)]
     pub wait_s: f64,
-    /// Whether to look in the scene first, and go only to poses that are free and satisfy the constraints. The way there is not checked.
+    /// Go only to poses that are free in the scene and satisfy the constraints. The path to them is
+    /// not checked.
     #[serde(default)]
     pub checked: bool,
     /// Seed of the moves; default: derived from the run's seed.
@@ -46,13 +47,14 @@ fn tenth() -> f64 {
     0.1
 }
 
-/// How many poses are drawn for one move before the agent waits a second for the world to change.
-const DRAWS: usize = 1000;
+/// Maximum number of poses drawn for one move before the agent waits a second for the world to
+/// change.
+const MAX_DRAWS: usize = 1000;
 
-/// Goes to random poses within the ranges of its motors.
+/// Moves to random configurations within the ranges of its motors.
 pub struct Random {
     motors: Vec<usize>,
-    /// Per motor: index, and from where to where it goes, rad.
+    /// Motor, and lower and upper bound of its range, rad.
     ranges: Vec<(usize, f64, f64)>,
     wait: Duration,
     settings: RandomSettings,
@@ -71,16 +73,17 @@ struct State {
 }
 
 impl Random {
-    /// An agent from its settings.
+    /// Creates an agent from its settings.
     ///
     /// # Errors
-    /// An unknown motor, or a speed that is none: with its path.
+    /// An unknown motor, or an invalid speed or time, each with the path of its setting.
     pub fn new(settings: RandomSettings, context: &Context) -> Result<Random, KindError> {
         let motors = group::motors("motors", &settings.motors, &context.robot);
         let wait = group::seconds("wait_s", settings.wait_s);
         let speed = group::speed("speed", settings.speed);
         KindError::gather([motors.clone().map(drop), speed.map(drop), wait.clone().map(drop)])?;
-        let (motors, wait) = (motors?, wait?);
+        let motors = motors?;
+        let wait = wait?;
         let ranges = group::ranges("range_deg", &settings.range_deg, &motors, &context.robot)?;
         let seed = settings.seed.unwrap_or(context.seed);
         let rng = ChaCha8Rng::seed_from_u64(seed);
@@ -110,7 +113,7 @@ impl Agent for Random {
         if last == Some(MotionEnd::Reached) && !self.wait.is_zero() {
             return Intent::Wait(self.wait);
         }
-        for _ in 0..DRAWS {
+        for _ in 0..MAX_DRAWS {
             let target = self.draw(view);
             if !self.settings.checked || group::free(view, &target.pose(view.pose())) {
                 return Intent::MoveTo(target);

@@ -1,16 +1,17 @@
-//! The reaching agent: looks for an object, brings a hand before it over a roadmap, to it, and back (paper, section 3.3, figure 8).
+//! The reaching agent: looks for an object, brings a hand over a roadmap to a pre-grasp pose, to
+//! the object, and back (paper, section 3.3, figure 8).
 //!
 //! ```text
-//!          seen: postures chosen, certified        at the pre-grasp          in the grasp posture      back before it
+//!          seen: postures chosen, certified        at the pre-grasp          in the grasp posture      at the pre-grasp
 //!  Look ──────────────────────────────────> Go ───────────────────> Approach ───────────────> Back ───────────────> Home ──> Look ...
-//!   ^  \                                   ^  \__ the object moved: chosen anew, the motion is led there
-//!   │   └─ not seen: the eyes turn         └──── rolled back: the map has learned it, another way
-//!   └── no posture, no way: a miss, with its cause
+//!   ^  \                                   ^  \__ the object moved: new postures, the motion is redirected
+//!   │   └─ not seen: the eyes turn         └──── rolled back: the map records it, another path
+//!   └── no posture, no path: a miss, with its cause
 //! ```
 //!
-//! Where the arm goes is the [`Walker`]'s matter: postures are vertices of its map, so that a rollback, a certificate and a world that
-//! changes mean here what they mean to every agent with a map. Where no way leads over the map a planner looks for one, and its
-//! way-points become vertices.
+//! The [`Walker`] drives the arm. Postures are vertices of its map, so rollbacks, certificates and
+//! changes of the world are handled as for every agent with a map. If no path of the map leads to a
+//! goal, a planner searches for one, and its waypoints become vertices.
 
 mod aim;
 mod choice;
@@ -46,21 +47,22 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Changes of mind within one call: more would be a circle.
-const TURNS: usize = 20;
-/// So often in a row postures are chosen in vain before that counts as a miss, a pause apart.
-const TRIES: u32 = 6;
-const PAUSE: Duration = Duration::from_millis(500);
-/// Plans made where no way leads to a goal, for one reach.
-const PLANS: u32 = 3;
-/// Postures that no way leads to, one after the other, for one reach.
-const OTHERS: usize = 4;
-/// Places to look at in vain before that counts as a miss: all of them twice.
-const GLANCES: u32 = 26;
-/// How often the way home is looked for, a second apart.
-const HOMEWARD: u32 = 60;
+/// Maximum number of steps within one call: more would be a loop.
+const MAX_STEPS: usize = 20;
+/// Number of failed choices of postures in a row that count as a miss.
+const MAX_CHOICES: u32 = 6;
+/// Time between two attempts to see the object or to choose postures.
+const RETRY_INTERVAL: Duration = Duration::from_millis(500);
+/// Maximum number of plans, in one reach, to goals that no path of the map leads to.
+const MAX_PLANS: u32 = 3;
+/// Maximum number of unreachable postures, in one reach, that are replaced by others.
+const MAX_OTHER_POSTURES: usize = 4;
+/// Number of gaze targets without a detection that count as a miss: each of them twice.
+const MAX_GLANCES: u32 = 26;
+/// Maximum number of attempts to find a path home, a second apart.
+const MAX_HOMEWARD: u32 = 60;
 
-/// What is being done: part of the agent's state.
+/// Phase of a reach: part of the agent's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Phase {
@@ -71,19 +73,20 @@ enum Phase {
     Home,
 }
 
-/// Where the hand is going: part of the agent's state.
+/// Target of the hand: part of the agent's state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Place {
-    /// The object's middle when it was chosen, meters.
+    /// Center of the object when the target was chosen, world frame, meters.
     object: [f64; 3],
-    /// The hand, among the agent's.
+    /// Index of the hand among the agent's.
     #[serde(default)]
     hand: usize,
-    /// The vertex that the postures were begun from.
+    /// Vertex from which the search for the postures started.
     from: u32,
-    /// Vertices of the postures.
+    /// Vertex of the pre-grasp posture.
     pre: u32,
+    /// Vertex of the grasp posture.
     grasp: u32,
 }
 
@@ -92,19 +95,19 @@ pub struct ReachAgent {
     robot: Arc<Robot>,
     settings: ReachSettings,
     walker: Walker,
-    /// Markers and, in their frames, the direction out of the palm.
+    /// Marker of each hand and the direction out of its palm, in the marker's frame.
     hands: Vec<(usize, Unit<Vector3<f64>>)>,
     palm_toward: Unit<Vector3<f64>>,
     gaze_plan: Option<GazePlan>,
     wait: Duration,
     seed: u64,
-    /// Its rest posture in the map.
+    /// Vertex of the rest posture.
     rest: u32,
-    /// What follows from the view: made when first asked.
+    /// Hands and gaze, which depend on the view: created by the first call.
     ready: Option<Ready>,
     space: Option<JointSpace>,
-    /// Vertices that were told, for pictures.
-    told: BTreeSet<u32>,
+    /// Vertices that have been noted, for drawings.
+    noted: BTreeSet<u32>,
     mind: Mind,
 }
 
@@ -113,35 +116,39 @@ struct Ready {
     gaze: Option<Gaze>,
 }
 
-/// What it has in mind: the part of its state that is no map.
+/// State of the agent apart from its map.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Mind {
     phase: Phase,
     looking: Looking,
-    /// Whether the motion under way is the eyes'.
+    /// True if the motion in progress is one of the eyes.
     eyes_turn: bool,
     place: Option<Place>,
-    /// Choices in vain, plans made, times that the way home was looked for: of this reach.
+    /// Failed choices of postures in this reach.
     in_vain: u32,
+    /// Plans made in this reach.
     plans: u32,
+    /// Attempts to find a path home in this reach.
     homeward: u32,
-    /// Vertices from which postures were begun that no way led to, and how often the hand was brought over the object once more: of this
-    /// reach.
+    /// Start vertices, in this reach, of postures that no path led to.
     tried: BTreeSet<u32>,
+    /// Number of times, in this reach, that the pre-grasp was corrected.
     refined: u32,
-    /// Whether the motion under way was led elsewhere, and whether one that was has been taken back, of this reach.
+    /// True if the motion in progress was redirected.
     #[serde(default)]
     turned: bool,
+    /// True if a redirected motion was rolled back in this reach.
     #[serde(default)]
     bumped: bool,
-    /// How often it was looked into whether the object is where it was, of this reach, and what of that is under way.
+    /// Number of checks, in this reach, whether the object is still where it was.
     #[serde(default)]
     checks: u32,
+    /// The check in progress.
     #[serde(default)]
     check: Option<Check>,
     own: Own,
-    /// Whether the rest posture was joined to the map.
+    /// True if the rest posture has been joined to the map.
     joined: bool,
     counts: Counts,
 }
@@ -155,10 +162,11 @@ struct State {
 }
 
 impl ReachAgent {
-    /// An agent from its settings.
+    /// Creates an agent from its settings.
     ///
     /// # Errors
-    /// Unknown motors and markers, positions outside the limits, numbers out of bounds, a broken map: with their path.
+    /// Unknown motors and markers, positions outside the limits, numbers out of bounds and a broken
+    /// map, each with its path.
     pub fn new(settings: ReachSettings, context: &Context) -> Result<ReachAgent, KindError> {
         let robot = context.robot.clone();
         let map = map::begin(&settings, &robot);
@@ -216,25 +224,26 @@ impl ReachAgent {
             rest,
             ready: None,
             space: None,
-            told: BTreeSet::new(),
+            noted: BTreeSet::new(),
             mind,
             walker,
             settings,
         })
     }
 
-    /// The roadmap as it is now.
+    /// The current roadmap.
     pub fn map(&self) -> &Roadmap {
         &self.walker.map
     }
 
-    /// Where the hand is to be for an object there.
+    /// Returns the positions of the hand for an object at this position, world frame, meters.
     fn places(&self, object: Vector3<f64>) -> Places {
         let from = |mm: [f64; 3]| object + Vector3::from(mm) * 1e-3;
         Places { pre: from(self.settings.pre_grasp_mm), grasp: from(self.settings.grasp_mm) }
     }
 
-    /// Chooses postures for an object there, begun from so many vertices, and takes them into the map.
+    /// Chooses postures for an object at this position and adds them to the map. `vertices`: sizes
+    /// of the batches of start vertices. Returns the vertex of the pre-grasp posture.
     fn set_out(&mut self, object: Vector3<f64>, vertices: &[usize], view: &View) -> Result<u32, NoChoice> {
         let places = self.places(object);
         self.mind.counts.object = object.into();
@@ -249,9 +258,9 @@ impl ReachAgent {
         Ok(pre)
     }
 
-    /// The object is seen: sets out for it. Answers what to do if that is not possible now.
+    /// Sets out for an object that is seen. Returns the next step if that is not possible now.
     fn begin(&mut self, object: Vector3<f64>, view: &View) -> Option<Intent> {
-        match self.set_out(object, &choice::VERTICES, view) {
+        match self.set_out(object, &choice::BATCHES_AT_REST, view) {
             Ok(pre) => {
                 self.mind.counts.set_out(view.at, self.mind.looking.first_seen());
                 let name = self.mind.place.as_ref().and_then(|place| self.name_of(place.hand));
@@ -262,7 +271,7 @@ impl ReachAgent {
             }
             Err(why) => {
                 self.mind.in_vain += 1;
-                if self.mind.in_vain >= TRIES {
+                if self.mind.in_vain >= MAX_CHOICES {
                     self.mind.in_vain = 0;
                     self.miss(&why.into());
                     if self.is_done() {
@@ -270,7 +279,7 @@ impl ReachAgent {
                     }
                 }
                 self.mind.looking = Looking::from(view.at);
-                Some(Intent::Wait(PAUSE))
+                Some(Intent::Wait(RETRY_INTERVAL))
             }
         }
     }
@@ -285,11 +294,12 @@ impl ReachAgent {
         self.enter_phase(Phase::Home, self.rest);
     }
 
-    /// The robot rests at a vertex and no goal is left: what is next. `None`: to be found out by the next step.
+    /// Handles a robot that rests at a vertex without a goal. Returns the next step; `None`: the
+    /// next step of the loop determines it.
     fn arrived(&mut self, at: u32, view: &View) -> Option<Intent> {
         let place = self.mind.place.clone();
         let goal = match (self.mind.phase, &place) {
-            (Phase::Look, _) => return Some(Intent::Wait(PAUSE)),
+            (Phase::Look, _) => return Some(Intent::Wait(RETRY_INTERVAL)),
             (Phase::Home, _) | (_, None) => self.rest,
             (Phase::Go | Phase::Back, Some(place)) => place.pre,
             (Phase::Approach, Some(place)) => place.grasp,
@@ -327,24 +337,25 @@ impl ReachAgent {
         None
     }
 
-    /// Gives the motion under way up.
+    /// Aborts the motion in progress.
     fn stop(&mut self) -> Intent {
         self.mind.turned = false;
         self.walker.give_up()
     }
 
-    /// The marker of one of its hands.
+    /// Returns the marker name of one of the agent's hands.
     fn name_of(&self, hand: usize) -> Option<&str> {
         let (marker, _) = self.hands.get(hand)?;
         self.robot.markers.get(*marker).map(|m| m.name.as_str())
     }
 
-    /// The hand that goes to the object.
+    /// Returns the hand that goes to the object.
     fn hand(&self) -> Option<&Hand> {
         self.ready.as_ref()?.hands.get(self.mind.place.as_ref()?.hand)
     }
 
-    /// Where the hand is, and how far that is from where it is to be before the object, as the model has both, meters.
+    /// Returns the position of the hand and its distance from the pre-grasp position, by the model,
+    /// meters.
     fn hand_at(&self, view: &View) -> ([f64; 3], f64) {
         let (Some(hand), Some(place)) = (self.hand(), &self.mind.place) else { return ([0.0; 3], 0.0) };
         let pre = self.places(Vector3::from(place.object)).pre;
@@ -357,11 +368,11 @@ impl Agent for ReachAgent {
         self.prepare(view);
         let mut last = last.filter(|_| !std::mem::take(&mut self.mind.eyes_turn));
         self.mind.bumped |= std::mem::take(&mut self.mind.turned) && last == Some(MotionEnd::Failed);
-        for _ in 0..TURNS {
+        for _ in 0..MAX_STEPS {
             if self.mind.phase == Phase::Look && !caught(view) {
                 let gaze = self.ready.as_ref().and_then(|r| r.gaze.as_ref());
                 match self.mind.looking.step(&self.settings.object, gaze, view) {
-                    Look::Do(_) if self.mind.looking.glances() > GLANCES => {
+                    Look::Do(_) if self.mind.looking.glances() > MAX_GLANCES => {
                         self.mind.looking = Looking::from(view.at);
                         self.miss(&Missed { miss: Miss::Unseen, why: "it is not seen".to_owned() });
                         if self.is_done() {
@@ -387,7 +398,7 @@ impl Agent for ReachAgent {
                 }
             }
             if self.mind.phase == Phase::Go && (self.has_moved(view).is_some() || self.is_gone(view)) {
-                let Some(pre) = self.follow(&choice::VERTICES, view) else {
+                let Some(pre) = self.follow(&choice::BATCHES_AT_REST, view) else {
                     self.look_anew();
                     continue;
                 };
@@ -420,9 +431,10 @@ impl Agent for ReachAgent {
                 Some(self.stop())
             }
             Phase::Go if self.has_moved(view).is_some() => {
-                // what is not found in passing is looked for at rest
-                let Some(pre) = self.follow(&choice::FEW, view) else { return Some(self.stop()) };
-                // a robot that moves leaves the line a little: one that was bumped by that stops first
+                // A posture that is not found during the motion is searched for at rest.
+                let Some(pre) = self.follow(&choice::BATCHES_MOVING, view) else { return Some(self.stop()) };
+                // A moving robot deviates slightly from the line: after a redirected motion was
+                // rolled back, stop first.
                 let straight = !self.mind.bumped && self.is_straight(pre, view);
                 let turned = straight.then(|| self.walker.turn_to(pre, view)).flatten();
                 self.mind.turned = turned.is_some();
@@ -442,7 +454,7 @@ impl Agent for ReachAgent {
     }
 
     fn notes(&mut self) -> Vec<Note> {
-        self.told_notes()
+        self.pending_notes()
     }
 
     fn recall(&mut self, past: &[Note]) {
@@ -458,7 +470,8 @@ impl Agent for ReachAgent {
     }
 
     fn export(&self) -> Snapshot {
-        let (map, progress) = (self.walker.map.export(&self.robot), self.walker.progress().clone());
+        let map = self.walker.map.export(&self.robot);
+        let progress = self.walker.progress().clone();
         seal("reach", 2, &State { map, progress, mind: self.mind.clone() })
     }
 
@@ -484,8 +497,9 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     Registered(&Kind::<dyn Agent> {
         name: "reach",
-        doc: "Reaches for an object: turns the eyes until it is seen, brings the hand before it over a roadmap of pre-grasp poses, to it, \
-              and back. When the object moves on the way it goes where that is now; when it is rolled back it takes another way.",
+        doc: "Reaches for an object: turns the eyes until it is detected, brings the hand over a roadmap to \
+              a pre-grasp pose, to the object, and back. If the object moves during a reach, the motion is \
+              redirected; after a rollback another path is taken.",
         schema: || schemars::schema_for!(ReachSettings),
         example: |robot| {
             let part = group::example_part(robot).map(|p| p.name.clone());

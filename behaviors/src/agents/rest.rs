@@ -1,4 +1,4 @@
-//! The motion to a rest pose: a tour of the planning agent with a single goal.
+//! Motion to a rest pose: a tour of the planning agent with a single goal.
 
 use super::PlanAgent;
 use mobee_contract::{
@@ -6,15 +6,18 @@ use mobee_contract::{
 };
 use serde_json::json;
 
-/// Plans and drives to one pose, then is done. Its summary has the figure `goals_reached`; where that is 0 the text says why.
+/// Plans and drives to one pose, then is done. Its summary has the figure `goals_reached`; if that
+/// is 0, the text is the reason.
 pub struct RestAgent(PlanAgent);
 
 impl RestAgent {
+    /// Creates an agent that drives to a pose.
+    ///
     /// # Arguments
-    /// * `motors`: what it moves, by number; the other motors stay where they are.
+    /// * `motors`: the motors that it moves, by number; the other motors stay where they are.
     /// * `q`: the pose, rad (encoder units), of the whole robot.
     /// * `speed`: share of each motor's maximum speed, above 0 and up to 1.
-    /// * `tolerance_deg`: how near every motor must be to the pose, degrees.
+    /// * `tolerance_deg`: maximum distance of every motor from the pose, degrees.
     ///
     /// # Errors
     /// As for [`PlanAgent::new`].

@@ -1,4 +1,5 @@
-//! The roadmap agent: CONNECT and GOTO over poses of its user's, round a tour of goals (Algorithms 1-3, figure 5).
+//! The roadmap agent: CONNECT and GOTO over given poses, for a tour of goals (Algorithms 1-3,
+//! figure 5).
 
 use super::named::{self, NamedPose};
 use super::tour::defaults::{half, once, tenth};
@@ -26,56 +27,57 @@ pub struct RoadmapSettings {
     /// Pairs of poses to join, in both directions, such as `[["a", "b"], ["b", "c"]]`.
     #[serde(default)]
     pub edges: Vec<[String; 2]>,
-    /// Also joins every pose to this many of its nearest poses.
+    /// Number of nearest poses that every pose is joined to, in addition to `edges`.
     #[serde(default)]
     pub neighbors: usize,
-    /// A roadmap to start from: a map file, as `mobee roadmap build` or a run wrote it, or its JSON. Its poses are named by
-    /// their names or numbers.
+    /// Roadmap to start from: a map file, as `mobee roadmap build` or a run wrote it, or its JSON.
+    /// Goals and edges refer to its poses by name or number.
     #[serde(default)]
     #[schemars(extend("format" = "roadmap"))]
     pub map: Option<Value>,
     /// Names of parts or motors that the roadmap moves; default: those that the poses name.
     #[serde(default)]
     pub motors: Vec<String>,
-    /// The poses to go to, in order.
+    /// Names of the poses to go to, in order.
     pub goals: Vec<String>,
-    /// How many times to repeat the tour; 0: forever.
+    /// Number of times to repeat the tour; 0: unlimited.
     #[serde(default = "once")]
     pub repeat: u32,
-    /// How long to rest at each goal, seconds.
+    /// Time to rest at each goal, seconds.
     #[serde(default)]
     pub wait_s: f64,
     /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// Whether edges are just tried (`optimistic`), or certified in the model before they are driven (`lazy`) or planned over
-    /// (`verified`).
+    /// Validation of edges: `optimistic` tries them without a check, `lazy` certifies them in the
+    /// model before they are driven, `verified` before they are used in a plan.
     #[serde(default)]
     pub validation: Validation,
-    /// Whether parts of the map that can't be reached from where the robot is are joined to the rest by a planner (RRT-Connect and
-    /// shortcuts, certified in the model), once no way leads to a goal.
+    /// Join parts of the map that can't be reached from the robot's position to the rest by a
+    /// planner (RRT-Connect and shortcuts, certified in the model), if no path leads to a goal.
     #[serde(default)]
     pub join: bool,
-    /// How near every motor must be to a pose of the roadmap for the robot to count as at that pose, degrees.
+    /// Maximum distance of every motor from a pose of the roadmap for the robot to count as at that
+    /// pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
-    /// The marker whose position represents each pose in pictures of the roadmap; default: the one that most of the
+    /// Marker that represents each pose in drawings of the roadmap; default: the marker that most of the
     /// motors move.
     #[serde(default)]
     pub hand: Option<String>,
 }
 
-/// Goes round its goals.
+/// Tours its goals over a roadmap.
 pub struct RoadmapAgent {
     robot: Arc<Robot>,
     walker: Walker,
-    /// How many of the vertices its settings name: the last ones.
+    /// Number of vertices that its settings name: the last ones.
     own: usize,
     goals: Vec<u32>,
     repeat: u32,
     pace: Pace,
     join: bool,
-    /// Whether the vertices know where the hand is at them.
+    /// True if the hand positions of the vertices, for drawings, have been computed.
     placed: bool,
     tour: Tour,
 }
@@ -89,10 +91,11 @@ struct State {
 }
 
 impl RoadmapAgent {
-    /// An agent from its settings.
+    /// Creates an agent from its settings.
     ///
     /// # Errors
-    /// Unknown motors and poses, positions outside the limits, names given twice, a broken map: with their path.
+    /// Unknown motors and poses, positions outside the limits, duplicate names and a broken map,
+    /// each with its path.
     pub fn new(settings: RoadmapSettings, context: &Context) -> Result<RoadmapAgent, KindError> {
         let robot = context.robot.clone();
         let hand = settings.hand.as_deref();
@@ -102,7 +105,8 @@ impl RoadmapAgent {
             pace.as_ref().map(drop).map_err(Clone::clone),
             tour.as_ref().map(drop).map_err(Clone::clone),
         ])?;
-        let (pace, (goals, map)) = (pace?, tour?);
+        let pace = pace?;
+        let (goals, map) = tour?;
         let walker = Walker::new(map, pace.speed, pace.tolerance, context.seed).with_validation(settings.validation);
         let own = settings.poses.len();
         Ok(RoadmapAgent {
@@ -118,7 +122,7 @@ impl RoadmapAgent {
         })
     }
 
-    /// The roadmap as it is now.
+    /// The current roadmap.
     pub fn map(&self) -> &Roadmap {
         &self.walker.map
     }
@@ -150,7 +154,7 @@ impl Agent for RoadmapAgent {
             self.placed = true;
         }
         let mut last = last;
-        // A tour that needs no motion would turn for ever in no time: it rests a second after each round.
+        // A tour that needs no motion would loop forever: after each round it waits a second.
         for _ in 0..=2 * self.goals.len() {
             match self.walker.step(last.take(), view) {
                 WalkStep::Do(intent) => return intent,
@@ -234,12 +238,12 @@ fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> 
     Ok(map)
 }
 
-/// The goals; all can be reached from the first.
+/// Looks up the goals. Without a given map, each must be reachable from the first.
 fn goals(settings: &RoadmapSettings, map: &Roadmap) -> Result<Vec<u32>, KindError> {
     let goals = named::goals(map, &settings.goals)?;
     let Some(first) = goals.first() else { return Ok(goals) };
     if settings.map.is_some() {
-        // what a run has learned may well have removed the last way to a goal
+        // An earlier run may rightly have removed the last path to a goal.
         return Ok(goals);
     }
     let reach = map.reach(*first);
@@ -260,8 +264,9 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     Registered(&Kind::<dyn Agent> {
         name: "roadmap",
-        doc: "Tours goals over a roadmap of given poses. It assumes that every edge is feasible until it fails; then \
-              that edge is removed, the robot is back where the edge began, and the next best path is planned.",
+        doc: "Tours goals over a roadmap of given poses. Every edge is assumed to be feasible until it \
+              fails; then that edge is removed, the robot returns to the start of the edge, and the next \
+              best path is planned.",
         schema: || schemars::schema_for!(RoadmapSettings),
         example: |robot| {
             let pose = |name, share| json!({ "name": name, "q_deg": group::example_pose(robot, share) });

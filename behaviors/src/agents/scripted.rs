@@ -1,4 +1,4 @@
-//! A list of poses, one after the other: the shortest agent, and a pattern for one's own.
+//! A list of poses, visited in order: the shortest agent, and a template for new ones.
 
 use super::{open, seal};
 use crate::group;
@@ -15,12 +15,12 @@ use std::time::Duration;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScriptedSettings {
-    /// The poses, in order.
+    /// Poses, in order.
     pub poses: Vec<ScriptedPose>,
     /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// How many times to repeat the list; 0: forever.
+    /// Number of times to repeat the list; 0: unlimited.
     #[serde(default = "once")]
     pub repeat: u32,
 }
@@ -32,11 +32,12 @@ pub struct ScriptedPose {
     /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors stay where they are.
     #[serde(default)]
     pub q_deg: Option<BTreeMap<String, f64>>,
-    /// Instead of `q_deg`: where the hand is to be. Joint values are searched for when the file is read, with all other motors at home; the
-    /// motors that move the hand are set by it, the others stay where they are.
+    /// Goal pose of the hand, instead of `q_deg`. Joint values are searched for when the file is
+    /// read, with all other motors at home: those of the motors that move the hand; the others stay
+    /// where they are.
     #[serde(default)]
     pub hand_at: Option<HandGoal>,
-    /// How long to rest at the pose, seconds.
+    /// Time to rest at the pose, seconds.
     #[serde(default)]
     pub wait_s: f64,
 }
@@ -49,7 +50,7 @@ fn once() -> u32 {
     1
 }
 
-/// Goes through its poses. A motion that fails is counted, and the next pose is tried.
+/// Visits its poses. A motion that fails is counted, and the next pose is tried.
 pub struct Scripted {
     poses: Vec<(Target, Duration)>,
     home: Vec<f64>,
@@ -60,7 +61,7 @@ pub struct Scripted {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
-    /// The pose that is next.
+    /// Index of the next pose.
     next: usize,
     round: u32,
     reached: u32,
@@ -68,10 +69,11 @@ struct State {
 }
 
 impl Scripted {
-    /// An agent from its settings.
+    /// Creates an agent from its settings.
     ///
     /// # Errors
-    /// An unknown motor, a position outside its limits, a speed or time that is none, an empty list: with its path.
+    /// An unknown motor, a position outside its limits, an invalid speed or time, or an empty list,
+    /// each with its path.
     pub fn new(settings: ScriptedSettings, context: &Context) -> Result<Scripted, KindError> {
         let speed = settings.speed;
         let poses = KindError::gather(settings.poses.iter().enumerate().map(|(i, pose)| {
@@ -120,7 +122,7 @@ impl Agent for Scripted {
         }
     }
 
-    /// Each pose as it is if all before it were reached, from home on.
+    /// Returns each configuration as it is if all previous poses were reached, starting from home.
     fn requirements(&self) -> Requirements {
         let mut q = self.home.clone();
         let mut means = Requirements::default();

@@ -1,4 +1,4 @@
-//! A tour of goals: how its user wants it driven, and how far it has come.
+//! A tour of goals: its parameters, and its progress.
 
 use crate::group;
 use crate::roadmap::Roadmap;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::time::Duration;
 
-/// Which goal is next, and what was made of the others.
+/// Progress of a tour: the next goal, and counts of the previous ones.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Tour {
@@ -16,14 +16,14 @@ pub(super) struct Tour {
     pub round: u32,
     pub reached: u32,
     pub missed: u32,
-    /// Goals reached in this round: a round without any is the last.
+    /// Goals reached in this round; a round without any is the last.
     pub in_round: u32,
-    /// Whether the robot is on its way to `next`.
+    /// True if the robot is on its way to `next`.
     pub under_way: bool,
 }
 
 impl Tour {
-    /// Goes on to the next goal.
+    /// Proceeds to the next goal.
     pub fn advance(&mut self, reached: bool) {
         self.reached = self.reached.saturating_add(u32::from(reached));
         self.missed = self.missed.saturating_add(u32::from(!reached));
@@ -31,7 +31,8 @@ impl Tour {
         (self.next, self.under_way) = (self.next + 1, false);
     }
 
-    /// The goal to go to, or why there is none any more. The tour is made `repeat` times, without end if that is 0.
+    /// Returns the current goal, or the reason why the tour has ended. The tour is made `repeat`
+    /// times, or without end if `repeat` is 0.
     pub fn goal(&mut self, goals: &[u32], repeat: u32) -> Result<u32, &'static str> {
         if self.next >= goals.len() {
             if self.in_round == 0 {
@@ -47,30 +48,31 @@ impl Tour {
         goals.get(self.next).copied().ok_or("there is no goal")
     }
 
-    /// Whether the robot has come to where it was going.
+    /// Returns whether the robot has arrived at its goal.
     pub fn arrived(&self, goals: &[u32], at: u32) -> bool {
         self.under_way && goals.get(self.next) == Some(&at)
     }
 }
 
-/// How a tour is driven.
+/// Parameters of a tour.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pace {
     /// Share of each motor's maximum speed.
     pub speed: f64,
-    /// How near a vertex counts as at it, rad.
+    /// Maximum distance of every motor from a vertex to count as at it, rad.
     pub tolerance: f64,
-    /// How long to rest at each goal.
+    /// Time to rest at each goal.
     pub wait: Duration,
-    /// The marker that represents a pose in pictures, if one is named.
+    /// Marker that represents a pose in drawings, if one is named.
     pub hand: Option<usize>,
 }
 
 impl Pace {
-    /// From settings of these names.
+    /// Creates the parameters from settings of these names.
     ///
     /// # Errors
-    /// Values out of bounds, and a marker that the robot does not have: all of them, with their path.
+    /// Values out of bounds, and a marker that the robot does not have: all of them, each with its
+    /// path.
     pub fn new(
         speed: f64,
         tolerance_deg: f64,
@@ -92,10 +94,10 @@ impl Pace {
     }
 }
 
-/// A predecessor's map, for an agent whose own map has these motors and goals.
+/// Imports a predecessor's map, which must have the motors of the agent's own map and the goals.
 ///
 /// # Errors
-/// If it is broken, one of other motors, or lacks a goal.
+/// A broken map, other motors, or a missing goal.
 pub(super) fn predecessors_map(map: &Value, own: &Roadmap, goals: &[u32], robot: &Robot) -> Result<Roadmap, Refusal> {
     let map = Roadmap::import(map, robot).map_err(group::state)?;
     if map.motors() != own.motors() || goals.iter().any(|g| map.vertex(*g).is_none()) {

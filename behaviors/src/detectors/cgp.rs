@@ -1,9 +1,11 @@
-//! Cartesian genetic programming for image processing, CGP-IP (Harding, Leitner, Schmidhuber 2013): a program is a list of nodes,
-//! each an image function of two earlier nodes; the last one is the output. Only nodes that it needs are run.
+//! Cartesian genetic programming for image processing, CGP-IP (Harding, Leitner, Schmidhuber 2013):
+//! a program is a list of nodes, each an image function of two earlier nodes. The last node is the
+//! output; only nodes that it depends on are run.
 //!
-//! Beside grey, red, green, blue, hue, saturation and value the inputs hold what the colors say of the object and what a network
-//! says ([`channels`]). The threshold belongs to the program in the papers; here it is fitted to each program's output, which
-//! spares the search a gene that hides good programs.
+//! Besides gray, red, green, blue, hue, saturation and value, the inputs contain the color
+//! likelihood and the output of a network ([`channels`]). In the papers the threshold is part of
+//! the program; here it is fitted to each program's output, which removes a gene that hides good
+//! programs from the search.
 
 mod evolve;
 mod filters;

@@ -1,17 +1,18 @@
-//! What a small network is told about a pixel: color and texture in windows of several sizes around it, and what is a little
-//! above, below and beside it. Never where in the picture it is: an object may be anywhere in later frames.
+//! Features of a pixel for a small network: color and texture in windows of several sizes around
+//! it, and at offsets above, below and beside it. The position in the image is not a feature: the
+//! object may be anywhere in later frames.
 
 use super::plane::{Plane, brightness};
 
-/// Numbers per pixel.
+/// Number of features per pixel.
 pub const FEATURES: usize = 36;
 
-/// How far away it looks at its surroundings, pixels.
-const ASIDE: isize = 12;
+/// Distance of the offset windows, pixels.
+const OFFSET_PX: isize = 12;
 
-/// The features of all pixels, one plane each.
+/// Computes the features of all pixels, one plane each.
 ///
-/// `likelihood` is what the colors alone say, [`ColorTable::look`](super::color::ColorTable::look).
+/// `likelihood`: the color likelihood, [`ColorTable::look`](super::color::ColorTable::look).
 pub fn features(rgb: &[Plane; 3], likelihood: &Plane) -> Vec<Plane> {
     let brightness = brightness(rgb);
     let [r, g, b] = rgb;
@@ -34,16 +35,16 @@ pub fn features(rgb: &[Plane; 3], likelihood: &Plane) -> Vec<Plane> {
         all.push(likelihood.box_mean(radius, radius));
     }
     let near = likelihood.box_mean(5, 5);
-    for (dx, dy) in [(ASIDE, 0), (-ASIDE, 0), (0, ASIDE), (0, -ASIDE)] {
+    for (dx, dy) in [(OFFSET_PX, 0), (-OFFSET_PX, 0), (0, OFFSET_PX), (0, -OFFSET_PX)] {
         all.push(near.moved(dx, dy));
     }
     let wide = likelihood.box_mean(12, 12);
-    for dy in [2 * ASIDE, -2 * ASIDE] {
+    for dy in [2 * OFFSET_PX, -2 * OFFSET_PX] {
         all.push(wide.moved(0, dy));
     }
     for color in colors {
         let near = color.box_mean(4, 4);
-        all.extend([ASIDE, -ASIDE].map(|dy| near.moved(0, dy)));
+        all.extend([OFFSET_PX, -OFFSET_PX].map(|dy| near.moved(0, dy)));
     }
     all.push(spread(&brightness, 14));
     let mean = brightness.data.iter().sum::<f32>() / brightness.data.len().max(1) as f32;
@@ -51,7 +52,7 @@ pub fn features(rgb: &[Plane; 3], likelihood: &Plane) -> Vec<Plane> {
     all
 }
 
-/// The standard deviation in windows of this half-width.
+/// Computes the standard deviation in windows of this half-width.
 fn spread(plane: &Plane, radius: usize) -> Plane {
     let mean = plane.box_mean(radius, radius);
     let square = plane.map(|v| v * v).box_mean(radius, radius);

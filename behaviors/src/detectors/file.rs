@@ -1,4 +1,4 @@
-//! Detector files: what was learned of one object, as JSON with a version.
+//! Detector files: the trained model for one object, as JSON with a version.
 
 use super::cgp::{ImageProgram, channels};
 use super::color::ColorTable;
@@ -12,23 +12,23 @@ use mobee_contract::check_object_name;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What it is a file of.
-const NOUN: &str = "detector";
-/// The version that is written, and the only one that is read.
+/// Noun for this kind of file in messages.
+const FILE_NOUN: &str = "detector";
+/// Version that is written, and the only one that is read.
 pub const DETECTOR_VERSION: u32 = 1;
 
-/// What a detector learns.
+/// Model that a detector is trained as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DetectorKind {
-    /// How likely each color is the object's.
+    /// The likelihood of each color.
     Color,
-    /// That, what surrounds each pixel, and an evolved image program.
+    /// Color likelihood, the surroundings of each pixel, and an evolved image program.
     Cgp,
 }
 
 impl DetectorKind {
-    /// What configuration files call it.
+    /// Name in configuration files.
     pub fn name(self) -> &'static str {
         match self {
             DetectorKind::Color => "color",
@@ -37,46 +37,46 @@ impl DetectorKind {
     }
 }
 
-/// A detector, learned.
+/// A trained detector.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DetectorFile {
-    /// What this file is.
+    /// Name of the file format.
     pub format: String,
-    /// Version of the layout.
+    /// Version of the file format.
     pub version: u32,
-    /// What was learned.
+    /// Model of the detector.
     pub kind: DetectorKind,
-    /// The object's name.
+    /// Name of the object.
     pub object: String,
-    /// By what whole factor pictures are made smaller first.
+    /// Integer factor by which images are shrunk first.
     pub shrink: usize,
-    /// How the likelihood is smoothed at last.
+    /// Smoothing of the likelihood.
     pub smoothing: Smoothing,
-    /// How it becomes a mask.
+    /// Conversion of the likelihood to a mask.
     pub cut: Cut,
-    /// The image program; only of the kind `cgp`.
+    /// Image program; only for the kind `cgp`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<ImageProgram>,
-    /// What is made of the surroundings of a pixel; only of the kind `cgp`.
+    /// Network on the surroundings of a pixel; only for the kind `cgp`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network: Option<PixelNetwork>,
-    /// What the colors say.
+    /// Color likelihood.
     pub colors: ColorTable,
 }
 
-/// Means over windows, or smoothing that stops at the picture's edges.
+/// Smoothing by means over windows, or by a filter that preserves edges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Smoothing {
-    /// Half-width of the windows, pixels of the smaller picture; 0: none.
+    /// Half-width of the windows, pixels of the shrunk image; 0: no smoothing.
     pub radius: usize,
-    /// Whether it stops at edges of brightness.
+    /// Preserve edges of the brightness.
     pub at_edges: bool,
 }
 
 impl Smoothing {
-    /// The plane smoothed, and if so asked, not across edges of the brightness.
+    /// Smooths a plane; with `at_edges`, not across edges of the brightness.
     pub fn apply(&self, plane: &Plane, brightness: &Plane) -> Plane {
         match (self.radius, self.at_edges) {
             (0, _) => plane.clone(),
@@ -87,23 +87,23 @@ impl Smoothing {
 }
 
 impl DetectorFile {
-    /// From JSON.
+    /// Reads a detector from JSON.
     ///
     /// # Errors
-    /// Text that is no such file or not whole, another version, numbers that can't be: nothing of it is taken then.
+    /// Text of another format, an incomplete file, another version, or values out of range.
     pub fn parse(text: &str) -> Result<DetectorFile, LearnedFault> {
-        learned_file::parse(text, NOUN, DETECTOR_VERSION, DetectorFile::wrong)
+        learned_file::parse(text, FILE_NOUN, DETECTOR_VERSION, DetectorFile::wrong)
     }
 
-    /// As JSON.
+    /// Writes the detector as JSON.
     pub fn text(&self) -> String {
         serde_json::to_string(self).unwrap_or_default() + "\n"
     }
 
-    /// A file with these parts.
+    /// Creates a detector without smoothing, program and network.
     pub fn new(kind: DetectorKind, object: &str, shrink: usize, colors: ColorTable) -> DetectorFile {
         DetectorFile {
-            format: learned_file::format_name(NOUN),
+            format: learned_file::format_name(FILE_NOUN),
             version: DETECTOR_VERSION,
             kind,
             object: object.into(),
@@ -139,7 +139,7 @@ impl DetectorFile {
         self.program.as_ref().and_then(|p| p.wrong().map(|w| format!("`program`: {w}")))
     }
 
-    /// How likely each pixel is the object's, 0 to 255, as large as the picture.
+    /// Computes the likelihood of each pixel, 0 to 255, at the size of the image.
     pub fn likelihood(&self, picture: &Picture) -> Plane {
         let rgb = picture.planes(self.shrink);
         let colors = self.colors.look(picture, self.shrink);
@@ -154,7 +154,7 @@ impl DetectorFile {
         plane.grown(self.shrink, picture.width, picture.height)
     }
 
-    /// Where the object is, and in what regions, the weightiest first.
+    /// Detects the object: its mask and its regions, by decreasing weight.
     pub fn look(&self, picture: &Picture) -> (Mask, Blobs) {
         self.cut.apply(&self.likelihood(picture))
     }

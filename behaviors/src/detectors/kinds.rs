@@ -1,4 +1,4 @@
-//! The kinds of detectors that learn, as a run makes them: from a detector file.
+//! The kinds of trained detectors, created from a detector file.
 
 use super::file::{DetectorFile, DetectorKind};
 use super::picture::Picture;
@@ -14,25 +14,25 @@ use std::time::Duration;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LearnedDetectorSettings {
-    /// The detector, as `mobee detector train` wrote it.
+    /// Detector file, as `mobee detector train` wrote it.
     #[schemars(extend("format" = "path"))]
     pub file: PathBuf,
-    /// The object's name in the world; default: the one that it was trained as.
+    /// Name of the object in the world; default: the name that it was trained with.
     #[serde(default)]
     pub object: Option<String>,
 }
 
-/// Finds the one object that it knows.
+/// Finds the one object that it was trained for.
 pub struct LearnedDetector {
     file: DetectorFile,
-    /// Of the frame that it looked at last.
+    /// Mask of the last frame.
     mask: Option<SeenMask>,
-    /// Regions of that frame that were too many.
+    /// Number of regions of the last frame beyond the maximum.
     omitted: u64,
 }
 
 impl LearnedDetector {
-    /// One that looks as the file says.
+    /// Creates a detector from its file.
     pub fn new(file: DetectorFile) -> LearnedDetector {
         LearnedDetector { file, mask: None, omitted: 0 }
     }
@@ -87,8 +87,8 @@ fn build(value: &Value, kind: DetectorKind) -> Result<Box<dyn Detector>, KindErr
 inventory::submit! {
     Registered(&Kind::<dyn Detector> {
         name: "color",
-        doc: "Finds one object by how likely each color is its own, learned from pictures with masks (`mobee detector train \
-              --kind color`).",
+        doc: "Finds one object by the likelihood of its colors, trained on images with masks (`mobee \
+              detector train --kind color`).",
         schema: || schemars::schema_for!(LearnedDetectorSettings),
         example: |_| Ok(json!({ "file": "cup.detector.json", "object": "cup" })),
         build: |value, _| build(value, DetectorKind::Color),
@@ -98,8 +98,9 @@ inventory::submit! {
 inventory::submit! {
     Registered(&Kind::<dyn Detector> {
         name: "cgp",
-        doc: "Finds one object by an evolved image program that sees the colors, how likely they are the object's, and what a \
-              small network makes of the surroundings of each pixel (`mobee detector train --kind cgp`).",
+        doc: "Finds one object by an evolved image program. Its inputs are the color channels, the color \
+              likelihood, and the output of a small network on the surroundings of each pixel (`mobee \
+              detector train --kind cgp`).",
         schema: || schemars::schema_for!(LearnedDetectorSettings),
         example: |_| Ok(json!({ "file": "cup.detector.json", "object": "cup" })),
         build: |value, _| build(value, DetectorKind::Cgp),

@@ -1,17 +1,19 @@
-//! Which pixels of a mask's file are the object: white on black, one color or label on a background, or opaque on transparent.
+//! Interpretation of mask files: white on black, one color or label on a background, or opaque on
+//! transparent.
 //!
 //! ```text
-//! transparent pixels ──> the object is what is opaque
-//! up to 16 colors    ──> exact: black is the background, the other color that covers an area is the object; two of them are refused
-//! more               ──> soft edges: the object is where the mask is at least half as bright as at its brightest
+//! transparent pixels ──> the opaque ones are the object
+//! up to 16 colors    ──> exact: black is the background; the other color that covers an area is the object (two: error)
+//! more               ──> soft edges: pixels at least half as bright as the brightest are the object
 //! ```
 
 use image::DynamicImage;
 use std::collections::BTreeSet;
 
-/// Up to this number of colors, a mask was drawn and its colors are exact; with more it has soft edges or noise.
+/// Maximum number of colors of a drawn mask with exact colors; one with more has soft edges or
+/// noise.
 const MAX_EXACT_COLORS: usize = 16;
-/// A channel's greatest value.
+/// Maximum value of a channel.
 const FULL: u16 = u16::MAX;
 const HALF: u16 = FULL / 2 + 1;
 const BLACK: [u16; 3] = [0; 3];
@@ -19,13 +21,13 @@ const BLACK: [u16; 3] = [0; 3];
 /// Problem and remedy.
 type Wrong = (String, &'static str);
 
-/// For each pixel, row by row, whether it is the object.
+/// Returns, for each pixel, row by row, whether it belongs to the object.
 ///
 /// # Errors
-/// If the mask does not say which of its colors is the object.
+/// A mask in which the object's color is ambiguous.
 pub(super) fn object_pixels(mask: &DynamicImage) -> Result<Vec<bool>, Wrong> {
     let width = mask.width() as usize;
-    // labels of 16 bits may be as small as 1
+    // Labels of 16 bits may be as small as 1.
     let pixels: Vec<[u16; 4]> = mask.to_rgba16().pixels().map(|p| p.0).collect();
     let is_opaque = |p: &[u16; 4]| p[3] >= HALF;
     if !pixels.iter().any(is_opaque) && !pixels.is_empty() {
@@ -64,14 +66,14 @@ pub(super) fn object_pixels(mask: &DynamicImage) -> Result<Vec<bool>, Wrong> {
     areas.remove(&BLACK);
     let areas: Vec<[u16; 3]> = areas.into_iter().collect();
     match areas.as_slice() {
-        // nothing is as large as 3x3 pixels: an object that small
+        // No area is as large as 3x3 pixels: the object is that small.
         [] => Ok(brighter_than(u32::from(brightest).div_ceil(2))),
-        // a background that is not black, and an object that small
+        // A background that is not black, and an object that small.
         [ground] if !different.contains(&BLACK) && 2 * u32::from(brightness(ground)) < u32::from(brightest) => {
             Ok(brighter_than((u32::from(brightness(ground)) + u32::from(brightest)).div_ceil(2)))
         }
         [object] => Ok(brighter_than(u32::from(brightness(object)).div_ceil(2))),
-        // a background that is not black
+        // A background that is not black.
         [a, b] if !different.contains(&BLACK) && is_much_brighter(a, b) => {
             Ok(brighter_than((u32::from(brightness(a)) + u32::from(brightness(b))).div_ceil(2)))
         }
@@ -91,13 +93,14 @@ fn brightness([red, green, blue]: &[u16; 3]) -> u16 {
     *red.max(green).max(blue)
 }
 
-/// Whether one of two colors is more than twice as bright as the other.
+/// Returns whether one of two colors is more than twice as bright as the other.
 fn is_much_brighter(a: &[u16; 3], b: &[u16; 3]) -> bool {
     let [a, b] = [a, b].map(|c| u32::from(brightness(c)));
     2 * a.min(b) < a.max(b)
 }
 
-/// A color as 8 bits for each channel; a smaller value as it is in files of 16 bits.
+/// Formats a color with 8 bits for each channel; values that are not multiples of 257 as in files
+/// of 16 bits.
 fn shown([red, green, blue]: &[u16; 3]) -> String {
     let channel = |c: u16| if c.is_multiple_of(257) { (c / 257).to_string() } else { format!("{c}/65535") };
     if red == green && green == blue {
@@ -106,7 +109,7 @@ fn shown([red, green, blue]: &[u16; 3]) -> String {
     format!("({}, {}, {})", channel(*red), channel(*green), channel(*blue))
 }
 
-/// The colors that cover 3x3 pixels somewhere: others are edges.
+/// Returns the colors that cover 3x3 pixels somewhere; all others are edges.
 fn areas(colors: &[[u16; 3]], width: usize) -> BTreeSet<[u16; 3]> {
     let mut found = BTreeSet::new();
     let rows: Vec<&[[u16; 3]]> = colors.chunks_exact(width.max(1)).collect();

@@ -1,10 +1,11 @@
-//! A user's own network, in a file in ONNX format: what each pixel is, or boxes around what it finds.
+//! An imported network, in a file in ONNX format. Its output is a class for each pixel, or boxes
+//! around objects.
 //!
 //! ```text
 //! frame ──stretched, scaled──> input ──network──> mask: one likelihood for each class ──cut──┐
 //!                                             └─> boxes: place, score, class ──the best ones──┴──> regions
 //! ```
-//! In the program each network runs in a process of its own (`process.rs`).
+//! In the program, each network runs in its own process (`process.rs`).
 
 mod boxes;
 mod kind;

@@ -1,5 +1,6 @@
-//! A small network that tells from the features of a pixel how likely it is the object's: two hidden layers, learned by Adam
-//! (Kingma 2015) on as many pixels of the object as beside it.
+//! A small network that maps the features of a pixel to the likelihood that it belongs to the
+//! object: two hidden layers, trained by Adam (Kingma 2015) on as many pixels of the object as of
+//! the background.
 
 use super::features::FEATURES;
 use super::picture::Mask;
@@ -8,38 +9,41 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-/// Inputs, hidden units, and the output.
+/// Numbers of inputs, hidden units, and outputs.
 const LAYERS: [usize; 4] = [FEATURES, 24, 12, 1];
-/// Pixels of the object, and as many beside it, that are drawn from each picture.
-const DRAWN: usize = 1500;
-/// How many times each of them is learned from, and how many at a time.
+/// Number of pixels of the object, and of the background, drawn from each image.
+const SAMPLES_PER_CLASS: usize = 1500;
+/// Number of passes over the samples.
 const EPOCHS: usize = 8;
+/// Number of samples per step.
 const BATCH: usize = 64;
-/// Standard deviation of what is added to features when learning, in units of their own: light and surroundings change.
-const NOISE: f32 = 0.2;
-/// How far a feature may be from its mean, in units of its standard deviation.
-const FARTHEST: f32 = 4.0;
-/// Pixels that are judged together.
-const CHUNK: usize = 128;
+/// Standard deviation of the noise added to features in training, in their standard deviations:
+/// light and surroundings change.
+const FEATURE_NOISE: f32 = 0.2;
+/// Maximum distance of a feature from its mean, in standard deviations; farther ones are clamped.
+const MAX_DEVIATION: f32 = 4.0;
+/// Number of pixels evaluated together.
+const PIXELS_AT_ONCE: usize = 128;
 
-/// The network, and what its inputs are scaled by.
+/// The network, and the scaling of its inputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PixelNetwork {
     mean: Vec<f32>,
     scale: Vec<f32>,
-    /// Per layer: for each unit its weights, and then its offset.
+    /// Per layer: for each unit its weights, then its bias.
     weights: Vec<Vec<f32>>,
 }
 
 impl PixelNetwork {
-    /// Learned from pictures' features and masks of the same size; `None` if there is no pixel of the object, or none beside it.
+    /// Trains a network on features and masks of the same size; `None` without a pixel of the
+    /// object, or of the background.
     pub fn learn(pictures: &[(&[Plane], &Mask)], rng: &mut ChaCha8Rng) -> Option<PixelNetwork> {
         let mut samples: Vec<([f32; FEATURES], f32)> = Vec::new();
         for (features, mask) in pictures {
             for wanted in [true, false] {
                 let pixels: Vec<usize> = (0..mask.data.len()).filter(|i| mask.data[*i] == wanted).collect();
-                for _ in 0..DRAWN * usize::from(!pixels.is_empty()) {
+                for _ in 0..SAMPLES_PER_CLASS * usize::from(!pixels.is_empty()) {
                     let i = pixels[rng.random_range(0..pixels.len())];
                     samples.push((std::array::from_fn(|f| features[f].data[i]), f32::from(u8::from(wanted))));
                 }
@@ -76,16 +80,16 @@ impl PixelNetwork {
     }
 
     fn scaled(&self, f: usize, v: f32) -> f32 {
-        ((v - self.mean[f]) * self.scale[f]).clamp(-FARTHEST, FARTHEST)
+        ((v - self.mean[f]) * self.scale[f]).clamp(-MAX_DEVIATION, MAX_DEVIATION)
     }
 
-    /// The logarithm of the odds that a pixel is the object's, as 128 + 20 ln(odds), 0 to 255.
+    /// Evaluates the log-odds that a pixel belongs to the object, as 128 + 20 ln(odds), 0 to 255.
     pub fn look(&self, features: &[Plane]) -> Plane {
         let first = &features[0];
         let mut out = Vec::with_capacity(first.data.len());
-        for begin in (0..first.data.len()).step_by(CHUNK) {
-            let n = CHUNK.min(first.data.len() - begin);
-            let mut layer: Vec<[f32; CHUNK]> = vec![[0.0; CHUNK]; FEATURES];
+        for begin in (0..first.data.len()).step_by(PIXELS_AT_ONCE) {
+            let n = PIXELS_AT_ONCE.min(first.data.len() - begin);
+            let mut layer: Vec<[f32; PIXELS_AT_ONCE]> = vec![[0.0; PIXELS_AT_ONCE]; FEATURES];
             for (f, to) in layer.iter_mut().enumerate() {
                 let from = &features[f].data[begin..begin + n];
                 to.iter_mut().zip(from).for_each(|(to, v)| *to = self.scaled(f, *v));
@@ -93,7 +97,7 @@ impl PixelNetwork {
             for (l, weights) in self.weights.iter().enumerate() {
                 let is_last = l + 1 == self.weights.len();
                 let unit = |unit: &[f32]| {
-                    let mut sum = [unit[unit.len() - 1]; CHUNK];
+                    let mut sum = [unit[unit.len() - 1]; PIXELS_AT_ONCE];
                     for (w, input) in unit.iter().zip(&layer) {
                         sum.iter_mut().zip(input).for_each(|(s, v)| *s += w * v);
                     }
@@ -109,7 +113,7 @@ impl PixelNetwork {
         first.like(out)
     }
 
-    /// Whether it has all of its numbers, and these are finite.
+    /// Returns whether all numbers are present and finite.
     pub fn is_whole(&self) -> bool {
         let lengths: Vec<usize> = self.weights.iter().map(Vec::len).collect();
         let expected: Vec<usize> = LAYERS.windows(2).map(|l| (l[0] + 1) * l[1]).collect();
@@ -121,7 +125,7 @@ impl PixelNetwork {
     }
 }
 
-/// The state of the descent: running means of the slopes and of their squares.
+/// State of the optimizer: running means of the gradients and of their squares.
 struct Adam {
     slope: Vec<Vec<f32>>,
     mean: Vec<Vec<f32>>,
@@ -136,10 +140,11 @@ impl Adam {
 
     fn descend(&mut self, network: &mut PixelNetwork, samples: &[([f32; FEATURES], f32)], rng: &mut ChaCha8Rng) {
         let steps = EPOCHS * samples.len() / BATCH;
-        // noise is drawn once and read at random places: cheaper than to draw it anew
+        // Noise is drawn once and read at random offsets, which is cheaper than drawing it for each
+        // sample.
         let mut noise = ChaCha8Rng::seed_from_u64(rng.random());
         let noise: Vec<f32> = (0..4096 + FEATURES)
-            .map(|_| NOISE * (0..4).map(|_| noise.random_range(-0.866f32..0.866)).sum::<f32>())
+            .map(|_| FEATURE_NOISE * (0..4).map(|_| noise.random_range(-0.866f32..0.866)).sum::<f32>())
             .collect();
         for step in 0..steps {
             for _ in 0..BATCH {
@@ -149,7 +154,8 @@ impl Adam {
                 self.learn(network, input, *wanted);
             }
             let rate = 0.003 * (1.0 - step as f32 / steps as f32).max(0.02);
-            let (warm1, warm2) = (1.0 - 0.9f32.powi(step as i32 + 1), 1.0 - 0.999f32.powi(step as i32 + 1));
+            let warm1 = 1.0 - 0.9f32.powi(step as i32 + 1);
+            let warm2 = 1.0 - 0.999f32.powi(step as i32 + 1);
             for (l, weights) in network.weights.iter_mut().enumerate() {
                 let state = self.slope[l].iter_mut().zip(&mut self.mean[l]).zip(&mut self.square[l]);
                 for (w, ((slope, mean), square)) in weights.iter_mut().zip(state) {
@@ -163,7 +169,7 @@ impl Adam {
         }
     }
 
-    /// Adds the slope of one sample's cross entropy.
+    /// Adds the gradient of one sample's cross entropy.
     fn learn(&mut self, network: &PixelNetwork, input: Vec<f32>, wanted: f32) {
         let mut values = vec![input];
         for (l, weights) in network.weights.iter().enumerate() {

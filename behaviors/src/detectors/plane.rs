@@ -1,9 +1,9 @@
-//! A picture's one channel, and the arithmetic of neighborhoods that everything else is built of.
+//! A single channel of an image, and the neighborhood operations that all filters use.
 
-/// Rows that are summed up at once.
-const LANES: usize = 4;
+/// Number of rows that are summed at once.
+const ROWS_AT_ONCE: usize = 4;
 
-/// The mean of red, green and blue.
+/// Returns the mean of red, green and blue.
 pub fn brightness([r, g, b]: &[Plane; 3]) -> Plane {
     r.zip(g, |r, g| r + g).zip(b, |sum, b| (sum + b) / 3.0)
 }
@@ -20,42 +20,44 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// The same value everywhere.
+    /// Creates a plane with the same value everywhere.
     pub fn filled(width: usize, height: usize, value: f32) -> Plane {
         Plane { width, height, data: vec![value; width * height] }
     }
 
-    /// Of this size, with these values.
+    /// Creates a plane of the same size with these values.
     pub fn like(&self, data: Vec<f32>) -> Plane {
         Plane { width: self.width, height: self.height, data }
     }
 
-    /// A function of every pixel.
+    /// Applies a function to every pixel.
     pub fn map(&self, f: impl Fn(f32) -> f32) -> Plane {
         self.like(self.data.iter().map(|v| f(*v)).collect())
     }
 
-    /// A function of this pixel and that of another plane of the same size.
+    /// Applies a function to every pixel and the same pixel of another plane of the same size.
     pub fn zip(&self, other: &Plane, f: impl Fn(f32, f32) -> f32) -> Plane {
         self.like(self.data.iter().zip(&other.data).map(|(a, b)| f(*a, *b)).collect())
     }
 
-    /// The rows.
+    /// Returns the rows.
     pub fn rows(&self) -> impl Iterator<Item = &[f32]> {
         self.data.chunks_exact(self.width.max(1))
     }
 
-    /// Means over windows of `2 rx + 1` by `2 ry + 1` pixels, at the border over what of them is in the picture.
-    /// The cost does not depend on the window.
+    /// Computes means over windows of `2 rx + 1` by `2 ry + 1` pixels, clipped at the border. The
+    /// cost does not depend on the window.
     pub fn box_mean(&self, rx: usize, ry: usize) -> Plane {
-        let (w, h) = (self.width, self.height);
+        let w = self.width;
+        let h = self.height;
         let mut across = Vec::with_capacity(w * h);
         let inverse: Vec<f32> = (0..w).map(|x| 1.0 / ((x + rx + 1).min(w) - x.saturating_sub(rx)) as f32).collect();
-        // a sum waits for the one before: that of some rows at once does not wait so often
-        let mut sums = vec![[0.0f32; LANES]; w + 1];
-        for rows in self.data.chunks(LANES * w.max(1)) {
-            let mut sum = [0.0f32; LANES];
-            let lanes: [&[f32]; LANES] = std::array::from_fn(|k| rows.get(k * w..(k + 1) * w).unwrap_or(&rows[..w]));
+        // Each sum depends on the previous one; several rows at once hide this latency.
+        let mut sums = vec![[0.0f32; ROWS_AT_ONCE]; w + 1];
+        for rows in self.data.chunks(ROWS_AT_ONCE * w.max(1)) {
+            let mut sum = [0.0f32; ROWS_AT_ONCE];
+            let lanes: [&[f32]; ROWS_AT_ONCE] =
+                std::array::from_fn(|k| rows.get(k * w..(k + 1) * w).unwrap_or(&rows[..w]));
             for (x, to) in sums[1..].iter_mut().enumerate() {
                 for (sum, row) in sum.iter_mut().zip(lanes) {
                     *sum += row[x];
@@ -63,8 +65,9 @@ impl Plane {
                 *to = sum;
             }
             for k in 0..rows.len() / w.max(1) {
-                // what is beyond the border is left out
-                let (from, to) = (rx.min(w), w.saturating_sub(rx).max(rx.min(w)));
+                // Windows are clipped at the border.
+                let from = rx.min(w);
+                let to = w.saturating_sub(rx).max(from);
                 let mean = |x: usize| (sums[(x + rx + 1).min(w)][k] - sums[x.saturating_sub(rx)][k]) * inverse[x];
                 across.extend((0..from).map(mean));
                 let ends = sums.get(2 * rx + 1..).unwrap_or_default().iter().zip(&sums);
@@ -93,7 +96,8 @@ impl Plane {
         self.like(out)
     }
 
-    /// The picture moved by this many pixels to the right and down; the border's values fill what is left free.
+    /// Shifts the image by this many pixels to the right and down; the border's values fill the
+    /// gap.
     pub fn moved(&self, dx: isize, dy: isize) -> Plane {
         let at = |i: usize, d: isize, n: usize| i.saturating_add_signed(-d).min(n.saturating_sub(1));
         let columns: Vec<usize> = (0..self.width).map(|x| at(x, dx, self.width)).collect();
@@ -106,17 +110,20 @@ impl Plane {
         self.like(data)
     }
 
-    /// Made smaller by a whole factor, each pixel the mean of those that it stands for.
+    /// Shrinks by an integer factor; each pixel is the mean of the pixels that it covers.
     pub fn shrunk(&self, by: usize) -> Plane {
         if by <= 1 {
             return self.clone();
         }
-        let (w, h) = (self.width.div_ceil(by), self.height.div_ceil(by));
+        let w = self.width.div_ceil(by);
+        let h = self.height.div_ceil(by);
         let mut out = Plane::filled(w, h, 0.0);
         for y in 0..h {
-            let (top, bottom) = (y * by, ((y + 1) * by).min(self.height));
+            let top = y * by;
+            let bottom = ((y + 1) * by).min(self.height);
             for x in 0..w {
-                let (left, right) = (x * by, ((x + 1) * by).min(self.width));
+                let left = x * by;
+                let right = ((x + 1) * by).min(self.width);
                 let rows = (top..bottom).map(|y| &self.data[y * self.width + left..y * self.width + right]);
                 let sum: f32 = rows.map(|r| r.iter().sum::<f32>()).sum();
                 out.data[y * w + x] = sum / ((bottom - top) * (right - left)) as f32;
@@ -125,7 +132,8 @@ impl Plane {
         out
     }
 
-    /// Made larger by a whole factor, to a size: the inverse of [`Plane::shrunk`], interpolated between the middles of pixels.
+    /// Enlarges by an integer factor to a size, the inverse of [`Plane::shrunk`], by interpolation
+    /// between pixel centers.
     pub fn grown(&self, by: usize, width: usize, height: usize) -> Plane {
         if by <= 1 || self.data.is_empty() {
             return self.clone();
@@ -133,7 +141,8 @@ impl Plane {
         self.interpolated([by as f32; 2], width, height)
     }
 
-    /// Made as large as this, interpolated between the middles of pixels; where it gets much smaller, these are means first.
+    /// Resizes by interpolation between pixel centers; if it gets much smaller, pixels are averaged
+    /// first.
     pub fn stretched(&self, [width, height]: [usize; 2]) -> Plane {
         if [width, height] == [self.width, self.height] || self.data.is_empty() || width == 0 || height == 0 {
             return self.clone();
@@ -143,7 +152,7 @@ impl Plane {
         self.shrunk(by).interpolated(scale, width, height)
     }
 
-    /// Larger by these factors across and down, cut to a size.
+    /// Enlarges by these horizontal and vertical factors by interpolation, and crops to a size.
     fn interpolated(&self, scale: [f32; 2], width: usize, height: usize) -> Plane {
         let places = |n: usize, of: usize, by: f32| -> Vec<(usize, usize, f32)> {
             let place = |i: usize| {
@@ -152,7 +161,8 @@ impl Plane {
             };
             (0..n).map(place).collect()
         };
-        let (columns, rows) = (places(width, self.width, scale[0]), places(height, self.height, scale[1]));
+        let columns = places(width, self.width, scale[0]);
+        let rows = places(height, self.height, scale[1]);
         let mut data = Vec::with_capacity(width * height);
         let mut between = vec![0.0f32; self.width];
         for (above, below, part) in rows {
@@ -166,8 +176,9 @@ impl Plane {
     }
 }
 
-/// The plane smoothed, but not across edges of `guide` (guided filter: He, Sun and Tang 2010): in each window of half-width `r`
-/// it becomes a linear function of the guide, more nearly constant with larger `eps` (squared units of the guide).
+/// Smooths a plane, but not across edges of `guide` (guided filter: He, Sun and Tang 2010). In each
+/// window of half-width `r` the result is a linear function of the guide; a larger `eps` (squared
+/// units of the guide) makes it more nearly constant.
 pub fn guided(plane: &Plane, guide: &Plane, r: usize, eps: f32) -> Plane {
     let mean = guide.box_mean(r, r);
     let mean_p = plane.box_mean(r, r);

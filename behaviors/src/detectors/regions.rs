@@ -1,41 +1,43 @@
-//! From a likelihood to regions: threshold, opening, connected components, and which of these are kept.
+//! Conversion of a likelihood to regions: threshold, opening, connected components, and selection.
 
 use super::picture::Mask;
 use super::plane::Plane;
 use mobee_contract::{MAX_REGIONS, Region};
 use serde::{Deserialize, Serialize};
 
-/// How a likelihood becomes a mask and its regions.
+/// Parameters of the conversion of a likelihood to a mask and its regions.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cut {
-    /// What a pixel of the object has at least, above 0 and up to 255.
+    /// Minimum value of a pixel of the object, above 0 and up to 255.
     pub threshold: f32,
-    /// Whether the mask is opened by 3x3 pixels.
+    /// Open the mask by 3x3 pixels.
     pub open: bool,
-    /// Components with less than this share of the weightiest one's weight are dropped; 1: only that one is kept.
+    /// Minimum weight of a component as a share of the heaviest one's weight; 1: only the heaviest
+    /// is kept.
     pub keep: f32,
 }
 
 /// A connected part of a mask.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Blob {
-    /// The mean place of its pixels; the middle of the upper left pixel of a picture is (0.5, 0.5).
+    /// Mean position of its pixels; the center of the upper left pixel of an image is (0.5, 0.5).
     pub centroid: [f64; 2],
     /// Left, top, right (exclusive) and bottom (exclusive), pixels.
     pub bounds: [usize; 4],
-    /// Pixels.
+    /// Number of pixels.
     pub area: usize,
-    /// Whether it touches the picture's border, so that there may be more of it beyond.
+    /// It touches the image border, so part of it may be outside.
     pub is_clipped: bool,
-    /// How far its likelihood is above the threshold, 0 to 1: the mean over its pixels, as a share of what there can be.
+    /// Mean over its pixels of the likelihood above the threshold, as a share of the maximum
+    /// possible, 0 to 1.
     pub confidence: f64,
-    /// The sum of that over its pixels.
+    /// Sum of the same over its pixels.
     pub weight: f64,
 }
 
 impl Blob {
-    /// As a region of the object of this name.
+    /// Converts it to a region of the object of this name.
     pub fn region(&self, object: &str) -> Region {
         Region {
             object: object.into(),
@@ -52,14 +54,14 @@ impl Blob {
 /// The regions of a mask.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Blobs {
-    /// The weightiest ones, in the order of their weight: at most [`MAX_REGIONS`].
+    /// The heaviest regions, by decreasing weight: at most [`MAX_REGIONS`].
     pub kept: Vec<Blob>,
-    /// The number of the others.
+    /// Number of the other regions.
     pub omitted: u64,
 }
 
 impl Cut {
-    /// The mask and its regions. The mask shows all of them, those that are left out for their number too.
+    /// Returns the mask and its regions. The mask contains all regions, the omitted ones too.
     pub fn apply(&self, likelihood: &Plane) -> (Mask, Blobs) {
         let mut mask = Mask::at_least(likelihood, self.threshold);
         if self.open {
@@ -78,13 +80,13 @@ impl Cut {
         (mask, Blobs { kept, omitted })
     }
 
-    /// Whether its numbers are what they may be.
+    /// Returns whether its numbers are in their ranges.
     pub fn is_sound(&self) -> bool {
         self.threshold > 0.0 && self.threshold <= 255.0 && (0.0..=1.0).contains(&self.keep)
     }
 }
 
-/// Eroded and dilated by 3x3 pixels; beyond the border it goes on as at it.
+/// Erodes and dilates by 3x3 pixels; the border's values are repeated beyond the border.
 fn opened(mask: &Mask) -> Mask {
     let plane = mask.plane();
     let all = |v: f32| if v >= 254.9 { 255.0 } else { 0.0 };
@@ -92,26 +94,28 @@ fn opened(mask: &Mask) -> Mask {
     Mask::at_least(&plane.box_mean(1, 1).map(all).box_mean(1, 1).map(any), 128.0)
 }
 
-/// The [`MAX_REGIONS`] weightiest of numbered regions, in the order of their weight; equal ones in that of their numbers.
+/// Returns the [`MAX_REGIONS`] heaviest regions by decreasing weight; equal ones by their numbers.
 fn heaviest_of(mut blobs: Vec<(u32, Blob)>) -> Vec<(u32, Blob)> {
     blobs.sort_by(|(m, a), (n, b)| b.weight.total_cmp(&a.weight).then(m.cmp(n)));
     blobs.truncate(MAX_REGIONS);
     blobs
 }
 
-/// The connected parts of a mask.
+/// Connected components of a mask.
 struct Components {
-    /// The number of each pixel's component from 1 on; 0: none.
+    /// Number of each pixel's component from 1 on; 0: none.
     labels: Vec<u32>,
-    /// The weight of each component.
+    /// Weight of each component.
     weights: Vec<f64>,
-    /// Some components with their numbers, the weightiest ones among them: there may be millions, and memory holds hundreds.
+    /// Some components with their numbers, including the heaviest: there may be millions, and only
+    /// hundreds are stored.
     blobs: Vec<(u32, Blob)>,
 }
 
-/// Finds the components of a mask; pixels touch by their sides.
+/// Finds the components of a mask with 4-connectivity.
 fn components(mask: &Mask, likelihood: &Plane, threshold: f32) -> Components {
-    let (w, h) = (mask.width, mask.height);
+    let w = mask.width;
+    let h = mask.height;
     let mut found = Components { labels: vec![0u32; mask.data.len()], weights: Vec::new(), blobs: Vec::new() };
     let labels = &mut found.labels;
     let mut open = Vec::new();
@@ -120,13 +124,17 @@ fn components(mask: &Mask, likelihood: &Plane, threshold: f32) -> Components {
             continue;
         }
         let label = found.weights.len() as u32 + 1;
-        let (mut sum, mut weight, mut area) = ([0.0; 2], 0.0, 0);
+        let mut sum = [0.0; 2];
+        let mut weight = 0.0;
+        let mut area = 0;
         let mut bounds = [w, h, 0, 0];
         labels[start] = label;
         open.push(start);
         while let Some(i) = open.pop() {
-            let (x, y) = (i % w, i / w);
-            (sum[0], sum[1], area) = (sum[0] + x as f64 + 0.5, sum[1] + y as f64 + 0.5, area + 1);
+            let x = i % w;
+            let y = i / w;
+            sum = [sum[0] + x as f64 + 0.5, sum[1] + y as f64 + 0.5];
+            area += 1;
             weight += f64::from((likelihood.data[i] - threshold).max(0.0)) / f64::from(256.0 - threshold);
             bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x + 1), bounds[3].max(y + 1)];
             let near = [(x > 0, i.wrapping_sub(1)), (x + 1 < w, i + 1), (y > 0, i.wrapping_sub(w)), (y + 1 < h, i + w)];

@@ -1,24 +1,24 @@
-//! How well masks agree with the truth, pooled over all pixels of all pictures.
+//! Agreement of masks with the ground truth, pooled over all pixels of all images.
 
 use super::picture::Mask;
 use super::plane::Plane;
 use serde::Serialize;
 
-/// Pixels by what was said of them and what they are.
+/// Confusion matrix of the pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Confusion {
-    /// The object, and found.
+    /// Pixels of the object that were detected (true positives).
     pub hit: u64,
-    /// Not the object, but found.
+    /// Pixels of the background that were detected (false positives).
     pub false_alarm: u64,
-    /// The object, but not found.
+    /// Pixels of the object that were not detected (false negatives).
     pub miss: u64,
-    /// Neither.
+    /// Pixels of the background that were not detected (true negatives).
     pub rest: u64,
 }
 
 impl Confusion {
-    /// Adds the pixels of a picture.
+    /// Adds the pixels of an image.
     pub fn add(&mut self, found: &Mask, truth: &Mask) {
         for (found, truth) in found.data.iter().zip(&truth.data) {
             match (found, truth) {
@@ -30,7 +30,8 @@ impl Confusion {
         }
     }
 
-    /// Matthews' correlation coefficient: 1 where all agree, 0 where nothing is told, also if there is no pixel of some sort.
+    /// Returns Matthews' correlation coefficient: 1 for complete agreement, 0 for no correlation,
+    /// also if a class of pixels is missing.
     pub fn mcc(&self) -> f64 {
         let [tp, fp, miss, tn] = [self.hit, self.false_alarm, self.miss, self.rest].map(|n| n as f64);
         let root = ((tp + fp) * (tp + miss) * (tn + fp) * (tn + miss)).sqrt();
@@ -38,7 +39,8 @@ impl Confusion {
     }
 }
 
-/// How often each value, rounded down to 0 to 255, is in the object and beside it: all thresholds are judged in one pass.
+/// Histograms of values, rounded down to 0 to 255, in the object and in the background: they
+/// evaluate all thresholds in one pass.
 #[derive(Clone, Debug)]
 pub struct Levels {
     object: [u32; 256],
@@ -52,9 +54,10 @@ impl Default for Levels {
 }
 
 impl Levels {
-    /// Adds the pixels of a picture; values beyond 0 to 255 count as these.
+    /// Adds the pixels of an image; values outside 0 to 255 are clamped.
     pub fn add(&mut self, plane: &Plane, truth: &Mask) {
-        // counted in turn in two tables, so that a value that is there again need not wait for itself
+        // Alternate between two tables, so that a repeated value does not wait for its own
+        // increment.
         let mut counts = [[0u32; 512]; 2];
         for (values, truths) in plane.data.chunks(2).zip(truth.data.chunks(2)) {
             for ((counts, v), truth) in counts.iter_mut().zip(values).zip(truths) {
@@ -68,19 +71,24 @@ impl Levels {
         }
     }
 
-    /// The correlation for a threshold.
+    /// Returns the correlation coefficient for a threshold.
     pub fn mcc(&self, threshold: usize) -> f64 {
         let sum = |of: &[u32]| of.iter().map(|n| u64::from(*n)).sum::<u64>();
-        let (hit, false_alarm) = (sum(&self.object[threshold..]), sum(&self.beside[threshold..]));
-        let (miss, rest) = (sum(&self.object[..threshold]), sum(&self.beside[..threshold]));
+        let hit = sum(&self.object[threshold..]);
+        let false_alarm = sum(&self.beside[threshold..]);
+        let miss = sum(&self.object[..threshold]);
+        let rest = sum(&self.beside[..threshold]);
         Confusion { hit, false_alarm, miss, rest }.mcc()
     }
 
-    /// The threshold with the greatest correlation (of its size only, if `inverted` masks are as good), and that correlation with its sign.
+    /// Returns the threshold with the greatest correlation (in absolute value if `inverted` masks
+    /// are equivalent), and that correlation with its sign.
     pub fn best(&self, inverted: bool) -> (u8, f64) {
         let worth = |mcc: f64| if inverted { mcc.abs() } else { mcc };
         let all: Vec<u64> = [&self.object, &self.beside].map(|l| l.iter().map(|n| u64::from(*n)).sum()).into();
-        let (mut miss, mut rest, mut best) = (0, 0, (1, 0.0));
+        let mut miss = 0;
+        let mut rest = 0;
+        let mut best = (1, 0.0);
         for threshold in 1..=255u8 {
             miss += u64::from(self.object[threshold as usize - 1]);
             rest += u64::from(self.beside[threshold as usize - 1]);

@@ -1,5 +1,6 @@
-//! Tags that a printer makes: squares that tell who they are, and by their corners where they are before the camera, in all six degrees
-//! of freedom. Found by a port of the reference detector (Olson, "AprilTag: A robust and flexible visual fiducial system", 2011).
+//! Printed tags: squares that encode their number. The corners determine the pose of a tag in the
+//! camera frame in all six degrees of freedom. Tags are found by a port of the reference detector
+//! (Olson, "AprilTag: A robust and flexible visual fiducial system", 2011).
 //!
 //! ```text
 //! frame ──gray──> quads, codes ──id──> object; corners ──lens──> pose and covariance ──> Region

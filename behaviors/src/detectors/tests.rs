@@ -17,7 +17,7 @@ fn noise(width: usize, height: usize, seed: u64) -> Plane {
     Plane { width, height, data: (0..width * height).map(|_| rng.random_range(0.0..255.0)).collect() }
 }
 
-/// A red square that wanders over green and grey noise.
+/// Creates images of a red square that moves over green and gray noise.
 fn wandering(n: usize) -> Vec<LabeledPicture> {
     let (width, height) = (64, 48);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -83,7 +83,7 @@ fn windows_are_what_a_plain_loop_over_them_says() {
     }
 }
 
-/// Medians, bilateral and Gabor filters as they are defined, pixel by pixel, beside those that are computed many at once.
+/// Compares medians, bilateral and Gabor filters with their definitions, pixel by pixel.
 #[test]
 fn filters_are_what_their_definitions_say_of_each_pixel() {
     for (w, h) in [(1, 1), (4, 9), (5, 5), (13, 9), (23, 7)] {

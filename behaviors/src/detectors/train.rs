@@ -1,8 +1,9 @@
-//! Learning a detector from pictures in their order of time.
+//! Training of a detector on images in temporal order.
 //!
-//! What is learned of a picture's surroundings says little about pictures beside it in time, so all that is chosen (smoothing,
-//! threshold, program) is chosen by what models say of stretches that they have not seen: the sequence is cut into a few whole
-//! stretches, each judged by a model of the others. The model that ships has seen all.
+//! An image's surroundings resemble those of its temporal neighbors. Everything that is selected
+//! (smoothing, threshold, program) is therefore selected by cross-validation: the sequence is cut
+//! into contiguous stretches, each evaluated by a model that was trained on the others. The final
+//! model is trained on all images.
 
 use super::cgp::{Channels, Evolution, channels};
 use super::color::ColorTable;
@@ -16,45 +17,47 @@ use super::score::{Confusion, Levels};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// Stretches of the sequence.
+/// Number of stretches of the sequence.
 const STRETCHES: usize = 4;
-/// Pictures are made smaller until they are at most this wide, pixels.
-const WIDEST: usize = 240;
+/// Maximum width of training images, pixels; larger ones are shrunk.
+const MAX_WIDTH_PX: usize = 240;
 
-/// Why nothing can be learned from pictures.
+/// Reason why no detector can be trained.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TrainFault {
-    /// There are too few.
-    #[error("there are only {0} pictures, too few to learn from and to judge by")]
+    /// Too few images.
+    #[error("there are only {0} pictures, too few for training and evaluation")]
     Few(usize),
-    /// The masks say nothing.
+    /// Masks without information.
     #[error("the masks of some stretch of the pictures are all black or all white")]
     Blank,
 }
 
-/// Pictures, prepared, with what models say of them that have not seen them.
+/// Training images, prepared, with the outputs of models that were not trained on them.
 pub struct Lessons {
     shrink: usize,
     object: String,
     seed: u64,
-    /// Per picture.
+    /// Brightness of each image.
     brightness: Vec<Plane>,
+    /// Mask of each image.
     masks: Vec<Mask>,
+    /// Color likelihood of each image, by a table of the other stretches.
     colors: Vec<Plane>,
-    /// What ships.
+    /// Color table of all images.
     table: ColorTable,
 }
 
 impl Lessons {
-    /// Of these pictures of an object, in their order of time.
+    /// Prepares images of an object in temporal order.
     ///
     /// # Errors
-    /// If they are too few, or the masks say nothing.
+    /// Too few images, or masks without information.
     pub fn new(pictures: &[LabeledPicture], object: &str, seed: u64) -> Result<Lessons, TrainFault> {
         if pictures.len() < 4 {
             return Err(TrainFault::Few(pictures.len()));
         }
-        let shrink = pictures[0].picture.width.div_ceil(WIDEST).clamp(1, 64);
+        let shrink = pictures[0].picture.width.div_ceil(MAX_WIDTH_PX).clamp(1, 64);
         let stretches = stretches(pictures.len());
         let mut colors = Vec::new();
         for stretch in &stretches {
@@ -63,8 +66,8 @@ impl Lessons {
             colors.extend(pictures[stretch.clone()].iter().map(|p| table.look(&p.picture, shrink)));
         }
         let masks: Vec<Mask> = pictures.iter().map(|p| Mask::at_least(&p.mask.plane().shrunk(shrink), 127.5)).collect();
-        let says = |wanted: bool| move |m: &Mask| m.data.contains(&wanted);
-        if ![true, false].into_iter().all(|w| stretches.iter().all(|s| masks[s.clone()].iter().any(says(w)))) {
+        let has = |wanted: bool| move |m: &Mask| m.data.contains(&wanted);
+        if ![true, false].into_iter().all(|w| stretches.iter().all(|s| masks[s.clone()].iter().any(has(w)))) {
             return Err(TrainFault::Blank);
         }
         let brightness = pictures.iter().map(|p| brightness(&p.picture.planes(shrink))).collect();
@@ -72,22 +75,23 @@ impl Lessons {
         Ok(Lessons { shrink, object: object.into(), seed, brightness, masks, colors, table })
     }
 
-    /// A detector of the kind `color`, and its correlation on pictures that it has not seen.
+    /// Returns a detector of the kind `color`, and its cross-validated correlation.
     pub fn color(&self) -> (DetectorFile, f64) {
         let mut file = DetectorFile::new(DetectorKind::Color, &self.object, self.shrink, self.table.clone());
         let mcc = self.finish(&mut file, &self.colors);
         (file, mcc)
     }
 
-    /// The object in each of the smaller pictures.
+    /// Returns the mask of each shrunk image.
     pub fn masks(&self) -> Vec<Mask> {
         self.masks.clone()
     }
 
-    /// The network, and what programs see of each picture. `progress` is told the share of the way.
+    /// Trains the network, and returns it with the program inputs of each image. `progress` is
+    /// called with the completed share.
     ///
     /// # Errors
-    /// If the masks say nothing.
+    /// Masks without information.
     pub fn network(
         &self,
         pictures: &[LabeledPicture],
@@ -98,8 +102,8 @@ impl Lessons {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         let mut learn = |without: std::ops::Range<usize>| {
             let kept = (0..all.len()).filter(|i| !without.contains(i));
-            let lessons: Vec<_> = kept.map(|i| (all[i].as_slice(), &self.masks[i])).collect();
-            PixelNetwork::learn(&lessons, &mut rng).ok_or(TrainFault::Blank)
+            let samples: Vec<_> = kept.map(|i| (all[i].as_slice(), &self.masks[i])).collect();
+            PixelNetwork::learn(&samples, &mut rng).ok_or(TrainFault::Blank)
         };
         let mut learned: Vec<Channels> = Vec::new();
         let stretches = stretches(all.len());
@@ -115,7 +119,8 @@ impl Lessons {
         Ok((network, learned))
     }
 
-    /// A detector of the kind `cgp` with the best program so far, and its correlation on pictures that it has not seen.
+    /// Returns a detector of the kind `cgp` with the best program so far, and its cross-validated
+    /// correlation.
     pub fn finish_cgp(&self, network: &PixelNetwork, evolution: &Evolution) -> (DetectorFile, f64) {
         let mut file = DetectorFile::new(DetectorKind::Cgp, &self.object, self.shrink, self.table.clone());
         file.network = Some(network.clone());
@@ -125,14 +130,14 @@ impl Lessons {
         (file, mcc)
     }
 
-    /// Chooses smoothing and cut for what is said of each picture.
-    fn finish(&self, file: &mut DetectorFile, said: &[Plane]) -> f64 {
+    /// Selects smoothing and cut for the cross-validated outputs of the images.
+    fn finish(&self, file: &mut DetectorFile, outputs: &[Plane]) -> f64 {
         let mut best = (f64::MIN, 128.0f32, Vec::new());
         for (radius, at_edges) in
             [(0, false), (1, false), (2, false), (4, false), (6, false), (2, true), (4, true), (8, true)]
         {
             let smoothing = Smoothing { radius, at_edges };
-            let planes: Vec<Plane> = said.iter().zip(&self.brightness).map(|(p, b)| smoothing.apply(p, b)).collect();
+            let planes: Vec<Plane> = outputs.iter().zip(&self.brightness).map(|(p, b)| smoothing.apply(p, b)).collect();
             let mut levels = Levels::default();
             planes.iter().zip(&self.masks).for_each(|(p, m)| levels.add(p, m));
             let (threshold, mcc) = levels.best(false);
@@ -160,7 +165,7 @@ impl Lessons {
     }
 }
 
-/// The sequence in whole stretches.
+/// Cuts a sequence of length `n` into contiguous stretches.
 fn stretches(n: usize) -> Vec<std::ops::Range<usize>> {
     (0..STRETCHES).map(|s| s * n / STRETCHES..(s + 1) * n / STRETCHES).collect()
 }

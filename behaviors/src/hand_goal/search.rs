@@ -1,4 +1,5 @@
-//! The search for joint values: inverse kinematics from home, and from seeded starts within the limits.
+//! Search for joint values: inverse kinematics from home, and from seeded start configurations
+//! within the limits.
 
 use crate::group;
 use crate::inverse_kinematics::{MotorGroup, PER_METER};
@@ -9,15 +10,17 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
-/// A pose counts if the hand is so near to its goal, meters, and its orientation, rad.
-const POSITION: f64 = 1e-4;
-const ANGLE: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// Starts at most, home included, and how many there are at least if home does not lead there: of what they find, the nearest to home is
-/// taken.
+/// Maximum distance of the hand from its goal, meters.
+const MAX_POSITION_ERROR_M: f64 = 1e-4;
+/// Maximum orientation error of the hand, rad.
+const MAX_ANGLE_ERROR_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
+/// Maximum number of starts, including home.
 const MAX_STARTS: usize = 200;
+/// Minimum number of starts if home does not lead to a free solution; of the solutions found, the
+/// nearest to home is returned.
 const MIN_STARTS: usize = 50;
 
-/// Where the hand is to be, in the world.
+/// Goal of the hand, world frame.
 #[derive(Clone, Debug)]
 pub(super) struct Goal {
     /// Position, meters.
@@ -25,18 +28,18 @@ pub(super) struct Goal {
     pub orientation: Orientation,
 }
 
-/// How it is to be turned.
+/// Required orientation of the hand.
 #[derive(Clone, Debug)]
 pub(super) enum Orientation {
-    /// In any way.
+    /// Any orientation.
     Any,
-    /// Exactly so.
+    /// This orientation.
     Full(UnitQuaternion<f64>),
-    /// With its normal in this direction.
+    /// The marker's normal in this direction.
     Palm(Unit<Vector3<f64>>),
 }
 
-/// A hand and the motors that are searched over.
+/// A search over the motors that move a hand.
 pub(super) struct Search<'a> {
     pub scene: &'a Scene,
     pub robot: usize,
@@ -46,33 +49,35 @@ pub(super) struct Search<'a> {
     pub seed: u64,
 }
 
-/// Positions of the group's motors with the hand at its goal, freely.
+/// Positions of the group's motors, rad, that bring the hand to its goal without a collision.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Found {
     pub q: Vec<f64>,
-    /// How far position and orientation are off, meters and rad.
+    /// Error of position and orientation, meters and rad.
     pub off: (f64, f64),
 }
 
-/// Why there are none.
+/// Reason why no joint values were found.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shortfall {
     /// The hand can't be brought there.
     OutOfReach {
-        /// How far position and orientation of the nearest pose are off, meters and rad.
+        /// Error of position and orientation of the nearest configuration, meters and rad.
         off: (f64, f64),
-        /// Whether the position can be reached with another orientation.
+        /// The position can be reached with another orientation.
         position_alone: bool,
     },
-    /// It can, but not freely.
+    /// It can, but not without a collision.
     NotFree {
-        /// The nearest two shapes and their distance, meters, in the pose where that is greatest; none if a constraint forbids it.
+        /// Nearest two shapes and their distance, meters, in the configuration that maximizes it;
+        /// `None` if a constraint is violated.
         contact: Option<(ShapeId, ShapeId, f64)>,
     },
 }
 
 impl Search<'_> {
-    /// Joint values for a goal: from home if that leads there freely, or else the nearest to home of those that other starts lead to.
+    /// Returns joint values for a goal: from home if that leads to a free solution, otherwise the
+    /// solution nearest to home from the other starts.
     pub fn run(&self, goal: &Goal) -> Result<Found, Shortfall> {
         let home = self.home();
         let at_home = self.group.share(&home);
@@ -87,7 +92,7 @@ impl Search<'_> {
             let q = self.group.solve(&start, |pose| self.residual(goal, pose));
             let pose = self.group.whole(&home, &q);
             let off = self.off(goal, &pose);
-            if !(off.0 <= POSITION && off.1 <= ANGLE) {
+            if !(off.0 <= MAX_POSITION_ERROR_M && off.1 <= MAX_ANGLE_ERROR_RAD) {
                 let miss = (off.0 * PER_METER).hypot(off.1);
                 if nearest.is_none_or(|(least, _)| miss < least) {
                     nearest = Some((miss, off));
@@ -120,18 +125,18 @@ impl Search<'_> {
         }
     }
 
-    /// Whether the hand can be brought to the goal's position if its orientation does not matter, which it does in the goal.
+    /// Returns whether an oriented goal could be reached if only its position mattered.
     fn reaches_position(&self, goal: &Goal) -> bool {
         let alone = Goal { at: goal.at, orientation: Orientation::Any };
         let home = self.home();
         let reaches = |start: Vec<f64>| {
             let q = self.group.solve(&start, |pose| self.residual(&alone, pose));
-            self.off(&alone, &self.group.whole(&home, &q)).0 <= POSITION
+            self.off(&alone, &self.group.whole(&home, &q)).0 <= MAX_POSITION_ERROR_M
         };
         !matches!(goal.orientation, Orientation::Any) && self.starts(&home).take(MIN_STARTS).any(reaches)
     }
 
-    /// Home, and then whole poses with the group anywhere within its limits.
+    /// Generates start configurations: home, then random ones of the group within its limits.
     fn starts(&self, home: &[f64]) -> impl Iterator<Item = Vec<f64>> {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         let drawn = move || {
@@ -146,7 +151,7 @@ impl Search<'_> {
         self.scene.robots().get(self.robot).map(|robot| group::home(robot)).unwrap_or_default()
     }
 
-    /// What is to become zero: a meter counts [`PER_METER`] radians.
+    /// Computes the residual of a goal; a meter counts as [`PER_METER`] radians.
     fn residual(&self, goal: &Goal, pose: &[f64]) -> Vec<f64> {
         let frame = self.chain.frame(pose);
         let place = (frame.translation.vector - goal.at) * PER_METER;
@@ -158,7 +163,7 @@ impl Search<'_> {
         place.iter().chain(turn.iter().flat_map(|turn| turn.iter())).copied().collect()
     }
 
-    /// How far position and orientation are off, meters and rad.
+    /// Returns the error of position and orientation, meters and rad.
     fn off(&self, goal: &Goal, pose: &[f64]) -> (f64, f64) {
         let frame = self.chain.frame(pose);
         let turn = match &goal.orientation {
@@ -169,7 +174,7 @@ impl Search<'_> {
         ((frame.translation.vector - goal.at).norm(), turn)
     }
 
-    /// All robots at home, this one at a pose.
+    /// Returns the configurations of all robots: at home, except for this one.
     fn poses(&self, pose: &[f64]) -> Vec<Arc<[f64]>> {
         let mut poses = self.scene.home();
         if let Some(own) = poses.get_mut(self.robot) {
@@ -178,7 +183,8 @@ impl Search<'_> {
         poses
     }
 
-    /// The nearest two shapes at a pose, one of them the robot's, and their distance.
+    /// Returns the nearest two shapes at a configuration, one of them the robot's, and their
+    /// distance, meters.
     fn contact(&self, pose: &[f64]) -> Option<(ShapeId, ShapeId, f64)> {
         let own = |id: ShapeId| id.robot() == Some(self.robot);
         let all = self.scene.contacts(&self.poses(pose), self.clearance);

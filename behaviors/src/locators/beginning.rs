@@ -1,4 +1,4 @@
-//! What learning starts from: a head by its drawings, and in which frame places are told.
+//! Initial model of a training: a head with its nominal kinematics, and the frame of the positions.
 
 use super::head::HeadKind;
 use super::lens::Lens;
@@ -10,35 +10,36 @@ use nalgebra::{Matrix3, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// Views from which the frame is found, at most.
+/// Maximum number of views from which the frame is estimated.
 const LOOKED_AT: usize = 200;
 
-/// Why there is nothing to learn from.
+/// Reason why no locator can be trained.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Untaught(pub String);
 
-/// What to start from.
+/// Configuration of a training.
 #[derive(Clone, Copy, Debug)]
 pub struct Beginning {
-    /// The chain.
+    /// Kinematic chain of the head.
     pub head: HeadKind,
-    /// The cameras, left and right.
+    /// Left and right camera.
     pub lenses: [Lens; 2],
-    /// The frame of the places, if it is known; else it is found.
+    /// Frame of the positions; `None`: it is estimated.
     pub frame: Option<PlaceFrame>,
-    /// The seed of all randomness.
+    /// Seed of all randomness.
     pub seed: u64,
 }
 
 impl Beginning {
-    /// A recorded head of the first generation.
+    /// Creates the configuration for recordings of a head of the first generation.
     pub fn recorded(seed: u64) -> Beginning {
         Beginning { head: HeadKind::V1, lenses: Lens::icub(), frame: None, seed }
     }
 
-    /// A model by the drawings, in the frame of the places by which what it says of the views is nearest to them; with it, by how much
-    /// the eyes squint: that is off most on real heads, and with it every distance.
+    /// Returns a model with nominal kinematics. If no frame is given, it estimates the frame of the
+    /// positions that fits the triangulated views best, and with it the vergence bias: on real
+    /// heads that is the largest error, and it affects every distance.
     pub(super) fn model(&self, known: &[KnownView]) -> Result<HeadModel, Untaught> {
         let own = PlaceFrame { rotation: Matrix3::identity(), origin: Vector3::zeros() };
         let mut model = HeadModel::nominal(self.head, self.lenses, self.frame.unwrap_or(own));

@@ -1,4 +1,5 @@
-//! The kind `calibrated`: a kinematic model that finds out by how much it is off, from views of known places.
+//! The kind `calibrated`: a kinematic model that estimates its own errors from views of known
+//! positions.
 
 use super::beginning::{Beginning, Untaught};
 use super::fit::{Lesson, fit, inner_scatter, off, scatter};
@@ -17,33 +18,36 @@ use super::workspace::{Expected, Workspace, distinct};
 use nalgebra::{Matrix3, Matrix4, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Fits one after the other, each with the scatter that the one before left.
-const ROUNDS: usize = 3;
-/// How far from held-out places a warp has to bring the middle misfit to be kept, as a part of what it is without.
-const WORTH: f64 = 0.97;
+/// Number of successive fits, each with the noise estimated by the previous one.
+const FIT_ROUNDS: usize = 3;
+/// Maximum ratio of the median residual at held-out positions with a warp to that without, for the
+/// warp to be used.
+const MAX_WARP_RATIO: f64 = 0.97;
 
 /// A calibrated locator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibrated {
-    /// The head.
+    /// Kinematic model of the head.
     pub model: HeadModel,
-    /// Where joints rested in the training data, rad, for each joint; empty: anywhere.
+    /// Rest positions of each joint in the training data, rad; empty: the joint has none.
     pub rests: Vec<Vec<f64>>,
-    /// How pixels scatter.
+    /// Noise of the pixels.
     pub noise: Noise,
-    /// How often views are grossly off.
+    /// Frequencies of gross errors.
     pub shares: Shares,
-    /// Where objects are expected.
+    /// Prior distribution of object positions.
     pub workspace: Workspace,
-    /// By what the covariance has to be multiplied so that 95 % of held-out places are inside the regions of 95 %.
+    /// Factor of the covariance that makes 95 % of held-out positions fall inside their 95 %
+    /// regions.
     pub widening: f64,
-    /// What all views of one place have in common in how they are off, square meters.
+    /// Covariance of the error that all views of one position share, m^2.
     pub common: Matrix3<f64>,
 }
 
 impl Calibrated {
-    /// Learns from views of known places; whether places are warped is decided by places left out. `tell` hears how far it is.
+    /// Trains on views of known positions. A warp of the positions is used if it reduces the error
+    /// at held-out positions. `tell` is called with the completed share.
     ///
     /// # Errors
     /// Fewer than 20 views or 4 places.
@@ -60,8 +64,9 @@ impl Calibrated {
             };
             folds.iter().map(fold).collect()
         };
-        let (rigid, warped) = (held_out(false)?, held_out(true)?);
-        let has_warp = middle_misfit(&warped) < WORTH * middle_misfit(&rigid);
+        let rigid = held_out(false)?;
+        let warped = held_out(true)?;
+        let has_warp = middle_misfit(&warped) < MAX_WARP_RATIO * middle_misfit(&rigid);
         let judges = if has_warp { warped } else { rigid };
         let mut learned = Calibrated::learn(known, from, has_warp)?;
         learned.widen(&judges);
@@ -69,7 +74,7 @@ impl Calibrated {
         Ok(learned)
     }
 
-    /// Learns from all of these views, and holds out none.
+    /// Trains on all of these views without holding any out.
     pub fn learn(known: &[KnownView], from: &Beginning, has_warp: bool) -> Result<Calibrated, Untaught> {
         let rests = find_rests(known.iter().map(|k| &k.view));
         let has_rests = rests.iter().any(|r| !r.is_empty());
@@ -83,7 +88,7 @@ impl Calibrated {
         let lessons: Vec<_> = known.iter().filter(|k| !k.view.is_clipped()).filter_map(lesson).collect();
         let together = Matrix4::from_fn(|i, j| if i % 2 == j % 2 { 400.0 } else { 0.0 });
         let mut noise = Noise { resting: together + Matrix4::identity() * 16.0, clipped: [0.0; 2] };
-        for _ in 0..ROUNDS {
+        for _ in 0..FIT_ROUNDS {
             fit(&mut model, &lessons, &noise, &priors);
             noise.resting = scatter(&offs_at_rest(&model, &lessons));
         }
@@ -95,7 +100,7 @@ impl Calibrated {
         Ok(Calibrated { model, rests, noise, shares, workspace, widening: 1.0, common: Matrix3::zeros() })
     }
 
-    /// Whether it has all its numbers, and these can be.
+    /// Returns whether all numbers are present and valid.
     pub(super) fn is_whole(&self) -> bool {
         let numbers = self.rests.iter().flatten().chain(&self.common).all(|n| n.is_finite());
         let parts = self.model.is_whole() && self.noise.is_sound() && self.shares.is_sound();
@@ -103,14 +108,16 @@ impl Calibrated {
         parts && numbers && size && self.workspace.is_sound()
     }
 
-    /// Ready to be asked.
+    /// Returns the locator with its precomputed values.
     pub fn ready(&self) -> Ready {
         Ready { learned: self.clone(), expected: self.workspace.parts() }
     }
 
-    /// Finds out from places that were not learned how much too sure the estimates are, of one view and of all views of a place.
+    /// Estimates at held-out positions by how much the covariances are too small, for single views
+    /// and for all views of a position.
     fn widen(&mut self, judges: &[(Calibrated, Vec<KnownView>)]) {
-        let (mut squares, mut fused) = (Vec::new(), Vec::new());
+        let mut squares = Vec::new();
+        let mut fused = Vec::new();
         for (judge, test) in judges {
             let ready = judge.ready();
             squares.extend(test.iter().filter_map(|k| ready.locate(&k.view).map(|e| e.distance(&k.place))));
@@ -121,7 +128,7 @@ impl Calibrated {
     }
 }
 
-/// A calibrated locator and what it computes beforehand.
+/// A calibrated locator with precomputed values.
 #[derive(Clone, Debug)]
 pub struct Ready {
     learned: Calibrated,
@@ -129,12 +136,12 @@ pub struct Ready {
 }
 
 impl Ready {
-    /// The head.
+    /// Kinematic model of the head.
     pub(super) fn model(&self) -> &HeadModel {
         &self.learned.model
     }
 
-    /// Where what was seen is, as far as one view tells.
+    /// Estimates the position of an object from one view.
     pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
         let of = &self.learned;
         let mut found = locate(&of.model, view, &origins(view, &of.rests), (&of.noise, &of.shares), &self.expected)?;
@@ -142,17 +149,17 @@ impl Ready {
         Some(found)
     }
 
-    /// What all views of one place are off in common, square meters.
+    /// Returns the covariance of the error that all views of one position share, m^2.
     pub fn common(&self) -> Matrix3<f64> {
         self.learned.common
     }
 
-    /// The cameras before the fit, left and right.
+    /// Returns the left and right camera before the fit.
     pub fn lenses(&self) -> [Lens; 2] {
         self.learned.model.lenses
     }
 
-    /// Where an object is that rested while all these views were taken.
+    /// Estimates the position of an object that rested while all these views were taken.
     pub fn fuse(&self, views: &[StereoView]) -> Option<Estimate> {
         let of = &self.learned;
         let each: Vec<Estimate> = views.iter().filter_map(|v| self.locate(v)).collect();
@@ -164,7 +171,7 @@ impl Ready {
     }
 }
 
-/// A view by its likeliest explanation.
+/// Pairs a view with its most likely explanation.
 fn lesson<'a>(known: &'a KnownView, rests: &Rests) -> Option<Lesson<'a>> {
     origins(&known.view, rests).first().map(|o| Lesson { known, origin: *o })
 }
@@ -182,7 +189,8 @@ fn offs_at_rest(model: &HeadModel, lessons: &[Lesson]) -> Vec<nalgebra::Vector4<
     resting.filter_map(|l| off(model, l)).collect()
 }
 
-/// What the border adds to the scatter of clipped eyes, square pixels: their middle misfits, as of a normal distribution.
+/// Returns the variance that clipping by the image border adds to the pixels, square pixels,
+/// horizontally and vertically: estimated from the median residual, assuming a normal distribution.
 fn clipped_scatter(model: &HeadModel, lessons: &[Lesson], noise: &Noise) -> [f64; 2] {
     let mut misfits = [Vec::new(), Vec::new()];
     for lesson in lessons {
@@ -200,7 +208,7 @@ fn clipped_scatter(model: &HeadModel, lessons: &[Lesson], noise: &Noise) -> [f64
     })
 }
 
-/// The median misfit at places that were left out, pixels.
+/// Returns the median residual at held-out positions, pixels.
 fn middle_misfit(judges: &[(Calibrated, Vec<KnownView>)]) -> f64 {
     let mut all = Vec::new();
     for (judge, test) in judges {

@@ -1,6 +1,7 @@
-//! The kind `ensemble`: networks as in the paper, made stronger. They are told how far apart the two eyes see it and where the rays
-//! meet by the drawings, joints as they were when the picture was taken, and there are several: each has not learned a fifth of the
-//! places, by which it is known how far it is off there.
+//! The kind `ensemble`: stronger variants of the paper's networks. Their inputs include the
+//! disparity of the two eyes, the triangulated position by nominal kinematics, and the joint
+//! positions at the time of the exposure. Each of several networks is trained without one fifth of
+//! the positions, at which its error is measured.
 
 use super::beginning::{Beginning, Untaught};
 use super::folds::{Fold, folds};
@@ -14,57 +15,62 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-/// Units between inputs and outputs.
+/// Number of hidden units.
 const HIDDEN: usize = 20;
-/// How often all views are shown, and the first rate of learning; it falls to nothing.
+/// Number of passes over all views.
 const EPOCHS: usize = 200;
+/// Initial learning rate; it decreases linearly to 0.
 const RATE: f64 = 0.003;
-/// Errors count squared up to this, in standard deviations of the places, and evenly beyond: wrong detections.
-const HUBER: f64 = 0.3;
-/// By how much weights shrink with each step, in rates.
-const DECAY: f64 = 0.01;
-/// By what part of the way back to where a joint rested the picture is older than the reading, as calibrated heads find it.
-const LATE: f64 = 0.56;
-/// How many inputs there are.
+/// Limit of the Huber loss, in standard deviations of the positions: errors beyond it, such as
+/// wrong detections, count linearly.
+const HUBER_LIMIT: f64 = 0.3;
+/// Weight decay per step, relative to the learning rate.
+const WEIGHT_DECAY: f64 = 0.01;
+/// Lag of the image behind the encoder reading, as a share of the distance to the joint's rest
+/// position; estimated by calibrated heads.
+const IMAGE_LAG: f64 = 0.56;
+/// Number of inputs.
 const INPUTS: usize = 20;
 
 /// Several networks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ensemble {
-    /// The head by its drawings, in the frame of the places.
+    /// Nominal model of the head, in the frame of the positions.
     pub model: HeadModel,
-    /// Where joints rested in the training data, rad, for each joint; empty: anywhere.
+    /// Rest positions of each joint in the training data, rad; empty: the joint has none.
     pub rests: Vec<Vec<f64>>,
-    /// The mean and the standard deviation of each input.
+    /// Mean and standard deviation of each input.
     pub inputs: Vec<(f64, f64)>,
-    /// The mean and the standard deviation of each coordinate of the places, m.
+    /// Mean and standard deviation of each coordinate of the positions, m.
     pub places: Vec<(f64, f64)>,
-    /// The networks: weights of the hidden units, then of the outputs, each with its bias at the end.
+    /// The networks: weights of the hidden units, then of the outputs, each with its bias at the
+    /// end.
     pub members: Vec<Vec<f64>>,
-    /// The covariance of errors at places that were left out, square meters.
+    /// Covariance of the errors at held-out positions, m^2.
     pub covariance: Matrix3<f64>,
-    /// By what the covariance has to be multiplied so that 95 % of these places are inside the regions of 95 %.
+    /// Factor of the covariance that makes 95 % of held-out positions fall inside their 95 %
+    /// regions.
     pub widening: f64,
-    /// What all views of one place have in common in how they are off, square meters.
+    /// Covariance of the error that all views of one position share, m^2.
     pub common: Matrix3<f64>,
 }
 
 fn features(model: &HeadModel, rests: &Rests, view: &StereoView, center: &Vector3<f64>) -> [f64; INPUTS] {
     let toward = origins(view, rests).first().map_or([0.0; 9], |o| o.toward);
-    let joints: [f64; 9] = std::array::from_fn(|j| view.encoders[j] + LATE * toward[j]);
+    let joints: [f64; 9] = std::array::from_fn(|j| view.encoders[j] + IMAGE_LAG * toward[j]);
     let p = view.pixels();
     let met = model.look(&joints, &[0.0; 9]).midpoint(&p);
-    // far off they would only drown the others
+    // Distant points would dominate the scaling of the inputs.
     let met = met.map_or(Vector3::zeros(), |m| (m - center).map(|c| c.clamp(-0.4, 0.4)));
     let size = |axis: usize| {
         let one = |e: usize| view.eyes[e].bounds.map_or(0.0, |b| b[2 + axis].max(2.0).ln());
         0.5 * (one(0) + one(1))
     };
     let mut all = [0.0; INPUTS];
-    let told = [p[0] + p[2], p[1] + p[3], p[0] - p[2], p[1] - p[3], size(0), size(1), met.x, met.y, met.z];
-    all.iter_mut().zip(told.into_iter().chain(joints)).for_each(|(a, t)| *a = t);
-    // how far it is by the sizes and by the disparity
+    let pixels_and_point = [p[0] + p[2], p[1] + p[3], p[0] - p[2], p[1] - p[3], size(0), size(1), met.x, met.y, met.z];
+    all.iter_mut().zip(pixels_and_point.into_iter().chain(joints)).for_each(|(a, t)| *a = t);
+    // Two cues for the distance: the size, and the disparity.
     all[18] = (-size(0)).exp();
     all[19] = 1.0 / (p[0] - p[2]).abs().max(5.0);
     all
@@ -77,29 +83,33 @@ fn spread(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     (mean, if square > 1e-12 { square.sqrt() } else { 1.0 })
 }
 
-/// One network at work: its units, and what they said last.
-struct Asked {
+/// Activations of a network.
+struct Activations {
     hidden: [f64; HIDDEN],
     output: [f64; 3],
 }
 
-fn ask(weights: &[f64], inputs: &[f64; INPUTS]) -> Asked {
+fn evaluate(weights: &[f64], inputs: &[f64; INPUTS]) -> Activations {
     let sum =
         |row: &[f64], values: &[f64]| row.iter().zip(values.iter().chain([&1.0])).map(|(w, v)| w * v).sum::<f64>();
     let (first, second) = weights.split_at(HIDDEN * (INPUTS + 1));
-    let (mut hidden, mut output) = ([0.0; HIDDEN], [0.0; 3]);
+    let mut hidden = [0.0; HIDDEN];
+    let mut output = [0.0; 3];
     hidden.iter_mut().zip(first.chunks_exact(INPUTS + 1)).for_each(|(h, row)| *h = sum(row, inputs).tanh());
     output.iter_mut().zip(second.chunks_exact(HIDDEN + 1)).for_each(|(o, row)| *o = sum(row, &hidden));
-    Asked { hidden, output }
+    Activations { hidden, output }
 }
 
 const WEIGHTS: usize = HIDDEN * (INPUTS + 1) + 3 * (HIDDEN + 1);
 
 fn learn(lessons: &[([f64; INPUTS], [f64; 3])], rng: &mut ChaCha8Rng, epoch: &mut dyn FnMut()) -> Vec<f64> {
     let mut weights: Vec<f64> = (0..WEIGHTS).map(|_| rng.random_range(-0.3..0.3)).collect();
-    let (mut mean, mut square, mut gradient) = (vec![0.0; WEIGHTS], vec![0.0; WEIGHTS], vec![0.0; WEIGHTS]);
+    let mut mean = vec![0.0; WEIGHTS];
+    let mut square = vec![0.0; WEIGHTS];
+    let mut gradient = vec![0.0; WEIGHTS];
     let mut order: Vec<usize> = (0..lessons.len()).collect();
-    let (batch, mut steps) = (8, 0);
+    let batch = 8;
+    let mut steps = 0;
     for e in 0..EPOCHS {
         order.shuffle(rng);
         let rate = RATE * (1.0 - e as f64 / EPOCHS as f64);
@@ -112,7 +122,7 @@ fn learn(lessons: &[([f64; INPUTS], [f64; 3])], rng: &mut ChaCha8Rng, epoch: &mu
                 let g = g / part.len() as f64;
                 *m = 0.9 * *m + 0.1 * g;
                 *s = 0.999 * *s + 0.001 * g * g;
-                *w -= rate * (*m / unbias[0] / ((*s / unbias[1]).sqrt() + 1e-8) + DECAY * *w);
+                *w -= rate * (*m / unbias[0] / ((*s / unbias[1]).sqrt() + 1e-8) + WEIGHT_DECAY * *w);
             }
         }
         epoch();
@@ -120,22 +130,22 @@ fn learn(lessons: &[([f64; INPUTS], [f64; 3])], rng: &mut ChaCha8Rng, epoch: &mu
     weights
 }
 
-/// Adds how what it costs to be wrong in this lesson grows with each weight.
+/// Adds the gradient of the loss of one sample.
 fn back(weights: &[f64], (inputs, target): &([f64; INPUTS], [f64; 3]), gradient: &mut [f64]) {
-    let asked = ask(weights, inputs);
-    let error: [f64; 3] = std::array::from_fn(|i| asked.output[i] - target[i]);
+    let active = evaluate(weights, inputs);
+    let error: [f64; 3] = std::array::from_fn(|i| active.output[i] - target[i]);
     let size = error.iter().map(|e| e * e).sum::<f64>().sqrt();
-    let error = error.map(|e| e * (HUBER / size.max(HUBER)));
+    let error = error.map(|e| e * (HUBER_LIMIT / size.max(HUBER_LIMIT)));
     let from = HIDDEN * (INPUTS + 1);
     let mut of_hidden = [0.0; HIDDEN];
     for (i, e) in error.into_iter().enumerate() {
         let at = from + i * (HIDDEN + 1);
-        for (k, h) in asked.hidden.iter().chain([&1.0]).enumerate() {
+        for (k, h) in active.hidden.iter().chain([&1.0]).enumerate() {
             gradient[at + k] += e * h;
         }
         of_hidden.iter_mut().zip(&weights[at..]).for_each(|(o, w)| *o += e * w);
     }
-    for (k, (of, h)) in of_hidden.into_iter().zip(asked.hidden).enumerate() {
+    for (k, (of, h)) in of_hidden.into_iter().zip(active.hidden).enumerate() {
         let of = of * (1.0 - h * h);
         for (g, v) in gradient[k * (INPUTS + 1)..].iter_mut().zip(inputs.iter().chain([&1.0])) {
             *g += of * v;
@@ -144,10 +154,10 @@ fn back(weights: &[f64], (inputs, target): &([f64; INPUTS], [f64; 3]), gradient:
 }
 
 impl Ensemble {
-    /// Learns from views of known places; `tell` hears how far it is.
+    /// Trains on views of known positions; `tell` is called with the completed share.
     ///
     /// # Errors
-    /// Too few views or places.
+    /// Too few views or positions.
     pub fn train(known: &[KnownView], from: &Beginning, tell: &mut dyn FnMut(f64)) -> Result<Ensemble, Untaught> {
         let folds = folds(known, from.seed)?;
         let model = from.model(known)?;
@@ -165,7 +175,8 @@ impl Ensemble {
         };
         let raw: Vec<_> = known.iter().map(|k| all.scaled(&k.view)).collect();
         all.inputs = (0..INPUTS).map(|i| spread(raw.iter().map(move |r| r[i]))).collect();
-        let (steps, mut done) = ((EPOCHS * folds.len()) as f64, 0.0);
+        let steps = (EPOCHS * folds.len()) as f64;
+        let mut done = 0.0;
         let mut rng = ChaCha8Rng::seed_from_u64(from.seed);
         let mut errors = Vec::new();
         for Fold { train, test } in &folds {
@@ -201,11 +212,13 @@ impl Ensemble {
     }
 
     fn place(&self, member: &[f64], view: &StereoView) -> Vector3<f64> {
-        let asked = ask(member, &self.scaled(view));
-        Vector3::from_iterator(asked.output.iter().zip(&self.places).map(|(o, (mean, deviation))| mean + o * deviation))
+        let active = evaluate(member, &self.scaled(view));
+        Vector3::from_iterator(
+            active.output.iter().zip(&self.places).map(|(o, (mean, deviation))| mean + o * deviation),
+        )
     }
 
-    /// Whether it has all its numbers, and these can be.
+    /// Returns whether all numbers are present and valid.
     pub(super) fn is_whole(&self) -> bool {
         let lists = self.inputs.len() == INPUTS && self.places.len() == 3 && self.rests.len() == 9;
         let scales = self.inputs.iter().chain(&self.places).all(|(m, d)| m.is_finite() && d.is_finite() && *d > 0.0);
@@ -218,12 +231,13 @@ impl Ensemble {
         lists && scales && finite && members && size && self.model.is_whole()
     }
 
-    /// Where what was seen is: what the networks say in the mean. The covariance is that of places left out, and what they differ by.
+    /// Estimates a position as the mean of the networks' outputs. The covariance is that at
+    /// held-out positions plus that of the outputs.
     pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
         let n = self.members.len() as f64;
-        let told: Vec<_> = self.members.iter().map(|m| self.place(m, view)).collect();
-        let place = told.iter().sum::<Vector3<f64>>() / n;
-        let differ = told.iter().map(|t| (t - place) * (t - place).transpose()).sum::<Matrix3<f64>>() / n;
+        let places: Vec<_> = self.members.iter().map(|m| self.place(m, view)).collect();
+        let place = places.iter().sum::<Vector3<f64>>() / n;
+        let differ = places.iter().map(|t| (t - place) * (t - place).transpose()).sum::<Matrix3<f64>>() / n;
         Some(Estimate { place, covariance: (self.covariance + differ) * self.widening })
     }
 }

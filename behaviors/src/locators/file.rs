@@ -1,4 +1,4 @@
-//! Locator files: what was learned, as JSON with a version.
+//! Locator files: a trained model, as JSON with a version.
 
 use super::beginning::{Beginning, Untaught};
 use super::calibrated::{Calibrated, Ready};
@@ -14,31 +14,31 @@ use nalgebra::Matrix3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What it is a file of.
-const NOUN: &str = "locator";
-/// The version that is written, and the only one that is read.
+/// Noun for this kind of file in messages.
+const FILE_NOUN: &str = "locator";
+/// Version that is written, and the only one that is read.
 pub const LOCATOR_VERSION: u32 = 1;
 
-/// What kind of locator it is.
+/// Kind of a locator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LocatorKind {
-    /// By the drawings of the head.
+    /// Triangulation by nominal kinematics.
     Triangulate,
-    /// By a network as published.
+    /// The network published with the paper.
     Network,
-    /// By several networks that are told more.
+    /// Several networks with more inputs.
     Ensemble,
-    /// By a model of the head that was fitted.
+    /// A fitted kinematic model.
     Calibrated,
 }
 
 impl LocatorKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [LocatorKind; 4] =
         [LocatorKind::Triangulate, LocatorKind::Network, LocatorKind::Ensemble, LocatorKind::Calibrated];
 
-    /// Its name in files and commands.
+    /// Name in files and commands.
     pub fn name(self) -> &'static str {
         match self {
             LocatorKind::Triangulate => "triangulate",
@@ -49,41 +49,42 @@ impl LocatorKind {
     }
 }
 
-/// What was learned.
+/// Trained model of a locator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LearnedPlaces {
-    /// In which frame, and how far off.
+    /// Frame of the positions, and noise.
     Triangulate(Box<Triangulated>),
-    /// Weights.
+    /// Weights of the published network.
     Network(PublishedNetwork),
-    /// More weights.
+    /// Weights of several networks.
     Ensemble(Box<Ensemble>),
-    /// How far the head is from its drawings.
+    /// Deviations of the head from its nominal kinematics.
     Calibrated(Box<Calibrated>),
 }
 
-/// A locator, learned.
+/// A trained locator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LocatorFile {
-    /// What this file is.
+    /// Name of the file format.
     pub format: String,
-    /// Version of the layout.
+    /// Version of the file format.
     pub version: u32,
-    /// The SHA-256 of the table that it was learned from, in hexadecimal.
+    /// SHA-256 of the table that it was trained on, in hexadecimal.
     pub data: String,
-    /// The seed of all randomness.
+    /// Seed of all randomness.
     pub seed: u64,
-    /// What was learned.
+    /// The model.
     pub learned: LearnedPlaces,
 }
 
 impl LocatorFile {
-    /// Learns from views of known places; `data` is the digest of the table that they are from, and `tell` hears how far it is.
+    /// Trains on views of known positions. `data`: digest of the table that they are from; `tell`
+    /// is called with the completed share.
     ///
     /// # Errors
-    /// Views that teach nothing, or with which learning does not converge.
+    /// Unsuitable views, or a training that does not converge.
     pub fn train(
         kind: LocatorKind,
         known: &[KnownView],
@@ -98,13 +99,13 @@ impl LocatorFile {
             LocatorKind::Ensemble => LearnedPlaces::Ensemble(Box::new(Ensemble::train(known, from, tell)?)),
             LocatorKind::Calibrated => LearnedPlaces::Calibrated(Box::new(Calibrated::train(known, from, tell)?)),
         };
-        let format = learned_file::format_name(NOUN);
+        let format = learned_file::format_name(FILE_NOUN);
         let file = LocatorFile { format, version: LOCATOR_VERSION, data, seed, learned };
         let help = "learning did not converge: views or places are far outside of what a head can see";
         if file.is_whole() { Ok(file) } else { Err(Untaught(help.into())) }
     }
 
-    /// Whether it has all its numbers, and these can be.
+    /// Returns whether all numbers are present and valid.
     fn is_whole(&self) -> bool {
         match &self.learned {
             LearnedPlaces::Triangulate(t) => t.is_whole(),
@@ -114,23 +115,23 @@ impl LocatorFile {
         }
     }
 
-    /// From JSON.
+    /// Reads a locator from JSON.
     ///
     /// # Errors
-    /// Text that is no such file or not whole, another version, numbers that can't be: nothing of it is taken then.
+    /// Text of another format, an incomplete file, another version, or values out of range.
     pub fn parse(text: &str) -> Result<LocatorFile, LearnedFault> {
-        learned_file::parse(text, NOUN, LOCATOR_VERSION, |file: &LocatorFile| {
+        learned_file::parse(text, FILE_NOUN, LOCATOR_VERSION, |file: &LocatorFile| {
             let what = || format!("`learned.{}` has missing, too many or impossible numbers", file.kind().name());
             (!file.is_whole()).then(what)
         })
     }
 
-    /// As JSON.
+    /// Writes the locator as JSON.
     pub fn text(&self) -> String {
         serde_json::to_string(self).unwrap_or_default() + "\n"
     }
 
-    /// What kind of locator it is.
+    /// Kind of the locator.
     pub fn kind(&self) -> LocatorKind {
         match &self.learned {
             LearnedPlaces::Triangulate(_) => LocatorKind::Triangulate,
@@ -140,7 +141,7 @@ impl LocatorFile {
         }
     }
 
-    /// Ready to be asked.
+    /// Returns the locator with its precomputed values.
     pub fn ready(&self) -> ReadyLocator {
         match &self.learned {
             LearnedPlaces::Triangulate(t) => ReadyLocator::Triangulate(t.clone()),
@@ -151,21 +152,21 @@ impl LocatorFile {
     }
 }
 
-/// A locator and what it computes beforehand.
+/// A locator with precomputed values.
 #[derive(Clone, Debug)]
 pub enum ReadyLocator {
-    /// By the drawings.
+    /// Triangulation by nominal kinematics.
     Triangulate(Box<Triangulated>),
-    /// By the published network.
+    /// The published network.
     Network(PublishedNetwork),
-    /// By several networks.
+    /// Several networks.
     Ensemble(Box<Ensemble>),
-    /// By the fitted model.
+    /// The fitted model.
     Calibrated(Box<Ready>),
 }
 
 impl ReadyLocator {
-    /// Where what was seen is, as far as one view tells; `None` if it tells nothing.
+    /// Estimates the position of an object from one view; `None` if the view does not determine it.
     pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
         match self {
             ReadyLocator::Triangulate(t) => t.locate(view),
@@ -175,7 +176,7 @@ impl ReadyLocator {
         }
     }
 
-    /// What several views of one object are off in common, square meters.
+    /// Returns the covariance of the error that all views of one object share, m^2.
     pub fn common(&self) -> Matrix3<f64> {
         match self {
             ReadyLocator::Triangulate(t) => t.common,
@@ -185,7 +186,8 @@ impl ReadyLocator {
         }
     }
 
-    /// The rays to what both eyes saw, in the frame of the places; a published network knows of none.
+    /// Returns the rays to the detections of both eyes, in the frame of the positions; `None` for a
+    /// published network, which has no kinematics.
     pub(super) fn rays(&self, view: &StereoView) -> Option<[Ray; 2]> {
         let model = match self {
             ReadyLocator::Triangulate(t) => &t.model,
@@ -196,7 +198,7 @@ impl ReadyLocator {
         Some(model.look(&view.encoders, &[0.0; 9]).rays(&view.pixels()))
     }
 
-    /// The cameras as the file knows them, left and right.
+    /// Returns the left and right camera of the file.
     pub fn lenses(&self) -> [Lens; 2] {
         match self {
             ReadyLocator::Triangulate(t) => t.model.lenses,
@@ -206,7 +208,7 @@ impl ReadyLocator {
         }
     }
 
-    /// Where an object is of which there are several views.
+    /// Estimates the position of an object from several views.
     pub fn fuse(&self, views: &[StereoView]) -> Option<Estimate> {
         if let ReadyLocator::Calibrated(c) = self {
             return c.fuse(views);

@@ -1,7 +1,8 @@
-//! The fit of a head's model to views of known places: robust Levenberg-Marquardt with priors.
+//! Fit of a head model to views of known positions: robust Levenberg-Marquardt with priors.
 //!
-//! What is minimized, over the parameters: the sum over views of (nu + 4)/2 ln(1 + d^2/nu), where d^2 is the misfit of the four pixels
-//! in standard deviations of their covariance (Student's distribution), plus half the squares of parameters in prior deviations.
+//! The fit minimizes, over the parameters, the sum over views of (nu + 4)/2 ln(1 + d^2/nu), where d
+//! is the Mahalanobis norm of the residual of the four pixels (Student's t-distribution), plus half
+//! the sum of the squared parameters in units of their prior deviations.
 
 use super::model::HeadModel;
 use super::noise::{Noise, Origin};
@@ -9,20 +10,22 @@ use super::parameters::Prior;
 use super::view::KnownView;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 
-/// The degrees of freedom of Student's distribution.
+/// Degrees of freedom of Student's t-distribution.
 const NU: f64 = 4.0;
-/// What a view costs that the model can't see at all, as a square of standard deviations.
-const UNSEEN: f64 = 1e4;
-/// Steps at most, and by how much the cost has to fall for another one.
-const STEPS: (usize, f64) = (25, 1e-3);
+/// Squared Mahalanobis norm assigned to a view that the model can't project at all.
+const UNSEEN_SQUARE: f64 = 1e4;
+/// Maximum number of steps.
+const MAX_STEPS: usize = 25;
+/// Minimum decrease of the cost for another step.
+const MIN_DECREASE: f64 = 1e-3;
 
-/// A view to fit, explained.
+/// A view of a known position, with its explanation.
 pub(super) struct Lesson<'a> {
     pub(super) known: &'a KnownView,
     pub(super) origin: Origin,
 }
 
-/// How far the model is off in this lesson, pixels: what was seen less what it says.
+/// Returns the residual of a view, pixels: observation minus prediction.
 pub(super) fn off(model: &HeadModel, lesson: &Lesson) -> Option<Vector4<f64>> {
     let view = &lesson.known.view;
     let seen = model.look(&view.encoders, &lesson.origin.toward).see(&lesson.known.place)?;
@@ -38,27 +41,27 @@ fn information(model: &HeadModel, lesson: &Lesson, noise: &Noise) -> Matrix4<f64
 
 fn cost(model: &HeadModel, lessons: &[Lesson], weights: &[Matrix4<f64>], priors: &[Prior]) -> f64 {
     let one = |(lesson, information): (&Lesson, &Matrix4<f64>)| {
-        let square = off(model, lesson).map_or(UNSEEN, |r| r.dot(&(information * r)));
+        let square = off(model, lesson).map_or(UNSEEN_SQUARE, |r| r.dot(&(information * r)));
         0.5 * (NU + 4.0) * (square / NU).ln_1p()
     };
     let strange = |(t, p): (&f64, &Prior)| 0.5 * ((t - p.middle) / p.deviation).powi(2);
     lessons.iter().zip(weights).map(one).sum::<f64>() + model.theta.iter().zip(priors).map(strange).sum::<f64>()
 }
 
-/// Fits the parameters, from where they are. Returns the curvature of what was minimized there: the inverse of the parameters'
-/// covariance.
+/// Fits the parameters, starting from their current values. Returns the Hessian of the objective
+/// there: the inverse of the parameters' covariance.
 pub(super) fn fit(model: &mut HeadModel, lessons: &[Lesson], noise: &Noise, priors: &[Prior]) -> DMatrix<f64> {
     let weights: Vec<_> = lessons.iter().map(|l| information(model, l, noise)).collect();
     let mut now = cost(model, lessons, &weights, priors);
     let mut damping = 1e-3;
     let (mut curvature, mut gradient) = normal(model, lessons, &weights, priors);
-    for _ in 0..STEPS.0 {
+    for _ in 0..MAX_STEPS {
         let damped = &curvature + DMatrix::from_diagonal(&(curvature.diagonal() * damping));
         let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else { break };
         let mut next = model.clone();
         next.theta.iter_mut().zip(step.iter()).for_each(|(t, s)| *t += s);
         let then = cost(&next, lessons, &weights, priors);
-        // a cost that is not a number is none that is less
+        // Written so that a cost of NaN is not a decrease.
         if then.partial_cmp(&now) != Some(std::cmp::Ordering::Less) {
             damping *= 10.0;
             if damping > 1e8 {
@@ -67,16 +70,19 @@ pub(super) fn fit(model: &mut HeadModel, lessons: &[Lesson], noise: &Noise, prio
             continue;
         }
         let gained = now - then;
-        (*model, now, damping) = (next, then, (damping * 0.1).max(1e-9));
+        *model = next;
+        now = then;
+        damping = (damping * 0.1).max(1e-9);
         (curvature, gradient) = normal(model, lessons, &weights, priors);
-        if gained < STEPS.1 {
+        if gained < MIN_DECREASE {
             break;
         }
     }
     curvature
 }
 
-/// The normal equations of a Gauss-Newton step: the views' weighted curvature and that of the priors, and the downward gradient.
+/// Computes the normal equations of a Gauss-Newton step: the Hessian of the weighted views and of
+/// the priors, and the negative gradient.
 fn normal(
     model: &HeadModel,
     lessons: &[Lesson],
@@ -102,7 +108,7 @@ fn normal(
             rows.extend(white.iter());
         }
     }
-    // column by column: a view's four numbers for each parameter, all parameters of a view together
+    // Column-major: four numbers of a view for each parameter, all parameters of a view together.
     let views = rows.len() / (4 * n).max(1);
     let mut curvature = DMatrix::zeros(n, n);
     for view in 0..views {
@@ -116,12 +122,13 @@ fn normal(
     (curvature, gradient)
 }
 
-/// The covariance of misfits that are mostly of one normal distribution, some far off: Student's, by repeated weighting.
+/// Estimates the covariance of residuals, most of which are normally distributed, some far off:
+/// Student's t-distribution, by iterative reweighting.
 pub(super) fn scatter(offs: &[Vector4<f64>]) -> Matrix4<f64> {
     let mut sizes: Vec<f64> = offs.iter().map(|o| o.norm_squared()).collect();
     sizes.sort_by(f64::total_cmp);
     let near = sizes.get(sizes.len() * 4 / 5).copied().unwrap_or(1.0);
-    // never less than a third of a pixel: rounded pixels are not more exact
+    // Never less than a third of a pixel: rounded pixels are not more exact.
     let least = Matrix4::identity() * 0.1;
     let inner: Vec<_> = offs.iter().filter(|o| o.norm_squared() <= near).collect();
     let mut covariance =
@@ -134,7 +141,7 @@ pub(super) fn scatter(offs: &[Vector4<f64>]) -> Matrix4<f64> {
     covariance
 }
 
-/// The covariance of the misfits that a normal distribution explains: those within 18 squared standard deviations, repeatedly.
+/// Estimates the covariance of the residuals within 18 squared standard deviations, iteratively.
 pub(super) fn inner_scatter(offs: &[Vector4<f64>]) -> Matrix4<f64> {
     let mut covariance = scatter(offs) * 1.5;
     for _ in 0..6 {

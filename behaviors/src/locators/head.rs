@@ -1,11 +1,13 @@
-//! Where a head's cameras are: the iCub's chain from the root over torso, neck and eyes, in Denavit-Hartenberg parameters.
+//! Camera poses of a head: the iCub's chain from the root over torso, neck and eyes, in
+//! Denavit-Hartenberg parameters.
 
 use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The joints of the chain, from the root on, as the motors of `configs/robots/icub.xml` are called. Version and vergence are what
-/// both eyes share: the left one pans by version plus half the vergence, the right one by version minus that.
+/// Joints of the chain, from the root on, with the motor names of `configs/robots/icub.xml`.
+/// Version and vergence are shared by both eyes: the left eye pans by version plus half the
+/// vergence, the right eye by version minus half the vergence.
 pub const JOINTS: [&str; 9] = [
     "torso_pitch",
     "torso_roll",
@@ -18,32 +20,34 @@ pub const JOINTS: [&str; 9] = [
     "eyes_verg",
 ];
 
-/// Values of all [`JOINTS`], rad.
+/// Positions of all [`JOINTS`], rad.
 pub type JointAngles = [f64; 9];
 
-/// Which head it is.
+/// Generation of the head.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HeadKind {
-    /// The first generation, as in the paper's years.
+    /// First generation, as at the time of the paper.
     #[default]
     V1,
-    /// The second one (2.10), with a longer neck.
+    /// Second generation (2.10), with a longer neck.
     V2,
 }
 
-/// A camera, and the joints that carry it.
+/// Pose of a camera, and the joints that carry it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EyePose {
-    /// From the camera's frame (z along the optical axis, x to the right, y down) to the root's.
+    /// Rotation from the camera frame (z along the optical axis, x to the right, y down) to the
+    /// root frame.
     pub root_from_camera: Matrix3<f64>,
-    /// Where it is, m, in the root's frame.
+    /// Position of the camera, m, root frame.
     pub center: Vector3<f64>,
-    /// Axis and a point of it for each of the eight joints that carry it, in the root's frame; the last is its pan.
+    /// Axis and a point on it, root frame, for each of the eight joints that carry the camera; the
+    /// last is its pan.
     pub axes: [(Vector3<f64>, Vector3<f64>); 8],
 }
 
-/// One link: a and d in m, alpha in quarter turns, what is added to the joint's value in quarter turns.
+/// One link: a and d in m, alpha in quarter turns, and the joint offset in quarter turns.
 type Link = (f64, f64, i8, i8);
 
 impl HeadKind {
@@ -64,7 +68,7 @@ impl HeadKind {
         ]
     }
 
-    /// Where the left and the right eye are at these joint values, rad.
+    /// Computes the poses of the left and right eye at these joint positions, rad.
     pub fn eyes(self, q: &JointAngles) -> [EyePose; 2] {
         let mut rotation = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
         let mut at = Vector3::zeros();
@@ -92,7 +96,7 @@ fn step(
     value: f64,
 ) {
     *axis = (rotation.column(2).into(), *at);
-    // quarter turns are exact: no sine of them is ever asked for
+    // Quarter turns are exact: their sine is never computed.
     let (s, c) = value.sin_cos();
     let (s, c) = match more {
         1 => (c, -s),
@@ -105,12 +109,13 @@ fn step(
 }
 
 impl EyePose {
-    /// A point of the root's frame in the camera's, m.
+    /// Transforms a point from the root frame to the camera frame, m.
     pub fn camera_from_root(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.root_from_camera.tr_mul(&(point - self.center))
     }
 
-    /// How that moves with each of the [`JOINTS`], m/rad; `side` is 1 for the left eye, -1 for the right one.
+    /// Computes the derivatives of the same with respect to each of the [`JOINTS`], m/rad; `side`
+    /// is 1 for the left eye, -1 for the right one.
     pub fn by_joint(&self, point: &Vector3<f64>, side: f64) -> [Vector3<f64>; 9] {
         let by_axis =
             |(axis, origin): &(Vector3<f64>, Vector3<f64>)| self.root_from_camera.tr_mul(&(point - origin).cross(axis));

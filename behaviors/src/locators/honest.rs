@@ -1,20 +1,22 @@
-//! Stated regions that hold what they promise: how much too sure estimates are is found out at places that were not learned.
+//! Calibration of covariances at held-out positions, so that their 95 % regions contain 95 % of the
+//! positions.
 
 use super::tracker::fuse;
 use super::view::{Estimate, INSIDE_95, KnownView, StereoView};
 use super::workspace::distinct;
 use nalgebra::{Matrix3, Vector3};
 
-/// By what covariances have to be multiplied so that 95 % of these squares of standard deviations are inside the regions of 95 %; 1 for
-/// none.
+/// Returns the factor of the covariances that makes 95 % of these squared Mahalanobis distances
+/// fall inside the 95 % regions; 1 for an empty list.
 pub(super) fn widening(mut squares: Vec<f64>) -> f64 {
     squares.sort_by(f64::total_cmp);
     let at_95 = squares.get(squares.len() * 95 / 100).copied().filter(|s| s.is_finite());
     (at_95.unwrap_or(INSIDE_95) / INSIDE_95).clamp(0.05, 1e4)
 }
 
-/// What has to be added to the covariance of all views of a place together so that 95 % of places are inside the regions of 95 %: what
-/// these views are off in common. It has the shape of what most places are off by. Square meters.
+/// Returns the covariance, m^2, to be added to that of all views of a position together so that 95
+/// % of positions fall inside the 95 % regions: the error that these views share. Its shape is that
+/// of the errors of most positions.
 pub(super) fn common(fused: &[(Estimate, Vector3<f64>)]) -> Matrix3<f64> {
     let square = |(e, place): &(Estimate, Vector3<f64>)| (e.place - place) * (e.place - place).transpose();
     let mut sizes: Vec<f64> = fused.iter().map(|f| square(f).trace()).collect();
@@ -30,7 +32,7 @@ pub(super) fn common(fused: &[(Estimate, Vector3<f64>)]) -> Matrix3<f64> {
     shape * (0..80).map(|i| 0.1 * f64::from(i)).find(inside).unwrap_or(8.0)
 }
 
-/// The places of these views, each with all of its views.
+/// Groups views by their positions.
 pub(super) fn places_of(known: &[KnownView]) -> Vec<(Vector3<f64>, Vec<StereoView>)> {
     let views = |place: Vector3<f64>| {
         let here = known.iter().filter(|k| (k.place - place).norm() < 1e-6);
@@ -39,7 +41,8 @@ pub(super) fn places_of(known: &[KnownView]) -> Vec<(Vector3<f64>, Vec<StereoVie
     distinct(known.iter().map(|k| k.place)).into_iter().map(views).collect()
 }
 
-/// The places of these views, as all views of each together tell it by `locate`.
+/// Estimates each position from all of its views by `locate`, and pairs the estimate with the
+/// position.
 pub(super) fn fused(
     known: &[KnownView],
     locate: &dyn Fn(&StereoView) -> Option<Estimate>,

@@ -1,4 +1,4 @@
-//! The kinds of locators, as a run makes them: from a locator file.
+//! The kinds of trained locators, created from a locator file.
 
 use super::file::{LocatorFile, LocatorKind};
 use super::head::JOINTS;
@@ -16,23 +16,23 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LearnedLocatorSettings {
-    /// The locator, as `mobee locator train` wrote it.
+    /// Locator file, as `mobee locator train` wrote it.
     #[schemars(extend("format" = "path"))]
     pub file: PathBuf,
-    /// The left camera's name; default: the one that ends in `left`.
+    /// Name of the left camera; default: the camera with a name that ends in `left`.
     #[serde(default)]
     pub left: Option<String>,
-    /// The right camera's name; default: the one that ends in `right`.
+    /// Name of the right camera; default: the camera with a name that ends in `right`.
     #[serde(default)]
     pub right: Option<String>,
-    /// The nine motors of torso and head, in the order torso pitch, roll and yaw, neck pitch, roll and yaw, eyes' tilt, version and
-    /// vergence; default: as the shipped iCub calls them.
+    /// The nine motors of torso and head, in the order torso pitch, roll and yaw, neck pitch, roll
+    /// and yaw, eyes' tilt, version and vergence; default: their names in the supplied iCub.
     #[serde(default)]
     pub motors: Option<[String; 9]>,
-    /// Whether views of an object that rests are put together; default: yes.
+    /// Combine the views of an object that rests; default: true.
     #[serde(default = "yes")]
     pub track: bool,
-    /// What is known of objects that stand on something level, such as a table; default: nothing.
+    /// Support plane of the objects, such as a table; default: none.
     #[serde(default)]
     pub stands: Option<Standing>,
 }
@@ -41,7 +41,7 @@ fn yes() -> bool {
     true
 }
 
-/// Where the nine joints are in the robot's pose.
+/// Looks up the indices of the nine joints in the robot's configuration.
 fn joints(robot: &Robot, names: &[&str; 9]) -> Result<[usize; 9], KindError> {
     let mut found = [0; 9];
     for (place, name) in found.iter_mut().zip(names) {
@@ -79,8 +79,8 @@ fn build(value: &Value, robot: &Robot, kind: LocatorKind) -> Result<Box<dyn Loca
 inventory::submit! {
     Registered(&Kind::<dyn Locator> {
         name: "triangulate",
-        doc: "Tells where things are by the rays of two eyes and the drawings of an iCub's head (`mobee locator train --kind \
-              triangulate`).",
+        doc: "Locates objects by triangulation of the rays of two eyes, with the nominal kinematics of an \
+              iCub's head (`mobee locator train --kind triangulate`).",
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "drawings.locator.json" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Triangulate),
@@ -90,8 +90,8 @@ inventory::submit! {
 inventory::submit! {
     Registered(&Kind::<dyn Locator> {
         name: "network",
-        doc: "Tells where things are by networks that learned it from both eyes' pixels and the joints, as published with the paper \
-              (`mobee locator train --kind network`).",
+        doc: "Locates objects by networks that were trained on both eyes' pixels and the joint positions, \
+              as published with the paper (`mobee locator train --kind network`).",
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "learned.locator.json" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Network),
@@ -101,8 +101,8 @@ inventory::submit! {
 inventory::submit! {
     Registered(&Kind::<dyn Locator> {
         name: "ensemble",
-        doc: "Tells where things are by several networks that are told where the rays of both eyes meet, beside pixels and joints (`mobee \
-              locator train --kind ensemble`).",
+        doc: "Locates objects by several networks. Their inputs are pixels, joint positions and the \
+              triangulated position (`mobee locator train --kind ensemble`).",
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "learned.locator.json" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Ensemble),
@@ -112,8 +112,8 @@ inventory::submit! {
 inventory::submit! {
     Registered(&Kind::<dyn Locator> {
         name: "calibrated",
-        doc: "Tells where things are by a model of an iCub's head that learned by how much it is off from its drawings (`mobee \
-              locator train --kind calibrated`).",
+        doc: "Locates objects by a model of an iCub's head. Its deviations from the nominal kinematics are \
+              fitted to training data (`mobee locator train --kind calibrated`).",
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "head.locator.json", "left": "left", "right": "right" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Calibrated),

@@ -1,4 +1,5 @@
-//! A learned locator in a run: it remembers what the other eye has seen just before, and what it has found of each object.
+//! A trained locator in a run. It stores the last detections of each eye, to pair them with those
+//! of the other, and a track of each object.
 
 use super::file::{LocatorFile, ReadyLocator};
 use super::head::JointAngles;
@@ -12,23 +13,23 @@ use nalgebra::{Matrix3, Vector2};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// What both eyes saw, if that was so near in time: a frame and a half of cameras with 30 frames a second.
-const TOGETHER: Duration = Duration::from_millis(50);
+/// Maximum time between two exposures that form a pair: a frame and a half at 30 frames per second.
+const MAX_PAIR_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Which camera is which eye.
+/// Assignment of cameras to eyes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EyeNames {
-    /// The left camera's name; none: the one that ends in `left`.
+    /// Name of the left camera; `None`: the camera with a name that ends in `left`.
     pub left: Option<String>,
-    /// The right camera's name; none: the one that ends in `right`.
+    /// Name of the right camera; `None`: the camera with a name that ends in `right`.
     pub right: Option<String>,
 }
 
 impl EyeNames {
-    /// 0 for the left eye, 1 for the right one, `None` for any other camera.
+    /// Returns 0 for the left eye, 1 for the right eye, and `None` for any other camera.
     fn eye(&self, camera: &str) -> Option<usize> {
         let is = |name: &Option<String>, end: &str| match name {
-            // in a run each camera's name is that of its sensor and its own
+            // In a run, the name of a camera is prefixed with that of its sensor.
             Some(name) => camera == name || camera.rsplit_once('/').is_some_and(|(_, own)| own == name),
             None => camera.ends_with(end),
         };
@@ -42,58 +43,66 @@ impl EyeNames {
     }
 }
 
-/// What an eye saw that may be one object, the surest first, and when.
+/// Time of an exposure and the detections of one object in it, by decreasing confidence.
 type Look = (Time, Vec<Glimpse>);
 
-/// Tells where things are that two eyes see.
+/// Locates objects that two eyes detect.
 pub struct LearnedLocator {
     ready: ReadyLocator,
-    /// Where the nine joints are in the robot's pose.
+    /// Indices of the nine joints in the robot's configuration.
     joints: [usize; 9],
     eyes: EyeNames,
-    /// Whether views of what rests are put together.
+    /// Combine the views of objects that rest.
     tracks: bool,
-    /// What each eye saw last that may be each object, the surest first, not yet paired.
+    /// Last detections of each object by each eye that have not been paired yet.
     waiting: BTreeMap<String, [Option<Look>; 2]>,
     trackers: BTreeMap<String, Tracker>,
     stands: Option<Standing>,
 }
 
-/// Things in one picture that may be one object: so many are looked at, the surest.
-const CANDIDATES: usize = 4;
-/// Of what one eye sees so much less than the other, something hides the rest from it.
-const LESS: f64 = 0.5;
-/// What the border cuts off may be as large as what is seen of it: by so much a place is not known, m.
-const CUT_OFF: f64 = 0.1;
+/// Maximum number of detections of one object in one image, those of the highest confidence.
+const MAX_CANDIDATES: usize = 4;
+/// Ratio of the areas that both eyes detect below which the object is assumed to be partly hidden
+/// from one eye.
+const HIDDEN_AREA_RATIO: f64 = 0.5;
+/// Standard deviation, m, added to a position if the image border clips the object: the hidden part
+/// may be as large as the visible one.
+const CLIPPED_SIGMA_M: f64 = 0.1;
 
 impl LearnedLocator {
-    /// One as the file says, for a robot whose pose has the joints at these places.
+    /// Creates a locator from its file, for a robot with its joints at these indices.
     pub fn new(file: &LocatorFile, joints: [usize; 9], eyes: EyeNames, tracks: bool) -> LearnedLocator {
         let ready = file.ready();
-        let (waiting, trackers) = (BTreeMap::new(), BTreeMap::new());
+        let waiting = BTreeMap::new();
+        let trackers = BTreeMap::new();
         LearnedLocator { ready, joints, eyes, tracks, waiting, trackers, stands: None }
     }
 
-    /// The same, of objects that stand on something level.
+    /// Sets the support plane of the objects.
     pub fn standing(mut self, stands: Option<Standing>) -> LearnedLocator {
         self.stands = stands;
         self
     }
 
-    /// Where something is that stands, as one eye alone tells it that sees all of it: the other does not see it, or not all of it.
+    /// Locates an object on the support plane from the one eye that sees it completely, if the
+    /// other eye does not.
     fn by_one(&self, object: &str, eye: usize, view: &StereoView) -> Option<Sight> {
-        let (ray, glimpse) = (self.ready.rays(view)?[eye], view.eyes[eye]);
+        let ray = self.ready.rays(view)?[eye];
+        let glimpse = view.eyes[eye];
         let estimate = self.stands?.on_ray(&ray).filter(|_| !glimpse.is_clipped)?;
         let size = size(&glimpse, &ray, &estimate)?;
         let is_whole = self.trackers.get(object)?.is_as_large(size);
         is_whole.then_some(Sight { estimate, size: Some(size) })
     }
 
-    /// Where things are that both eyes saw at once, and that may each be this object; if there are none, those that one eye saw.
+    /// Locates the candidates of an object that both eyes detected at the same time; without any,
+    /// those that one eye detected.
     fn place(&mut self, object: &str, views: &[StereoView], lone: &[(usize, StereoView)]) -> Vec<Located> {
-        let (mut whole, mut cut_off) = (Vec::new(), Vec::new());
+        let mut whole = Vec::new();
+        let mut cut_off = Vec::new();
         for view in views {
-            if let Some(sight) = view.sees_less(LESS).and_then(|less| self.by_one(object, 1 - less, view)) {
+            if let Some(sight) = view.sees_less(HIDDEN_AREA_RATIO).and_then(|less| self.by_one(object, 1 - less, view))
+            {
                 whole.push(sight);
                 continue;
             }
@@ -105,9 +114,9 @@ impl LearnedLocator {
             let Some(mut found) = found else { continue };
             let sizes = rays.map(|rays| [0, 1].map(|e| size(&view.eyes[e], &rays[e], &found)));
             let size = sizes.and_then(|[left, right]| Some(f64::min(left?, right?)));
-            // who has learned from views that the border cut off knows what they are worth
+            // The kind `calibrated` is trained on clipped views and includes their error.
             if view.is_clipped() && !matches!(self.ready, ReadyLocator::Calibrated(_)) {
-                found.covariance += Matrix3::identity() * CUT_OFF.powi(2);
+                found.covariance += Matrix3::identity() * CLIPPED_SIGMA_M.powi(2);
                 cut_off.push(found);
             } else {
                 whole.push(Sight { estimate: found, size });
@@ -125,20 +134,21 @@ impl LearnedLocator {
         } else {
             whole.iter().map(|sight| sight.estimate).collect()
         };
-        let told = |found: &Estimate| {
+        let located = |found: &Estimate| {
             let row = |i: usize| [0, 1, 2].map(|j| found.covariance[(i, j)]);
             Located { object: object.to_owned(), position: found.place.into(), covariance: [row(0), row(1), row(2)] }
         };
-        whole.iter().chain(&cut_off).map(told).collect()
+        whole.iter().chain(&cut_off).map(located).collect()
     }
 }
 
-/// How much an eye sees of something: the area of its box times the square of the distance.
+/// Returns the apparent size of an object: the area of its bounding box times the squared distance.
 fn size(glimpse: &Glimpse, (eye, _): &Ray, found: &Estimate) -> Option<f64> {
     Some(glimpse.area()? * (found.place - eye).norm_squared())
 }
 
-/// What the camera that the file knows would have seen: another size or another lens makes other pixels of the same direction.
+/// Converts a region to the pixels of the camera in the locator's file, which may have another size
+/// or lens.
 pub fn glimpse(region: &Region, intrinsics: Intrinsics, lens: &Lens) -> Option<Glimpse> {
     let own = Lens::from(intrinsics);
     if !own.is_sound() {
@@ -149,7 +159,8 @@ pub fn glimpse(region: &Region, intrinsics: Intrinsics, lens: &Lens) -> Option<G
         pixel.iter().all(|p| p.is_finite()).then_some(pixel)
     };
     let [left, top, right, bottom] = region.bounds;
-    let (first, last) = (there([left, top])?, there([right, bottom])?);
+    let first = there([left, top])?;
+    let last = there([right, bottom])?;
     let bounds = Some([first.x, first.y, last.x - first.x, last.y - first.y]);
     Some(Glimpse { center: there(region.center)?.into(), bounds, is_clipped: region.is_clipped })
 }
@@ -162,7 +173,7 @@ impl Locator for LearnedLocator {
             let Some(q) = body.q.get(motor) else { return Vec::new() };
             *value = *q;
         }
-        // one camera's, of one instant
+        // The detections of one camera at one instant.
         let Some((eye, at)) = seen.first().and_then(|s| Some((self.eyes.eye(&s.camera)?, s.at))) else {
             return Vec::new();
         };
@@ -177,24 +188,24 @@ impl Locator for LearnedLocator {
         let mut found = Vec::new();
         for (object, mut look) in looks {
             look.sort_by(|a, b| b.0.total_cmp(&a.0));
-            look.truncate(CANDIDATES);
+            look.truncate(MAX_CANDIDATES);
             let look: Vec<Glimpse> = look.into_iter().map(|(_, glimpse)| glimpse).collect();
             let waiting = self.waiting.entry(object.to_owned()).or_default();
             let before = waiting[eye].replace((at, look.clone()));
-            let together = |a: &Time, b: &Time| a.since(*b).max(b.since(*a)) <= TOGETHER;
+            let together = |a: &Time, b: &Time| a.since(*b).max(b.since(*a)) <= MAX_PAIR_INTERVAL;
             let (views, lone) = match &*waiting {
                 [Some((left_at, left)), Some((right_at, right))] if together(left_at, right_at) => {
                     let pairs = pairs(&self.ready, &encoders, self.stands.as_ref(), [left, right]);
                     *waiting = [None, None];
                     pairs
                 }
-                // the other eye did not see it since this one saw it the last time
+                // The other eye has not detected it since this eye's previous detection.
                 _ if before.is_some() => (Vec::new(), look.into_iter().map(|glimpse| (eye, glimpse)).collect()),
                 _ => continue,
             };
-            // only this eye's half of the view is looked at
-            let alone = |(eye, glimpse)| (eye, StereoView { eyes: [glimpse; 2], encoders, is_timed: true });
-            let lone: Vec<_> = lone.into_iter().map(alone).collect();
+            // Only this eye's half of the view is used.
+            let one_eyed = |(eye, glimpse)| (eye, StereoView { eyes: [glimpse; 2], encoders, is_timed: true });
+            let lone: Vec<_> = lone.into_iter().map(one_eyed).collect();
             found.extend(self.place(object, &views, &lone));
         }
         found

@@ -1,4 +1,5 @@
-//! What a head sees in one posture, and how that moves with the place, the joints and the parameters.
+//! Stereo projection by a head in one configuration, and its derivatives with respect to position,
+//! joints and parameters.
 
 use super::head::{EyePose, JointAngles};
 use super::lens::Lens;
@@ -7,10 +8,10 @@ use super::pairing::Ray;
 use super::parameters::*;
 use nalgebra::{Matrix3, Matrix4x3, SMatrix, Vector3, Vector4};
 
-/// How pixels move with each joint, pixels/rad.
+/// Derivatives of the pixels with respect to each joint, pixels/rad.
 pub(super) type ByJoint = SMatrix<f64, 4, 9>;
 
-/// The model for one posture.
+/// The head model in one configuration.
 #[derive(Clone, Debug)]
 pub(super) struct Looking<'a> {
     pub(super) model: &'a HeadModel,
@@ -24,19 +25,20 @@ pub(super) struct Looking<'a> {
     pub(super) warp: Vec<Vector3<f64>>,
 }
 
-/// What both eyes see of a place.
+/// Stereo projection of a position.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
     /// Left u and v, right u and v, pixels.
     pub(super) pixels: Vector4<f64>,
-    /// How these move with the place, pixels/m.
+    /// Their derivatives with respect to the position, pixels/m.
     pub(super) by_place: Matrix4x3<f64>,
 }
 
 impl Looking<'_> {
-    /// A place in the root's frame, and how that moves with the place.
+    /// Transforms a position to the root frame; returns the result and its derivative.
     fn root(&self, place: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
-        let (mut moved, mut by) = (*place, Matrix3::identity());
+        let mut moved = *place;
+        let mut by = Matrix3::identity();
         if let Some(warp) = &self.model.warp {
             let (terms, by_place) = warp.terms(place);
             for ((w, t), d) in self.warp.iter().zip(terms).zip(by_place) {
@@ -48,7 +50,7 @@ impl Looking<'_> {
         (rotation * moved + self.origin, rotation * by)
     }
 
-    /// What the eyes see of a place; `None` if it is not before both.
+    /// Projects a position to both images; `None` if it is not in front of both cameras.
     pub(super) fn see(&self, place: &Vector3<f64>) -> Option<Seen> {
         let (root, by) = self.root(place);
         let mut seen = Seen { pixels: Vector4::zeros(), by_place: Matrix4x3::zeros() };
@@ -63,7 +65,7 @@ impl Looking<'_> {
         Some(seen)
     }
 
-    /// How the pixels of a place move with the joints.
+    /// Computes the derivatives of the pixels with respect to the joints.
     pub(super) fn by_joint(&self, place: &Vector3<f64>) -> Option<ByJoint> {
         let (root, _) = self.root(place);
         let mut by = ByJoint::zeros();
@@ -77,7 +79,7 @@ impl Looking<'_> {
         Some(by)
     }
 
-    /// How the pixels of a place move with each parameter; four numbers for each, in their order.
+    /// Computes the derivatives of the four pixels with respect to each parameter.
     pub(super) fn by_theta(&self, place: &Vector3<f64>) -> Option<Vec<Vector4<f64>>> {
         let mut by = vec![Vector4::zeros(); self.model.theta.len()];
         let joints = self.by_joint(place)?;
@@ -89,7 +91,9 @@ impl Looking<'_> {
         for (i, (joint, lever)) in levers(&self.q).into_iter().enumerate() {
             by[SAGS + i] = column(joint) * lever;
         }
-        let (gains, sags, toward) = (self.model.part::<9>(GAINS), self.model.part::<3>(SAGS), &self.toward);
+        let gains = self.model.part::<9>(GAINS);
+        let sags = self.model.part::<3>(SAGS);
+        let toward = &self.toward;
         let mut turned: JointAngles = std::array::from_fn(|j| toward[j] * (1.0 + gains[j]));
         turned[0] += sags[0] * self.q[0].cos() * toward[0];
         turned[1] += sags[1] * self.q[1].cos() * toward[1];
@@ -137,7 +141,8 @@ impl Looking<'_> {
         Some(by)
     }
 
-    /// The ray of each eye to its pixels, in the frame of the places (a warp is left out).
+    /// Computes the ray of each eye to its pixels, in the frame of the positions, ignoring the
+    /// warp.
     pub(super) fn rays(&self, pixels: &Vector4<f64>) -> [Ray; 2] {
         let turned = (self.model.frame.rotation * self.frame.all).transpose();
         [0, 1].map(|e| {
@@ -147,10 +152,11 @@ impl Looking<'_> {
         })
     }
 
-    /// Where the two rays pass each other nearest, m, in the frame of the places (a warp is left out); `None` if they are parallel or
-    /// meet behind the eyes.
+    /// Triangulates: returns the point closest to both rays, m, in the frame of the positions,
+    /// ignoring the warp; `None` if the rays are parallel or meet behind the eyes.
     pub(super) fn midpoint(&self, pixels: &Vector4<f64>) -> Option<Vector3<f64>> {
-        let (mut sum, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        let mut sum = Matrix3::zeros();
+        let mut right = Vector3::zeros();
         for e in 0..2 {
             let ray = self.lenses[e].ray(&pixels.fixed_rows::<2>(2 * e).into());
             let direction = (self.eyes[e].root_from_camera * (self.mounts[e].all * ray)).normalize();

@@ -1,6 +1,7 @@
-//! The kinematic model of a seeing head, with everything that may be off from what its drawings say: where both eyes see a place.
+//! Kinematic model of a head with cameras, including its deviations from the nominal kinematics.
 //!
-//! Parameters are a plain vector, because the fit wants one; `parameters.rs` says where each is, and how far it is believed to be off.
+//! The parameters are a plain vector, as the fit requires; `parameters.rs` defines the index and
+//! the prior of each.
 
 use super::head::{HeadKind, JointAngles};
 use super::lens::Lens;
@@ -9,31 +10,33 @@ use super::parameters::*;
 use nalgebra::{Matrix4, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
-/// The model: what the drawings say, and by how much they are off.
+/// A head model: nominal kinematics, and the deviations from them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeadModel {
-    /// The chain.
+    /// Kinematic chain of the head.
     pub head: HeadKind,
-    /// The cameras, left and right, before the fit.
+    /// Left and right camera before the fit.
     pub lenses: [Lens; 2],
-    /// The frame of the places, before the fit.
+    /// Frame of the positions before the fit.
     pub frame: PlaceFrame,
-    /// What may be off in the places; none: they are believed.
+    /// Systematic error of the positions; `None`: they are exact.
     pub warp: Option<Warp>,
-    /// The parameters: offsets of the nine joints, rad, and gains, parts of one; sag, rad; for the left and then the right eye turns of
-    /// its mount about x, y and z, rad, by what part the focal length is longer, how far the center is off, pixels, and k1; turns of the
-    /// places' frame, rad, and its shift, m; the lag; and if there is a warp, its coefficients, m.
+    /// Parameters: offsets of the nine joints, rad, and relative gain errors; sag, rad; for the
+    /// left, then the right eye: rotations of its mount about x, y and z, rad, relative error of
+    /// the focal length, offset of the principal point, pixels, and error of k1; rotations of the
+    /// frame of the positions, rad, and its translation, m; the lag; with a warp, its coefficients,
+    /// m.
     pub theta: Vec<f64>,
 }
 
 impl HeadModel {
-    /// A model as the drawings say.
+    /// Creates a model with nominal kinematics.
     pub fn nominal(head: HeadKind, lenses: [Lens; 2], frame: PlaceFrame) -> HeadModel {
         HeadModel { head, lenses, frame, warp: None, theta: vec![0.0; RIGID] }
     }
 
-    /// Whether it has all its numbers, and these can be.
+    /// Returns whether all numbers are present and valid.
     pub(super) fn is_whole(&self) -> bool {
         let expected = if self.warp.is_some() { WARPED } else { RIGID };
         let spread = self.warp.is_none_or(|w| {
@@ -50,25 +53,29 @@ impl HeadModel {
         part
     }
 
-    /// By what part of the way back to where joints rested the picture is older than the reading.
+    /// Returns the lag of the image behind the encoder reading, as a share of the distance to the
+    /// rest positions of the joints.
     pub(super) fn lag(&self) -> f64 {
         self.part::<1>(LAG)[0]
     }
 
-    /// Where both eyes see a place, in the frame of the places, with joints that read so, rad: left u and v, right u and v, pixels;
-    /// `None` if it is not before both.
+    /// Projects a position, in the frame of the positions, for these joint readings, rad. Returns
+    /// left u and v, right u and v, pixels; `None` if it is not in front of both cameras.
     pub fn pixels(&self, joints: &JointAngles, place: &Vector3<f64>) -> Option<Vector4<f64>> {
         Some(self.look(joints, &[0.0; 9]).see(place)?.pixels)
     }
 
-    /// The offsets of the joints, rad.
+    /// Returns the offsets of the joints, rad.
     pub fn offsets(&self) -> JointAngles {
         self.part(OFFSETS)
     }
 
-    /// The model with joints that read `read` and had come from where they rested, `toward` that, rad.
+    /// Evaluates the model for joints that read `read` and came from rest positions at a distance
+    /// of `toward`, rad.
     pub(super) fn look(&self, read: &JointAngles, toward: &JointAngles) -> Looking<'_> {
-        let (offsets, gains, lag) = (self.offsets(), self.part::<9>(GAINS), self.lag());
+        let offsets = self.offsets();
+        let gains = self.part::<9>(GAINS);
+        let lag = self.lag();
         let mut q = [0.0; 9];
         for (i, value) in q.iter_mut().enumerate() {
             *value = read[i] + lag * toward[i];
@@ -82,7 +89,8 @@ impl HeadModel {
         }
         let eye = |e: usize| self.part::<EYE>(EYES + EYE * e);
         let lens = |e: usize| {
-            let ([_, _, _, f, cx, cy, k1], mut lens) = (eye(e), self.lenses[e]);
+            let [_, _, _, f, cx, cy, k1] = eye(e);
+            let mut lens = self.lenses[e];
             lens.focal = lens.focal.map(|n| n * (1.0 + f));
             lens.center = [lens.center[0] + cx, lens.center[1] + cy];
             lens.distortion[0] += k1;
@@ -103,7 +111,7 @@ impl HeadModel {
     }
 }
 
-/// A covariance that can be inverted: its inverse and the logarithm of its determinant.
+/// Inverts a covariance; returns the inverse and the logarithm of the determinant.
 pub(super) fn invert(covariance: &Matrix4<f64>) -> Option<(Matrix4<f64>, f64)> {
     let cholesky = covariance.cholesky()?;
     let ln_det = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();

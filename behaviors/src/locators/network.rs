@@ -1,5 +1,6 @@
-//! The kind `network`: the paper's learned locator, as published. One network for each axis, ten logistic units between inputs and a
-//! linear output, plain back-propagation, one view at a time.
+//! The kind `network`: the paper's learned locator, as published. One network for each axis, with
+//! ten logistic hidden units and a linear output, trained by plain back-propagation, one view at a
+//! time.
 
 use super::beginning::Untaught;
 use super::folds::{Fold, folds};
@@ -11,15 +12,18 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-/// Units between inputs and output.
+/// Number of hidden units.
 const HIDDEN: usize = 10;
-/// Of back-propagation: its rate, its momentum, and how often all views are shown.
-const RATE: f64 = 0.35;
+/// Learning rate of the back-propagation.
+const LEARNING_RATE: f64 = 0.35;
+/// Momentum of the back-propagation.
 const MOMENTUM: f64 = 0.1;
+/// Number of passes over all views.
 const EPOCHS: usize = 500;
-/// Limits between which pixels are scaled to -1 to 1.
+/// Ranges of pixels that are scaled to -1 to 1.
 const PIXELS: [(f64, f64); 2] = [(0.0, 640.0), (0.0, 480.0)];
-/// The same for joints, degrees: torso pitch, roll and yaw, neck pitch, roll and yaw, eyes' tilt, version and vergence.
+/// The same for joints, degrees: torso pitch, roll and yaw, neck pitch, roll and yaw, eyes' tilt,
+/// version and vergence.
 const DEGREES: [(f64, f64); 9] = [
     (0.0, 50.0),
     (-15.0, 15.0),
@@ -31,21 +35,21 @@ const DEGREES: [(f64, f64); 9] = [
     (-25.0, 25.0),
     (-10.0, 10.0),
 ];
-/// The same for places, mm.
+/// The same for positions, mm.
 const PLACE_MM: [(f64, f64); 3] = [(100.0, 600.0), (-550.0, 300.0), (-300.0, 200.0)];
 
 /// The published locator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedNetwork {
-    /// Whether it is told the boxes beside their middles.
+    /// The inputs include the bounding boxes, not only their centers.
     pub has_boxes: bool,
     /// One network for each axis.
     pub axes: Vec<AxisNetwork>,
-    /// The covariance of its errors at places that were left out, square meters, widened so that 95 % of them are inside the region of
-    /// 95 %.
+    /// Covariance of the errors at held-out positions, m^2, widened so that 95 % of the positions
+    /// fall inside their 95 % regions.
     pub covariance: Matrix3<f64>,
-    /// What all views of one place have in common in how they are off, square meters.
+    /// Covariance of the error that all views of one position share, m^2.
     pub common: Matrix3<f64>,
 }
 
@@ -53,9 +57,9 @@ pub struct PublishedNetwork {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisNetwork {
-    /// The weights of each hidden unit: one for each input, and the bias.
+    /// Weights of each hidden unit: one for each input, then the bias.
     pub hidden: Vec<Vec<f64>>,
-    /// The weights of the output: one for each hidden unit, and the bias.
+    /// Weights of the output: one for each hidden unit, then the bias.
     pub output: Vec<f64>,
 }
 
@@ -87,7 +91,7 @@ impl AxisNetwork {
         rows && self.hidden.iter().flatten().chain(&self.output).all(|w| w.is_finite())
     }
 
-    fn ask(&self, inputs: &[f64], units: &mut Vec<f64>) -> f64 {
+    fn evaluate(&self, inputs: &[f64], units: &mut Vec<f64>) -> f64 {
         let sum = |weights: &[f64], values: &[f64]| {
             let bias = weights.last().copied().unwrap_or_default();
             weights.iter().zip(values).map(|(w, v)| w * v).sum::<f64>() + bias
@@ -97,7 +101,8 @@ impl AxisNetwork {
         sum(&self.output, units)
     }
 
-    /// Back-propagation, one lesson at a time in a new order each epoch.
+    /// Trains by back-propagation, one sample at a time in a new order in each epoch. `tell` is
+    /// called after each epoch.
     fn learn(&mut self, lessons: &[(Vec<f64>, f64)], rng: &mut ChaCha8Rng, tell: &mut dyn FnMut()) {
         let mut order: Vec<usize> = (0..lessons.len()).collect();
         let mut before = AxisNetwork {
@@ -108,17 +113,18 @@ impl AxisNetwork {
         for _ in 0..EPOCHS {
             order.shuffle(rng);
             for (inputs, target) in order.iter().filter_map(|i| lessons.get(*i)) {
-                let error = target - self.ask(inputs, &mut units);
+                let error = target - self.evaluate(inputs, &mut units);
                 for (k, unit) in units.iter().enumerate() {
                     let back = error * self.output[k] * unit * (1.0 - unit);
-                    let (weights, steps) = (&mut self.hidden[k], &mut before.hidden[k]);
+                    let weights = &mut self.hidden[k];
+                    let steps = &mut before.hidden[k];
                     for ((w, s), v) in weights.iter_mut().zip(steps).zip(inputs.iter().chain([&1.0])) {
-                        *s = RATE * back * v + MOMENTUM * *s;
+                        *s = LEARNING_RATE * back * v + MOMENTUM * *s;
                         *w += *s;
                     }
                 }
                 for ((w, s), v) in self.output.iter_mut().zip(&mut before.output).zip(units.iter().chain([&1.0])) {
-                    *s = RATE * error * v + MOMENTUM * *s;
+                    *s = LEARNING_RATE * error * v + MOMENTUM * *s;
                     *w += *s;
                 }
             }
@@ -128,13 +134,14 @@ impl AxisNetwork {
 }
 
 impl PublishedNetwork {
-    /// Learns from views of known places; `tell` hears how far it is.
+    /// Trains on views of known positions; `tell` is called with the completed share.
     ///
     /// # Errors
-    /// Too few views or places, or views with which learning does not converge.
+    /// Too few views or positions, or a training that does not converge.
     pub fn train(known: &[KnownView], seed: u64, tell: &mut dyn FnMut(f64)) -> Result<PublishedNetwork, Untaught> {
         let folds = folds(known, seed)?;
-        let (steps, mut done) = ((3 * EPOCHS * (folds.len() + 1)) as f64, 0.0);
+        let steps = (3 * EPOCHS * (folds.len() + 1)) as f64;
+        let mut done = 0.0;
         let mut epoch = || {
             done += 1.0;
             tell(done / steps);
@@ -183,18 +190,19 @@ impl PublishedNetwork {
         }
     }
 
-    /// Whether it has all its numbers, and these can be.
+    /// Returns whether all numbers are present and valid.
     pub(super) fn is_whole(&self) -> bool {
         let inputs = if self.has_boxes { 21 } else { 13 };
         let axes = self.axes.len() == 3 && self.axes.iter().all(|a| a.is_whole(inputs));
         axes && self.covariance.cholesky().is_some() && self.common.iter().all(|n| n.is_finite())
     }
 
-    /// Where what was seen is.
+    /// Estimates the position of an object from one view.
     pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
-        let (inputs, mut units) = (inputs(view, self.has_boxes), Vec::new());
+        let inputs = inputs(view, self.has_boxes);
+        let mut units = Vec::new();
         let mut axis = |(network, (low, high)): (&AxisNetwork, (f64, f64))| {
-            low + (network.ask(&inputs, &mut units) + 1.0) * 0.5 * (high - low)
+            low + (network.evaluate(&inputs, &mut units) + 1.0) * 0.5 * (high - low)
         };
         let mm: Vec<f64> = self.axes.iter().zip(PLACE_MM).map(&mut axis).collect();
         let place = Vector3::from_iterator(mm.iter().map(|v| v / 1e3).chain([0.0; 3]).take(3));

@@ -1,4 +1,4 @@
-//! Which of what the one eye saw is the same thing as which of what the other eye saw.
+//! Matching of the left eye's detections with the right eye's.
 
 use super::file::ReadyLocator;
 use super::head::JointAngles;
@@ -6,16 +6,18 @@ use super::standing::Standing;
 use super::view::{Glimpse, StereoView};
 use nalgebra::Vector3;
 
-/// Two eyes that see one thing agree within this, rad: cameras may be a degree or two off. So far their rays pass each other, seen from
-/// them; and of what stands somewhere so far either eye's ray is beside where the other's meets the height.
-const ASKEW: f64 = 0.1;
+/// Maximum angle between the rays of two eyes that detect the same object, rad: cameras may be a
+/// degree or two off. It bounds the angle at which the rays pass each other, and for objects on a
+/// support plane the angle between each ray and the point where the other one meets the plane.
+const MAX_ANGLE_RAD: f64 = 0.1;
 
-/// A ray: where it begins, m, and a direction of length 1, in the frame of the places.
+/// A ray: its origin, m, and a direction of length 1, in the frame of the positions.
 pub(super) type Ray = (Vector3<f64>, Vector3<f64>);
 
-/// Pairs of what the left eye and what the right eye saw that may be one thing each, those first that are told first by both; and what is
-/// in none, with its eye. Each glimpse is in one pair at most: the one in which both eyes agree best. A locator that knows no head takes the
-/// first of both.
+/// Pairs detections of the left and the right eye that may be the same object, by decreasing
+/// confidence, and returns the unpaired ones with their eye. Each detection is in at most one pair:
+/// the one in which the eyes agree best. A locator without kinematics pairs the first detections of
+/// both eyes.
 pub(super) fn pairs(
     ready: &ReadyLocator,
     encoders: &JointAngles,
@@ -51,19 +53,20 @@ pub(super) fn pairs(
     (taken.into_iter().map(|(.., view)| view).collect(), lone)
 }
 
-/// How badly two rays go to one thing, 1 at most; `None`: to two things.
+/// Returns the misfit of two rays to one object, at most 1; `None`: they belong to two objects.
 fn misfit(rays: &[Ray; 2], stands: Option<&Standing>) -> Option<f64> {
     let beside = stands.and_then(|standing| standing.beside(rays)).unwrap_or(0.0);
-    let misfit = f64::max(askew(rays)?, beside) / ASKEW;
+    let misfit = f64::max(askew(rays)?, beside) / MAX_ANGLE_RAD;
     (misfit <= 1.0).then_some(misfit)
 }
 
-/// How far two rays pass each other, as an angle seen from where they begin, rad; `None` if they don't come near each other before the eyes.
+/// Returns the angle at which two rays pass each other, seen from their origins, rad; `None` if
+/// they do not approach each other in front of the eyes.
 fn askew([(a, u), (b, v)]: &[Ray; 2]) -> Option<f64> {
     let normal = u.cross(v);
     let square = normal.norm_squared();
     let between = b - a;
-    // along the first ray to where they are nearest
+    // Distance along the first ray to the point of closest approach.
     let far = between.cross(v).dot(&normal) / square.max(1e-12);
     (far > 0.0).then(|| (between.dot(&normal) / square.sqrt().max(1e-6)).abs() / far)
 }
@@ -85,7 +88,7 @@ mod tests {
         let both = |left: [f64; 3], right: [f64; 3]| [toward(EYES[0], left), toward(EYES[1], right)];
         let cup = [0.35, 0.05, -0.1];
         assert!(misfit(&both(cup, cup), Some(&table)).is_some_and(|m| m < 1e-6));
-        // each camera off by a degree, to either side
+        // Each camera off by a degree, to opposite sides.
         let off = [[0.35, 0.059, -0.1], [0.36, 0.041, -0.1]];
         assert!(misfit(&both(off[0], off[1]), Some(&table)).is_some_and(|m| m < 0.6));
         let other = [0.35, 0.13, -0.1];

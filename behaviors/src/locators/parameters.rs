@@ -1,10 +1,10 @@
-//! What may be off in a head: where each parameter is in the vector, and how far it is believed to be off before anything was seen.
+//! Parameters of a head model: the index of each in the vector, and its prior.
 
 use super::head::JointAngles;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Where parameters are in the vector, without those of the warp.
+/// Indices of the parameters in the vector, without those of the warp.
 pub(super) const OFFSETS: usize = 0;
 pub(super) const GAINS: usize = 9;
 pub(super) const SAGS: usize = 18;
@@ -12,20 +12,24 @@ pub(super) const EYES: usize = 21;
 pub(super) const EYE: usize = 7;
 pub(super) const FRAME: usize = 35;
 pub(super) const LAG: usize = 41;
-/// How many there are without a warp, and with one.
+/// Number of parameters without a warp.
 pub(super) const RIGID: usize = 42;
+/// Number of parameters with a warp.
 pub(super) const WARPED: usize = RIGID + 3 * TERMS;
+/// Number of terms of a warp.
 pub(super) const TERMS: usize = 9;
 
-/// What is believed of a parameter before anything was seen: its middle and its standard deviation.
+/// Prior of a parameter: its mean and its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Prior {
     pub(super) middle: f64,
     pub(super) deviation: f64,
 }
 
-/// The priors of all parameters: encoders 3 degrees (vergence 6) and 3 %, sag 1 degree, mounts 3 degrees, focal length 10 %, center 20 pixels, k1 0.15,
-/// the frame 6 degrees and 0.3 m (it was found roughly before), lag 0.5 of a step (`has_rests`; else there is none), warp 3 mm.
+/// Returns the priors of all parameters. Standard deviations: encoder offsets 3 degrees (vergence
+/// 6), gains 3 %, sag 1 degree, mounts 3 degrees, focal length 10 %, principal point 20 pixels, k1
+/// 0.15, the frame 6 degrees and 0.3 m (it was estimated before), lag 0.5 of a step (without
+/// `has_rests` there is no lag), warp 3 mm.
 pub(super) fn priors(has_rests: bool, has_warp: bool) -> Vec<Prior> {
     let degree = 1.0_f64.to_radians();
     let mut all = vec![Prior { middle: 0.0, deviation: 3.0 * degree }; WARPED];
@@ -48,28 +52,28 @@ pub(super) fn priors(has_rests: bool, has_warp: bool) -> Vec<Prior> {
     all
 }
 
-/// Where places are told: how their frame lies in the root's.
+/// Frame of the positions relative to the root frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlaceFrame {
-    /// From the places' frame to the root's.
+    /// Rotation from the frame of the positions to the root frame.
     pub rotation: Matrix3<f64>,
-    /// Its origin in the root's frame, m.
+    /// Origin of the frame of the positions in the root frame, m.
     pub origin: Vector3<f64>,
 }
 
-/// Where whoever put the objects there was off, smoothly: quadratic in the place.
+/// Systematic, smooth error of the given positions: quadratic in the position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Warp {
-    /// The middle of the places, m.
+    /// Mean of the positions, m.
     pub center: Vector3<f64>,
-    /// How far they spread, m.
+    /// Standard deviation of the positions along each axis, m.
     pub spread: Vector3<f64>,
 }
 
 impl Warp {
-    /// The terms, and how each moves with the place.
+    /// Computes the terms, and the derivative of each with respect to the position.
     pub(super) fn terms(&self, place: &Vector3<f64>) -> ([f64; TERMS], [[f64; 3]; TERMS]) {
         let n = (place - self.center).component_div(&self.spread);
         let [x, y, z] = [n.x, n.y, n.z];
@@ -90,7 +94,7 @@ impl Warp {
     }
 }
 
-/// Three turns about x, y and z after one another, and the axes that they turn about.
+/// Three successive rotations about x, y and z, and their axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Turned {
     pub(super) all: Matrix3<f64>,
@@ -98,10 +102,12 @@ pub(super) struct Turned {
 }
 
 impl Turned {
-    /// By these angles, rad.
+    /// Creates the rotations from their angles, rad.
     pub(super) fn new(angles: &[f64]) -> Turned {
         let angle = |i: usize| angles.get(i).copied().unwrap_or_default().sin_cos();
-        let ((sa, ca), (sb, cb), (sc, cc)) = (angle(0), angle(1), angle(2));
+        let (sa, ca) = angle(0);
+        let (sb, cb) = angle(1);
+        let (sc, cc) = angle(2);
         let x = Matrix3::new(1.0, 0.0, 0.0, 0.0, ca, -sa, 0.0, sa, ca);
         let y = Matrix3::new(cb, 0.0, sb, 0.0, 1.0, 0.0, -sb, 0.0, cb);
         let z = Matrix3::new(cc, -sc, 0.0, sc, cc, 0.0, 0.0, 0.0, 1.0);
@@ -110,7 +116,8 @@ impl Turned {
     }
 }
 
-/// Joints that gravity bends, and how much it pulls there: torso pitch and roll, neck pitch.
+/// Returns the joints that sag under gravity, and the lever of gravity at each: torso pitch and
+/// roll, neck pitch.
 pub(super) fn levers(q: &JointAngles) -> [(usize, f64); 3] {
     [(0, q[0].sin()), (1, q[1].sin()), (3, (q[0] + q[3]).sin())]
 }

@@ -1,5 +1,6 @@
-//! What is known of a place once it was seen: every explanation of the view (both eyes right, the head's pose wrong, an eye deceived)
-//! with every expectation, each a normal distribution about its own best place; the answer has the mean and the covariance of all.
+//! Posterior distribution of a position: a mixture over every explanation of the view (both eyes
+//! right, the head's pose wrong, one eye wrong) and every component of the prior, each a normal
+//! distribution about its own mode. The estimate has the mean and the covariance of the mixture.
 
 use super::looking::Looking;
 use super::model::{HeadModel, invert};
@@ -9,47 +10,49 @@ use super::workspace::Expected;
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
-/// How often a view is explained by what.
+/// Probabilities of the explanations of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shares {
-    /// The pose of the head was another one: both eyes are off together.
+    /// The head's pose differs from the reading: both eyes are off together.
     pub astray: f64,
-    /// One eye saw something else; for each eye.
+    /// One eye detected something else; for each eye.
     pub one_eye: f64,
-    /// Both did.
+    /// Both eyes detected something else.
     pub both_eyes: f64,
 }
 
-/// How far a picture is off if the head's pose was another one, pixels.
-const ASTRAY: f64 = 60.0;
-/// How likely something else is seen at just this pixel, as a logarithm: evenly over 640x480 pixels, where a normal distribution has
-/// 1/2 pi as a factor.
+/// Standard deviation of the pixels if the head's pose differs from the reading, pixels.
+const ASTRAY_SIGMA_PX: f64 = 60.0;
+/// Log-density of a wrong detection at a pixel: uniform over 640x480 pixels, relative to a normal
+/// distribution without its factor 1/(2 pi).
 const LN_ELSEWHERE: f64 = 1.838 - 12.635;
-/// Steps of the search for the best place; it ends before if they get shorter than this, m.
-const STEPS: (usize, f64) = (12, 1e-4);
+/// Maximum number of steps of the search for the mode.
+const MAX_STEPS: usize = 12;
+/// Length of a step below which the search ends, m.
+const MIN_STEP_M: f64 = 1e-4;
 
-/// One explanation of the pixels: their information matrix, and the logarithm of what it weighs before the pixels are looked at.
+/// An explanation of the pixels: their information matrix, and the logarithm of its prior weight.
 pub(super) struct Explained {
     pub(super) information: Matrix4<f64>,
     pub(super) ln_weight: f64,
 }
 
 impl Shares {
-    /// Whether they can be.
+    /// Returns whether the probabilities are valid.
     pub(super) fn is_sound(&self) -> bool {
         let all = [self.astray, self.one_eye, self.both_eyes];
         all.iter().all(|s| (1e-6..0.3).contains(s))
     }
 
-    /// What may explain pixels that scatter so.
+    /// Returns the explanations of pixels with this covariance.
     pub(super) fn explanations(&self, covariance: &Matrix4<f64>) -> Vec<Explained> {
         let right = 1.0 - self.astray - 2.0 * self.one_eye - self.both_eyes;
         let whole = |share: f64, covariance: &Matrix4<f64>| {
             let (information, ln_det) = invert(covariance)?;
             Some(Explained { information, ln_weight: share.ln() - 0.5 * ln_det })
         };
-        let together = Matrix4::from_fn(|i, j| if i % 2 == j % 2 { ASTRAY.powi(2) } else { 0.0 });
+        let together = Matrix4::from_fn(|i, j| if i % 2 == j % 2 { ASTRAY_SIGMA_PX.powi(2) } else { 0.0 });
         let eye = |e: usize| {
             let block = covariance.fixed_view::<2, 2>(2 * e, 2 * e).into_owned();
             let cholesky = block.cholesky()?;
@@ -64,13 +67,14 @@ impl Shares {
             .collect()
     }
 
-    /// What it weighs that both eyes saw something else, on the scale of the explanations.
+    /// Returns the logarithm of the weight of both eyes being wrong, on the scale of the
+    /// explanations.
     pub(super) fn ln_nothing(&self) -> f64 {
         self.both_eyes.ln() + 2.0 * LN_ELSEWHERE
     }
 }
 
-/// Likely places: a mixture of normal distributions.
+/// Distribution of a position: a mixture of normal distributions.
 #[derive(Default)]
 pub(super) struct Mixture {
     parts: Vec<(f64, Vector3<f64>, Matrix3<f64>)>,
@@ -83,7 +87,8 @@ impl Mixture {
         }
     }
 
-    /// Adds what is expected together with what was seen: pixels' information on the place about `place`, and the gradient of their fit.
+    /// Adds the products of a likelihood with all components of the prior. The likelihood is given
+    /// by its information on the position about `place` and its gradient there.
     pub(super) fn expect(
         &mut self,
         expected: &[Expected],
@@ -103,13 +108,16 @@ impl Mixture {
         }
     }
 
-    /// Its mean and covariance.
+    /// Returns mean and covariance.
     pub(super) fn estimate(&self) -> Option<Estimate> {
         let most = self.parts.iter().map(|p| p.0).max_by(f64::total_cmp)?;
-        let (mut sum, mut place, mut square) = (0.0, Vector3::zeros(), Matrix3::zeros());
+        let mut sum = 0.0;
+        let mut place = Vector3::zeros();
+        let mut square = Matrix3::zeros();
         let reference = self.parts.first()?.1;
         for (ln_weight, middle, covariance) in self.parts.iter().filter(|p| p.0 > most - 20.0) {
-            let (weight, off) = ((ln_weight - most).exp(), middle - reference);
+            let weight = (ln_weight - most).exp();
+            let off = middle - reference;
             sum += weight;
             place += off * weight;
             square += (covariance + off * off.transpose()) * weight;
@@ -119,7 +127,7 @@ impl Mixture {
     }
 }
 
-/// What is known of the place of what was seen; `None` only if numbers fail.
+/// Estimates the position of an object from one view; `None` only if the numerics fail.
 pub(super) fn locate(
     model: &HeadModel,
     view: &StereoView,
@@ -150,8 +158,8 @@ pub(super) fn locate(
     mixture.estimate()
 }
 
-/// A place that pixels and the wide expectation agree on, and there: the pixels' information on it, the gradient of their fit, and how
-/// badly they fit, in squares of standard deviations.
+/// Mode under the wide component of the prior, and there: the pixels' information on the position,
+/// the gradient of their fit, and their squared Mahalanobis distance.
 pub(super) struct Likeliest {
     pub(super) place: Vector3<f64>,
     pub(super) information: Matrix3<f64>,
@@ -159,7 +167,7 @@ pub(super) struct Likeliest {
     pub(super) misfit: f64,
 }
 
-/// The best place under the wide expectation, by damped Gauss-Newton steps.
+/// Finds the mode under the wide component of the prior by damped Gauss-Newton steps.
 pub(super) fn best_place(
     looking: &Looking,
     pixels: &Vector4<f64>,
@@ -175,7 +183,7 @@ pub(super) fn best_place(
     let mut seen = looking.see(&place)?;
     let mut off = pixels - seen.pixels;
     let mut damping = 1e-4;
-    for _ in 0..STEPS.0 {
+    for _ in 0..MAX_STEPS {
         let by = information * seen.by_place;
         let curvature = seen.by_place.tr_mul(&by) + wide.information;
         let gradient = by.tr_mul(&off) + wide.information * (wide.middle - place);
@@ -189,8 +197,11 @@ pub(super) fn best_place(
         let better = looking.see(&next).filter(|s| cost(&next, &(pixels - s.pixels)) <= cost(&place, &off));
         match better {
             Some(s) => {
-                (place, seen, off, damping) = (next, s, pixels - s.pixels, damping * 0.2);
-                if length < STEPS.1 {
+                place = next;
+                seen = s;
+                off = pixels - seen.pixels;
+                damping *= 0.2;
+                if length < MIN_STEP_M {
                     break;
                 }
             }
@@ -198,6 +209,7 @@ pub(super) fn best_place(
         }
     }
     let by = information * seen.by_place;
-    let (misfit, gradient) = (off.dot(&(information * off)), by.tr_mul(&off));
+    let misfit = off.dot(&(information * off));
+    let gradient = by.tr_mul(&off);
     Some(Likeliest { place, information: seen.by_place.tr_mul(&by), gradient, misfit })
 }

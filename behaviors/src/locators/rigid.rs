@@ -1,21 +1,23 @@
-//! The rigid motion that takes one set of points onto another, although some are grossly off.
+//! Robust estimation of the rigid motion that maps one set of points to another.
 
 use super::parameters::PlaceFrame;
 use nalgebra::{Matrix3, Vector3};
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
 
-/// Triples that are tried.
+/// Number of triples that are tried.
 const TRIALS: usize = 100;
 
-/// The least-squares motion from the first to the second of each pair, weighted (Kabsch).
+/// Computes the least-squares motion from the first to the second of each pair (Kabsch).
 fn least_squares<'a>(pairs: impl Iterator<Item = &'a (Vector3<f64>, Vector3<f64>)> + Clone) -> Option<PlaceFrame> {
     let n = pairs.clone().count() as f64;
     let (from, to) = pairs.clone().fold((Vector3::zeros(), Vector3::zeros()), |(f, t), p| (f + p.0, t + p.1));
-    let (from, to) = (from / n, to / n);
+    let from = from / n;
+    let to = to / n;
     let spread: Matrix3<f64> = pairs.map(|p| (p.1 - to) * (p.0 - from).transpose()).sum();
     let svd = spread.svd(true, true);
-    let (u, v_t) = (svd.u?, svd.v_t?);
+    let u = svd.u?;
+    let v_t = svd.v_t?;
     let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
     let rotation = u * mirror * v_t;
     Some(PlaceFrame { rotation, origin: to - rotation * from })
@@ -25,8 +27,8 @@ fn off(frame: &PlaceFrame, pair: &(Vector3<f64>, Vector3<f64>)) -> f64 {
     (frame.rotation * pair.0 + frame.origin - pair.1).norm()
 }
 
-/// The motion under which half of the pairs are nearest, refined by the pairs that are near under it, and how near that half is, m; `None` if there are fewer than
-/// three or they are in line.
+/// Returns the motion with the least median error, refined on the pairs close to it, and that
+/// median, m; `None` for fewer than three pairs, or if they are collinear.
 pub(super) fn rigid(pairs: &[(Vector3<f64>, Vector3<f64>)], rng: &mut ChaCha8Rng) -> Option<(PlaceFrame, f64)> {
     if pairs.len() < 3 {
         return None;

@@ -1,8 +1,9 @@
-//! Recorded tables: comma-separated text, one view of a known place in each row.
+//! Recorded tables: comma-separated text, one view of a known position in each row.
 //!
-//! Columns, in any order: what the left and the right eye saw (`lcx`, `lcy`, `rcx`, `rcy`, pixels; `lx`, `ly`, `lw`, `lh`, `rx`, `ry`,
-//! `rw`, `rh`, the boxes, all or none), the joints (`neck_pitch` to `eyes_vergence`, `torso_yaw`, `torso_roll`, `torso_pitch`,
-//! degrees), and the place (`x_mm`, `y_mm`, `z_mm`).
+//! Columns, in any order: the detections of the left and the right eye (centers `lcx`, `lcy`,
+//! `rcx`, `rcy`, pixels; boxes `lx`, `ly`, `lw`, `lh`, `rx`, `ry`, `rw`, `rh`, all or none), the
+//! joints (`neck_pitch` to `eyes_vergence`, `torso_yaw`, `torso_roll`, `torso_pitch`, degrees), and
+//! the position (`x_mm`, `y_mm`, `z_mm`).
 
 use super::view::{Glimpse, KnownView, StereoView};
 use nalgebra::Vector3;
@@ -23,31 +24,32 @@ const ENCODERS: [&str; 9] = [
 const CENTERS: [&str; 4] = ["lcx", "lcy", "rcx", "rcy"];
 const BOXES: [&str; 8] = ["lx", "ly", "lw", "lh", "rx", "ry", "rw", "rh"];
 const PLACE: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
-/// Pictures of the recorded tables, pixels across and down; a box within a pixel of their border is cut off by it.
-const SIZE: [f64; 2] = [640.0, 480.0];
-/// Rows that a table needs at least.
-const LEAST: usize = 1;
-/// What a number in a table may be at most: anything more is no pixel, degree or millimeter.
-const MOST: f64 = 1e6;
+/// Width and height of the images of recorded tables, pixels; a box within a pixel of the border is
+/// clipped.
+const IMAGE_SIZE_PX: [f64; 2] = [640.0, 480.0];
+/// Minimum number of rows of a table.
+const MIN_ROWS: usize = 1;
+/// Maximum absolute number in a table: more is neither a pixel, a degree nor a millimeter.
+const MAX_NUMBER: f64 = 1e6;
 
-/// What is wrong with a table, where, and what to do about it.
+/// An error in a table: place, problem and remedy.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("line {line}: {what}")]
 pub struct RowFault {
-    /// The line, from 1.
+    /// Line, from 1.
     pub line: usize,
-    /// What is wrong there, with the column.
+    /// Problem, with the column.
     pub what: String,
-    /// What to do about it.
+    /// Remedy.
     pub help: String,
 }
 
-/// A table, read whole.
+/// A complete table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewTable {
     /// Its rows.
     pub known: Vec<KnownView>,
-    /// Whether it tells boxes.
+    /// The rows contain bounding boxes.
     pub has_boxes: bool,
 }
 
@@ -58,8 +60,8 @@ fn fault(line: usize, what: impl Into<String>, help: impl Into<String>) -> RowFa
 /// Reads a table.
 ///
 /// # Errors
-/// Missing, unknown or doubled columns, rows of another length, fields that are no finite numbers, boxes that have no size, and tables
-/// without rows: nothing of it is taken then.
+/// Missing, unknown or duplicate columns, rows of another length, fields that are not finite
+/// numbers, boxes of negative size, and tables without rows. Nothing is returned in these cases.
 pub fn parse(text: &str) -> Result<ViewTable, RowFault> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim_end_matches('\r')));
@@ -74,26 +76,28 @@ pub fn parse(text: &str) -> Result<ViewTable, RowFault> {
             return Err(fault(line, what, "give each row one field for each column, or remove the row"));
         }
         let number = |column: usize| -> Result<f64, RowFault> {
-            let (name, field) = (names[column], fields[column]);
-            let value = field.parse::<f64>().ok().filter(|v| v.abs() <= MOST);
+            let name = names[column];
+            let field = fields[column];
+            let value = field.parse::<f64>().ok().filter(|v| v.abs() <= MAX_NUMBER);
             value.ok_or_else(|| {
-                let said = if field.is_empty() { "nothing".into() } else { format!("{field:?}") };
+                let found = if field.is_empty() { "nothing".into() } else { format!("{field:?}") };
                 fault(
                     line,
-                    format!("column {} (`{name}`) has {said} where a finite number belongs", column + 1),
+                    format!("column {} (`{name}`) has {found} where a finite number belongs", column + 1),
                     "correct the field, or remove the row",
                 )
             })
         };
         known.push(view(&columns, has_boxes, line, &number)?);
     }
-    if known.len() < LEAST {
+    if known.len() < MIN_ROWS {
         return Err(fault(1, "there are no rows after the header", "give a table with at least one row"));
     }
     Ok(ViewTable { known, has_boxes })
 }
 
-/// Views with boxes as a table that [`parse`] reads; a view without a box of either eye is left out.
+/// Formats views with boxes as a table that [`parse`] reads; views without a box for both eyes are
+/// omitted.
 pub fn table(known: &[KnownView]) -> String {
     let names: Vec<&str> = CENTERS.iter().chain(&ENCODERS).chain(&PLACE).chain(&BOXES).copied().collect();
     let mut text = names.join(",") + "\n";
@@ -109,7 +113,7 @@ pub fn table(known: &[KnownView]) -> String {
     text
 }
 
-/// Where each column is: centers, joints, place, boxes.
+/// Returns the index of each column, in the order centers, joints, position, boxes.
 fn columns(names: &[&str]) -> Result<(Vec<usize>, bool), RowFault> {
     let at = |name: &str| names.iter().position(|n| *n == name);
     let help = "give a table as recorded: lcx,lcy,rcx,rcy, the nine joints in degrees, x_mm,y_mm,z_mm, and lx,ly,lw,lh,rx,ry,rw,rh if \
@@ -121,7 +125,7 @@ fn columns(names: &[&str]) -> Result<(Vec<usize>, bool), RowFault> {
         return Err(fault(
             1,
             "the places are cells of a table (`cell_x`), not positions",
-            "give positions in `x_mm`, `y_mm`, `z_mm`: cells tell neither their size nor where the table is",
+            "give positions in `x_mm`, `y_mm`, `z_mm`: cells contain neither their size nor the position of the table",
         ));
     }
     let wanted = || CENTERS.iter().chain(&ENCODERS).chain(&PLACE);
@@ -162,7 +166,7 @@ fn view(
             let eye = ["left", "right"][e];
             return Err(fault(line, format!("the box of the {eye} eye has no size"), "correct it, or remove the row"));
         }
-        let is_clipped = x <= 1.0 || y <= 1.0 || x + w >= SIZE[0] - 2.0 || y + h >= SIZE[1] - 2.0;
+        let is_clipped = x <= 1.0 || y <= 1.0 || x + w >= IMAGE_SIZE_PX[0] - 2.0 || y + h >= IMAGE_SIZE_PX[1] - 2.0;
         Ok(Glimpse { center, bounds: Some(bounds), is_clipped })
     };
     let mut encoders = [0.0; 9];

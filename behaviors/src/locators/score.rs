@@ -1,4 +1,4 @@
-//! How good a locator is: its errors at places that are known.
+//! Accuracy of a locator: its errors at known positions.
 
 use super::file::ReadyLocator;
 use super::honest::places_of;
@@ -6,29 +6,29 @@ use super::view::{Estimate, INSIDE_95, KnownView};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Errors over views, or over places.
+/// Errors over views, or over positions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
-    /// How many were asked for.
+    /// Number of queries.
     pub n: usize,
-    /// How many of these were answered.
+    /// Number of queries with a result.
     pub located: usize,
-    /// The median distance from the truth, mm.
+    /// Median error, mm.
     pub median_mm: f64,
-    /// The mean one, mm.
+    /// Mean error, mm.
     pub mean_mm: f64,
-    /// That which 95 % do not exceed, mm.
+    /// 95th percentile of the errors, mm.
     pub p95_mm: f64,
-    /// The share of true places inside the stated region of 95 %.
+    /// Share of true positions inside the estimated 95 % region.
     pub inside_95: f64,
 }
 
 /// Errors of single views, and of all views of each place together.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LocatorScore {
-    /// Of one view.
+    /// Errors of single views.
     pub single: Errors,
-    /// Of all views of each place together.
+    /// Errors of all views of each position together.
     pub fused: Errors,
 }
 
@@ -38,7 +38,7 @@ impl Errors {
         let mut off: Vec<f64> = located.clone().map(|(e, t)| 1e3 * (e.place - t).norm()).collect();
         off.sort_by(f64::total_cmp);
         let count = off.len() as f64;
-        // between the two nearest, as usual
+        // Linear interpolation between the two nearest.
         let quantile = |share: f64| {
             let at = share * (count - 1.0).max(0.0);
             let value = |i: f64| off.get(i as usize).copied().unwrap_or_default();
@@ -56,7 +56,7 @@ impl Errors {
     }
 }
 
-/// What was answered, and the truth.
+/// Estimates, and the true positions.
 #[derive(Clone, Debug, Default)]
 pub struct PlaceAnswers {
     single: Vec<(Option<Estimate>, Vector3<f64>)>,
@@ -64,19 +64,19 @@ pub struct PlaceAnswers {
 }
 
 impl PlaceAnswers {
-    /// Asks a locator for these views, one by one and all of each place together.
+    /// Locates these views, one by one and all of each position together.
     pub fn ask(&mut self, locator: &ReadyLocator, known: &[KnownView]) {
         self.single.extend(known.iter().map(|k| (locator.locate(&k.view), k.place)));
         self.fused.extend(places_of(known).into_iter().map(|(place, views)| (locator.fuse(&views), place)));
     }
 
-    /// How good they are.
+    /// Returns the accuracy.
     pub fn score(&self) -> LocatorScore {
         LocatorScore { single: Errors::of(&self.single), fused: Errors::of(&self.fused) }
     }
 }
 
-/// Judges a locator by views of known places.
+/// Evaluates a locator on views of known positions.
 pub fn judge(locator: &ReadyLocator, known: &[KnownView]) -> LocatorScore {
     let mut answers = PlaceAnswers::default();
     answers.ask(locator, known);

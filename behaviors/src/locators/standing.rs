@@ -1,4 +1,4 @@
-//! What is known of objects that stand on a table: how high their middle is, and so how far away.
+//! Objects on a support plane: the known height of their centers determines the distance.
 
 use super::pairing::Ray;
 use super::view::Estimate;
@@ -7,26 +7,27 @@ use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// A place that is off the height where things stand by so much, m, and by so many standard deviations, is none: the eyes saw two
-/// different things.
-const OFF_HEIGHT: (f64, f64) = (0.1, 4.0);
+/// Distance from the plane, m, and in standard deviations, of which both must be exceeded for a
+/// position to be rejected: the eyes then detected two different objects.
+const MAX_HEIGHT_ERROR: (f64, f64) = (0.1, 4.0);
 
-/// A camera may be turned from where it is thought to be by so much, rad: by a degree.
-const TURNED: f64 = std::f64::consts::PI / 180.0;
+/// Standard deviation of a camera's orientation, rad: one degree.
+const CAMERA_SIGMA_RAD: f64 = std::f64::consts::PI / 180.0;
 
-/// A ray with no more slope than this (11 degrees) goes along, not down.
-const ALONG: f64 = 0.2;
+/// Minimum slope of a ray that meets the plane (11 degrees).
+const MIN_SLOPE: f64 = 0.2;
 
-/// Objects that stand on something level: what eyes are surest of is the direction, so that the height tells how far away they are.
+/// Objects on a horizontal support plane. The direction is what eyes measure best; the height
+/// determines the distance.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Standing {
-    /// The height of an object's middle in the world, m.
+    /// Height of an object's center in the world, m.
     pub z_m: f64,
-    /// The standard deviation of that, mm.
+    /// Standard deviation of the height, mm.
     #[serde(default = "sd_mm")]
     pub sd_mm: f64,
-    /// What is seen of an object is its near side. Its middle is so much farther from the eyes, mm.
+    /// Distance from the visible near side of an object to its center, along the line of sight, mm.
     #[serde(default)]
     pub behind_mm: f64,
 }
@@ -36,10 +37,10 @@ fn sd_mm() -> f64 {
 }
 
 impl Standing {
-    /// Whether its numbers can be.
+    /// Checks the ranges of the numbers.
     ///
     /// # Errors
-    /// The first that can't, with its range.
+    /// The first number out of range, with its range.
     pub(super) fn check(&self) -> Result<(), KindError> {
         let ranges = [
             ("stands.z_m", self.z_m, -100.0, 100.0),
@@ -56,8 +57,9 @@ impl Standing {
         }
     }
 
-    /// How far beside its own ray either eye has what the other one's ray meets at the height where things stand, at most, rad; `None` if
-    /// that says nothing: a ray goes along there, or away.
+    /// Returns the larger of the two angles between an eye's ray and the point where the other
+    /// eye's ray meets the plane, rad; `None` if a ray is parallel to the plane or leads away from
+    /// it.
     pub(super) fn beside(&self, rays: &[Ray; 2]) -> Option<f64> {
         let [left, right] = rays;
         let beside = |(from, toward): &Ray, (other, its): &Ray| {
@@ -66,29 +68,34 @@ impl Standing {
         Some(f64::max(beside(left, right)?, beside(right, left)?))
     }
 
-    /// How far a ray goes to the height where things stand, m; `None` if it goes along there, or away.
+    /// Returns the distance along a ray to the plane, m; `None` if the ray is parallel to it or
+    /// leads away from it.
     fn far(&self, (from, toward): (&Vector3<f64>, &Vector3<f64>)) -> Option<f64> {
         let far = (self.z_m - from.z) / toward.z;
-        (toward.z.abs() > ALONG && far > 0.0).then_some(far)
+        (toward.z.abs() > MIN_SLOPE && far > 0.0).then_some(far)
     }
 
-    /// Where an object is that stands there and that one eye alone sees; `None` if its ray goes along there, or away.
+    /// Locates an object on the plane from the ray of one eye; `None` if the ray is parallel to the
+    /// plane or leads away from it.
     pub(super) fn on_ray(&self, (from, toward): &Ray) -> Option<Estimate> {
         let far = self.far((from, toward))?;
-        // an angle moves where the ray meets the height, and the height where it is met along the ray
+        // An angular error moves the intersection within the plane, a height error moves it along
+        // the ray.
         let level = Matrix3::identity() - toward * Vector3::z().transpose() / toward.z;
         let along = toward * (self.sd_mm * 1e-3 / toward.z);
-        let covariance = level * level.transpose() * (far * TURNED).powi(2) + along * along.transpose();
+        let covariance = level * level.transpose() * (far * CAMERA_SIGMA_RAD).powi(2) + along * along.transpose();
         Some(Estimate { place: from + toward * far, covariance })
     }
 
-    /// Where an object is that stands there, as far as a view tells; `None` if what it tells is far above or below that.
+    /// Combines an estimate with the height of the plane; `None` if the estimate is far above or
+    /// below it.
     pub(super) fn place(&self, seen: &Estimate, rays: Option<[Ray; 2]>) -> Option<Estimate> {
         let Estimate { place, covariance } = *seen;
         let along = rays.map(|[left, right]| (left.1 + right.1).normalize()).unwrap_or_default();
         let place = place + along * (self.behind_mm * 1e-3);
-        let (off, variance) = (self.z_m - place.z, covariance[(2, 2)]);
-        if off.abs() > OFF_HEIGHT.0.max(OFF_HEIGHT.1 * variance.sqrt()) {
+        let off = self.z_m - place.z;
+        let variance = covariance[(2, 2)];
+        if off.abs() > MAX_HEIGHT_ERROR.0.max(MAX_HEIGHT_ERROR.1 * variance.sqrt()) {
             return None;
         }
         let gain = covariance.column(2) / (variance + (self.sd_mm * 1e-3).powi(2));

@@ -1,4 +1,4 @@
-//! Heads and lenses, and how what they see moves.
+//! Heads and lenses, and the derivatives of their projections.
 
 use super::head::{HeadKind, JointAngles};
 use super::lens::Lens;
@@ -13,7 +13,7 @@ fn eyes_are_where_the_drawings_have_them() {
     for (kind, x, z) in [(HeadKind::V1, -0.06281, 0.3408), (HeadKind::V2, -0.061709, 0.346347)] {
         for (eye, y) in kind.eyes(&[0.0; 9]).into_iter().zip([-0.034, 0.034]) {
             assert!((eye.center - Vector3::new(x, y, z)).norm() < 1e-3, "{kind:?} {}", eye.center);
-            // the optical axis looks along -x of the root, right is +y, down is -z
+            // The optical axis points along -x of the root, right is +y, down is -z.
             let axes = Matrix3::new(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
             assert!((eye.root_from_camera - axes).norm() < 1e-12);
         }
@@ -51,7 +51,7 @@ fn a_ray_goes_to_what_the_lens_projects() {
     assert!(lens.project(&Vector3::new(0.1, 0.1, -1.0)).is_none());
 }
 
-/// A model that is off in everything.
+/// Creates a model in which every parameter is off.
 fn strange(rng: &mut ChaCha8Rng) -> HeadModel {
     let frame = PlaceFrame {
         rotation: Rotation3::from_euler_angles(0.1, -0.05, 0.2).into_inner(),

@@ -1,5 +1,5 @@
-//! The place of an object that rests, from several views of it at once: not from what each view says alone, because what was expected
-//! before would then count as often as there are views.
+//! Position of an object at rest from several simultaneous views. The estimates of single views are
+//! not combined, because the prior would then count once for each view.
 
 use super::looking::Looking;
 use super::model::HeadModel;
@@ -9,24 +9,28 @@ use super::view::{Estimate, StereoView};
 use super::workspace::Expected;
 use nalgebra::{Matrix3, Vector3, Vector4};
 
-/// Steps of the search, at most; it ends if they get shorter than this, m.
-const STEPS: (usize, f64) = (20, 1e-5);
+/// Maximum number of steps of the search.
+const MAX_STEPS: usize = 20;
+/// Length of a step below which the search ends, m.
+const MIN_STEP_M: f64 = 1e-5;
 
-/// A view with all that may explain it.
+/// A view with all its explanations.
 struct Explanations<'a> {
     pixels: Vector4<f64>,
     of: Vec<(Looking<'a>, f64, Vec<Explained>)>,
     ln_nothing: f64,
 }
 
-/// What all views say near a place: their information on it, the gradient of their fit, and what they cost.
+/// Likelihood of all views near a position: their information on it, the gradient of their fit, and
+/// the negative log-likelihood.
 struct Near {
     information: Matrix3<f64>,
     gradient: Vector3<f64>,
     cost: f64,
 }
 
-/// Where something is of which there are these views with their origins, from a first guess; `None` only if numbers fail.
+/// Estimates a position from these views and their explanations, starting from a first guess;
+/// `None` only if the numerics fail.
 pub(super) fn locate_together(
     model: &HeadModel,
     views: &[(StereoView, Vec<Origin>)],
@@ -49,8 +53,9 @@ pub(super) fn locate_together(
         let from = place - wide.middle;
         near.cost + 0.5 * from.dot(&(wide.information * from))
     };
-    let (mut near, mut damping) = (look(&views, &place), 1e-6);
-    for _ in 0..STEPS.0 {
+    let mut near = look(&views, &place);
+    let mut damping = 1e-6;
+    for _ in 0..MAX_STEPS {
         let curvature = near.information + wide.information;
         let gradient = near.gradient + wide.information * (wide.middle - place);
         let damped = curvature + Matrix3::from_diagonal(&(curvature.diagonal() * damping));
@@ -58,8 +63,10 @@ pub(super) fn locate_together(
         let next = place + step;
         let there = look(&views, &next);
         if total(&there, &next) <= total(&near, &place) {
-            (place, near, damping) = (next, there, damping * 0.1);
-            if step.norm() < STEPS.1 {
+            place = next;
+            near = there;
+            damping *= 0.1;
+            if step.norm() < MIN_STEP_M {
                 break;
             }
         } else {

@@ -1,4 +1,5 @@
-//! The kind `triangulate`: where the rays of the two eyes pass each other, by what the drawings say of the head, made most likely.
+//! The kind `triangulate`: triangulation of the two eyes' rays by nominal kinematics, refined to
+//! the maximum likelihood.
 
 use super::beginning::{Beginning, Untaught};
 use super::fit::{Lesson, off, scatter};
@@ -11,34 +12,35 @@ use super::workspace::Expected;
 use nalgebra::{Matrix3, Matrix4};
 use serde::{Deserialize, Serialize};
 
-/// Beyond this many meters from where the rays pass each other, a place is hardly believed: what they say of the distance may be next
-/// to nothing.
-const FAR_M: f64 = 2.0;
-/// How pixels scatter if no views tell, pixels.
-const PIXELS: f64 = 2.0;
+/// Standard deviation of the prior about the triangulated point, m: the rays may contain next to no
+/// information on the distance.
+const PRIOR_SIGMA_M: f64 = 2.0;
+/// Standard deviation of the pixels without training views, pixels.
+const DEFAULT_SIGMA_PX: f64 = 2.0;
 
-/// A locator that learns nothing but in which frame places are told, and how far it is off.
+/// A locator that is trained only for the frame of the positions and its own noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Triangulated {
-    /// The head.
+    /// Kinematic model of the head.
     pub model: HeadModel,
-    /// How pixels scatter about what it says.
+    /// Noise of the pixels about its predictions.
     pub noise: Noise,
-    /// By what the covariance has to be multiplied so that 95 % of the places are inside the regions of 95 %.
+    /// Factor of the covariance that makes 95 % of the positions fall inside their 95 % regions.
     pub widening: f64,
-    /// What all views of one place have in common in how they are off, square meters.
+    /// Covariance of the error that all views of one position share, m^2.
     pub common: Matrix3<f64>,
 }
 
 impl Triangulated {
-    /// One by these drawings, in the frame of the places of these views; with none, in the head's own frame.
+    /// Trains a locator with nominal kinematics in the frame of the positions of these views;
+    /// without views, in the frame of `from`.
     ///
     /// # Errors
-    /// Views from which no frame can be found.
+    /// Views from which the frame can't be estimated.
     pub fn train(known: &[KnownView], from: &Beginning) -> Result<Triangulated, Untaught> {
         let model = from.model(known)?;
-        let noise = Noise { resting: Matrix4::identity() * PIXELS.powi(2), clipped: [0.0; 2] };
+        let noise = Noise { resting: Matrix4::identity() * DEFAULT_SIGMA_PX.powi(2), clipped: [0.0; 2] };
         let mut learned = Triangulated { model, noise, widening: 1.0, common: Matrix3::zeros() };
         let rest = Origin { toward: [0.0; 9], ln_share: 0.0 };
         let offs: Vec<_> =
@@ -52,7 +54,7 @@ impl Triangulated {
         Ok(learned)
     }
 
-    /// Whether it has all its numbers, and these can be.
+    /// Returns whether all numbers are present and valid.
     pub(super) fn is_whole(&self) -> bool {
         self.model.is_whole()
             && self.noise.is_sound()
@@ -61,11 +63,12 @@ impl Triangulated {
             && self.common.iter().all(|n| n.is_finite())
     }
 
-    /// Where what was seen is; `None` if the rays do not meet before the eyes.
+    /// Estimates the position of an object from one view; `None` if the rays do not meet in front
+    /// of the eyes.
     pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
         let looking = self.model.look(&view.encoders, &[0.0; 9]);
         let start = looking.midpoint(&view.pixels())?;
-        let weak = Expected::normal(start, Matrix3::identity() * FAR_M.powi(2), 1.0)?;
+        let weak = Expected::normal(start, Matrix3::identity() * PRIOR_SIGMA_M.powi(2), 1.0)?;
         let (information, _) = invert(&self.noise.resting)?;
         let best = best_place(&looking, &view.pixels(), &information, &weak, start)?;
         let covariance = (best.information + weak.information).try_inverse()? * self.widening;

@@ -1,80 +1,84 @@
-//! What a locator is asked: what both eyes saw, and how the body was.
+//! Input of a locator: detections of both eyes, and joint positions.
 
 use super::head::JointAngles;
 use nalgebra::{Matrix3, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
-/// What one eye saw.
+/// Detection of an object by one eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Glimpse {
-    /// The middle of it, pixels.
+    /// Center, pixels.
     pub center: [f64; 2],
-    /// Left, top, width and height of what encloses it, pixels, if that is known.
+    /// Left, top, width and height of its bounding box, pixels, if known.
     pub bounds: Option<[f64; 4]>,
-    /// Whether the picture's border cuts it off.
+    /// It is clipped by the image border.
     pub is_clipped: bool,
 }
 
 impl Glimpse {
-    /// What encloses it, square pixels, if that is known.
+    /// Area of the bounding box, square pixels, if known.
     pub(super) fn area(&self) -> Option<f64> {
         self.bounds.map(|[_, _, width, height]| width * height)
     }
 }
 
-/// What both eyes saw of one object.
+/// Detections of one object by both eyes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StereoView {
-    /// The left and the right eye.
+    /// Left and right eye.
     pub eyes: [Glimpse; 2],
-    /// The joints, rad.
+    /// Joint positions, rad.
     pub encoders: JointAngles,
-    /// Whether the joints were read at the instant of the exposure. In recorded tables they were read some time after.
+    /// The joints were read at the instant of the exposure. In recorded tables they were read some
+    /// time after.
     pub is_timed: bool,
 }
 
 impl StereoView {
-    /// The middles that both eyes saw: left u and v, right u and v, pixels.
+    /// Returns the centers in both images: left u and v, right u and v, pixels.
     pub fn pixels(&self) -> Vector4<f64> {
         let [l, r] = self.eyes.map(|e| e.center);
         Vector4::new(l[0], l[1], r[0], r[1])
     }
 
-    /// The eye to which less than this share is to be seen of what the other one sees: 0 for the left one, 1 for the right one.
+    /// Returns the eye with less than this share of the other eye's area: 0 for the left one, 1 for
+    /// the right one.
     pub(super) fn sees_less(&self, share: f64) -> Option<usize> {
         let [left, right] = [self.eyes[0].area()?, self.eyes[1].area()?];
         if left < share * right { Some(0) } else { (right < share * left).then_some(1) }
     }
 
-    /// Whether the border cuts off what either eye saw.
+    /// Returns whether the image border clips the object in either eye.
     pub fn is_clipped(&self) -> bool {
         self.eyes.iter().any(|e| e.is_clipped)
     }
 }
 
-/// A view of an object whose place is known.
+/// A view of an object at a known position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnownView {
-    /// What was seen.
+    /// The view.
     pub view: StereoView,
-    /// Where it was, m, in the frame of whoever put it there.
+    /// Position of the object, m, in the frame of the recorded positions.
     pub place: Vector3<f64>,
 }
 
-/// Where something is, and how sure that is.
+/// Estimated position of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// Where, m.
+    /// Mean, m.
     pub place: Vector3<f64>,
-    /// The covariance of that, square meters.
+    /// Covariance, m^2.
     pub covariance: Matrix3<f64>,
 }
 
-/// What a normal distribution in space has inside the ellipsoid of 95 %: the square of its radius in standard deviations.
+/// Squared Mahalanobis radius of the ellipsoid that contains 95 % of a normal distribution in
+/// space.
 pub const INSIDE_95: f64 = 7.814_727_903;
 
 impl Estimate {
-    /// The square of how many standard deviations `truth` is off.
+    /// Returns the squared Mahalanobis distance of `truth`; infinite if the covariance is not
+    /// positive definite.
     pub fn distance(&self, truth: &Vector3<f64>) -> f64 {
         let off = truth - self.place;
         self.covariance.cholesky().map_or(f64::INFINITY, |c| off.dot(&c.solve(&off)))

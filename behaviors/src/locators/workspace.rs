@@ -1,44 +1,46 @@
-//! Where objects are expected before anything is seen: about the places where they were in training, and anywhere around.
+//! Prior distribution of object positions: near the positions of the training data, and anywhere
+//! around them.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Places that are kept: more cost time and tell little more.
-const PLACES: usize = 64;
-/// How much of the expectation is the wide one.
-const WIDE: f64 = 0.1;
-/// By what factor the covariance of the training places is widened.
-const WIDENED: f64 = 1.5;
+/// Maximum number of stored positions: more cost time and add little.
+const MAX_PLACES: usize = 64;
+/// Weight of the wide component.
+const WIDE_WEIGHT: f64 = 0.1;
+/// Factor of the covariance of the training positions.
+const COVARIANCE_FACTOR: f64 = 1.5;
 
-/// A mixture of normal distributions: a narrow one about each training place, and a wide one about all.
+/// A mixture of normal distributions: a narrow one about each training position, and a wide one
+/// about all.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Workspace {
-    /// Where the narrow ones are, m.
+    /// Means of the narrow ones, m.
     pub places: Vec<Vector3<f64>>,
     /// Their standard deviation, m.
     pub bandwidth: f64,
-    /// The middle of the wide one, m.
+    /// Mean of the wide one, m.
     pub center: Vector3<f64>,
-    /// The covariance of the wide one, square meters.
+    /// Covariance of the wide one, m^2.
     pub covariance: Matrix3<f64>,
 }
 
-/// One normal distribution of the mixture, weighted.
+/// A weighted normal distribution of the mixture.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Expected {
     pub(super) middle: Vector3<f64>,
     pub(super) covariance: Matrix3<f64>,
-    /// The inverse of that.
+    /// Inverse of the covariance.
     pub(super) information: Matrix3<f64>,
-    /// The logarithm of the square root of the covariance's determinant.
+    /// Logarithm of the square root of the covariance's determinant.
     pub(super) ln_root: f64,
-    /// The logarithm of its weight, less `ln_root`.
+    /// Logarithm of its weight, minus `ln_root`.
     pub(super) ln_weight: f64,
 }
 
 impl Expected {
-    /// A weighted normal distribution; `None` if its covariance is none.
+    /// Creates a weighted normal distribution; `None` if the covariance is not positive definite.
     pub(super) fn normal(middle: Vector3<f64>, covariance: Matrix3<f64>, weight: f64) -> Option<Expected> {
         let cholesky = covariance.cholesky()?;
         let ln_root = cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
@@ -47,7 +49,7 @@ impl Expected {
     }
 }
 
-/// Different places, in the order of their first mention.
+/// Returns the distinct positions in the order of their first occurrence.
 pub(super) fn distinct(places: impl Iterator<Item = Vector3<f64>>) -> Vec<Vector3<f64>> {
     let mut found: Vec<Vector3<f64>> = Vec::new();
     for place in places {
@@ -59,15 +61,16 @@ pub(super) fn distinct(places: impl Iterator<Item = Vector3<f64>>) -> Vec<Vector
 }
 
 impl Workspace {
-    /// What these places let expect. The bandwidth is the one under which each of them is likeliest, given the others.
+    /// Creates the prior from training positions. The bandwidth maximizes the likelihood of each
+    /// position given the others.
     pub fn new(places: impl Iterator<Item = Vector3<f64>>) -> Workspace {
         let all = distinct(places);
         let n = all.len().max(1) as f64;
         let center = all.iter().sum::<Vector3<f64>>() / n;
         let scatter = all.iter().map(|p| (p - center) * (p - center).transpose()).sum::<Matrix3<f64>>();
-        // at least 3 cm each way, so that places in a plane do not forbid everything else
-        let covariance = scatter * (WIDENED / n) + Matrix3::identity() * 9e-4;
-        let kept: Vec<_> = all.iter().step_by(all.len().div_ceil(PLACES).max(1)).copied().collect();
+        // At least 3 cm along each axis, so that coplanar positions do not exclude everything else.
+        let covariance = scatter * (COVARIANCE_FACTOR / n) + Matrix3::identity() * 9e-4;
+        let kept: Vec<_> = all.iter().step_by(all.len().div_ceil(MAX_PLACES).max(1)).copied().collect();
         let mut space = Workspace { places: kept, bandwidth: 0.05, center, covariance };
         let likelihood = |bandwidth: f64| {
             let trial = Workspace { bandwidth, ..space.clone() };
@@ -86,17 +89,17 @@ impl Workspace {
         space
     }
 
-    /// Whether such an expectation can be.
+    /// Returns whether the prior is valid.
     pub(super) fn is_sound(&self) -> bool {
         let places = self.places.iter().chain([&self.center]).all(|p| p.iter().all(|n| n.is_finite()));
         places && self.bandwidth.is_finite() && self.bandwidth > 0.0 && self.covariance.cholesky().is_some()
     }
 
-    /// All of its parts, the wide one first.
+    /// Returns all components, the wide one first.
     pub(super) fn parts(&self) -> Vec<Expected> {
         let narrow = Matrix3::identity() * self.bandwidth.powi(2);
-        let each = (1.0 - WIDE) / self.places.len().max(1) as f64;
-        let wide = Expected::normal(self.center, self.covariance, WIDE);
+        let each = (1.0 - WIDE_WEIGHT) / self.places.len().max(1) as f64;
+        let wide = Expected::normal(self.center, self.covariance, WIDE_WEIGHT);
         wide.into_iter().chain(self.places.iter().filter_map(|p| Expected::normal(*p, narrow, each))).collect()
     }
 }

@@ -1,34 +1,37 @@
-//! What stands in the way of each edge, for all of them at once.
+//! Certification of all edges of a map at once.
 
 use super::{Certified, MapFile, StoredVerdict, world_digest};
 use mobee_fast::{EdgeVerdict, FastError, FastScene, Obstruction};
 use mobee_model::{Robot, Scene, ShapeId};
 
-/// Edges that are handed over at once.
+/// Number of edges certified in one call.
 const BATCH: usize = 1024;
 
-/// Certifies every edge of a map, and writes down what was found and what it holds for.
+/// Certifies every edge of a map, and stores the verdicts and the conditions under which they hold.
 ///
 /// # Arguments
-/// * `scene`: the map's robot, alone, in the world to judge by.
-/// * `clearance`: between shapes, meters: the reflex's margin and 2 mm.
-/// * `show`: told how much is done, as a share.
+/// * `scene`: the map's robot, alone, in the world.
+/// * `clearance`: minimum distance between shapes, meters: the reflex's margin plus 2 mm.
+/// * `show`: called with the completed share.
 ///
 /// # Errors
-/// If the scene can't be compiled for the clearance, or the poses are not ones of its robot.
+/// A scene that can't be compiled for the clearance, or poses of another robot.
 pub fn certify(map: &mut MapFile, scene: &Scene, clearance: f64, show: &mut dyn FnMut(f64)) -> Result<(), FastError> {
     let mut fast = FastScene::new(scene, clearance)?;
     let robot = scene.robots().first();
-    let (mut poses, mut verdicts) = (Vec::new(), Vec::new());
-    let (vertices, count) = (&map.vertices, map.edges.len().max(1));
+    let mut poses = Vec::new();
+    let mut verdicts = Vec::new();
+    let vertices = &map.vertices;
+    let count = map.edges.len().max(1);
     for (batch, edges) in map.edges.chunks_mut(BATCH).enumerate() {
         show((batch * BATCH) as f64 / count as f64);
         poses.clear();
         for edge in edges.iter() {
             let q = |id: u32| vertices.get(id as usize).map_or(&[][..], |v| &v.q_rad);
-            let (from, to) = (q(edge.from), q(edge.to));
+            let from = q(edge.from);
+            let to = q(edge.to);
             poses.extend(from);
-            // the short way round, as it is driven
+            // The short way round, as it is driven.
             poses.extend(robot.map_or_else(|| to.to_vec(), |r| Robot::nearest_equivalent(r, from, to)));
         }
         fast.certify(&poses, &mut verdicts)?;

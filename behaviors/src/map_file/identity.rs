@@ -1,19 +1,21 @@
-//! What a robot and a world are to a map: digests of what decides whether a pose is free.
+//! Identity of a robot and a world for a map: digests of everything that determines whether a pose
+//! is free.
 
 use mobee_model::{NodeKind, ObjectClass, Primitive, Robot, Scene, Shape};
 use nalgebra::Isometry3;
 use sha2::{Digest, Sha256};
 
-/// To be raised when the digests take in something else.
-const VERSION: u32 = 1;
+/// Version of the digests; to be incremented when their inputs change.
+const DIGEST_VERSION: u32 = 1;
 
-/// A digest in the making: what is put in one after the other can't be put in otherwise and give the same.
+/// Builder of a digest with an unambiguous encoding: different sequences of inputs give different
+/// digests.
 struct Sum(Sha256);
 
 impl Sum {
     fn new(what: &str) -> Sum {
         let mut sum = Sum(Sha256::new());
-        sum.text(what).number(VERSION as usize);
+        sum.text(what).number(DIGEST_VERSION as usize);
         sum
     }
 
@@ -29,7 +31,7 @@ impl Sum {
     }
 
     fn reals(&mut self, all: impl IntoIterator<Item = f64>) -> &mut Sum {
-        // both zeros are one
+        // Adding 0.0 makes both zeros equal.
         all.into_iter().for_each(|x| self.0.update((x + 0.0).to_le_bytes()));
         self
     }
@@ -57,8 +59,9 @@ impl Sum {
     }
 }
 
-/// The digest of a robot: its name, motors with their limits and homes, joints, links, shapes, markers, constraints, and
-/// the pairs that are tested. Two files with one digest move and collide alike, whatever else they say.
+/// Computes the digest of a robot: its name, motors with their limits and homes, joints, links,
+/// shapes, markers, constraints, and the tested pairs. Two files with equal digests move and
+/// collide identically, even if they differ otherwise.
 pub fn robot_digest(robot: &Robot) -> String {
     let mut sum = Sum::new("robot");
     sum.text(&robot.name).number(robot.motors.len());
@@ -100,8 +103,8 @@ pub fn robot_digest(robot: &Robot) -> String {
     sum.hex()
 }
 
-/// The digest of what stands around a scene's robots: where their bases are, and its obstacles by name, wherever in the
-/// file they stand. Targets and ghosts can't be touched and don't count.
+/// Computes the digest of the environment of a scene's robots: the poses of their bases, and the
+/// obstacles in the order of their names. Targets and ghosts can't be touched and are ignored.
 pub fn world_digest(scene: &Scene) -> String {
     let mut sum = Sum::new("world");
     sum.number(scene.robots().len());

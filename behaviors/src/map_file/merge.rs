@@ -1,29 +1,29 @@
-//! Two maps of one robot in one world as one, in whatever order.
+//! Merge of maps of one robot in one world, independent of their order.
 //!
-//! Every part of the result is the greater of the two in some order, so that merging is commutative, associative, and
-//! changes nothing when it is repeated. Vertices are the same if their poses are; they are numbered anew, in the order of
-//! their poses. Of an edge, what was found out goes before what was only believed, and failure before success. Of a run's
-//! log, the longer one is kept: a log is only appended to, so the shorter one is its beginning.
+//! Every part of the result is a maximum in some order, so that merging is commutative, associative
+//! and idempotent. Vertices are identified by their poses and renumbered in the order of these. For
+//! an edge, an observation takes precedence over an assumption, and failure over success. Of the
+//! logs of one run, the longest is used: a log is append-only, so a shorter one is a prefix of it.
 
 use super::{MapEdge, MapFile, MapVertex, StoredVerdict, TriedMotion, VERSION};
 use mobee_contract::EdgeState;
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-/// Why two maps can't be merged.
+/// Reason why maps can't be merged.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MergeRefusal {
-    /// They are of different robots, or worlds, or motors.
+    /// They differ in robot, world or motors.
     #[error("the maps have different {what}: {first} and {second}")]
     Different {
-        /// Of what.
+        /// Property in which they differ.
         what: &'static str,
-        /// As the first has it.
+        /// Value in the first map.
         first: String,
-        /// As the second has it.
+        /// Value in the second map.
         second: String,
     },
-    /// Two poses have one name.
+    /// Two different poses have the same name.
     #[error("two different poses are named {0:?}")]
     Named(String),
 }
@@ -38,7 +38,7 @@ impl MergeRefusal {
 /// Merges maps.
 ///
 /// # Errors
-/// If they are not of one robot, world, hand and group of motors, or one name means two poses.
+/// Maps that differ in robot, world, hand or motors, and a name of two different poses.
 pub fn merge(maps: &[MapFile]) -> Result<MapFile, MergeRefusal> {
     let mut maps: Vec<MapFile> = maps.to_vec();
     maps.iter_mut().for_each(MapFile::round);
@@ -58,7 +58,8 @@ pub fn merge(maps: &[MapFile]) -> Result<MapFile, MergeRefusal> {
     for (map, number) in maps.iter().zip(&numbers) {
         let number = |id: u32| number.get(id as usize).copied().unwrap_or(0);
         for edge in &map.edges {
-            let (from, to) = (number(edge.from), number(edge.to));
+            let from = number(edge.from);
+            let to = number(edge.to);
             let verdict = edge.verdict.clone().filter(|_| map.certified == merged.certified);
             join(&mut edges, MapEdge { from, to, verdict, ..edge.clone() });
         }
@@ -74,16 +75,16 @@ pub fn merge(maps: &[MapFile]) -> Result<MapFile, MergeRefusal> {
             }
         }
     }
-    // a map may hold one pose twice, and an edge between the two
+    // A map may contain a pose twice, and an edge between the two.
     merged.edges = edges.into_values().filter(|e| e.from != e.to).collect();
     merged.tried = logs.into_values().flatten().collect();
     Ok(merged)
 }
 
-/// In what two maps may differ.
+/// Properties in which two maps may differ.
 const ALL: [&str; 6] = ["robots", "robot models", "worlds", "motors", "hands", "poses"];
 
-/// Whether they differ in any of these.
+/// Checks that two maps agree in these properties.
 pub(super) fn differ(a: &MapFile, b: &MapFile, matters: &[&str]) -> Result<(), MergeRefusal> {
     let word = |x: &Option<String>| x.clone().unwrap_or_else(|| "not said".to_owned());
     let short = |x: &Option<String>| word(x).chars().take(12).collect::<String>();
@@ -104,7 +105,7 @@ pub(super) fn differ(a: &MapFile, b: &MapFile, matters: &[&str]) -> Result<(), M
         .map_or(Ok(()), |check| Err(refuse(check)))
 }
 
-/// A pose in a total order.
+/// A pose with a total order.
 struct Key<'a>(&'a [f64]);
 
 impl Ord for Key<'_> {
@@ -125,14 +126,15 @@ impl PartialEq for Key<'_> {
 }
 impl Eq for Key<'_> {}
 
-/// Fills in the vertices of all maps; answers for each map the new numbers of its vertices.
+/// Adds the vertices of all maps; returns the new numbers of the vertices of each map.
 fn vertices(merged: &mut MapFile, maps: &[MapFile]) -> Result<Vec<Vec<u32>>, MergeRefusal> {
     let mut all: BTreeMap<Key<'_>, (Option<&String>, [f64; 3])> = BTreeMap::new();
     for v in maps.iter().flat_map(|m| &m.vertices) {
         let (name, at) = all.entry(Key(&v.q_rad)).or_insert((None, v.at_m));
         match (*name, &v.name) {
             (Some(a), Some(b)) if a != b => {
-                let (first, second) = (a.min(b).clone(), a.max(b).clone());
+                let first = a.min(b).clone();
+                let second = a.max(b).clone();
                 return Err(MergeRefusal::Different { what: "names for one pose", first, second });
             }
             (None, Some(b)) => *name = Some(b),
@@ -157,7 +159,7 @@ fn vertices(merged: &mut MapFile, maps: &[MapFile]) -> Result<Vec<Vec<u32>>, Mer
     Ok(maps.iter().map(|m| m.vertices.iter().map(number).collect()).collect())
 }
 
-/// Takes an edge in, or what it knows more than the one that is there.
+/// Adds an edge, or merges it with the existing one.
 fn join(edges: &mut BTreeMap<(u32, u32), MapEdge>, edge: MapEdge) {
     let known = edges.entry((edge.from, edge.to)).or_insert_with(|| edge.clone());
     let rank = |e: &MapEdge| {

@@ -1,9 +1,9 @@
-//! Where in the text something stands, so that complaints can point at it.
+//! Positions of values in the text, for error messages.
 
 use std::ops::Range;
 
-/// The span of a value of a JSON document: that at the steps of a path such as `edges[3].from`, or of the nearest thing
-/// around it that there is. The text must be valid JSON.
+/// Returns the span of a value of a JSON document at a path such as `edges[3].from`, or of the
+/// closest enclosing value that exists. The text must be valid JSON.
 pub fn span(text: &str, path: &str) -> Range<usize> {
     let path = path.replace('[', ".").replace(']', "");
     let mut reader = Reader { bytes: text.as_bytes(), at: 0 };
@@ -18,7 +18,7 @@ pub fn span(text: &str, path: &str) -> Range<usize> {
     span
 }
 
-/// The byte of a line and a column, both from 1, as JSON readers count them.
+/// Returns the byte offset of a line and a column, both from 1, as counted by JSON parsers.
 pub(super) fn byte(text: &str, line: usize, column: usize) -> usize {
     let start: usize = text.split_inclusive('\n').take(line.saturating_sub(1)).map(str::len).sum();
     let mut at = (start + column.saturating_sub(1)).min(text.len());
@@ -44,7 +44,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Passes a value and answers where it is.
+    /// Skips a value and returns its span.
     fn value(&mut self) -> Range<usize> {
         self.space();
         let start = self.at;
@@ -73,7 +73,7 @@ impl Reader<'_> {
         start..self.at
     }
 
-    /// Passes a string and answers what is between its quotes.
+    /// Skips a string and returns the text between its quotes.
     fn string(&mut self) -> &[u8] {
         self.at += 1;
         let start = self.at;
@@ -85,7 +85,7 @@ impl Reader<'_> {
         self.bytes.get(start..end).unwrap_or_default()
     }
 
-    /// Enters the value here and answers where its child of that key or number is.
+    /// Enters the value and returns the span of its child with this key or index.
     fn child(&mut self, step: &str) -> Option<Range<usize>> {
         let is_map = match self.peek() {
             b'{' => true,

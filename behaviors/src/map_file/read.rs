@@ -1,4 +1,4 @@
-//! Reading a map: taken whole, or refused with the place and what to do.
+//! Reading a map: it is accepted completely, or rejected with the place of the error and a remedy.
 
 use super::place;
 use super::{MapFile, MapVertex, StoredVerdict, VERSION, robot_digest};
@@ -10,22 +10,22 @@ use std::ops::Range;
 
 const HELP: &str = "give a map as `mobee roadmap build`, `mobee roadmap merge` or `mobee run` wrote it, unchanged";
 
-/// Why a text is no map.
+/// Reason why a text is rejected as a map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapFault {
-    /// Where in the text, in bytes.
+    /// Place in the text, in bytes.
     pub span: Range<usize>,
-    /// What is wrong.
+    /// Problem.
     pub what: String,
-    /// What to do about it.
+    /// Remedy.
     pub help: String,
 }
 
 impl MapFile {
-    /// Reads a map file. Numbers are kept to a billionth, as files have them.
+    /// Reads a map file. Numbers are rounded to 1e-9, as in files.
     ///
     /// # Errors
-    /// What is no JSON, of another version, or does not hang together, with its place.
+    /// Text that is not JSON, another version, or inconsistent contents, with the place.
     pub fn parse(text: &str) -> Result<MapFile, MapFault> {
         let value: Value = serde_json::from_str(text).map_err(|e| {
             let at = place::byte(text, e.line(), e.column());
@@ -47,11 +47,11 @@ impl MapFile {
         Ok(map)
     }
 
-    /// Reads a map that is JSON already: checks all that can be checked without its robot.
+    /// Reads a map from JSON, and checks everything that can be checked without its robot.
     ///
     /// # Errors
-    /// Another version, vertices out of order or of different lengths, edges between vertices that are not there,
-    /// anything given twice: with the place within the value.
+    /// Another version, vertices out of order or of different lengths, edges between missing
+    /// vertices, and duplicates, with the place within the value.
     pub fn from_value(value: &Value) -> Result<MapFile, KindError> {
         let version = value.get("version").and_then(Value::as_u64);
         match version {
@@ -94,13 +94,13 @@ impl MapFile {
             }
             match &e.verdict {
                 Some(_) if self.certified.is_none() => {
-                    let what = "a verdict stands here, and `certified` says nothing of what it holds for".to_owned();
+                    let what = "there is a verdict, but `certified` with its clearance and world is missing".to_owned();
                     return Err(bad(place("verdict"), what));
                 }
                 Some(StoredVerdict::Blocked { at, .. } | StoredVerdict::Uncertified { at })
                     if !(0.0..=1.0).contains(at) =>
                 {
-                    return Err(bad(place("verdict"), format!("{at} is no share of the way, from 0 to 1")));
+                    return Err(bad(place("verdict"), format!("{at} is not a share of the edge, from 0 to 1")));
                 }
                 _ => {}
             }
@@ -115,16 +115,17 @@ impl MapFile {
         Ok(())
     }
 
-    /// Checks that the map is one for this robot.
+    /// Checks that the map belongs to this robot.
     ///
     /// # Errors
-    /// Another robot, a model that has changed since, motors that it has not, poses of another length or outside its
-    /// limits: with the place within the map.
+    /// Another robot, a model that has changed since, missing motors, and poses of another length
+    /// or outside the limits, with the place within the map.
     pub fn check(&self, robot: &Robot) -> Result<(), KindError> {
         let digest = robot_digest(robot);
         if let Some(known) = self.robot_sha256.as_ref().filter(|known| **known != digest) {
             let short = |digest: &str| digest.chars().take(12).collect::<String>();
-            let (known, digest) = (short(known), short(&digest));
+            let known = short(known);
+            let digest = short(&digest);
             let (what, help) = if self.robot == robot.name {
                 let what = format!(
                     "the model of {} has changed since the map was made ({known}, now {digest}): its shapes, joints or limits",

@@ -1,16 +1,17 @@
-//! Writing a map: JSON, one vertex, edge or trial on a line.
+//! Writing a map: JSON, one vertex, edge or trial per line.
 
 use super::{MapFile, StoredVerdict};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// Numbers are written to a billionth: readers of JSON agree on so many digits to the last bit.
-const GRAIN: f64 = 1e9;
+/// Inverse of the resolution of written numbers: JSON parsers agree on this number of digits to the
+/// last bit.
+const STEPS_PER_UNIT: f64 = 1e9;
 
 impl MapFile {
-    /// Rounds all numbers as files have them.
+    /// Rounds all numbers as in files.
     pub(super) fn round(&mut self) {
-        let round = |x: &mut f64| *x = (*x * GRAIN).round() / GRAIN + 0.0;
+        let round = |x: &mut f64| *x = (*x * STEPS_PER_UNIT).round() / STEPS_PER_UNIT + 0.0;
         for v in &mut self.vertices {
             v.q_rad.iter_mut().chain(&mut v.at_m).for_each(round);
         }
@@ -22,7 +23,7 @@ impl MapFile {
         self.certified.iter_mut().for_each(|c| round(&mut c.clearance_m));
     }
 
-    /// The map as a file's text.
+    /// Formats the map as the text of a file.
     pub fn text(&self) -> String {
         let mut map = self.clone();
         map.round();
@@ -48,7 +49,7 @@ impl MapFile {
 }
 
 fn json(value: &impl Serialize) -> String {
-    // these are plain structures: nothing in them can't be written
+    // These are plain structures: serialization can't fail.
     serde_json::to_string(value).unwrap_or_default()
 }
 

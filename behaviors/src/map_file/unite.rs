@@ -1,22 +1,24 @@
-//! Maps of several limbs of one robot as one: of all the motors that any of them moves.
+//! Combination of maps of several limbs of one robot into one map of all their motors.
 //!
 //! ```text
 //! torso, right arm ──┐
 //!                    ├──> torso, right arm, left arm      vertices and edges of the one, then those of the other
 //! torso, left arm  ──┘
 //! ```
-//! A vertex is a pose of the whole robot, so that it stays what it is: what its own map does not move is where that map was built, at home.
-//! No edge leads from one map to the other; whoever plans over both joins them, such as where all limbs rest.
+//! A vertex is a configuration of the whole robot and stays the same: motors that its own map does
+//! not move are where that map was built, at home. No edge leads from one map to another; a planner
+//! joins them, for example where all limbs rest.
 
 use super::merge::{MergeRefusal, differ};
 use super::{MapEdge, MapFile, MapVertex, TriedMotion, VERSION};
 use std::collections::BTreeSet;
 
-/// One map of all motors that these move, in the order in which they are named. Verdicts are left out, as what of the robot was judged
-/// differs, and of two vertices with one name the first has it.
+/// Combines maps into one of all motors that they move, in the order in which they are named.
+/// Verdicts are dropped, because they apply to different parts of the robot. If two vertices have
+/// the same name, only the first keeps it.
 ///
 /// # Errors
-/// If there are none, or they are not of one robot and world.
+/// An empty list, or maps of different robots or worlds.
 pub fn unite(maps: &[MapFile]) -> Result<MapFile, MergeRefusal> {
     let Some(first) = maps.first() else { return Err(MergeRefusal::none()) };
     let hand = first.hand.clone().filter(|_| maps.iter().all(|map| map.hand == first.hand));
@@ -54,7 +56,7 @@ mod tests {
     use super::*;
     use mobee_contract::EdgeState;
 
-    /// A map of these motors of a robot of three, with two vertices and an edge.
+    /// Creates a map of these motors of a robot of three, with two vertices and an edge.
     fn map(motors: &[&str], hand: &str, q: [[f64; 3]; 2]) -> MapFile {
         let vertex = |(id, q): (u32, [f64; 3])| MapVertex { id, name: None, q_rad: q.to_vec(), at_m: [0.0; 3] };
         MapFile {
@@ -78,7 +80,7 @@ mod tests {
         }
     }
 
-    /// Nothing of either map is lost or changed but its numbers, and a motor that both move counts once.
+    /// Only the numbers of the vertices change, and a motor that both maps move counts once.
     #[test]
     fn the_maps_lie_side_by_side() {
         let right = map(&["torso", "right"], "r_hand", [[0.1, 0.2, 0.0], [0.3, 0.4, 0.0]]);

@@ -1,19 +1,21 @@
 //! RRT-Connect: two trees of straight lines grow from start and goal toward each other, and the path between them is certified.
 //!
-//! Kuffner and LaValle, *RRT-Connect: An Efficient Approach to Single-Query Path Planning* (2000): the smaller tree is extended by a
-//! step toward a random pose, and the other one is then led step by step toward the pose that was reached.
+//! Kuffner and LaValle, *RRT-Connect: An Efficient Approach to Single-Query Path Planning* (2000):
+//! the smaller tree is extended by a step toward a random configuration, and the other tree is then
+//! extended step by step toward the configuration that was reached.
 //!
 //! ```text
-//! search: lines looked at in places ──> path ──certify──> all free: done
-//!    ^                                               └──> lines refuted: cut out of their trees, and the search goes on
-//!    └─────────────────────────────────────────────────────────┘
+//! search: lines sampled at configurations ──> path ──certify──> all free: done
+//!    ^                                                     └──> refuted lines: pruned, the search continues
+//!    └───────────────────────────────────────────────────────────────┘
 //! ```
 //!
-//! Most lines of a search are thrown away, so they are only sampled; the lines of a path are proved. Where samples mislead
-//! repeatedly, each line is certified at once.
+//! Most lines of a search are discarded, so they are only sampled; the lines of a path are proved.
+//! If samples are misleading repeatedly, each line is certified at once.
 //!
-//! A node at which steps fail attracts only random poses that are near (Yershova et al., *Dynamic-Domain RRTs*, 2005): a tree in
-//! a corner does not waste its lines on the walls around it.
+//! A node at which steps fail attracts only nearby random configurations (Yershova et al.,
+//! *Dynamic-Domain RRTs*, 2005), so that a tree in a corner does not spend its lines on the walls
+//! around it.
 
 use super::tree::Tree;
 use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem};
@@ -21,22 +23,26 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::ops::ControlFlow;
 
-/// A node at which a step was blocked attracts poses within this number of steps, less after each further failure, and at least one.
+/// Radius of a node's domain after its first blocked step, in steps; the minimum is one step.
 const DOMAIN_STEPS: f64 = 4.0;
+/// Relative change of a domain after each further step: it shrinks if the step was blocked, and
+/// grows otherwise.
 const DOMAIN_CHANGE: f64 = 1e-4;
-/// A random pose that is outside every domain is used all the same after this number of them: a search never starves.
+/// Number of random configurations in a row outside every domain after which the next one is used
+/// anyway, so that the search never starves.
 const MAX_OUTSIDE: u32 = 400;
-/// This number of poses that are outside counts as a line against the budget.
+/// Number of configurations outside every domain that count as one line of the budget.
 const OUTSIDE_PER_LINE: u32 = 4;
-/// The watch is called once in this number of poses that are outside.
+/// Number of configurations outside every domain between two calls of `watch`.
 const WATCH_EVERY: u32 = 64;
-/// After this number of refuted paths lines are certified at once.
+/// Number of refuted paths after which each line is certified at once.
 const MAX_REFUTED: u32 = 8;
 
 /// RRT-Connect with certified paths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RrtConnect {
-    /// The longest straight line of its trees, rad; a meter of a sliding joint counts as a radian.
+    /// Maximum length of a straight line of its trees, rad; a meter of a prismatic joint counts as
+    /// a radian.
     pub step: f64,
 }
 
@@ -66,16 +72,18 @@ impl Planner for RrtConnect {
 
 struct Search<'a> {
     space: &'a mut JointSpace,
-    /// From the start, from the goal.
+    /// Trees of the start and of the goal.
     trees: [Tree; 2],
     step: f64,
-    /// The space's count of evaluations at the beginning, and at which it ends.
+    /// The space's count of evaluations at the beginning.
     begun: u64,
+    /// The space's count of evaluations at which the budget is spent.
     end: u64,
-    /// Paths that were refuted so far.
+    /// Number of refuted paths so far.
     refuted: u32,
-    /// Buffers: where a tree is led to, and the next pose on the way.
+    /// Buffer: the configuration that a tree is extended toward.
     target: Vec<f64>,
+    /// Buffer: the next configuration on the way there.
     ahead: Vec<f64>,
     watch: &'a mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
 }
@@ -83,13 +91,14 @@ struct Search<'a> {
 impl Search<'_> {
     fn run(mut self, seed: u64) -> Result<JointPath, NoPath> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        // First the straight line, as a whole.
+        // First try the whole straight line.
         if let Some(path) = self.straight()? {
             return Ok(path);
         }
-        let (mut draw, mut outside) = (Vec::new(), 0);
+        let mut draw = Vec::new();
+        let mut outside = 0;
         loop {
-            // The smaller tree is extended, so that both ends are explored alike.
+            // The smaller tree is extended, so that both ends are explored equally.
             let grown = usize::from(self.trees[1].len() < self.trees[0].len());
             self.space.sample_into(&mut rng, &mut draw);
             let near = self.trees[grown].nearest(&draw);
@@ -98,7 +107,8 @@ impl Search<'_> {
             let domain = self.trees[grown].radius_mut(near).map_or(f64::INFINITY, |r| *r);
             if far > domain && outside < MAX_OUTSIDE {
                 outside += 1;
-                // They cost time as well, so that a search which is in vain ends as soon as one that judges lines.
+                // They cost time as well, so a search without success ends as soon as one that
+                // checks lines.
                 if outside.is_multiple_of(OUTSIDE_PER_LINE) {
                     self.end = self.end.saturating_sub(1);
                 }
@@ -119,7 +129,7 @@ impl Search<'_> {
         }
     }
 
-    /// The straight line from start to goal, if it is free.
+    /// Returns the straight line from start to goal if it is free.
     fn straight(&mut self) -> Result<Option<JointPath>, NoPath> {
         let goal = self.trees[1].pose(0).to_vec();
         self.space.toward_into(self.trees[0].pose(0), &goal, &mut self.target);
@@ -129,7 +139,7 @@ impl Search<'_> {
         }
     }
 
-    /// A node's domain shrinks where a step was blocked, and grows a little where it was not.
+    /// Shrinks a node's domain after a blocked step, and enlarges it slightly after a free one.
     fn adapt_domain(&mut self, tree: usize, node: u32, is_free: bool) {
         let step = self.step;
         let Some(radius) = self.trees[tree].radius_mut(node) else { return };
@@ -142,7 +152,8 @@ impl Search<'_> {
         }
     }
 
-    /// Adds the pose at a share of the line from a node to the target, if the line to there is free.
+    /// Adds the configuration at a share of the line from a node to the target, if the line to it
+    /// is free.
     fn advance(&mut self, tree: usize, from: u32, share: f64) -> Result<Option<u32>, NoPath> {
         self.pay(1)?;
         let here = self.trees[tree].pose(from);
@@ -157,7 +168,8 @@ impl Search<'_> {
         Ok(free.then(|| self.trees[tree].add(from, &self.ahead)))
     }
 
-    /// Leads the other tree to a node of a tree until a line is blocked, or it arrives: then the path, if it is certified.
+    /// Extends the other tree to a node of a tree until a line is blocked or it arrives. Returns
+    /// the path if it arrives and is certified.
     fn connect(&mut self, tree: usize, node: u32) -> Result<Option<JointPath>, NoPath> {
         let other = 1 - tree;
         let goal = self.trees[tree].pose(node).to_vec();
@@ -176,13 +188,14 @@ impl Search<'_> {
         self.path(met)
     }
 
-    /// The path through the two nodes at which the trees met, if all its lines are certified as they will be driven, motors without
-    /// end unwound. Lines that are not are cut out of their trees.
+    /// Returns the path through the two nodes at which the trees met, if all its lines are
+    /// certified as they will be driven, with continuous joints unwound. Refuted lines are pruned
+    /// from their trees.
     fn path(&mut self, met: [u32; 2]) -> Result<Option<JointPath>, NoPath> {
         let mut here = self.trees[0].to_root(met[0]);
         here.reverse();
         let there = self.trees[1].to_root(met[1]);
-        // Both hold the pose where they met.
+        // Both contain the configuration where they met.
         let poses =
             here.iter().map(|n| self.trees[0].pose(*n)).chain(there.iter().skip(1).map(|n| self.trees[1].pose(*n)));
         let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), evaluations: 0 };
@@ -200,7 +213,7 @@ impl Search<'_> {
             return Ok(Some(path));
         }
         self.refuted += 1;
-        // A line of a tree is named by its node that is farther from the root.
+        // A line of a tree is identified by the node farther from the root.
         let lines = here.iter().skip(1).map(|n| (0, *n)).chain(there.iter().map(|n| (1, *n)));
         let refuted: Vec<(usize, u32)> = lines.zip(free).filter(|(_, free)| !*free).map(|(line, _)| line).collect();
         for tree in [0, 1] {
@@ -212,7 +225,7 @@ impl Search<'_> {
         Ok(None)
     }
 
-    /// Whether this number of further lines may be judged.
+    /// Checks that the budget allows this number of further lines, and reports the progress.
     fn pay(&mut self, lines: usize) -> Result<(), NoPath> {
         let evaluations = self.space.evaluations() - self.begun;
         let poses = self.trees.iter().map(Tree::len).sum();

@@ -1,40 +1,45 @@
-//! A smoother: makes a path shorter by shortcuts and by cutting its corners.
+//! Path smoother: shortens a path by shortcuts and by cutting its corners.
 //!
-//! In each round the path skips way-points that it does not need, then its corners are cut, then lines are tried between random points of
-//! it (Geraerts and Overmars, *Creating High-quality Paths for Motion Planning*, 2007). A new line is taken if it is certified without
-//! much ado. Cuts leave parts of lines, which differ from the lines by rounding, so each round's path is certified as a whole as well.
+//! Each round removes unneeded waypoints, cuts the corners, and then tries lines between random
+//! points of the path (Geraerts and Overmars, *Creating High-quality Paths for Motion Planning*,
+//! 2007). A new line is accepted if it can be certified at little cost. Parts of a cut line differ
+//! from it by rounding, so the path of each round is certified again as a whole.
 
 use super::{JointPath, JointSpace, between};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Rounds at most, and the share of the path's length that a round must gain for another one.
-const ROUNDS: usize = 16;
-const ROUND_GAIN: f64 = 5e-3;
-/// Shortcuts between random points that are tried in a round, and the share of the path's length that one must gain.
-const RANDOM: usize = 8;
-const GAIN: f64 = 1e-3;
-/// Shares of the shorter of its two lines at which a corner is cut, the first that is free.
-const CUTS: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
-/// Way-points beyond which no further ones are made.
-const MOST_POINTS: usize = 64;
+/// Maximum number of rounds.
+const MAX_ROUNDS: usize = 16;
+/// Minimum gain of a round, as a share of the path's length, for another round.
+const MIN_ROUND_GAIN: f64 = 5e-3;
+/// Number of shortcuts between random points tried in a round.
+const RANDOM_SHORTCUTS: usize = 8;
+/// Minimum gain of a shortcut, as a share of the path's length, or of a cut, as a share of the
+/// shorter line.
+const MIN_GAIN: f64 = 1e-3;
+/// Distances from a corner at which it is cut, as shares of the shorter of its two lines; the first
+/// free cut is used.
+const CUT_SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
+/// Maximum number of waypoints; no more are added beyond it.
+const MAX_WAYPOINTS: usize = 64;
 
-/// A path with the same ends that is no longer, by the weights of the space ([`JointSpace::weights`]), and whose straight lines are all
-/// certified free.
+/// Returns a path with the same ends that is not longer, by the weights of the space
+/// ([`JointSpace::weights`]), with straight lines that are all certified free.
 ///
 /// # Arguments
-/// * `path`: of this space, certified.
-/// * `budget`: the most straight lines that may be judged.
+/// * `path`: a certified path of this space.
+/// * `budget`: maximum number of straight lines that may be checked.
 pub fn shorten(space: &mut JointSpace, path: JointPath, seed: u64, budget: u64) -> JointPath {
     let begun = space.evaluations();
     let end = begun.saturating_add(budget);
     let before = path.evaluations;
     let mut best = path.poses;
     let mut shortener = Shortener { space, end, rng: ChaCha8Rng::seed_from_u64(seed) };
-    for round in 0..ROUNDS {
+    for round in 0..MAX_ROUNDS {
         let whole = shortener.length(&best);
         let mut poses = best.clone();
-        // Later on cuts do what skips can.
+        // In later rounds cuts have the effect of skips.
         if round == 0 {
             shortener.skip(&mut poses);
         }
@@ -49,7 +54,7 @@ pub fn shorten(space: &mut JointSpace, path: JointPath, seed: u64, budget: u64) 
             break;
         }
         best = poses;
-        if length > whole * (1.0 - ROUND_GAIN) {
+        if length > whole * (1.0 - MIN_ROUND_GAIN) {
             break;
         }
     }
@@ -68,10 +73,10 @@ impl Shortener<'_> {
         poses.windows(2).map(|w| self.space.weighted(&w[0], &w[1])).sum()
     }
 
-    /// Whether a line is free; none is once the budget is spent.
+    /// Returns whether a line is free; `false` once the budget is spent.
     fn is_free(&mut self, from: &[f64], to: &[f64]) -> bool {
-        // What is left must be enough to certify the path.
-        let affordable = self.space.evaluations().saturating_add(MOST_POINTS as u64) < self.end;
+        // The rest of the budget must suffice to certify the path.
+        let affordable = self.space.evaluations().saturating_add(MAX_WAYPOINTS as u64) < self.end;
         affordable && self.space.is_easily_free(from, to)
     }
 
@@ -81,12 +86,13 @@ impl Shortener<'_> {
         affordable && self.space.all_free(poses.windows(2).map(|w| (w[0].as_slice(), w[1].as_slice())))
     }
 
-    /// From each way-point straight to the last one that it can reach.
+    /// Replaces each waypoint's successors by a straight line to the last one that it can reach.
     fn skip(&mut self, poses: &mut Vec<Vec<f64>>) {
         let mut at = 0;
         while at + 2 < poses.len() {
             let far = (at + 2..poses.len()).rev().find(|next| {
-                let (from, to) = (poses[at].as_slice(), poses[*next].as_slice());
+                let from = poses[at].as_slice();
+                let to = poses[*next].as_slice();
                 self.is_free(from, to)
             });
             if let Some(next) = far {
@@ -96,22 +102,25 @@ impl Shortener<'_> {
         }
     }
 
-    /// Cuts each corner at points that are equally far from it, as far out as the line between them is free.
+    /// Cuts each corner at equal distances from it, as far out as the line between the two points
+    /// is free.
     fn cut_corners(&mut self, poses: &mut Vec<Vec<f64>>) {
         let mut at = 1;
         while at + 1 < poses.len() {
-            let (before, corner, after) = (&poses[at - 1], &poses[at], &poses[at + 1]);
+            let before = &poses[at - 1];
+            let corner = &poses[at];
+            let after = &poses[at + 1];
             let ways = [before, after].map(|end| self.space.weighted(corner, end));
             let shorter = ways[0].min(ways[1]);
-            let cut = CUTS.iter().find_map(|share| {
+            let cut = CUT_SHARES.iter().find_map(|share| {
                 let [x, y] = [(before, ways[0]), (after, ways[1])].map(|(end, way)| {
                     if shorter * share < way { between(corner, end, shorter * share / way) } else { end.clone() }
                 });
                 let gain = 2.0 * shorter * share - self.space.weighted(&x, &y);
-                (gain > GAIN * shorter && self.is_free(&x, &y)).then_some([x, y])
+                (gain > MIN_GAIN * shorter && self.is_free(&x, &y)).then_some([x, y])
             });
             match cut {
-                Some(points) if poses.len() < MOST_POINTS => {
+                Some(points) if poses.len() < MAX_WAYPOINTS => {
                     let new: Vec<Vec<f64>> =
                         points.into_iter().filter(|p| *p != poses[at - 1] && *p != poses[at + 1]).collect();
                     let count = new.len();
@@ -123,10 +132,10 @@ impl Shortener<'_> {
         }
     }
 
-    /// Lines between random points of the path.
+    /// Tries lines between random points of the path.
     fn cut_across(&mut self, poses: &mut Vec<Vec<f64>>) {
-        for _ in 0..RANDOM {
-            if poses.len() < 3 || poses.len() > MOST_POINTS {
+        for _ in 0..RANDOM_SHORTCUTS {
+            if poses.len() < 3 || poses.len() > MAX_WAYPOINTS {
                 return;
             }
             let ends: Vec<f64> = std::iter::once(0.0)
@@ -136,17 +145,20 @@ impl Shortener<'_> {
                 }))
                 .collect();
             let total = ends.last().copied().unwrap_or(0.0);
-            let (a, b) = (self.rng.random_range(0.0..=total), self.rng.random_range(0.0..=total));
-            let (from, to) = (a.min(b), a.max(b));
-            // Where on the path, and the index of the way-point before it.
+            let a = self.rng.random_range(0.0..=total);
+            let b = self.rng.random_range(0.0..=total);
+            let from = a.min(b);
+            let to = a.max(b);
+            // The point of the path, and the index of the waypoint before it.
             let place = |at: f64| {
                 let i = ends.partition_point(|end| *end <= at).clamp(1, poses.len() - 1) - 1;
                 let way = ends[i + 1] - ends[i];
                 (i, between(&poses[i], &poses[i + 1], if way > 0.0 { (at - ends[i]) / way } else { 0.0 }))
             };
-            let ((i, p), (j, q)) = (place(from), place(to));
+            let (i, p) = place(from);
+            let (j, q) = place(to);
             let gain = (to - from) - self.space.weighted(&p, &q);
-            if i < j && gain > GAIN * total && self.is_free(&p, &q) {
+            if i < j && gain > MIN_GAIN * total && self.is_free(&p, &q) {
                 poses.splice(i + 1..=j, [p, q]);
             }
         }

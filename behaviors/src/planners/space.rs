@@ -1,4 +1,4 @@
-//! The joint space of a group of motors in a scene: where straight lines are judged.
+//! Joint space of a group of motors in a scene, in which straight lines are checked.
 
 use super::{NoPath, PathEnd, PlanningProblem, apart, between};
 use crate::group::allowed;
@@ -9,43 +9,47 @@ use mobee_model::{Motor, Scene};
 use rand::Rng;
 use std::f64::consts::TAU;
 
-/// Poses that are looked at on a line, per radian of it.
+/// Number of configurations sampled on a line, per radian of its length.
 const SAMPLES_PER_RAD: f64 = 32.0;
-/// A line with more intervals than this that are not proved at a time goes close along something.
-const EASY_INTERVALS: usize = 32;
-/// How far outside its limits a motor may be by rounding, rad.
-const ROUNDING: f64 = 1e-9;
+/// Maximum number of unproved intervals at a time for a line to count as easily certified; a line
+/// close to an obstacle has more.
+const MAX_EASY_INTERVALS: usize = 32;
+/// Maximum excess over a motor's limits that counts as rounding, rad.
+const ROUNDING_RAD: f64 = 1e-9;
 
-/// The motors of a space, whatever stands around them.
+/// The motors of a space, independent of their environment.
 #[derive(Clone)]
 struct MotorGroup {
     robot: usize,
-    /// Pairs that are as near as this or nearer are not free, m.
+    /// Minimum distance, m; a pair at this distance or closer is not free.
     clearance: f64,
     /// Indices into `Robot::motors`.
     motors: Vec<usize>,
-    /// The same motors with the limits of robot and board.
+    /// The same motors, with the limits of robot and board.
     joints: Vec<Motor>,
     metric: JointMetric,
-    /// Weight of each coordinate, per rad of encoder: a meter of a prismatic joint counts as a radian of a revolute one.
+    /// Weight of each coordinate, per rad at the encoder: a meter of a prismatic joint counts as a
+    /// radian of a revolute one.
     weights: Vec<f64>,
     /// Column of each motor in a configuration of the whole scene.
     columns: Vec<usize>,
 }
 
-/// The poses of a group of motors, while everything else stands where it is.
+/// Configurations of a group of motors while everything else in the scene is fixed.
 ///
-/// Compiles its scene once ([`FastScene`], some ten milliseconds for a humanoid), so keep it for as long as the scene is the same:
-/// [`JointSpace::fits`]. Only pairs of shapes that the robot has part in count: what others touch is their matter.
+/// Compiles its scene once ([`FastScene`], about ten milliseconds for a humanoid), so reuse it
+/// while the scene is unchanged: [`JointSpace::fits`]. Only pairs of shapes that involve the robot
+/// are checked.
 pub struct JointSpace {
     fast: FastScene,
     group: MotorGroup,
     epoch: u64,
-    /// Configuration of the whole scene while the group is not there, rad of encoder.
+    /// Configuration of the whole scene without the group's motors, rad at the encoder.
     rest: Vec<f64>,
-    /// Places that no line may come near, by experience: a pose, and how near, rad.
+    /// Configurations that no line may pass, because a motion failed there, each with a radius,
+    /// rad.
     avoided: Vec<(Vec<f64>, f64)>,
-    /// Where motors are, of those that are drawn nowhere else.
+    /// Fixed positions of motors that are not sampled.
     held: Vec<Option<f64>>,
     evaluations: u64,
     edges: Vec<f64>,
@@ -54,21 +58,24 @@ pub struct JointSpace {
 }
 
 impl JointSpace {
-    /// The space of an agent's robot, as its view has it, with so much more room than the view's clearance, meters.
+    /// Creates the space of an agent's robot from its view, with `room` meters more than the view's
+    /// clearance.
     ///
     /// # Errors
-    /// A clearance that is none.
+    /// An invalid clearance.
     pub fn of(view: &View, motors: &[usize], room: f64) -> Result<JointSpace, FastError> {
         Self::new(&view.scene, view.robot, &view.poses, motors, &view.axes, view.clearance + room)
     }
 
-    /// The space of these motors of one robot of a scene.
+    /// Creates the space of these motors of one robot of a scene.
     ///
     /// # Arguments
-    /// * `poses`: of all robots, rad of encoder; what has no entry is at home.
-    /// * `motors`: indices into `Robot::motors`; those that the robot has not are left out.
-    /// * `axes`: the robot's board, whose limits may be narrower than the model's; may be empty.
-    /// * `clearance`: nearer than this, or as near, meters, is not free.
+    /// * `poses`: configurations of all robots, rad at the encoder; a robot without an entry is at
+    ///   home.
+    /// * `motors`: indices into `Robot::motors`; those that the robot does not have are ignored.
+    /// * `axes`: axes of the robot's board, with limits that may be narrower than the model's; may
+    ///   be empty.
+    /// * `clearance`: minimum distance, meters; at it or closer is not free.
     ///
     /// # Errors
     /// A clearance that is negative or not finite.
@@ -96,11 +103,12 @@ impl JointSpace {
         Ok(Self::over(fast, group, scene, poses))
     }
 
-    /// The same motors among other obstacles: what was proved of the robots is used again, so this is several times as quick as
-    /// [`JointSpace::new`]. Nothing is avoided or held any more.
+    /// Creates the space of the same motors among other obstacles. It reuses what was proved about
+    /// the robots and is therefore several times faster than [`JointSpace::new`]. Avoided
+    /// configurations and held motors are reset.
     ///
     /// # Errors
-    /// None but for those of [`JointSpace::new`].
+    /// As for [`JointSpace::new`].
     pub fn among<P: AsRef<[f64]>>(&self, scene: &Scene, poses: &[P]) -> Result<JointSpace, FastError> {
         let fast = self.fast.among(scene, has_part(scene, self.group.robot))?;
         Ok(Self::over(fast, self.group.clone(), scene, poses))
@@ -123,8 +131,9 @@ impl JointSpace {
         space
     }
 
-    /// The space of a view, as [`JointSpace::of`] makes it: the one that was kept where that [fits](JointSpace::fits), or one that is made
-    /// with what that one has of the robots.
+    /// Returns the space of a view, as [`JointSpace::of`]: the given one if it
+    /// [fits](JointSpace::fits), otherwise a new one that reuses what the given one has proved
+    /// about the robots.
     ///
     /// # Errors
     /// A clearance that is negative or not finite.
@@ -141,18 +150,19 @@ impl JointSpace {
         }
     }
 
-    /// Whether it is still the space of these motors in this view, as [`JointSpace::of`] makes it, wherever everybody stands.
+    /// Returns whether it is still the space of these motors in this view, as created by
+    /// [`JointSpace::of`], regardless of the robots' configurations.
     pub fn fits(&self, view: &View, motors: &[usize], room: f64) -> bool {
         self.epoch == view.scene.epoch() && self.is_of(view, motors, room)
     }
 
-    /// Whether it is of these motors and this clearance, whatever stands about them.
+    /// Returns whether it has these motors and this clearance, regardless of the environment.
     fn is_of(&self, view: &View, motors: &[usize], room: f64) -> bool {
         self.group.clearance == view.clearance + room && self.group.robot == view.robot && self.group.motors == motors
     }
 
-    /// Everything that the group does not move is here now. A motor that rests at its limit may read a little more, which no line can
-    /// be blamed for.
+    /// Updates the configuration of everything that the group does not move. A motor at rest at its
+    /// limit may read slightly more; it is clamped, because no line is to blame for that.
     pub fn stand<P: AsRef<[f64]>>(&mut self, scene: &Scene, poses: &[P]) {
         self.rest.clear();
         for (r, robot) in scene.robots().iter().enumerate() {
@@ -167,41 +177,43 @@ impl JointSpace {
         &self.group.motors
     }
 
-    /// Distances between poses of the group.
+    /// Metric of the group's configurations.
     pub fn metric(&self) -> &JointMetric {
         &self.group.metric
     }
 
-    /// Straight lines judged since it was made.
+    /// Number of straight lines checked since its creation.
     pub fn evaluations(&self) -> u64 {
         self.evaluations
     }
 
-    /// The diagonal of its box, one turn for motors without end, rad.
+    /// Returns the diagonal of its box, rad; one turn for continuous joints.
     pub fn extent(&self) -> f64 {
         self.group.joints.iter().map(|m| (m.max - m.min).min(TAU)).map(|way| way * way).sum::<f64>().sqrt()
     }
 
-    /// Keeps motors of the group (indices into `Robot::motors`) where they are to be, rad: a plan between two such poses moves none of
-    /// them.
+    /// Holds motors of the group (indices into `Robot::motors`) at positions, rad: a plan between
+    /// two configurations with these positions moves none of them.
     pub fn hold(&mut self, held: &[(usize, f64)]) {
         let at = |motor: &usize| held.iter().find(|(m, _)| m == motor).map(|(_, q)| *q);
         self.held = self.group.motors.iter().map(at).collect();
     }
 
-    /// What each coordinate counts in the lengths of planners, per rad of encoder: 1 where a joint turns, and where it slides as much
-    /// as makes a meter a radian (an encoder's rad of a slide are 57 mm).
+    /// Weights of the coordinates in the lengths of planners, per rad at the encoder: 1 for a
+    /// revolute joint; for a prismatic joint such that a meter counts as a radian (1 rad at its
+    /// encoder is 57 mm).
     pub fn weights(&self) -> &[f64] {
         &self.group.weights
     }
 
-    /// Length of the straight line between two poses as they are, turns included, by the weights: rad and m.
+    /// Returns the weighted length of the straight line between two configurations, full turns
+    /// included: rad and m.
     pub fn weighted(&self, from: &[f64], to: &[f64]) -> f64 {
         let ways = from.iter().zip(to).zip(&self.group.weights).map(|((a, b), weight)| (b - a) * weight);
         ways.map(|way| way * way).sum::<f64>().sqrt()
     }
 
-    /// As [`JointSpace::sample`], into a buffer.
+    /// Like [`JointSpace::sample`], into a buffer.
     pub fn sample_into(&self, rng: &mut impl Rng, pose: &mut Vec<f64>) {
         pose.clear();
         for i in 0..self.group.joints.len() {
@@ -216,7 +228,7 @@ impl JointSpace {
         }
     }
 
-    /// As [`JointSpace::toward`], into a buffer.
+    /// Like [`JointSpace::toward`], into a buffer.
     pub fn toward_into(&self, from: &[f64], to: &[f64], nearest: &mut Vec<f64>) {
         nearest.clear();
         let ends = from.iter().zip(to);
@@ -224,14 +236,14 @@ impl JointSpace {
             .extend(self.group.joints.iter().zip(ends).map(|(motor, (from, to))| motor.nearest_equivalent(*from, *to)));
     }
 
-    /// A pose within the limits, all alike likely.
+    /// Draws a configuration uniformly within the limits.
     pub fn sample(&self, rng: &mut impl Rng) -> Vec<f64> {
         let mut pose = Vec::with_capacity(self.group.joints.len());
         self.sample_into(rng, &mut pose);
         pose
     }
 
-    /// A position of a motor of the group, by its index in the group.
+    /// Draws a position of a motor of the group, by its index in the group.
     fn draw(&self, i: usize, rng: &mut impl Rng) -> f64 {
         if let Some(Some(held)) = self.held.get(i) {
             return *held;
@@ -240,36 +252,37 @@ impl JointSpace {
         if max > min { rng.random_range(min..=max) } else { min }
     }
 
-    /// The pose that is the same as `to` and has the shortest way from `from`, within the limits.
+    /// Returns the configuration equivalent to `to` that is closest to `from`, within the limits.
     pub fn toward(&self, from: &[f64], to: &[f64]) -> Vec<f64> {
         let mut nearest = Vec::with_capacity(to.len());
         self.toward_into(from, to, &mut nearest);
         nearest
     }
 
-    /// The first motor of the group that can't be at this pose, an index into `Robot::motors`.
+    /// Returns the first motor of the group that is outside its limits, an index into
+    /// `Robot::motors`.
     pub fn outside(&self, q: &[f64]) -> Option<usize> {
         let mut all = self.group.motors.iter().zip(self.group.joints.iter().zip(q));
-        all.find(|(_, (m, q))| !(**q >= m.min - ROUNDING && **q <= m.max + ROUNDING)).map(|(m, _)| *m)
+        all.find(|(_, (m, q))| !(**q >= m.min - ROUNDING_RAD && **q <= m.max + ROUNDING_RAD)).map(|(m, _)| *m)
     }
 
-    /// Lines that come nearer than `radius` (rad) to this pose are not free from now on, whatever the scene says: something that it does
-    /// not show was met there.
+    /// Makes lines closer than `radius` (rad) to this configuration count as not free, regardless
+    /// of the scene: a motion failed there for a reason that the scene does not contain.
     pub fn avoid(&mut self, pose: Vec<f64>, radius: f64) {
         self.avoided.push((pose, radius));
     }
 
-    /// Nothing is avoided any more.
+    /// Removes all avoided configurations.
     pub fn forgive(&mut self) {
         self.avoided.clear();
     }
 
-    /// The pose put within the limits, beyond which an encoder may read a little.
+    /// Clamps a configuration to the limits, beyond which an encoder may read slightly.
     pub fn within(&self, q: &[f64]) -> Vec<f64> {
         q.iter().zip(&self.group.joints).map(|(q, m)| q.max(m.min).min(m.max)).collect()
     }
 
-    /// Judges poses of the group: which are free.
+    /// Checks configurations of the group; returns which of them are free.
     pub fn free<'a>(&mut self, poses: impl IntoIterator<Item = &'a [f64]>) -> &[bool] {
         self.edges.clear();
         let mut count = 0;
@@ -278,19 +291,20 @@ impl JointSpace {
             count += 1;
         }
         if self.fast.free(&self.edges, &mut self.free).is_err() {
-            // can't be: they are whole poses
+            // Cannot happen: these are whole configurations.
             self.free = vec![false; count];
         }
         self.evaluations += count as u64;
         &self.free
     }
 
-    /// Judges straight lines, one verdict for each, in order. Several at once are hardly dearer than one. A line that is not the short
-    /// way of a motor without end, or passes a place that is avoided, is uncertified.
+    /// Certifies straight lines and returns one verdict for each, in order. Several at once cost
+    /// hardly more than one. A line that is not the short way of a continuous joint, or passes an
+    /// avoided configuration, is uncertified.
     pub fn certify<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> &[EdgeVerdict] {
         let shut = self.load(edges);
         if self.fast.certify(&self.edges, &mut self.verdicts).is_err() {
-            // can't be: they are whole poses
+            // Cannot happen: these are whole configurations.
             self.verdicts = shut.iter().map(|_| EdgeVerdict::Uncertified { at: 0.0 }).collect();
         }
         for (verdict, shut) in self.verdicts.iter_mut().zip(shut) {
@@ -302,7 +316,8 @@ impl JointSpace {
         &self.verdicts
     }
 
-    /// Writes straight lines as poses of the scene. Answers of each where it may not be driven whatever the scene says, if anywhere.
+    /// Writes straight lines to the buffer as configurations of the scene. Returns, for each, the
+    /// share at which it is excluded regardless of the scene, if any.
     fn load<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<Option<f64>> {
         self.edges.clear();
         let mut shut = Vec::new();
@@ -314,19 +329,21 @@ impl JointSpace {
         shut
     }
 
-    /// Which of these straight lines are free, as [`JointSpace::certify`] has it, but quicker: where a line is blocked is not found out.
+    /// Returns which of these straight lines are free, as [`JointSpace::certify`], but faster:
+    /// obstacles are not located.
     pub fn free_lines<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<bool> {
         let shut = self.load(edges);
         self.evaluations += shut.len() as u64;
         if self.fast.edges_free(&self.edges, &mut self.free).is_err() {
-            // can't be: they are whole poses
+            // Cannot happen: these are whole configurations.
             self.free.clear();
         }
         shut.iter().enumerate().map(|(i, shut)| shut.is_none() && self.free.get(i) == Some(&true)).collect()
     }
 
-    /// Whether a straight line is free where it is looked at, and none that [`JointSpace::certify`] shuts whatever the scene says: no
-    /// proof, but several times as quick as one. Counts as a line that is judged.
+    /// Returns whether a straight line is free at its samples and not excluded as in
+    /// [`JointSpace::certify`]: not a proof, but several times faster than one. Counts as a checked
+    /// line.
     pub fn samples_free(&mut self, from: &[f64], to: &[f64]) -> bool {
         self.evaluations += 1;
         if self.is_shut(from, to).is_some() {
@@ -336,24 +353,25 @@ impl JointSpace {
         whole(&mut self.edges, &self.rest, &self.group.columns, from);
         whole(&mut self.edges, &self.rest, &self.group.columns, to);
         let poses = (self.weighted(from, to) * SAMPLES_PER_RAD).ceil() as usize;
-        // can't fail: they are whole poses
+        // Cannot fail: these are whole configurations.
         self.fast.samples_free(&self.edges, poses).unwrap_or(false)
     }
 
-    /// Whether a straight line is certified free without much ado: one that goes close along something counts as not free. What is
-    /// blocked is mostly seen by samples. Counts as a line that is judged.
+    /// Returns whether a straight line can be certified free at little cost; one close to an
+    /// obstacle counts as not free. Samples detect most blocked lines first. Counts as a checked
+    /// line.
     pub fn is_easily_free(&mut self, from: &[f64], to: &[f64]) -> bool {
-        // The line is left in the buffer.
+        // `samples_free` leaves the line in the buffer.
         if !self.samples_free(from, to) {
             return false;
         }
-        let certified = self.fast.edges_free_within(&self.edges, EASY_INTERVALS, &mut self.free);
+        let certified = self.fast.edges_free_within(&self.edges, MAX_EASY_INTERVALS, &mut self.free);
         certified.is_ok() && self.free == [true]
     }
 
-    /// Where a straight line may not be driven whatever the scene says, if anywhere.
+    /// Returns the share at which a straight line is excluded regardless of the scene, if any.
     fn is_shut(&self, from: &[f64], to: &[f64]) -> Option<f64> {
-        // the robot takes the short way, so no other is of use
+        // The robot takes the short way, so no other line is valid.
         let short = |(motor, (from, to)): (&Motor, (&f64, &f64))| motor.nearest_equivalent(*from, *to) == *to;
         if !self.group.joints.iter().zip(from.iter().zip(to)).all(short) {
             return Some(0.0);
@@ -361,12 +379,13 @@ impl JointSpace {
         self.avoided.iter().find_map(|(pose, radius)| self.passes(from, to, pose, *radius))
     }
 
-    /// Whether all of these straight lines are free.
+    /// Returns whether all of these straight lines are free.
     pub fn all_free<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> bool {
         self.free_lines(edges).into_iter().all(|free| free)
     }
 
-    /// Where a straight line comes within `radius` of a pose, as a share of it.
+    /// Returns the share at which a straight line comes within `radius` of a configuration, if it
+    /// does.
     fn passes(&self, from: &[f64], to: &[f64], pose: &[f64], radius: f64) -> Option<f64> {
         let length = apart(from, to);
         let pose = self.toward(&between(from, to, 0.5), pose);
@@ -375,10 +394,10 @@ impl JointSpace {
         (apart(&between(from, to, share), &pose) < radius).then_some(share)
     }
 
-    /// The ends of a problem, the goal in the turn nearest to the start.
+    /// Returns the ends of a problem, with the goal in the turn nearest to the start.
     ///
     /// # Errors
-    /// What no planner can help: an end that is malformed, outside the limits or not free.
+    /// An end that no planner can use: malformed, outside the limits or not free.
     pub fn ends(&mut self, problem: &PlanningProblem) -> Result<(Vec<f64>, Vec<f64>), NoPath> {
         let n = self.group.motors.len();
         let start = problem.start.clone();
@@ -403,13 +422,13 @@ impl JointSpace {
     }
 }
 
-/// Whether a robot has part in a pair of shapes.
+/// Returns a predicate for pairs of shapes that involve a robot.
 fn has_part(scene: &Scene, robot: usize) -> impl Fn(u32, u32) -> bool {
     let own = move |shape: u32| scene.shape_id(shape).and_then(|id| id.robot()) == Some(robot);
     move |a, b| own(a) || own(b)
 }
 
-/// Adds a pose of the whole scene: the group's share put in its columns.
+/// Appends a configuration of the whole scene with the group's positions in its columns.
 fn whole(all: &mut Vec<f64>, rest: &[f64], columns: &[usize], pose: &[f64]) {
     let first = all.len();
     all.extend(rest);

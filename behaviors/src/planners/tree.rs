@@ -1,19 +1,20 @@
-//! A tree of poses that can be reached from its root by straight lines.
+//! A tree of configurations that are connected to its root by straight lines.
 
 use super::JointSpace;
 use std::f64::consts::TAU;
 
-/// Nodes whose distances are computed together.
-const BLOCK: usize = 16;
+/// Number of nodes for which distances are computed together.
+const BLOCK_SIZE: usize = 16;
 
-/// Grows from one end of a problem.
+/// A tree that grows from one end of a problem.
 pub(super) struct Tree {
-    /// Each in the turn that it was reached in, one after the other.
+    /// Configurations one after the other, each in the turn in which it was reached.
     poses: Vec<f64>,
     parents: Vec<u32>,
-    /// Per node: cost from the root, by the weights of the space. Only [`Tree::add_costed`] computes it.
+    /// Cost of each node from the root, by the weights of the space. Only [`Tree::add_costed`] sets it.
     costs: Vec<f64>,
-    /// Per node: how far a random pose may be for a step toward it to be tried. Infinite until a step is blocked.
+    /// Radius of each node's domain: random configurations beyond it are not stepped toward.
+    /// Infinite until a step is blocked.
     radii: Vec<f64>,
     near: NearestScan,
     dimension: usize,
@@ -43,22 +44,22 @@ impl Tree {
         self.poses.get(first..first + self.dimension).unwrap_or(&[])
     }
 
-    /// The node nearest to a pose.
+    /// Returns the node nearest to a configuration.
     pub fn nearest(&mut self, q: &[f64]) -> u32 {
         self.near.nearest(q)
     }
 
-    /// The node nearest to a pose from which it costs no more than `cost`; the root if there is none.
+    /// Returns the node nearest to a configuration among those from which it costs no more than `cost`; the root if there is none.
     pub fn nearest_within(&mut self, q: &[f64], cost: f64) -> u32 {
         self.near.nearest_within(q, &self.costs, cost)
     }
 
-    /// Cost from the root to a node.
+    /// Returns the cost from the root to a node.
     pub fn cost(&self, node: u32) -> f64 {
         self.costs.get(node as usize).copied().unwrap_or(0.0)
     }
 
-    /// Adds a node that costs so much from the root.
+    /// Adds a node with its cost from the root.
     pub fn add_costed(&mut self, parent: u32, pose: &[f64], cost: f64) -> u32 {
         let node = self.add(parent, pose);
         if let Some(slot) = self.costs.get_mut(node as usize) {
@@ -81,9 +82,10 @@ impl Tree {
         self.radii.get_mut(node as usize)
     }
 
-    /// The nodes from one to the root.
+    /// Returns the nodes from `node` to the root.
     pub fn to_root(&self, node: u32) -> Vec<u32> {
-        let (mut path, mut at) = (Vec::new(), node);
+        let mut path = Vec::new();
+        let mut at = node;
         loop {
             path.push(at);
             match self.parents.get(at as usize) {
@@ -93,13 +95,13 @@ impl Tree {
         }
     }
 
-    /// Takes out nodes, and all that hang on them. The root stays.
+    /// Removes nodes and their descendants. The root stays.
     pub fn prune(&mut self, cut: &[u32]) {
         let mut kept: Vec<Option<u32>> = Vec::with_capacity(self.len());
         let poses = std::mem::take(&mut self.poses);
         let parents = std::mem::take(&mut self.parents);
         let radii = std::mem::take(&mut self.radii);
-        // only trees without costs are pruned
+        // Only trees without costs are pruned.
         self.costs.clear();
         self.near.clear();
         for (node, ((parent, radius), pose)) in
@@ -116,12 +118,13 @@ impl Tree {
     }
 }
 
-/// Nearest neighbor by a scan in single precision: trees are small, and the nearest node is only where a step begins.
+/// Nearest neighbor by a linear scan in single precision: trees are small, and the nearest node
+/// only determines where a step begins.
 struct NearestScan {
-    /// Per coordinate what it is multiplied by, and the length of a turn if turns do not count.
+    /// Weight of each coordinate, and the weighted length of a turn if full turns are ignored.
     axes: Vec<(f64, Option<f32>)>,
-    /// Block after block of nodes, coordinate by coordinate; far away where there is no node yet.
-    blocks: Vec<[f32; BLOCK]>,
+    /// Blocks of nodes, coordinate by coordinate; infinity where there is no node.
+    blocks: Vec<[f32; BLOCK_SIZE]>,
     len: usize,
     query: Vec<f32>,
 }
@@ -140,9 +143,9 @@ impl NearestScan {
     }
 
     fn add(&mut self, q: &[f64]) {
-        let lane = self.len % BLOCK;
+        let lane = self.len % BLOCK_SIZE;
         if lane == 0 {
-            self.blocks.extend(self.axes.iter().map(|_| [f32::INFINITY; BLOCK]));
+            self.blocks.extend(self.axes.iter().map(|_| [f32::INFINITY; BLOCK_SIZE]));
         }
         let first = self.blocks.len() - self.axes.len();
         for ((row, q), (weight, _)) in self.blocks[first..].iter_mut().zip(q).zip(&self.axes) {
@@ -156,9 +159,9 @@ impl NearestScan {
         self.query.extend(q.iter().zip(&self.axes).map(|(q, (weight, _))| (q * weight) as f32));
     }
 
-    /// Squared distances of a block of nodes from the query.
-    fn squares(&self, rows: &[[f32; BLOCK]]) -> [f32; BLOCK] {
-        let mut sum = [0.0_f32; BLOCK];
+    /// Returns the squared distances of a block of nodes from the query.
+    fn squares(&self, rows: &[[f32; BLOCK_SIZE]]) -> [f32; BLOCK_SIZE] {
+        let mut sum = [0.0_f32; BLOCK_SIZE];
         for ((row, q), (_, turn)) in rows.iter().zip(&self.query).zip(&self.axes) {
             for (sum, x) in sum.iter_mut().zip(row) {
                 let mut way = x - q;
@@ -174,11 +177,11 @@ impl NearestScan {
     fn nearest_within(&mut self, q: &[f64], costs: &[f64], cost: f64) -> u32 {
         self.load_query(q);
         let mut best = (f32::INFINITY, 0);
-        let blocks = self.blocks.chunks(self.axes.len().max(1)).zip(costs.chunks(BLOCK));
+        let blocks = self.blocks.chunks(self.axes.len().max(1)).zip(costs.chunks(BLOCK_SIZE));
         for (block, (rows, costs)) in blocks.enumerate() {
             for (lane, (sum, before)) in self.squares(rows).into_iter().zip(costs).enumerate() {
                 if sum < best.0 && before + f64::from(sum).sqrt() <= cost {
-                    best = (sum, block * BLOCK + lane);
+                    best = (sum, block * BLOCK_SIZE + lane);
                 }
             }
         }
@@ -187,7 +190,7 @@ impl NearestScan {
 
     fn nearest(&mut self, q: &[f64]) -> u32 {
         self.load_query(q);
-        let mut best = [(f32::INFINITY, 0_u32); BLOCK];
+        let mut best = [(f32::INFINITY, 0_u32); BLOCK_SIZE];
         for (block, rows) in self.blocks.chunks(self.axes.len().max(1)).enumerate() {
             let sum = self.squares(rows);
             for (best, sum) in best.iter_mut().zip(sum) {
@@ -196,7 +199,7 @@ impl NearestScan {
                 }
             }
         }
-        let all = best.iter().enumerate().map(|(lane, (far, block))| (*far, block * BLOCK as u32 + lane as u32));
+        let all = best.iter().enumerate().map(|(lane, (far, block))| (*far, block * BLOCK_SIZE as u32 + lane as u32));
         let nearest = all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         nearest.map_or(0, |(_, node)| node.min(self.len.saturating_sub(1) as u32))
     }

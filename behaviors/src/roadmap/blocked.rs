@@ -1,11 +1,12 @@
-//! Edges that the world blocks: out of the graph for as long as it does.
+//! Edges that the world blocks: they are removed from the graph until it no longer does.
 
 use super::{Edge, Roadmap};
 use mobee_contract::EdgeState;
 
 impl Roadmap {
-    /// Takes an edge out of the graph, because it is not free in the present world. One that was removed stays removed, and one that
-    /// is blocked already learns its cause. Answers whether it was planned over until now.
+    /// Removes an edge from the graph because it is not free in the present world. An edge that
+    /// failed stays removed; for an edge that is already blocked, the cause is updated. Returns
+    /// whether the edge was in the graph.
     pub fn block(&mut self, from: u32, to: u32, cause: Option<String>) -> bool {
         let present = self.unlink(from, to);
         let is_blocked = |e: &&Edge| e.state == EdgeState::Blocked && e.cause != cause;
@@ -19,17 +20,18 @@ impl Roadmap {
         was
     }
 
-    /// Puts a blocked edge back into the graph, as what it was believed to be. Answers whether it was blocked.
+    /// Returns a blocked edge to the graph, in its unblocked state. Returns whether it was blocked.
     pub fn unblock(&mut self, from: u32, to: u32) -> bool {
-        let Some(edge) = self.believed(from, to) else { return false };
+        let Some(edge) = self.unblocked(from, to) else { return false };
         self.ledger.remove(&(from, to));
         self.note(from, to, &edge);
         self.link(from, to, edge);
         true
     }
 
-    /// What a blocked edge would be if nothing blocked it: known from having been driven, or from its opposite.
-    pub(super) fn believed(&self, from: u32, to: u32) -> Option<Edge> {
+    /// Returns the state that a blocked edge has without the obstacle: from its own motions, or
+    /// from its opposite.
+    pub(super) fn unblocked(&self, from: u32, to: u32) -> Option<Edge> {
         let Edge { driven, .. } = *self.ledger.get(&(from, to)).filter(|e| e.state == EdgeState::Blocked)?;
         let state = match self.edge(to, from).map(|e| (e.state, e.driven)) {
             _ if driven => EdgeState::Feasible,
@@ -40,14 +42,14 @@ impl Roadmap {
         Some(Edge { state, driven, cause: None })
     }
 
-    /// How many directed edges there are, removed and blocked ones included.
+    /// Number of directed edges, including removed and blocked ones.
     pub fn edge_count(&self) -> usize {
         self.graph.edge_count() + self.ledger.len()
     }
 
-    /// The blocked edges that leave a vertex, as what they are believed to be, by number.
+    /// Returns the blocked edges that leave a vertex, in their unblocked state, by number.
     pub(super) fn blocked_out(&self, from: u32) -> impl Iterator<Item = (u32, Edge)> {
         let all = self.ledger.range((from, 0)..=(from, u32::MAX));
-        all.filter_map(move |((_, to), _)| Some((*to, self.believed(from, *to)?)))
+        all.filter_map(move |((_, to), _)| Some((*to, self.unblocked(from, *to)?)))
     }
 }

@@ -1,5 +1,5 @@
-//! A roadmap as a [`MapFile`], and as its JSON: the map that a run leaves behind, and the part of an agent's state that a
-//! successor takes over.
+//! A roadmap as a [`MapFile`] and as its JSON: the map that a run writes, and part of the state
+//! that an agent passes to its successor.
 
 use super::{Edge, Roadmap, Vertex};
 use crate::map_file::{MapEdge, MapFile, MapVertex, VERSION, robot_digest};
@@ -9,7 +9,7 @@ use petgraph::stable_graph::NodeIndex;
 use petgraph::visit::EdgeRef;
 use serde_json::Value;
 
-/// What a map's file says that no planner asks for, kept for the next file.
+/// Properties of a map's file that no planner uses, stored for the next file.
 #[derive(Clone, Debug, Default)]
 pub(super) struct About {
     world_sha256: Option<String>,
@@ -17,17 +17,18 @@ pub(super) struct About {
 }
 
 impl Roadmap {
-    /// The marker that its vertices' places are of, if its file says so.
+    /// The marker at the positions of the vertices, if the file names it.
     pub fn hand(&self) -> Option<&str> {
         self.about.hand.as_deref()
     }
 
-    /// The roadmap as JSON: see [`Roadmap::file`].
+    /// Exports the roadmap as JSON: see [`Roadmap::file`].
     pub fn export(&self, robot: &Robot) -> Value {
         serde_json::to_value(self.file(robot)).unwrap_or(Value::Null)
     }
 
-    /// The roadmap as a map file has it. What was certified of its edges is not: a robot that moved may stand elsewhere now.
+    /// Converts the roadmap to a map file. Certificates of edges are dropped: the environment may
+    /// have changed since.
     pub fn file(&self, robot: &Robot) -> MapFile {
         let name = |m: &usize| robot.motors.get(*m).map(|m| m.name.clone()).unwrap_or_default();
         let vertex = |(id, v): (u32, &Vertex)| MapVertex { id, name: v.name.clone(), q_rad: v.q.clone(), at_m: v.at };
@@ -45,8 +46,8 @@ impl Roadmap {
         }
     }
 
-    /// Edges such that adding them one by one rebuilds every vertex's list of edges in the same order: ways of equal
-    /// cost are then chosen as before.
+    /// Returns the edges in an order such that adding them one by one rebuilds every vertex's list
+    /// of edges in the same order. Among paths of equal cost, the same one is then chosen.
     fn edges_in_file_order(&self) -> Vec<MapEdge> {
         let file = |from: u32, to: u32, e: &Edge| MapEdge {
             from,
@@ -61,7 +62,7 @@ impl Roadmap {
             let mut out: Vec<_> = self.graph.edges(NodeIndex::new(id as usize)).collect();
             out.reverse();
             all.extend(out.into_iter().map(|e| file(id, e.target().index() as u32, e.weight())));
-            // what blocks an edge is the world's matter: whoever takes the map up finds it out anew
+            // Blocked edges depend on the world; the reader of the map determines them again.
             all.extend(self.blocked_out(id).map(|(to, e)| file(id, to, &e)));
         }
         let removed = self.ledger.iter().filter(|(_, e)| e.state == EdgeState::Removed);
@@ -72,15 +73,15 @@ impl Roadmap {
     /// Reads a roadmap for this robot.
     ///
     /// # Errors
-    /// As of [`MapFile::from_value`] and [`MapFile::check`]: with the place within the value.
+    /// As for [`MapFile::from_value`] and [`MapFile::check`], with the place within the value.
     pub fn import(value: &Value, robot: &Robot) -> Result<Roadmap, KindError> {
         Roadmap::of_file(&MapFile::from_value(value)?, robot)
     }
 
-    /// The roadmap that a map file holds.
+    /// Creates the roadmap of a map file.
     ///
     /// # Errors
-    /// As of [`MapFile::check`].
+    /// As for [`MapFile::check`].
     pub fn of_file(file: &MapFile, robot: &Robot) -> Result<Roadmap, KindError> {
         file.check(robot)?;
         let motors = file.motors.iter().filter_map(|name| robot.motor_index(name)).collect();
@@ -96,7 +97,7 @@ impl Roadmap {
         Ok(map)
     }
 
-    /// Adds an edge between two of the vertices as it was.
+    /// Adds an edge between two of the vertices in its former state.
     pub(super) fn restore(&mut self, from: u32, to: u32, edge: Edge) {
         if self.vertex(from).is_none() || self.vertex(to).is_none() {
             return;

@@ -1,13 +1,14 @@
-//! Out of the traps (the paper's own future work, section 3.1): parts of a map that can't be reached, or not be left, are joined by a
-//! planner; what stays useless is left out; where the map is thin it grows.
+//! Repair of disconnected maps (the paper's own future work, section 3.1): parts of a map that
+//! can't be reached, or can't be left, are joined by a planner; parts that stay disconnected are
+//! pruned; sparse parts grow.
 //!
 //! ```text
-//! islands: strongly connected over edges that are not removed
+//! islands: strongly connected components over edges that are not removed
 //!    largest <──plan, shorten── next one, from its vertices nearest to the largest ──> vertices, edges both ways
-//!    still apart ──> pruned: a map without it          thin places ──> grow: free poses there, certified edges
+//!    not joined ──> pruned: a map without it           sparse parts ──> grow: free poses there, certified edges
 //! ```
-//! All of it is a function of map, scene and seed; nothing is driven. New edges are certified in the space's scene and optimistic all the
-//! same: only the robot knows better.
+//! Everything is a function of map, scene and seed; nothing is driven. New edges are certified in
+//! the space's scene but still optimistic: only driving confirms them.
 
 use super::{Roadmap, Vertex};
 use crate::map_file::TriedMotion;
@@ -22,17 +23,17 @@ use rand_chacha::ChaCha8Rng;
 use std::cmp::Reverse;
 use std::ops::ControlFlow;
 
-/// How near its middle a way may not pass a straight line that failed, as a share of its length.
-const AVOID: f64 = 0.2;
+/// Radius around the middle of a failed edge that new paths avoid, as a share of the edge's length.
+const AVOID_RADIUS_SHARE: f64 = 0.2;
 
-/// What may be spent on joining and growing.
+/// Limits for joining and growing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct JoinSettings {
-    /// Pairs of vertices tried for each island.
+    /// Maximum number of pairs of vertices tried for each island.
     pub pairs: usize,
-    /// Straight lines that one plan may judge.
+    /// Maximum number of straight lines checked by one plan.
     pub budget: u64,
-    /// Seed of everything random.
+    /// Seed of all randomness.
     pub seed: u64,
 }
 
@@ -42,32 +43,33 @@ impl Default for JoinSettings {
     }
 }
 
-/// What became of a map.
+/// Result of joining a map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct JoinReport {
-    /// Islands before and after.
+    /// Number of islands before and after.
     pub islands: (usize, usize),
-    /// Vertices and directed edges that were added.
+    /// Number of vertices that were added.
     pub vertices: usize,
-    /// See `vertices`.
+    /// Number of directed edges that were added.
     pub edges: usize,
-    /// Plans that found nothing.
+    /// Number of plans without a result.
     pub in_vain: usize,
-    /// Straight lines that were judged.
+    /// Number of straight lines checked.
     pub evaluations: u64,
 }
 
 /// A map without some of its vertices.
 pub struct Pruned {
-    /// What is left, numbered anew.
+    /// The remaining map, renumbered.
     pub map: Roadmap,
-    /// By old number: the new one.
+    /// New number of each old vertex; `None`: removed.
     pub numbers: Vec<Option<u32>>,
 }
 
 impl Roadmap {
-    /// The parts of the map within which every vertex can be reached from every other, over edges that are not removed: the largest
-    /// first, equal ones by their smallest number. A vertex that can't be left, or not be reached, is one of its own.
+    /// Returns the strongly connected components of the map, over edges that are not removed: the
+    /// largest first, equal ones by their smallest number. A vertex that can't be left, or can't be
+    /// reached, is a component of its own.
     pub fn islands(&self) -> Vec<Vec<u32>> {
         let number = |n: NodeIndex| n.index() as u32;
         let mut all: Vec<Vec<u32>> =
@@ -77,13 +79,14 @@ impl Roadmap {
         all
     }
 
-    /// Joins every island to the largest one by paths of a planner, as far as it finds them.
+    /// Joins every island to the largest one by planned paths, as far as the planner finds them.
     ///
     /// # Arguments
-    /// * `space`: of the map's motors, in the scene that the map is for.
-    /// * `rest`: the robot's pose; motors that the map does not move have it at new vertices.
-    /// * `shown`: where a whole pose is shown, meters.
-    /// * `tell`: told how much is done, as a share of the islands.
+    /// * `space`: joint space of the map's motors, in the scene that the map is for.
+    /// * `rest`: configuration of the robot, from which new vertices take the motors that the map
+    ///   does not move.
+    /// * `shown`: returns the position at which a whole configuration is drawn, meters.
+    /// * `tell`: called with the completed share of the islands.
     pub fn join_islands(
         &mut self,
         space: &mut JointSpace,
@@ -94,7 +97,8 @@ impl Roadmap {
         tell: &mut dyn FnMut(f64),
     ) -> JoinReport {
         let islands = self.islands();
-        let (begun, before) = (space.evaluations(), (self.len(), self.graph.edge_count()));
+        let begun = space.evaluations();
+        let before = (self.len(), self.graph.edge_count());
         let mut report = JoinReport { islands: (islands.len(), 0), ..JoinReport::default() };
         let count = islands.len();
         let mut islands = islands.into_iter();
@@ -120,7 +124,8 @@ impl Roadmap {
         report
     }
 
-    /// Vertices of two parts, one of each, the nearest first: for each of the first part the nearest of the other.
+    /// Returns pairs of vertices of two parts, the closest first: for each vertex of the first
+    /// part, the nearest of the other.
     fn nearest_pairs(&self, from: &[u32], to: &[u32], count: usize) -> Vec<(u32, u32)> {
         let mut near = crate::roadmap::neighbors::neighbors(self.motors.len(), &self.metric);
         let pose = |id: u32| self.vertex(id).map(|v| self.group(&v.q));
@@ -131,7 +136,7 @@ impl Roadmap {
         pairs.into_iter().take(count).map(|(_, from, to)| (from, to)).collect()
     }
 
-    /// A path between two vertices that does not drive what experience has removed.
+    /// Plans a path between two vertices. If their edge was removed, the path avoids its middle.
     fn way(
         &self,
         space: &mut JointSpace,
@@ -141,12 +146,13 @@ impl Roadmap {
         seed: u64,
     ) -> Option<JointPath> {
         let pose = |id: u32| self.vertex(id).map(|v| self.group(&v.q));
-        let (start, goal) = (pose(from)?, pose(to)?);
+        let start = pose(from)?;
+        let goal = pose(to)?;
         let removed = |a, b| self.edge(a, b).is_some_and(|e| e.state == EdgeState::Removed);
         if removed(from, to) || removed(to, from) {
             let end = space.toward(&start, &goal);
             let middle = start.iter().zip(&end).map(|(a, b)| (a + b) / 2.0).collect();
-            space.avoid(middle, AVOID * self.metric.distance(&start, &goal));
+            space.avoid(middle, AVOID_RADIUS_SHARE * self.metric.distance(&start, &goal));
         }
         let problem = PlanningProblem { start, goal, seed, budget };
         let path = planner.plan(space, &problem, &mut |_| ControlFlow::Continue(())).ok();
@@ -155,7 +161,7 @@ impl Roadmap {
         path
     }
 
-    /// Takes a path between two vertices into the map; answers the vertices that are new.
+    /// Adds a path between two vertices to the map; returns the new vertices.
     fn enter(
         &mut self,
         path: &JointPath,
@@ -173,7 +179,7 @@ impl Roadmap {
         new
     }
 
-    /// A vertex with the group at this pose.
+    /// Adds a vertex with the group at these positions.
     fn add_group(&mut self, pose: &[f64], rest: &Pose, shown: &dyn Fn(&[f64]) -> [f64; 3]) -> u32 {
         let target = Target { motors: self.motors.clone(), q: pose.to_vec(), speed: 1.0 };
         let q = target.pose(rest).to_vec();
@@ -181,12 +187,13 @@ impl Roadmap {
         self.add(Vertex { name: None, q, at })
     }
 
-    /// Adds up to `count` free poses where vertices are far apart, each joined to the nearest ones by certified edges (the expansion step
-    /// of Kavraki et al., *Probabilistic Roadmaps*, 1996, by distance instead of failures). A pose that can't be joined is not added.
+    /// Adds up to `count` free vertices where vertices are far apart, each joined to the nearest
+    /// ones by certified edges (the expansion step of Kavraki et al., *Probabilistic Roadmaps*,
+    /// 1996, by distance instead of failures). A configuration that can't be joined is not added.
     ///
     /// # Arguments
-    /// * `k`: how many of its nearest vertices a new one may be joined to.
-    /// * The others: as for [`Roadmap::join_islands`].
+    /// * `k`: number of nearest vertices that a new one may be joined to.
+    /// * Others: as for [`Roadmap::join_islands`].
     pub fn grow(
         &mut self,
         space: &mut JointSpace,
@@ -199,7 +206,7 @@ impl Roadmap {
         let Ok(weights) = WeightedIndex::new(thin.iter().map(|(_, far)| *far)) else { return 0 };
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut grown = 0;
-        // half of the tries may be in vain, and a few more
+        // Allow for about as many failures as successes.
         for _ in 0..2 * count + 16 {
             if grown >= count {
                 break;
@@ -227,9 +234,9 @@ impl Roadmap {
         grown
     }
 
-    /// A map of the vertices that are worth keeping, numbered anew in their order: the largest island, and what has a name. Blocked
-    /// edges are what they are believed to be: what blocks them has to be found out anew. Of the log, what was tried between
-    /// vertices that stay is kept.
+    /// Returns a map of the largest island and of all named vertices, renumbered in their order.
+    /// Blocked edges are in their unblocked state: the obstacles have to be determined again. Of
+    /// the log, motions between remaining vertices are kept.
     pub fn pruned(&self) -> Pruned {
         let main = self.islands().into_iter().next().unwrap_or_default();
         let mut map = Roadmap::empty(self.motors.clone(), self.metric.clone());
@@ -237,7 +244,8 @@ impl Roadmap {
         let numbers: Vec<Option<u32>> =
             self.vertices().map(|(id, v)| keep((id, v)).then(|| map.add(v.clone()))).collect();
         let new = |id: u32| numbers.get(id as usize).copied().flatten();
-        // in the order in which they were added, vertex by vertex: ways of equal cost are chosen as before
+        // In the order in which they were added, vertex by vertex: among paths of equal cost the
+        // same one is then chosen.
         for id in 0..self.len() as u32 {
             let mut out: Vec<_> = self.graph.edges(NodeIndex::new(id as usize)).collect();
             out.reverse();
@@ -249,12 +257,13 @@ impl Roadmap {
         }
         for (old, edge) in &self.ledger {
             if let (Some(from), Some(to)) = (new(old.0), new(old.1)) {
-                map.restore(from, to, self.believed(old.0, old.1).unwrap_or_else(|| edge.clone()));
+                map.restore(from, to, self.unblocked(old.0, old.1).unwrap_or_else(|| edge.clone()));
             }
         }
         map.about.clone_from(&self.about);
         let tried = self.tried.iter().filter_map(|t| {
-            let (from, to) = (new(t.from)?, new(t.to)?);
+            let from = new(t.from)?;
+            let to = new(t.to)?;
             Some(TriedMotion { from, to, ..t.clone() })
         });
         map.tried = tried.collect();

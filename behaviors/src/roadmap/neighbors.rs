@@ -1,8 +1,8 @@
-//! Nearest neighbors in joint space, behind one interface: a kd-tree in few dimensions, a flat scan in more and where motors turn
-//! without end.
+//! Nearest neighbors in joint space, behind one interface: a kd-tree in few dimensions, a linear
+//! scan in more and with continuous joints.
 //!
-//! Both answer alike: exact distances, equal distances ordered by id. A run therefore does not depend on which
-//! of them serves it, nor on the order in which points came.
+//! Both return identical results: exact distances, equal distances ordered by id. A run therefore
+//! depends neither on the structure nor on the order of insertion.
 
 mod flat;
 mod tree;
@@ -12,26 +12,29 @@ pub use flat::Flat;
 use crate::short_way::JointMetric;
 use tree::Tree;
 
-/// Points with ids, asked for those nearest to a query. Distances are those of a [`JointMetric`], rad.
+/// A set of points with ids, for nearest-neighbor queries. Distances are those of a
+/// [`JointMetric`], rad.
 pub trait Neighbors: Send {
-    /// Adds a point, or moves the one that has this id. Missing coordinates count as 0, surplus ones are ignored.
+    /// Adds a point, or moves the point with this id. Missing coordinates count as 0, surplus ones
+    /// are ignored.
     fn add(&mut self, id: u32, q: &[f64]);
-    /// Takes a point out; an unknown id changes nothing.
+    /// Removes a point. No-op for an unknown id.
     fn remove(&mut self, id: u32);
-    /// The `k` nearest points as (distance, id), nearest first, equal distances by id; all of them if there are fewer.
+    /// Returns the `k` nearest points as (distance, id), nearest first, equal distances by id; all
+    /// of them if there are fewer.
     fn knn(&self, q: &[f64], k: usize) -> Vec<(f64, u32)>;
-    /// For every point, by id, its `k` nearest others, as [`Neighbors::knn`] has them.
+    /// Returns, for every point by id, its `k` nearest others, as [`Neighbors::knn`].
     fn knn_all(&self, k: usize) -> Vec<(u32, Vec<(f64, u32)>)>;
-    /// How many points there are.
+    /// Number of points.
     fn len(&self) -> usize;
-    /// Whether there are none.
+    /// Returns whether there are no points.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// The structure that suits a dimension: kd-trees lose to a plain scan above about ten (kiddo's own advice, measured), and know no
-/// metric but the plain one.
+/// Creates the structure suitable for a dimension: kd-trees are slower than a linear scan above
+/// about ten dimensions (kiddo's own advice, measured), and support only the plain metric.
 pub fn neighbors(dimension: usize, metric: &JointMetric) -> Box<dyn Neighbors> {
     let flat = || Box::new(Flat::new(dimension, metric));
     if !metric.is_plain() {
@@ -48,7 +51,7 @@ pub fn neighbors(dimension: usize, metric: &JointMetric) -> Box<dyn Neighbors> {
     by_dimension!(1 2 3 4 5 6 7 8 9 10)
 }
 
-/// The first `k` by distance, then by id.
+/// Sorts by distance, then by id, and returns the first `k`.
 fn nearest(mut all: Vec<(f64, u32)>, k: usize) -> Vec<(f64, u32)> {
     all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     all.truncate(k);
@@ -68,7 +71,8 @@ mod tests {
         crate::roadmap::tests::robot(1).motors.remove(0)
     }
 
-    /// Points of some dimension whose coordinates are free, on a grid, or constant, with many repeats.
+    /// Generates points of some dimension with coordinates that are free, on a grid, or constant,
+    /// with many repetitions.
     fn points() -> impl Strategy<Value = (usize, Vec<Vec<f64>>, Vec<f64>)> {
         (1usize..13).prop_flat_map(|d| {
             let free = prop::collection::vec(prop::collection::vec(-3.0..3.0f64, d), 0..120);
@@ -108,7 +112,7 @@ mod tests {
             let motor = Motor { continuous: true, min: -60.0, max: 60.0, ..motor() };
             let metric = if endless { JointMetric::of_each((0..d).map(|i| (i % 3 != 1).then_some(&motor))) } else { JointMetric::default() };
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            // free, on a grid with many repeats, far out, not finite
+            // Free, on a grid with many repetitions, far out, not finite.
             let mut draw = || match kind {
                 0 => rng.random_range(-3.0..3.0),
                 1 => f64::from(rng.random_range(0..2)) * 3.0,
@@ -147,7 +151,8 @@ mod tests {
         #[test]
         fn order_of_arrival_does_not_matter((d, all, q) in points(), k in 1usize..12) {
             let plain = JointMetric::default();
-            let (mut forward, mut backward) = (neighbors(d, &plain), neighbors(d, &plain));
+            let mut forward = neighbors(d, &plain);
+            let mut backward = neighbors(d, &plain);
             all.iter().enumerate().for_each(|(i, p)| forward.add(i as u32, p));
             all.iter().enumerate().rev().for_each(|(i, p)| backward.add(i as u32, p));
             prop_assert_eq!(forward.knn(&q, k), backward.knn(&q, k));

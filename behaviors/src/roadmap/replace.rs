@@ -1,12 +1,13 @@
-//! A vertex's number given to another pose, so that a map which takes in poses for ever stays as large as it is.
+//! Reuse of vertex numbers, so that a map to which vertices are added indefinitely does not grow.
 
 use super::{Roadmap, Vertex};
 use mobee_contract::Note;
 use petgraph::stable_graph::NodeIndex;
 
 impl Roadmap {
-    /// Gives a vertex's number to another pose. What was known of the old one is forgotten: its edges, removed ones included, and the
-    /// motions tried along them. Whoever reads the notes is told the vertex again. Answers whether there is such a vertex.
+    /// Assigns a vertex's number to another configuration. The edges of the old one, removed ones
+    /// included, and the motions tried along them are dropped, and the vertex is noted again.
+    /// Returns whether the number exists.
     pub fn replace(&mut self, id: u32, vertex: Vertex) -> bool {
         let node = NodeIndex::new(id as usize);
         let others: Vec<u32> = self.graph.neighbors_undirected(node).map(|n| n.index() as u32).collect();

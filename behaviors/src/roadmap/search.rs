@@ -1,11 +1,13 @@
-//! A* on the edges of a map, laid out for it: lengths are measured once, and buffers are used again.
+//! A* on the edges of a map, in a layout for it: lengths are computed once, and buffers are reused.
 //!
-//! It visits vertices and edges in the very order of `petgraph::algo::astar` on the map's graph, so that of ways of equal cost the same
-//! one is chosen; a property test holds the two together. Edges are kept per vertex, in the order in which they were added, and
-//! looked at from the newest to the oldest.
+//! It visits vertices and edges in the same order as `petgraph::algo::astar` on the map's graph, so
+//! that among paths of equal cost the same one is chosen; a property test compares the two. Edges
+//! are stored per vertex in the order in which they were added, and visited from the newest to the
+//! oldest.
 //!
-//! That there is no way is found out from both ends: while the search goes on, what leads to the goal is gathered backwards, a vertex
-//! for each of the search. A goal on a small island is so given up long before everything else was looked at.
+//! The absence of a path is detected from both ends: during the search, the vertices that lead to
+//! the goal are collected backward, one for each step of the search. A goal on a small island is
+//! then found unreachable long before all other vertices have been visited.
 
 use super::Cost;
 use crate::short_way::JointMetric;
@@ -19,14 +21,14 @@ struct Link {
     cost: Cost,
 }
 
-/// The edges that are not removed, by the vertex that they leave, and where the vertices are.
+/// Edges that are not removed, by their start vertex, and the positions of the vertices.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Links {
     dimension: usize,
-    /// The group's share of every vertex, one after the other.
+    /// The group's part of every vertex, one after the other.
     poses: Vec<f64>,
     out: Vec<Vec<Link>>,
-    /// The vertices whose edges lead to each.
+    /// Start vertices of the edges that lead to each vertex.
     into: Vec<Vec<u32>>,
 }
 
@@ -35,14 +37,14 @@ impl Links {
         Links { dimension, ..Links::default() }
     }
 
-    /// One more vertex, without edges.
+    /// Adds a vertex without edges.
     pub fn add_vertex(&mut self, group: &[f64]) {
         self.poses.extend(group);
         self.out.push(Vec::new());
         self.into.push(Vec::new());
     }
 
-    /// A vertex without edges is somewhere else.
+    /// Moves a vertex without edges.
     pub fn place(&mut self, vertex: u32, group: &[f64]) {
         let from = vertex as usize * self.dimension;
         let there = self.poses.get_mut(from..from + self.dimension);
@@ -54,7 +56,7 @@ impl Links {
         self.poses.get(from..from + self.dimension).unwrap_or(&[])
     }
 
-    /// An edge that was not there.
+    /// Adds an edge that did not exist.
     pub fn add(&mut self, from: u32, to: u32, doubtful: bool, metric: &JointMetric) {
         let cost = Cost { doubtful: u32::from(doubtful), length: metric.distance(self.pose(from), self.pose(to)) };
         if let (Some(out), Some(into)) = (self.out.get_mut(from as usize), self.into.get_mut(to as usize)) {
@@ -63,7 +65,7 @@ impl Links {
         }
     }
 
-    /// An edge that can't be driven any more.
+    /// Removes an edge.
     pub fn remove(&mut self, from: u32, to: u32) {
         if let Some(out) = self.out.get_mut(from as usize) {
             out.retain(|link| link.to != to);
@@ -73,7 +75,7 @@ impl Links {
         }
     }
 
-    /// Whether an edge is doubtful now.
+    /// Sets whether an edge is doubtful.
     pub fn set(&mut self, from: u32, to: u32, doubtful: bool) {
         let out = self.out.get_mut(from as usize).map(|out| out.iter_mut());
         if let Some(link) = out.into_iter().flatten().find(|link| link.to == to) {
@@ -81,21 +83,22 @@ impl Links {
         }
     }
 
-    /// Where the edges of a vertex lead.
+    /// Returns the end vertices of the edges that leave a vertex.
     pub fn out(&self, from: u32) -> impl Iterator<Item = u32> {
         self.out.get(from as usize).into_iter().flatten().map(|link| link.to)
     }
 
-    /// The shortest way (A*), both ends included.
-    pub fn shortest(&self, from: u32, to: u32, metric: &JointMetric, at_hand: &mut Buffers) -> Option<Vec<u32>> {
+    /// Returns the shortest path (A*), both ends included.
+    pub fn shortest(&self, from: u32, to: u32, metric: &JointMetric, buffers: &mut Buffers) -> Option<Vec<u32>> {
         if from.max(to) as usize >= self.out.len() {
             return None;
         }
         let aim = self.pose(to);
         let left = |vertex: u32| Cost { doubtful: 0, length: metric.distance(self.pose(vertex), aim) };
-        at_hand.begin(self.out.len(), to);
-        let Buffers { seen, open, back, leads, .. } = at_hand;
-        let (first, now) = (from as usize, at_hand.now);
+        buffers.begin(self.out.len(), to);
+        let Buffers { seen, open, back, leads, .. } = buffers;
+        let first = from as usize;
+        let now = buffers.now;
         let mut both_ends = true;
         let start = left(from);
         if let Some(seen) = seen.get_mut(first) {
@@ -111,7 +114,7 @@ impl Links {
                 continue;
             }
             if both_ends {
-                // nothing else leads to the goal, and the start does not
+                // If the backward search is exhausted, the start does not lead to the goal.
                 let vertex = back.pop()?;
                 for other in self.into.get(vertex as usize).into_iter().flatten() {
                     let Some(leads) = leads.get_mut(*other as usize).filter(|leads| **leads != now) else { continue };
@@ -135,7 +138,7 @@ impl Links {
     }
 }
 
-/// The way back from the end, turned round.
+/// Returns the path, traced back from its end.
 fn way(seen: &[Seen], from: u32, to: u32) -> Vec<u32> {
     let mut way = vec![to];
     let mut at = to;
@@ -148,17 +151,17 @@ fn way(seen: &[Seen], from: u32, to: u32) -> Vec<u32> {
     way
 }
 
-/// What is known of a vertex in a search.
+/// State of a vertex in a search.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    /// The search that it was seen in: others are as if it had not been.
+    /// Number of the search in which it was visited; the state is void in any other search.
     now: u32,
     from: u32,
     cost: Cost,
     left: Cost,
 }
 
-/// A vertex to go on from, the least total first.
+/// A vertex to expand, ordered by the least total cost.
 #[derive(Clone, Copy, Debug)]
 struct Open {
     total: Cost,
@@ -170,7 +173,8 @@ struct Open {
 impl Ord for Open {
     fn cmp(&self, other: &Open) -> Ordering {
         let key = |o: &Open| (o.total, o.left, o.cost);
-        // the heap gives the greatest first; lengths are numbers, as limits of motors are
+        // The heap returns the greatest element first. Lengths are finite, because the limits of
+        // motors are.
         key(other).partial_cmp(&key(self)).unwrap_or(Ordering::Equal)
     }
 }
@@ -189,14 +193,14 @@ impl PartialEq for Open {
 
 impl Eq for Open {}
 
-/// What a search needs, used again by the next.
+/// Buffers of a search, reused by the next one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Buffers {
     seen: Vec<Seen>,
     open: BinaryHeap<Open>,
-    /// Vertices that lead to the goal, and were not gone back from yet.
+    /// Vertices that lead to the goal and have not been expanded backward yet.
     back: Vec<u32>,
-    /// The search in which each vertex was found to lead to the goal.
+    /// Number of the search in which each vertex was found to lead to the goal.
     leads: Vec<u32>,
     now: u32,
 }
@@ -210,7 +214,7 @@ impl Buffers {
         self.seen.resize(vertices, Seen::default());
         self.now = self.now.wrapping_add(1);
         if self.now == 0 {
-            // numbers begin anew: nothing may seem to be of this search
+            // The numbers wrapped around: clear the marks of old searches.
             self.seen.fill(Seen::default());
             self.leads.fill(0);
             self.now = 1;

@@ -3,7 +3,7 @@ use mobee_model::{JointMotion, Motor, NodePairs, Part, Robot};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-/// Some motors and nothing else.
+/// Creates a robot with motors and nothing else.
 pub(super) fn robot(motors: usize) -> Robot {
     let motor = |i| Motor {
         name: format!("m{i}"),
@@ -47,7 +47,7 @@ fn points() -> impl Strategy<Value = Vec<Vec<f64>>> {
     prop::collection::vec(prop::collection::vec(-3.0..3.0f64, 3), 3..20)
 }
 
-/// Bellman-Ford over the public listing, as a reference for A* and Dijkstra.
+/// Computes costs by Bellman-Ford over the public listing, as a reference for A* and Dijkstra.
 fn reference(map: &Roadmap, from: u32) -> BTreeMap<u32, Cost> {
     let length = |a, b| distance(&map.vertex(a).unwrap().q, &map.vertex(b).unwrap().q);
     let mut best = BTreeMap::from([(from, Cost::default())]);
@@ -67,7 +67,7 @@ fn close(a: Cost, b: Cost) -> bool {
     a.doubtful == b.doubtful && (a.length - b.length).abs() < 1e-9
 }
 
-/// Fails and succeeds along a list of edge choices.
+/// Records failures and successes for a list of edge choices.
 fn exercise(map: &mut Roadmap, deeds: &[(usize, bool)]) {
     for (i, ok) in deeds {
         let edges: Vec<_> = map.edges().iter().map(|(a, b, _)| (*a, *b)).collect();
@@ -80,9 +80,10 @@ fn deeds() -> impl Strategy<Value = Vec<(usize, bool)>> {
     prop::collection::vec((any::<usize>(), any::<bool>()), 0..60)
 }
 
-/// A* of petgraph on the map's graph.
+/// Plans by petgraph's A* on the map's graph.
 fn by_petgraph(map: &Roadmap, from: u32, to: u32) -> Option<Vec<u32>> {
-    let (start, goal) = (NodeIndex::new(from as usize), NodeIndex::new(to as usize));
+    let start = NodeIndex::new(from as usize);
+    let goal = NodeIndex::new(to as usize);
     let aim = map.group(&map.graph.node_weight(goal)?.q);
     let left = |n: NodeIndex| Cost { doubtful: 0, length: map.metric.distance(&map.group(&map.graph[n].q), &aim) };
     let cost = |e: petgraph::stable_graph::EdgeReference<'_, Edge>| map.cost(e.source(), e.target(), e.weight());
@@ -174,7 +175,7 @@ fn exactly_the_driven_edge_is_removed_and_its_opposite_becomes_doubtful() {
     assert_eq!(map.edge(0, 1).unwrap().cause.as_deref(), Some("a wall"));
     assert_eq!(map.plan(0, 1), Some(vec![0, 2, 1]), "round, as the opposite is no way");
     assert_eq!(map.plan(1, 0), Some(vec![1, 2, 0]), "round, as the straight way is doubtful");
-    // joining anew does not bring it back, re-admitting does
+    // Joining again does not restore it, re-admitting does.
     map.join(0, 1);
     assert_eq!(state(&map, 0, 1), EdgeState::Removed);
     assert!(map.readmit(0, 1) && !map.readmit(0, 1));
@@ -238,7 +239,7 @@ fn neighbors_places_and_plans_know_no_seam_where_a_motor_has_no_end() {
         assert_eq!(map.by_distance(&deg(-179.0)), [1, 0, 2, 3]);
         assert_eq!([190.0, -190.0, 530.0].map(|q| map.at(&deg(q), 1e-6)), [Some(1), Some(0), Some(0)]);
     }
-    // a single turn has two ends
+    // A single turn has two ends.
     (robot.motors[0].min, robot.motors[0].max) = (-std::f64::consts::PI, std::f64::consts::PI);
     assert_eq!(joined(&robot).edge(0, 1), None);
 }
@@ -261,7 +262,8 @@ fn what_was_tried_is_recalled_in_order() {
     assert_eq!(after.notes().iter().filter(|note| told(note)).count(), 1, "what was told is not told again");
 }
 
-/// A run without end keeps the newest of its own log, and all of what its map's file tells of earlier runs.
+/// An endless run stores the newest motions of its own log, and all motions of earlier runs from
+/// its map's file.
 #[test]
 fn a_log_is_bounded_and_earlier_ones_are_kept() {
     let robot = robot(1);
@@ -270,14 +272,14 @@ fn a_log_is_bounded_and_earlier_ones_are_kept() {
     let mut file = map.export(&robot);
     let mut earlier = file["tried"][0].clone();
     earlier["run"] = json!("yesterday");
-    file["tried"] = Value::Array(vec![earlier; MOST_TRIED + 200]);
+    file["tried"] = Value::Array(vec![earlier; MAX_TRIED + 200]);
     let mut map = Roadmap::import(&file, &robot).unwrap();
-    for i in 0..MOST_TRIED + 100 {
+    for i in 0..MAX_TRIED + 100 {
         map.succeeded((i % 2) as u32, 1 - (i % 2) as u32);
     }
     let tried = map.export(&robot)["tried"].as_array().unwrap().clone();
     let own: Vec<&Value> = tried.iter().filter(|t| t["run"].is_null()).collect();
-    assert_eq!((tried.len() - own.len(), own.len()), (MOST_TRIED + 200, MOST_TRIED));
-    // the last two, in order
+    assert_eq!((tried.len() - own.len(), own.len()), (MAX_TRIED + 200, MAX_TRIED));
+    // The last two, in order.
     assert_eq!(own[own.len() - 2..].iter().map(|t| t["from"].as_u64()).collect::<Vec<_>>(), [Some(0), Some(1)]);
 }

@@ -1,17 +1,20 @@
-//! Validation modes: whether a roadmap's edges are driven to find out, or certified in the model first.
+//! Validation modes: edges of a roadmap are either tried by driving them, or certified in the model
+//! first.
 //!
 //! | mode | certified | when |
 //! |---|---|---|
-//! | `optimistic` | nothing: edges are learned by driving them (the paper) | |
-//! | `lazy` | the edges of a path | before it is driven; one that is blocked is taken out, and another path planned |
+//! | `optimistic` | nothing: edges are confirmed by driving them (the paper) | |
+//! | `lazy` | the edges of a path | before it is driven; one that is blocked is removed, and another path is planned |
 //! | `verified` | all edges | before anything is planned |
 //!
-//! Whoever drives to find out can learn more of a failure than one edge ([`Validator::blaming`]): what was in the way is minded from then
-//! on, and edges that the model has in the way of that are driven no more. A map of thousands of poses has more edges at one obstacle than
-//! anybody wants to bump into, and every one of them would teach the same.
+//! Without certification, a failure can exclude more than one edge ([`Validator::blaming`]): from
+//! then on, the obstacle is checked, and edges that it blocks in the model are no longer driven. A
+//! map of thousands of poses has many edges at one obstacle, and driving each of them into it would
+//! gain nothing.
 //!
-//! In the last two modes, an edge that failed when driven is tried again once an object that was in its way has changed (I11). What
-//! is certified is the model's world, with the view's clearance; the reflex is on in every mode.
+//! In the last two modes, an edge that failed when driven is tried again once an object that was in
+//! its way has changed (I11). Edges are certified in the model's world, with the view's clearance;
+//! the reflex is active in every mode.
 
 use super::Roadmap;
 use super::validity::{EdgeEnds, Validity, edge_between};
@@ -22,11 +25,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What is certified before a roadmap's edges are driven.
+/// Extent of the certification before edges of a roadmap are driven.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Validation {
-    /// Nothing: every edge is taken for feasible until it fails.
+    /// No certification: every edge is assumed to be feasible until it fails.
     #[default]
     Optimistic,
     /// The edges of a path, before it is driven.
@@ -35,10 +38,11 @@ pub enum Validation {
     Verified,
 }
 
-/// Edges that are certified at once, where a path has fewer that are not known: three blocks of lanes of `mobee-fast`.
-const AT_ONCE: usize = 48;
+/// Number of edges certified at once, also if fewer edges of a path are due: three blocks of lanes
+/// of `mobee-fast`.
+const MIN_BATCH: usize = 48;
 
-/// A directed edge that failed when driven, and what was in its way: part of an agent's state.
+/// A directed edge that failed when driven, and its obstacles: part of an agent's state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FailedEdge {
@@ -46,69 +50,72 @@ pub struct FailedEdge {
     pub from: u32,
     /// To vertex.
     pub to: u32,
-    /// The objects that were in the way, by their numbers in the scene; none: nobody knows, or it was no object.
+    /// Objects in its way, by their numbers in the scene; empty: unknown, or not an object.
     pub by: BTreeSet<u32>,
 }
 
-/// What was in the way of edges that failed: part of an agent's state.
+/// Obstacles of the edges that failed: part of an agent's state.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Blame {
     /// Objects, by their numbers in the scene.
     pub objects: BTreeSet<u32>,
-    /// Whether the robot was in its own way.
+    /// The robot collided with itself.
     pub itself: bool,
 }
 
 impl Blame {
-    /// Whether nothing was.
-    pub fn is_nobody(&self) -> bool {
+    /// Returns whether there are no obstacles.
+    pub fn is_empty(&self) -> bool {
         *self == Blame::default()
     }
 }
 
-/// Keeps a roadmap true to the world, as far as its mode says.
+/// Keeps a roadmap consistent with the world, as far as its mode requires.
 pub struct Validator {
     mode: Validation,
-    /// Whether what was in the way is minded where nothing is certified.
+    /// Check the obstacles of failed edges even if nothing is certified.
     blames: bool,
     blame: Blame,
     validity: Validity,
     /// Directed edges that failed when driven, and the objects that were in their way.
     failed: BTreeMap<(u32, u32), BTreeSet<u32>>,
-    /// Edges of the map when all of them were last certified.
+    /// Number of edges of the map when all of them were last certified.
     certified: usize,
 }
 
 impl Validator {
-    /// For a map of these motors.
+    /// Creates a validator for a map of these motors.
     pub fn new(mode: Validation, motors: &[usize]) -> Validator {
-        let (validity, failed, blame) = (Validity::new(motors), BTreeMap::new(), Blame::default());
+        let validity = Validity::new(motors);
+        let failed = BTreeMap::new();
+        let blame = Blame::default();
         Validator { mode, blames: false, blame, validity, failed, certified: 0 }
     }
 
-    /// The same; where nothing is certified, what was in the way of an edge that failed is minded from then on.
+    /// Makes it check the obstacles of failed edges even if nothing is certified.
     pub fn blaming(mut self) -> Validator {
         self.blames = true;
         self
     }
 
-    /// Whether it certifies anything.
+    /// Returns whether it certifies edges.
     pub fn certifies(&self) -> bool {
         self.mode != Validation::Optimistic
     }
 
-    /// The mode, for another map: nothing is known of that one.
+    /// Creates a validator of the same mode for another map, without any verdicts.
     pub fn renewed(&self, map: &Roadmap) -> Validator {
         Validator { blames: self.blames, ..Validator::new(self.mode, map.motors()) }
     }
 
-    /// Whether any edge is judged by the model.
+    /// Returns whether edges are checked in the model.
     fn judges(&self) -> bool {
-        self.certifies() || !self.blame.is_nobody()
+        self.certifies() || !self.blame.is_empty()
     }
 
-    /// What is known of an edge, as far as it counts: where nothing is certified, only what is blamed can be in the way.
+    /// Returns the applicable verdict of an edge: without certification, only blamed obstacles can
+    /// block it.
     fn verdict(&self, edge: (u32, u32)) -> Option<EdgeVerdict> {
         let known = self.validity.verdict(edge)?;
         let mut by = self.validity.blocked_by(edge).peekable();
@@ -117,8 +124,8 @@ impl Validator {
         Some(if counts { *known } else { EdgeVerdict::Free })
     }
 
-    /// Brings the map up to date with the world: edges that an object blocks leave it, those that none blocks any more return.
-    /// Answers how many undirected edges did the one and the other.
+    /// Updates the map to the world: edges that an object blocks leave it, those that no object
+    /// blocks any longer return. Returns the numbers of undirected edges that did.
     pub fn look(&mut self, map: &mut Roadmap, view: &View) -> EdgeChange {
         let mut change = EdgeChange::default();
         if !self.judges() {
@@ -148,7 +155,8 @@ impl Validator {
         change
     }
 
-    /// Whether all edges of a path are certified to be free, or nothing has to be. Those that are not leave the map.
+    /// Returns whether all edges of a path are certified free, or need not be. Edges that are not
+    /// free leave the map.
     pub fn admits(&mut self, map: &mut Roadmap, path: &[u32], view: &View) -> bool {
         if !self.judges() {
             return true;
@@ -162,7 +170,8 @@ impl Validator {
                 Some(_) => {
                     self.apply(map, (a, b), &view.scene);
                 }
-                // nobody could be asked: it must leave the map all the same, or it is planned over for ever
+                // Without a verdict, the edge must leave the map as well, or it would be planned
+                // over forever.
                 None => {
                     map.block(a, b, None);
                     map.block(b, a, None);
@@ -173,8 +182,9 @@ impl Validator {
         all_free
     }
 
-    /// Certifies the edges of a path that are not known yet. Where everything driven has to be certified, others that leave the path
-    /// are with them: the next path, should this one not hold, is likely to take some of them, and many at once cost little more than few.
+    /// Certifies the edges of a path that have no verdict yet. If every driven edge must be
+    /// certified, it includes other edges that leave the path: an alternative path is likely to
+    /// need some of them, and many at once cost little more than few.
     fn certify_around(&mut self, map: &mut Roadmap, path: &[u32], edges: &[EdgeEnds], scene: &Scene) {
         let is_new = |edge: &EdgeEnds| self.validity.verdict(*edge).is_none();
         let mut due: BTreeSet<_> = edges.iter().copied().filter(is_new).collect();
@@ -182,7 +192,7 @@ impl Validator {
             return;
         }
         let around = path.iter().flat_map(|from| map.links.out(*from).map(|to| edge_between(*from, to)));
-        let most = if self.certifies() { AT_ONCE } else { 0 };
+        let most = if self.certifies() { MIN_BATCH } else { 0 };
         for edge in around.filter(is_new) {
             if due.len() >= most {
                 break;
@@ -195,7 +205,8 @@ impl Validator {
         }
     }
 
-    /// An edge failed when driven: remembers the objects that the view, or the model, has in its way.
+    /// Records that an edge failed when driven, with the objects in its way by the view or the
+    /// model.
     pub fn failed(&mut self, from: u32, to: u32, view: &View) {
         let object = |(a, b): Pair| [a, b].into_iter().find_map(object_of);
         let own = view.contacts.iter().filter(|c| crate::group::involves(view.robot, c));
@@ -214,39 +225,40 @@ impl Validator {
         }
     }
 
-    /// The edges that failed, each with what must change before it is tried again.
+    /// Returns the edges that failed, each with the objects that must change before it is tried
+    /// again.
     pub fn causes(&self) -> Vec<FailedEdge> {
         self.failed.iter().map(|((from, to), by)| FailedEdge { from: *from, to: *to, by: by.clone() }).collect()
     }
 
-    /// Takes over what a predecessor knew of the edges that failed.
+    /// Restores a predecessor's failed edges.
     pub fn remember(&mut self, causes: &[FailedEdge]) {
         self.failed.extend(causes.iter().map(|f| ((f.from, f.to), f.by.clone())));
     }
 
-    /// What was in the way of edges that failed, where nothing is certified.
+    /// Obstacles of the edges that failed, if nothing is certified.
     pub fn blame(&self) -> &Blame {
         &self.blame
     }
 
-    /// Takes over what a predecessor blamed.
+    /// Restores a predecessor's obstacles.
     pub fn take_blame(&mut self, blame: &Blame) {
         self.blame.clone_from(blame);
     }
 
-    /// A vertex is another one now: nothing is known of its edges.
+    /// Discards all verdicts of edges, because a vertex was replaced.
     pub fn forget(&mut self, vertex: u32) {
         self.failed.retain(|(from, to), _| *from != vertex && *to != vertex);
         self.validity.forget_edges();
         self.certified = 0;
     }
 
-    /// What is known of the edges.
+    /// Verdicts of the edges.
     pub fn validity(&self) -> &Validity {
         &self.validity
     }
 
-    /// Lets both directions of an edge be what its verdict says.
+    /// Applies the verdict of an edge to both of its directions.
     fn apply(&self, map: &mut Roadmap, (a, b): (u32, u32), scene: &Scene) -> Option<bool> {
         let both = [(a, b), (b, a)];
         match self.verdict((a, b)) {
@@ -261,12 +273,12 @@ impl Validator {
     }
 }
 
-/// How many undirected edges changed with the world.
+/// Numbers of undirected edges that changed with the world.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EdgeChange {
-    /// Blocked now, and not before.
+    /// Newly blocked edges.
     pub blocked: usize,
-    /// Not blocked any more.
+    /// Edges that are no longer blocked.
     pub freed: usize,
 }
 
@@ -284,15 +296,15 @@ fn object_of(shape: ShapeId) -> Option<u32> {
     }
 }
 
-/// What stands in the way, in words.
+/// Describes the obstacle.
 fn words(verdict: &EdgeVerdict, scene: &Scene) -> String {
     match verdict {
         EdgeVerdict::Free => "nothing".to_owned(),
         EdgeVerdict::Blocked(found) => {
-            let who = found.pair.map(|(a, b)| format!("{} and {}", scene.shape_name(a), scene.shape_name(b)));
-            let who = who.unwrap_or_else(|| "a limit or constraint".to_owned());
-            format!("{who} at {:.0} % of the way", 100.0 * found.at)
+            let obstacle = found.pair.map(|(a, b)| format!("{} and {}", scene.shape_name(a), scene.shape_name(b)));
+            let obstacle = obstacle.unwrap_or_else(|| "a limit or constraint".to_owned());
+            format!("{obstacle} at {:.0} % of the way", 100.0 * found.at)
         }
-        EdgeVerdict::Uncertified { at } => format!("too near to tell at {:.0} % of the way", 100.0 * at),
+        EdgeVerdict::Uncertified { at } => format!("too close to certify at {:.0} % of the way", 100.0 * at),
     }
 }

@@ -1,17 +1,19 @@
-//! What the world does to a roadmap's edges: a layer beside what the robot learned by driving them.
+//! Verdicts of the world on a roadmap's edges, stored separately from the outcomes of driving them.
 //!
-//! Every edge that was ever asked about is *known*: whether the robot itself is in its own way, and each object that blocks it. When
-//! the world changes, only the objects that changed are looked at. An object that went away takes its blocks along, without a search;
-//! where one came, boxes that hold each edge's whole sweep name the few edges that it can touch, and these are certified against
-//! that object alone.
+//! For every *known* edge it stores whether the robot collides with itself, and each object that
+//! blocks it. After a change of the world, only the objects that changed are checked. The blocks of
+//! an object that was removed are dropped without a search. For an object that was added, boxes
+//! that contain each edge's whole sweep select the few edges that it can touch, and these are
+//! certified against that object alone.
 //!
 //! ```text
-//! edge ──certify──> own pairs: free? ──> objects whose region meets its boxes ──certify each──> blocks
-//! object moved ───> its blocks are dropped ──> known edges whose boxes meet its new region ──certify──> blocks
+//! edge ──certify──> own pairs: free? ──> objects with a region that meets its boxes ──certify each──> blocks
+//! object moved ───> its blocks are dropped ──> known edges with boxes that meet its new region ──certify──> blocks
 //! ```
 //!
-//! So a verdict is a function of edge and world, not of what happened in between: after any edits it is what a layer that never saw
-//! another world says. Other robots are no part of it: they move, and the reflex minds them.
+//! A verdict is therefore a function of edge and world, independent of the history: after any edits
+//! it equals the verdict of a layer that has seen only the last world. Other robots are not
+//! included: they move, and the reflex monitors them.
 
 mod limbs;
 mod seen;
@@ -29,40 +31,41 @@ use std::sync::Arc;
 /// Two vertices, the smaller number first: certified edges have no direction.
 pub type EdgeEnds = (u32, u32);
 
-/// The edge between two vertices.
+/// Returns the edge between two vertices.
 pub fn edge_between(a: u32, b: u32) -> EdgeEnds {
     (a.min(b), a.max(b))
 }
 
-/// What is known of a roadmap's edges in the world as it was last seen.
+/// Verdicts on a roadmap's edges in the world of the last update.
 #[derive(Default)]
 pub struct Validity {
     motors: Vec<usize>,
     world: Option<SeenWorld>,
-    /// Where each known edge is in the following lists.
+    /// Index of each known edge in the following lists.
     slots: BTreeMap<EdgeEnds, usize>,
     edges: Vec<KnownEdge>,
-    /// Per edge the map's motors at its start, then at its end, rad.
+    /// Positions of the map's motors at the start, then at the end of each edge, rad.
     ways: Vec<f64>,
-    /// Per edge what each limb sweeps.
+    /// Box swept by each limb, for each edge.
     boxes: Vec<WorldBox>,
-    /// The edges that each object blocks.
+    /// Edges blocked by each object.
     blocks: BTreeMap<u32, Vec<usize>>,
-    /// How often an edge was certified against an object.
+    /// Number of certifications of an edge against an object.
     asked: u64,
 }
 
 struct KnownEdge {
     ends: EdgeEnds,
     own: EdgeVerdict,
-    /// The objects that block it, and where. None if the robot is itself in the way: they are not asked then.
+    /// Objects that block it, each with its verdict; empty if the robot collides with itself,
+    /// because objects are not checked then.
     blocked_by: Vec<(u32, EdgeVerdict)>,
 }
 
-/// What a look at the world brought.
+/// Changes found by an update.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WorldNews {
-    /// Another robot, clearance or resting pose: nothing is known any more.
+    /// Robot, clearance or rest configuration changed: all verdicts were discarded.
     pub forgotten: bool,
     /// Objects that were added, moved, changed or removed.
     pub objects: BTreeSet<u32>,
@@ -70,34 +73,35 @@ pub struct WorldNews {
     pub edges: BTreeSet<EdgeEnds>,
 }
 
-/// How large the layer is.
+/// Size of the layer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ValidityFigures {
-    /// Known edges.
+    /// Number of known edges.
     pub edges: usize,
-    /// Boxes of each.
+    /// Number of boxes of each edge.
     pub limbs: usize,
-    /// Memory of their boxes, bytes.
+    /// Memory of the boxes, bytes.
     pub index_bytes: usize,
-    /// Memory of their poses and verdicts, bytes.
+    /// Memory of the edges' configurations and verdicts, bytes.
     pub edge_bytes: usize,
-    /// How often an edge was certified against an object so far.
+    /// Number of certifications of an edge against an object so far.
     pub asked: u64,
 }
 
 impl Validity {
-    /// A layer for the map of these motors (indices into the robot's), which knows nothing yet.
+    /// Creates an empty layer for a map of these motors (indices into the robot's).
     pub fn new(motors: &[usize]) -> Validity {
         Validity { motors: motors.to_vec(), ..Validity::default() }
     }
 
-    /// Looks at the world: known edges are up to date with it afterwards, by a look at the objects that changed alone.
+    /// Updates the verdicts of known edges to the world of a view, by checking only the objects
+    /// that changed.
     ///
     /// # Performance
-    /// Nothing to speak of while the view's scene is the one seen last.
+    /// Negligible while the view's scene is that of the last update.
     pub fn look(&mut self, view: &View) -> WorldNews {
         let Some(world) = self.world.as_mut().filter(|world| world.is_of(view, &self.motors)) else {
-            // whoever waits for an object to change hears of it all the same
+            // The changed objects are reported even if all verdicts are discarded.
             let objects = self.world.as_mut().map(|world| world.update(&view.scene)).unwrap_or_default();
             let motors = std::mem::take(&mut self.motors);
             let world = Some(SeenWorld::new(view, &motors));
@@ -115,12 +119,13 @@ impl Validity {
                 edge.blocked_by.retain(|(object, _)| object != id);
                 edges.insert(edge.ends);
             }
-            edges.extend(self.ask_about(*id, 0..self.edges.len()));
+            edges.extend(self.certify_against(*id, 0..self.edges.len()));
         }
         WorldNews { forgotten: false, objects, edges }
     }
 
-    /// Certifies the edges between these vertices that are not known yet, in the world of the last [`Validity::look`].
+    /// Certifies the edges between these vertices that are not known yet, in the world of the last
+    /// [`Validity::look`].
     pub fn certify(&mut self, map: &Roadmap, edges: impl IntoIterator<Item = EdgeEnds>) {
         let Some(world) = &mut self.world else { return };
         let first = self.edges.len();
@@ -143,12 +148,13 @@ impl Validity {
             edge.own = verdict;
         }
         for id in world.objects() {
-            self.ask_about(id, first..self.edges.len());
+            self.certify_against(id, first..self.edges.len());
         }
     }
 
-    /// Certifies those of a range of known edges that an object can touch against it; answers which of them it blocks.
-    fn ask_about(&mut self, object: u32, range: Range<usize>) -> Vec<EdgeEnds> {
+    /// Certifies those known edges of a range that an object can touch against it; returns those
+    /// that it blocks.
+    fn certify_against(&mut self, object: u32, range: Range<usize>) -> Vec<EdgeEnds> {
         let Some(world) = &mut self.world else { return Vec::new() };
         let region = world.region(object);
         if region.is_empty() || range.is_empty() {
@@ -170,26 +176,27 @@ impl Validity {
         blocked
     }
 
-    /// What is known of an edge: that it is free, or where it is first blocked. `None`: it was not asked about.
+    /// Returns the verdict of an edge: free, or the first obstacle. `None`: the edge is not known.
     pub fn verdict(&self, edge: EdgeEnds) -> Option<&EdgeVerdict> {
         let known = self.edges.get(*self.slots.get(&edge)?)?;
         let first = known.blocked_by.iter().min_by(|(i, a), (j, b)| at(a).total_cmp(&at(b)).then(i.cmp(j)));
         Some(first.map_or(&known.own, |(_, verdict)| verdict))
     }
 
-    /// The objects that block an edge.
+    /// Returns the objects that block an edge.
     pub fn blocked_by(&self, edge: EdgeEnds) -> impl Iterator<Item = u32> {
         let known = self.slots.get(&edge).and_then(|slot| self.edges.get(*slot));
         known.into_iter().flat_map(|edge| edge.blocked_by.iter().map(|(object, _)| *object))
     }
 
-    /// Forgets all edges, but not the world: a vertex is another one now.
+    /// Discards all edges, but not the world, because a vertex was replaced.
     pub fn forget_edges(&mut self) {
-        let (motors, world) = (std::mem::take(&mut self.motors), self.world.take());
+        let motors = std::mem::take(&mut self.motors);
+        let world = self.world.take();
         *self = Validity { motors, world, asked: self.asked, ..Validity::default() };
     }
 
-    /// How large it is.
+    /// Returns its size.
     pub fn figures(&self) -> ValidityFigures {
         let limbs = self.world.as_ref().map_or(0, |world| world.limbs.len());
         let blocks: usize = self.edges.iter().map(|e| e.blocked_by.capacity() * size_of::<(u32, EdgeVerdict)>()).sum();
@@ -200,7 +207,7 @@ impl Validity {
     }
 }
 
-/// Where along the way an edge is first not free.
+/// Returns the position of the first obstacle, as a share of the edge.
 fn at(verdict: &EdgeVerdict) -> f64 {
     match verdict {
         EdgeVerdict::Free => f64::INFINITY,
@@ -209,11 +216,13 @@ fn at(verdict: &EdgeVerdict) -> f64 {
     }
 }
 
-/// The map's motors at the first vertex of an edge, then at the second, the short way from there.
+/// Returns the positions of the map's motors at the first vertex of an edge, then at the second, by
+/// the short way.
 fn way(map: &Roadmap, scene: &Scene, robot: usize, (a, b): EdgeEnds) -> Option<Vec<f64>> {
-    let (from, to) = (map.vertex(a)?, map.vertex(b).filter(|_| a != b)?);
+    let from = map.vertex(a)?;
+    let to = map.vertex(b).filter(|_| a != b)?;
     let robot = scene.robots().get(robot)?;
-    // rounding may have put a pose a hair beyond a limit
+    // Rounding may have put a position slightly beyond a limit.
     let group = |q: &[f64]| {
         let q = q.iter().zip(&robot.motors).map(|(q, m)| q.max(m.min).min(m.max)).collect::<Vec<_>>();
         map.group(&q)
@@ -221,7 +230,7 @@ fn way(map: &Roadmap, scene: &Scene, robot: usize, (a, b): EdgeEnds) -> Option<V
     Some([group(&from.q), group(&robot.nearest_equivalent(&from.q, &to.q))].concat())
 }
 
-/// The edges of a range whose boxes (so many each) meet a region.
+/// Returns the edges of a range with boxes (`limbs` each) that intersect a region.
 fn touched(boxes: &[WorldBox], limbs: usize, region: &[WorldBox], range: Range<usize>) -> impl Iterator<Item = usize> {
     let meet = |a: &WorldBox, b: &WorldBox| (0..3).all(|i| a[i] <= b[i + 3] && b[i] <= a[i + 3]);
     let own = boxes.get(range.start * limbs..range.end * limbs).unwrap_or(&[]);

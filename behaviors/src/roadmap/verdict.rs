@@ -1,52 +1,54 @@
-//! What the robot learned of its edges, beside what an offline check of the same straight lines says.
+//! Comparison of the outcomes of driven edges with an offline check of the same straight lines.
 //!
-//! The reflex acts at its margin, and the offline check asks for the margin and 2 mm more, so an edge whose clearance lies
-//! within 2 mm of that may rightly be judged either way: it is counted apart.
+//! The reflex acts at its margin, and the offline check requires the margin plus 2 mm, so for an
+//! edge with a clearance within 2 mm of that either outcome is correct: such edges are counted
+//! separately.
 
 use crate::roadmap::Roadmap;
 use mobee_contract::{EdgeState, Pose};
 use mobee_model::Scene;
 use serde::Serialize;
 
-/// How near to the clearance asked for an edge counts as borderline, meters.
+/// Maximum difference from the required clearance of a borderline edge, meters.
 pub const BORDERLINE: f64 = 0.002;
-/// Longest way of any point of the robot between two samples of a line, meters.
+/// Maximum displacement of any point of the robot between two samples of a line, meters.
 pub const STEP: f64 = 0.001;
 
-/// An edge that was driven, judged offline.
+/// A driven edge with its offline check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judged {
     /// From vertex.
     pub from: u32,
     /// To vertex.
     pub to: u32,
-    /// Whether it was driven to its end.
+    /// The edge was driven to its end.
     pub reached: bool,
-    /// Whether the offline check finds it free and within all constraints.
+    /// The offline check found it free and within all constraints.
     pub free: bool,
-    /// The smallest distance on the line, meters, as far as it was measured (5 mm beyond the clearance).
+    /// Smallest distance on the line, meters, as far as it was computed (5 mm beyond the
+    /// clearance).
     pub distance: f64,
-    /// The nearest pair, or the violated constraint, in words.
+    /// Nearest pair, or the violated constraint, in words.
     pub pair: Option<String>,
-    /// What the robot was told stood in its way.
+    /// Obstacle that was reported to the robot.
     pub cause: Option<String>,
 }
 
-/// The verdicts of all driven edges.
+/// Comparison of all driven edges.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct VerdictReport {
-    /// How many verdicts are equal and not borderline.
+    /// Number of edges with equal outcomes that are not borderline.
     pub agree: usize,
-    /// Edges whose clearance is within [`BORDERLINE`] of what was asked for.
+    /// Edges with a clearance within [`BORDERLINE`] of the required one.
     pub borderline: Vec<Judged>,
-    /// Edges on which robot and offline check differ.
+    /// Edges for which outcome and offline check differ.
     pub disagree: Vec<Judged>,
 }
 
-/// Judges every edge that was itself driven, in the scene it was driven in.
+/// Checks every edge that was driven, in the scene in which it was driven.
 ///
-/// `poses`: where all robots stand (the agent's own pose does not matter). `clearance`: the reflex's margin and 2 mm.
-/// Two directions of one pair count as two edges, if both were driven.
+/// `poses`: configurations of all robots (the agent's own is not used). `clearance`: the reflex's
+/// margin plus 2 mm. The two directions of a pair are two edges, if both were driven.
 pub fn judge(map: &Roadmap, scene: &Scene, robot: usize, poses: &[Pose], clearance: f64) -> VerdictReport {
     let mut report = VerdictReport::default();
     for (from, to, edge) in map.edges().into_iter().filter(|(.., e)| e.driven) {

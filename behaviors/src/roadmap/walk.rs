@@ -1,13 +1,16 @@
-//! Walking a roadmap: CONNECT, GOTO and WAITFORMOTION (Algorithms 1-3) as one small machine.
+//! Motion along a roadmap: CONNECT, GOTO and WAITFORMOTION (Algorithms 1-3) as one small state
+//! machine.
 //!
 //! ```text
-//!          caught at rest          away from the map            at a vertex
+//!          in contact at rest      not at a vertex              at a vertex
 //!  step ──> escape ──────> step ──> CONNECT(q_current) ──> step ──> GOTO(goal): plan, drive one edge ──> step ...
 //! ```
 //!
-//! With a validation mode, paths are certified before they are followed, and what is under way is stopped when an object comes in
-//! its way (`validation.rs`). It plans anew at every vertex and commits edge by edge, so the robot's safe pose is always a vertex. WAITFORMOTION is
-//! the [`MotionEnd`] that the next [`Walker::step`] is given. Nothing but the pose says where the robot is.
+//! With a validation mode, paths are certified before they are followed, and a motion is stopped
+//! when an object enters its path (`validation.rs`). The walker replans at every vertex and commits
+//! edge by edge, so the robot's safe pose is always a vertex. WAITFORMOTION is the [`MotionEnd`]
+//! passed to the next [`Walker::step`]. The robot's vertex is determined from its configuration
+//! alone.
 
 mod far;
 
@@ -22,31 +25,33 @@ use mobee_contract::{EdgeState, Intent, MotionEnd, Note, Target, View};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Escapes tried in a row before the walker waits for help.
-const ESCAPES: u32 = 20;
-/// How often it waits a second for somebody to take away what holds the robot.
-const WAITS: u32 = 60;
-/// How often CONNECT may end at its target and yet not at the vertex, in a row.
-const CONNECTS: u32 = 10;
-/// How often parts of the map are joined.
-const JOINS: u32 = 10;
-/// How many of the nearest vertices CONNECT checks in the scene before it just tries the nearest.
-const CHECKED: usize = 50;
+/// Maximum number of escapes in a row before the walker waits for help.
+const MAX_ESCAPES: u32 = 20;
+/// Maximum number of waits, one second each, for the object in contact to be removed.
+const MAX_WAITS: u32 = 60;
+/// Maximum number of times in a row that CONNECT may reach its target without being at the vertex.
+const MAX_CONNECTS: u32 = 10;
+/// Maximum number of times that parts of the map are joined.
+const MAX_JOINS: u32 = 10;
+/// Number of nearest vertices that CONNECT checks in the scene before it tries the nearest
+/// unchecked.
+const CHECKED_VERTICES: usize = 50;
 
-/// What a walker says to its agent.
+/// Result of a step, for the agent.
 #[derive(Clone, Debug, PartialEq)]
 pub enum WalkStep {
-    /// Give this intent; then step again with the motion's end.
+    /// Return this intent; then step again with the end of the motion.
     Do(Intent),
-    /// The robot rests at this vertex, and no goal is left: choose one.
+    /// The robot rests at this vertex without a goal: choose one.
     At(u32),
-    /// No way leads from where the robot rests to this goal, which is dropped: choose another.
+    /// No path leads from the robot's vertex to this goal, which is dropped: choose another.
     Unreachable(u32),
-    /// The robot can't be brought to the map.
+    /// The robot can't be brought to the map, with the reason.
     Lost(String),
 }
 
-/// What is being done; part of an agent's state, so that a successor understands how the open motion ends.
+/// Current activity; part of an agent's state, so that a successor can interpret the end of the
+/// open motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Doing {
@@ -61,32 +66,33 @@ enum Doing {
         from: u32,
         to: u32,
     },
-    /// A motion that is no edge: where it leads to was changed on the way, or it was given up.
+    /// A motion that is not along an edge: it was redirected on the way, or aborted.
     Turned,
 }
 
-/// What a successor must know besides the map.
+/// State that a successor needs besides the map.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WalkProgress {
     doing: Doing,
     goal: Option<u32>,
-    /// The last vertex where the robot rested.
+    /// Last vertex at which the robot rested.
     last: Option<u32>,
     escapes: u32,
     waits: u32,
     connects: u32,
-    /// Motions committed along edges.
+    /// Number of motions committed along edges.
     pub driven: u32,
-    /// Motions that failed, of any sort.
+    /// Number of motions that failed, of any kind.
     pub failed: u32,
-    /// Edges that failed, and what must change before they are tried again; nothing if nothing is certified.
+    /// Edges that failed, with the objects that must change before they are tried again; empty if
+    /// nothing is certified.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     causes: Vec<FailedEdge>,
-    /// What was in the way of edges that failed, where nothing is certified and that is minded.
-    #[serde(default, skip_serializing_if = "Blame::is_nobody")]
+    /// Obstacles of edges that failed, checked although nothing is certified.
+    #[serde(default, skip_serializing_if = "Blame::is_empty")]
     blame: Blame,
-    /// How often parts of the map were joined by a planner.
+    /// Number of times that parts of the map were joined by a planner.
     #[serde(default, skip_serializing_if = "is_none")]
     joins: u32,
 }
@@ -95,7 +101,7 @@ fn is_none(joins: &u32) -> bool {
     *joins == 0
 }
 
-/// A roadmap and where on it the robot is going.
+/// A roadmap, and the robot's motion on it.
 pub struct Walker {
     /// The map.
     pub map: Roadmap,
@@ -103,17 +109,17 @@ pub struct Walker {
     tolerance: f64,
     seed: u64,
     validator: Validator,
-    /// Whether vertices on the way are left out where a straight line will do.
+    /// Skip vertices of a path if a straight line is free.
     leaps: bool,
     progress: WalkProgress,
     plan: Vec<u32>,
     notes: Vec<Note>,
-    said: String,
+    last_log: String,
 }
 
 impl Walker {
-    /// A walker that moves at this share of the greatest speed, and takes a pose within `tolerance` (rad, every motor) of
-    /// a vertex for that vertex. The seed serves escapes.
+    /// Creates a walker. `speed`: share of the maximum speed. `tolerance`: maximum distance of
+    /// every motor from a vertex to count as at it, rad. `seed`: for escapes and joins.
     pub fn new(map: Roadmap, speed: f64, tolerance: f64, seed: u64) -> Walker {
         Walker {
             validator: Validator::new(Validation::Optimistic, map.motors()),
@@ -125,39 +131,39 @@ impl Walker {
             progress: WalkProgress::default(),
             plan: Vec::new(),
             notes: Vec::new(),
-            said: String::new(),
+            last_log: String::new(),
         }
     }
 
-    /// The same with this validation.
+    /// Sets the validation mode.
     pub fn with_validation(mut self, mode: Validation) -> Walker {
         self.validator = Validator::new(mode, self.map.motors());
         self
     }
 
-    /// The same; where nothing is certified, what was in the way of an edge that failed is minded from then on.
+    /// Makes it check the obstacles of failed edges even if nothing is certified.
     pub fn with_blame(mut self) -> Walker {
         self.validator = self.validator.blaming();
         self
     }
 
-    /// What is certified of the map.
+    /// Validator of the map.
     pub fn validator(&self) -> &Validator {
         &self.validator
     }
 
-    /// GOTO(goal): taken up by the following steps.
+    /// Sets the goal of the following steps (GOTO).
     pub fn goto(&mut self, goal: u32) {
         self.progress.goal = Some(goal);
     }
 
-    /// Drives an edge that begins where the robot rests; `None` if it is found to be blocked instead.
+    /// Drives an edge that starts at the robot's vertex; `None` if it is blocked.
     pub fn drive(&mut self, from: u32, to: u32, view: &View) -> Option<Intent> {
         let admitted = self.validator.admits(&mut self.map, &[from, to], view);
         admitted.then(|| self.follow(vec![from, to], view))
     }
 
-    /// What it has done so far.
+    /// Progress so far.
     pub fn progress(&self) -> &WalkProgress {
         &self.progress
     }
@@ -167,10 +173,12 @@ impl Walker {
         self.validator = self.validator.renewed(&map);
         self.validator.remember(&progress.causes);
         self.validator.take_blame(&progress.blame);
-        (self.map, self.progress) = (map, progress);
+        self.map = map;
+        self.progress = progress;
     }
 
-    /// Gives the number of a vertex that is not needed ([`Walker::needs`]) to another pose.
+    /// Assigns the number of a vertex that is not needed ([`Walker::needs`]) to another
+    /// configuration.
     pub fn replace(&mut self, id: u32, vertex: Vertex) {
         self.map.replace(id, vertex);
         self.validator.forget(id);
@@ -178,7 +186,7 @@ impl Walker {
         self.progress.last = self.progress.last.filter(|last| *last != id);
     }
 
-    /// Whether a vertex has to do with what is being done.
+    /// Returns whether the current activity involves a vertex.
     pub fn needs(&self, id: u32) -> bool {
         let doing = match &self.progress.doing {
             Doing::Driving { from, to } => [*from, *to].contains(&id),
@@ -188,10 +196,11 @@ impl Walker {
         doing || self.progress.goal == Some(id)
     }
 
-    /// Joins parts of the map that can't be reached from one another, in the view's scene, by a planner. `hand`: the marker that stands
-    /// for a pose. Answers whether there are fewer parts now; after ten times it lets things be as they are.
+    /// Joins parts of the map that can't be reached from one another, in the view's scene, by a
+    /// planner. `hand`: marker that represents a configuration. Returns whether the number of parts
+    /// decreased; does nothing after ten calls.
     pub fn join_islands(&mut self, view: &View, hand: Option<usize>) -> bool {
-        let space = (self.progress.joins < JOINS).then(|| JointSpace::of(view, self.map.motors(), 0.0));
+        let space = (self.progress.joins < MAX_JOINS).then(|| JointSpace::of(view, self.map.motors(), 0.0));
         let (Some(Ok(mut space)), Some(rest)) = (space, view.poses.get(view.robot)) else { return false };
         self.progress.joins += 1;
         let seed = self.seed.wrapping_add(u64::from(self.progress.joins));
@@ -199,28 +208,29 @@ impl Walker {
         let shown = |q: &[f64]| crate::group::marker_at(view, hand, q);
         let planner = RrtConnect::default();
         let report = self.map.join_islands(&mut space, &planner, settings, rest, &shown, &mut |_| {});
-        let ((before, after), vertices) = (report.islands, report.vertices);
+        let (before, after) = report.islands;
+        let vertices = report.vertices;
         self.log(format!("parts of the map: {before}, joined to {after} by {vertices} more vertices"));
         after < before
     }
 
-    /// What changed since the last call, the map's changes first.
+    /// Returns the changes since the last call, those of the map first.
     pub fn notes(&mut self) -> Vec<Note> {
         let mut all = self.map.notes();
         all.append(&mut self.notes);
         all
     }
 
-    /// A line for the event log, unless it was the last one already: a commit that has to wait is given again and again.
+    /// Logs a line, unless it equals the last one: a commit that has to wait is repeated.
     pub fn log(&mut self, text: impl Into<String>) {
         let text = text.into();
-        if self.said != text {
-            self.said.clone_from(&text);
+        if self.last_log != text {
+            self.last_log.clone_from(&text);
             self.notes.push(Note::Log { text });
         }
     }
 
-    /// The robot rests; `last` says how the last motion ended.
+    /// Advances while the robot rests; `last`: the end of the last motion.
     pub fn step(&mut self, last: Option<MotionEnd>, view: &View) -> WalkStep {
         let rest = self.settle(last, view);
         self.look(view);
@@ -228,7 +238,7 @@ impl Walker {
             return self.escape(view);
         }
         (self.progress.escapes, self.progress.waits) = (0, 0);
-        // of vertices at one pose the goal is the one that was meant
+        // Of several vertices at the same configuration, the goal has priority.
         let there = self.progress.goal.filter(|goal| self.map.is_at(*goal, view.pose(), self.tolerance));
         let Some(at) = there.or_else(|| self.map.at(view.pose(), self.tolerance)) else {
             return self.connect(rest, view);
@@ -253,7 +263,8 @@ impl Walker {
         }
     }
 
-    /// The world may have changed in mid-motion: stops if the rest of the way is not free any more.
+    /// Reacts to a change of the world during a motion: stops if the rest of the path is no longer
+    /// free.
     pub fn revise(&mut self, view: &View) -> Option<Intent> {
         self.look(view);
         let to = match &self.progress.doing {
@@ -261,7 +272,7 @@ impl Walker {
             Doing::Connecting { to, .. } => self.validator.certifies().then_some(*to),
             Doing::Nothing | Doing::Escaping | Doing::Turned => None,
         }?;
-        // what blocks an edge may be behind the robot
+        // The obstacle of the edge may be behind the robot.
         let blocked = self.whole(to, view).is_some_and(|q| !line_free(view, &q));
         blocked.then(|| {
             self.log("something came into the way: stopping");
@@ -281,10 +292,10 @@ impl Walker {
         self.map.edge(from, to).is_some_and(|e| e.state == EdgeState::Blocked)
     }
 
-    /// The shortest way of which every edge is certified, if that is asked for.
+    /// Returns the shortest path with certified edges, if certification is required.
     fn plan(&mut self, from: u32, to: u32, view: &View) -> Option<Vec<u32>> {
         loop {
-            // each turn takes an edge out of the map, so it ends
+            // Each iteration removes an edge from the map, so the loop terminates.
             let path = self.map.plan(from, to)?;
             if self.validator.admits(&mut self.map, &path, view) {
                 return Some(path);
@@ -292,7 +303,8 @@ impl Walker {
         }
     }
 
-    /// Draws the conclusion from the motion that ended (from `None`, none: it was never begun, or nobody knows); the vertices that CONNECT has not tried yet, if it was at it.
+    /// Evaluates the motion that ended; `None`: none was started, or its end is unknown. Returns
+    /// the vertices that CONNECT has not tried yet, if the motion was one of CONNECT.
     fn settle(&mut self, last: Option<MotionEnd>, view: &View) -> Option<Vec<u32>> {
         if last == Some(MotionEnd::Failed) {
             self.progress.failed = self.progress.failed.saturating_add(1);
@@ -328,7 +340,7 @@ impl Walker {
         let toward: Vec<Vec<f64>> = last.map(|v| nearest(&v.q)).into_iter().collect();
         let tries = self.progress.escapes;
         let seed = self.seed.wrapping_add(u64::from(tries));
-        let way = (tries < ESCAPES).then(|| escape(view, self.map.motors(), &toward, self.speed, seed)).flatten();
+        let way = (tries < MAX_ESCAPES).then(|| escape(view, self.map.motors(), &toward, self.speed, seed)).flatten();
         self.show(Vec::new());
         if let Some(target) = way {
             self.progress.doing = Doing::Escaping;
@@ -336,26 +348,26 @@ impl Walker {
             return WalkStep::Do(Intent::MoveTo(target));
         }
         self.progress.waits += 1;
-        if self.progress.waits > WAITS {
+        if self.progress.waits > MAX_WAITS {
             return WalkStep::Lost("something touches the resting robot, and every way out makes it worse".to_owned());
         }
         self.progress.escapes = 0;
         WalkStep::Do(Intent::Wait(Duration::from_secs(1)))
     }
 
-    /// CONNECT(q_current): drives to the nearest vertex whose line is free in the scene; if there is none, to the
-    /// nearest that was not tried yet.
+    /// CONNECT(q_current): drives to the nearest vertex with a line that is free in the scene;
+    /// without one, to the nearest that was not tried yet.
     fn connect(&mut self, rest: Option<Vec<u32>>, view: &View) -> WalkStep {
-        if self.progress.connects > CONNECTS {
+        if self.progress.connects > MAX_CONNECTS {
             return WalkStep::Lost(
                 "motions end, but not within `tolerance_deg` of their vertex: make it larger".to_owned(),
             );
         }
         let mut rest = rest.unwrap_or_else(|| self.map.by_distance(view.pose()));
         let free = |id: &u32| self.whole(*id, view).is_some_and(|q| line_free(view, &q));
-        let chosen = rest.iter().take(CHECKED).position(free);
+        let chosen = rest.iter().take(CHECKED_VERTICES).position(free);
         let chosen = if self.validator.certifies() {
-            // back to where it came from
+            // Otherwise back to its last vertex.
             let last = rest.iter().position(|id| Some(*id) == self.progress.last && free(id));
             let none = || rest.len();
             chosen.or(last).unwrap_or_else(none)
@@ -363,7 +375,7 @@ impl Walker {
             chosen.unwrap_or(0)
         };
         if chosen >= rest.len() {
-            // nearer to something than a plan may be, though not as near as a contact
+            // Too close to something for a plan, but not in contact.
             if !line_free(view, view.pose()) {
                 return self.escape(view);
             }
@@ -379,17 +391,17 @@ impl Walker {
         WalkStep::Do(Intent::MoveTo(target))
     }
 
-    /// The robot's pose with the group at a vertex.
+    /// Returns the robot's configuration with the group at a vertex.
     fn whole(&self, id: u32, view: &View) -> Option<Vec<f64>> {
         Some(self.target(id, view)?.pose(view.pose()).to_vec())
     }
 
-    /// The commit that drives to a vertex, the short way from where the robot is.
+    /// Returns the target of a commit to a vertex, by the short way from the robot's configuration.
     fn target(&self, to: u32, view: &View) -> Option<Target> {
         Some(nearest_target(view, self.map.target(to, self.speed)?))
     }
 
-    /// Drives the first edge of a path that begins where the robot rests.
+    /// Drives the first edge of a path that starts at the robot's vertex.
     pub fn follow(&mut self, path: Vec<u32>, view: &View) -> Intent {
         let (Some(from), Some(to)) = (path.first().copied(), path.get(1).copied()) else { return Intent::Stop };
         let Some(target) = self.target(to, view) else { return Intent::Stop };
@@ -398,7 +410,8 @@ impl Walker {
         Intent::MoveTo(target)
     }
 
-    /// Tells the plan if it is news (empty: there is none any more); the rest of the plan that was told before is no news.
+    /// Notes the plan if it is new (empty: there is no plan any longer); the rest of the previous
+    /// plan is not new.
     pub fn show(&mut self, path: Vec<u32>) {
         if !(path.len() > 1 && self.plan.ends_with(&path)) && self.plan != path {
             self.notes.push(Note::Plan { path: path.clone() });
@@ -406,7 +419,7 @@ impl Walker {
         self.plan = path;
     }
 
-    /// Edges out of a vertex that were never tried and are in this state, nearest end first.
+    /// Returns the end vertices of edges that leave a vertex and are in this state, nearest first.
     pub fn untried(&self, from: u32, state: EdgeState) -> Vec<u32> {
         self.map.out(from).into_iter().filter(|(_, e)| e.state == state).map(|(to, _)| to).collect()
     }

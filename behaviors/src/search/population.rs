@@ -1,4 +1,5 @@
-//! What all strategies share: samples of the standard normal distribution, and what each is worth by its rank.
+//! Common part of all strategies: samples of the standard normal distribution, and utilities by
+//! rank.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -28,7 +29,7 @@ impl Population {
     /// Draws new samples.
     pub(super) fn draw(&mut self) -> impl Iterator<Item = &[f64]> {
         for pair in self.z.chunks_mut(2) {
-            // Box and Muller: two even numbers make two normal ones
+            // Box-Muller: two uniform numbers give two normal ones.
             let (u, v): (f64, f64) = (self.random.random(), self.random.random());
             let radius = (-2.0 * (1.0 - u).ln()).sqrt();
             for (z, part) in pair.iter_mut().zip([(TAU * v).cos(), (TAU * v).sin()]) {
@@ -38,17 +39,18 @@ impl Population {
         self.z.chunks_exact(self.dimensions.max(1))
     }
 
-    /// The samples drawn last, the best first, each with its utility.
+    /// Returns the samples drawn last, the best first, each with its utility.
     pub(super) fn ranked(&mut self, fitness: &[f64]) -> impl Iterator<Item = (f64, &[f64])> {
         let worth = |i: &usize| fitness.get(*i).copied().filter(|f| !f.is_nan()).unwrap_or(f64::INFINITY);
         self.order.sort_by(|a, b| worth(a).total_cmp(&worth(b)).then(a.cmp(b)));
-        let (z, d) = (&self.z, self.dimensions);
+        let z = &self.z;
+        let d = self.dimensions;
         let sample = move |i: &usize| z.get(i * d..(i + 1) * d).unwrap_or_default();
         self.utilities.iter().copied().zip(self.order.iter().map(sample))
     }
 }
 
-/// `max(0, ln(n/2 + 1) - ln k)` of rank `k`, scaled to sum to one, less `1/n`.
+/// Returns `max(0, ln(n/2 + 1) - ln k)` for each rank `k`, scaled to sum to one, minus `1/n`.
 fn utilities(size: usize) -> Vec<f64> {
     let n = size as f64;
     let raw: Vec<f64> = (1..=size).map(|k| ((n / 2.0 + 1.0).ln() - (k as f64).ln()).max(0.0)).collect();
@@ -66,7 +68,7 @@ mod tests {
             let all = utilities(size);
             assert!(all.iter().sum::<f64>().abs() < 1e-12 && all.windows(2).all(|w| w[0] >= w[1]), "{all:?}");
         }
-        // by hand, of four: ln 3 / (ln 3 + ln 1.5) - 1/4
+        // By hand, for four: ln 3 / (ln 3 + ln 1.5) - 1/4.
         assert!((utilities(4)[0] - 0.480_43).abs() < 1e-4, "{:?}", utilities(4));
     }
 

@@ -10,21 +10,23 @@ pub struct Snes {
     mean: Vec<f64>,
     /// Standard deviation along each axis.
     widths: Vec<f64>,
-    /// How fast the widths learn; the mean follows at once.
+    /// Learning rate of the widths; that of the mean is 1.
     rate: f64,
     gradients: Vec<(f64, f64)>,
 }
 
 impl Snes {
-    /// A search that begins around `mean`.
+    /// Creates a search with the initial mean `mean`.
     ///
     /// # Arguments
     /// * `width`: standard deviation along every axis.
-    /// * `population`: samples in a generation, at least 2; see [`super::default_population`].
+    /// * `population`: number of samples in a generation, at least 2; see
+    ///   [`super::default_population`].
     /// * `seed`: equal seeds draw equal samples.
     pub fn new(mean: Vec<f64>, width: f64, population: usize, seed: u64) -> Snes {
         let d = mean.len();
-        let (n, rate) = (d.max(1) as f64, (3.0 + (d.max(1) as f64).ln()) / 5.0);
+        let n = d.max(1) as f64;
+        let rate = (3.0 + n.ln()) / 5.0;
         Snes {
             population: Population::new(d, population, seed),
             widths: vec![width; d],

@@ -1,5 +1,6 @@
-//! What the strategies promise: who shifts, scales or turns the space along with the start meets the same run, and they
-//! converge in about as many evaluations as the equations do elsewhere.
+//! Properties of the strategies: a shift, scaling or rotation of the space, applied to the start as
+//! well, gives the same run, and they converge in about as many evaluations as other
+//! implementations of the same equations.
 
 use super::*;
 use nalgebra::{DMatrix, DVector};
@@ -10,7 +11,7 @@ fn sphere(x: &[f64]) -> f64 {
     x.iter().map(|x| x * x).sum()
 }
 
-/// Condition 1e6, along the axes.
+/// Condition number 1e6, along the axes.
 fn ellipsoid(x: &[f64]) -> f64 {
     let last = (x.len() - 1) as f64;
     x.iter().enumerate().map(|(i, x)| 1e6_f64.powf(i as f64 / last) * x * x).sum()
@@ -20,7 +21,7 @@ fn rosenbrock(x: &[f64]) -> f64 {
     x.windows(2).map(|w| 100.0 * (w[1] - w[0] * w[0]).powi(2) + (1.0 - w[0]).powi(2)).sum()
 }
 
-/// The means of a run, generation by generation.
+/// Returns the means of a run, one for each generation.
 fn run(mut search: impl EvolutionStrategy, f: impl Fn(&[f64]) -> f64) -> Vec<Vec<f64>> {
     let mut points = Vec::new();
     let step = |_| {
@@ -32,7 +33,7 @@ fn run(mut search: impl EvolutionStrategy, f: impl Fn(&[f64]) -> f64) -> Vec<Vec
     (0..GENERATIONS).map(step).collect()
 }
 
-/// Evaluations until a sample is better than 1e-8: the median of five seeds.
+/// Returns the number of evaluations until a sample is below 1e-8: the median of five seeds.
 fn evaluations<S: EvolutionStrategy>(start: impl Fn(u64) -> S, f: fn(&[f64]) -> f64) -> usize {
     let one = |seed| {
         let (mut search, mut points, mut count) = (start(seed), Vec::new(), 0);
@@ -62,7 +63,7 @@ fn snes(mean: Vec<f64>, seed: u64) -> Snes {
     Snes::new(mean, 1.0, size, seed)
 }
 
-/// Whether two runs are equal up to rounding, once the second is brought back.
+/// Checks that two runs are equal up to rounding, after transforming the second one back.
 fn equal(a: &[Vec<f64>], b: &[Vec<f64>], back: impl Fn(&[f64]) -> Vec<f64>) {
     for (generation, (a, b)) in a.iter().zip(b).enumerate() {
         let b = back(b);
@@ -73,7 +74,8 @@ fn equal(a: &[Vec<f64>], b: &[Vec<f64>], back: impl Fn(&[f64]) -> Vec<f64>) {
 
 #[test]
 fn a_shifted_and_scaled_function_is_searched_alike() {
-    let (shift, scale) = (3.0, 0.25);
+    let shift = 3.0;
+    let scale = 0.25;
     let there = |x: &[f64]| -> Vec<f64> { x.iter().map(|x| shift + scale * x).collect() };
     let back = |x: &[f64]| -> Vec<f64> { x.iter().map(|x| (x - shift) / scale).collect() };
     let start = vec![1.0; 5];
@@ -93,7 +95,7 @@ fn only_ranks_count() {
 
 #[test]
 fn a_turned_function_is_searched_alike_by_xnes() {
-    // some rotation in five dimensions: the orthogonal part of some matrix
+    // An arbitrary rotation in five dimensions: the orthogonal part of a matrix.
     let some = DMatrix::from_fn(5, 5, |i, j| ((3 * i + 7 * j * j) as f64).sin() + f64::from(u8::from(i == j)));
     let mut turn = some.qr().q();
     if turn.determinant() < 0.0 {
@@ -106,8 +108,8 @@ fn a_turned_function_is_searched_alike_by_xnes() {
     equal(&run(Xnes::new(start, 1.0, 8, 7), ellipsoid), &run(turned, |x| ellipsoid(&back(x))), back);
 }
 
-/// The medians of five seeds that these equations gave in another implementation. Five others differ by some percent; along
-/// Rosenbrock's bent valley, by a third.
+/// Medians of five seeds from another implementation of these equations. Five other seeds differ by
+/// a few percent, and on Rosenbrock's function by a third.
 #[test]
 fn they_converge_in_about_the_evaluations_of_the_equations() {
     let one = |d: usize| vec![1.0; d];

@@ -12,27 +12,27 @@ pub struct Xnes {
     /// Samples are `mean + width * shape * z`; the shape has determinant one.
     width: f64,
     shape: DMatrix<f64>,
-    /// How fast width and shape learn; the mean follows at once.
+    /// Learning rate of width and shape; that of the mean is 1.
     rate: f64,
 }
 
 impl Xnes {
-    /// A search that begins around `mean`, equally wide in all directions.
+    /// Creates a search with the initial mean `mean` and the same width in all directions.
     ///
     /// # Arguments
-    /// As of [`super::Snes::new`].
+    /// As for [`super::Snes::new`].
     pub fn new(mean: Vec<f64>, width: f64, population: usize, seed: u64) -> Xnes {
         let shape = DMatrix::identity(mean.len(), mean.len());
         Xnes::with_shape(mean, width, shape, population, seed)
     }
 
-    /// The same for a distribution that is not round.
+    /// Creates a search with an anisotropic initial distribution.
     ///
     /// # Arguments
     /// * `shape`: a square matrix of determinant one; samples are `mean + width * shape * z`.
     ///
     /// # Panics
-    /// If the matrix does not have as many rows and columns as the mean has numbers.
+    /// If the matrix is not square with the dimension of the mean.
     pub fn with_shape(mean: Vec<f64>, width: f64, shape: DMatrix<f64>, population: usize, seed: u64) -> Xnes {
         let d = mean.len();
         assert_eq!(shape.shape(), (d, d), "a shape of {d} dimensions");
@@ -60,7 +60,7 @@ impl EvolutionStrategy for Xnes {
             to_mean.axpy(utility, &z, 1.0);
             to_shape.ger(utility, &z, &z, 1.0);
         }
-        // the utilities sum to zero, and with them the identities that the gradient has beside each product
+        // The utilities sum to zero, so the identity matrices in the gradient cancel.
         let to_width = to_shape.trace() / d.max(1) as f64;
         for i in 0..d {
             to_shape[(i, i)] -= to_width;
@@ -79,7 +79,7 @@ impl EvolutionStrategy for Xnes {
     }
 }
 
-/// The exponential of a symmetric matrix.
+/// Computes the exponential of a symmetric matrix.
 fn exponential(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(matrix);
     let grown = DMatrix::from_diagonal(&eigenvalues.map(f64::exp));

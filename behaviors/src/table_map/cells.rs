@@ -1,23 +1,23 @@
-//! The table as cells, each as wide as poses are apart.
+//! Grid cells of the table, with the edge length of the distance between poses.
 
 use super::TableArea;
 
-/// Which cell: columns along x, rows along y, numbered row by row.
+/// Number of a cell: columns along x, rows along y, numbered row by row.
 pub(super) type CellNumber = u32;
 
-/// From a cell to those around it.
+/// Steps from a cell to its neighbors.
 const STEPS: [(i64, i64); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
 
-/// What is known of a cell.
+/// State of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Cell {
-    /// So many searches found nothing; none at all were made if it is 0.
+    /// No vertex, after this number of searches.
     Empty(u8),
-    /// The vertex over it.
+    /// The cell's vertex.
     Taken(u32),
 }
 
-/// The cells of a table, with the places of the vertices over them.
+/// Cells of a table, with the positions of their vertices.
 #[derive(Clone, Debug)]
 pub(super) struct Cells {
     table: TableArea,
@@ -25,14 +25,15 @@ pub(super) struct Cells {
     columns: u32,
     rows: u32,
     states: Vec<Cell>,
-    /// Where the hand is at each vertex, on the plane.
+    /// Position of the hand at each vertex, on the plane.
     places: Vec<[f64; 2]>,
 }
 
 impl Cells {
     pub(super) fn new(table: TableArea, spacing: f64) -> Cells {
         let along = |[from, to]: [f64; 2]| (((to - from) / spacing + 1e-6).floor() as u32).max(1);
-        let (columns, rows) = (along(table.x_m), along(table.y_m));
+        let columns = along(table.x_m);
+        let rows = along(table.y_m);
         let states = vec![Cell::Empty(0); columns as usize * rows as usize];
         Cells { table, spacing, columns, rows, states, places: Vec::new() }
     }
@@ -41,7 +42,7 @@ impl Cells {
         self.spacing
     }
 
-    /// How many there are.
+    /// Number of cells.
     pub(super) fn len(&self) -> usize {
         self.states.len()
     }
@@ -50,14 +51,14 @@ impl Cells {
         self.states.get(cell as usize).copied().unwrap_or(Cell::Empty(u8::MAX))
     }
 
-    /// Notes a search of a cell that found nothing.
+    /// Records a search of a cell without a result.
     pub(super) fn missed(&mut self, cell: CellNumber) {
         if let Some(Cell::Empty(tries)) = self.states.get_mut(cell as usize) {
             *tries = tries.saturating_add(1);
         }
     }
 
-    /// Puts the next vertex over a cell.
+    /// Assigns the next vertex to a cell.
     pub(super) fn take(&mut self, cell: CellNumber, place: [f64; 2]) {
         if let Some(state) = self.states.get_mut(cell as usize) {
             *state = Cell::Taken(self.places.len() as u32);
@@ -65,24 +66,26 @@ impl Cells {
         }
     }
 
-    /// The cell under a place.
+    /// Returns the cell that contains a position.
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> Option<CellNumber> {
         let index = |v: f64, [from, _]: [f64; 2], count: u32| {
             let i = ((v - from) / self.spacing).floor();
             (i >= 0.0 && i < f64::from(count)).then_some(i as u32)
         };
-        let (column, row) = (index(x, self.table.x_m, self.columns)?, index(y, self.table.y_m, self.rows)?);
+        let column = index(x, self.table.x_m, self.columns)?;
+        let row = index(y, self.table.y_m, self.rows)?;
         Some(row * self.columns + column)
     }
 
-    /// The middle of a cell.
+    /// Returns the center of a cell.
     pub(super) fn middle(&self, cell: CellNumber) -> [f64; 2] {
-        let (column, row) = (cell % self.columns, cell / self.columns);
+        let column = cell % self.columns;
+        let row = cell / self.columns;
         let middle = |[from, _]: [f64; 2], i: u32| from + (f64::from(i) + 0.5) * self.spacing;
         [middle(self.table.x_m, column), middle(self.table.y_m, row)]
     }
 
-    /// The cells around one, itself left out: those beside it before those across a corner.
+    /// Returns the neighbors of a cell: those with a common side before those with a common corner.
     pub(super) fn around(&self, cell: CellNumber) -> impl Iterator<Item = CellNumber> {
         STEPS.into_iter().filter_map(move |step| self.step(cell, step))
     }
@@ -94,7 +97,7 @@ impl Cells {
         inside.then(|| (row * i64::from(self.columns) + column) as u32)
     }
 
-    /// The vertices over the cells around a cell.
+    /// Returns the vertices of a cell's neighbors.
     pub(super) fn vertices_around(&self, cell: CellNumber) -> impl Iterator<Item = u32> {
         self.around(cell).filter_map(|c| match self.state(c) {
             Cell::Taken(vertex) => Some(vertex),
@@ -102,7 +105,8 @@ impl Cells {
         })
     }
 
-    /// How far the nearest vertex is from a place, but at most `cap` meters, which may be up to two steps.
+    /// Returns the distance of the nearest vertex from a position, at most `cap` meters, which may
+    /// be up to two steps.
     pub(super) fn nearest(&self, place: [f64; 2], cap: f64) -> f64 {
         let Some(cell) = self.at(place) else { return cap };
         let mut nearest = cap * cap;
@@ -117,7 +121,7 @@ impl Cells {
         nearest.sqrt()
     }
 
-    /// All cells without a vertex.
+    /// Returns all cells without a vertex.
     pub(super) fn empty(&self) -> impl Iterator<Item = CellNumber> {
         (0..self.states.len() as u32).filter(|c| matches!(self.state(*c), Cell::Empty(_)))
     }

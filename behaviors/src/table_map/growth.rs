@@ -1,7 +1,7 @@
-//! Which place is searched next: growth from the first pose outward, cell by cell.
+//! Order of the searches: growth from the first pose outward, cell by cell.
 //!
-//! A state machine: [`Growth::next`] says what to look for, [`Growth::tell`] takes what became of it. Equal tales lead to
-//! equal wishes, so whoever writes down the trials can go on where they end.
+//! A state machine: [`Growth::next`] returns the next search, [`Growth::tell`] takes its result.
+//! Equal results lead to equal searches, so a build can be resumed from its recorded trials.
 
 use super::TableMapPlan;
 use super::cells::{Cell, CellNumber, Cells};
@@ -9,44 +9,45 @@ use super::pose_search::FoundPose;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// So often a cell is searched, the second time from another neighbor's pose and wider.
-const TRIES: u8 = 2;
-/// So often the first pose is looked for.
-const FIRST_TRIES: u8 = 20;
+/// Number of searches for a cell, the second from another neighbor's pose and wider.
+const MAX_TRIES: u8 = 2;
+/// Number of searches for the first pose.
+const MAX_FIRST_TRIES: u8 = 20;
 
-/// What to look for.
+/// A search to be made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PoseWish {
     /// The cell of the table; `None` for the first pose, which may be anywhere.
     pub cell: Option<u32>,
-    /// How often that was tried before.
+    /// Number of previous searches for it.
     pub attempt: u8,
-    /// Where to begin: positions of the plan's motors, rad of encoder.
+    /// Start of the search: positions of the plan's motors, rad at the encoder.
     pub start: Vec<f64>,
 }
 
-/// A search, and what became of it.
+/// A search and its result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Trial {
-    /// As in the wish.
+    /// Cell of the search.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<u32>,
-    /// As in the wish.
+    /// Attempt of the search.
     pub attempt: u8,
-    /// Poses that were judged.
+    /// Number of poses evaluated.
     pub evaluations: u32,
-    /// Positions of the plan's motors, if a pose was found, rad of encoder.
+    /// Positions of the plan's motors if a pose was found, rad at the encoder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub q: Option<Vec<f64>>,
 }
 
-/// A map that grows.
+/// State of a growing map.
 #[derive(Clone, Debug)]
 pub struct Growth {
     cells: Cells,
     found: Vec<FoundPose>,
-    /// Cells beside a vertex that have none: those tried least first, then the nearest to the first pose.
+    /// Cells next to a vertex that have none: those with the fewest searches first, then the
+    /// nearest to the first pose.
     open: BTreeSet<(u8, u64, CellNumber)>,
     first_tries: u8,
     home: Vec<f64>,
@@ -56,7 +57,7 @@ pub struct Growth {
 }
 
 impl Growth {
-    /// Nothing yet; `home` is the whole robot's home.
+    /// Creates an empty map; `home`: home configuration of the whole robot.
     pub fn new(plan: &TableMapPlan, home: &[f64]) -> Growth {
         Growth {
             cells: Cells::new(plan.table, plan.spacing),
@@ -70,20 +71,21 @@ impl Growth {
         }
     }
 
-    /// What to look for next; `None` once there are as many poses as asked for, or no place is left.
+    /// Returns the next search; `None` once there are enough poses, or no cell is left.
     pub fn next(&self) -> Option<PoseWish> {
         if self.found.len() >= self.most {
             return None;
         }
         if self.found.is_empty() {
             let attempt = self.first_tries;
-            return (attempt < FIRST_TRIES).then(|| PoseWish { cell: None, attempt, start: self.home.clone() });
+            return (attempt < MAX_FIRST_TRIES).then(|| PoseWish { cell: None, attempt, start: self.home.clone() });
         }
         let (attempt, _, cell) = *self.open.first()?;
         Some(PoseWish { cell: Some(cell), attempt, start: self.start(cell, attempt) })
     }
 
-    /// Takes what became of the search that [`Growth::next`] asks for now: a pose as it was accepted, or none.
+    /// Records the result of the search that [`Growth::next`] returns now: an accepted pose, or
+    /// none.
     pub fn tell(&mut self, evaluations: u32, found: Option<FoundPose>) {
         let Some(wish) = self.next() else { return };
         self.evaluations += u64::from(evaluations);
@@ -109,16 +111,17 @@ impl Growth {
         }
     }
 
-    /// Puts a cell among those to search, unless it has a vertex or was tried enough.
+    /// Adds a cell to those to be searched, unless it has a vertex or no attempts are left.
     fn reopen(&mut self, cell: CellNumber) {
         if let Cell::Empty(tries) = self.cells.state(cell)
-            && tries < TRIES
+            && tries < MAX_TRIES
         {
             self.open.insert((tries, self.distance(cell), cell));
         }
     }
 
-    /// How far a cell is from the first pose, in squares of a tenth of the spacing.
+    /// Returns the squared distance of a cell from the first pose, in units of a tenth of the
+    /// spacing.
     fn distance(&self, cell: CellNumber) -> u64 {
         let [x, y] = self.cells.middle(cell);
         let first = self.found.first().map_or([0.0; 3], |f| f.at);
@@ -126,49 +129,49 @@ impl Growth {
         squares.round() as u64
     }
 
-    /// The pose of one of the cell's neighbors, another one for each attempt.
+    /// Returns the pose of one of the cell's neighbors, another one for each attempt.
     fn start(&self, cell: CellNumber, attempt: u8) -> Vec<f64> {
         let near: Vec<u32> = self.cells.vertices_around(cell).collect();
         let vertex = near.get(usize::from(attempt) % near.len().max(1)).and_then(|v| self.found.get(*v as usize));
         vertex.map_or_else(|| self.home.clone(), |v| v.q.clone())
     }
 
-    /// The poses found so far, in that order.
+    /// Poses found so far, in order.
     pub fn found(&self) -> &[FoundPose] {
         &self.found
     }
 
-    /// How many were asked for.
+    /// Maximum number of poses.
     pub fn most(&self) -> usize {
         self.most
     }
 
-    /// Poses that were judged so far.
+    /// Number of poses evaluated so far.
     pub fn evaluations(&self) -> u64 {
         self.evaluations
     }
 
-    /// Searches made so far.
+    /// Number of searches made so far.
     pub fn trials(&self) -> u64 {
         self.trials
     }
 
-    /// Cells of the table.
+    /// Number of cells of the table.
     pub fn places(&self) -> usize {
         self.cells.len()
     }
 
-    /// Cells that were searched and stayed empty.
+    /// Returns the cells that were searched without success.
     pub fn searched_in_vain(&self) -> Vec<u32> {
         self.cells.empty().filter(|c| !matches!(self.cells.state(*c), Cell::Empty(0))).collect()
     }
 
-    /// Cells that no search came to.
+    /// Returns the cells that were never searched.
     pub fn untried(&self) -> Vec<u32> {
         self.cells.empty().filter(|c| matches!(self.cells.state(*c), Cell::Empty(0))).collect()
     }
 
-    /// The middle of a cell, on the plane, meters.
+    /// Returns the center of a cell, on the plane, meters.
     pub fn middle(&self, cell: u32) -> [f64; 2] {
         self.cells.middle(cell)
     }

@@ -1,21 +1,23 @@
-//! How good a map is, from the places of its hand alone.
+//! Figures of a map, from its hand positions alone.
 
 use std::collections::BTreeMap;
 
 /// Figures of a map of the table.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TableMapFigures {
-    /// How many poses have their nearest neighbor so many whole millimeters away, as the hand goes.
+    /// Number of poses by the distance to their nearest neighbor, measured at the hand, in whole
+    /// millimeters.
     pub nearest_mm: BTreeMap<u32, usize>,
     /// Median of these distances, meters.
     pub median: f64,
-    /// The area that the poses stand for, each for a square of the median distance, square meters.
+    /// Covered area, square meters: a square of the median distance for each pose.
     pub area: f64,
 }
 
-/// Figures of hand positions, meters. Quadratic in their number at worst, nearly linear over a table.
+/// Computes the figures of hand positions, meters. Quadratic in their number at worst, nearly
+/// linear over a table.
 pub fn figures(at: &[[f64; 3]]) -> TableMapFigures {
-    // along x, so that only a strip is looked at
+    // Sorted along x, so that only a strip is searched.
     let mut order: Vec<&[f64; 3]> = at.iter().collect();
     order.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut nearest: Vec<f64> = (0..order.len()).filter_map(|i| nearest_of(&order, i)).collect();
@@ -28,7 +30,7 @@ pub fn figures(at: &[[f64; 3]]) -> TableMapFigures {
     TableMapFigures { nearest_mm, median, area: at.len() as f64 * median * median }
 }
 
-/// How far the nearest other point is from the `i`th.
+/// Returns the distance of the nearest other point from the `i`th.
 fn nearest_of(order: &[&[f64; 3]], i: usize) -> Option<f64> {
     let own = order.get(i)?;
     let mut least = f64::INFINITY;

@@ -1,4 +1,5 @@
-//! The explorer determines the feasible part of its roadmap, whatever the world answers, and then ends.
+//! The explorer determines the feasible part of its roadmap, whatever the outcomes of its motions,
+//! and then ends.
 
 use crate::world::*;
 use mobee_behaviors::agents::{Explorer, ExplorerSettings};
@@ -17,19 +18,19 @@ fn explorer(joints: usize, seed: u64, vertices: usize, neighbors: usize) -> Expl
     Explorer::new(settings, &context(&arm(joints), seed)).unwrap()
 }
 
-/// A verdict on an undirected line that depends on nothing but its ends and a seed.
+/// Returns an outcome for an undirected line that depends only on its ends and a seed.
 fn coin(a: &[f64], b: &[f64], seed: u64, share: f64) -> bool {
     let sum: f64 = a.iter().zip(b).enumerate().map(|(i, (x, y))| (x + y) * (i + 1) as f64 + x * y).sum();
     let bits = sum.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ seed;
     (bits.wrapping_mul(0xd134_2543_de82_ef95) >> 40) as f64 / (1u64 << 24) as f64 >= share
 }
 
-/// Undirected edges as sorted pairs.
+/// Returns the undirected edges as sorted pairs.
 fn undirected(map: &Roadmap, keep: impl Fn(u32, u32, EdgeState) -> bool) -> BTreeSet<(u32, u32)> {
     map.edges().into_iter().filter(|(a, b, e)| keep(*a, *b, e.state)).map(|(a, b, _)| (a.min(b), a.max(b))).collect()
 }
 
-/// Vertices joined to `start` by undirected edges.
+/// Returns the vertices connected to `start` by undirected edges.
 fn component(edges: &BTreeSet<(u32, u32)>, start: u32) -> BTreeSet<u32> {
     let mut found = BTreeSet::from([start]);
     loop {
@@ -56,7 +57,7 @@ proptest! {
         let scene = scene(&arm(joints), vec![]);
         let home = vec![0.0; joints];
         let mut view = view(&scene, &home);
-        // CONNECT from home always succeeds, edges as the coin falls
+        // CONNECT from home always succeeds; edges have random outcomes.
         let oracle = |_: &View, a: &[f64], b: &[f64]| a == home.as_slice() || coin(a, b, seed, share);
         let run = drive(&mut agent, &mut view, 100_000, oracle);
         prop_assert!(run.done.is_some(), "did not end");
@@ -72,7 +73,7 @@ proptest! {
         let truly_reachable: BTreeSet<_> = truly.into_iter().filter(|(a, _)| reachable.contains(a)).collect();
         let found = undirected(map, |_, _, s| s == EdgeState::Feasible);
         prop_assert_eq!(found, truly_reachable);
-        // what starts where the robot can be is determined: nothing left to try
+        // Everything that starts at reachable vertices is determined: nothing is left to try.
         for (a, _, edge) in map.edges() {
             let open = matches!(edge.state, EdgeState::Optimistic | EdgeState::Doubtful);
             prop_assert!(!open || !reachable.contains(&a));
@@ -84,7 +85,7 @@ proptest! {
     fn a_removed_edge_is_never_driven_again_and_it_always_ends(
         seed in any::<u64>(), answers in prop::collection::vec(any::<bool>(), 1..200),
     ) {
-        // an adversary: answers have nothing to do with geometry, and change from try to try
+        // An adversary: outcomes are unrelated to the geometry, and change between attempts.
         let mut agent = explorer(2, seed, 12, 4);
         let scene = scene(&arm(2), vec![]);
         let mut view = view(&scene, &[0.0, 0.0]);
@@ -116,7 +117,7 @@ proptest! {
         let mut agent = explorer(3, seed, 12, 5);
         let mut motions = Vec::new();
         let mut last = None;
-        // by hand, so that the swap falls between a commit and its end
+        // By hand, so that the swap happens between a commit and its end.
         for step in 0..10_000 {
             let Intent::MoveTo(target) = agent.next(last.take(), &v) else { break };
             if step == at {
@@ -158,7 +159,7 @@ fn in_a_real_scene_every_verdict_agrees_with_the_offline_check() {
     for (_, vertex) in agent.map().vertices() {
         assert!(scene.free(&[&vertex.q], v.clearance), "a vertex is not free");
     }
-    // and a judge that is told a falsehood finds it
+    // A judge with a false outcome detects it.
     let mut lied: Value = agent.map().export(&robot);
     let edges = lied["edges"].as_array_mut().unwrap();
     let edge = edges.iter_mut().find(|e| e["driven"] == true && e["state"] == "feasible").unwrap();
@@ -192,13 +193,13 @@ fn a_world_without_free_poses_may_be_cleared_in_time() {
     for _ in 0..20 {
         assert!(matches!(agent.next(None, &v), Intent::Wait(_)));
     }
-    // a successor waits on
+    // A successor continues to wait.
     let mut second = explorer(2, 4, 6, 3);
     second.import(agent.export()).unwrap();
     assert_eq!(second.export(), agent.export());
     assert!(matches!(second.next(None, &view(&clear, &[0.0, 0.0])), Intent::MoveTo(_)));
     assert_eq!(second.map().len(), 6);
-    // but not for ever
+    // It does not wait forever.
     let run = drive(&mut agent, &mut view(&covered, &[0.0, 0.0]), 100, |_, _, _| true);
     assert!(run.done.unwrap().text.contains("fewer than two") && run.waits < 60);
 }
@@ -213,7 +214,7 @@ fn every_vertex_is_told_with_the_hand_s_place_and_every_edge_before_it_is_driven
             assert_eq!(*id, vertices);
             vertices += 1;
             let (a, b) = (q[0], q[0] + q[1]);
-            // two links of 0.3 m, and the marker 1 cm beyond the second joint's link
+            // Two links of 0.3 m, and the marker 1 cm beyond the second joint's link.
             let (x, y) = (0.3 * a.cos() + 0.3 * b.cos(), 0.3 * a.sin() + 0.3 * b.sin());
             assert!((at[0] - x).hypot(at[1] - y) < 0.0101 && at[2].abs() < 1e-9, "{at:?} for {q:?}");
         }

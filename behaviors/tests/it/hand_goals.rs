@@ -1,5 +1,5 @@
-//! Poses that are given by the hand: joint values are found wherever a free pose leads there, they are free and within the limits, and
-//! equal settings give equal ones.
+//! Poses given by the hand: joint values are found wherever a free pose exists, they are free and
+//! within the limits, and equal settings give equal values.
 
 use crate::world::*;
 use mobee_behaviors::hand_goal::{HandGoals, ResolvedGoal};
@@ -25,7 +25,7 @@ fn resolve(scene: &Scene, seed: u64, agent: &mut Value) -> Result<Vec<ResolvedGo
     HandGoals { scene, robot: 0, clearance: CLEARANCE, seed }.resolve(agent)
 }
 
-/// The whole pose of settings that were resolved, with all other motors at home.
+/// Returns the whole configuration of resolved settings, with all other motors at home.
 fn whole(scene: &Scene, pose: &Value) -> Vec<f64> {
     let robot = &scene.robots()[0];
     let at = |m: &Motor| pose["q_deg"][&m.name].as_f64().map_or(m.home, f64::to_radians);
@@ -37,7 +37,7 @@ fn marker(scene: &Scene, name: &str, q: &[f64]) -> Isometry3<f64> {
     scene.node_transforms(&[q])[0][node]
 }
 
-/// How far a marker is from where it should be, mm and degrees.
+/// Returns the error of a marker's pose, mm and degrees.
 fn off(at: &Isometry3<f64>, goal: &Isometry3<f64>) -> (f64, f64) {
     let mm = (at.translation.vector - goal.translation.vector).norm() * 1e3;
     (mm, at.rotation.angle_to(&goal.rotation).to_degrees())
@@ -50,7 +50,7 @@ fn goal_of(frame: &Isometry3<f64>, hand: &str) -> Value {
     json!({ "poses": [{ "name": "there", "hand_at": { "hand": hand, "position_m": at, "rpy_deg": rpy } }] })
 }
 
-/// Free poses are drawn, and asked for by where the hand is at them: position and orientation.
+/// Draws free configurations and resolves their hand poses: position and orientation.
 fn found_again(scene: &Scene, hand: &str, motors: &[&str], count: usize) -> usize {
     let robot = scene.robots()[0].clone();
     let moved: Vec<usize> =
@@ -131,7 +131,7 @@ fn only_the_agents_motors_move_and_none_but_those_of_the_hand() {
     let mut arm = json!({ "motors": ["right_arm"], "poses": [{ "name": "there", "hand_at": goal }] });
     let named = |agent: &Value| agent["poses"][0]["q_deg"].as_object().unwrap().keys().cloned().collect::<Vec<_>>();
     resolve(&scene, 1, &mut all).unwrap();
-    // without a name the hand is the one that the agent's motors move
+    // Without a name, the hand is the marker that the agent's motors move.
     assert_eq!(resolve(&scene, 1, &mut arm).unwrap()[0].hand, "r_hand");
     let of_arm = named(&arm);
     assert!(named(&all).iter().any(|m| m.starts_with("torso_")));
@@ -145,7 +145,8 @@ fn a_goal_in_the_base_frame_moves_with_the_robot() {
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 1.1),
     );
     let (here, there) = (load("katana.xml", None, Isometry3::identity()), load("katana.xml", None, base));
-    // where the hand is in a pose a quarter of the way from home to the upper limits: it can be reached, and is not home
+    // The hand's position a quarter of the way from home to the upper limits: reachable, but not at
+    // home.
     let robot = here.robots()[0].clone();
     let q: Vec<f64> = robot.motors.iter().map(|m| m.home + 0.25 * (m.max - m.home)).collect();
     let wanted = marker(&here, "tool", &q);
@@ -159,7 +160,7 @@ fn a_goal_in_the_base_frame_moves_with_the_robot() {
     let (at_a, at_b) = (at(&here, &a), at(&there, &b));
     assert!((at_a.translation.vector - place).norm() < 2e-4);
     assert!((at_b.translation.vector - (base * at_a).translation.vector).norm() < 4e-4);
-    // its normal is z of its frame
+    // Its normal is z of its frame.
     assert!((at_a.rotation * Vector3::z() - palm).norm() < 4e-3);
 }
 
@@ -170,14 +171,14 @@ fn an_obstacle_leaves_another_posture_or_none_and_the_contact_is_named() {
     let mut agent = there();
     resolve(&free, 1, &mut agent).unwrap();
     let q = whole(&free, &agent["poses"][0]);
-    // a ball where the elbow is in this posture
+    // A ball at the elbow's position in this posture.
     let elbow = free.node_transforms(&[q.as_slice()])[0][3].translation.vector;
     let blocked = scene(&arm(3), vec![ball("ball", elbow.x, elbow.y, 0.03, ObjectClass::Obstacle)]);
     let mut other = there();
     resolve(&blocked, 1, &mut other).unwrap();
     let other = whole(&blocked, &other["poses"][0]);
     assert!(blocked.robot_free(0, &[other.as_slice()], CLEARANCE) && other != q);
-    // and one where the hand itself is to be
+    // A ball at the hand's goal.
     let blocked = scene(&arm(3), vec![ball("ball", 0.55, 0.3, 0.05, ObjectClass::Obstacle)]);
     let why = resolve(&blocked, 1, &mut there()).unwrap_err();
     assert!(why.path == "poses[0].hand_at.position_m" && why.what.contains(" ball, and poses keep 12.0 mm"), "{why:?}");
@@ -187,11 +188,11 @@ fn an_obstacle_leaves_another_posture_or_none_and_the_contact_is_named() {
 fn what_is_out_of_reach_is_refused_with_how_far_it_is() {
     let scene = scene(&arm(3), vec![]);
     let refused = |goal: Value| resolve(&scene, 1, &mut json!({ "poses": [{ "hand_at": goal }] })).unwrap_err();
-    // the tip reaches 0.90 m
+    // The tip reaches 0.90 m.
     let why = refused(json!({ "position_m": [1.91, 0.0, 0.0] }));
     assert_eq!(why.path, "poses[0].hand_at.position_m");
     assert!(why.what.ends_with("misses it by 1010.0 mm"), "{}", why.what);
-    // a plane arm has no pitch
+    // A planar arm has no pitch.
     let why = refused(json!({ "position_m": [0.5, 0.3, 0.0], "rpy_deg": [0, 30, 0] }));
     assert_eq!(why.path, "poses[0].hand_at.rpy_deg");
     assert!(why.help.contains("the position alone can be reached"), "{}", why.help);

@@ -1,5 +1,5 @@
-//! The explorer on the shipped iCub in the world of the exploration experiment, without time and motors: an edge fails if
-//! its straight line comes nearer than the reflex's margin.
+//! The explorer on the supplied iCub in the world of the exploration experiment, without time and
+//! motors: an edge fails if its straight line comes closer than the reflex's margin.
 
 use crate::world::*;
 use mobee_behaviors::agents::{Explorer, ExplorerSettings};

@@ -1,4 +1,5 @@
-//! Parts of a map that nothing leads to, or out of, are joined to the rest where there is a way; what stays useless is left out.
+//! Parts of a map that can't be reached or left are joined to the rest where a path exists; parts
+//! that stay disconnected are pruned.
 
 use crate::world::*;
 use mobee_behaviors::planners::{JointSpace, RrtConnect};
@@ -46,7 +47,7 @@ fn two_sides_of_a_ball_become_one_map() {
     for (a, b) in [(0, 1), (1, 2), (3, 4), (4, 5)] {
         map.join(a, b);
     }
-    // and a dead end: there is a way in, and none out
+    // A dead end: there is a path in, and none out.
     map.join(2, 0);
     map.failed(2, 1, None);
     map.failed(2, 0, None);
@@ -68,7 +69,7 @@ fn two_sides_of_a_ball_become_one_map() {
 #[test]
 fn what_no_way_leads_to_is_told_and_pruned() {
     let robot = arm(2);
-    // vertex 3 is in the ball
+    // Vertex 3 is inside the ball.
     let scene = scene(&robot, vec![ball("ball", 0.6, 0.0, 0.06, ObjectClass::Obstacle)]);
     let mut map = map(&robot, &[vec![1.0, 0.0], vec![1.2, 0.0], vec![1.4, 0.0], vec![0.0, 0.0]]);
     map.join_nearest(1);
@@ -118,7 +119,7 @@ proptest! {
         for a in &islands[0] {
             for b in &islands[0] {
                 let plan = map.plan(*a, *b).unwrap();
-                // ways within an island stay within it
+                // Paths within an island stay within it.
                 let expected: Vec<_> = plan.iter().map(|id| pruned.numbers[*id as usize].unwrap()).collect();
                 prop_assert_eq!(pruned.map.plan(expected[0], *expected.last().unwrap()), Some(expected));
             }
@@ -130,7 +131,7 @@ proptest! {
     fn it_grows_where_it_is_thin_and_only_by_free_edges(seed in any::<u64>(), count in 1usize..20) {
         let robot = arm(2);
         let scene = scene(&robot, vec![ball("ball", 0.5, 0.2, 0.08, ObjectClass::Obstacle)]);
-        // a dense heap, and one vertex far from it
+        // A dense cluster, and one vertex far from it.
         let mut poses: Vec<Vec<f64>> = (0..20).map(|i| vec![1.5 + 0.01 * f64::from(i % 5), 0.01 * f64::from(i / 5)]).collect();
         poses.push(vec![-1.5, 0.5]);
         let mut map = map(&robot, &poses);

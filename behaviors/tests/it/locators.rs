@@ -1,4 +1,4 @@
-//! What locators promise.
+//! Properties of the locators.
 
 mod files;
 mod recorded;

@@ -1,4 +1,5 @@
-//! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
+//! Integration tests of this package, one module per property, in one binary: a binary for each
+//! took longer to link than to run.
 
 mod explorer;
 mod hand_goals;

@@ -1,4 +1,5 @@
-//! Map files: written and read without a change, merged in whatever order, refused with the place if anything is wrong.
+//! Map files: written and read without a change, merged in any order, rejected with the place of
+//! the error.
 
 use super::world::{arm, ball, scene};
 use mobee_behaviors::map_file::*;
@@ -7,7 +8,7 @@ use mobee_contract::EdgeState;
 use mobee_model::ObjectClass;
 use proptest::prelude::*;
 
-/// A map of the small arm from a few positions on a grid, so that two maps share some.
+/// Creates a map of the small arm from a few positions on a grid, so that two maps share some.
 fn maps() -> impl Strategy<Value = MapFile> {
     let pose = || (-8_i32..8, -8_i32..8).prop_map(|(a, b)| vec![f64::from(a) / 7.0, f64::from(b) / 7.0]);
     let deed = (any::<prop::sample::Index>(), any::<bool>(), any::<bool>());
@@ -65,7 +66,7 @@ proptest! {
         prop_assert_eq!(&merge(&[&a, &merge(&[&b, &c])]), &all);
         prop_assert_eq!(&merge(&[&all, &all]), &all);
         prop_assert_eq!(&merge(&[&all, &b]), &all);
-        // nothing is lost, and the result is a map
+        // Nothing is lost, and the result is a valid map.
         prop_assert_eq!(&MapFile::parse(&all.text()).unwrap(), &all);
         for map in [&a, &b, &c] {
             for edge in &map.edges {
@@ -106,7 +107,7 @@ fn small() -> MapFile {
     map.file(&robot)
 }
 
-/// Each mistake with the text that the complaint must point at, and words of it.
+/// Errors, each with the text that the message must point at, and words of it.
 #[test]
 fn whatever_is_wrong_is_refused_at_its_place() {
     let text = small().text();
@@ -146,7 +147,7 @@ fn a_map_of_another_robot_or_a_changed_one_is_refused_with_the_reason() {
     changed.motors[1].max -= 0.1;
     let changed = map.check(&changed).unwrap_err();
     assert!(changed.what.contains("has changed since") && changed.help.contains("build the map anew"), "{changed:?}");
-    // what a run of an earlier version wrote has no digest
+    // A map written by an earlier version has no digest.
     let old = r#"{"version":1,"robot":"arm","motors":["joint0","joint1"],
         "vertices":[{"id":0,"q_rad":[0,0],"at_m":[0,0,0]},{"id":1,"q_rad":[1,0],"at_m":[0,0,0]}],
         "edges":[{"from":0,"to":1,"state":"removed","driven":true,"cause":"a wall"}]}"#;

@@ -1,5 +1,5 @@
-//! The kind `onnx`: networks that this test writes byte by byte find what they are made to find, and files that are no such network are
-//! refused with place and remedy.
+//! The kind `onnx`: networks written byte by byte by this test detect what they are made to detect,
+//! and files that are not such networks are rejected with place and remedy.
 
 mod written;
 
@@ -20,10 +20,11 @@ fn build(settings: &Value) -> Result<Box<dyn Detector>, KindError> {
     (kind.build)(settings, &Context { robot: Arc::clone(&ROBOT), seed: 0 })
 }
 
-/// Not left out by anybody who writes networks, and asked for by the runtime.
+/// Required by the runtime, and written by all exporters.
 const STEPS: &[(&str, &[u64])] = &[("strides", &[1, 1]), ("dilations", &[1, 1]), ("pads", &[0, 0, 0, 0])];
 
-/// Reddish pixels: a convolution by one pixel whose output is positive where red is well above green and blue, inputs 0 to 1.
+/// Detects reddish pixels: a convolution of one pixel with a positive output if red is well above
+/// green and blue, inputs 0 to 1.
 fn reddish(size: [Option<u64>; 2]) -> Graph {
     Graph {
         nodes: vec![node("Conv", &["picture", "weights", "bias"], &["logits"], STEPS)],
@@ -33,7 +34,7 @@ fn reddish(size: [Option<u64>; 2]) -> Graph {
     }
 }
 
-/// The same for a channel at the end, with a second class for what is blue, and one for the rest.
+/// The same with the channel last, with a second class for blue, and one for the rest.
 fn two_classes() -> Graph {
     let weights = [0.0, 0.0, 0.0, 20.0, -10.0, -10.0, -10.0, -10.0, 20.0];
     Graph {
@@ -47,7 +48,7 @@ fn two_classes() -> Graph {
     }
 }
 
-/// Always the same boxes, whatever it sees.
+/// Returns the same boxes for every image.
 fn boxes(rows: &[&[f32]]) -> Graph {
     let shape = [1, rows.len() as u64, rows[0].len() as u64];
     Graph {
@@ -62,7 +63,7 @@ fn boxes(rows: &[&[f32]]) -> Graph {
     }
 }
 
-/// A red disk, and a blue one at the left border, on gray.
+/// Creates an image of a red disk, and a blue one at the left border, on gray.
 fn frame() -> Frame {
     let (width, height) = (160u32, 120u32);
     let near = |k: u32, x: f64, y: f64| (f64::from(k % width) + 0.5 - x).hypot(f64::from(k / width) + 0.5 - y) < 20.0;
@@ -100,7 +101,7 @@ fn a_mask_tells_each_class_and_what_the_border_cuts() {
         assert!((region.area - 1256.0).abs() < 70.0 && !region.is_clipped && region.confidence > 0.1, "{region:?}");
         assert!(region.pose.is_none());
     }
-    // the other order of colors: what is red is blue to it
+    // The other order of colors: red is blue to it.
     let settings = json!({
         "file": one, "input": { "size": [160, 120], "colors": "bgr" }, "output": { "means": "mask" }, "objects": cup,
     });
@@ -123,7 +124,8 @@ fn a_mask_tells_each_class_and_what_the_border_cuts() {
 #[test]
 fn boxes_are_told_once_each_in_pixels_of_the_picture() {
     let dir = tempfile::tempdir().expect("a folder");
-    // two that are about the same, one of another class at the same place, one below the threshold, one of no size, one at the border
+    // Two almost equal ones, one of another class at the same place, one below the threshold, one
+    // of no size, one at the border.
     let rows: [&[f32]; 6] = [
         &[8.0, 4.0, 24.0, 20.0, 0.8, 0.0],
         &[9.0, 4.0, 25.0, 20.0, 0.9, 0.0],
@@ -137,13 +139,13 @@ fn boxes_are_told_once_each_in_pixels_of_the_picture() {
     let settings = json!({ "file": file, "output": { "means": "boxes" }, "objects": objects });
     let found = build(&settings).expect("a detector").detect(&frame());
     let told: Vec<(&str, [f64; 4])> = found.iter().map(|r| (r.object.as_str(), r.bounds)).collect();
-    // 64x32 pixels of the network are 160x120 of the picture
+    // 64x32 pixels of the network are 160x120 of the image.
     let wide = [22.5, 15.0, 62.5, 75.0];
     assert_eq!(told, [("cup", wide), ("ball", wide), ("ball", [125.0, 37.5, 160.0, 112.5])]);
     assert!((found[0].confidence - 0.9).abs() < 1e-6 && found[2].is_clipped && !found[0].is_clipped);
     assert_eq!(found[0].center, [42.5, 45.0]);
 
-    // columns, middles, a score for each class, shares of the picture
+    // Columns, centers, a score for each class, shares of the image.
     let columns: [&[f32]; 6] = [&[0.5], &[0.5], &[0.2], &[0.4], &[0.1], &[0.95]];
     let file = save(dir.path(), "columns.onnx", &boxes(&columns).bytes());
     let output =
@@ -155,7 +157,7 @@ fn boxes_are_told_once_each_in_pixels_of_the_picture() {
     assert!(ball.object == "ball" && ball.bounds.iter().zip(right).all(|(a, b)| (a - b).abs() < 1e-3), "{ball:?}");
 }
 
-/// What is said about settings or a file that can't be.
+/// Errors for invalid settings and files.
 fn refused(settings: &Value, path: &str, said: &str) {
     let error = build(settings).err().unwrap_or_else(|| panic!("{settings} is taken"));
     let all: Vec<String> = error.clone().all().iter().map(|e| format!("{}: {}", e.path, e.what)).collect();

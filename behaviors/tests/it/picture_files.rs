@@ -1,5 +1,5 @@
-//! Pictures and masks in files are read as people see them, in training and evaluation alike: turned upright, whatever channels they have
-//! and however their names are written.
+//! Image and mask files are read as people see them, in training and evaluation alike: upright,
+//! with any channels and any spelling of their names.
 
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, LumaA, Rgb, RgbImage, Rgba};
 use mobee_behaviors::detectors::picture::{read_folder, read_mask, read_picture, read_pictures};
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 const SIZE: [u32; 2] = [24, 16];
 
-/// The object: not symmetric in any way.
+/// The object: without any symmetry.
 fn is_object(x: u32, y: u32) -> bool {
     (3..9).contains(&x) && (2..11).contains(&y) || (9..20).contains(&x) && (2..5).contains(&y)
 }
@@ -21,7 +21,7 @@ fn save(path: &Path, image: impl Into<DynamicImage>) {
     image.into().save(path).expect("saved");
 }
 
-/// The file of a picture that is stored turned, with the EXIF entry that turns it upright.
+/// Creates the file of an image that is stored rotated, with the EXIF entry that turns it upright.
 fn stored_turned(upright: &RgbImage, orientation: u8, format: ImageFormat) -> Vec<u8> {
     let image = DynamicImage::from(upright.clone());
     let stored = match orientation {
@@ -45,7 +45,7 @@ fn stored_turned(upright: &RgbImage, orientation: u8, format: ImageFormat) -> Ve
             [&file[..2], &[0xff, 0xe1], &length, &exif, &file[2..]].concat()
         }
         _ => {
-            // behind the header: a chunk eXIf
+            // After the header: a chunk eXIf.
             let chunk = [&b"eXIf"[..], &tiff].concat();
             let (length, sum) = ((tiff.len() as u32).to_be_bytes(), crc(&chunk).to_be_bytes());
             [&file[..33], &length, &chunk, &sum, &file[33..]].concat()
@@ -92,7 +92,7 @@ fn torn_files_are_no_pictures() {
         let whole = stored_turned(&picture(), 6, format);
         std::fs::write(&path, &whole).expect("written");
         read_picture(&path).expect("it is whole");
-        // what cameras append is no harm
+        // Data that cameras append is harmless.
         std::fs::write(&path, [&whole[..], b"and more"].concat()).expect("written");
         read_picture(&path).expect("it is whole");
         for share in [3, 6, 8] {
@@ -116,12 +116,12 @@ fn pictures_of_any_channels_show_what_people_see() {
     assert_eq!(first(deep.into()), [255, 128, 1]);
     assert_eq!(first(ImageBuffer::from_pixel(4, 4, Luma([25700u16])).into()), [100; 3]);
     assert_eq!(first(ImageBuffer::from_pixel(4, 4, LumaA([90u8, 255])).into()), [90; 3]);
-    // what is transparent shows white paper, not the color that nobody sees
+    // Transparent pixels are shown as white paper, not in their invisible color.
     assert_eq!(first(ImageBuffer::from_pixel(4, 4, LumaA([0u8, 0])).into()), [255; 3]);
     assert_eq!(first(ImageBuffer::from_pixel(4, 4, Rgba([255u8, 0, 0, 51])).into()), [255, 204, 204]);
 }
 
-/// An indexed PNG of 8 bits: for each pixel the index of a color.
+/// Creates an indexed PNG of 8 bits with the index of a color for each pixel.
 fn indexed(path: &Path, colors: &[[u8; 3]], alphas: &[u8], index: impl Fn(u32, u32) -> u8) {
     let chunk = |kind: &[u8; 4], data: &[u8]| {
         let body = [&kind[..], data].concat();
@@ -130,7 +130,7 @@ fn indexed(path: &Path, colors: &[[u8; 3]], alphas: &[u8], index: impl Fn(u32, u
     let rows: Vec<u8> = (0..SIZE[1])
         .flat_map(|y| std::iter::once(0).chain((0..SIZE[0]).map(move |x| (x, y)).map(|(x, y)| index(x, y))))
         .collect();
-    // deflate without compression
+    // Deflate without compression.
     let length = (rows.len() as u16).to_le_bytes();
     let (mut a, mut b) = (1u32, 0u32);
     for byte in &rows {
@@ -179,7 +179,7 @@ fn masks_of_any_kind_show_the_object() {
     shows("a palette with dark red");
     indexed(&path, &[[0; 3], [128, 0, 0]], &[0], |x, y| u8::from(is_object(x, y)));
     shows("a palette with a transparent ground");
-    // soft edges: half as bright is the border
+    // Soft edges: the border is at half the brightness.
     let soft =
         |x: u32, y: u32| if is_object(x, y) { 180 + ((x * 7 + y * 3) % 60) as u8 } else { ((x * 5 + y) % 40) as u8 };
     save(&path, GrayImage::from_fn(w, h, |x, y| Luma([soft(x, y)])));

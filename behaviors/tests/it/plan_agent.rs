@@ -1,4 +1,5 @@
-//! The planning agent: to its goals without a map, round what stands in the way, and round what only showed when it was driven.
+//! The planning agent: reaches its goals without a map, around obstacles, also around those that
+//! only show when driven into.
 
 use crate::world::*;
 use mobee_behaviors::agents::{PlanAgent, PlanSettings};
@@ -42,7 +43,7 @@ fn every_goal_is_reached_without_a_failure_and_known_ways_are_driven_again() {
     assert_eq!((figure(&run, "goals_reached"), figure(&run, "goals_missed")), (12.0, 0.0));
     assert!(run.motions.len() > 12, "no way leads straight there");
     assert!(agent.map().len() < 40, "the map grows at every leg: {}", agent.map().len());
-    // what is told is the map: every plan leads over vertices that were told, from where the robot is
+    // The notes contain the map: every plan leads over noted vertices, from the robot's vertex.
     let plans = run.notes.iter().filter(|n| matches!(n, Note::Plan { path } if path.len() > 1)).count();
     assert!(plans >= 12);
 }
@@ -52,7 +53,8 @@ fn a_motion_that_failed_leads_to_another_way_and_never_again_to_the_same() {
     let scene = scene(&arm(3), vec![]);
     let mut view = view(&scene, &start());
     let mut agent = agent(json!({ "goals": ["right", "left"], "repeat": 3 }));
-    // something that the scene does not show stands half way: whoever comes near it is rolled back
+    // An obstacle that the scene does not contain stands half way: a motion close to it is rolled
+    // back.
     let mut failed: Vec<(Vec<f64>, Vec<f64>)> = Vec::new();
     let run = drive(&mut agent, &mut view, 2000, |_, a, b| {
         let near = (0..=50).any(|i| {
@@ -70,7 +72,7 @@ fn a_motion_that_failed_leads_to_another_way_and_never_again_to_the_same() {
     assert_eq!(run.done.unwrap().text, "the tour is done");
 }
 
-/// Objects that are no obstacles, at places far from the arm.
+/// Creates objects that are not obstacles, at positions far from the arm.
 fn ghosts() -> Vec<mobee_model::Object> {
     ["cause", "other"].map(|name| ball(name, 0.0, 0.0, 0.05, ObjectClass::Ghost)).to_vec()
 }
@@ -145,7 +147,7 @@ fn in_a_world_that_never_rests_the_map_is_bounded_and_what_is_told_is_the_map() 
             if mobee_behaviors::planners::escape::caught(&v) {
                 continue;
             }
-            // through the journal, as it were: motion by motion, the plan first
+            // As if through the journal: motion by motion, the plan first.
             for _ in 0..6 {
                 let run = drive(&mut agent, &mut v, 1, by_scene);
                 for note in &run.notes {
@@ -155,7 +157,8 @@ fn in_a_world_that_never_rests_the_map_is_bounded_and_what_is_told_is_the_map() 
                         _ => {}
                     }
                 }
-                // the post came nearer than plans keep, and not so near that the robot is caught
+                // The post came closer than the plans' clearance, but not so close that the robot
+                // is in contact.
                 let escapes =
                     |n: &Note| matches!(n, Note::Log { text } if text.starts_with("no plan: where the robot is"));
                 let escaped = run.notes.iter().any(escapes);
@@ -199,7 +202,7 @@ fn a_goal_that_is_blocked_is_told_and_the_other_one_is_gone_to() {
 
 #[test]
 fn a_robot_too_near_for_a_plan_moves_away_first() {
-    // nearer than plans may come, and not so near that the reflex acts
+    // Closer than plans may come, but not so close that the reflex acts.
     let scene = scene(&arm(3), vec![ball("ball", 0.9, 0.101, 0.05, ObjectClass::Obstacle)]);
     let here = [0.0, 0.0, 0.0];
     let mut view = view(&scene, &here);

@@ -1,4 +1,5 @@
-//! Planners: every path is free by the scalar engine, ends where it was asked to, and depends on nothing but its problem.
+//! Planners: every path is free by the scalar engine, ends at its goal, and depends only on its
+//! problem.
 
 use crate::world::*;
 use mobee_behaviors::planners::{
@@ -31,7 +32,8 @@ fn line_free(scene: &Scene, a: &[f64], b: &[f64]) -> bool {
     scene.line_free(0, &scene.home(), a, b, 0.001, CLEARANCE)
 }
 
-/// A wall of balls from the base outward at this angle (rad), with a gap where the arm may pass if it is folded.
+/// Creates a wall of balls from the base outward at this angle (rad), with a gap that the folded
+/// arm can pass.
 fn wall(angle: f64) -> Vec<Object> {
     let at = |i: usize| {
         let r = 0.55 + 0.07 * i as f64;
@@ -40,10 +42,11 @@ fn wall(angle: f64) -> Vec<Object> {
     (0..6).map(at).collect()
 }
 
-/// Whether motors turn without end, how many joints; balls as distance, angle and radius; start, goal, seed.
+/// Continuous joints or not, number of joints; balls as distance, angle and radius; start, goal,
+/// seed.
 type World = (bool, usize, Vec<(f64, f64, f64)>, Vec<f64>, Vec<f64>, u64);
 
-/// An arm of some joints, with or without ends, a few balls that it has to go round, and where from and where to.
+/// Creates an arm of some joints, continuous or not, a few balls as obstacles, and start and goal.
 fn worlds() -> impl Strategy<Value = World> {
     (any::<bool>(), 2usize..4).prop_flat_map(|(endless, joints)| {
         let balls = prop::collection::vec((0.15..0.9f64, -PI..PI, 0.02..0.09f64), 0..5);
@@ -74,7 +77,7 @@ proptest! {
             let other = matches!(&found, Err(NoPath::Blocked { .. }));
             prop_assert!(told || other || !blocked(CLEARANCE - 1e-4), "{end:?} is not free, and that is not told: {found:?}");
         }
-        // the same problem has the same answer, whatever was judged before
+        // The same problem has the same result, whatever was checked before.
         prop_assert_eq!(&plan(&mut space, &problem), &found);
         let Ok(path) = found else { return Ok(()) };
         let short = shorten(&mut space, path.clone(), seed, 2000);
@@ -217,7 +220,7 @@ fn a_wall_is_gone_round_and_the_way_is_made_shorter() {
 #[test]
 fn a_budget_and_a_cancel_end_it_and_the_progress_is_told() {
     let robot = arm(2);
-    // closed all round: the folded arm can't get out
+    // Closed all round: the folded arm can't get out.
     let ring = (0..40).map(|i| {
         let a = f64::from(i) * TAU / 40.0;
         ball(&format!("ring{i}"), 0.44 * a.cos(), 0.44 * a.sin(), 0.03, ObjectClass::Obstacle)
@@ -266,7 +269,7 @@ fn ends_that_can_t_be_are_told_with_the_reason() {
     {
         assert_eq!(plan(&mut space, &problem(&start, &goal, 1)), Err(NoPath::Malformed(end)));
     }
-    // a board may have narrower limits than the model
+    // A board may have narrower limits than the model.
     let axis = |name: &str| Axis {
         name: name.into(),
         min: -1.0,
@@ -286,7 +289,8 @@ fn ends_that_can_t_be_are_told_with_the_reason() {
 #[test]
 fn a_constraint_is_kept_all_the_way() {
     let mut robot = arm(2);
-    // joint1 may be below 60 degrees only where joint0 is below -20: straight from one side to the other is outside
+    // joint1 may be below 60 degrees only if joint0 is below -20: the straight line from one side
+    // to the other is outside.
     let half = |motor: usize, a: f64, b: f64| HalfSpace { terms: vec![(motor, a)], b };
     Arc::make_mut(&mut robot).parts[0].clauses = vec![Clause(vec![half(1, 1.0, -60.0), half(0, -1.0, -20.0)])];
     let scene = scene(&robot, vec![]);
@@ -362,7 +366,8 @@ fn a_motor_without_end_goes_over_the_seam_unless_its_board_counts_no_farther() {
     assert!((path.length() - 340f64.to_radians()).abs() < 1e-9, "{} deg", path.length().to_degrees());
 }
 
-/// Encoders are noisy: a motor that rests at its limit may read a little more, and nobody can drive it back.
+/// Encoders are noisy: a motor at rest at its limit may read slightly more, and it can't be driven
+/// back.
 #[test]
 fn a_motor_that_rests_beyond_its_limit_blocks_nothing() {
     let robot = arm(2);

@@ -1,4 +1,5 @@
-//! The reaching agent, alone: when it looks, where it goes, what it does when the object moves, and what it calls a miss.
+//! The reaching agent alone: its search, its targets, its reaction to a moving object, and its
+//! misses.
 
 use super::world::{arm, ball, by_scene, drive, kind, scene, try_kind, view};
 use mobee_contract::*;
@@ -7,7 +8,7 @@ use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// Hand before and at the cup, meters: settings below.
+/// Positions of the hand before and at the cup, meters: settings below.
 const BEFORE: [f64; 2] = [-0.12, 0.0];
 const AT: [f64; 2] = [-0.06, 0.0];
 
@@ -28,7 +29,7 @@ fn rest() -> [f64; 3] {
     [90f64.to_radians(), 10f64.to_radians(), 0.0]
 }
 
-/// Where the tip of the arm is.
+/// Returns the position of the arm's tip.
 fn tip(q: &[f64]) -> [f64; 2] {
     let (mut angle, mut at) = (0.0, [0.0, 0.0]);
     for q in q {
@@ -71,13 +72,13 @@ fn it_waits_until_a_cup_that_a_sensor_keeps_is_seen() {
     let mut agent = kind("reach", &robot, 1, settings(json!({})));
     let run = drive(&mut *agent, &mut view, 10, by_scene);
     assert!(run.motions.is_empty() && run.waits == 10, "{run:?}");
-    // where it is seen goes before where the scene has it
+    // A sensor's position takes precedence over the scene's.
     let place = Some([0.4, 0.4, 0.0]);
     view.at = Time::from_secs(1.0);
     view.seen = Arc::new([SeenObject { at: Some(Time::from_secs(0.9)), place, ..unseen.clone() }]);
     let run = drive(&mut *agent, &mut view, 1, by_scene);
     assert!(is_near(&run.q, [0.4, 0.4], BEFORE), "{:?}", tip(&run.q));
-    // a stale one is not gone for
+    // A stale one is not used.
     let mut agent = kind("reach", &robot, 1, settings(json!({})));
     view.seen = Arc::new([SeenObject { at: Some(Time::from_secs(0.9)), place, is_stale: true, ..unseen }]);
     assert!(matches!(agent.next(None, &view), Intent::Wait(_)));
@@ -114,7 +115,8 @@ fn a_cup_that_moves_on_the_way_is_followed_and_a_small_move_is_not() {
     view.poses = vec![target.pose(view.pose())];
     let Intent::MoveTo(target) = agent.next(Some(MotionEnd::Reached), &view) else { panic!("to it") };
     assert!(is_near(&target.q, [0.45, 0.4], AT), "{:?}", tip(&target.q));
-    // away while the hand comes down: the motion is taken back, and the hand goes there
+    // Moved away while the hand comes down: the motion is rolled back, and the hand goes to the new
+    // position.
     view.scene = moved(&view.scene, 0.5, 0.2);
     assert_eq!(agent.revise(&view), Some(Intent::Stop));
     let Intent::MoveTo(target) = agent.next(Some(MotionEnd::Failed), &view) else { panic!("there") };
@@ -128,7 +130,7 @@ fn a_hand_never_goes_down_where_the_cup_is_known_not_to_be() {
         let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
         let mut agent = kind("reach", &robot, 1, settings(json!({})));
         let Intent::MoveTo(target) = agent.next(None, &view) else { panic!("it sets out") };
-        // to where no posture is: the hand stops, or, if that is known too late, arrives
+        // To where no posture exists: the hand stops, or, if that is detected too late, arrives.
         view.scene = moved(&view.scene, 1.5, 0.3);
         if is_late {
             view.poses = vec![target.pose(view.pose())];
@@ -142,7 +144,7 @@ fn a_hand_never_goes_down_where_the_cup_is_known_not_to_be() {
     }
 }
 
-/// A pose of three joints with the tip there, pointing along x.
+/// Returns a configuration of three joints with the tip there, pointing along x.
 fn pointing_at(x: f64, y: f64) -> Vec<f64> {
     let (wrist, link) = ((x - 0.3, y), 0.3);
     let far = wrist.0.hypot(wrist.1);
@@ -206,7 +208,7 @@ fn what_was_in_the_way_once_is_gone_round_from_then_on() {
 fn a_way_that_fails_is_gone_round_in_every_mode() {
     let robot = arm(3);
     for mode in ["optimistic", "lazy", "verified"] {
-        // in the way of the straight line from rest
+        // In the way of the straight line from rest.
         let wall = ball("wall", 0.25, 0.75, 0.12, ObjectClass::Obstacle);
         let mut view = view(&scene(&robot, vec![cup(0.6, 0.15), wall]), &rest());
         let mut agent = kind("reach", &robot, 1, settings(json!({ "validation": mode })));
@@ -229,7 +231,7 @@ fn a_miss_has_a_cause() {
     miss(vec![cup(2.0, 0.0)], "missed_out_of_reach");
     let lid = ball("lid", 0.42, 0.3, 0.06, ObjectClass::Obstacle);
     miss(vec![cup(0.5, 0.3), lid], "missed_not_free");
-    // kept by a sensor that never sees it, wherever the eyes look
+    // Tracked by a sensor that never detects it, wherever the eyes look.
     let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
     view.seen = Arc::new([SeenObject { object: "cup".into(), at: None, place: None, is_stale: false }]);
     let gaze = json!({ "motors": ["joint0"], "sweep_deg": [{ "joint0": 80 }, { "joint0": 100 }], "dwell_s": 0 });

@@ -1,4 +1,5 @@
-//! The roadmap agent: the ball of figure 5, CONNECT, tours, escapes, and what a successor takes over.
+//! The roadmap agent: the ball of figure 5, CONNECT, tours, escapes, and the state passed to a
+//! successor.
 
 use crate::world::*;
 use mobee_behaviors::agents::{RoadmapAgent, RoadmapSettings};
@@ -53,7 +54,7 @@ fn the_cause_is_remembered_in_words() {
 fn a_doubtful_edge_is_driven_if_there_is_no_other_way() {
     let scene = scene(&arm(2), vec![]);
     let mut view = view(&scene, &start());
-    // only the direction a -> b of the short way fails, and the detour fails on the way back
+    // Only the direction a -> b of the short path fails, and the detour fails on the return.
     let (a, b) = (60f64.to_radians(), -60f64.to_radians());
     let mut agent = agent(json!({ "goals": ["b", "a"] }));
     let run = drive(&mut agent, &mut view, 100, |_, from, to| {
@@ -67,7 +68,7 @@ fn a_doubtful_edge_is_driven_if_there_is_no_other_way() {
 
 #[test]
 fn connect_takes_the_nearest_pose_whose_line_is_free_and_goes_on_if_it_fails() {
-    // the robot stands between b and the folded poses; the line to the nearest pose, b, is blocked
+    // The robot is between b and the folded poses; the line to the nearest pose, b, is blocked.
     let scene = scene(&arm(2), vec![ball("ball", 0.48, -0.36, 0.06, ObjectClass::Obstacle)]);
     let here = [0.0, 0.35];
     let mut view = view(&scene, &here);
@@ -81,7 +82,7 @@ fn connect_takes_the_nearest_pose_whose_line_is_free_and_goes_on_if_it_fails() {
     let blocked = !by_scene(&view, &here, &agent.map().vertex(nearest).unwrap().q);
     assert_eq!(first != nearest, blocked);
 
-    // whatever the scene says: each pose is tried once, then CONNECT gives up
+    // Independent of the scene: each pose is tried once, then CONNECT ends.
     let mut view = crate::world::view(&scene, &here);
     let mut stubborn = RoadmapAgent::new(settings(json!({})), &context(&arm(2), 1)).unwrap();
     let run = drive(&mut stubborn, &mut view, 100, |_, _, _| false);
@@ -141,7 +142,7 @@ fn goals_are_rested_at_and_a_goal_out_of_reach_is_reported() {
     let done = run.done.unwrap();
     assert_eq!(done.text, "no goal can be reached any more");
     assert!(run.notes.iter().any(|n| matches!(n, Note::Log { text } if text.contains("no way leads"))));
-    // a tour without motion never spins: it waits
+    // A tour without motion never spins: it waits.
     let run =
         drive(&mut agent(json!({ "goals": ["a"], "repeat": 0 })), &mut view(&scene, &start()), 50, |_, _, _| true);
     assert_eq!((run.waits, run.motions.len()), (50, 0));
@@ -180,7 +181,7 @@ fn an_obstacle_on_the_resting_arm_is_escaped_from_and_no_edge_is_blamed() {
     let mut agent = agent(json!({ "goals": ["a", "b"] }));
     let tip = (0.6 * 60f64.to_radians().cos(), 0.6 * 60f64.to_radians().sin());
     v.scene = scene(&arm(2), vec![ball("ball", tip.0 + 0.05, tip.1 + 0.05, 0.03, ObjectClass::Obstacle)]);
-    // an escape is taken under its own rule; all else as the scene says
+    // An escape is accepted under its own rule; everything else by the scene.
     let run = drive(&mut agent, &mut v, 100, |v, from, to| caught(v) || by_scene(v, from, to));
     assert!(run.notes.iter().any(|n| matches!(n, Note::Log { text } if text.contains("escaping"))));
     assert_eq!(agent.map().at(&run.q, 1e-9), agent.map().find("b"));
@@ -193,7 +194,7 @@ fn buried_without_a_way_out_it_waits_and_then_gives_up() {
     let q = start();
     let tip = (0.6 * q[0].cos(), 0.6 * q[0].sin());
     let mid = (0.3 * q[0].cos(), 0.3 * q[0].sin());
-    // a cage of balls round both ends of the last link: whatever moves, something comes nearer
+    // A cage of balls around both ends of the last link: every motion brings something closer.
     let mut cage = Vec::new();
     for (i, (x, y)) in [tip, mid].into_iter().enumerate() {
         for k in 0..8 {
@@ -264,7 +265,8 @@ fn settings_that_can_t_be_used_say_where() {
     }
 }
 
-/// A run recalls what earlier ones noted before its agent begins; most have nothing to recall.
+/// A run recalls the notes of earlier ones before its agent begins; most agents have nothing to
+/// recall.
 #[test]
 fn what_nobody_noted_yet_is_told_and_what_was_noted_is_not_told_again() {
     let told = |past: &[Note]| {

@@ -1,4 +1,5 @@
-//! Motors that turn without end are planned for and driven the short way round, without a seam at half a turn from home.
+//! Continuous joints are planned for and driven the short way round, without a discontinuity half a
+//! turn from home.
 
 use crate::world::*;
 use mobee_behaviors::agents::{Explorer, ExplorerSettings, RoadmapAgent};
@@ -13,7 +14,7 @@ use std::sync::Arc;
 
 const DEG: f64 = PI / 180.0;
 
-/// Where each motion of the first joint went, whole degrees.
+/// Returns the targets of the first joint's motions, whole degrees.
 fn ends(run: &Run) -> Vec<i64> {
     run.motions.iter().map(|(_, to, _)| (to[0] / DEG).round() as i64).collect()
 }
@@ -63,7 +64,7 @@ fn an_explorer_goes_round_and_never_farther_than_half_a_turn() {
     assert!(run.motions.iter().all(|(from, to, _)| (from[0] - to[0]).abs() <= PI));
     let over = |(from, to, _): &(Vec<f64>, Vec<f64>, bool)| (from[0].abs() < PI) != (to[0].abs() < PI);
     assert!(run.motions.iter().any(over), "the seam is passed: {:?}", ends(&run));
-    // the last pose before the seam and the first behind it
+    // The last pose before the discontinuity and the first one behind it.
     let mut along: Vec<(f64, u32)> = agent.map().vertices().map(|(id, v)| (v.q[0], id)).collect();
     along.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (first, last) = (along[0].1, along[11].1);

@@ -1,4 +1,4 @@
-//! The two short agents, and what every registered kind promises.
+//! The two short agents, and properties of every registered kind.
 
 use crate::world::*;
 use mobee_contract::*;
@@ -64,11 +64,11 @@ fn random_rests_at_poses_that_it_reached_if_asked_to() {
     let mut agent = kind("random", &robot, 4, json!({ "motors": ["joint0"], "count": 3, "wait_s": 2 }));
     let mut fails = [true, false, true].into_iter();
     let run = drive(agent.as_mut(), &mut view(&scene(&robot, vec![]), &[0.0; 3]), 9, |_, _, _| fails.next().unwrap());
-    // after the last one it is done
+    // After the last one it is done.
     assert_eq!((run.motions.len(), run.waits), (3, 1));
 }
 
-/// A board may allow less than the model: what lies beyond would be refused.
+/// A board may have narrower limits than the model: positions beyond them would be rejected.
 #[test]
 fn poses_are_drawn_within_what_the_board_allows() {
     let robot = arm(3);
@@ -87,7 +87,7 @@ fn poses_are_drawn_within_what_the_board_allows() {
     }
 }
 
-/// What a jog wants in so many steps of 20 ms, on motors that do at once what they are told.
+/// Returns the intents of a jog in this number of steps of 20 ms, on motors without delay.
 fn jogged(settings: serde_json::Value, steps: u64) -> Vec<Intent> {
     let robot = arm(4);
     let mut agent = kind("jog", &robot, 7, settings);
@@ -134,7 +134,7 @@ fn jog_leads_a_few_motors_within_their_ranges_and_leaves_the_others_alone() {
     assert!(own > 10);
 }
 
-/// A stream falls silent after its time, goes on as another way of moving, and is not taken up by a successor.
+/// A stream ends after its time, continues in another mode, and is not continued by a successor.
 #[test]
 fn jog_lets_go_and_hands_over() {
     let robot = arm(2);

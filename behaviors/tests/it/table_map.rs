@@ -1,5 +1,5 @@
-//! The map of a table: every pose keeps the rule of acceptance, places are covered without gaps, and a build that was
-//! interrupted ends as one that was not.
+//! The map of a table: every pose satisfies the rule of acceptance, positions are covered without
+//! gaps, and an interrupted build ends like an uninterrupted one.
 
 use mobee_behaviors::table_map::*;
 use mobee_model::*;
@@ -33,7 +33,7 @@ fn settings(vertices: u32) -> TableMapSettings {
     }
 }
 
-/// Builds until there are so many trials, after telling those that there are already.
+/// Builds until this number of trials, after replaying the existing ones.
 fn build(plan: &Arc<TableMapPlan>, scene: &Scene, told: &[Trial], most: usize) -> (Growth, Vec<Trial>) {
     let mut search = PoseSearch::new(scene, Arc::clone(plan)).unwrap();
     let mut growth = Growth::new(plan, &scene.robots()[0].home());
@@ -59,7 +59,7 @@ fn every_pose_keeps_height_palm_spacing_and_clearance() {
     assert!(trials.len() < 200, "{} searches", trials.len());
     let marker = robot.markers.iter().position(|m| m.name == MARKER).unwrap();
     for (i, found) in growth.found().iter().enumerate() {
-        // by the other kinematics, and the scalar engine
+        // By the other kinematics, and the scalar engine.
         let hand = &robot.markers_at(&found.whole)[marker];
         let at = hand.position();
         assert!((at.z - (-0.15 + 0.08)).abs() <= 0.005 + 1e-9, "{i}: {at}");
@@ -72,7 +72,8 @@ fn every_pose_keeps_height_palm_spacing_and_clearance() {
             found.whole.iter().zip(robot.home()).enumerate().filter(|(_, (q, home))| (**q - home).abs() > 1e-12);
         assert!(moved.into_iter().all(|(m, _)| plan.motors.contains(&m)), "{i} moves other motors");
     }
-    // 150 cells of a square centimeter about the first pose, without a gap: none is farther than a disc of that area needs
+    // 150 cells of a square centimeter around the first pose, without a gap: none is farther than a
+    // disc of that area requires.
     let first = growth.found()[0].at;
     let far = growth.found().iter().map(|f| (f.at[0] - first[0]).hypot(f.at[1] - first[1])).fold(0.0, f64::max);
     assert!(far < 1.35 * 0.01 * (150.0 / std::f64::consts::PI).sqrt(), "{far}");
@@ -87,7 +88,7 @@ fn an_interrupted_build_ends_as_one_that_was_not() {
     let (whole, trials) = build(&plan, &scene, &[], usize::MAX);
     for cut in [0, 1, 17, trials.len() - 1] {
         let (_, some) = build(&plan, &scene, &[], cut);
-        // as it stands in the file
+        // As written in the file.
         let text = serde_json::to_string(&some).unwrap();
         let read: Vec<Trial> = serde_json::from_str(&text).unwrap();
         assert_eq!(read, trials[..cut]);
@@ -103,7 +104,7 @@ fn places_that_cannot_be_reached_end_the_growth() {
     let scene = scene();
     let far = TableArea { height_m: -0.15, x_m: [-3.0, -2.9], y_m: [0.0, 0.1] };
     let plan = Arc::new(TableMapSettings { table: far, ..settings(10) }.plan(&scene.robots()[0]).unwrap());
-    // a few searches, and not all twenty, to save time
+    // A few searches instead of all twenty, to save time.
     let (growth, trials) = build(&plan, &scene, &[], 2);
     assert!(growth.found().is_empty() && trials.iter().all(|t| t.q.is_none() && t.cell.is_none()));
     let tales = vec![Trial { cell: None, attempt: 0, evaluations: 1, q: None }; 20];

@@ -1,4 +1,4 @@
-//! The kind `tag` without a camera: poses of squares, settings that make no sense, and pictures that are none.
+//! The kind `tag` without a camera: poses of squares, invalid settings, and invalid images.
 
 use mobee_behaviors::detectors::picture::Picture;
 use mobee_behaviors::detectors::tag::{TagFamilyName, TagSeeker, pose_of_square};
@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// What is about normal, with a standard deviation of 1.
+/// Draws an approximately normal number with a standard deviation of 1.
 fn normal(rng: &mut ChaCha8Rng) -> f64 {
     (0..12).map(|_| rng.random_range(-0.5..0.5)).sum()
 }
@@ -50,7 +50,7 @@ fn a_square_is_where_its_corners_say_and_as_surely_as_they_are_seen() {
     }
     surprises.sort_by(f64::total_cmp);
     let (median, most) = (surprises[200], surprises[380]);
-    // chi-squared of six degrees of freedom: 5.3 in the median, 12.6 at 95 %
+    // Chi-squared with six degrees of freedom: the median is 5.3, the 95th percentile 12.6.
     assert!((4.0..6.5).contains(&median) && most < 16.0, "{median} {most}");
 }
 

@@ -1,4 +1,5 @@
-//! Validation modes of the agents: what is certified is never driven into, and edges go and come with the objects that block them.
+//! Validation modes of the agents: certified edges never collide, and edges leave and return with
+//! the objects that block them.
 
 use crate::world::*;
 use mobee_behaviors::roadmap::Roadmap;
@@ -64,7 +65,7 @@ fn an_explorer_commits_no_blocked_edge_and_determines_the_rest() {
             let map = Roadmap::import(&agent.export().state["map"], &arm(3)).unwrap();
             let of = |q: &[f64]| map.at(q, 1e-9);
             for (from, to, ok) in &run.motions {
-                // the way to the map is no edge of it
+                // The path to the map is not an edge.
                 if mode != "optimistic" && of(from).is_some() && of(to).is_some() {
                     assert!(ok, "{mode}: a blocked edge was driven");
                     assert!(scene.line_free(0, &v.poses, from, to, 0.001, v.clearance), "{mode}: not free");
@@ -73,7 +74,8 @@ fn an_explorer_commits_no_blocked_edge_and_determines_the_rest() {
             assert_eq!(figure("edges_blocked").is_some_and(|n| n > 0.0), mode != "optimistic", "{mode}: {done:?}");
             feasible.push(figure("edges_feasible").unwrap());
         }
-        // what is nearer than a plan should keep, and yet not so near that the reflex acts, is feasible to the first alone
+        // Closer than a plan's clearance, but not so close that the reflex acts: feasible for the
+        // first mode only.
         assert!(feasible[0] >= feasible[1] && feasible[1] > 0.0, "{feasible:?}");
         assert_eq!(feasible[1], feasible[2]);
     }
@@ -106,7 +108,7 @@ fn a_moved_object_turns_edges_off_and_on_again() {
         v.scene = Arc::new(solid.edit(&away).unwrap());
         let run = drive(agent.as_mut(), &mut v, 2, by_scene);
         assert_eq!(run.motions.len(), 2, "{mode}: straight again");
-        // known from before the ball came: it was driven
+        // Known from before the ball came: it was driven.
         assert_eq!(notes(&run, EdgeState::Feasible), [(0, 1), (1, 0)], "{mode}");
     }
 }
@@ -125,7 +127,7 @@ fn an_object_that_comes_into_the_way_in_mid_motion_stops_it_and_one_behind_does_
         (v.scene, v.poses) = (solid.clone(), vec![[q, 0.0].into()]);
         assert_eq!(agent.revise(&v), stops.then_some(Intent::Stop), "{mode} at {q}");
         if stops {
-            // the motion was taken back: its edge failed, and is removed until the ball has gone
+            // The motion was rolled back: its edge failed, and is removed until the ball has gone.
             agent.notes();
             v.poses = vec![start().as_slice().into()];
             let Intent::MoveTo(round) = agent.next(Some(MotionEnd::Failed), &v) else { panic!("no way round") };

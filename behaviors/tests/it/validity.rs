@@ -1,5 +1,5 @@
-//! The layer that knows what blocks a map's edges: after any edits of the world it says what a layer says that never saw another one,
-//! and it says the truth.
+//! The layer of verdicts on a map's edges: after any edits of the world it equals a layer that has
+//! seen only the last world, and its verdicts are correct.
 
 use crate::world::*;
 use mobee_behaviors::roadmap::validity::{EdgeEnds, Validity, edge_between};
@@ -16,7 +16,7 @@ use std::f64::consts::FRAC_PI_3;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A map of random poses of some motors.
+/// Creates a map of random poses of some motors.
 fn random_map(scene: &Scene, motors: &[usize], vertices: usize, k: usize, seed: u64) -> Roadmap {
     let robot = &scene.robots()[0];
     let mut map = Roadmap::new(motors.to_vec(), robot);
@@ -33,7 +33,7 @@ fn undirected(map: &Roadmap) -> BTreeSet<EdgeEnds> {
     map.edges().into_iter().map(|(a, b, _)| edge_between(a, b)).collect()
 }
 
-/// A random edit of the objects within reach.
+/// Makes a random edit of the objects within reach.
 fn edit(scene: &Scene, rng: &mut ChaCha8Rng, reach: f64, flat: bool) -> Edit {
     let names: Vec<String> = scene.objects().map(|(_, o)| o.name.clone()).collect();
     let mut at = || {
@@ -68,8 +68,8 @@ fn edit(scene: &Scene, rng: &mut ChaCha8Rng, reach: f64, flat: bool) -> Edit {
     }
 }
 
-/// Edits a world, and compares a layer that saw it all with one that sees only the end; answers how many edges were blocked by
-/// objects, summed over all worlds.
+/// Edits a world, and compares a layer that saw all edits with one that sees only the last world;
+/// returns the number of edges blocked by objects, summed over all worlds.
 fn follow(scene: &Arc<Scene>, map: &Roadmap, seed: u64, edits: usize, reach: f64, flat: bool) -> usize {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let all = undirected(map);
@@ -81,7 +81,7 @@ fn follow(scene: &Arc<Scene>, map: &Roadmap, seed: u64, edits: usize, reach: f64
     let mut blocked = 0;
     for step in 0..edits {
         let before: Vec<_> = all.iter().map(|edge| layer.verdict(*edge).copied()).collect();
-        // sometimes several at once, as when the robot moved meanwhile
+        // Sometimes several at once, as after a motion of the robot.
         for _ in 0..rng.random_range(1..3) {
             scene = Arc::new(scene.edit(&edit(&scene, &mut rng, reach, flat)).unwrap());
         }
@@ -104,7 +104,7 @@ fn follow(scene: &Arc<Scene>, map: &Roadmap, seed: u64, edits: usize, reach: f64
     blocked
 }
 
-/// Every verdict is what samples of the edge say.
+/// Compares every verdict with samples of the edge.
 fn tell_the_truth(layer: &Validity, map: &Roadmap, view: &View) {
     for (a, b) in undirected(map) {
         let robot = &view.scene.robots()[0];
@@ -178,7 +178,7 @@ fn an_object_that_goes_takes_its_blocks_along_and_no_other_s() {
     assert_eq!(layer.verdict((0, 1)), Some(&EdgeVerdict::Free));
     assert_eq!(layer.look(&view(&none, &home)), Default::default(), "no news");
 
-    // another clearance, another robot: all is to be asked anew
+    // Another clearance, another robot: all verdicts are discarded.
     let back = Edit::Class { name: "other".into(), class: ObjectClass::Ghost };
     let mut wide = view(&Arc::new(none.edit(&back).unwrap()), &home);
     wide.clearance = 0.02;

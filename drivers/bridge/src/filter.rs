@@ -1,27 +1,31 @@
-//! The port filter: a control board for each part, which any program commands as if it were the robot's own, but safely.
+//! The port filter: a control board for each part, which any program commands like the robot's own, but
+//! safely.
 //!
-//! The core is pure: it decides what becomes of a request, and is told what came of it. It knows requests and replies as types
-//! ([`BoardRequest`], [`BoardReply`]); how they are written is a bridge's matter, YARP's is the module `yarp::board`.
+//! The core is pure: it decides on requests and is informed of their outcome. Its requests and replies are
+//! types ([`BoardRequest`], [`BoardReply`]); their encoding belongs to a bridge, YARP's is the module
+//! `yarp::board`.
 //!
-//! A request to a robot that is still starting waits for it, at most two seconds. Then:
+//! A request to a robot that is still starting waits for it, at most two seconds. After that:
 //!
 //! | Request | While open | While closed |
 //! |---|---|---|
-//! | question that is known to change nothing | to the board, the reply byte for byte; a simulated robot's from its state | refused |
-//! | move | a commit: absolute, finite, within limits, at the joint's reference speed; a joint that stands beyond a limit may stay there | refused |
-//! | velocities, direct positions | a stream, which ends when it goes quiet | refused, dropped |
-//! | stop | brakes; of some moving joints only: holds these where they are | refused |
-//! | reference speeds and accelerations | kept and shown; this part's moves go by them, up to the greatest speed allowed | refused |
-//! | control modes, to be stiff | kept and shown; the driver sets the real ones | refused |
-//! | less than a request | malformed | refused |
-//! | all else: limits, encoders, torque, PWM, PID, calibration, amplifiers, other modes, the unknown | refused | refused |
+//! | query that is known to change nothing | to the board, the reply byte for byte; for a simulated robot from its state | refused |
+//! | move | a commit: absolute, finite, within limits, at the joint's reference speed; a joint beyond a limit may stay there | refused |
+//! | velocities, direct positions | a stream, which ends when it falls silent | refused, dropped |
+//! | stop | brakes; if other joints keep moving: holds these at their positions | refused |
+//! | reference speeds and accelerations | stored and reported; this part's moves use them, up to the greatest speed allowed | refused |
+//! | control modes, stiffness | stored and reported; the driver sets the real ones | refused |
+//! | incomplete request | malformed | refused |
+//! | all others: limits, encoders, torque, PWM, PID, calibration, amplifiers, other modes, unknown requests | refused | refused |
 //!
-//! A reply is the board's own but where the filter knows better: joints are not done while a motion's outcome is open (a client whose
-//! joints have arrived waits for no other client's in the same transaction: gaze may stream all day), and modes
-//! and references are the client's where it has set them. A connection whose motion failed is refused once, whatever
-//! it asks, so that a slow one can't take a rolled-back motion for a finished one; a refusal that it got while the filter
-//! was closed counts. A stream has no replies: one that failed is not heard until it was silent for half a second, or its
-//! client's RPC connection has got the refusal; one none of whose motors had a part in the contact goes on as the filter opens.
+//! A reply is the board's own unless the filter has better information. Joints are not done while the outcome
+//! of their motion is open; a client whose joints have arrived does not wait for other clients in the same
+//! transaction, because gaze may stream all day. Modes and references are the client's where it has set them.
+//! A connection whose motion failed is refused once, for any request, so that a slow client can't take a
+//! rolled-back motion for a finished one; a refusal received while the filter was closed counts. A stream has
+//! no replies: after a failure it is ignored until it has been silent for half a second, or its client's RPC
+//! connection has received the refusal. A stream none of whose motors took part in the contact continues when
+//! the filter opens.
 
 mod lines;
 mod motions;
@@ -38,25 +42,26 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// How near to its target a joint counts as there for a client that shares the transaction with others, deg.
+/// Distance to the target at which a joint counts as arrived for a client that shares the transaction with
+/// others, deg.
 const ARRIVED: f64 = 0.5;
 
-/// What the core knows of the robot when a request arrives.
+/// State of the robot when a request arrives.
 pub struct Seen<'a> {
-    /// The time.
+    /// Time of the request.
     pub now: Time,
-    /// The filter's state.
+    /// State of the filter.
     pub status: Status,
-    /// The robot's whole pose, rad.
+    /// Configuration of the robot, rad.
     pub q: &'a [f64],
-    /// How a given motion ended.
+    /// Outcome of a motion.
     pub end_of: &'a dyn Fn(CommitId) -> Option<MotionEnd>,
-    /// The motors that made a given motion fail, if they are known.
+    /// Motors that made a motion fail, if known.
     pub to_blame: &'a dyn Fn(CommitId) -> Option<BTreeSet<usize>>,
 }
 
-/// Whether this state lets no agent's command pass. A robot that holds after a failed retreat, or with something touching
-/// it, accepts escapes, so that nobody needs to free it.
+/// True if this state blocks all commands of agents. A robot that holds after a failed retreat, or in
+/// contact, accepts escapes, so that agents can free it.
 pub fn closed(status: Status) -> bool {
     match status {
         Status::Rest | Status::Moving | Status::Escaping => false,
@@ -67,45 +72,45 @@ pub fn closed(status: Status) -> bool {
     }
 }
 
-/// What becomes of a request.
+/// Decision on a request.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
-    /// Nothing is to be done: this is the reply.
+    /// Reply without further action.
     Reply(BoardReply),
-    /// The request is a question. It goes to the board unchanged, or is answered from [`FilterCore::board`] if the board has
-    /// no protocol of its own; the answer is then corrected by [`FilterCore::knows_better`].
+    /// Query, to be passed to the board unchanged, or answered from [`FilterCore::board`] if the board has no
+    /// protocol of its own. The answer is then corrected by [`FilterCore::knows_better`].
     Question(Question),
-    /// A commit, to be made; its verdict goes to [`FilterCore::accepted`].
+    /// A commit to make; its verdict goes to [`FilterCore::accepted`].
     Commit(Commit),
-    /// Set-points, to be streamed; their verdict goes to [`FilterCore::accepted`].
+    /// Setpoints to stream; their verdict goes to [`FilterCore::accepted`].
     Stream(Setpoints),
     /// Brake, then reply [`BoardReply::Accepted`].
     Stop,
 }
 
-/// A client's connection to one of the boards.
+/// Connection of a client to one of the boards.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Client<'a> {
-    /// The part, an index into the robot's.
+    /// Index of the part in the robot.
     pub part: usize,
-    /// The connection.
+    /// Number of the connection.
     pub connection: u64,
-    /// The name that the client gave.
+    /// Name that the client gave.
     pub from: &'a str,
-    /// Whether the client waits for a reply. One that doesn't is never told of a refusal.
+    /// True if the client waits for a reply. Otherwise it is never informed of a refusal.
     pub listens: bool,
 }
 
-/// One part's board as the filter keeps it.
+/// Board of one part, as the filter emulates it.
 struct PartBoard {
     motors: Range<usize>,
     axes: Vec<BoardAxis>,
 }
 
-/// The core of one robot's filter.
+/// Pure core of one robot's filter.
 pub struct FilterCore {
     agent: Arc<str>,
-    /// The share of a motor's greatest speed that clients may use.
+    /// Share of a motor's greatest speed that clients may use.
     speed: f64,
     parts: Vec<PartBoard>,
     lines: Lines,
@@ -113,8 +118,8 @@ pub struct FilterCore {
 }
 
 impl FilterCore {
-    /// A filter for all parts of a robot, standing at `q` (rad), whose clients may use this share of each motor's greatest
-    /// speed.
+    /// Creates a filter for all parts of a robot at the configuration `q` (rad), whose clients may use this
+    /// share of each motor's greatest speed.
     pub fn new(name: &str, robot: &Robot, board: &Board, q: &[f64], speed: f64) -> FilterCore {
         let axis = |(i, axis): (usize, &mobee_contract::Axis)| {
             let motion = robot.motors.get(i).map(|motor| motor.motion).unwrap_or_default();
@@ -134,12 +139,13 @@ impl FilterCore {
         }
     }
 
-    /// The agent's name under which its motions are committed.
+    /// Name of the agent under which its motions are committed.
     pub fn agent(&self) -> Arc<str> {
         self.agent.clone()
     }
 
-    /// The reference speeds and accelerations that a real board has (deg/s, deg/s^2; mm where a joint slides), read once at the start.
+    /// Stores the reference speeds and accelerations of a real board (deg/s, deg/s^2; mm for prismatic
+    /// joints), read once at the start.
     pub fn learn(&mut self, part: usize, speeds: &[f64], accelerations: &[f64]) {
         let Some(part) = self.parts.get_mut(part) else { return };
         for (axis, speed) in part.axes.iter_mut().zip(speeds) {
@@ -150,9 +156,9 @@ impl FilterCore {
         }
     }
 
-    /// A request has arrived.
+    /// Decides on a request.
     pub fn request(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Step {
-        self.lines.hear(client, seen);
+        self.lines.update(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
             return Step::Reply(self.fail(client));
         }
@@ -163,16 +169,16 @@ impl FilterCore {
         }
     }
 
-    /// Whether a motion of this client has failed, and it has yet to learn of that.
+    /// True if a motion of this client has failed and the client has not been informed yet.
     pub fn has_failed(&mut self, client: &Client, seen: &Seen) -> bool {
-        self.lines.hear(client, seen);
+        self.lines.update(client, seen);
         self.lines.failed(client)
     }
 
-    /// A streamed command has arrived; `None` if nothing is to be done.
+    /// Decides on a streamed command; `None` if there is nothing to do.
     pub fn streamed(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
-        self.lines.hear(client, seen);
-        // noted while the filter is closed, too: a client that never paused has not been silent
+        self.lines.update(client, seen);
+        // recorded while the filter is closed, too: a client that never paused has not been silent
         let deaf = self.lines.deaf(client, seen.now);
         if deaf || closed(seen.status) {
             return None;
@@ -185,7 +191,7 @@ impl FilterCore {
         }
     }
 
-    /// What becomes of a request that would change something; `None` if it is refused.
+    /// Decides on a request that would change something; `None` refuses it.
     fn order(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
         let part = self.parts.get(client.part).filter(|part| request.fits(part.axes.len()))?;
         match request {
@@ -201,14 +207,14 @@ impl FilterCore {
             BoardRequest::Velocity { joints, values } => self.velocities(client, joints, values),
             BoardRequest::Direct { joints, values } => self.directs(client, joints, values),
             BoardRequest::Stop(joints) => self.stop(client, joints, seen),
-            // never passed on: the board would apply them to the next motion, whoever commands it
+            // never passed on, because the board would apply them to the next motion of any client
             BoardRequest::Speed { joints, values } => self.refer(client.part, joints, values, |axis, speed| {
                 (axis.ref_speed, axis.set.speed) = (speed, true);
             }),
             BoardRequest::Acceleration { joints, values } => self.refer(client.part, joints, values, |axis, acc| {
                 (axis.ref_acc, axis.set.acceleration) = (acc, true);
             }),
-            BoardRequest::Mode { joints, modes } => self.keep(client.part, joints, modes, |axis, mode| {
+            BoardRequest::Mode { joints, modes } => self.store(client.part, joints, modes, |axis, mode| {
                 (axis.mode, axis.set.mode) = (*mode, true);
             }),
             BoardRequest::BeStiff => Some(Step::Reply(BoardReply::Accepted)),
@@ -216,8 +222,8 @@ impl FilterCore {
         }
     }
 
-    /// Keeps a setting of some joints.
-    fn keep<T>(
+    /// Stores a setting of some joints.
+    fn store<T>(
         &mut self,
         part: usize,
         joints: &[usize],
@@ -231,13 +237,13 @@ impl FilterCore {
         Some(Step::Reply(BoardReply::Accepted))
     }
 
-    /// Keeps references. As on real boards, the sign is ignored.
+    /// Stores references. As on real boards, the sign is ignored.
     fn refer(&mut self, part: usize, joints: &[usize], values: &[f64], put: fn(&mut BoardAxis, f64)) -> Option<Step> {
         values.iter().all(|v| v.is_finite()).then_some(())?;
-        self.keep(part, joints, values, |axis, v| put(axis, v.abs()))
+        self.store(part, joints, values, |axis, v| put(axis, v.abs()))
     }
 
-    /// The verdict on a commit or a stream: the reply.
+    /// Records the verdict on a commit or a stream, and returns the reply.
     pub fn accepted(&mut self, client: &Client, step: &Step, verdict: &Verdict, seen: &Seen) -> BoardReply {
         if let Ok(id) = verdict {
             let motors = match step {
@@ -254,7 +260,7 @@ impl FilterCore {
         if verdict.is_ok() { BoardReply::Accepted } else { BoardReply::Refused }
     }
 
-    /// What the filter knows better than whoever answered a question.
+    /// Corrections to the answer of a query.
     ///
     /// # Errors
     /// The reply that replaces the answer.
@@ -264,7 +270,7 @@ impl FilterCore {
         question: &Question,
         seen: &Seen,
     ) -> Result<KnownBetter, BoardReply> {
-        self.lines.hear(client, seen);
+        self.lines.update(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
             return Err(self.fail(client));
         }
@@ -290,13 +296,13 @@ impl FilterCore {
         })
     }
 
-    /// A part's joints as they are kept and shown.
+    /// Joints of a part, as stored and reported.
     pub fn board(&self, part: usize) -> &[BoardAxis] {
         self.parts.get(part).map(|part| part.axes.as_slice()).unwrap_or_default()
     }
 
-    /// The motors that are not done yet, whatever the board thinks: the outcome of their motion is open. A client whose motors have
-    /// all arrived does not wait for the other clients in the same transaction.
+    /// Motors whose motion has an open outcome, even if the board reports them as done. A client whose motors
+    /// have all arrived does not wait for the other clients in the same transaction.
     fn under_way(&self, seen: &Seen) -> BTreeSet<usize> {
         self.lines.under_way(seen, |motor| {
             let part = self.parts.iter().find(|part| part.motors.contains(&motor));
@@ -305,7 +311,7 @@ impl FilterCore {
         })
     }
 
-    /// A new reading of the whole robot has arrived.
+    /// Adds a reading of the whole robot.
     pub fn sense(&mut self, at: Time, q: &[f64], status: Status) {
         let secs = self.sensed.map(|last| at.since(last).as_secs_f64());
         self.sensed = Some(at);
@@ -323,15 +329,15 @@ impl FilterCore {
         }
     }
 
-    /// A connection has ended.
+    /// Removes a connection that has ended.
     pub fn gone(&mut self, connection: u64) {
         self.lines.gone(connection);
     }
 
-    /// Remembers a refusal that the client has yet to be told of.
+    /// Refuses, and records that the client has been informed if it waits for replies.
     fn fail(&mut self, client: &Client) -> BoardReply {
         if client.listens {
-            self.lines.told(client);
+            self.lines.inform_family(client);
         }
         BoardReply::Refused
     }

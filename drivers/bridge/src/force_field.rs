@@ -1,8 +1,9 @@
-//! The force-field controller of a part: drawn by an attractor, pushed by limits, constraints and forces from outside.
+//! Force-field controller of a part: attracted to a target, repelled by limits, constraints and external
+//! forces.
 //!
-//! The law is the original MoBeE's, [`ForceLaw`]; what is commanded is a velocity. The fields of shapes are absent here: they
-//! belong to the controller kind `fields`. Its commands go through the filter as a stream; the reflex stands behind it as
-//! behind any agent.
+//! The law is that of the original MoBeE, [`ForceLaw`]; the commands are velocities. Fields of shapes are not
+//! included; they belong to the controller kind `fields`. Its commands pass the filter as a stream, under the
+//! same reflex as those of any agent.
 
 mod settings;
 #[cfg(test)]
@@ -16,7 +17,7 @@ use mobee_contract::Axis;
 use mobee_model::{ForceLaw, Influences, Part, Robot};
 use nalgebra::Vector3;
 
-/// The pure core: one part's joints, its attractor and the force upon it.
+/// Pure core: one part's joints, its attractor and the external force.
 pub struct ForceField {
     law: ForceLaw,
     attractor: Vec<f64>,
@@ -25,10 +26,10 @@ pub struct ForceField {
 }
 
 impl ForceField {
-    /// A controller for a part of a robot, drawn to where the part stands (`q`, deg).
+    /// Creates a controller for a part, with its attractor at the present configuration (`q`, deg).
     ///
     /// # Errors
-    /// If a list of the settings does not have one number per joint.
+    /// A list of the settings does not have one number per joint.
     pub fn new(settings: ForceFieldSettings, part: &Part, axes: &[Axis], q: &[f64]) -> Result<ForceField, String> {
         let n = part.motors.len();
         settings.check_joints(n)?;
@@ -40,10 +41,11 @@ impl ForceField {
         Ok(ForceField { law, attractor: q.to_vec(), force: vec![0.0; n], last: None })
     }
 
-    /// Takes a wish from the network; `robot`, `part` and the robot's whole pose are for forces at a marker.
+    /// Applies a request from the network. `robot`, `part` and the robot's configuration are used for forces
+    /// at a marker.
     ///
     /// # Errors
-    /// What is wrong with it; nothing has changed then.
+    /// An invalid request; nothing has changed then.
     pub fn wish(&mut self, wish: &Wish, robot: &Robot, part: usize, q: &[f64]) -> Result<(), String> {
         match wish {
             Wish::Attractor(fractions) => {
@@ -58,14 +60,15 @@ impl ForceField {
                 }
             }
             Wish::Wrench { marker, force, torque } => {
-                let (force, torque) = (Vector3::from(*force), Vector3::from(*torque));
+                let force = Vector3::from(*force);
+                let torque = Vector3::from(*torque);
                 self.force = wish::joint_forces(robot, part, q, marker, &force, &torque)?;
             }
         }
         Ok(())
     }
 
-    /// Gives up what it was drawn to: after a reflex it stays where the robot then rests (`q`, deg) until told otherwise.
+    /// Resets the attractor to the configuration at rest (`q`, deg) after a reflex, until the next request.
     pub fn settle(&mut self, q: &[f64]) {
         for (slot, q) in self.attractor.iter_mut().zip(q) {
             *slot = *q;
@@ -74,11 +77,11 @@ impl ForceField {
         self.last = None;
     }
 
-    /// One cycle: velocities (deg/s) for the part standing at `q` (deg), `secs` after the last cycle; `None` while there is
-    /// nothing to do. Joints of no weight have velocity 0.
+    /// Computes one cycle: velocities (deg/s) for the part at `q` (deg), `secs` after the last cycle; `None`
+    /// if there is nothing to do. Joints of weight 0 have velocity 0.
     pub fn step(&mut self, q: &[f64], secs: f64) -> Option<Vec<f64>> {
         let last = self.last.replace(q.to_vec())?;
-        // a cycle that came late would be taken for a great acceleration
+        // a late cycle would look like a great acceleration
         if q.len() != self.attractor.len() || last.len() != q.len() || !(secs > 1e-4 && secs < 0.5) {
             return None;
         }
@@ -87,7 +90,7 @@ impl ForceField {
         self.law.velocities(q, &speed, influences, secs)
     }
 
-    /// The joints that it moves, as indices within the part.
+    /// Joints that it moves, as indices within the part.
     pub fn joints(&self) -> impl Iterator<Item = usize> + '_ {
         self.law.joints().iter().enumerate().filter(|(_, j)| j.weight > 0.0).map(|(i, _)| i)
     }

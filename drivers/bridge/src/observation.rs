@@ -1,5 +1,5 @@
-//! What a robot touches, with its shapes numbered as the original numbered them: robot by robot and node by node, a node after its
-//! children, solids before fields, then the objects of the world.
+//! Contacts of a robot, with shapes numbered as in the original: robot by robot and node by node, a node
+//! after its children, solids before fields, then the objects of the world.
 
 use mobee_model::{Contact, ObjectClass, Robot, Scene, ShapeId};
 use nalgebra::Point3;
@@ -9,20 +9,20 @@ use nalgebra::Point3;
 pub enum Collision {
     /// With itself.
     Own(Touch, Touch),
-    /// With something else: where, on the robot's side.
+    /// With something else, at a point on the robot's side.
     With(Touch, Touched),
 }
 
 /// One end of a contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
-    /// The shape's number in the model, from 1.
+    /// Number of the shape in the model, from 1.
     pub shape: usize,
-    /// Its point of contact, m, world frame.
+    /// Point of contact, m, world frame.
     pub at: Point3<f64>,
 }
 
-/// What a robot touches.
+/// Kind of body that a robot touches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Touched {
     /// Another robot.
@@ -33,7 +33,7 @@ pub enum Touched {
     Target,
 }
 
-/// The contacts of a robot, an index into the scene's.
+/// Contacts of a robot, given by its index in the scene.
 pub fn collisions(robot: usize, contacts: &[Contact], scene: &Scene) -> Vec<Collision> {
     let own = |id: &ShapeId| matches!(id, ShapeId::Robot { robot: r, .. } if usize::from(*r) == robot);
     let touch = |(id, at): &(ShapeId, Point3<f64>)| Touch { shape: number(id, scene), at: *at };
@@ -60,7 +60,7 @@ fn touched(id: &ShapeId, scene: &Scene) -> Touched {
     }
 }
 
-/// A shape's number in the model, from 1.
+/// Number of a shape in the model, from 1.
 fn number(id: &ShapeId, scene: &Scene) -> usize {
     let mut count = 0;
     for (r, robot) in scene.robots().iter().enumerate() {
@@ -83,7 +83,7 @@ fn number(id: &ShapeId, scene: &Scene) -> usize {
     0
 }
 
-/// The nodes in the order of their end tags.
+/// Nodes in the order of their end tags.
 fn bottom_up(robot: &Robot) -> Vec<usize> {
     let mut children = vec![Vec::new(); robot.nodes.len()];
     let mut todo = Vec::new();
@@ -113,7 +113,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn contacts_are_told_with_the_originals_numbers() {
+    fn contacts_are_reported_with_the_originals_numbers() {
         let icub = concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/robots/icub.xml");
         let robot = Arc::new(load_robot(icub).unwrap().value);
         let world = "<WorldList><object name='ball'><sphere radius='0.1'/></object></WorldList>";
@@ -128,11 +128,12 @@ mod tests {
         let contact = |a, b| Contact { pair: (a, b), distance: 0.0, points };
         assert_eq!(collisions(0, &[], &scene), []);
         let all: usize = robot.nodes.iter().map(|n| n.solids.len() + n.fields.len()).sum();
-        let told = collisions(0, &[contact(solid(0), ball), contact(solid(0), solid(1))], &scene);
+        let reported = collisions(0, &[contact(solid(0), ball), contact(solid(0), solid(1))], &scene);
         let first = number(&solid(0), &scene);
         let second = number(&solid(1), &scene);
-        let (one, other) = (Touch { shape: first, at: points[0] }, Touch { shape: second, at: points[1] });
-        assert_eq!(told, [Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
+        let one = Touch { shape: first, at: points[0] };
+        let other = Touch { shape: second, at: points[1] };
+        assert_eq!(reported, [Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
         assert_eq!(number(&ball, &scene), all + 1);
         let mut numbers: Vec<usize> = Vec::new();
         for (n, node) in robot.nodes.iter().enumerate() {

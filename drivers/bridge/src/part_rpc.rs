@@ -1,39 +1,39 @@
-//! The RPC of a robot's part: its joints, its markers and its frame. How requests are written is a bridge's matter; YARP's
-//! spelling is the module `yarp::part`.
+//! RPC of a robot's part: its joints, its markers and its frame. The encoding of requests belongs to a
+//! bridge; YARP's is the module `yarp::part`.
 
 use mobee_model::{Marker, Robot};
 use nalgebra::{Isometry3, Point3};
 
-/// What is known of a part when it is asked.
+/// State of a part at the time of a query.
 pub struct PartView<'a> {
-    /// Its robot.
+    /// Robot of the part.
     pub robot: &'a Robot,
-    /// Its index among the robot's parts.
+    /// Index of the part in the robot.
     pub part: usize,
-    /// Where the robot stands: `world_from_robot`.
+    /// Base of the robot: `world_from_robot`.
     pub base: Isometry3<f64>,
-    /// The robot's whole pose, rad.
+    /// Configuration of the robot, rad.
     pub q: &'a [f64],
-    /// The velocities commanded to the part's joints, deg/s.
+    /// Velocities commanded to the part's joints, deg/s.
     pub commanded: &'a [f64],
 }
 
-/// A question to a part.
+/// A query to a part.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PartRequest {
-    /// The names of its markers.
+    /// Names of its markers.
     Markers,
-    /// Where a marker of this name is.
+    /// Pose of the marker of this name.
     Marker(String),
-    /// The number of its joints.
+    /// Number of its joints.
     Joints,
-    /// Whether no joint is commanded to go faster than this, deg/s.
+    /// True if no joint is commanded to go faster than this, deg/s.
     IsStill(f64),
-    /// This point of the world, m, in the frame of the part's root.
+    /// Converts a point, m, from the world to the frame of the part's root.
     ToLocal([f64; 3]),
-    /// This point of the frame of the part's root, m, in the world.
+    /// Converts a point, m, from the frame of the part's root to the world.
     ToGlobal([f64; 3]),
-    /// Forget the trail of this marker; accepted for compatibility with the original, as there is no trail.
+    /// Clears the trail of this marker; accepted for compatibility with the original, without effect.
     ClearTrail(String),
 }
 
@@ -44,14 +44,14 @@ pub enum PartReply {
     Markers(Vec<String>),
     /// A marker, world frame.
     Marker {
-        /// Where it is, m.
+        /// Position, m.
         position: [f64; 3],
-        /// Its normal, of length 1.
+        /// Unit normal.
         normal: [f64; 3],
     },
     /// A number of joints.
     Joints(usize),
-    /// Whether the part is still.
+    /// True if the part is still.
     IsStill(bool),
     /// A point, m.
     Point([f64; 3]),
@@ -59,23 +59,23 @@ pub enum PartReply {
     Cleared,
 }
 
-/// Why a part gives no answer.
+/// Reason why a part gives no answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PartRefusal {
     /// There is no such request.
     Unknown,
-    /// What the request needs besides its verb is missing, or is something else.
+    /// An argument of the request is missing or invalid.
     Malformed,
     /// The part has no marker of this name.
     NoMarker,
-    /// The part has no root whose frame could be meant.
+    /// The part has no root, and so no frame.
     NoRoot,
 }
 
-/// Answers a question.
+/// Answers a query.
 ///
 /// # Errors
-/// Why there is no answer.
+/// The reason why there is no answer.
 pub fn answer(request: &PartRequest, view: &PartView) -> Result<PartReply, PartRefusal> {
     Ok(match request {
         PartRequest::Markers => PartReply::Markers(markers(view).map(|m| m.name.clone()).collect()),
@@ -96,11 +96,12 @@ pub fn answer(request: &PartRequest, view: &PartView) -> Result<PartReply, PartR
     })
 }
 
-/// The positions of a part's joints as shares of their ranges: what its state port tells.
+/// Positions of a part's joints as shares of their ranges, as published by its state port.
 pub fn shares(view: &PartView) -> Vec<f64> {
     let motors = view.robot.parts.get(view.part).map(|p| p.motors.clone()).unwrap_or_default();
     let share = |i: usize| {
-        let (motor, q) = (view.robot.motors.get(i)?, view.q.get(i)?);
+        let motor = view.robot.motors.get(i)?;
+        let q = view.q.get(i)?;
         let range = motor.max - motor.min;
         Some(if range > 0.0 { (q - motor.min) / range } else { 0.0 })
     };

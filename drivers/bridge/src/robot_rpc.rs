@@ -1,5 +1,5 @@
-//! A robot's own RPC: what a person at it may want of its controller. How requests are written is a bridge's matter, YARP's is the
-//! module `yarp::robot`.
+//! A robot's own RPC: requests of an operator to its controller. The encoding of requests belongs to a
+//! bridge, YARP's is the module `yarp::robot`.
 
 use mobee_contract::{Filtered, Refusal, Status};
 
@@ -8,9 +8,9 @@ use mobee_contract::{Filtered, Refusal, Status};
 pub(crate) enum RobotRequest {
     /// The filter's state.
     Status,
-    /// Let the built-in agent make motions, or make it pause (at the end of its present one) for another.
+    /// Lets the built-in agent act, or pauses it (at the end of its present motion) in favor of another.
     LetAgentAct(bool),
-    /// Try a failed retreat again.
+    /// Retries a failed retreat.
     Recover,
 }
 
@@ -23,23 +23,23 @@ pub(crate) enum RobotReply {
     Done,
 }
 
-/// Why a robot does not do what it was asked.
+/// Reason why a robot does not execute a request.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum RobotRefusal {
     /// There is no such request.
     Unknown,
-    /// The agent can be let act, or not: the request says neither.
+    /// The request states neither on nor off for the agent.
     OnOrOff,
     /// The filtered interface refused.
     Refused(Refusal),
-    /// There is no retreat to try again: what would help.
+    /// There is no retreat to retry; the text describes the remedy.
     NotRecovered(String),
 }
 
 /// Answers a request.
 ///
 /// # Errors
-/// Why it is not done.
+/// The reason why it is not executed.
 pub(crate) fn answer(request: RobotRequest, robot: &dyn Filtered) -> Result<RobotReply, RobotRefusal> {
     match request {
         RobotRequest::Status => return Ok(RobotReply::Status(robot.latest().status)),

@@ -38,7 +38,7 @@ inventory::submit! {
     })
 }
 
-/// MoBeE's YARP ports, to be served beside the safety chain of a run.
+/// MoBeE's YARP ports, served beside the safety chain of a run.
 pub struct YarpServices {
     settings: YarpSettings,
 }
@@ -47,10 +47,10 @@ impl YarpServices {
     /// The kind's name in configuration files.
     pub const KIND: &str = "yarp";
 
-    /// The ports that these settings ask for; nothing is opened yet.
+    /// Creates the service for the ports of these settings; opens nothing yet.
     ///
     /// # Errors
-    /// The first invalid setting, and what would be valid.
+    /// The first invalid setting, with the valid values.
     pub fn new(settings: YarpSettings) -> Result<YarpServices, KindError> {
         settings.validate()?;
         Ok(YarpServices { settings })
@@ -67,12 +67,12 @@ impl Service for YarpServices {
         "yarp".into()
     }
 
-    /// Every port name is free, or another program has it.
+    /// Checks that no other program holds one of the port names.
     fn prepare(self: Arc<Self>, robots: Vec<Arc<Robot>>) -> Answer<Result<(), String>> {
         Box::pin(async move {
             let (network, server) = network::open(&self.settings).await?;
             if let Some(server) = server {
-                // it begins with the service: nothing is registered at one that has just started
+                // it starts with the service, and a server that has just started has no registrations
                 server.close().await;
                 return Ok(());
             }
@@ -127,7 +127,7 @@ impl Bridge for YarpServices {
     }
 }
 
-/// Everything that is open, in the order in which it is closed.
+/// All open ports and tasks, in the order in which they are closed.
 struct Open {
     server: Option<NameServer>,
     boards: Vec<Boards>,

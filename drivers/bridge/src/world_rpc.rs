@@ -1,9 +1,10 @@
-//! The world's RPC: what MoBeE's users type to put objects around the robots, with the original's words and replies.
+//! RPC of the world: requests of MoBeE's users that put objects around the robots, with the original's words
+//! and replies.
 //!
-//! The core is pure: a request and a view of the world give a reply and the edits to make. Where the original had a
-//! mistake, the right thing is done instead: `grab` holds until it is released, a malformed request is answered with
-//! a sentence, names in use are skipped, and a request that changes nothing says so. It knows requests and replies as types
-//! ([`WorldRequest`], [`WorldReply`]); how they are written is a bridge's matter, YARP's is [`crate::yarp::world`].
+//! The core is pure: a request and a view of the world give a reply and the edits to make. Mistakes of the
+//! original are corrected: `grab` holds until it is released, a malformed request is answered with a message,
+//! names in use are skipped, and a request that changes nothing reports this. Requests and replies are types
+//! ([`WorldRequest`], [`WorldReply`]); their encoding belongs to a bridge, YARP's is [`crate::yarp::world`].
 
 mod file;
 mod grab;
@@ -23,31 +24,33 @@ use mobee_model::{Edit, Object, Scene};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// The most objects that the world may have once one is made over the network, those of the configuration included.
+/// Largest number of objects in the world when one is made over the network, those of the configuration
+/// included.
 const MOST_OBJECTS: usize = 1000;
-/// How many steps can be undone.
+/// Largest number of steps that can be undone.
 const MOST_STEPS: usize = 100;
 
-/// Robots and world as a request finds them.
+/// Robots and world at the time of a request.
 pub struct WorldView<'a> {
     /// Robots and objects.
     pub scene: &'a Scene,
-    /// The robots' newest poses, in the scene's order.
+    /// Newest configurations of the robots, in the scene's order.
     pub poses: &'a [Pose],
 }
 
-/// What a request leads to, if it is not refused.
+/// Outcome of a request that is not refused.
 #[derive(Debug)]
 pub enum Answered {
-    /// Nothing is to be done: this is the reply.
+    /// Reply without further action.
     Reply(WorldReply),
     /// Edits, to be made before the reply is sent.
     Changed(Changed),
-    /// A file to be read or written; the reply follows from how that went.
+    /// A file to be read or written; the reply depends on the outcome.
     Errand(Errand),
 }
 
-/// Edits, to be made in this order, and the reply that follows them. They fit the scene that the request has seen.
+/// Edits to be made in this order, and the reply that follows them. They fit the scene at the time of the
+/// request.
 #[derive(Debug)]
 pub struct Changed {
     /// The edits.
@@ -56,13 +59,13 @@ pub struct Changed {
     pub reply: WorldReply,
 }
 
-/// A change that can be taken back.
+/// A change that can be undone.
 struct Step {
     change: Change,
     back: Vec<Edit>,
 }
 
-/// The core: counters of names, what is grabbed, and what can be undone.
+/// Pure core: counters of names, grabbed objects, and the steps that can be undone.
 #[derive(Default)]
 pub struct WorldRpc {
     counters: make::Counters,
@@ -74,7 +77,7 @@ impl WorldRpc {
     /// Answers one request.
     ///
     /// # Errors
-    /// Why it is not done; nothing has changed then.
+    /// The reason why it is not executed.
     pub fn on(&mut self, request: &WorldRequest, view: &WorldView) -> Result<Answered, WorldRefusal> {
         let reply = match request {
             WorldRequest::Help => WorldReply::Help,
@@ -97,30 +100,30 @@ impl WorldRpc {
         Ok(Answered::Reply(reply))
     }
 
-    /// The world's part of a file that an [`Errand::Load`] asked for.
+    /// Replaces the world by the file that an [`Errand::Load`] has read.
     ///
     /// # Errors
-    /// Why the scene does not take it.
+    /// The reason why the scene does not accept it.
     pub fn loaded(&mut self, file: &str, objects: Vec<Object>, view: &WorldView) -> Result<Changed, WorldRefusal> {
         let reply = WorldReply::Loaded { file: file.to_owned(), objects: objects.len() };
         self.change(Change::Loaded(file.to_owned()), file::replace(objects, view.scene), view, reply)
     }
 
-    /// The edits that keep what is grabbed with its marker; to be asked for while the robots move.
+    /// Edits that move grabbed objects with their markers; to be called while the robots move.
     pub fn follow(&mut self, view: &WorldView) -> Vec<Edit> {
         self.grabs.follow(view)
     }
 
-    /// Whether anything is grabbed.
+    /// True if anything is grabbed.
     pub fn holds_anything(&self) -> bool {
         !self.grabs.is_empty()
     }
 
-    /// A request about one object: resolves its name, and goes on with the object.
+    /// Answers a request about one object, given by its name.
     fn on_object(&mut self, name: &str, ask: &ObjectRequest, view: &WorldView) -> Result<Answered, WorldRefusal> {
         let object = found(name, view)?;
         let found = |outcome| WorldReply::Found { name: name.to_owned(), outcome };
-        let (reply, edit) = match self.ask(object, ask, view) {
+        let (reply, edit) = match self.object_request(object, ask, view) {
             Ok((reply, Some(edit))) => (reply, edit),
             Ok((reply, None)) => return Ok(Answered::Reply(found(Ok(reply)))),
             Err(why) => return Ok(Answered::Reply(found(Err(why)))),
@@ -134,8 +137,8 @@ impl WorldRpc {
         }
     }
 
-    /// The reply to a request about an object, and the edit that it takes.
-    fn ask(
+    /// Reply to a request about an object, and the edit that it requires.
+    fn object_request(
         &mut self,
         object: &Arc<Object>,
         ask: &ObjectRequest,
@@ -179,7 +182,7 @@ impl WorldRpc {
         Ok(Changed { edits: back, reply: WorldReply::Undone(change) })
     }
 
-    /// A change that the scene accepts, remembered so that it can be undone; otherwise the reason.
+    /// Checks a change with the scene and records it for undo; fails if the scene does not accept it.
     fn change(
         &mut self,
         change: Change,
@@ -200,7 +203,8 @@ fn found<'a>(name: &str, view: &'a WorldView) -> Result<&'a Arc<Object>, WorldRe
     view.scene.object(name).map(|(_, object)| object).ok_or_else(|| WorldRefusal::NoObject(name.to_owned()))
 }
 
-/// Tries edits on a copy of the scene: the edits that would undo them, in order, or the reason why they can't be made.
+/// Tries edits on a copy of the scene. Returns the edits that would undo them, in order, or the reason why
+/// they can't be made.
 fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Edit>, WorldRefusal> {
     let mut scene = scene.clone();
     let mut back: Vec<Edit> = Vec::new();

@@ -1,15 +1,17 @@
-//! YARP's spelling of requests and replies: the one place where a bottle becomes a request, and a reply a bottle.
+//! YARP encoding of requests and replies: the only place that converts between bottles and requests or
+//! replies.
 //!
 //! ```text
 //! Bottle ──world::parse──> WorldRequest ──WorldRpc──> WorldReply, WorldRefusal ──world::reply──> Bottle
 //! Bottle ──part::parse──>  PartRequest  ──part_rpc──> PartReply, PartRefusal   ──part::reply──>  Bottle
 //! Bottle ──robot::parse──> RobotRequest ──robot_rpc──> RobotReply, RobotRefusal ──robot::reply──> Bottle
-//! Bottle ──seen::parse──>  SeenRegions (what a detector saw)                   ──bottle──>        Bottle
+//! Bottle ──seen::parse──>  SeenRegions (detections in one image)               ──bottle──>        Bottle
 //! Bottle ──board::parse──> BoardRequest ──FilterCore──> BoardReply             ──board::reply──> Bottle
 //! ```
 //!
-//! * Owns: verbs, the order of arguments, the sentences of replies and their bytes, all as the original and real boards have them.
-//! * Promises: every bottle becomes a request, even if it is one that will be refused.
+//! * Owns: verbs, the order of arguments, the texts of replies and their bytes, as in the original and on
+//!   real boards.
+//! * Promises: every bottle becomes a request, possibly one that will be refused.
 
 pub(crate) mod board;
 pub(crate) mod observation;

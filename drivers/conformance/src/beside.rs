@@ -1,23 +1,25 @@
-//! What is judged in real time is judged beside a control: bare threads that only sleep, on the same processors at the same time.
+//! Control measurement for tests in real time: bare threads that only sleep, on the same processors at the
+//! same time.
 //!
 //! ```text
 //! work       ──────────────── took 31 ms ────────────────┐
-//! control    nap nap nap  nap nap nap (9 ms late) nap nap ┴─> 31 ms, of which the machine may have taken 9 at each waking
+//! control    nap nap nap  nap nap nap (9 ms late) nap nap ┴─> 31 ms, of which the machine may account for 9 at each waking
 //! ```
-//! Where a busy machine wakes everybody up late, the control says by how much, and the work is judged by the rest.
+//! If a busy machine wakes all threads up late, the control measures this lateness, and the work is judged by
+//! the rest.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long the control sleeps at a time.
+/// Duration of one sleep of the control.
 const NAP: Duration = Duration::from_millis(2);
 
-/// How late a control woke up.
+/// Lateness of the wakings of a control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lateness {
-    /// Usually: the median.
+    /// Median.
     pub usual: Duration,
-    /// At most.
+    /// Maximum.
     pub most: Duration,
 }
 
@@ -28,13 +30,13 @@ impl Lateness {
         Lateness { usual, most: all.last().copied().unwrap_or_default() }
     }
 
-    /// What is left of a time in which the work woke up so many times, each as late as the control at most.
+    /// Time without the lateness of `wakings` wakings, each as late as the latest of the control.
     pub fn apart_from(&self, took: Duration, wakings: u32) -> Duration {
         took.saturating_sub(self.most.saturating_mul(wakings))
     }
 }
 
-/// Does its work while a control runs, one thread for each processor.
+/// Runs the work while a control runs, one thread per processor.
 pub fn beside<T>(work: impl FnOnce() -> T) -> (T, Lateness) {
     let over = AtomicBool::new(false);
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
@@ -58,7 +60,7 @@ impl Drop for Over<'_> {
     }
 }
 
-/// By how much each nap was too long.
+/// Measures the excess of each nap.
 #[expect(clippy::disallowed_methods, reason = "a control of real time lives in real time")]
 fn nap_until(over: &AtomicBool) -> Vec<Duration> {
     let mut late = Vec::new();
@@ -75,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_control_tells_its_median_and_its_worst_and_what_they_leave_of_a_time() {
+    fn a_control_reports_its_median_its_maximum_and_the_remaining_time() {
         let ms = Duration::from_millis;
         let late = Lateness::of(vec![ms(9), ms(0), ms(1)]);
         assert_eq!(late, Lateness { usual: ms(1), most: ms(9) });

@@ -1,7 +1,7 @@
 //! Promises about the lease, and about boards that outlive their drivers.
 
 use super::motions::{stopping_path, under_way};
-use super::trial::{DEG, DriverTrial, NEAR, at, see};
+use super::trial::{DEG, DriverTrial, TOLERANCE_RAD, at, see};
 use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode, DriverFault};
 
@@ -16,9 +16,10 @@ pub const PROMISES: &[DriverPromise] = &[
 
 fn no_lease(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::connect(bench, false)?;
-    let (here, motors) = (t.last.q.clone(), t.motors()?);
+    let here = t.last.q.clone();
+    let motors = t.motors()?;
     t.refused(Command::Move(t.to(&motors, &t.away(&motors))), "")?;
-    // what moves nothing needs none
+    // commands that move nothing need no lease
     t.give(Command::Stop { motors: vec![] })?;
     t.give(Command::Mode { motors: t.all(), mode: ControlMode::Position })?;
     t.settle(20)?;
@@ -29,17 +30,18 @@ fn expiry(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
-    let (now, held) = (t.now(), 5 * t.board.period);
+    let now = t.now();
+    let held = 5 * t.board.period;
     t.driver.lease(now, now + held);
     t.keeps_lease = false;
-    let told = t.last.q.clone();
+    let at_command = t.last.q.clone();
     t.until_done()?;
     let rest = t.last.q.clone();
     for m in &motors {
         let most = stopping_path(&t, *m) + t.reference(*m).0 * held.as_secs_f64();
-        let way = (at(&rest, *m) - at(&told, *m)).abs();
-        see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.told(*m, way), most / DEG))?;
-        see((at(&rest, *m) - at(&pose, *m)).abs() > NEAR, || format!("motor {m} went on to its target"))?;
+        let way = (at(&rest, *m) - at(&at_command, *m)).abs();
+        see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.in_units(*m, way), most / DEG))?;
+        see((at(&rest, *m) - at(&pose, *m)).abs() > TOLERANCE_RAD, || format!("motor {m} went on to its target"))?;
     }
     t.refused(Command::Move(t.to(&motors, &pose)), "")?;
     t.keeps_lease = true;
@@ -58,7 +60,8 @@ fn stream_without_lease(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Mode { motors: t.all(), mode: ControlMode::PositionDirect })?;
     t.until_mode(ControlMode::PositionDirect)?;
     t.keeps_lease = false;
-    let (now, here) = (t.now(), t.last.q.clone());
+    let now = t.now();
+    let here = t.last.q.clone();
     t.driver.lease(now, now + t.board.period);
     t.run(3 * t.board.period)?;
     let pose = t.away(&t.motors()?);
@@ -86,7 +89,7 @@ fn shortened(bench: &mut dyn Bench) -> Result<(), String> {
     let now = t.now();
     t.driver.lease(now, now);
     t.until_done()?;
-    let arrived = motors.iter().find(|m| (at(&t.last.q, **m) - at(&pose, **m)).abs() <= NEAR);
+    let arrived = motors.iter().find(|m| (at(&t.last.q, **m) - at(&pose, **m)).abs() <= TOLERANCE_RAD);
     see(arrived.is_none(), || format!("motor {arrived:?} went on to its target under the older lease"))
 }
 
@@ -113,14 +116,15 @@ fn orphan(bench: &mut dyn Bench) -> Result<(), String> {
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
     t.keeps_lease = false;
-    let (now, told) = (t.now(), t.last.q.clone());
+    let now = t.now();
+    let at_command = t.last.q.clone();
     t.driver.lease(now, now + 5 * t.board.period);
     t.reconnect()?;
     t.until_done()?;
     for m in motors {
         let most = stopping_path(&t, m) + t.reference(m).0 * (5 * t.board.period).as_secs_f64();
-        let way = (at(&t.last.q, m) - at(&told, m)).abs();
-        see(way <= most && (at(&t.last.q, m) - at(&pose, m)).abs() > NEAR, || format!("motor {m} went on"))?;
+        let way = (at(&t.last.q, m) - at(&at_command, m)).abs();
+        see(way <= most && (at(&t.last.q, m) - at(&pose, m)).abs() > TOLERANCE_RAD, || format!("motor {m} went on"))?;
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! What every driver promises, as checks that can be run against any driver.
+//! Promises of all drivers, as checks that can be run against any driver.
 //!
 //! A [`Bench`] connects to one board and advances time, virtual or real; [`failures`] checks every [`DriverPromise`] on a fresh bench:
 //!
@@ -47,18 +47,19 @@ pub use beside::{Lateness, beside};
 
 use mobee_contract::{Driver, Time};
 
-/// A board under test, and the passing of time.
+/// A board under test, with its clock.
 pub trait Bench {
-    /// A new driver for the board; called again for the same board where a promise is about restarts.
+    /// Creates a driver for the board; called again for the same board by promises about restarts.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The reason why there is none.
     fn connect(&mut self) -> Result<Box<dyn Driver>, String>;
     /// The time now.
     fn now(&self) -> Time;
-    /// Lets time pass until then: jumps there, or waits.
+    /// Advances time: jumps there, or waits.
     fn wait_until(&mut self, then: Time);
-    /// Share of the readings that may come late or get lost because the bench has its machine not to itself; none in virtual time.
+    /// Share of the readings that may be late or lost because the bench shares its machine; zero in virtual
+    /// time.
     fn disturbed(&self) -> f64 {
         0.0
     }
@@ -67,9 +68,9 @@ pub trait Bench {
 /// One promise of the driver contract.
 #[derive(Clone, Copy, Debug)]
 pub struct DriverPromise {
-    /// What is promised.
+    /// The promise.
     pub name: &'static str,
-    /// Puts a board through it; says what was seen if the promise is broken.
+    /// Tests a board; the error describes the violation.
     pub check: fn(&mut dyn Bench) -> Result<(), String>,
 }
 
@@ -86,7 +87,7 @@ pub fn suite() -> Vec<DriverPromise> {
     lists.concat()
 }
 
-/// Puts a fresh bench through every promise; the broken ones, with what was seen.
+/// Tests a fresh bench for every promise. Returns the broken ones, with the violations.
 pub fn failures(fresh: &mut dyn FnMut() -> Box<dyn Bench>) -> Vec<(&'static str, String)> {
     let check = |p: DriverPromise| (p.check)(fresh().as_mut()).err().map(|seen| (p.name, seen));
     suite().into_iter().filter_map(check).collect()

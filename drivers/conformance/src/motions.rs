@@ -1,6 +1,6 @@
 //! Promises about position moves, their end, and stopping.
 
-use super::trial::{DEG, DriverTrial, NEAR, at, see, top_speed};
+use super::trial::{DEG, DriverTrial, TOLERANCE_RAD, at, see, top_speed};
 use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode, Move};
 use std::time::Duration;
@@ -25,7 +25,7 @@ fn one(bench: &mut dyn Bench) -> Result<(), String> {
         t.give(Command::Move(t.to(&[m], &pose)))?;
         let others = t.until_done()?;
         t.rests_at(&pose)?;
-        let strayed = |i: usize| others.iter().any(|s| (at(&s.q, i) - at(&pose, i)).abs() > NEAR);
+        let strayed = |i: usize| others.iter().any(|s| (at(&s.q, i) - at(&pose, i)).abs() > TOLERANCE_RAD);
         let stray = (0..pose.len()).find(|i| *i != m && strayed(*i));
         see(stray.is_none(), || format!("motor {stray:?} moved too"))?;
     }
@@ -34,12 +34,13 @@ fn one(bench: &mut dyn Bench) -> Result<(), String> {
 
 fn group_and_all(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
-    let (home, motors) = (t.last.q.clone(), t.motors()?);
+    let home = t.last.q.clone();
+    let motors = t.motors()?;
     let pose = t.away(&motors);
     t.give(Command::Move(t.to(&motors, &pose)))?;
     t.until_done()?;
     t.rests_at(&pose)?;
-    // readings at a limit may lie beyond it by their noise
+    // readings at a limit may lie beyond it by encoder noise
     let inside = |(q, a): (&f64, &mobee_contract::Axis)| q.clamp(a.min, a.max);
     let back: Vec<f64> = home.iter().zip(&t.board.axes).map(inside).collect();
     let all: Vec<usize> = (0..home.len()).collect();
@@ -78,12 +79,12 @@ fn references(bench: &mut dyn Bench) -> Result<(), String> {
         took.push(t.now().since(start).as_secs_f64());
         let (top, noise) = top_speed(&samples, m);
         see(top <= share * speed + noise, || {
-            format!("{}/s at a reference of {:.2}", t.told(m, top), share * speed / DEG)
+            format!("{}/s at a reference of {:.2}", t.in_units(m, top), share * speed / DEG)
         })?;
     }
     let [fast, slow] = took.as_slice() else { return Ok(()) };
     see(*slow > 1.3 * fast, || format!("at 0.4 of the speed the way took {slow:.2} s instead of {fast:.2}"))?;
-    // more than the motor can do is lowered; the trial itself watches for speeds beyond the greatest
+    // greater references are lowered; the trial itself checks for speeds beyond the greatest
     let pose = t.away(&[m]);
     t.give(Command::Move(Move { speed: Some(vec![1e3]), acceleration: Some(vec![1e3]), ..t.to(&[m], &pose) }))?;
     t.until_done()?;
@@ -99,9 +100,9 @@ fn done(bench: &mut dyn Bench) -> Result<(), String> {
         t.give(Command::Move(t.to(&[m], &pose)))?;
         let given = t.now();
         let samples = t.until_done()?;
-        // the last reading is the first that says done, unless one in flight was read before the command
+        // the last reading is the first that reports done, unless one in transit was read before the command
         let early = samples.iter().find(|s| {
-            let there = (at(&s.q, m) - at(&pose, m)).abs() <= NEAR;
+            let there = (at(&s.q, m) - at(&pose, m)).abs() <= TOLERANCE_RAD;
             s.at > given && s.done.get(m) == Some(&true) && !there
         });
         see(early.is_none(), || {
@@ -111,14 +112,15 @@ fn done(bench: &mut dyn Bench) -> Result<(), String> {
         t.settle(10)?;
         t.rests_at(&pose)?;
         see(t.last.done.get(m) == Some(&true), || "done was taken back".into())?;
-        see((at(&start, m) - at(&t.last.q, m)).abs() > NEAR, || "it did not move".into())?;
+        see((at(&start, m) - at(&t.last.q, m)).abs() > TOLERANCE_RAD, || "it did not move".into())?;
     }
     Ok(())
 }
 
-/// Sets motors moving and waits until they are well under way.
+/// Starts a move and waits until all motors have covered a third of it; returns the target.
 pub fn under_way(t: &mut DriverTrial, motors: &[usize]) -> Result<Vec<f64>, String> {
-    let (pose, start) = (t.away(motors), t.last.q.clone());
+    let pose = t.away(motors);
+    let start = t.last.q.clone();
     t.give(Command::Move(t.to(motors, &pose)))?;
     for _ in 0..2000 {
         t.step()?;
@@ -132,25 +134,26 @@ pub fn under_way(t: &mut DriverTrial, motors: &[usize]) -> Result<Vec<f64>, Stri
     Err("the motors don't get under way".into())
 }
 
-/// The longest way (rad) a motor may still go after it was told to stop at this speed of the suite.
+/// Greatest distance (rad) that a motor may cover after a stop at the suite's speed.
 pub fn stopping_path(t: &DriverTrial, motor: usize) -> f64 {
     let (speed, acceleration) = t.reference(motor);
     let wait = (t.board.latency + 3 * t.board.period).as_secs_f64();
-    speed * wait + speed * speed / (2.0 * acceleration) + NEAR
+    speed * wait + speed * speed / (2.0 * acceleration) + TOLERANCE_RAD
 }
 
 fn stop(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
-    let told = t.last.q.clone();
+    let at_command = t.last.q.clone();
     t.give(Command::Stop { motors: vec![] })?;
     t.until_done()?;
     let rest = t.last.q.clone();
     for m in motors {
-        let (way, most) = ((at(&rest, m) - at(&told, m)).abs(), stopping_path(&t, m));
-        see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.told(m, way), most / DEG))?;
-        see((at(&rest, m) - at(&pose, m)).abs() > NEAR, || format!("motor {m} went on to its target"))?;
+        let way = (at(&rest, m) - at(&at_command, m)).abs();
+        let most = stopping_path(&t, m);
+        see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.in_units(m, way), most / DEG))?;
+        see((at(&rest, m) - at(&pose, m)).abs() > TOLERANCE_RAD, || format!("motor {m} went on to its target"))?;
     }
     t.settle(20)?;
     t.rests_at(&rest)
@@ -164,8 +167,8 @@ fn stop_one(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Stop { motors: vec![*stopped] })?;
     t.until_done()?;
     let off = |m: usize| (at(&t.last.q, m) - at(&pose, m)).abs();
-    see(off(*stopped) > NEAR, || "the stopped motor went on".into())?;
-    see(off(*other) <= NEAR, || "the other one did not arrive".into())
+    see(off(*stopped) > TOLERANCE_RAD, || "the stopped motor went on".into())?;
+    see(off(*other) <= TOLERANCE_RAD, || "the other one did not arrive".into())
 }
 
 fn amend(bench: &mut dyn Bench) -> Result<(), String> {
@@ -178,17 +181,18 @@ fn amend(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Move(t.to(&[m], &back)))?;
     let samples = t.until_done()?;
     t.rests_at(&home)?;
-    // speeds over windows of a twentieth of a second, and how they change from one window to the next
+    // speeds over windows of a twentieth of a second, and their change from one window to the next
     let gap = Duration::from_millis(50);
     for s in &samples {
         let later = |from: mobee_contract::Time| samples.iter().find(|l| l.at >= from + gap);
         let Some(middle) = later(s.at) else { break };
         let Some(end) = later(middle.at) else { break };
-        let (one, two) = (middle.at.since(s.at).as_secs_f64(), end.at.since(middle.at).as_secs_f64());
+        let one = middle.at.since(s.at).as_secs_f64();
+        let two = end.at.since(middle.at).as_secs_f64();
         let v = (at(&middle.q, m) - at(&s.q, m)) / one;
         let w = (at(&end.q, m) - at(&middle.q, m)) / two;
-        let most = axis.max_acceleration * (one + two) + NEAR / one + NEAR / two;
-        see((w - v).abs() <= most, || format!("its speed jumped from {:.2} to {}/s", v / DEG, t.told(m, w)))?;
+        let most = axis.max_acceleration * (one + two) + TOLERANCE_RAD / one + TOLERANCE_RAD / two;
+        see((w - v).abs() <= most, || format!("its speed jumped from {:.2} to {}/s", v / DEG, t.in_units(m, w)))?;
     }
     Ok(())
 }
@@ -201,9 +205,10 @@ fn to_the_limits(bench: &mut dyn Bench) -> Result<(), String> {
         let full = Move { q: vec![q], speed: Some(vec![axis.max_speed]), ..t.to(&[m], &[]) };
         t.give(Command::Move(full))?;
         let samples = t.until_done()?;
-        let passed = samples.iter().find(|s| at(&s.q, m) > axis.max + NEAR || at(&s.q, m) < axis.min - NEAR);
+        let passed =
+            samples.iter().find(|s| at(&s.q, m) > axis.max + TOLERANCE_RAD || at(&s.q, m) < axis.min - TOLERANCE_RAD);
         see(passed.is_none(), || format!("{} passed its limit", axis.name))?;
-        see((at(&t.last.q, m) - q).abs() <= NEAR, || format!("{} did not reach its limit", axis.name))?;
+        see((at(&t.last.q, m) - q).abs() <= TOLERANCE_RAD, || format!("{} did not reach its limit", axis.name))?;
     }
     Ok(())
 }
@@ -215,7 +220,7 @@ fn idle(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Mode { motors: vec![m], mode: ControlMode::Idle })?;
     t.until_done()?;
     let rest = t.last.q.clone();
-    see((at(&rest, m) - at(&pose, m)).abs() > NEAR, || "it went on to its target".into())?;
+    see((at(&rest, m) - at(&pose, m)).abs() > TOLERANCE_RAD, || "it went on to its target".into())?;
     t.settle(20)?;
     t.rests_at(&rest)?;
     see(t.driver.modes().get(m) == Some(&ControlMode::Idle), || "its mode does not read back as idle".into())

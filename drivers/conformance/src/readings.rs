@@ -9,7 +9,7 @@ pub const PROMISES: &[DriverPromise] = &[
     DriverPromise { name: "a reading that nobody fetched is lost and counted", check: lost_readings },
 ];
 
-/// Readings that are counted.
+/// Number of readings checked.
 const READINGS: u32 = 50;
 
 fn describes_itself(bench: &mut dyn Bench) -> Result<(), String> {
@@ -30,7 +30,8 @@ fn describes_itself(bench: &mut dyn Bench) -> Result<(), String> {
 
 fn steady_readings(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
-    let (mut spaces, mut gaps) = (Vec::new(), Vec::new());
+    let mut spaces = Vec::new();
+    let mut gaps = Vec::new();
     for _ in 0..READINGS {
         let before = t.last.clone();
         t.next()?;
@@ -48,7 +49,8 @@ fn steady_readings(bench: &mut dyn Bench) -> Result<(), String> {
     let lost = gaps.len() as f64 / f64::from(READINGS);
     see(lost <= t.bench.disturbed(), || gaps.join(", "))?;
     spaces.sort_by(f64::total_cmp);
-    let (usual, period) = (at(&spaces, spaces.len() / 2), t.board.period.as_secs_f64());
+    let usual = at(&spaces, spaces.len() / 2);
+    let period = t.board.period.as_secs_f64();
     see((usual / period - 1.0).abs() < 0.1, || format!("a reading every {usual:.4} s, promised every {period:.4} s"))
 }
 
@@ -58,8 +60,9 @@ fn lost_readings(bench: &mut dyn Bench) -> Result<(), String> {
     let then = t.now() + 10 * t.board.period;
     t.bench.wait_until(then);
     t.next()?;
-    let (age, period) = (t.now().since(t.last.at), t.board.period);
+    let age = t.now().since(t.last.at);
+    let period = t.board.period;
     see(t.last.seq >= before.seq + 9, || format!("10 periods later came reading {} after {}", t.last.seq, before.seq))?;
-    // taken just before a period ended, and a period on its way; half of one for jitter
+    // one period of age, one in transit, and half of one for jitter
     see(age <= 2 * period + period / 2, || format!("the newest reading is {age:?} old"))
 }

@@ -1,4 +1,4 @@
-//! Promises about what a board refuses, and that a refusal changes nothing.
+//! Promises about commands that a board refuses; a refusal changes nothing.
 
 use super::trial::{DEG, DriverTrial, at, see};
 use super::{Bench, DriverPromise};
@@ -43,7 +43,8 @@ fn not_finite(bench: &mut dyn Bench) -> Result<(), String> {
 
 fn malformed(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
-    let (motors, n) = (t.motors()?, t.board.axes.len());
+    let motors = t.motors()?;
+    let n = t.board.axes.len();
     let fine = t.to(&motors, &t.away(&motors));
     let shorter = |list: &[f64]| list.iter().copied().skip(1).collect::<Vec<f64>>();
     let first = motors.first().copied().unwrap_or_default();

@@ -1,6 +1,6 @@
 //! Promises about position-direct streaming and control modes.
 
-use super::trial::{DEG, DriverTrial, NEAR, at, see};
+use super::trial::{DEG, DriverTrial, TOLERANCE_RAD, at, see};
 use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode};
 use std::time::Duration;
@@ -29,12 +29,16 @@ fn modes(bench: &mut dyn Bench) -> Result<(), String> {
     see(!t.driver.modes().iter().enumerate().any(wrong), || "a mode set for one motor is not its alone".into())
 }
 
-/// Streams set-points of these motors every 20 ms at 5 deg/s to `pose`; the worst lag (rad) behind the newest set-point while at it.
+/// Streams setpoints of these motors every 20 ms at 5 deg/s to `pose`. Returns the greatest lag (rad) behind
+/// the newest setpoint.
 fn follow(t: &mut DriverTrial, motors: &[usize], pose: &[f64]) -> Result<f64, String> {
-    let (start, tick) = (t.last.q.to_vec(), Duration::from_millis(20));
+    let start = t.last.q.to_vec();
+    let tick = Duration::from_millis(20);
     let way = start.iter().zip(pose).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
     let ticks = (way / (5.0 * DEG * tick.as_secs_f64())).ceil().max(1.0);
-    let (mut next, mut i, mut lag) = (t.now(), 0.0, 0.0f64);
+    let mut next = t.now();
+    let mut i = 0.0;
+    let mut lag = 0.0f64;
     while i < ticks {
         t.step()?;
         let q = |share: f64| start.iter().zip(pose).map(|(a, b)| a + share * (b - a)).collect::<Vec<f64>>();
@@ -60,16 +64,16 @@ fn stream(bench: &mut dyn Bench) -> Result<(), String> {
     let pose = t.away(&t.motors()?);
     let all = t.all();
     let lag = follow(&mut t, &all, &pose)?;
-    // it starts from rest, commands take their time, and it follows three set-points behind at most
+    // it starts from rest, commands have a latency, and it lags by three setpoints at most
     let late = (t.board.latency + t.board.period + Duration::from_millis(60)).as_secs_f64();
-    let most = 5.0 * DEG * late + 0.3 * DEG + NEAR;
+    let most = 5.0 * DEG * late + 0.3 * DEG + TOLERANCE_RAD;
     see(lag <= most, || format!("it lags by {}, at most {:.2}", t.board.units().told(lag, 2), most / DEG))?;
     t.until_done()?;
     t.settle(20)?;
     t.rests_at(&pose)
 }
 
-/// One motor is streamed while the others stay in the mode they are in, and where they are.
+/// Streams one motor; the others must stay in their mode and position.
 fn one_alone(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = DriverTrial::begin(bench)?;
     if !t.board.position_direct {
@@ -102,5 +106,5 @@ fn move_after_stream(bench: &mut dyn Bench) -> Result<(), String> {
     t.rests_at(&pose)?;
     let wrong = |(i, mode): (usize, &ControlMode)| (*mode == ControlMode::Position) != (i == m);
     see(!t.driver.modes().iter().enumerate().any(wrong), || "not the moved motor alone is in position mode".into())?;
-    see((at(&t.last.q, m) - at(&pose, m)).abs() <= NEAR, || "it did not arrive".into())
+    see((at(&t.last.q, m) - at(&pose, m)).abs() <= TOLERANCE_RAD, || "it did not arrive".into())
 }

@@ -1,4 +1,4 @@
-//! A connection under test: it keeps the lease, fetches every reading, and watches for jumps.
+//! A connection under test, which renews the lease, fetches every reading, and checks for jumps.
 
 use super::Bench;
 use mobee_contract::{Board, Command, ControlMode, Driver, DriverFault, Move, Sample, Time};
@@ -7,26 +7,26 @@ use std::time::Duration;
 
 /// One degree, rad.
 pub const DEG: f64 = PI / 180.0;
-/// What readings at rest may be off, rad: 0.1 deg.
-pub const NEAR: f64 = 0.1 * DEG;
-/// How far motions of the suite go, rad.
-pub const WAY: f64 = 8.0 * DEG;
-/// How fast they are, rad/s, where the motor is that fast.
+/// Tolerance of readings at rest, rad: 0.1 deg.
+pub const TOLERANCE_RAD: f64 = 0.1 * DEG;
+/// Distance of the suite's motions, rad.
+pub const DISTANCE_RAD: f64 = 8.0 * DEG;
+/// Speed of the suite's motions, rad/s, unless the motor is slower.
 const SPEED: f64 = 10.0 * DEG;
-/// No motion of the suite takes longer.
-const PATIENCE: Duration = Duration::from_secs(30);
+/// Time limit of a motion.
+const MOTION_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// A driver at work.
+/// A driver under test.
 pub struct DriverTrial<'a> {
-    /// The bench it is on.
+    /// Bench of the trial.
     pub bench: &'a mut dyn Bench,
     /// The driver.
     pub driver: Box<dyn Driver>,
-    /// What the board can do.
+    /// Description of the board.
     pub board: Board,
     /// The newest reading.
     pub last: Sample,
-    /// Whether every step renews the lease.
+    /// True if every step renews the lease.
     pub keeps_lease: bool,
 }
 
@@ -36,7 +36,7 @@ impl<'a> DriverTrial<'a> {
         DriverTrial::connect(bench, true)
     }
 
-    /// The same with or without a lease.
+    /// Same as [`DriverTrial::begin`], with or without a lease.
     pub fn connect(bench: &'a mut dyn Bench, keeps_lease: bool) -> Result<DriverTrial<'a>, String> {
         let driver = bench.connect()?;
         let board = driver.board().clone();
@@ -64,12 +64,12 @@ impl<'a> DriverTrial<'a> {
         Err("no reading within 100 periods".into())
     }
 
-    /// The time now.
+    /// Present time.
     pub fn now(&self) -> Time {
         self.bench.now()
     }
 
-    /// Renews the lease if this trial keeps one.
+    /// Renews the lease if this trial maintains one.
     pub fn renew(&mut self) {
         let now = self.now();
         if self.keeps_lease {
@@ -90,15 +90,16 @@ impl<'a> DriverTrial<'a> {
         self.driver.sample(now).map_err(|e| format!("no reading: {e}"))
     }
 
-    /// Lets one period pass; the reading, if there was one.
+    /// Advances by one period. Returns the reading, if there was one.
     pub fn step(&mut self) -> Result<Option<Sample>, String> {
         self.pass();
         self.renew();
         let Some(sample) = self.fetch()? else { return Ok(None) };
         let dt = sample.at.since(self.last.at).as_secs_f64();
         for ((axis, before), now) in self.board.axes.iter().zip(self.last.q.iter()).zip(sample.q.iter()) {
-            if (now - before).abs() > axis.max_speed * dt + NEAR {
-                let (way, name) = (axis.motion.told(now - before, 3), &axis.name);
+            if (now - before).abs() > axis.max_speed * dt + TOLERANCE_RAD {
+                let way = axis.motion.told(now - before, 3);
+                let name = &axis.name;
                 return Err(format!("motor {name} jumped by {way} within {dt:.4} s"));
             }
         }
@@ -116,7 +117,7 @@ impl<'a> DriverTrial<'a> {
         Err("no reading within 100 periods".into())
     }
 
-    /// Lets time pass; the readings.
+    /// Advances by a time. Returns the readings.
     pub fn run(&mut self, time: Duration) -> Result<Vec<Sample>, String> {
         let end = self.now() + time;
         let mut all = Vec::new();
@@ -126,14 +127,14 @@ impl<'a> DriverTrial<'a> {
         Ok(all)
     }
 
-    /// Lets so many periods pass, after what is on its way to the board has arrived.
+    /// Advances by a number of periods, after commands in transit have arrived.
     pub fn settle(&mut self, periods: u32) -> Result<Vec<Sample>, String> {
         self.run(self.board.latency + periods * self.board.period)
     }
 
-    /// Waits until all motors are done; the readings.
+    /// Waits until all motors are done. Returns the readings.
     pub fn until_done(&mut self) -> Result<Vec<Sample>, String> {
-        let end = self.now() + PATIENCE;
+        let end = self.now() + MOTION_TIMEOUT;
         let mut all = Vec::new();
         while self.now() < end {
             all.extend(self.step()?);
@@ -141,10 +142,10 @@ impl<'a> DriverTrial<'a> {
                 return Ok(all);
             }
         }
-        Err(format!("not done within {PATIENCE:?}"))
+        Err(format!("not done within {MOTION_TIMEOUT:?}"))
     }
 
-    /// Waits until the modes of all motors read back so.
+    /// Waits until all motors report this mode.
     pub fn until_mode(&mut self, mode: ControlMode) -> Result<(), String> {
         for _ in 0..200 {
             if self.driver.modes().iter().all(|m| *m == mode) {
@@ -155,16 +156,17 @@ impl<'a> DriverTrial<'a> {
         Err(format!("the motors don't report mode {mode:?}: {:?}", self.driver.modes()))
     }
 
-    /// Gives a command that must be accepted.
+    /// Sends a command that must be accepted.
     pub fn give(&mut self, command: Command) -> Result<(), String> {
         let now = self.now();
         self.renew();
         self.driver.command(now, &command).map_err(|e| format!("{command:?} was not accepted: {e}"))
     }
 
-    /// Gives a command that must be refused, with a text that contains `naming`, and change nothing.
+    /// Sends a command that must be refused without any effect, with a message that contains `naming`.
     pub fn refused(&mut self, command: Command, naming: &str) -> Result<(), String> {
-        let (now, before) = (self.now(), self.last.q.clone());
+        let now = self.now();
+        let before = self.last.q.clone();
         self.renew();
         match self.driver.command(now, &command) {
             Err(DriverFault::Refused(text)) if text.contains(naming) => {}
@@ -178,10 +180,10 @@ impl<'a> DriverTrial<'a> {
         self.rests_at(&before).map_err(|e| format!("the refused {command:?} had an effect: {e}"))
     }
 
-    /// Whether the newest reading is near these positions.
+    /// Checks that the newest reading is near these positions.
     pub fn rests_at(&self, q: &[f64]) -> Result<(), String> {
         for ((axis, want), got) in self.board.axes.iter().zip(q).zip(self.last.q.iter()) {
-            if (want - got).abs() > NEAR || !got.is_finite() {
+            if (want - got).abs() > TOLERANCE_RAD || !got.is_finite() {
                 let got = axis.motion.told(*got, 3);
                 return Err(format!("motor {} is at {got}, not {:.3}", axis.name, want / DEG));
             }
@@ -189,8 +191,8 @@ impl<'a> DriverTrial<'a> {
         Ok(())
     }
 
-    /// A way of a motor, or its position, as people read it.
-    pub fn told(&self, motor: usize, q: f64) -> String {
+    /// Distance or position of a motor, formatted with its unit.
+    pub fn in_units(&self, motor: usize, q: f64) -> String {
         self.board.units().of(motor).told(q, 2)
     }
 
@@ -207,24 +209,25 @@ impl<'a> DriverTrial<'a> {
         if some.len() < 2 { Err("the suite needs two motors with 4 deg (or mm) of room".into()) } else { Ok(some) }
     }
 
-    /// The pose with these motors gone [`WAY`] (or half their room) towards the middle of their range, or farther.
+    /// Configuration with these motors moved by [`DISTANCE_RAD`] (or most of their room) towards the farther limit.
     pub fn away(&self, motors: &[usize]) -> Vec<f64> {
         let mut q = self.last.q.to_vec();
         for m in motors {
             if let (Some(slot), Some(axis)) = (q.get_mut(*m), self.board.axes.get(*m)) {
-                let (up, down) = (axis.max - *slot, *slot - axis.min);
-                *slot += if up >= down { WAY.min(0.7 * up) } else { -WAY.min(0.7 * down) };
+                let up = axis.max - *slot;
+                let down = *slot - axis.min;
+                *slot += if up >= down { DISTANCE_RAD.min(0.7 * up) } else { -DISTANCE_RAD.min(0.7 * down) };
             }
         }
         q
     }
 
-    /// Speed of motions of the suite for this motor, and its greatest acceleration.
+    /// Speed of the suite's motions for this motor, and its greatest acceleration.
     pub fn reference(&self, motor: usize) -> (f64, f64) {
         self.board.axes.get(motor).map_or((SPEED, SPEED), |a| (SPEED.min(a.max_speed), a.max_acceleration))
     }
 
-    /// A move of these motors to their places in `pose` at the suite's speed.
+    /// Move of these motors to their positions in `pose` at the suite's speed.
     pub fn to(&self, motors: &[usize], pose: &[f64]) -> Move {
         let (speed, acceleration) = motors.iter().map(|m| self.reference(*m)).unzip();
         Move {
@@ -237,17 +240,18 @@ impl<'a> DriverTrial<'a> {
     }
 }
 
-/// Position of a motor in a pose; not-a-number if it has none.
+/// Position of a motor in a configuration; NaN if it has none.
 pub fn at(pose: &[f64], motor: usize) -> f64 {
     pose.get(motor).copied().unwrap_or(f64::NAN)
 }
 
-/// Fails with what `seen` says unless it holds.
+/// Fails with the message of `seen` unless the condition holds.
 pub fn see(holds: bool, seen: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(seen()) }
 }
 
-/// Greatest speed of a motor over windows of about a tenth of a second, rad/s, and what noise may add to it.
+/// Greatest speed of a motor over windows of about a tenth of a second, rad/s, and the error of this speed by
+/// noise.
 pub fn top_speed(samples: &[Sample], motor: usize) -> (f64, f64) {
     let mut top = (0.0, f64::INFINITY);
     for (i, s) in samples.iter().enumerate() {
@@ -256,7 +260,7 @@ pub fn top_speed(samples: &[Sample], motor: usize) -> (f64, f64) {
             let dt = l.at.since(s.at).as_secs_f64();
             let v = (at(&l.q, motor) - at(&s.q, motor)).abs() / dt;
             if v > top.0 {
-                top = (v, NEAR / dt);
+                top = (v, TOLERANCE_RAD / dt);
             }
         }
     }

@@ -1,4 +1,4 @@
-//! An arm that MuJoCo moves.
+//! An arm simulated by MuJoCo.
 
 use crate::mjcf::{STEP_S, actuator_name, geom_name, joint_name, leaders, write};
 use mobee_contract::KindError;
@@ -14,9 +14,9 @@ use std::time::Duration;
 
 /// Time between two steps.
 const STEP: Duration = Duration::from_millis((STEP_S * 1e3) as u64);
-/// Slower than this (rad/s) a joint rests.
+/// Speed below which a joint rests, rad/s.
 const STILL: f64 = 1e-6;
-/// MuJoCo's warnings after which its state is worth nothing: positions, speeds or accelerations that are no numbers.
+/// MuJoCo's warnings that invalidate its state: positions, speeds or accelerations that are NaN or huge.
 const BAD_STATE: std::ops::RangeInclusive<usize> = 3..=5;
 
 inventory::submit! {
@@ -42,18 +42,20 @@ struct Joint {
 #[derive(Clone, Copy, Debug)]
 struct MotorJoint {
     servo: Servo,
-    /// The joint that stands for it, as an index into the joints, and its actuator. `None`: it moves nothing.
+    /// Leading joint of the motor, as an index into the joints, and its actuator. `None` if the motor moves
+    /// nothing.
     leader: Option<(usize, usize)>,
-    /// Where it stands, rad, if it moves nothing.
+    /// Position, rad, if it moves nothing.
     q: f64,
 }
 
-/// The thing that a geom is part of: forces on all geoms of one thing are summed.
+/// Owner of a geom: forces on all geoms of one owner are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Owner {
     /// MuJoCo's body.
     body: usize,
-    /// Of the world's shapes each counts for itself, of the robot's those of one link together.
+    /// Distinguishes the world's shapes, which count individually; the shapes of a robot's link count
+    /// together.
     thing: usize,
 }
 
@@ -63,9 +65,9 @@ pub struct MujocoArm {
     data: MjData<Box<MjModel>>,
     joints: Vec<Joint>,
     motors: Vec<MotorJoint>,
-    /// By MuJoCo's number of the geom.
+    /// Owners, by MuJoCo's index of the geom.
     owners: Vec<Owner>,
-    /// The share of the weight that is not compensated.
+    /// Share of the weight that is not compensated.
     felt: f64,
     clock: StepClock,
     external: Vec<f64>,
@@ -73,7 +75,7 @@ pub struct MujocoArm {
 }
 
 impl MujocoArm {
-    /// An arm at rest, alone, and without weight.
+    /// Creates an arm at rest, alone, and without weight.
     ///
     /// # Errors
     /// A robot that MuJoCo does not accept.
@@ -85,7 +87,7 @@ impl MujocoArm {
         MujocoArm::load(&physics, parts.servos, &parts.start, clock)
     }
 
-    /// At rest at these positions, rad; its steps go on from the clock's.
+    /// Creates an arm at rest at these positions, rad, which continues the clock's steps.
     fn load(physics: &ArmPhysics, servos: Vec<Servo>, q: &[f64], mut clock: StepClock) -> Result<MujocoArm, KindError> {
         let xml = write(physics, &servos).ok_or_else(|| refused(&"there is no robot"))?;
         let model = MjModel::from_xml_string(&xml).map_err(|e| refused(&e))?;
@@ -136,13 +138,14 @@ impl MujocoArm {
         Ok(arm)
     }
 
-    /// The joint and the actuator that stand for a motor.
+    /// Leading joint and actuator of a motor.
     fn leader(&self, motor: &MotorJoint) -> Option<(&Joint, usize)> {
         let (joint, actuator) = motor.leader?;
         Some((self.joints.get(joint)?, actuator))
     }
 
-    /// Hands commanded states to the position servos. One that feeds speed forward is commanded ahead by as much as its damping costs.
+    /// Passes commanded states to the position servos. For speed feed-forward, the command leads by the lag
+    /// that damping causes.
     fn control(&mut self, commanded: &[State]) {
         let targets: Vec<(usize, f64)> = self
             .motors
@@ -165,8 +168,8 @@ impl MujocoArm {
         }
     }
 
-    /// Contact forces of the last step: the greatest between a link and one thing, N, and the torques that they are for each degree of
-    /// freedom.
+    /// Contact forces of the last step: the greatest between two owners, N, and their torques for each degree
+    /// of freedom.
     fn contacts(&self) -> (f64, Vec<f64>) {
         let mut torques = vec![0.0; self.joints.len()];
         let mut forces: BTreeMap<(Owner, Owner), f64> = BTreeMap::new();
@@ -189,7 +192,7 @@ impl MujocoArm {
         (forces.into_values().fold(0.0, f64::max), torques)
     }
 
-    /// Torques of all joints of a motor, as its own.
+    /// Total torque of a motor's joints, converted to the motor.
     fn of_motor(&self, m: usize, of: impl Fn(&Joint) -> f64) -> f64 {
         let unit = self.motors.get(m).map_or(1.0, |motor| motor.servo.unit);
         self.joints.iter().filter(|joint| joint.hinge.motor == m).map(|joint| joint.hinge.gain * of(joint)).sum::<f64>()
@@ -218,7 +221,7 @@ impl ArmBody for MujocoArm {
         self.pushes.note(greatest, STEP);
         let at = |list: &[f64], joint: &Joint| list.get(joint.dof).copied().unwrap_or_default();
         let external = |m| {
-            // the bias is what holds the arm against its weight and its own turning
+            // the bias is the torque that holds the arm against gravity and its own motion
             self.of_motor(m, |joint| at(&torques, joint) - self.felt * at(self.data.qfrc_bias(), joint))
         };
         self.external = (0..self.motors.len()).map(external).collect();
@@ -265,7 +268,7 @@ impl ArmBody for MujocoArm {
     }
 }
 
-/// What MuJoCo does not accept.
+/// Error for a robot that MuJoCo does not accept.
 fn refused(why: &dyn std::fmt::Display) -> KindError {
     KindError::new(
         "physics",
@@ -282,8 +285,8 @@ mod tests {
     use nalgebra::Point3;
     use std::path::Path;
 
-    /// MuJoCo puts every shape where the robot model does, at any pose: joints that slide, motors with several joints, and arms on
-    /// turned bases among them.
+    /// In MuJoCo, every shape is where the robot model has it, at any configuration, including robots with
+    /// prismatic joints, motors with several joints, and tilted bases.
     #[test]
     fn every_shape_is_where_the_robot_model_has_it() {
         for name in ["icub", "katana", "panda", "so101", "ur5"] {

@@ -4,11 +4,12 @@
 //! Scene (robot, objects) + servos ──mjcf──> MJCF ──MuJoCo──> MujocoArm, an ArmBody behind the simulated board
 //! ```
 //!
-//! * Owns: the translation of a robot model into MuJoCo's XML format ([`mjcf`]), and, with the feature `mujoco`, the arm that MuJoCo moves.
+//! * Owns: the conversion of a robot model to MuJoCo's XML format ([`mjcf`]), and, with the feature `mujoco`,
+//!   the arm simulated by MuJoCo.
 //! * Promises: shapes, joints, limits and the pairs that may touch are those of the robot model; the same commands give the same motion,
 //!   bit for bit.
-//! * The board in front of the arm (moves, stops, leases, encoders, faults) is that of `mobee-drivers`: both kinds of physics differ in
-//!   nothing else.
+//! * The board in front of the arm (moves, stops, leases, encoders, faults) is that of `mobee-drivers`: the
+//!   two kinds of physics differ in nothing else.
 //!
 //! Source: Todorov, Erez, Tassa, "MuJoCo: A physics engine for model-based control", IROS 2012, doi:10.1109/IROS.2012.6386109.
 

@@ -1,4 +1,4 @@
-//! A robot model as a MuJoCo model: MJCF, MuJoCo's XML format.
+//! Conversion of a robot model to MJCF, MuJoCo's XML format.
 //!
 //! Bodies are the moving frames of the robot's skeleton, geoms its collision shapes and the obstacles of the scene. Only the pairs that the
 //! scene tests may touch. The mass is spread over the moving shapes by volume.
@@ -12,33 +12,34 @@ use std::fmt::Write;
 /// Time between two steps, s.
 pub const STEP_S: f64 = 0.002;
 
-/// The name of the joint that carries frame `i + 1`.
+/// Name of the joint that carries frame `i + 1`.
 pub fn joint_name(i: usize) -> String {
     format!("joint{i}")
 }
 
-/// The name of a collider's geom.
+/// Name of a collider's geom.
 pub fn geom_name(i: usize) -> String {
     format!("shape{i}")
 }
 
-/// The name of a motor's actuator.
+/// Name of a motor's actuator.
 pub fn actuator_name(motor: usize) -> String {
     format!("motor{motor}")
 }
 
-/// The joint that stands for each motor, as an index into the skeleton's joints; the motor's other joints are coupled to it. `None`: a motor
-/// that moves nothing.
+/// Leading joint of each motor, as an index into the skeleton's joints; the motor's other joints are coupled
+/// to it. `None` for a motor that moves nothing.
 pub fn leaders(robot: &Robot, joints: &[Hinge]) -> Vec<Option<usize>> {
     (0..robot.motors.len()).map(|m| joints.iter().position(|joint| joint.motor == m)).collect()
 }
 
-/// The first robot of a scene, and the scene's objects, as MJCF.
+/// Writes the first robot of a scene, and the scene's objects, as MJCF.
 ///
 /// # Returns
 /// `None` if the scene has no robot.
 pub fn write(physics: &ArmPhysics, servos: &[Servo]) -> Option<String> {
-    let (robot, skeleton) = (physics.scene.robots().first()?, physics.scene.skeletons().first()?);
+    let robot = physics.scene.robots().first()?;
+    let skeleton = physics.scene.skeletons().first()?;
     let shapes: Vec<&Collider> = physics.scene.colliders().collect();
     let moving = |shape: &&&Collider| (1..skeleton.frames()).contains(&shape.frame);
     let all: f64 = shapes.iter().filter(moving).map(|shape| shape.shape.volume()).sum();
@@ -70,20 +71,20 @@ pub fn write(physics: &ArmPhysics, servos: &[Servo]) -> Option<String> {
     Some(xml)
 }
 
-/// What the elements are written from.
+/// Source data of the elements.
 struct Writer<'a> {
     joints: &'a [Hinge],
     base: Isometry3<f64>,
     servos: &'a [Servo],
     shapes: Vec<&'a Collider>,
-    /// The share of the weight that is compensated.
+    /// Share of the weight that is compensated.
     gravcomp: f64,
-    /// kg/m^3.
+    /// Density, kg/m^3.
     density: f64,
 }
 
 impl Writer<'_> {
-    /// Hulls as meshes, in their frame.
+    /// Writes hulls as meshes, in their frame.
     fn assets(&self, xml: &mut String) {
         xml.push_str("<asset>\n");
         for (i, hull) in self.shapes.iter().enumerate().filter_map(|(i, shape)| Some((i, shape.hull()?))) {
@@ -96,7 +97,7 @@ impl Writer<'_> {
         xml.push_str("</asset>\n");
     }
 
-    /// A frame with its shapes, and all that hangs on it.
+    /// Writes a frame with its shapes and its children.
     fn body(&self, xml: &mut String, frame: usize) {
         let joint = frame.checked_sub(1).and_then(|j| Some((j, self.joints.get(j)?)));
         let at = joint.map_or(self.base, |(_, joint)| joint.at);
@@ -117,7 +118,8 @@ impl Writer<'_> {
             JointMotion::Turn => "hinge",
             JointMotion::Slide => "slide",
         };
-        let (axis, gain) = (joint.axis.into_inner(), joint.gain.abs());
+        let axis = joint.axis.into_inner();
+        let gain = joint.gain.abs();
         let (min, max) = (joint.min.min(joint.max), joint.min.max(joint.max));
         let _ = writeln!(
             xml,
@@ -129,7 +131,7 @@ impl Writer<'_> {
         );
     }
 
-    /// The shapes on a frame.
+    /// Writes the shapes on a frame.
     fn geoms(&self, xml: &mut String, frame: usize) {
         for (i, shape) in self.shapes.iter().enumerate().filter(|(_, shape)| shape.frame == frame) {
             let mass = self.density * shape.shape.volume();
@@ -157,7 +159,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Joints of one motor follow the first of them linearly.
+    /// Couples the joints of one motor linearly to the first of them.
     fn couplings(&self, xml: &mut String, leaders: &[Option<usize>]) {
         xml.push_str("<equality>\n");
         for (j, joint) in self.joints.iter().enumerate() {
@@ -166,14 +168,16 @@ impl Writer<'_> {
                 continue;
             };
             let ratio = joint.gain / first.gain;
-            let (follower, leader, offset) = (joint_name(j), joint_name(l), joint.min - first.min * ratio);
+            let follower = joint_name(j);
+            let leader = joint_name(l);
+            let offset = joint.min - first.min * ratio;
             let _ =
                 writeln!(xml, "<joint joint1=\"{follower}\" joint2=\"{leader}\" polycoef=\"{offset} {ratio} 0 0 0\"/>");
         }
         xml.push_str("</equality>\n");
     }
 
-    /// Position servos.
+    /// Writes the position servos.
     fn actuators(&self, xml: &mut String, leaders: &[Option<usize>]) {
         xml.push_str("<actuator>\n");
         for (m, (servo, leader)) in self.servos.iter().zip(leaders).enumerate() {
@@ -194,7 +198,7 @@ impl Writer<'_> {
     }
 }
 
-/// The pairs that may touch: those that the scene tests.
+/// Writes the pairs that may touch: those that the scene tests.
 fn contacts(xml: &mut String, scene: &Scene) {
     xml.push_str("<contact>\n");
     for (a, b) in scene.pairs() {
@@ -203,7 +207,7 @@ fn contacts(xml: &mut String, scene: &Scene) {
     xml.push_str("</contact>\n");
 }
 
-/// Cylinders and capsules lie along y here and along z in MuJoCo.
+/// Rotates the pose of a cylinder or capsule, which lies along y here and along z in MuJoCo.
 fn upright(pose: &Isometry3<f64>) -> Isometry3<f64> {
     pose * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2)
 }

@@ -1,4 +1,5 @@
-//! Arms under MuJoCo beside the same arms under the simulation's own physics. Needs the feature `mujoco`.
+//! Comparison of arms under MuJoCo with the same arms under the simulation's own physics. Needs the feature
+//! `mujoco`.
 #![cfg(feature = "mujoco")]
 
 use mobee_contract::{Command, Context, Hardware, KindError, Move, Time};
@@ -16,7 +17,7 @@ fn robot(name: &str) -> Arc<Robot> {
     Arc::new(load_robot(path).unwrap().value)
 }
 
-/// A simulated robot alone in the world.
+/// A simulated robot in an empty world.
 fn arm(robot: &Arc<Robot>, settings: &Value) -> Result<SimHardware, KindError> {
     let hardware = SimHardware::build(settings, &Context { robot: robot.clone(), seed: 1 })?;
     let scene = Scene::new(vec![(robot.clone(), Isometry3::identity())], Vec::new()).unwrap();
@@ -33,7 +34,7 @@ fn both(robot: &Arc<Robot>, settings: Value) -> [SimHardware; 2] {
     })
 }
 
-/// Moves one motor at 0.5 rad/s, and reads the last sample's external torques after so many seconds.
+/// Moves one motor at 0.5 rad/s, and returns the external torques of the last sample after this time, s.
 fn sweep(hardware: &SimHardware, motor: usize, q: f64, secs: f64) -> Vec<f64> {
     let mut driver = hardware.connect().unwrap();
     driver.lease(Time::ZERO, Time::from_secs(0.2));
@@ -77,7 +78,8 @@ fn a_compensated_arm_goes_where_it_is_sent_and_rests_there() {
     }
 }
 
-/// Both kinds of physics stop at a thing that the model does not know, push it, and report the push on the joint with the same sign.
+/// Under both kinds of physics, an arm that hits an object outside the model stops, pushes it, and reports a
+/// torque of the same sign.
 #[test]
 fn what_only_physics_knows_is_pushed_and_felt() {
     let panda = robot("panda");
@@ -86,7 +88,7 @@ fn what_only_physics_knows_is_pushed_and_felt() {
     let scene: Scene = Scene::new(vec![(panda.clone(), Isometry3::identity())], Vec::new()).unwrap();
     scene.skeletons()[0].place(&home, &mut frames);
     let hand = frames.last().unwrap().translation.vector;
-    // beside the hand on its way when the first joint turns
+    // beside the hand, on its path when the first joint turns
     let way = nalgebra::Vector3::z().cross(&hand).normalize();
     let at = hand + way * 0.2;
     let post = json!([{ "name": "post", "size_m": [0.06, 0.06, 0.6], "at_m": [at.x, at.y, at.z] }]);

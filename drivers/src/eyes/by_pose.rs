@@ -1,4 +1,5 @@
-//! Where things are that a detector has seen in all six degrees of freedom: by one camera whose place on the robot is known.
+//! Locator of objects whose pose a detector has estimated in all six degrees of freedom, with one camera at a
+//! given place on the robot.
 
 use super::mount::Mount;
 use super::scenery::in_range;
@@ -14,42 +15,43 @@ use std::sync::Arc;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PoseLocatorSettings {
-    /// Where the cameras are.
+    /// Places of the cameras.
     pub cameras: Vec<CameraPlace>,
-    /// Where the objects are by what is seen of them; default: what is seen is at the object's own origin.
+    /// Origins of the objects relative to what is detected; default: the detection is at the object's own
+    /// origin.
     #[serde(default)]
     pub objects: Vec<ObjectPlace>,
-    /// The standard deviation of a camera's place, mm.
+    /// Standard deviation of a camera's position, mm.
     #[serde(default = "place_mm")]
     pub place_mm: f64,
-    /// The standard deviation of where it looks, deg.
+    /// Standard deviation of its viewing direction, deg.
     #[serde(default = "look_deg")]
     pub look_deg: f64,
 }
 
-/// Where a camera is on the robot, as the kind of camera `simulated` has it.
+/// Place of a camera on the robot, as for the camera kind `simulated`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPlace {
-    /// The camera's name; those whose names end in it are it.
+    /// Name of the camera, or the end of its name.
     pub name: String,
-    /// The marker of the robot's model that it is at; it looks along the marker's normal.
+    /// Marker of the robot's model that the camera is attached to; it looks along the marker's normal.
     pub marker: String,
-    /// Where it is from there, in its own frame (x right, y down, z forward), m.
+    /// Position relative to the marker, in the camera frame (x right, y down, z forward), m.
     #[serde(default)]
     pub offset_m: [f64; 3],
-    /// By what it is turned about its own x, y and z axis there, deg.
+    /// Rotation about the camera's own x, y and z axis, deg.
     #[serde(default)]
     pub rotation_deg: [f64; 3],
 }
 
-/// Where an object is from the tag on it.
+/// Position of an object relative to the tag on it.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectPlace {
-    /// The object's name in the world.
+    /// Name of the object in the world.
     pub object: String,
-    /// Its origin in the tag's frame (x right and y down as it is printed, z into it), m.
+    /// Origin of the object in the tag frame (x right and y down as printed, z into the tag), m.
     pub origin_m: [f64; 3],
 }
 
@@ -60,19 +62,19 @@ fn look_deg() -> f64 {
     0.3
 }
 
-/// Places what was seen with its pose.
+/// Locates objects that were detected with their poses.
 pub struct PoseLocator {
     robot: Arc<Robot>,
-    /// The end of a camera's name, and where it is.
+    /// End of a camera's name, and the camera's mount.
     cameras: Vec<(String, Mount)>,
     settings: PoseLocatorSettings,
 }
 
 impl PoseLocator {
-    /// One for a robot.
+    /// Creates the locator for a robot.
     ///
     /// # Errors
-    /// Settings that make no sense, and markers that the robot has not.
+    /// Invalid settings, and markers that the robot does not have.
     pub fn new(settings: PoseLocatorSettings, robot: Arc<Robot>) -> Result<PoseLocator, KindError> {
         if settings.cameras.is_empty() {
             let help = "say where they are: cameras = [{ name = \"left\", marker = \"l_eye\" }]";
@@ -107,11 +109,12 @@ impl PoseLocator {
         let at = Vector3::from(seen.position) + arm;
         let own =
             Matrix6::from_fn(|i, j| seen.covariance.get(i).and_then(|row| row.get(j)).copied().unwrap_or(f64::NAN));
-        // a small turn of the tag moves the object's origin by turn x arm
+        // a small rotation of the tag moves the object's origin by rotation x arm
         let mut by = Matrix3x6::zeros();
         by.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
         by.fixed_columns_mut::<3>(3).copy_from(&-arm.cross_matrix());
-        let (place, look) = (self.settings.place_mm * 1e-3, self.settings.look_deg.to_radians());
+        let place = self.settings.place_mm * 1e-3;
+        let look = self.settings.look_deg.to_radians();
         let cross = at.cross_matrix();
         let in_camera = by * own * by.transpose()
             + Matrix3::identity() * (place * place)
@@ -134,7 +137,7 @@ impl Locator for PoseLocator {
         let mut frames = Vec::new();
         self.robot.forward(&body.q, &mut frames);
         let mut found: Vec<Located> = seen.iter().filter_map(|s| self.place(s, &frames)).collect();
-        // an object with two tags is told by the surer one
+        // of an object with two tags the more certain estimate is used
         let doubt = |l: &Located| l.covariance.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum::<f64>();
         found.sort_by(|a, b| a.object.cmp(&b.object).then(doubt(a).total_cmp(&doubt(b))));
         found.dedup_by(|later, first| later.object == first.object);

@@ -1,4 +1,5 @@
-//! Things that stand on a table and resemble what is looked for. They are only seen: nothing touches them, and no world knows them.
+//! Objects that stand on a table and resemble a target. They are rendered only: nothing touches them, and no
+//! world contains them.
 
 use super::scenery::in_range;
 use super::solid::V3;
@@ -11,21 +12,22 @@ use rand_chacha::ChaCha8Rng;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Things that stand about and resemble an object.
+/// Distractors: objects that resemble a target.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DistractorSettings {
-    /// How many there are.
+    /// Number of distractors.
     pub count: u32,
-    /// The object on whose first shape they stand, such as a table.
+    /// Object on whose first shape they stand, such as a table.
     pub on: String,
-    /// The object that they resemble in color; default: none, they have all colors.
+    /// Object whose color they resemble; default: none, they have random colors.
     #[serde(default)]
     pub like: Option<String>,
-    /// Least and greatest difference of their hue to that object's, to either side, deg.
+    /// Least and greatest difference of their hue from that object's, to either side, deg.
     #[serde(default = "hue_deg")]
     pub hue_deg: [f64; 2],
-    /// Where they stand: least and greatest x, least and greatest y in the world, m; default: anywhere on it.
+    /// Area on which they stand: least and greatest x, least and greatest y in the world, m; default: the
+    /// whole object.
     #[serde(default)]
     pub area_m: Option<[f64; 4]>,
 }
@@ -34,13 +36,13 @@ fn hue_deg() -> [f64; 2] {
     [15.0, 40.0]
 }
 
-/// What keeps free of each other, meters.
-const APART: f64 = 0.005;
+/// Least distance between objects, m.
+const MIN_GAP_M: f64 = 0.005;
 
-/// A thing that is only seen.
+/// An object that is only rendered.
 #[derive(Clone, Debug)]
 pub struct Distractor {
-    /// Its shape, where it stands in the world.
+    /// Shape with its pose in the world.
     pub shape: Primitive,
     /// Its color, 0 to 255.
     pub color: V3,
@@ -50,7 +52,7 @@ impl DistractorSettings {
     /// Checks every setting.
     ///
     /// # Errors
-    /// Those that make no sense, with what would.
+    /// Invalid settings, with the valid ranges.
     pub fn validate(&self) -> Result<(), KindError> {
         let [least, most] = self.hue_deg;
         let [x0, x1, y0, y1] = self.area_m.unwrap_or_default();
@@ -65,8 +67,8 @@ impl DistractorSettings {
         Ok(())
     }
 
-    /// Those that a scene has room for: places are drawn from the seed, and what would touch an object is left out. So a scene and a
-    /// seed give the same, whoever asks and whenever.
+    /// Places the distractors that a scene has room for. Positions are drawn from the seed, and those that
+    /// would touch an object are omitted. Deterministic for a scene and a seed.
     ///
     /// # Errors
     /// The name of an object that the scene does not have.
@@ -94,7 +96,7 @@ impl DistractorSettings {
         Ok(standing)
     }
 
-    /// Where they may stand, and how high that is.
+    /// Area on which they may stand, with its height.
     fn area(&self, on: &Object) -> [f64; 5] {
         let Some(first) = on.shapes.first() else { return [0.0; 5] };
         let pose = on.pose * first.pose;
@@ -116,18 +118,23 @@ impl DistractorSettings {
     fn color(&self, like: Option<[u8; 3]>, rng: &mut ChaCha8Rng) -> V3 {
         let any = any_color(rng);
         let [least, most] = self.hue_deg.map(|d| d as f32);
-        let (away, side) = (rng.random_range(least..=most), if rng.random_bool(0.5) { 1.0 } else { -1.0 });
-        let (dull, bright) = (rng.random_range(0.7..1.1f32), rng.random_range(0.6..1.2f32));
+        let away = rng.random_range(least..=most);
+        let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+        let dull = rng.random_range(0.7..1.1f32);
+        let bright = rng.random_range(0.6..1.2f32);
         let Some(color) = like else { return any };
         let [hue, saturation, value] = to_hsv(V3::from(color.map(f32::from)));
         from_hsv(hue + side * away, (saturation * dull).min(1.0), (value * bright).min(255.0))
     }
 }
 
-/// A ball, a can or a box of any usual size, on its lower side.
+/// A ball, a can or a box of common size, on its lower side.
 fn standing_at(at: [f64; 3], rng: &mut ChaCha8Rng) -> Primitive {
     let mut size = |least: f64, most: f64| rng.random_range(least..most);
-    let (a, b, c, turn) = (size(0.02, 0.06), size(0.05, 0.14), size(0.02, 0.06), size(0.0, 3.0));
+    let a = size(0.02, 0.06);
+    let b = size(0.05, 0.14);
+    let c = size(0.02, 0.06);
+    let turn = size(0.0, 3.0);
     let (shape, height) = match rng.random_range(0..3u32) {
         0 => (Shape::Sphere { radius: a }, a),
         1 => (Shape::Cylinder { radius: a, height: b }, b / 2.0),
@@ -142,6 +149,6 @@ fn standing_at(at: [f64; 3], rng: &mut ChaCha8Rng) -> Primitive {
 
 fn touches(a: &Primitive, b: &Primitive) -> bool {
     let between = (a.pose.translation.vector - b.pose.translation.vector).norm();
-    between < a.shape.bounding_radius() + b.shape.bounding_radius() + APART
-        && distance(&a.shape, &a.pose, &b.shape, &b.pose).distance < APART
+    between < a.shape.bounding_radius() + b.shape.bounding_radius() + MIN_GAP_M
+        && distance(&a.shape, &a.pose, &b.shape, &b.pose).distance < MIN_GAP_M
 }

@@ -1,4 +1,4 @@
-//! A simulated eye: what it sees of the truth at one moment.
+//! A simulated camera, which renders the ground truth at one moment.
 
 use super::film::{Film, Planes};
 use super::lens::Rays;
@@ -17,12 +17,12 @@ use mobee_model::{ObjectClass, Robot, Shape};
 use nalgebra::{Isometry3, Vector3};
 use std::time::Duration;
 
-/// What a pixel sees.
+/// Owner of the surface that a pixel shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Owner {
     /// The room.
     Room,
-    /// Something that only the scenery has.
+    /// An object of the scenery only.
     Scenery,
     /// The robot of this index in the scene.
     Robot(u16),
@@ -30,20 +30,20 @@ pub enum Owner {
     Object(u32),
 }
 
-/// A picture, and the truth of its pixels, row by row: for tests and for teaching, not for what looks at cameras.
+/// An image with the ground truth of its pixels, row by row; for tests and training, not for perception.
 #[derive(Clone, Debug)]
 pub struct Shot {
-    /// The picture.
+    /// The image.
     pub frame: Frame,
-    /// How far away what is seen is along the optical axis, meters; infinite for the room.
+    /// Depth along the optical axis, meters; infinite for the room.
     pub depth: Vec<f32>,
-    /// What is seen.
+    /// Owner of each pixel.
     pub owner: Vec<Owner>,
-    /// `world_from_eye`; the eye's frame has x to the picture's right, y down, z forward.
+    /// `world_from_eye`; the camera frame has x to the right of the image, y down, z forward.
     pub eye: Isometry3<f64>,
 }
 
-/// A shape that is there: where it is in the eye's frame, what it looks like, whose it is.
+/// A visible shape: its pose in the camera frame, its paint, and its owner.
 struct Solid {
     shape: Shape,
     pose: Isometry3<f64>,
@@ -51,12 +51,12 @@ struct Solid {
     owner: Owner,
 }
 
-/// An eye that a simulated robot carries.
+/// A camera on a simulated robot.
 pub struct SimulatedEye {
     lens: Intrinsics,
     rays: Rays,
     mount: Mount,
-    /// Its robot's index in the scene.
+    /// Index of its robot in the scene.
     robot: usize,
     scenery: Scenery,
     film: Film,
@@ -64,7 +64,7 @@ pub struct SimulatedEye {
     work: Work,
 }
 
-/// What is used again for each picture.
+/// Buffers that are reused for each image.
 struct Work {
     shadows: Shadows,
     planes: Planes,
@@ -73,26 +73,26 @@ struct Work {
     owner: Vec<Owner>,
 }
 
-/// What robots are painted in where their file gives no color.
+/// Paint of robots whose file gives no color.
 const ROBOT: [f32; 3] = [190.0, 190.0, 196.0];
-/// How much of the lamp things with a color of their own mirror.
+/// Share of the lamp that colored objects reflect.
 const GLOSS: f32 = 0.25;
-/// What objects without a color are painted in.
+/// Color of objects without one.
 const PLAIN: [u8; 3] = [150, 150, 150];
-/// What cards are made of.
+/// Color of the cards that carry stickers.
 const PAPER: [f32; 3] = [235.0, 235.0, 235.0];
-/// Boxes with two edges at least so long have a texture, meters.
+/// Boxes with at least two edges of this length are textured, meters.
 const TABLE: f64 = 0.3;
 
 impl SimulatedEye {
-    /// An eye on a robot.
+    /// Creates a camera on a robot.
     ///
     /// # Arguments
-    /// * `index`: the robot's, in the scenes that it will see.
-    /// * `seed`: of its own noise; the scenery has its own.
+    /// * `index`: index of the robot in the scenes to be rendered.
+    /// * `seed`: seed of the sensor noise; the scenery has its own.
     ///
     /// # Errors
-    /// Settings that make no sense.
+    /// Invalid settings.
     pub fn new(
         settings: &SimulatedCameraSettings,
         robot: &Robot,
@@ -121,26 +121,27 @@ impl SimulatedEye {
         Ok(SimulatedEye { lens, rays, mount, robot: index, scenery, film, exposure, work })
     }
 
-    /// How it projects.
+    /// Projection of the camera.
     pub fn intrinsics(&self) -> Intrinsics {
         self.lens
     }
 
-    /// Where it is on its robot.
+    /// Mount on its robot.
     pub fn mount(&self) -> CameraMount {
-        self.mount.told(self.robot)
+        self.mount.to_contract(self.robot)
     }
 
-    /// Puts it into another room.
+    /// Replaces the scenery.
     ///
     /// # Errors
-    /// Settings that make no sense; it is then where it was.
+    /// Invalid settings; the scenery is unchanged then.
     pub fn furnish(&mut self, scenery: &ScenerySettings) -> Result<(), KindError> {
         self.scenery = Scenery::new(scenery)?;
         Ok(())
     }
 
-    /// `world_from_eye` where the truth has its robot at a pose of these motors; `None` if the truth does not have that robot.
+    /// `world_from_eye` for the robot's configuration in the truth; `None` if the truth does not contain that
+    /// robot.
     pub fn at(&self, truth: &Truth) -> Option<Isometry3<f64>> {
         let robot = truth.scene.robots().get(self.robot)?;
         let mut frames = Vec::new();
@@ -148,10 +149,10 @@ impl SimulatedEye {
         self.mount.at(&frames)
     }
 
-    /// What it sees, and what that is in truth.
+    /// Renders an image with its ground truth.
     ///
     /// # Arguments
-    /// * `before`: where it was (`world_from_eye`), and when: what it turned since then blurs the picture.
+    /// * `before`: an earlier pose (`world_from_eye`) and its time: rotation since then blurs the image.
     ///
     /// # Errors
     /// As [`SimulatedEye::frame`].
@@ -160,10 +161,10 @@ impl SimulatedEye {
         Ok(Shot { frame, depth: self.work.depth.clone(), owner: self.work.owner.clone(), eye })
     }
 
-    /// What it sees, and where it is, `world_from_eye`.
+    /// Renders an image; returns it with the pose of the camera, `world_from_eye`.
     ///
     /// # Errors
-    /// The truth does not have its robot, or not what the scenery's distractors are to stand on or to resemble.
+    /// The truth does not contain its robot, or an object that the scenery's distractors refer to.
     pub fn frame(
         &mut self,
         truth: &Truth,
@@ -216,11 +217,12 @@ impl SimulatedEye {
         Ok((Frame { exposed: now, intrinsics: self.lens, pixels: pixels.into() }, eye))
     }
 
-    /// Everything that there is to see, but for what houses the eye and what is only shown to people.
+    /// All visible solids. Omits the housing of the camera, and ghosts, which are shown to people only.
     fn solids(&self, truth: &Truth, eye: &Isometry3<f64>) -> Result<Vec<Solid>, String> {
         let scene = &truth.scene;
         let eye_from_world = eye.inverse();
-        let (mut solids, mut frames) = (Vec::new(), Vec::new());
+        let mut solids = Vec::new();
+        let mut frames = Vec::new();
         for (r, (robot, q)) in scene.robots().iter().zip(&truth.poses).enumerate() {
             robot.forward_from(&(eye_from_world * scene.base(r)), q, &mut frames);
             for (n, (node, frame)) in robot.nodes.iter().zip(&frames).enumerate() {
@@ -228,7 +230,7 @@ impl SimulatedEye {
                     if r == self.robot && self.mount.is_housed_in(n, s) {
                         continue;
                     }
-                    // parts of a robot are of slightly different paint
+                    // parts of a robot differ slightly in paint
                     let tone = 0.86 + 0.04 * ((n * 7 + s * 3) % 8) as f32;
                     let (color, gloss) = match node.color {
                         Some(own) => (V3::from(own.map(f32::from)), GLOSS),
@@ -246,7 +248,7 @@ impl SimulatedEye {
             for primitive in &object.shapes {
                 let wood = is_table(&primitive.shape);
                 let is_box = matches!(primitive.shape, Shape::Box { .. });
-                // the first box has them
+                // the first box gets the stickers
                 let stickers = if is_box { std::mem::take(&mut stickers) } else { [None; 6] };
                 let paint = Paint { color, wood, gloss: if wood { 0.0 } else { GLOSS }, stickers };
                 let pose = eye_from_world * object.pose * primitive.pose;
@@ -271,14 +273,14 @@ impl SimulatedEye {
         Ok(solids)
     }
 
-    /// How far what is in the picture's middle moves while the shutter is open, pixels right and down, if the eye goes on turning as it
-    /// did since then.
+    /// Motion of the image's center while the shutter is open, pixels right and down, if the camera continues
+    /// to rotate as it did since `then`.
     fn drift(&self, then: &Isometry3<f64>, now: &Isometry3<f64>, since: Duration) -> [f32; 2] {
         let seconds = since.as_secs_f64();
         if seconds <= 0.0 {
             return [0.0; 2];
         }
-        // where the axis of then points now
+        // present direction of the earlier axis
         let turned = now.rotation.inverse() * (then.rotation * Vector3::z());
         let share = self.exposure.as_secs_f64() / seconds;
         let [fx, fy] = self.lens.focal;
@@ -287,7 +289,7 @@ impl SimulatedEye {
     }
 }
 
-/// The longest blur, pixels.
+/// Longest blur, pixels.
 const MOST_BLUR: f64 = 60.0;
 
 fn is_table(shape: &Shape) -> bool {
@@ -297,7 +299,7 @@ fn is_table(shape: &Shape) -> bool {
     }
 }
 
-/// What a tile sees, before any light: run by run of pixels that see the same.
+/// Renders the unlit surfaces of a tile, in runs of pixels that show the same solid.
 fn see(
     seen: &TileSight,
     forms: &[Form],

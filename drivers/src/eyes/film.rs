@@ -1,42 +1,41 @@
-//! What optics and sensor make of light: blur by motion, a lens that is not quite sharp, corners that are darker, a white that drifts,
-//! and noise.
+//! Model of optics and sensor: motion blur, defocus, vignetting, drifting white balance, and noise.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Noise that is drawn once; rows of pictures begin anywhere in it.
+/// Number of noise values, which are drawn once; rows of images start anywhere in them.
 const DRAWN: usize = 1 << 16;
 
-/// What the settings say of optics and sensor.
+/// Settings of optics and sensor.
 #[derive(Clone, Copy, Debug)]
 pub struct FilmSettings {
-    /// Standard deviation of the noise of each color of each pixel, of 255.
+    /// Standard deviation of the noise per color and pixel, of 255.
     pub noise: f32,
-    /// How much less light a corner gets than the middle, 0 to 1.
+    /// Loss of light in a corner relative to the center, 0 to 1.
     pub vignetting: f32,
-    /// How far red and blue drift, as a share.
+    /// Amplitude of the drift of red and blue, as a share.
     pub drift: f32,
-    /// Whether each pixel gets some light of those beside it.
+    /// True if each pixel is blurred with its neighbors.
     pub soft: bool,
 }
 
-/// Develops light to pictures.
+/// Converts light to images.
 pub struct Film {
     settings: FilmSettings,
     size: [usize; 2],
-    /// The share of the light that each pixel gets.
+    /// Share of the light that reaches each pixel.
     share: Vec<f32>,
     noise: Vec<f32>,
-    /// Where in their cycles the drifts of red and blue begin.
+    /// Phases of the drifts of red and blue.
     phase: [f64; 4],
     seed: u64,
 }
 
-/// Red, green and blue of a picture, each row by row, 0 to 255.
+/// Red, green and blue planes of an image, each row by row, 0 to 255.
 pub type Planes = [Vec<f32>; 3];
 
 impl Film {
-    /// For pictures of this size.
+    /// Creates the model for images of this size.
     pub fn new(settings: FilmSettings, size: [usize; 2], seed: u64) -> Film {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let [width, height] = size.map(|n| n as f32);
@@ -45,14 +44,15 @@ impl Film {
             let far = ((x * 2.0 / width - 1.0).powi(2) + (y * 2.0 / height - 1.0).powi(2)) / 2.0;
             1.0 - settings.vignetting * far
         };
-        // the sum of twelve numbers from 0 to 1 is as good as normally distributed
+        // the sum of twelve numbers from 0 to 1 is approximately normal
         let mut normal = || (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0;
         let noise = (0..DRAWN + size[0]).map(|_| normal() * settings.noise).collect();
         let phase = std::array::from_fn(|_| rng.random_range(0.0..std::f64::consts::TAU));
         Film { settings, size, share: (0..size[0] * size[1]).map(share).collect(), noise, phase, seed }
     }
 
-    /// The strengths of red, green and blue at a time in seconds: two slow waves each, a minute and a quarter of it.
+    /// Gains of red, green and blue at a time in seconds: two slow waves each, with periods of a minute and a
+    /// quarter of it.
     fn white(&self, at: f64) -> [f32; 3] {
         let [a, b, c, d] = self.phase;
         let wave = |slow: f64, quick: f64| 0.7 * (at / 9.55 + slow).sin() + 0.3 * (at / 2.4 + quick).sin();
@@ -60,11 +60,11 @@ impl Film {
         [(1.0 + drift * wave(a, b)) as f32, 1.0, (1.0 + drift * wave(c, d)) as f32]
     }
 
-    /// A picture: three bytes each pixel, row by row.
+    /// Converts planes to an image: three bytes per pixel, row by row.
     ///
     /// # Arguments
-    /// * `at`: seconds, for what drifts; `number`: of the picture, for its noise.
-    /// * `moved`: how far what is seen moves during the exposure, pixels right and down.
+    /// * `at`: time in seconds, for the drift; `number`: number of the image, for its noise.
+    /// * `moved`: image motion during the exposure, pixels right and down.
     pub fn develop(&self, planes: &mut Planes, spare: &mut Vec<f32>, at: f64, number: u64, moved: [f32; 2]) -> Vec<u8> {
         let [width, height] = self.size;
         let mut bytes = vec![0u8; width * height * 3];
@@ -73,7 +73,7 @@ impl Film {
             smear(plane, spare, self.size, moved);
         }
         let side = if self.settings.soft { 0.25 } else { 0.0 };
-        // with a pixel more at either end
+        // with one more pixel at either end
         let mut padded = vec![0.0f32; width + 2];
         let mut done = [const { Vec::new() }; 3];
         for (y, out) in bytes.chunks_exact_mut(width * 3).enumerate() {
@@ -102,10 +102,10 @@ impl Film {
     }
 }
 
-/// Added to a number from 0 to 255, the last byte of the sum is that number, rounded.
+/// Rounds by addition: the last byte of the sum with a number from 0 to 255 is that number, rounded.
 const ROUND: f32 = 8_388_608.0;
 
-/// Half a row and a quarter each of those above and below, with the pixels at both ends twice.
+/// Half of a row and a quarter of the rows above and below, with the pixels at both ends duplicated.
 fn pad(here: &[f32], above: &[f32], below: &[f32], out: &mut [f32]) {
     if let [first, middle @ .., last] = out {
         for (o, (h, (a, b))) in middle.iter_mut().zip(here.iter().zip(above.iter().zip(below))) {
@@ -116,7 +116,7 @@ fn pad(here: &[f32], above: &[f32], below: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Spreads a picture along a way of so many pixels, evenly, half of it to either side.
+/// Blurs a plane along a vector of this number of pixels, evenly, half of it to either side.
 fn smear(plane: &mut Vec<f32>, spare: &mut Vec<f32>, [width, height]: [usize; 2], [dx, dy]: [f32; 2]) {
     let taps = (dx.abs().max(dy.abs()).ceil() as i32 + 1).min(MOST_TAPS);
     if taps < 2 || width == 0 || height == 0 {
@@ -131,7 +131,7 @@ fn smear(plane: &mut Vec<f32>, spare: &mut Vec<f32>, [width, height]: [usize; 2]
         for (y, out) in spare.chunks_exact_mut(width).enumerate() {
             let from = y.saturating_add_signed(sy).min(height - 1) * width;
             let Some(row) = plane.get(from..from + width) else { continue };
-            // beyond its border, the picture goes on as it is there
+            // beyond its border, the image continues with the border's color
             let shift = sx.unsigned_abs().min(width);
             let (border, moved, beyond) = if sx >= 0 {
                 let (moved, beyond) = out.split_at_mut(width - shift);
@@ -147,5 +147,5 @@ fn smear(plane: &mut Vec<f32>, spare: &mut Vec<f32>, [width, height]: [usize; 2]
     std::mem::swap(plane, spare);
 }
 
-/// A blur is made of at most so many pictures.
+/// Largest number of copies averaged for a blur.
 const MOST_TAPS: i32 = 64;

@@ -1,4 +1,4 @@
-//! The kind `folder`: pictures of a folder, one after the other, as if a camera took them.
+//! The camera kind `folder`: images of a folder, one after the other, as if a camera took them.
 
 use super::lens_settings::LensSettings;
 use super::scenery::in_range;
@@ -12,20 +12,21 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// A folder of pictures as a camera.
+/// A folder of images as a camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FolderCameraSettings {
-    /// The folder: its `.jpg`, `.jpeg` and `.png` files (but for masks, `_mask.png`) in the order of their names, all of one size.
+    /// Folder of the images: its `.jpg`, `.jpeg` and `.png` files (except for masks, `_mask.png`) in the
+    /// order of their names, all of one size.
     #[schemars(extend("format" = "path"))]
     pub path: PathBuf,
-    /// Pictures per second.
+    /// Images per second.
     #[serde(default = "fps")]
     pub fps: f64,
-    /// Whether it begins anew after the last picture; otherwise there are no more.
+    /// True if it starts again after the last image; otherwise it ends.
     #[serde(default)]
     pub repeat: bool,
-    /// How the camera that took them projects.
+    /// Projection of the camera that took them.
     #[serde(default)]
     pub lens: LensSettings,
 }
@@ -34,22 +35,22 @@ fn fps() -> f64 {
     10.0
 }
 
-/// A camera that gives the pictures of a folder.
+/// A camera that returns the images of a folder.
 pub struct FolderCamera {
     files: Vec<PathBuf>,
     lens: Intrinsics,
     period: Duration,
     repeats: bool,
-    /// When the first picture was asked for, and the number of the next one.
+    /// Time of the first request, and the number of the next image.
     begun: Option<(Time, u64)>,
     skipped: Option<SkippedPictures>,
 }
 
 impl FolderCamera {
-    /// The camera of a folder whose pictures are all of one size; whether they are whole is seen when it is their turn.
+    /// Creates the camera of a folder whose images are all of one size. Each image is decoded when it is due.
     ///
     /// # Errors
-    /// Settings that make no sense, a folder without pictures, a file that is no picture, or one of another size.
+    /// Invalid settings, a folder without images, a file that is not an image, or one of another size.
     pub fn new(settings: &FolderCameraSettings) -> Result<FolderCamera, KindError> {
         in_range(("fps", settings.fps, 0.01, 1000.0))?;
         let wrong = |e: PictureFault| KindError::new("path", e.to_string(), e.help);
@@ -77,7 +78,7 @@ impl Camera for FolderCamera {
 
     fn frame(&mut self, now: Time) -> Result<Option<Frame>, String> {
         let (begun, next) = *self.begun.get_or_insert((now, 0));
-        // who asks too late gets the newest
+        // a late request gets the newest image
         let due = (now.since(begun).as_nanos() / self.period.as_nanos().max(1)) as u64;
         if due < next {
             return Ok(None);

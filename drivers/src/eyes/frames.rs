@@ -1,12 +1,14 @@
-//! The frames that a run keeps beside its journal: what its detectors looked at, to the byte, one file for each camera.
+//! Frames that a run records beside its journal: the exact images that its detectors processed, one file per
+//! camera.
 //!
 //! ```text
 //! "mobee frames 1\n" | record | record | ...       little endian; the file SENSOR.CAMERA.frames
 //! record: length u32, head, PNG, CRC-32 of these   a crash at any byte costs the last frame at most, damage its own
 //! head:   exposed (ns of the run) u64, width and height u32, focal lengths, center and distortion f64
 //! ```
-//! `length` is that of head and PNG. PNG, since a detector that looks again is to see the same bytes; one file, since eight hours of two
-//! cameras would be a hundred thousand. The thread of the tap writes them: nobody waits for it but a virtual clock.
+//! `length` is that of head and PNG. PNG is lossless, so that a detector that runs again sees the same bytes.
+//! One file per camera, because eight hours of two cameras would be a hundred thousand files. The thread of
+//! the tap writes them; only a virtual clock waits for it.
 
 mod read;
 pub use read::{FrameReader, KeptFrame};
@@ -20,24 +22,24 @@ use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What a file begins with, but for its version.
+/// Start of a file, before its version.
 const MAGIC: &[u8; 13] = b"mobee frames ";
-/// What follows: the version that is written and read.
+/// Version that is written and read.
 const VERSION: &[u8; 2] = b"1\n";
 /// Bytes before the first record.
 const START: u64 = (MAGIC.len() + VERSION.len()) as u64;
 /// Bytes of a record's head.
-const HEAD: usize = 8 + 2 * 4 + 8 * 8;
-/// The longest side that a frame may have, pixels.
-const LONGEST: u32 = mobee_contract::picture::MAX_SIDE;
+const HEAD_BYTES: usize = 8 + 2 * 4 + 8 * 8;
+/// Greatest width and height of a frame, pixels.
+const MAX_SIDE_PX: u32 = mobee_contract::picture::MAX_SIDE;
 
-/// The file of a camera, by its name in the run (`SENSOR/CAMERA`), in the run's folder.
+/// File of a camera in the run's folder, given its name in the run (`SENSOR/CAMERA`).
 pub(super) fn file(run: &Path, camera: &str) -> PathBuf {
-    // neither name has a dot
+    // neither name contains a dot
     run.join(camera.replace('/', ".") + ".frames")
 }
 
-/// Writes the frames of a run. Clones share it: one is kept to open its sink anew.
+/// Recorder of the frames of a run. Clones share the files; one is retained to open the sink again.
 #[derive(Clone, Debug)]
 pub struct KeptFrames {
     files: Arc<Mutex<BTreeMap<String, FrameFile>>>,
@@ -45,13 +47,14 @@ pub struct KeptFrames {
 }
 
 impl KeptFrames {
-    /// Begins a file for each of these cameras in the run's folder, or goes on in that of an earlier process, whose last frame is cut off
-    /// if it is not whole. What is damaged before that stays as it is, see [`KeptFrames::damage`].
+    /// Creates a file for each of these cameras in the run's folder, or continues that of an earlier process.
+    /// A partial last frame is cut off. Earlier damage is preserved, see [`KeptFrames::damage`].
     ///
     /// # Errors
-    /// The file that can't be written or is none of these, in words.
+    /// The file that can't be written or is not a frame file, as a message.
     pub fn open(run: &Path, cameras: &[String]) -> Result<KeptFrames, String> {
-        let (mut files, mut damage) = (BTreeMap::new(), Vec::new());
+        let mut files = BTreeMap::new();
+        let mut damage = Vec::new();
         for camera in cameras {
             let (file, damaged) = FrameFile::open(file(run, camera))?;
             files.insert(camera.clone(), file);
@@ -60,12 +63,12 @@ impl KeptFrames {
         Ok(KeptFrames { files: Arc::new(Mutex::new(files)), damage: damage.into() })
     }
 
-    /// What of the frames of earlier processes can't be read, in words.
+    /// Messages about unreadable frames of earlier processes.
     pub fn damage(&self) -> &[String] {
         &self.damage
     }
 
-    /// The sink that writes them. A new one continues where the last one failed.
+    /// Sink that writes the frames. A new one continues where the last one failed.
     pub fn sink(&self) -> Box<dyn Sink> {
         Box::new(self.clone())
     }
@@ -83,17 +86,17 @@ impl Sink for KeptFrames {
     }
 }
 
-/// One camera's file.
+/// File of one camera.
 #[derive(Debug)]
 struct FrameFile {
     path: PathBuf,
     file: File,
-    /// Bytes of the file that are whole.
+    /// Length of the valid part of the file, bytes.
     len: u64,
 }
 
 impl FrameFile {
-    /// Opens a camera's file, and names what is damaged in it.
+    /// Opens a camera's file, and describes the damage in it.
     fn open(path: PathBuf) -> Result<(FrameFile, Vec<String>), String> {
         let explain = |e: std::io::Error| format!("{}: {e}; choose a folder that can be written", path.display());
         let before = if path.exists() {
@@ -111,7 +114,7 @@ impl FrameFile {
         Ok((FrameFile { path, file, len }, damage))
     }
 
-    /// Adds a frame. If that fails the file may end with a part of it, which the next one overwrites.
+    /// Appends a frame. If that fails the file may end with a partial frame, which the next one overwrites.
     fn put(&mut self, frame: &Frame) -> Result<(), String> {
         let at = self.path.display();
         let bytes = record(frame).map_err(|e| format!("{at}: {e}; mend the camera"))?;
@@ -122,18 +125,19 @@ impl FrameFile {
     }
 }
 
-/// A frame with its length and its sum.
+/// Record of a frame, with its length and checksum.
 fn record(frame: &Frame) -> Result<Vec<u8>, String> {
     let Intrinsics { size: [width, height], focal, center, distortion } = frame.intrinsics;
     let bytes = u64::from(width) * u64::from(height) * 3;
-    if bytes == 0 || width.max(height) > LONGEST || frame.pixels.len() as u64 != bytes {
+    if bytes == 0 || width.max(height) > MAX_SIDE_PX || frame.pixels.len() as u64 != bytes {
         return Err(format!("a frame of {width}x{height} pixels in {} bytes can't be kept", frame.pixels.len()));
     }
     let mut record = vec![0; 4];
     record.extend(frame.exposed.0.to_le_bytes());
     record.extend([width, height].iter().flat_map(|n| n.to_le_bytes()));
     record.extend(focal.iter().chain(&center).chain(&distortion).flat_map(|x| x.to_le_bytes()));
-    // a picture with a sensor's noise gets within a hundredth of what the best filter for each row gives, in a fifth of its time
+    // an image with sensor noise gets within a hundredth of the size that the best filter per row gives, in a
+    // fifth of its time
     PngEncoder::new_with_quality(&mut record, CompressionType::Fast, FilterType::Avg)
         .write_image(&frame.pixels, width, height, ExtendedColorType::Rgb8)
         .map_err(|e| e.to_string())?;

@@ -1,7 +1,7 @@
-//! The kind `yarp`: a camera behind a YARP image port.
+//! The camera kind `yarp`: a camera behind a YARP image port.
 //!
 //! ```text
-//! their port ──images──> our port (newest wins) ──thread──> cell: the newest picture ──frame──> who asks
+//! their port ──images──> our port (newest wins) ──thread──> cell: the newest image ──frame──> caller
 //! ```
 
 use super::lens_settings::{LensSettings, size};
@@ -24,33 +24,34 @@ use tokio::time::{Instant, sleep};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct YarpCameraSettings {
-    /// The image port, such as `/icub/cam/left`.
+    /// Image port, such as `/icub/cam/left`.
     pub port: String,
-    /// Width and height of its pictures, pixels.
+    /// Width and height of its images, pixels.
     #[serde(default = "size")]
     pub size: [u32; 2],
-    /// How it projects.
+    /// Projection of the camera.
     #[serde(default)]
     pub lens: LensSettings,
-    /// Pictures per second, at most: how often is looked for a new one.
+    /// Greatest number of images per second: the rate at which the camera is polled.
     #[serde(default = "fps")]
     pub fps: f64,
-    /// Time from a picture's exposure to its arrival, ms.
+    /// Time from an image's exposure to its arrival, ms.
     #[serde(default = "delay_ms")]
     pub delay_ms: f64,
     /// Address of the name server, `HOST:PORT`. Default: from YARP's own files and environment.
     #[serde(default)]
     pub server: Option<String>,
-    /// The name of our own port; default: `/MoBeE/ROBOT` before the camera's.
+    /// Name of our own port; default: `/MoBeE/ROBOT` before the camera's.
     #[serde(default)]
     pub name: Option<String>,
-    /// The address of this machine on which our port listens; default: 127.0.0.1, for this machine only.
+    /// Address of this machine on which our port listens; default: 127.0.0.1, for this machine only.
     #[serde(default)]
     pub listen: Option<String>,
-    /// The marker of the robot's model that it is at, looking along its normal, for the recording; locators don't ask.
+    /// Marker of the robot's model that the camera is attached to, looking along its normal. Used by the
+    /// recording only; locators ignore it.
     #[serde(default)]
     pub marker: Option<String>,
-    /// The carrier of the pictures: `tcp` (the sender leaves pictures out while one is on its way), `fast_tcp` or `udp`.
+    /// Carrier of the images: `tcp` (the sender skips images while one is in transit), `fast_tcp` or `udp`.
     #[serde(default = "carrier")]
     pub carrier: String,
 }
@@ -65,29 +66,30 @@ fn carrier() -> String {
     "tcp".into()
 }
 
-/// How long is waited before a port that can't be reached is asked again.
-const AGAIN: Duration = Duration::from_millis(500);
-/// A camera that sends nothing for so many periods, and for so long, is asked to connect again.
+/// Pause before a port that can't be reached is tried again.
+const RETRY_PAUSE: Duration = Duration::from_millis(500);
+/// Silence after which a new connection is requested from the camera: this number of periods, and at least this
+/// time.
 const PERIODS: u32 = 10;
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// What the thread has heard.
+/// Images received by the thread.
 #[derive(Default)]
-struct Heard {
+struct ReceivedImages {
     newest: Option<(Instant, Vec<u8>)>,
-    /// Pictures that newer ones replaced before anybody asked.
+    /// Number of images replaced by newer ones before a request.
     dropped: u64,
-    /// What came that is no picture of this camera.
+    /// Received messages that are not images of this camera.
     skipped: Option<SkippedPictures>,
 }
 
-type Cell = Arc<Mutex<Heard>>;
+type Cell = Arc<Mutex<ReceivedImages>>;
 
-fn lock(cell: &Cell) -> MutexGuard<'_, Heard> {
+fn lock(cell: &Cell) -> MutexGuard<'_, ReceivedImages> {
     cell.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A camera behind a YARP image port. Its thread begins when the first picture is asked for, and ends with it.
+/// A camera behind a YARP image port. Its thread starts with the first request, and ends with the camera.
 pub struct YarpCamera {
     settings: YarpCameraSettings,
     lens: Intrinsics,
@@ -96,15 +98,15 @@ pub struct YarpCamera {
     carrier: Carrier,
     mount: Option<CameraMount>,
     cell: Cell,
-    /// Dropped to end the thread.
+    /// Sender whose drop ends the thread.
     thread: Option<watch::Sender<()>>,
 }
 
 impl YarpCamera {
-    /// A camera for a robot of this name. Nothing is opened or asked yet.
+    /// Creates a camera for a robot of this name. Opens and queries nothing yet.
     ///
     /// # Errors
-    /// The settings that can't be used.
+    /// Settings that can't be used.
     pub fn new(settings: &YarpCameraSettings, robot: &str) -> Result<YarpCamera, KindError> {
         let [width, height] = settings.size.map(f64::from);
         let mut checks = vec![
@@ -137,13 +139,13 @@ impl YarpCamera {
         })
     }
 
-    /// The same on a network that is known already.
+    /// Same camera on an existing network.
     #[must_use]
     pub fn on(self, network: &Network) -> YarpCamera {
         YarpCamera { network: Some(network.clone()), ..self }
     }
 
-    /// Pictures that came and were replaced by newer ones before anybody asked.
+    /// Number of images replaced by newer ones before a request.
     pub fn dropped(&self) -> u64 {
         lock(&self.cell).dropped
     }
@@ -156,7 +158,7 @@ impl YarpCamera {
             }
         };
         let (end, mut ended) = watch::channel(());
-        let ear = Ear {
+        let receiver = ImageReceiver {
             cell: Arc::clone(&self.cell),
             network,
             own: self.own.clone(),
@@ -169,7 +171,7 @@ impl YarpCamera {
         let runtime = runtime.map_err(|e| format!("no thread for the camera's network: {e}"))?;
         let work = async move {
             tokio::select! {
-                () = ear.listen() => {}
+                () = receiver.listen() => {}
                 _ = ended.changed() => {}
             }
         };
@@ -188,8 +190,8 @@ impl Camera for YarpCamera {
         if self.thread.is_none() {
             self.thread = Some(self.listen()?);
         }
-        let mut heard = lock(&self.cell);
-        let Some((arrived, pixels)) = heard.newest.take() else { return Ok(None) };
+        let mut received = lock(&self.cell);
+        let Some((arrived, pixels)) = received.newest.take() else { return Ok(None) };
         let age = arrived.elapsed() + Duration::try_from_secs_f64(self.settings.delay_ms * 1e-3).unwrap_or_default();
         let exposed = Time(now.0.saturating_sub(age.as_nanos() as u64));
         Ok(Some(Frame { exposed, intrinsics: self.lens, pixels: pixels.into() }))
@@ -208,40 +210,40 @@ impl Camera for YarpCamera {
     }
 }
 
-/// What the thread listens with.
-struct Ear {
+/// Receiver of images, which runs in the thread.
+struct ImageReceiver {
     cell: Cell,
     network: Network,
     own: String,
     theirs: String,
     carrier: Carrier,
     size: [u32; 2],
-    /// How long the camera may be silent before it is asked to connect again.
+    /// Silence after which a new connection is requested from the camera.
     patience: Duration,
 }
 
-impl Ear {
-    /// Listens for ever: a port that is not there yet, or no longer, may come.
+impl ImageReceiver {
+    /// Receives without end, because a port that is missing may come back.
     async fn listen(&self) {
-        let mut said = String::new();
+        let mut last_warning = String::new();
         loop {
             match self.connected().await {
                 Ok(mut port) => {
-                    said.clear();
-                    self.hear(&mut port, &mut said).await;
+                    last_warning.clear();
+                    self.receive(&mut port, &mut last_warning).await;
                     port.close().await;
                 }
-                Err(why) => self.warn(why, &mut said),
+                Err(why) => self.warn(why, &mut last_warning),
             }
-            sleep(AGAIN).await;
+            sleep(RETRY_PAUSE).await;
         }
     }
 
-    /// Each reason once.
-    fn warn(&self, why: String, said: &mut String) {
-        if why != *said {
+    /// Logs each reason once.
+    fn warn(&self, why: String, last_warning: &mut String) {
+        if why != *last_warning {
             tracing::warn!(camera = self.theirs, why, "no pictures from this camera; it is asked again");
-            *said = why;
+            *last_warning = why;
         }
     }
 
@@ -256,33 +258,33 @@ impl Ear {
         }
     }
 
-    /// Takes pictures for as long as the port is open.
-    async fn hear(&self, port: &mut InputPort, said: &mut String) {
+    /// Receives images while the port is open.
+    async fn receive(&self, port: &mut InputPort, last_warning: &mut String) {
         let mut source = StreamSource::new(&self.theirs, self.carrier, self.patience);
         let mut dropped = 0;
         loop {
             match source.recv(port).await {
                 Ok(Some(message)) => {
-                    said.clear();
+                    last_warning.clear();
                     let picture = pixels(&message, self.network.dialect(), self.size);
-                    let mut heard = lock(&self.cell);
-                    heard.dropped += port.dropped() - dropped;
+                    let mut received = lock(&self.cell);
+                    received.dropped += port.dropped() - dropped;
                     dropped = port.dropped();
                     match picture {
                         Ok(pixels) => {
-                            heard.dropped += u64::from(heard.newest.replace((instant(), pixels)).is_some());
+                            received.dropped += u64::from(received.newest.replace((instant(), pixels)).is_some());
                         }
-                        Err(why) => SkippedPictures::add(&mut heard.skipped, format!("{}: {why}", self.theirs)),
+                        Err(why) => SkippedPictures::add(&mut received.skipped, format!("{}: {why}", self.theirs)),
                     }
                 }
                 Ok(None) => return,
-                Err(why) => self.warn(why.to_string(), said),
+                Err(why) => self.warn(why.to_string(), last_warning),
             }
         }
     }
 }
 
-/// The pixels of an image message: red, green and blue, row by row.
+/// Pixels of an image message: red, green and blue, row by row.
 fn pixels(message: &Message, dialect: Dialect, size: [u32; 2]) -> Result<Vec<u8>, String> {
     let bottle = message.payload.bottle(dialect).map_err(|e| format!("what came is no image: {e}"))?;
     let image = Image::from_bottle(bottle).map_err(|e| format!("what came is no image: {e}"))?;
@@ -310,7 +312,7 @@ fn build(value: &Value, context: &CameraContext) -> Result<Box<dyn Camera>, Kind
     let settings: YarpCameraSettings = settings(value)?;
     let mut camera = YarpCamera::new(&settings, &context.robot.name)?;
     let mount = settings.marker.as_ref().map(|marker| Mount::new(&context.robot, marker, [0.0; 3], [0.0; 3]));
-    camera.mount = mount.transpose()?.map(|mount| mount.told(context.index));
+    camera.mount = mount.transpose()?.map(|mount| mount.to_contract(context.index));
     Ok(Box::new(camera))
 }
 

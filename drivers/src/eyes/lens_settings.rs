@@ -1,37 +1,38 @@
-//! How a camera projects, as its settings tell it.
+//! Settings of a camera's projection.
 
 use super::scenery::in_range;
 use mobee_contract::{Intrinsics, KindError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Focal length of the iCub's simulator for each pixel of height: 1 / (2 tan 25 deg).
+/// Focal length of the iCub simulator per pixel of height: 1 / (2 tan 25 deg).
 const FOCAL: f64 = 1.072_253_5;
 
-/// The size of pictures if nothing else is said, pixels: that of the iCub's cameras as they are mostly used.
+/// Default size of images, pixels: the most common one of the iCub's cameras.
 pub(super) fn size() -> [u32; 2] {
     [320, 240]
 }
 
-/// How a camera projects: a pinhole, and what its lens bends.
+/// Projection of a camera: a pinhole with lens distortion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LensSettings {
-    /// Focal lengths across and down, pixels; default: 50 degrees from top to bottom, as the iCub's simulator has.
+    /// Focal lengths across and down, pixels; default: 50 degrees from top to bottom, as in the iCub
+    /// simulator.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focal: Option<[f64; 2]>,
-    /// Where the optical axis meets the picture, pixels from its upper left corner; default: in its middle.
+    /// Position of the optical axis in the image, pixels from its upper left corner; default: the center.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub center: Option<[f64; 2]>,
-    /// What the lens bends: k1, k2, p1, p2 as OpenCV has them.
+    /// Distortion of the lens: k1, k2, p1, p2 as in OpenCV.
     pub distortion: [f64; 4],
 }
 
 impl LensSettings {
-    /// For pictures of this size.
+    /// Intrinsics for images of this size.
     ///
     /// # Errors
-    /// Those settings that make no sense, with what would.
+    /// Invalid settings, with the valid ranges.
     pub fn intrinsics(&self, size: [u32; 2]) -> Result<Intrinsics, KindError> {
         let [width, height] = size.map(f64::from);
         let focal = self.focal.unwrap_or([FOCAL * height; 2]);

@@ -1,4 +1,4 @@
-//! What light makes of surfaces: what comes from the lamp, where it is not in something's shadow, and what comes from everywhere.
+//! Lighting of surfaces: light of a lamp, except in shadows, and ambient light.
 
 use super::lens::{TILE, Tile};
 use super::scenery::Scenery;
@@ -7,19 +7,19 @@ use super::solid::V3;
 use super::surface::TileSurfaces;
 use nalgebra::{Isometry3, Vector3};
 
-/// The light of one moment, as an eye sees it.
+/// Light of one moment, in the camera frame.
 pub struct Light<'a> {
-    /// The color and strength of what comes from the lamp, and of what comes from everywhere.
+    /// Color and strength of the lamp, and of the ambient light.
     strength: [V3; 2],
     shadows: Option<&'a Shadows>,
-    /// In the eye's frame.
+    /// Position of the lamp in the camera frame.
     lamp: V3,
-    /// The world's up, in the eye's frame.
+    /// The world's up in the camera frame.
     up: V3,
 }
 
 impl<'a> Light<'a> {
-    /// The light of a scenery with a robot's base in its middle.
+    /// Light of a scenery with a robot's base in its center.
     pub fn new(
         scenery: &'a Scenery,
         shadows: Option<&'a Shadows>,
@@ -34,24 +34,25 @@ impl<'a> Light<'a> {
         }
     }
 
-    /// Turns the own colors of what a tile sees into what comes to the eye.
+    /// Converts the surface colors of a tile to the light that reaches the camera.
     pub fn fall(&self, tile: &Tile, surfaces: &mut TileSurfaces) {
-        // the cosine of the lamp's direction, what is mirrored of the lamp, and the share of what comes from everywhere
+        // cosine of the angle to the lamp, specular share, and ambient share
         let (mut direct, mut mirrored, mut around) = ([0.0f32; TILE], [0.0f32; TILE], [0.0f32; TILE]);
         let TileSurfaces { depth, normal: [nx, ny, nz], color, gloss } = surfaces;
-        let (lamp, up) = (self.lamp, self.up);
+        let lamp = self.lamp;
+        let up = self.up;
         let at = tile.x.iter().zip(&tile.y).zip(depth.iter());
         let facing = nx.iter().zip(ny.iter()).zip(nz.iter());
-        let told = direct.iter_mut().zip(&mut mirrored).zip(&mut around);
-        for ((((x, y), t), ((nx, ny), nz)), ((direct, mirrored), around)) in at.zip(facing).zip(told) {
+        let outputs = direct.iter_mut().zip(&mut mirrored).zip(&mut around);
+        for ((((x, y), t), ((nx, ny), nz)), ((direct, mirrored), around)) in at.zip(facing).zip(outputs) {
             let (px, py, pz) = (x * t, y * t, *t);
             let (lx, ly, lz) = (lamp.x - px, lamp.y - py, lamp.z - pz);
             let scale = 1.0 / (lx * lx + ly * ly + lz * lz).sqrt();
             let (lx, ly, lz) = (lx * scale, ly * scale, lz * scale);
             *direct = (nx * lx + ny * ly + nz * lz).max(0.0);
-            // a little less of it from below
+            // slightly less ambient light from below
             *around = 0.8 + 0.2 * (nx * up.x + ny * up.y + nz * up.z);
-            // half way between the lamp and the eye (Blinn)
+            // halfway vector between lamp and camera (Blinn)
             let back = 1.0 / (x * x + y * y + 1.0).sqrt();
             let (hx, hy, hz) = (lx - x * back, ly - y * back, lz - back);
             let cosine2 = (nx * hx + ny * hy + nz * hz).max(0.0).powi(2) / (hx * hx + hy * hy + hz * hz);
@@ -71,7 +72,7 @@ impl<'a> Light<'a> {
     }
 }
 
-/// Where the lamp is in the eye's frame.
+/// Position of the lamp in the camera frame.
 pub fn lamp_in_eye(scenery: &Scenery, base: Vector3<f64>, world_from_eye: &Isometry3<f64>) -> Vector3<f64> {
     let world = base + Vector3::from(scenery.lamp);
     world_from_eye.inverse_transform_point(&world.into()).coords

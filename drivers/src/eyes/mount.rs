@@ -1,33 +1,34 @@
-//! Where an eye is on its robot, and what it is housed in.
+//! Mount of a camera on its robot, and its housing.
 
 use mobee_contract::{CameraMount, KindError, suggestion};
 use mobee_model::{Robot, Shape, distance};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-/// Shapes of the robot that are nearer to the eye than this while it is at home are its housing, meters.
+/// Distance to the camera, in the home configuration, below which shapes of the robot are its housing,
+/// meters.
 const HOUSING: f64 = 0.015;
 
-/// An eye on a robot.
+/// A camera on a robot.
 #[derive(Clone, Debug)]
 pub struct Mount {
-    /// The node that carries it.
+    /// Node that carries it.
     node: usize,
     /// `node_from_eye`.
     pose: Isometry3<f64>,
-    /// The shapes that house it, which it does not see: node and shape.
+    /// Shapes that house it, which are not rendered: node and shape.
     housing: Vec<(usize, usize)>,
 }
 
 impl Mount {
-    /// At a marker, which looks along its normal. The picture's upper side is where the model's z axis points while all motors are at
-    /// zero; where the eye looks along that, it is where the x axis points.
+    /// Mounts a camera at a marker, looking along its normal. The image's upper side is toward the model's z
+    /// axis while all motors are at zero, or toward the x axis if the camera looks along z.
     ///
     /// # Arguments
-    /// * `offset_m`: from the marker, in the eye's own frame (x right, y down, z forward), meters.
-    /// * `rotation_deg`: then turned by these about that frame's x, y and z axis, in this order, degrees.
+    /// * `offset_m`: offset from the marker, in the camera frame (x right, y down, z forward), meters.
+    /// * `rotation_deg`: subsequent rotation about that frame's x, y and z axis, in this order, degrees.
     ///
     /// # Errors
-    /// If the robot has no such marker.
+    /// The robot has no such marker.
     pub fn new(robot: &Robot, marker: &str, offset_m: [f64; 3], rotation_deg: [f64; 3]) -> Result<Mount, KindError> {
         let Some(found) = robot.marker(marker) else {
             let names: Vec<&str> = robot.markers.iter().map(|m| m.name.as_str()).collect();
@@ -35,7 +36,7 @@ impl Mount {
             return Err(KindError::new("marker", what, suggestion(marker, "marker", &names)));
         };
         let z = found.normal.into_inner();
-        // frames of robot models are never turned while the motors are at zero, so this is the world's up
+        // frames of robot models are not rotated while the motors are at zero, so this is the world's up
         let up = if z.z.abs() < 0.999 { Vector3::z() } else { Vector3::x() };
         let y = (z * z.dot(&up) - up).normalize();
         let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[y.cross(&z), y, z]));
@@ -67,14 +68,15 @@ impl Mount {
         world_from_node.get(self.node).map(|frame| frame * self.pose)
     }
 
-    /// The same in the words of the contract, on the robot of this index.
-    pub fn told(&self, robot: usize) -> CameraMount {
-        let (at, turn) = (self.pose.translation.vector, self.pose.rotation);
+    /// Converts to the contract's type, for the robot of this index.
+    pub fn to_contract(&self, robot: usize) -> CameraMount {
+        let at = self.pose.translation.vector;
+        let turn = self.pose.rotation;
         let rotation = [turn.w, turn.i, turn.j, turn.k];
         CameraMount { robot, node: self.node, position: at.into(), rotation }
     }
 
-    /// Whether a shape of the robot houses the eye.
+    /// True if a shape of the robot houses the camera.
     pub fn is_housed_in(&self, node: usize, shape: usize) -> bool {
         self.housing.contains(&(node, shape))
     }

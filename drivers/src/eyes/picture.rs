@@ -1,4 +1,4 @@
-//! Pictures on walls.
+//! Images on walls.
 
 use super::solid::V3;
 use super::texture::Texture;
@@ -8,10 +8,10 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use std::path::{Path, PathBuf};
 
-/// Pictures for walls, drawn from a file or a folder.
+/// Draws images for walls from a file or a folder.
 ///
 /// # Errors
-/// If there are none, or one that is drawn is broken.
+/// There are none, or one that is drawn is broken.
 pub fn textures(path: &Path, count: usize, rng: &mut ChaCha8Rng) -> Result<Vec<Texture>, KindError> {
     let wrong = |e: PictureFault| KindError::new("pictures", e.to_string(), e.help);
     let files = match path.is_dir() {

@@ -1,4 +1,4 @@
-//! The kind `recorded`: what a camera saw in a run, again.
+//! The camera kind `recorded`, which replays the frames of a camera in an earlier run.
 
 use super::frames::{FrameReader, KeptFrame};
 use super::mount::Mount;
@@ -11,50 +11,52 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// How often is asked for a frame, at least and at most.
+/// Slowest and fastest rate of requests, as periods.
 const SLOWEST: Duration = Duration::from_secs(1);
 const FASTEST: Duration = Duration::from_millis(1);
 
-/// A camera of a run that kept its frames.
+/// A camera of a run that recorded its frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedCameraSettings {
-    /// The folder of the run, relative to the configuration file. Its sensor had `keep_frames = true`.
+    /// Folder of the run, relative to the configuration file. Its sensor had `keep_frames = true`.
     #[schemars(extend("format" = "path"))]
     pub run: PathBuf,
-    /// The camera, by its name in that run: `SENSOR/CAMERA`.
+    /// Name of the camera in that run: `SENSOR/CAMERA`.
     pub camera: String,
-    /// Whether it begins anew after the last frame; otherwise there are no more.
+    /// True if it starts again after the last frame; otherwise it ends.
     #[serde(default)]
     pub repeat: bool,
-    /// The marker of the robot's model that it is at, looking along its normal, for the recording; locators don't ask.
+    /// Marker of the robot's model that the camera is attached to, looking along its normal. Used by the
+    /// recording only; locators ignore it.
     #[serde(default)]
     pub marker: Option<String>,
 }
 
-/// A camera that gives what another one saw, each frame when it was exposed, as long after the run's beginning.
+/// A camera that replays the frames of another one, each at its exposure time relative to the start of the
+/// run.
 pub struct RecordedCamera {
     reader: FrameReader,
-    /// The first one whose time has not come.
+    /// First frame that is not due yet.
     next: Option<KeptFrame>,
     repeats: bool,
     mount: Option<CameraMount>,
-    /// How much later it is than in the run: nothing, but for repetitions.
+    /// Delay relative to the run: zero until the first repetition.
     later: Duration,
-    /// Damaged places of the file that were logged.
-    told: usize,
-    /// The last two exposures.
+    /// Number of damaged places of the file that were logged.
+    logged: usize,
+    /// Last two exposure times.
     last: [Time; 2],
-    /// Until the next one.
+    /// Time until the next frame.
     wait: Duration,
     skipped: Option<SkippedPictures>,
 }
 
 impl RecordedCamera {
-    /// The camera of a run in a folder; whether all frames are whole is seen when it is their turn.
+    /// Creates the camera of a recorded run. Each frame is decoded when it is due.
     ///
     /// # Errors
-    /// A folder without frames, a camera that is not among them, or a file whose first frame is not whole.
+    /// A folder without frames, a camera that is not among them, or a file whose first frame is damaged.
     pub fn new(settings: &RecordedCameraSettings) -> Result<RecordedCamera, KindError> {
         let mut reader = FrameReader::open(&settings.run, &settings.camera)?;
         let wrong = |what| KindError::new("run", what, "give a run that kept frames of this camera");
@@ -67,7 +69,7 @@ impl RecordedCamera {
             repeats: settings.repeat,
             mount: None,
             later: Duration::ZERO,
-            told: 0,
+            logged: 0,
             last: [Time::ZERO; 2],
             wait: Duration::ZERO,
             skipped: None,
@@ -76,7 +78,7 @@ impl RecordedCamera {
         Ok(camera)
     }
 
-    /// The next frame whose time has come.
+    /// Next frame that is due.
     fn due(&mut self, now: Time) -> Result<Option<KeptFrame>, String> {
         let Some(next) = self.next.filter(|next| next.exposed + self.later <= now) else { return Ok(None) };
         let given = next.later(self.later);
@@ -88,21 +90,22 @@ impl RecordedCamera {
         Ok(Some(given))
     }
 
-    /// The next frame of the file; what is damaged before it is logged.
+    /// Next frame of the file. Damage before it is logged.
     fn read_on(&mut self) -> Result<Option<KeptFrame>, String> {
         let next = self.reader.next_frame()?;
         let damage = self.reader.damage();
-        damage.get(self.told..).unwrap_or_default().iter().for_each(|what| tracing::warn!("{what}"));
-        self.told = self.told.max(damage.len());
+        damage.get(self.logged..).unwrap_or_default().iter().for_each(|what| tracing::warn!("{what}"));
+        self.logged = self.logged.max(damage.len());
         Ok(next)
     }
 
-    /// The first frame comes as long after the last one as that came after the one before; after a second, if there is no other.
+    /// Restarts at the first frame, after the interval between the last two frames, or after a second if
+    /// there was only one.
     fn begin_anew(&mut self, now: Time) -> Result<(), String> {
         let [before, last] = self.last;
         let interval = Some(last.since(before)).filter(|interval| !interval.is_zero()).unwrap_or(SLOWEST);
         let length = last.since(Time::ZERO) + interval.max(FASTEST);
-        // who asks too late has missed whole repetitions
+        // skips the repetitions that a late request has missed
         let missed = now.since(Time::ZERO).saturating_sub(self.later).as_nanos() / length.as_nanos().max(1);
         self.later = self.later.saturating_add(length.saturating_mul(u32::try_from(missed.max(1)).unwrap_or(u32::MAX)));
         self.reader.rewind();
@@ -122,13 +125,13 @@ impl Camera for RecordedCamera {
 
     fn frame(&mut self, now: Time) -> Result<Option<Frame>, String> {
         let mut newest = None;
-        // who asks too late gets the newest
+        // a late request gets the newest frame
         loop {
             match self.due(now) {
                 Ok(Some(frame)) => newest = Some(frame),
                 Ok(None) => break,
                 Err(why) => {
-                    // nothing behind a head that can't be read is found again
+                    // frames behind an unreadable head can't be found
                     SkippedPictures::add(&mut self.skipped, why);
                     self.next = None;
                     break;
@@ -158,7 +161,7 @@ impl Camera for RecordedCamera {
 fn build(value: &Value, context: &CameraContext) -> Result<Box<dyn Camera>, KindError> {
     let settings: RecordedCameraSettings = settings(value)?;
     let mount = settings.marker.as_ref().map(|marker| Mount::new(&context.robot, marker, [0.0; 3], [0.0; 3]));
-    let mount = mount.transpose()?.map(|mount| mount.told(context.index));
+    let mount = mount.transpose()?.map(|mount| mount.to_contract(context.index));
     Ok(Box::new(RecordedCamera { mount, ..RecordedCamera::new(&settings)? }))
 }
 

@@ -1,4 +1,4 @@
-//! The room: the inner side of a box, with a texture on each wall.
+//! Room around the scene: the inner side of a box, with a texture on each wall.
 
 use super::lens::TILE;
 use super::scenery::Scenery;
@@ -7,25 +7,25 @@ use super::surface::Run;
 use super::texture::Texture;
 use nalgebra::{Isometry3, Vector3};
 
-/// The side of a wall's texture, meters: the height of a low room.
+/// Side of a wall's texture, meters: the height of a low room.
 const WALL: f32 = 2.2;
 
-/// A room as an eye is in it.
+/// The room in the camera frame.
 pub struct Room<'a> {
     walls: &'a [Texture; 6],
-    /// Where the eye is.
+    /// Position of the camera relative to the robot's base.
     eye: V3,
-    /// The room's axes, in the eye's frame.
+    /// Axes of the room in the camera frame.
     axes: [V3; 3],
     low: V3,
     high: V3,
 }
 
 impl<'a> Room<'a> {
-    /// The room of a scenery, around a robot's base in the world.
+    /// Room of a scenery, around a robot's base in the world.
     pub fn new(scenery: &'a Scenery, base: Vector3<f64>, world_from_eye: &Isometry3<f64>) -> Room<'a> {
         let [width, depth, height] = scenery.settings.room_m;
-        // the floor is where the world says, not where the robot stands
+        // the floor's height is relative to the world, not to the robot
         let floor = scenery.settings.floor_m - base.z;
         let back = world_from_eye.rotation.inverse();
         Room {
@@ -37,12 +37,14 @@ impl<'a> Room<'a> {
         }
     }
 
-    /// All of these pixels see it.
+    /// Renders the room in all of these pixels.
     pub fn fill(&self, run: &mut Run) {
         run.gloss.fill(0.0);
         let (mut us, mut vs, mut walls) = ([0.0f32; TILE], [0.0f32; TILE], [0u32; TILE]);
         let [a, b, c] = self.axes;
-        let (eye, low, high) = (self.eye, self.low, self.high);
+        let eye = self.eye;
+        let low = self.low;
+        let high = self.high;
         let rays = run.x.iter().zip(run.y);
         let normals = run.nx.iter_mut().zip(run.ny.iter_mut().zip(run.nz.iter_mut()));
         let places = us.iter_mut().zip(vs.iter_mut().zip(&mut walls));
@@ -62,7 +64,7 @@ impl<'a> Room<'a> {
             let side = -1f32.copysign(d);
             (*nx, *ny, *nz) = (axis.x * side, axis.y * side, axis.z * side);
             *t = near;
-            // on walls, up is up
+            // textures of walls are upright
             *u = if across & !level { py } else { px };
             *v = if level { py } else { high.z - pz };
             *wall = if across { 0 } else { 2 };

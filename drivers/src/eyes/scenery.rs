@@ -1,5 +1,5 @@
-//! What there is to see beside robots and objects: a room, its lamp, textures, and things that resemble what is looked for. All of it is
-//! drawn from one seed, so that several eyes see the same.
+//! Surroundings of robots and objects: a room, its lamp, textures, and distractors. All of it is drawn from
+//! one seed, so that several cameras see the same.
 
 use super::distractors::DistractorSettings;
 use super::picture;
@@ -13,13 +13,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What there is to see beside robots and objects. Eyes that look at one world have the same scenery.
+/// Surroundings of robots and objects. Cameras in one world have the same scenery.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScenerySettings {
-    /// The seed of colors, textures, lamp and distractors.
+    /// Seed of colors, textures, lamp and distractors.
     pub seed: u64,
-    /// A picture (JPEG or PNG), or a folder of them, for the walls; default: drawn ones.
+    /// An image (JPEG or PNG), or a folder of them, for the walls; default: generated ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("format" = "path"))]
     pub pictures: Option<PathBuf>,
@@ -29,18 +29,18 @@ pub struct ScenerySettings {
     pub floor_m: f64,
     /// Width, depth and height of the room around the robot, m.
     pub room_m: [f64; 3],
-    /// Where the lamp is, from the robot's base, m; default: drawn, 1.1 to 1.7 m above it.
+    /// Position of the lamp relative to the robot's base, m; default: random, 1.1 to 1.7 m above it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lamp_m: Option<[f64; 3]>,
-    /// How bright the light is; default: drawn, 0.8 to 1.15.
+    /// Brightness of the light; default: random, 0.8 to 1.15.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub brightness: Option<f64>,
-    /// Whether things cast shadows.
+    /// True if objects cast shadows.
     pub shadows: bool,
-    /// Things that stand about and resemble an object; default: none.
+    /// Distractors, which resemble an object; default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub distractors: Option<DistractorSettings>,
-    /// Pictures that are glued to boxes of the world, such as tags.
+    /// Images on boxes of the world, such as tags.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stickers: Vec<StickerSettings>,
 }
@@ -66,7 +66,7 @@ impl ScenerySettings {
     /// Checks every setting.
     ///
     /// # Errors
-    /// Those that make no sense, with what would.
+    /// Invalid settings, with the valid ranges.
     pub fn validate(&self) -> Result<(), KindError> {
         let lamp = self.lamp_m.unwrap_or_default();
         let [width, depth, height] = self.room_m;
@@ -90,9 +90,9 @@ impl ScenerySettings {
     }
 }
 
-/// A number and the range that it must be in.
+/// Checks that a setting is within its range.
 pub fn in_range((name, value, least, most): (&str, f64, f64, f64)) -> Result<(), KindError> {
-    // written so that not-a-number fails
+    // written so that NaN fails
     if value >= least && value <= most {
         return Ok(());
     }
@@ -104,25 +104,25 @@ pub fn in_range((name, value, least, most): (&str, f64, f64, f64)) -> Result<(),
 pub struct Scenery {
     /// The settings.
     pub settings: ScenerySettings,
-    /// The colors of the six inner faces of the room: least and greatest x, y and z.
+    /// Textures of the six inner faces of the room: least and greatest x, y and z.
     pub walls: [Texture; 6],
-    /// What large boxes such as tables are made of: to multiply colors by.
+    /// Texture of large boxes such as tables, which multiplies their colors.
     pub wood: Texture,
-    /// Pixels of the wood's texture in a meter.
+    /// Pixels of the wood's texture per meter.
     pub wood_scale: f32,
-    /// Where the lamp is, from the robot's base, meters.
+    /// Position of the lamp relative to the robot's base, meters.
     pub lamp: [f64; 3],
-    /// The color and strength of what comes from the lamp, and of what comes from everywhere.
+    /// Color and strength of the lamp, and of the ambient light.
     pub light: [V3; 2],
-    /// What is glued to boxes.
+    /// Images on boxes.
     pub stickers: Vec<Sticker>,
 }
 
 impl Scenery {
-    /// As the settings say and their seed draws it.
+    /// Draws the scenery from the settings and their seed.
     ///
     /// # Errors
-    /// A setting that makes no sense, or a picture that can't be read.
+    /// An invalid setting, or an image that can't be read.
     pub fn new(settings: &ScenerySettings) -> Result<Scenery, KindError> {
         settings.validate()?;
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
@@ -147,7 +147,8 @@ impl Scenery {
         });
         let [x, y] = [0; 2].map(|_: u32| rng.random_range(-0.9..0.9));
         let drawn = [x, y, rng.random_range(1.1..1.7)];
-        let (bright, ambient) = (rng.random_range(0.8..1.15f32), rng.random_range(0.4..0.65f32));
+        let bright = rng.random_range(0.8..1.15f32);
+        let ambient = rng.random_range(0.4..0.65f32);
         let bright = settings.brightness.map_or(bright, |b| b as f32);
         let warm = rng.random_range(-0.08..0.08f32);
         let lamp_color = V3::new(1.0 + warm, 1.0, 1.0 - warm) * (bright * (1.1 - ambient));

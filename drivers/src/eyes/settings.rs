@@ -1,4 +1,4 @@
-//! The settings of a simulated camera.
+//! Settings of a simulated camera.
 
 use super::film::FilmSettings;
 use super::lens_settings::{LensSettings, size};
@@ -8,43 +8,43 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A camera that a simulated robot carries.
+/// A camera on a simulated robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimulatedCameraSettings {
-    /// The marker of the robot's model that it is at; it looks along the marker's normal.
+    /// Marker of the robot's model that the camera is attached to; it looks along the marker's normal.
     pub marker: String,
-    /// Where it is from there, in its own frame (x right, y down, z forward), m.
+    /// Position relative to the marker, in the camera frame (x right, y down, z forward), m.
     #[serde(default)]
     pub offset_m: [f64; 3],
-    /// By what it is turned about its own x, y and z axis there, deg.
+    /// Rotation about the camera's own x, y and z axis, deg.
     #[serde(default)]
     pub rotation_deg: [f64; 3],
-    /// Width and height of its pictures, pixels.
+    /// Width and height of its images, pixels.
     #[serde(default = "size")]
     pub size: [u32; 2],
-    /// How it projects.
+    /// Projection of the camera.
     #[serde(default)]
     pub lens: LensSettings,
-    /// Pictures per second.
+    /// Images per second.
     #[serde(default = "fps")]
     pub fps: f64,
-    /// How long the shutter is open, ms: what moves meanwhile is blurred.
+    /// Exposure time, ms, which determines the motion blur.
     #[serde(default = "exposure_ms")]
     pub exposure_ms: f64,
     /// Standard deviation of the noise of each color of each pixel, of 255.
     #[serde(default = "noise")]
     pub noise: f64,
-    /// How much less light the corners get than the middle, 0 to 1.
+    /// Loss of light in the corners relative to the center, 0 to 1.
     #[serde(default = "vignetting")]
     pub vignetting: f64,
-    /// How far red and blue drift within a minute, as a share of their strength.
+    /// Drift of red and blue within a minute, as a share of their strength.
     #[serde(default = "white_drift")]
     pub white_drift: f64,
-    /// Whether the lens is not quite sharp: each pixel has some light of those beside it.
+    /// True if the lens is slightly defocused: each pixel is blurred with its neighbors.
     #[serde(default = "soft")]
     pub soft: bool,
-    /// What there is to see beside robots and objects.
+    /// Surroundings of robots and objects.
     #[serde(default)]
     pub scenery: ScenerySettings,
 }
@@ -68,11 +68,11 @@ fn soft() -> bool {
     true
 }
 
-/// The longest side that pictures may have, pixels.
-const LONGEST: u32 = 4096;
+/// Greatest width and height of images, pixels.
+const MAX_SIDE_PX: u32 = 4096;
 
 impl SimulatedCameraSettings {
-    /// A camera at this marker, with default settings.
+    /// Settings of a camera at this marker, with default values.
     pub fn at(marker: &str) -> SimulatedCameraSettings {
         SimulatedCameraSettings {
             marker: marker.into(),
@@ -90,7 +90,7 @@ impl SimulatedCameraSettings {
         }
     }
 
-    /// The same as an ideal camera: no noise, blur, vignetting and drift.
+    /// Same settings as an ideal camera: without noise, blur, vignetting and drift.
     pub fn ideal(self) -> SimulatedCameraSettings {
         SimulatedCameraSettings { exposure_ms: 0.0, noise: 0.0, vignetting: 0.0, white_drift: 0.0, soft: false, ..self }
     }
@@ -98,10 +98,10 @@ impl SimulatedCameraSettings {
     /// Checks every setting.
     ///
     /// # Errors
-    /// Those that make no sense, with what would.
+    /// Invalid settings, with the valid ranges.
     pub fn validate(&self) -> Result<(), KindError> {
         let ([width, height], [ox, oy, oz], [rx, ry, rz]) = (self.size, self.offset_m, self.rotation_deg);
-        let longest = f64::from(LONGEST);
+        let longest = f64::from(MAX_SIDE_PX);
         let ranges = [
             ("offset_m[0]", ox, -10.0, 10.0),
             ("offset_m[1]", oy, -10.0, 10.0),
@@ -124,20 +124,20 @@ impl SimulatedCameraSettings {
         Ok(())
     }
 
-    /// How it projects.
+    /// Intrinsics of the camera.
     ///
     /// # Errors
-    /// Those settings of the lens that make no sense.
+    /// Invalid settings of the lens.
     pub fn intrinsics(&self) -> Result<Intrinsics, KindError> {
         self.lens.intrinsics(self.size).map_err(|e| e.under("lens"))
     }
 
-    /// The time between two pictures.
+    /// Time between two images.
     pub fn period(&self) -> Duration {
         Duration::try_from_secs_f64(1.0 / self.fps).unwrap_or(Duration::from_millis(33))
     }
 
-    /// What it says of optics and sensor.
+    /// Settings of optics and sensor.
     pub(super) fn film(&self) -> FilmSettings {
         FilmSettings {
             noise: self.noise as f32,

@@ -1,4 +1,4 @@
-//! What the lamp sees: all else is in the shadow.
+//! Shadow map: the view of the lamp, outside of which lies the shadow.
 
 use super::lens::{Rays, TILE, Tile};
 use super::sight::{lay, look};
@@ -8,41 +8,42 @@ use mobee_contract::Intrinsics;
 use mobee_model::Shape;
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-/// The side of the lamp's picture, pixels.
+/// Side of the lamp's image, pixels.
 const SIDE: u32 = 160;
-/// How wide the lamp looks: half its picture, at one meter, meters. Beyond that there are no shadows.
+/// Half the width of the lamp's image at one meter, meters. Beyond it there are no shadows.
 const WIDE: f64 = 0.55;
-/// TileSurfaces nearer together than this do not shade each other, meters: the lamp's pixels are coarse.
+/// Depth tolerance of shadows, meters, because the lamp's pixels are coarse.
 const SLACK: f32 = 0.012;
-/// How far before the eye the lamp aims, meters.
+/// Distance in front of the camera at which the lamp aims, meters.
 const AHEAD: f64 = 0.45;
 
-/// The lamp's view of what is before an eye.
+/// The lamp's view of the scene in front of a camera.
 pub struct Shadows {
     rays: Rays,
     depth: Vec<f32>,
-    /// `lamp_from_eye`: the lamp's axes in the eye's frame, and the eye in the lamp's.
+    /// `lamp_from_eye`: the lamp's axes in the camera frame, and the camera's position in the lamp's.
     turn: [V3; 3],
     shift: V3,
     focal: f32,
 }
 
 impl Shadows {
-    /// Nothing is lit yet.
+    /// Creates an empty shadow map.
     pub fn new() -> Shadows {
-        let (side, focal) = (f64::from(SIDE), f64::from(SIDE) / 2.0 / WIDE);
+        let side = f64::from(SIDE);
+        let focal = f64::from(SIDE) / 2.0 / WIDE;
         let lens = Intrinsics { size: [SIDE; 2], focal: [focal; 2], center: [side / 2.0; 2], distortion: [0.0; 4] };
-        // a pinhole sees something in every pixel
+        // a pinhole has a ray for every pixel
         let rays = Rays::new(&lens).unwrap_or(Rays { bands: Vec::new(), size: [0; 2] });
         let depth = vec![f32::INFINITY; rays.size[0] * rays.size[1]];
         Shadows { rays, depth, turn: [V3::zeros(); 3], shift: V3::zeros(), focal: focal as f32 }
     }
 
-    /// Lights shapes.
+    /// Renders shapes from the lamp.
     ///
     /// # Arguments
-    /// * `lamp`: where it is, in the eye's frame.
-    /// * `solids`: the shapes where they are, `eye_from_shape`.
+    /// * `lamp`: position of the lamp in the camera frame.
+    /// * `solids`: the shapes with their poses, `eye_from_shape`.
     pub fn light(&mut self, lamp: Vector3<f64>, solids: impl Iterator<Item = (Shape, Isometry3<f64>)>) {
         let z = (Vector3::new(0.0, 0.0, AHEAD) - lamp).normalize();
         let other = if z.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
@@ -57,11 +58,11 @@ impl Shadows {
         look(rays, &forms, |seen| lay(seen.corner, seen.depth, depth, rays.size));
     }
 
-    /// Takes the lamp's light from what is in the shadow: the four nearest pixels of its view, mixed.
+    /// Removes the lamp's light from shadows, interpolating the four nearest pixels of its view.
     ///
     /// # Arguments
-    /// * `depth`: of what each pixel of the tile sees, meters.
-    /// * `direct`: the cosine of the lamp's direction, and `mirrored`, what is mirrored of it.
+    /// * `depth`: depth of each pixel of the tile, meters.
+    /// * `direct`: cosine of the angle to the lamp; `mirrored`: specular share.
     pub fn fall(&self, tile: &Tile, depth: &Numbers, direct: &mut Numbers, mirrored: &mut Numbers) {
         let (mut us, mut vs, mut far) = ([0.0f32; TILE], [0.0f32; TILE], [0.0f32; TILE]);
         let ([a, b, c], shift, focal) = (self.turn, self.shift, self.focal);
@@ -73,7 +74,7 @@ impl Shadows {
             let scale = focal / away;
             *u = along(a, shift.x) * scale + half;
             *v = along(b, shift.y) * scale + half;
-            // a pixel of the lamp is the longer on a surface, the more that is turned away
+            // the footprint of a lamp pixel grows with the angle of incidence
             *z = away - SLACK * (0.5 + 0.5 / cosine.max(0.1));
         }
         let most = (SIDE - 1) as f32;
@@ -87,7 +88,7 @@ impl Shadows {
         }
     }
 
-    /// The share of light at a place of the lamp's view, so far away.
+    /// Share of light at a position of the lamp's view and this depth.
     #[inline(always)]
     fn reaches(&self, u: f32, v: f32, far: f32) -> f32 {
         let (left, top) = (u as u32, v as u32);

@@ -1,27 +1,27 @@
-//! Which shape each pixel sees, and how far away it is: a depth buffer, tile by tile.
+//! Rasterizer: the shape that each pixel shows, and its depth, tile by tile.
 
 use super::lens::{NOTHING, Rays, TILE, TILE_HEIGHT, TILE_WIDTH, Tile, TileBounds, overlaps};
 use super::solid::Form;
 
-/// The number of no shape.
+/// Index that stands for no shape.
 pub const NOBODY: u32 = u32::MAX;
 
-/// What a tile sees.
+/// Visible shapes of a tile.
 pub struct TileSight<'a> {
-    /// The pixel in its upper left corner.
+    /// Pixel in its upper left corner.
     pub corner: [usize; 2],
     /// Its rays.
     pub tile: &'a Tile,
-    /// Along the optical axis, meters; infinite where nothing is.
+    /// Depth along the optical axis, meters; infinite where no shape is.
     pub depth: &'a [f32; TILE],
-    /// The number of the shape; [`NOBODY`] where nothing is.
+    /// Index of the shape; [`NOBODY`] where there is none.
     pub solid: &'a [u32; TILE],
 }
 
-/// Looks at shapes in the eye's frame, and tells what each tile sees, row by row.
+/// Rasterizes shapes in the camera frame, and passes the result on tile by tile, row by row.
 ///
 /// # Performance
-/// A shape is met with the tiles that its box in the picture overlaps, and with no other.
+/// A shape is tested only with the tiles that its bounds overlap.
 pub fn look(rays: &Rays, forms: &[Form], mut tell: impl FnMut(TileSight)) {
     let bounds: Vec<(u32, &Form, TileBounds)> = (0u32..).zip(forms).map(|(k, f)| (k, f, f.bounds())).collect();
     let mut here: Vec<&(u32, &Form, TileBounds)> = Vec::with_capacity(bounds.len());
@@ -29,7 +29,8 @@ pub fn look(rays: &Rays, forms: &[Form], mut tell: impl FnMut(TileSight)) {
         here.clear();
         here.extend(bounds.iter().filter(|(.., b)| *b != NOTHING && overlaps(b, &band.bounds)));
         for (column, tile) in band.tiles.iter().enumerate() {
-            let (mut depth, mut solid) = ([f32::INFINITY; TILE], [NOBODY; TILE]);
+            let mut depth = [f32::INFINITY; TILE];
+            let mut solid = [NOBODY; TILE];
             for (number, form, _) in here.iter().filter(|(.., b)| overlaps(b, &tile.bounds)) {
                 form.cast(tile, *number, &mut depth, &mut solid);
             }
@@ -39,7 +40,7 @@ pub fn look(rays: &Rays, forms: &[Form], mut tell: impl FnMut(TileSight)) {
     }
 }
 
-/// Copies what a tile says of its pixels into a picture, row by row, without what is beyond the border.
+/// Copies the values of a tile into an image, without the part beyond the border.
 pub fn lay<T: Copy>(corner: [usize; 2], of: &[T; TILE], picture: &mut [T], [width, height]: [usize; 2]) {
     let [left, top] = corner;
     let wide = TILE_WIDTH.min(width.saturating_sub(left));

@@ -1,4 +1,4 @@
-//! The kind `simulated`: a camera that a simulated robot carries.
+//! The camera kind `simulated`: a camera on a simulated robot.
 
 use super::eye::SimulatedEye;
 use super::settings::SimulatedCameraSettings;
@@ -8,20 +8,20 @@ use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A camera that sees the truth.
+/// A camera that renders the ground truth.
 pub struct SimulatedCamera {
     eye: SimulatedEye,
     period: Duration,
     truth: Arc<dyn Fn() -> Option<Truth> + Send + Sync>,
-    /// Where it was when the last picture was taken, and when that was.
+    /// Pose of the camera at the last image, and the time of that image.
     before: Option<(Isometry3<f64>, Time)>,
 }
 
 impl SimulatedCamera {
-    /// A camera on the context's robot.
+    /// Creates a camera on the context's robot.
     ///
     /// # Errors
-    /// The settings that can't be used.
+    /// Settings that can't be used.
     pub fn new(settings: &SimulatedCameraSettings, context: &CameraContext) -> Result<SimulatedCamera, KindError> {
         let eye = SimulatedEye::new(settings, &context.robot, context.index, context.seed)?;
         Ok(SimulatedCamera { eye, period: settings.period(), truth: Arc::clone(&context.truth), before: None })

@@ -1,16 +1,16 @@
-//! Shapes as an eye meets them: in its own frame, with what holds them in the picture and where a ray enters them.
+//! Shapes in the camera frame, with their bounds in the image and their intersections with rays.
 
 use super::lens::{NOTHING, TILE, Tile, TileBounds, union};
 use mobee_model::Shape;
 use nalgebra::{Isometry3, Vector3};
 
-/// What is nearer is not seen, meters.
-pub const NEAR: f32 = 0.01;
+/// Near plane, meters.
+pub const NEAR_PLANE_M: f32 = 0.01;
 
-/// A place or a direction in the eye's frame, or in a shape's own.
+/// Point or direction in the camera frame, or in a shape's own.
 pub type V3 = Vector3<f32>;
 
-/// A shape in the eye's frame, meters.
+/// A shape in the camera frame, meters.
 #[derive(Clone, Copy, Debug)]
 pub enum Form {
     /// A ball.
@@ -26,38 +26,39 @@ pub enum Form {
     Box {
         /// Its own axes.
         axes: [V3; 3],
-        /// The eye, in the box's frame.
+        /// Position of the camera in the box's frame.
         eye: V3,
-        /// Half its edges.
+        /// Half of its edge lengths.
         half: V3,
     },
 }
 
-/// What capsules and cylinders have in common.
+/// Common data of capsules and cylinders.
 #[derive(Clone, Copy, Debug)]
 pub struct Rod {
     /// Its center.
     pub center: V3,
     /// Unit direction of its axis.
     pub axis: V3,
-    /// Center times axis.
+    /// Cross product of center and axis.
     moment: V3,
     /// Half its length along the axis, without round ends.
     pub half: f32,
     /// Its radius.
     pub radius: f32,
-    /// Whether its ends are half balls.
+    /// True if its ends are hemispheres.
     pub round: bool,
 }
 
 impl Form {
-    /// A shape where it is, `eye_from_shape`.
+    /// Transforms a shape by its pose, `eye_from_shape`.
     pub fn new(shape: &Shape, pose: &Isometry3<f64>) -> Form {
         let center = pose.translation.vector;
         let rod = |radius: f64, height: f64, round| {
             let axis = pose.rotation * Vector3::y();
             let moment = center.cross(&axis).cast();
-            let (half, radius) = ((height / 2.0) as f32, radius as f32);
+            let half = (height / 2.0) as f32;
+            let radius = radius as f32;
             Form::Rod(Rod { center: center.cast(), axis: axis.cast(), moment, half, radius, round })
         };
         match *shape {
@@ -72,7 +73,7 @@ impl Form {
         }
     }
 
-    /// What holds it in the picture; [`NOTHING`] if all of it is behind the eye.
+    /// Bounds in the image; [`NOTHING`] if all of it is behind the camera.
     pub fn bounds(&self) -> TileBounds {
         match *self {
             Form::Ball { center, radius } => ball_bounds(center, radius)
@@ -82,7 +83,7 @@ impl Form {
                 if let (true, [Some(a), Some(b)]) = (round, ends) {
                     return union(a, b);
                 }
-                // the box around it, turned about its axis as it comes
+                // box around the rod, with any rotation about its axis
                 let other = if axis.x.abs() < 0.7 { V3::x() } else { V3::y() };
                 let side = axis.cross(&other).normalize();
                 let length = if round { half + radius } else { half };
@@ -94,8 +95,8 @@ impl Form {
         }
     }
 
-    /// Where each ray of a tile enters the shape, if that is nearer than what was met before: there `depth` (along the optical axis,
-    /// meters) becomes that, and `owner` the given number. A shape that the eye is within is not met.
+    /// Intersects each ray of a tile with the shape. Where the shape is nearer than earlier ones, sets
+    /// `depth` (along the optical axis, meters) and `owner`. A shape that contains the camera is not hit.
     pub fn cast(&self, tile: &Tile, number: u32, depth: &mut [f32; TILE], owner: &mut [u32; TILE]) {
         match *self {
             Form::Ball { center, radius } => each(tile, number, depth, owner, |x, y| {
@@ -107,32 +108,34 @@ impl Form {
             Form::Box { axes, eye, half } => each(tile, number, depth, owner, |x, y| {
                 let slab = |axis: V3, eye: f32, half: f32| {
                     let inverse = 1.0 / (axis.x * x + axis.y * y + axis.z);
-                    let (middle, reach) = (-eye * inverse, half * inverse.abs());
+                    let middle = -eye * inverse;
+                    let reach = half * inverse.abs();
                     (middle - reach, middle + reach)
                 };
                 let (a, d) = slab(axes[0], eye.x, half.x);
                 let (b, e) = slab(axes[1], eye.y, half.y);
                 let (c, f) = slab(axes[2], eye.z, half.z);
-                let (enters, leaves) = (a.max(b).max(c), d.min(e).min(f));
+                let enters = a.max(b).max(c);
+                let leaves = d.min(e).min(f);
                 if enters < leaves { enters } else { f32::INFINITY }
             }),
         }
     }
 }
 
-/// One loop for all shapes, made for each: what `enter` does becomes vector instructions.
+/// One loop for all shapes, instantiated for each, so that `enter` is vectorized.
 #[inline(always)]
 fn each(tile: &Tile, number: u32, depth: &mut [f32; TILE], owner: &mut [u32; TILE], enter: impl Fn(f32, f32) -> f32) {
     for ((x, y), (d, o)) in tile.x.iter().zip(&tile.y).zip(depth.iter_mut().zip(owner)) {
         let t = enter(*x, *y);
-        // with masks: what branches is no vector instruction
-        let met = u32::from(t > NEAR && t < *d).wrapping_neg();
+        // uses masks, because branches prevent vectorization
+        let met = u32::from(t > NEAR_PLANE_M && t < *d).wrapping_neg();
         *d = f32::from_bits(t.to_bits() & met | d.to_bits() & !met);
         *o = number & met | *o & !met;
     }
 }
 
-/// The discriminant (positive: met) and the depth at which the ray `(x, y, 1)` enters a ball.
+/// Discriminant (positive for a hit), and depth at which the ray `(x, y, 1)` enters a ball.
 #[inline(always)]
 fn enter_ball(x: f32, y: f32, c: V3, radius: f32) -> (f32, f32) {
     // r^2 d.d - |d x c|^2: the usual (d.c)^2 - d.d (c.c - r^2) loses small balls far away
@@ -143,7 +146,7 @@ fn enter_ball(x: f32, y: f32, c: V3, radius: f32) -> (f32, f32) {
 }
 
 impl Rod {
-    /// The discriminant of the endless cylinder, the depth at which a ray enters it, and where along the axis that is.
+    /// Discriminant of the infinite cylinder, depth at which a ray enters it, and position along the axis.
     #[inline(always)]
     fn enter_endless(&self, x: f32, y: f32) -> (f32, f32, f32) {
         let (c, u, m) = (self.center, self.axis, self.moment);
@@ -185,18 +188,18 @@ impl Rod {
     }
 }
 
-/// What holds a ball; `None` if some of it is behind the eye.
+/// Bounds of a ball; `None` if part of it is behind the camera.
 fn ball_bounds(c: V3, r: f32) -> Option<TileBounds> {
-    if c.z - r < NEAR {
+    if c.z - r < NEAR_PLANE_M {
         return None;
     }
-    // the two tangents from the eye to a circle, in the plane of one axis and z
+    // the two tangents from the camera to a circle, in the plane of one axis and z
     let tangents = |x: f32| {
         let s = (x * x + c.z * c.z - r * r).max(0.0).sqrt();
         ((x * s - c.z * r) / (c.z * s + x * r), (x * s + c.z * r) / (c.z * s - x * r))
     };
     let ((left, right), (top, bottom)) = (tangents(c.x), tangents(c.y));
-    // single precision: a hair more than it is
+    // slightly enlarged for single precision
     Some([left - 1e-4, right + 1e-4, top - 1e-4, bottom + 1e-4])
 }
 
@@ -212,14 +215,14 @@ fn corners_bounds(center: V3, axes: [V3; 3], half: V3) -> TileBounds {
     };
     for k in 0..8 {
         let from = corner(k);
-        if from.z > NEAR {
+        if from.z > NEAR_PLANE_M {
             seen(from);
         }
-        // edges that lead through the nearest plane are cut there
+        // edges through the near plane are cut there
         for to in [k ^ 1, k ^ 2, k ^ 4].into_iter().filter(|to| *to > k).map(corner) {
-            if (from.z > NEAR) != (to.z > NEAR) {
-                let cut = from + (to - from) * ((NEAR - from.z) / (to.z - from.z));
-                seen(V3::new(cut.x, cut.y, NEAR));
+            if (from.z > NEAR_PLANE_M) != (to.z > NEAR_PLANE_M) {
+                let cut = from + (to - from) * ((NEAR_PLANE_M - from.z) / (to.z - from.z));
+                seen(V3::new(cut.x, cut.y, NEAR_PLANE_M));
             }
         }
     }

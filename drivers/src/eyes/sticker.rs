@@ -1,4 +1,4 @@
-//! Pictures that are glued to the sides of boxes, or are on cards against those of other things, such as tags and labels.
+//! Images on the sides of boxes, or on cards at the sides of other objects, such as tags and labels.
 
 use super::scenery::in_range;
 use super::solid::V3;
@@ -9,48 +9,49 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// A picture on a side of an object.
+/// An image on a side of an object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StickerSettings {
-    /// The object that it is on, in the middle of a side of its first box. What has no box has it on a card against that side.
+    /// Object that carries it, in the middle of a side of its first box. An object without a box has it on a
+    /// card at that side.
     pub on: String,
-    /// The side, by the axes of the box, or of the object.
+    /// Side of the box or object, by its axes.
     #[serde(default)]
     pub side: BoxSide,
-    /// The picture (JPEG or PNG).
+    /// Image file (JPEG or PNG).
     #[schemars(extend("format" = "path"))]
     pub picture: PathBuf,
-    /// How wide it is there, m.
+    /// Width of the image, m.
     pub width_m: f64,
 }
 
-/// A side of a box, by its outer normal.
+/// Side of a box, by its outer normal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum BoxSide {
-    /// Along x.
+    /// Positive x.
     #[serde(rename = "+x")]
     Right,
-    /// Against x.
+    /// Negative x.
     #[serde(rename = "-x")]
     Left,
-    /// Along y.
+    /// Positive y.
     #[serde(rename = "+y")]
     Back,
-    /// Against y.
+    /// Negative y.
     #[serde(rename = "-y")]
     Front,
-    /// Along z.
+    /// Positive z.
     #[default]
     #[serde(rename = "+z")]
     Top,
-    /// Against z.
+    /// Negative z.
     #[serde(rename = "-z")]
     Bottom,
 }
 
 impl BoxSide {
-    /// Its place among [`Stickers`] of a box: twice its axis, and one more for the far side.
+    /// Index in the [`Stickers`] of a box: twice its axis, plus one for the negative side.
     fn number(self) -> usize {
         match self {
             BoxSide::Right => 0,
@@ -62,8 +63,8 @@ impl BoxSide {
         }
     }
 
-    /// The frame of what is on it, `box_from_sticker`: its middle, x to the right and y down as it is read, z into the box. Up is the
-    /// box's z axis, on the sides along that its y axis.
+    /// Frame of an image on this side, `box_from_sticker`: origin in its middle, x to the right and y down as
+    /// it is read, z into the box. Up is the box's z axis, or its y axis on the sides along z.
     pub fn frame(self, size: &Vector3<f64>) -> Isometry3<f64> {
         let [axis, far] = [self.number() / 2, self.number() % 2];
         let out = Vector3::from_fn(|i, _| match (i == axis, far == 1) {
@@ -78,18 +79,18 @@ impl BoxSide {
     }
 }
 
-/// The sticker on each side of a box, by its index in the scenery.
+/// Sticker on each side of a box, by its index in the scenery.
 pub type Stickers = [Option<u16>; 6];
 
-/// A picture that is somewhere.
+/// An image with its place.
 pub struct Sticker {
     on: String,
     side: BoxSide,
-    /// Half its width and height, meters.
+    /// Half of its width and height, meters.
     half: [f32; 2],
     /// Columns and rows.
     size: [u32; 2],
-    /// Row by row.
+    /// Pixels, row by row.
     texels: Vec<[u8; 3]>,
 }
 
@@ -97,15 +98,15 @@ impl StickerSettings {
     /// Checks every setting.
     ///
     /// # Errors
-    /// Those that make no sense, with what would.
+    /// Invalid settings, with the valid ranges.
     pub fn validate(&self) -> Result<(), KindError> {
         in_range(("width_m", self.width_m, 0.001, 10.0))
     }
 
-    /// Reads the picture.
+    /// Reads the image.
     ///
     /// # Errors
-    /// If it can't be read, is broken or larger than 4096x4096 pixels.
+    /// The image can't be read, is damaged or larger than 4096x4096 pixels.
     pub fn read(&self) -> Result<Sticker, KindError> {
         let picture = picture::read(&self.picture).map_err(|e| KindError::new("picture", e.to_string(), e.help))?;
         let (columns, rows) = picture.dimensions();
@@ -117,7 +118,7 @@ impl StickerSettings {
 }
 
 impl Sticker {
-    /// The color at a place from its middle, meters right and down; `None` beside it.
+    /// Color at a position relative to its middle, meters right and down; `None` beside it.
     #[inline(always)]
     pub fn at(&self, [right, down]: [f32; 2]) -> Option<V3> {
         let share = |at: f32, half: f32, n: u32| {
@@ -129,11 +130,11 @@ impl Sticker {
     }
 }
 
-/// How thick a card is, meters.
+/// Thickness of a card, meters.
 const CARD: f64 = 1e-3;
 
-/// The cards on what is no box: each a thin box against the side of the object, with its sticker on its outer side; its place is told in
-/// the object's frame.
+/// Cards on an object without a box: each a thin box at the side of the object, with its sticker on the outer
+/// side, and with its pose in the object's frame.
 pub fn cards<'a>(
     stickers: &'a [Sticker],
     object: &'a Object,
@@ -152,7 +153,7 @@ pub fn cards<'a>(
     })
 }
 
-/// Which stickers an object has.
+/// Stickers of an object.
 pub fn on(stickers: &[Sticker], object: &str) -> Stickers {
     let mut found = [None; 6];
     for (sticker, k) in stickers.iter().zip(0u16..).filter(|(s, _)| s.on == object) {
@@ -163,7 +164,7 @@ pub fn on(stickers: &[Sticker], object: &str) -> Stickers {
     found
 }
 
-/// The axes to the right and down on each side of a box, in its own frame, in the order of [`Stickers`].
+/// Directions to the right and down on each side of a box, in its own frame, in the order of [`Stickers`].
 pub fn axes(side: usize) -> [V3; 2] {
     let up = if side / 2 == 2 { V3::y() } else { V3::z() };
     let mut out = V3::zeros();

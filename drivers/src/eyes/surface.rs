@@ -1,4 +1,4 @@
-//! What the pixels of a tile see: where the surface is, where it faces, and its own color, before any light.
+//! Unlit surfaces of the pixels of a tile: depth, normal and color.
 
 use super::lens::{TILE, Tile};
 use super::solid::{Form, V3};
@@ -8,30 +8,31 @@ use super::texture::Texture;
 /// One number for each pixel of a tile.
 pub type Numbers = [f32; TILE];
 
-/// The surfaces that a tile sees.
+/// Visible surfaces of a tile.
 pub struct TileSurfaces {
-    /// Along the optical axis, meters.
+    /// Depth along the optical axis, meters.
     pub depth: Numbers,
-    /// The unit normal: x, y and z in the eye's frame.
+    /// Unit normal: x, y and z in the camera frame.
     pub normal: [Numbers; 3],
     /// Red, green and blue, 0 to 255.
     pub color: [Numbers; 3],
-    /// How much of the lamp is mirrored, 0 to 1.
+    /// Share of the lamp that is reflected, 0 to 1.
     pub gloss: Numbers,
 }
 
 impl TileSurfaces {
-    /// Nothing yet.
+    /// Creates empty surfaces.
     pub fn new() -> TileSurfaces {
         let none = [0.0; TILE];
         TileSurfaces { depth: none, normal: [none; 3], color: [none; 3], gloss: none }
     }
 
-    /// Pixels that lie one after the other, from `first` on.
+    /// A run of consecutive pixels, from `first` on.
     pub fn run<'a>(&'a mut self, tile: &'a Tile, first: usize, count: usize) -> Run<'a> {
         let [nx, ny, nz] = self.normal.each_mut().map(|n| part(n, first, count));
         let [red, green, blue] = self.color.each_mut().map(|c| part(c, first, count));
-        let (depth, gloss) = (part(&mut self.depth, first, count), part(&mut self.gloss, first, count));
+        let depth = part(&mut self.depth, first, count);
+        let gloss = part(&mut self.gloss, first, count);
         let ray = |of: &'a Numbers| of.get(first..first + count).unwrap_or_default();
         Run { x: ray(&tile.x), y: ray(&tile.y), depth, nx, ny, nz, red, green, blue, gloss }
     }
@@ -41,7 +42,7 @@ fn part(of: &mut Numbers, first: usize, count: usize) -> &mut [f32] {
     of.get_mut(first..first + count).unwrap_or_default()
 }
 
-/// Some pixels of a tile; all slices are equally long.
+/// Consecutive pixels of a tile; all slices have the same length.
 #[allow(missing_docs, reason = "as in `TileSurfaces`, and the rays `(x, y, 1)`")]
 pub struct Run<'a> {
     pub x: &'a [f32],
@@ -56,35 +57,35 @@ pub struct Run<'a> {
     pub gloss: &'a mut [f32],
 }
 
-/// What a shape looks like.
+/// Appearance of a shape.
 #[derive(Clone, Copy, Debug)]
 pub struct Paint {
     /// Its color, 0 to 255.
     pub color: V3,
-    /// Whether it has the texture of wood, as tables have.
+    /// True if it has a wood texture, as tables do.
     pub wood: bool,
-    /// How much of the lamp it mirrors, 0 to 1.
+    /// Share of the lamp that it reflects, 0 to 1.
     pub gloss: f32,
-    /// What is glued to its sides, if it is a box.
+    /// Images on its sides, if it is a box.
     pub stickers: Stickers,
 }
 
-/// What surfaces have textures from.
+/// Sources of textures.
 #[derive(Clone, Copy)]
 pub struct Materials<'a> {
-    /// The texture of what is of wood, and its pixels in a meter.
+    /// Wood texture, and its pixels per meter.
     pub wood: (&'a Texture, f32),
-    /// What may be glued to things.
+    /// Images on objects.
     pub stickers: &'a [Sticker],
-    /// How far apart the rays of two pixels beside each other are, across and down, at a depth of one.
+    /// Distance between the rays of adjacent pixels, across and down, at a depth of one.
     pub pitch: [f32; 2],
 }
 
-/// Rays within a pixel, along each edge of it, by which pictures on things are sampled: what looks for their edges tells tenths of pixels.
+/// Number of rays per pixel edge that sample images on objects: edge detectors resolve tenths of pixels.
 const WITHIN: u8 = 4;
 
 impl Run<'_> {
-    /// All of these pixels see one shape.
+    /// Renders one shape in all of these pixels.
     pub fn see(&mut self, form: &Form, paint: &Paint, materials: Materials) {
         self.red.fill(paint.color.x);
         self.green.fill(paint.color.y);
@@ -97,7 +98,7 @@ impl Run<'_> {
             }
             Form::Rod(rod) => {
                 let scale = 1.0 / rod.radius;
-                // on the edge of a flat end, rounding decides
+                // tolerates rounding at the edge of a flat end
                 let flat = if rod.round { f32::INFINITY } else { rod.half * 0.9999 };
                 self.face(|at| {
                     let from = at - rod.center;
@@ -134,7 +135,7 @@ impl Run<'_> {
         }
     }
 
-    /// Which way the surface faces at each point in the eye's frame.
+    /// Sets the normals, computed from the points in the camera frame.
     #[inline(always)]
     fn face(&mut self, normal: impl Fn(V3) -> V3) {
         let at = self.x.iter().zip(self.y).zip(self.depth.iter());
@@ -145,12 +146,13 @@ impl Run<'_> {
         }
     }
 
-    /// Pixels that see a side of a box see what is glued to it: the mean over several rays within each.
+    /// Renders the image on a side of a box, averaged over several rays per pixel.
     fn stick(&mut self, of: &Sticker, side: usize, (axes, eye, half): ([V3; 3], V3, V3), pitch: [f32; 2]) {
-        let (axis, sign) = (side / 2, if side % 2 == 1 { -1.0 } else { 1.0 });
+        let axis = side / 2;
+        let sign = if side % 2 == 1 { -1.0 } else { 1.0 };
         let [right, down] = sticker::axes(side);
         let (Some(far), Some(from)) = (half.get(axis).map(|h| h * sign), eye.get(axis)) else { return };
-        // the eye is not before that side
+        // the camera does not see that side
         if (from - far) * sign <= 0.0 {
             return;
         }
@@ -164,7 +166,7 @@ impl Run<'_> {
         let colors = self.red.iter_mut().zip(self.green.iter_mut()).zip(self.blue.iter_mut());
         for ((x, y), ((red, green), blue)) in rays.zip(colors) {
             let over = met(*x, *y).abs() - half;
-            // another side, but for the rounding of what is on this one
+            // skips other sides, with a tolerance for rounding
             if over.iter().any(|o| o.is_nan() || *o > 1e-4) {
                 continue;
             }
@@ -198,7 +200,7 @@ impl Run<'_> {
     }
 }
 
-/// The inner product, in the words that become vector instructions.
+/// Inner product, written so that it is vectorized.
 #[inline(always)]
 fn inner(a: V3, b: V3) -> f32 {
     a.x * b.x + a.y * b.y + a.z * b.z

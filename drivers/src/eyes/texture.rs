@@ -1,28 +1,28 @@
-//! Pictures that repeat: drawn from a seed, or read from a file.
+//! Periodic textures: generated from a seed, or read from a file.
 
 use super::solid::V3;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-/// A square picture that goes on for ever.
+/// A square texture that repeats infinitely.
 pub struct Texture {
-    /// Its side is two to the power of this, pixels.
+    /// Binary logarithm of its side in pixels.
     bits: u32,
-    /// Red, green, blue, and nothing.
+    /// Red, green, blue, and padding.
     texels: Vec<[u8; 4]>,
 }
 
-/// Three times two to the power of 22: a number of single precision near it has no digits behind the point.
+/// Three times two to the power of 22: near it, numbers of single precision have no fractional digits.
 const WHOLE: f32 = 12_582_912.0;
-/// Its side, if it is drawn: two to the power of this.
+/// Binary logarithm of the side of generated textures.
 const DRAWN: u32 = 8;
 
 impl Texture {
-    /// The color at a place, in pixels of the texture.
+    /// Color at a position, in pixels of the texture.
     #[inline(always)]
     pub fn at(&self, u: f32, v: f32) -> [f32; 3] {
         let mask = (1u32 << self.bits) - 1;
-        // the last bits of the sum are those of the nearest whole number, and no conversion takes as little time
+        // the last bits of the sum are the nearest whole number, which is faster than any conversion
         let [u, v] = [u, v].map(|x| (x + WHOLE).to_bits() & mask);
         let [r, g, b, _] = self.texels.get((v << self.bits | u) as usize).copied().unwrap_or_default();
         [r, g, b].map(f32::from)
@@ -33,7 +33,7 @@ impl Texture {
         (1u32 << self.bits) as f32
     }
 
-    /// A picture, given as one color for each place `(u, v)` from 0 to 1, `v` downward.
+    /// Samples a texture from the color at each position `(u, v)` from 0 to 1, `v` downward.
     pub fn sampled(bits: u32, color: impl Fn(f32, f32) -> V3) -> Texture {
         let side = 1u32 << bits;
         let texel = |k: u32| {
@@ -44,9 +44,10 @@ impl Texture {
         Texture { bits, texels: (0..side * side).map(texel).collect() }
     }
 
-    /// Boards of wood around a gray of 128, to multiply colors by.
+    /// Wooden boards around a gray of 128, to multiply colors by.
     pub fn wood(contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
-        let (warp, fine) = (Noise::new(4, rng), Noise::new(32, rng));
+        let warp = Noise::new(4, rng);
+        let fine = Noise::new(32, rng);
         let boards = rng.random_range(2..6) as f32;
         let shades: Vec<f32> = (0..8).map(|_| rng.random_range(-0.3..0.3)).collect();
         Texture::sampled(DRAWN, |u, v| {
@@ -58,7 +59,7 @@ impl Texture {
         })
     }
 
-    /// A cloth or a rough plaster of about this color.
+    /// Cloth or rough plaster of about this color.
     pub fn rough(color: V3, contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
         let octaves: Vec<Noise> = [3, 9, 27, 81].map(|n| Noise::new(n, rng)).into();
         Texture::sampled(DRAWN, |u, v| {
@@ -69,7 +70,8 @@ impl Texture {
 
     /// Tiles of two shades of this color.
     pub fn tiles(color: V3, contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
-        let (count, noise) = (rng.random_range(1..5) as f32 * 2.0, Noise::new(48, rng));
+        let count = rng.random_range(1..5) as f32 * 2.0;
+        let noise = Noise::new(48, rng);
         Texture::sampled(DRAWN, |u, v| {
             let odd = ((u * count) as u32 + (v * count) as u32) % 2;
             let joint = (u * count).fract() < 0.04 || (v * count).fract() < 0.04;
@@ -78,7 +80,8 @@ impl Texture {
         })
     }
 
-    /// A wall of this color with things on it: shelves, books and posters, as far as rectangles of all colors can be those.
+    /// A wall of this color with clutter: rectangles of random colors that stand for shelves, books and
+    /// posters.
     pub fn clutter(color: V3, contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
         let mut wall = Texture::rough(color, contrast, rng);
         let side = 1usize << wall.bits;
@@ -98,7 +101,7 @@ impl Texture {
     }
 }
 
-/// Any color, dull ones more often than bright ones.
+/// Random color, dull ones more often than bright ones.
 pub fn any_color(rng: &mut ChaCha8Rng) -> V3 {
     let saturation: f32 = rng.random_range(0.0f32..1.0).powi(2);
     from_hsv(rng.random_range(0.0..360.0), saturation, rng.random_range(50.0..240.0))
@@ -127,7 +130,7 @@ pub fn to_hsv(c: V3) -> [f32; 3] {
     [(60.0 * sixth).rem_euclid(360.0), (most - least) / most.max(1e-6), most]
 }
 
-/// Random values on a lattice that repeats, smooth in between: about -1 to 1.
+/// Smooth periodic noise on a lattice, about -1 to 1.
 struct Noise {
     cells: usize,
     values: Vec<f32>,

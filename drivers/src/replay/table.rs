@@ -1,23 +1,23 @@
-//! A table of poses over time, as text.
+//! A table of configurations over time, as text.
 
 use mobee_contract::Time;
 use mobee_model::Robot;
 
-/// Beyond a limit by no more than this, degrees, is rounding; the value is taken for the limit.
+/// Tolerance beyond a limit, degrees, for rounding; such a value is set to the limit.
 const ROUNDING_DEG: f64 = 0.2;
 
-/// What is wrong with a table: its line, what, and what to do.
+/// Error in a table: its line, description and remedy.
 pub type RowError = (usize, String, String);
 
-/// Poses over time; never empty, times rise.
+/// Configurations over time; never empty, with increasing times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PoseTable {
     times: Vec<f64>,
-    /// Row by row, a value for each column, rad: no more than was written.
+    /// Values row by row, one per column, rad.
     values: Vec<f64>,
-    /// The motor of each column.
+    /// Motor of each column.
     columns: Vec<usize>,
-    /// The whole pose at home, for motors without a column.
+    /// Home configuration of the robot, for motors without a column.
     home: Vec<f64>,
 }
 
@@ -25,7 +25,7 @@ impl PoseTable {
     /// Reads comma-separated text with a heading: `t_s`, then `PART.MOTOR` columns in degrees.
     ///
     /// # Errors
-    /// The first thing that is wrong, with its line.
+    /// The first error, with its line.
     pub fn parse(text: &str, robot: &Robot) -> Result<PoseTable, RowError> {
         let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#'));
         let (_, heading) =
@@ -71,7 +71,8 @@ impl PoseTable {
         Ok(PoseTable { times, values, columns, home: robot.home().to_vec() })
     }
 
-    /// The pose at a time, rad: interpolated between rows, the first one before them, the last one after them.
+    /// Configuration at a time, rad: interpolated between rows, constant before the first and after the last
+    /// one.
     pub fn at(&self, at: Time) -> Vec<f64> {
         let t = at.secs();
         let after = self.times.partition_point(|row| *row <= t);
@@ -86,13 +87,13 @@ impl PoseTable {
         }
     }
 
-    /// A row's time and values.
+    /// Time and values of a row.
     fn row(&self, i: usize) -> Option<(f64, &[f64])> {
         let n = self.columns.len();
         Some((*self.times.get(i)?, self.values.get(i * n..(i + 1) * n)?))
     }
 
-    /// The whole pose of a row's values.
+    /// Configuration of the robot for a row's values.
     fn pose(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
         let mut q = self.home.clone();
         for (motor, value) in self.columns.iter().zip(values) {

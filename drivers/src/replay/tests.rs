@@ -12,7 +12,7 @@ fn heading(robot: &Robot) -> String {
 }
 
 #[test]
-fn a_robot_is_where_its_table_says_and_does_not_obey() {
+fn a_robot_follows_its_table_and_ignores_commands() {
     let robot = robot();
     let home = robot.home()[1].to_degrees();
     let text = format!("{}\n0.5,{home}\n1.5,{}\n", heading(&robot), home + 1.0);

@@ -1,11 +1,12 @@
-//! A part of a simulated robot as a YARP control board sees it: what stands behind the ports of `mobee sim`.
+//! YARP control board of one part of a simulated robot: the device behind the ports of `mobee sim`.
 //!
 //! ```text
 //! rpc:i, command:i ──> SimBoard ──Command──> the simulated board of one part (SimHardware)
 //! state:o, stateExt:o <── Shadow <── its readings
 //! ```
-//! The model's motors count millimeters where they slide; boards, and so this one, meters ([`SimBoard::counting`]).
-//! It behaves as boards do: it moves as it is told without a lease of anybody's, in the mode it is in, at the reference speeds it was given.
+//! The model uses millimeters for prismatic joints; boards, and so this one, use meters
+//! ([`SimBoard::counting`]). It behaves as real boards do: it moves on command without a lease, in its
+//! present mode, at the reference speeds it was given.
 
 use crate::{Imitated, SimHardware, SimSettings, joint_kind};
 use mobee_contract::{Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Time};
@@ -18,10 +19,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// How long a simulated board may move on without a word, on its own clock: as long as it likes.
+/// Lease of a simulated board towards its own driver: unlimited.
 const FOR_EVER: Duration = Duration::from_secs(1 << 30);
 
-/// How often boards publish their states, unless they imitate some that do otherwise.
+/// Period at which boards publish their states, unless they imitate boards that differ.
 const PUBLISHES: Duration = Duration::from_millis(20);
 
 /// One part of a simulated robot as a control board.
@@ -31,7 +32,7 @@ pub struct SimBoard {
     clock: SimClock,
 }
 
-/// The clock of a simulation in real time.
+/// Clock of a simulation in real time.
 #[derive(Clone, Copy, Debug)]
 pub struct SimClock {
     begun: Instant,
@@ -40,18 +41,19 @@ pub struct SimClock {
 }
 
 impl SimClock {
-    /// A clock that begins now and runs `speed` times as fast as the wall's, which shows `wall` (seconds since 1970) now.
+    /// Creates a clock that starts now, runs `speed` times as fast as the wall clock, and maps now to `wall`
+    /// (seconds since 1970).
     #[expect(clippy::disallowed_methods, reason = "a simulation for other processes runs in real time")]
     pub fn start(speed: f64, wall: f64) -> SimClock {
         SimClock { begun: Instant::now(), speed, wall }
     }
 
-    /// The simulation's own time.
+    /// Time of the simulation.
     pub fn now(&self) -> Time {
         Time::from_secs(self.begun.elapsed().as_secs_f64() * self.speed)
     }
 
-    /// The time of day when the simulation's own clock showed this.
+    /// Time of day at a time of the simulation, s since 1970.
     pub fn wall(&self, at: Time) -> f64 {
         self.wall + at.secs() / self.speed
     }
@@ -67,7 +69,7 @@ struct State {
 }
 
 impl SimBoard {
-    /// The boards of all parts of a robot, under the settings of the driver kind `sim`.
+    /// Creates the boards of all parts of a robot, under the settings of the driver kind `sim`.
     ///
     /// # Errors
     /// The first setting that can't be used.
@@ -76,7 +78,8 @@ impl SimBoard {
         if settings.arm().is_some() {
             return SimBoard::arm(settings, context, clock).map(|board| vec![board]);
         }
-        let (axes, start) = (settings.axes(&context.robot), settings.start(&context.robot)?);
+        let axes = settings.axes(&context.robot);
+        let start = settings.start(&context.robot)?;
         let mut boards = Vec::new();
         for (i, part) in context.robot.parts.iter().enumerate() {
             let (Some(axes), Some(start)) = (axes.get(part.motors.clone()), start.get(part.motors.clone())) else {
@@ -95,7 +98,8 @@ impl SimBoard {
         Ok(boards)
     }
 
-    /// The board of an arm with servos, which has neither weight nor contacts until [`SimBoard::place`].
+    /// Creates the board of an arm with servos, which has neither weight nor contacts until
+    /// [`SimBoard::place`].
     fn arm(settings: &SimSettings, context: &Context, clock: SimClock) -> Result<SimBoard, KindError> {
         let mut parts = context.robot.parts.iter().filter(|part| !part.motors.is_empty());
         let (Some(part), None) = (parts.next(), parts.next()) else {
@@ -109,7 +113,8 @@ impl SimBoard {
         Ok(SimBoard::new(&part.name, hardware, clock).map_err(lost)?.counting(&units))
     }
 
-    /// Puts its arm among the things of a scene, in which it is this robot; kinematic joints touch nothing.
+    /// Places its arm among the objects of a scene, in which it is robot `robot`; kinematic joints touch
+    /// nothing.
     ///
     /// # Errors
     /// A scene that the physics can't simulate.
@@ -117,10 +122,10 @@ impl SimBoard {
         self.lock().hardware.place(scene, robot)
     }
 
-    /// A simulated board under the name of a part.
+    /// Creates a simulated board for a part.
     ///
     /// # Errors
-    /// A board that has been given a fault already.
+    /// A board that already has a fault.
     pub fn new(part: &str, hardware: SimHardware, clock: SimClock) -> Result<SimBoard, DriverFault> {
         let driver = hardware.connect()?;
         let q = hardware.positions(clock.now());
@@ -136,7 +141,7 @@ impl SimBoard {
         Ok(SimBoard { part: part.to_owned(), state: Mutex::new(state), clock })
     }
 
-    /// The same board with joints of these kinds: it tells them, and counts meters where one slides.
+    /// Sets the joint kinds, which the board then reports; prismatic joints use meters.
     pub fn counting(self, units: &Units) -> SimBoard {
         for (j, axis) in self.lock().shadow.axes.iter_mut().enumerate() {
             axis.count_as(units.kind(j));
@@ -144,17 +149,17 @@ impl SimBoard {
         self
     }
 
-    /// The part's name.
+    /// Name of the part.
     pub fn part(&self) -> &str {
         &self.part
     }
 
-    /// Where its motors really are, rad (or as the model counts what slides).
+    /// True positions of its motors, rad (prismatic ones in the model's unit).
     pub fn positions(&self) -> Vec<f64> {
         self.lock().hardware.positions(self.clock.now())
     }
 
-    /// How often it publishes its state.
+    /// Period at which it publishes its state.
     pub fn publishes(&self) -> Duration {
         self.lock().hardware.imitates().map_or(PUBLISHES, Imitated::publishes)
     }
@@ -163,18 +168,18 @@ impl SimBoard {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The board's answer to a request.
+    /// Answers a request.
     pub(crate) fn answer(&self, request: &Bottle) -> Bottle {
         let now = self.clock.now();
         let mut state = self.lock();
         state.look(now);
-        // as boards do: an answer is stamped when it is made
+        // as on real boards, an answer is stamped when it is made
         let stamp = state.answers.next(self.clock.wall(now));
-        let asked = Ask::parse(request);
-        // iCub_SIM has no accelerations, neither to get nor to set
+        let parsed = Ask::parse(request);
+        // iCub_SIM can neither read nor set accelerations
         if state.hardware.imitates().is_some()
             && matches!(
-                asked,
+                parsed,
                 Some(Ask::Get(Get::Values(Quantity::ReferenceAcceleration, _)) | Ask::Set(Set::Acceleration(..)))
             )
         {
@@ -187,7 +192,7 @@ impl SimBoard {
             return answer;
         }
         let axes = state.shadow.axes.len();
-        match asked {
+        match parsed {
             Some(ask @ Ask::Set(_)) if !ask.fits(axes) => reply::fail(),
             Some(Ask::Set(set)) => match state.set(now, &set) {
                 Some(()) => reply::ok(),
@@ -198,7 +203,7 @@ impl SimBoard {
     }
 }
 
-/// What of a joint outlives whoever set it: degrees, meters where it slides.
+/// Settings of a joint that outlive the program that set them, in degrees, or meters for prismatic joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSettings {
     /// Reference speed.
@@ -212,7 +217,7 @@ pub struct JointSettings {
 }
 
 impl SimBoard {
-    /// What somebody who comes now finds, joint by joint.
+    /// Present settings, joint by joint.
     pub fn joint_settings(&self) -> Vec<JointSettings> {
         let mut state = self.lock();
         state.look(self.clock.now());
@@ -250,7 +255,7 @@ impl Device for SimBoard {
         let now = self.clock.now();
         let mut state = self.lock();
         state.look(now);
-        // the stamp tells when the encoders were read, not when that was published
+        // the stamp is the time at which the encoders were read, not published
         let read = state.last.as_ref().map_or(now, |s| s.at);
         let stamp = state.states.next(self.clock.wall(read));
         state.states = stamp;
@@ -259,7 +264,7 @@ impl Device for SimBoard {
 }
 
 impl State {
-    /// Brings the shadow up to date.
+    /// Updates the shadow from the simulated hardware.
     fn look(&mut self, now: Time) {
         self.driver.lease(now, now + FOR_EVER);
         let sample = self.driver.sample(now);
@@ -278,7 +283,7 @@ impl State {
             }
             axis.speed = axis.kind.to_wire(speeds.get(i).copied().unwrap_or_default().to_degrees());
             axis.done = done.get(i).copied().unwrap_or_default();
-            // a joint pushes back
+            // the board reports the effort of the joint, which is opposite to the external one
             axis.torque = external.get(i).map(|pushed| 0.0 - pushed);
             let known = modes.get(i).map_or(mode::UNKNOWN, |m| word(*m));
             axis.mode = if faulty { mode::HARDWARE_FAULT } else { known };
@@ -289,12 +294,12 @@ impl State {
         self.driver.command(now, command).ok()
     }
 
-    /// Whether all these joints are in this mode.
+    /// True if all these joints are in this mode.
     fn are_in(&self, joints: &[usize], mode: Vocab) -> bool {
         joints.iter().all(|j| self.shadow.axes.get(*j).is_some_and(|a| a.mode == mode))
     }
 
-    /// The wire's numbers of some joints as the plant has them.
+    /// Converts values of some joints from the wire's units to the plant's.
     fn radians(&self, joints: &[usize], values: &[f64]) -> Vec<f64> {
         let kind = |j: &usize| self.shadow.axes.get(*j).map_or(JointKind::Unknown, |axis| axis.kind);
         joints.iter().zip(values).map(|(j, v)| kind(j).from_wire(*v).to_radians()).collect()
@@ -308,7 +313,7 @@ impl State {
         }
     }
 
-    /// Carries out an order that fits the board; `None`: it fails.
+    /// Executes an order that fits the board; `None` if it fails.
     fn set(&mut self, now: Time, set: &Set) -> Option<()> {
         let axes = self.shadow.axes.len();
         match set {
@@ -328,7 +333,7 @@ impl State {
                 let known: Vec<ControlMode> = modes.iter().map(|m| control(*m)).collect::<Option<_>>()?;
                 for (j, mode) in joints.on(axes)?.into_iter().zip(known) {
                     self.give(now, &Command::Mode { motors: vec![j], mode })?;
-                    // set-points begin where the joint is
+                    // setpoints begin at the present position
                     let axis = self.shadow.axes.get_mut(j)?;
                     axis.direct_ref = axis.q;
                 }
@@ -343,7 +348,7 @@ impl State {
                 }
                 Some(())
             }
-            // encoders and limits of a simulation are what they are
+            // encoders and limits of a simulation are fixed
             Set::Limits(..) | Set::SpeedLimits(..) | Set::ResetEncoders(_) | Set::Encoders(..) => None,
         }
     }
@@ -397,13 +402,14 @@ impl State {
         slot: fn(&mut ShadowAxis) -> &mut f64,
     ) -> Option<()> {
         let before = self.shadow.clone();
-        // boards take the amount: a negative speed means the same
+        // boards use the absolute value
         self.note(joints, &values.iter().map(|v| v.abs()).collect::<Vec<f64>>(), slot);
         let of = |get: fn(&ShadowAxis) -> f64| {
             let axes = joints.iter().filter_map(|j| self.shadow.axes.get(*j));
             axes.map(|a| a.kind.from_wire(get(a)).to_radians()).collect()
         };
-        let (speed, acceleration) = (of(|a| a.ref_speed), of(|a| a.ref_acc));
+        let speed = of(|a| a.ref_speed);
+        let acceleration = of(|a| a.ref_acc);
         let given = self.give(now, &Command::Reference { motors: joints.to_vec(), speed, acceleration });
         if given.is_none() {
             self.shadow = before;

@@ -1,4 +1,5 @@
-//! The seam between a simulated board and the arm that follows it: this crate's own dynamics, or a physics engine of another crate.
+//! Interface between a simulated board and the arm that follows it: this crate's own dynamics, or a physics
+//! engine of another crate.
 
 use super::dynamics::{ArmPhysics, Dynamics, Servo};
 use super::path::State;
@@ -10,20 +11,21 @@ use std::fmt::Debug;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The joints of an arm as bodies that follow commanded positions, in steps of a fixed length from time zero on.
+/// The joints of an arm as bodies that follow commanded positions, in steps of a fixed length from time zero
+/// on.
 ///
 /// Positions and speeds are those of the motors, in rad of encoder; torques are N m, forces (of motors that slide) N.
 pub trait ArmBody: Debug + Send {
-    /// Puts it among things: it has weight from now on, and touches them. It rests where it is.
+    /// Places the arm in a scene: from now on it has weight and touches objects. It rests where it is.
     ///
     /// # Errors
     /// A scene or settings that the engine can't simulate.
     fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError>;
 
-    /// Its steps so far.
+    /// Step counter.
     fn clock(&mut self) -> &mut StepClock;
 
-    /// One step, with the board's commanded states at its end.
+    /// Performs one step, given the board's commanded states at its end.
     fn step(&mut self, commanded: &[State]);
 
     /// Position of every motor, rad.
@@ -35,61 +37,61 @@ pub trait ArmBody: Debug + Send {
     /// Torque of every servo.
     fn efforts(&self) -> Vec<f64>;
 
-    /// Torque of weight that is not compensated and of contacts on every motor.
+    /// Torque on every motor by uncompensated weight and by contacts.
     fn external(&self) -> Vec<f64>;
 
-    /// How it has pushed things so far.
+    /// Forces exerted on objects so far.
     fn pushes(&mut self) -> &mut Pushes;
 
-    /// Why its state can't be computed any longer, if it can't.
+    /// Reason why its state can't be computed any longer, if any.
     fn trouble(&self) -> Option<String> {
         None
     }
 }
 
-/// The steps of an arm: of one length, from time zero on, whoever reads the arm when.
+/// Step counter of an arm. Steps have one length and start at time zero, independent of when the arm is read.
 #[derive(Clone, Debug)]
 pub struct StepClock {
     length: Duration,
     steps: u64,
-    /// The commanded positions of the last step.
+    /// Commanded positions of the last step.
     commanded: Vec<f64>,
-    /// Whether the arm rests where it was sent, so that nothing changes until something else is commanded.
+    /// True if the arm rests at its commanded position, so that nothing changes until the command changes.
     rests: bool,
 }
 
 impl StepClock {
-    /// An arm at rest at `start`, rad, at time zero, which the first step shows to rest.
+    /// Creates the clock of an arm at rest at `start`, rad, at time zero; the first step confirms the rest.
     pub fn new(length: Duration, start: &[f64]) -> StepClock {
         StepClock { length, steps: 0, commanded: start.to_vec(), rests: false }
     }
 
-    /// The time of the next step.
+    /// Time of the next step.
     pub fn next(&self) -> Time {
         Time::ZERO + self.length.saturating_mul(u32::try_from(self.steps + 1).unwrap_or(u32::MAX))
     }
 
-    /// How many steps there were.
+    /// Number of steps so far.
     pub fn steps(&self) -> u64 {
         self.steps
     }
 
-    /// Whether the arm rested in the last step.
+    /// True if the arm rested in the last step.
     pub fn rests(&self) -> bool {
         self.rests
     }
 
-    /// Whether nothing changes as long as the commanded positions are these.
+    /// True if nothing changes as long as these positions are commanded.
     pub fn is_settled(&self, commanded: &[f64]) -> bool {
         self.rests && self.commanded == commanded
     }
 
-    /// Passes over the time up to `now`, in which nothing changed.
+    /// Skips the time up to `now`, in which nothing changed.
     pub fn skip(&mut self, now: Time) {
         self.steps = self.steps.max(now.0 / u64::try_from(self.length.as_nanos()).unwrap_or(u64::MAX));
     }
 
-    /// Counts a step under these commanded states, in which the joints were `still`.
+    /// Counts a step under these commanded states. `still` is true if the joints did not move.
     pub fn step(&mut self, commanded: &[State], still: bool) {
         let as_before =
             commanded.iter().zip(&self.commanded).all(|(state, before)| state.q == *before && state.v == 0.0);
@@ -99,47 +101,47 @@ impl StepClock {
         self.steps += 1;
     }
 
-    /// Something else has changed than what is commanded.
+    /// Ends the rest because something other than the command has changed.
     pub fn wake(&mut self) {
         self.rests = false;
     }
 }
 
-/// The forces with which an arm pushes.
+/// Forces that an arm exerts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pushes {
-    /// The greatest so far, N.
+    /// Greatest force so far, N.
     pub greatest: f64,
-    /// For how long it has been pushing something without a pause.
+    /// Duration of the present uninterrupted push.
     pub pressing: Duration,
-    /// The greatest since the last reading, N.
+    /// Greatest force since the last reading, N.
     unread: f64,
 }
 
 impl Pushes {
-    /// Takes in a step of this length, in which the greatest force was this, N.
+    /// Adds a step of this length, with its greatest force, N.
     pub fn note(&mut self, force: f64, step: Duration) {
         self.greatest = self.greatest.max(force);
         self.unread = self.unread.max(force);
         self.pressing = if force > 0.0 { self.pressing + step } else { Duration::ZERO };
     }
 
-    /// The greatest since this was called last, N.
+    /// Greatest force since the last call, N.
     pub fn read(&mut self) -> f64 {
         std::mem::take(&mut self.unread)
     }
 }
 
-/// What an engine gets to make an arm of.
+/// Input of an engine that builds an arm.
 #[derive(Clone, Debug)]
 pub struct ArmParts {
     /// The robot.
     pub robot: Arc<Robot>,
-    /// The servo of each motor.
+    /// Servo of each motor.
     pub servos: Vec<Servo>,
-    /// Where it rests at first, rad.
+    /// Initial configuration, rad.
     pub start: Vec<f64>,
-    /// Mass of all links that move, kg.
+    /// Mass of all moving links, kg.
     pub mass: f64,
 }
 
@@ -147,16 +149,16 @@ pub struct ArmParts {
 pub struct PhysicsEngine {
     /// Its name in settings.
     pub physics: Physics,
-    /// Makes an arm, which has neither weight nor contacts until [`ArmBody::set_physics`].
-    /// Errors: a robot that it can't simulate.
+    /// Builds an arm, which has neither weight nor contacts until [`ArmBody::set_physics`]. Fails for a robot
+    /// that it can't simulate.
     pub make: fn(ArmParts) -> Result<Box<dyn ArmBody>, KindError>,
-    /// Keys of `servo` that it does not use, each with what it takes instead.
+    /// Keys of `servo` that it does not use, each with the quantity it uses instead.
     pub unused: &'static [(&'static str, &'static str)],
 }
 
 inventory::collect!(PhysicsEngine);
 
-/// The physics that moves a simulated arm.
+/// Physics that moves a simulated arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Physics {
@@ -168,10 +170,10 @@ pub enum Physics {
 }
 
 impl Physics {
-    /// Its engine; `None`: it needs none of another crate.
+    /// Its engine; `None` for the built-in physics.
     ///
     /// # Errors
-    /// If this program was built without it.
+    /// This program was built without the engine.
     pub fn engine(self) -> Result<Option<&'static PhysicsEngine>, KindError> {
         if self == Physics::Builtin {
             return Ok(None);
@@ -184,7 +186,7 @@ impl Physics {
     }
 }
 
-/// An arm of this engine, or of the simulation's own.
+/// Builds an arm with this engine, or with the built-in physics.
 ///
 /// # Errors
 /// A robot that the engine can't simulate.

@@ -1,4 +1,4 @@
-//! How far a robot still travels after a contact has begun: reaction and braking path.
+//! Reaction and braking path: distance that a robot still travels after a contact has begun.
 
 use mobee_contract::Board;
 use mobee_model::Robot;
@@ -6,28 +6,32 @@ use std::time::Duration;
 
 /// Reaction and braking path of a robot, meters, at a share of its greatest speeds.
 ///
-/// What passes between a contact and the rest: a reading may have been taken just before (`period`), the controller answers at
-/// the end of its own period, the stop command takes its latency, and then every motor brakes:
+/// The delays between a contact and the stop: a reading may have been taken just before (`period`), the
+/// controller answers at the end of its own period, the stop command takes its latency, and then every motor
+/// brakes:
 ///
 /// `angle = v (period + control + latency) + v^2 / (2 a)`, with the greatest acceleration `a`,
 ///
-/// and no point of a shape moves farther than the angle times the motor's [`Robot::reach`].
+/// No point of a shape moves farther than the angle times the motor's [`Robot::reach`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoppingPath {
-    /// The worst motor moving alone, an index into `Robot::motors`, and its path. **This figure is what the margin is compared with**: where it
-    /// exceeds the margin, one motor alone can run from the margin into hard contact. What several do together is rarely worse, since a robot seldom
-    /// stretches out all its joints at once and moves them all the same way at full allowed speed.
+    /// The worst motor moving alone, an index into `Robot::motors`, and its path, m. **The margin is compared
+    /// with this figure**: if the path exceeds the margin, one motor alone can run from the margin into hard
+    /// contact. Several motors together are rarely worse, since a robot seldom stretches out all its joints
+    /// and moves them all the same way at full allowed speed.
     pub single: (usize, f64),
-    /// The motors between the base and the shape that moves fastest if all of them move at once, nearest the base first.
+    /// Motors between the base and the shape that moves fastest if all of them move at once, nearest the base
+    /// first.
     pub chain: Vec<usize>,
-    /// The path of that shape if the motors' motions add up as random ones do (root of the sum of squares).
+    /// Path of that shape, m, if the motors' contributions add up like random ones (root of the sum of
+    /// squares).
     pub chain_typical: f64,
-    /// The path of that shape if all add up: no shape ever goes farther.
+    /// Path of that shape, m, if all contributions add up: an upper bound for all shapes.
     pub chain_bound: f64,
 }
 
 impl StoppingPath {
-    /// A warning with its remedies, if this margin (m) is smaller than what one motor alone needs.
+    /// Warning with its remedies, if this margin (m) is smaller than the path of one motor alone.
     pub fn warning(&self, margin: f64, robot: &Robot) -> Option<String> {
         let (motor, path) = self.single;
         let name = robot.motors.get(motor).map_or("?", |m| m.name.as_str());
@@ -41,8 +45,9 @@ impl StoppingPath {
     }
 }
 
-/// Reaction and braking path of a robot on this board. `control` is the time from a reading to the stop command, `speed_share` the share of the
-/// greatest speed that agents use (what is not a number within 0 to 1 counts as 1).
+/// Computes the reaction and braking path of a robot on this board. `control` is the time from a reading to
+/// the stop command, `speed_share` the share of the greatest speed that agents use (a value outside 0 to 1
+/// counts as 1).
 pub fn stopping_path(robot: &Robot, board: &Board, control: Duration, speed_share: f64) -> StoppingPath {
     let share = if (0.0..=1.0).contains(&speed_share) { speed_share } else { 1.0 };
     let reaction = (board.period + control + board.latency).as_secs_f64();
@@ -66,7 +71,7 @@ pub fn stopping_path(robot: &Robot, board: &Board, control: Duration, speed_shar
     }
 }
 
-/// For every node that bears a solid shape, the motors above it.
+/// For every node with a solid shape, the motors above it.
 fn chains(robot: &Robot) -> Vec<Vec<usize>> {
     let mut above: Vec<Vec<usize>> = Vec::with_capacity(robot.nodes.len());
     let mut bearing = Vec::new();

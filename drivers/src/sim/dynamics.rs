@@ -1,11 +1,12 @@
-//! The joints of a simulated arm as bodies: position servos of second order, under weight, friction and elastic contact.
+//! Joints of a simulated arm as bodies: second-order position servos under weight, friction and elastic
+//! contact.
 //!
 //! ```text
 //! I q'' = clamp(k (c - q) + d (lead c' - q')) - g(q) - friction + J^T F      c: the board's commanded position
 //! ```
-//! The board ([`super::Plant`]) shapes the commanded positions, the arm follows as it can: it lags, sags under its weight, overshoots,
-//! and pushes what it runs into. Integrated by implicit Euler in steps of [`STEP`] on a fixed grid, so that the motion does not depend
-//! on when readings are taken.
+//! The board ([`super::Plant`]) shapes the commanded positions, and the arm follows as far as it can: it
+//! lags, sags under its weight, overshoots, and pushes obstacles. Integrated by implicit Euler in steps of
+//! [`STEP`] on a fixed grid, so that the motion does not depend on the times of readings.
 
 mod external;
 mod profile;
@@ -21,19 +22,20 @@ use std::time::Duration;
 
 /// Time between two steps of the integration.
 pub const STEP: Duration = Duration::from_millis(1);
-/// Steps between two evaluations of weight and contacts; in between, distances follow the joints linearly.
-const LOOK: u64 = 5;
-/// Slower than this (rad/s) a joint that does not accelerate rests.
+/// Number of steps between two evaluations of weight and contacts; in between, distances are linear in the
+/// joint positions.
+const STEPS_PER_EVALUATION: u64 = 5;
+/// Speed below which a joint that does not accelerate rests, rad/s.
 const STILL: f64 = 1e-7;
 
-/// One joint: its servo, and how it moves.
+/// State of one joint and its servo.
 #[derive(Clone, Debug)]
 struct ServoJoint {
     servo: Servo,
     /// Position, rad, and speed, rad/s.
     q: f64,
     v: f64,
-    /// The servo's torque in the last step, N m.
+    /// Torque of the servo in the last step, N m.
     effort: f64,
 }
 
@@ -43,13 +45,13 @@ pub struct Dynamics {
     joints: Vec<ServoJoint>,
     external: Option<ExternalTorques>,
     clock: StepClock,
-    /// The torques from outside in the last step, per radian of encoder.
+    /// External torques in the last step, per radian of encoder.
     outside: Vec<f64>,
     pushes: Pushes,
 }
 
 impl Dynamics {
-    /// An arm at rest at `start`, rad.
+    /// Creates an arm at rest at `start`, rad.
     pub fn new(servos: Vec<Servo>, start: &[f64]) -> Dynamics {
         let joint = |(servo, q): (Servo, &f64)| ServoJoint { servo, q: *q, v: 0.0, effort: 0.0 };
         Dynamics {
@@ -65,7 +67,8 @@ impl Dynamics {
 impl ArmBody for Dynamics {
     fn set_physics(&mut self, physics: ArmPhysics) -> Result<(), KindError> {
         self.external = ExternalTorques::new(physics);
-        // the next look may be some steps away, in which an arm without weight would be found at rest
+        // evaluates now, because the next regular evaluation may be some steps away, and an arm without
+        // weight would count as resting
         let q = self.positions();
         if let Some(external) = &mut self.external {
             external.look(&q);
@@ -84,7 +87,7 @@ impl ArmBody for Dynamics {
         outside.fill(0.0);
         if let Some(external) = &mut self.external {
             let (q, v): (Vec<f64>, Vec<f64>) = self.joints.iter().map(|j| (j.q, j.v)).unzip();
-            if self.clock.steps().is_multiple_of(LOOK) && !self.clock.rests() {
+            if self.clock.steps().is_multiple_of(STEPS_PER_EVALUATION) && !self.clock.rests() {
                 external.look(&q);
             }
             let force = external.torques(&q, &v, &mut outside);
@@ -122,7 +125,7 @@ impl ArmBody for Dynamics {
 }
 
 impl ServoJoint {
-    /// One step of implicit Euler under a torque from outside; the servo's own torque is limited.
+    /// One step of implicit Euler under an external torque; the servo's own torque is limited.
     fn step(&mut self, commanded: State, outside: f64, dt: f64) {
         let Servo { stiffness, damping, torque, inertia, friction, lead, stops, .. } = self.servo;
         let ahead = commanded.q - self.q;
@@ -131,17 +134,18 @@ impl ServoJoint {
             self.effort = torque.copysign(wanted);
             self.v + dt / inertia * (self.effort + outside)
         } else {
-            // stiffness and damping act on the state at the end of the step, which is stable however stiff they are
+            // stiffness and damping act on the state at the end of the step, which is stable for any
+            // stiffness
             let push = stiffness * ahead + damping * lead * commanded.v + outside;
             let v = (self.v + dt / inertia * push) / (1.0 + dt / inertia * (damping + dt * stiffness));
             self.effort = stiffness * (ahead - dt * v) + damping * (lead * commanded.v - v);
             v
         };
-        // dry friction takes speed away, and never turns it round
+        // dry friction reduces the speed but never reverses it
         let lost = dt / inertia * friction;
         self.v = if free.abs() <= lost { 0.0 } else { free - lost.copysign(free) };
         let q = self.q + dt * self.v;
-        // an end stop takes all speed away
+        // an end stop removes all speed
         self.q = q.max(stops.0).min(stops.1);
         if self.q != q {
             self.v = 0.0;
@@ -173,11 +177,13 @@ mod tests {
         }
     }
 
-    /// Second-order step response: the peak is that of the damping ratio, the end the commanded position.
+    /// Second-order step response: the overshoot matches the damping ratio, and the joint ends at the commanded
+    /// position.
     #[test]
     fn a_step_overshoots_as_its_damping_ratio_demands() {
         let mut arm = Dynamics::new(vec![servo()], &[0.0]);
-        let (mut peak, zeta) = (0.0_f64, 1.0 / (2.0 * (20.0_f64 * 0.05).sqrt()));
+        let mut peak = 0.0_f64;
+        let zeta = 1.0 / (2.0 * (20.0_f64 * 0.05).sqrt());
         for _ in 0..4000 {
             arm.step(&[State::rest(0.1)]);
             peak = peak.max(arm.positions()[0]);
@@ -210,7 +216,7 @@ mod tests {
         assert!((arm.positions()[0] - 1.0).abs() < 1e-4, "it comes off again");
     }
 
-    /// However stiff a servo is, the integration does not blow up.
+    /// The integration stays stable for stiff servos.
     #[test]
     fn a_stiff_servo_is_stable() {
         let stiff = Servo { stiffness: 1e6, damping: 1e4, torque: 1e9, inertia: 0.001, ..servo() };

@@ -1,4 +1,4 @@
-//! The encoders of the simulated robot: when they are read, and what they say.
+//! Encoders of the simulated robot: the times of readings, and their errors.
 
 use crate::SimSettings;
 use mobee_contract::{Pose, Time};
@@ -11,17 +11,17 @@ use std::time::Duration;
 pub struct Encoders {
     period: Duration,
     jitter: Duration,
-    /// rad; 0 for none.
+    /// Resolution, rad; 0 for none.
     resolution: f64,
-    /// rad; 0 for none.
+    /// Noise, rad; 0 for none.
     noise: f64,
     random: ChaCha8Rng,
-    /// The next reading's number, and when it is due.
+    /// Number and time of the next reading.
     next: (u64, Time),
 }
 
 impl Encoders {
-    /// Encoders whose first reading is due at once.
+    /// Creates encoders whose first reading is due at once.
     pub fn new(settings: &SimSettings, seed: u64) -> Encoders {
         Encoders {
             period: settings.period().max(Duration::from_micros(1)),
@@ -33,12 +33,12 @@ impl Encoders {
         }
     }
 
-    /// When the next reading is due.
+    /// Time of the next reading.
     pub fn due(&self) -> Time {
         self.next.1
     }
 
-    /// The number and time of the newest reading that is due by `now`, passing over those that are due before it.
+    /// Number and time of the newest reading that is due by `now`; skips earlier ones.
     pub fn take(&mut self, now: Time) -> Option<(u64, Time)> {
         let (mut seq, mut at) = self.next;
         if at > now {
@@ -55,7 +55,8 @@ impl Encoders {
 
     /// Reads the motors, rad.
     pub fn read(&mut self, motors: impl Iterator<Item = f64>) -> Pose {
-        let (noise, resolution) = (self.noise, self.resolution);
+        let noise = self.noise;
+        let resolution = self.resolution;
         let read = |q: f64| {
             let q = if noise > 0.0 { q + noise * normal(self.random.next_u32()) } else { q };
             if resolution > 0.0 { nearest(q / resolution) * resolution } else { q }
@@ -84,14 +85,15 @@ impl Encoders {
     }
 }
 
-/// A number of about normal distribution with standard deviation one, never beyond 3.47: the sum of four even ones.
+/// Approximately normal number of standard deviation one, within 3.47: the sum of four uniform ones.
 fn normal(bits: u32) -> f64 {
     let sum: u32 = bits.to_le_bytes().map(u32::from).iter().sum();
-    // four even numbers of 0 to 255 have mean 510 and variance 4 (256^2 - 1) / 12
+    // the sum of four uniform numbers of 0 to 255 has mean 510 and variance 4 (256^2 - 1) / 12
     (f64::from(sum) - 510.0) / 147.799_413
 }
 
-/// To the nearest whole number. Numbers beyond 2^51 are not rounded; it costs a tenth of `f64::round`, of which a run needs some 20 million.
+/// Rounds to the nearest whole number, up to 2^51. Costs a tenth of `f64::round`, which a run would need some
+/// 20 million times.
 fn nearest(x: f64) -> f64 {
     const SHIFT: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52
     (x + SHIFT) - SHIFT

@@ -5,48 +5,48 @@ use mobee_contract::Time;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// What can go wrong with hardware.
+/// A fault of the hardware.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
-    /// Readings go on, and one motor's encoder (or all) says what it said when the fault began.
+    /// Readings continue, but the encoder of one motor (or all) is stuck at its value when the fault began.
     Frozen {
         /// The motor; `None` for all.
         motor: Option<usize>,
     },
-    /// Readings go on, and once the motors have moved for a while all encoders keep saying what they said then.
+    /// Readings continue, but once the motors have moved for a while all encoders are stuck.
     FrozenInMotion {
-        /// For how long they must have moved without a rest.
+        /// Duration of uninterrupted motion after which they are stuck.
         after: Duration,
     },
     /// Commands, leases and readings don't get through.
     Lost,
     /// Readings stop; commands and leases get through.
     Silent,
-    /// Commands take longer to take effect.
+    /// Commands take effect later.
     Slow {
-        /// By how much.
+        /// Additional latency.
         extra: Duration,
     },
-    /// One motor's encoder is off.
+    /// The encoder of one motor has an offset.
     Offset {
         /// The motor.
         motor: usize,
-        /// By how much, rad.
+        /// Offset, rad.
         by: f64,
     },
-    /// One motor gives way while the robot rests: to its weight, to a hand, to another program.
+    /// One motor gives way while the robot rests: to its weight, to a person, or to another program.
     Sag {
         /// The motor.
         motor: usize,
-        /// How fast, rad/s.
+        /// Speed, rad/s.
         speed: f64,
     },
-    /// Something that no model knows holds one motor: where it is once it has moved for a while it goes no farther in that direction,
-    /// whatever its board wants.
+    /// An unmodelled obstacle blocks one motor: once it has moved for a while, it goes no farther in that
+    /// direction, whatever its board commands.
     Blocked {
         /// The motor.
         motor: usize,
-        /// For how long it must have moved without a rest.
+        /// Duration of uninterrupted motion after which it is blocked.
         after: Duration,
     },
     /// A burst of noise on all encoders.
@@ -54,36 +54,36 @@ pub enum Fault {
         /// Standard deviation, rad.
         sigma: f64,
     },
-    /// Only each so-manyth reading gets through (0 and 1: all of them).
+    /// Only each `of`-th reading gets through (0 and 1: all of them).
     Gappy {
-        /// Of how many one does.
+        /// Number of readings of which one gets through.
         of: u64,
     },
-    /// Each reading is given a second time.
+    /// Each reading is returned twice.
     Repeated,
-    /// Readings are damaged on their way.
+    /// Readings are corrupted in transit.
     Garbage(Garbage),
-    /// The board reports a fault, brakes, and takes no command.
+    /// The board reports a fault, brakes, and accepts no command.
     Hardware {
-        /// What it reports.
+        /// Text of the report.
         report: String,
     },
 }
 
-/// How a reading is damaged.
+/// Corruption of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Garbage {
-    /// A position is not a number.
+    /// A position is NaN.
     NotANumber,
     /// A position is infinite.
     Infinite,
     /// A position is missing.
     Short,
-    /// There is one too many.
+    /// There is one position too many.
     Long,
 }
 
-/// Names a fault that was started.
+/// Identifier of a fault that was started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct FaultId(u64);
 
@@ -93,9 +93,9 @@ pub struct Active {
     pub fault: Fault,
     from: Time,
     until: Time,
-    /// What frozen encoders keep saying.
+    /// Values at which frozen encoders are stuck.
     pub held: Option<Arc<[f64]>>,
-    /// Since when the motors have moved, for those that freeze, and are held, in motion.
+    /// Time since which the motors have moved, for faults that begin in motion.
     pub moving: Option<Time>,
 }
 
@@ -104,18 +104,18 @@ impl Active {
         self.from <= now && now < self.until
     }
 
-    /// Whether it lasts until somebody stops it.
+    /// True if it lasts until it is stopped.
     pub fn is_open(&self) -> bool {
         self.until == Time(u64::MAX)
     }
 
-    /// Whether it keeps readings from being fetched.
+    /// True if it prevents readings from being fetched.
     pub fn withholds(&self) -> bool {
         matches!(self.fault, Fault::Lost | Fault::Silent | Fault::Hardware { .. })
     }
 }
 
-/// A handle that gives a simulated robot faults and takes them away, while it runs. Cheap to clone.
+/// Handle that starts and stops faults of a simulated robot while it runs. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct SimFaults {
     pub(crate) board: Arc<Mutex<SharedPlant>>,
@@ -127,7 +127,7 @@ impl SimFaults {
         self.plan(fault, Time::ZERO, Time(u64::MAX))
     }
 
-    /// Plans a fault for a span of time, known beforehand.
+    /// Plans a fault for an interval.
     pub fn plan(&self, fault: Fault, from: Time, until: Time) -> FaultId {
         let mut board = lock(&self.board);
         board.faults_made += 1;
@@ -136,7 +136,7 @@ impl SimFaults {
         id
     }
 
-    /// Ends a fault; one that has ended already is none of its business.
+    /// Ends a fault. No-op if it has already ended.
     pub fn stop(&self, id: FaultId) {
         lock(&self.board).faults.retain(|f| f.id != id);
     }

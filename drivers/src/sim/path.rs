@@ -1,15 +1,15 @@
-//! The path of one motor over time, in closed form: where it is, how fast, and when it comes to rest.
+//! Path of one motor over time, in closed form: position, speed, and time of the stop.
 //!
 //! ```text
 //! trapezoidal   accelerate, cruise, decelerate: pieces of constant acceleration
 //! minimum_jerk  one polynomial of degree five
-//! gain          as fast as the way that is left is far
+//! gain          speed in proportion to the remaining distance
 //! brake         one piece at the greatest deceleration
 //! cruise        go at a velocity for a while, then brake (velocity move)
-//! follow        catch up with a moving set-point, stay on it, then stop there (position-direct)
+//! follow        catch up with a moving setpoint, stay on it, then stop there (position-direct)
 //! ```
-//! A path has a bounded speed and acceleration, starts from any position and speed without a jump in either, and ends at rest; but for that of a gain,
-//! whose speed jumps.
+//! A path has a bounded speed and acceleration, starts from any position and speed without a jump in either,
+//! and ends at rest. The exception is the path of a gain, whose speed jumps.
 
 mod approach;
 mod cruise;
@@ -26,20 +26,21 @@ pub use quintic::Quintic;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How a board shapes its position moves.
+/// Shape of a board's position moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Profile {
-    /// Minimum-jerk trajectories, as the control boards of the iCub make them.
+    /// Minimum-jerk trajectories, as on the control boards of the iCub.
     #[default]
     MinimumJerk,
     /// Constant acceleration, constant speed, constant deceleration.
     Trapezoidal,
-    /// As fast as the way that is left is far, times the reference speed; begins at once, and is done within a degree. As iCub_SIM does.
+    /// Speed in proportion to the remaining distance and the reference speed; starts at once, and is done
+    /// within a degree. As iCub_SIM does.
     Gain,
 }
 
-/// Where a motor is: position (rad), speed (rad/s), acceleration (rad/s^2).
+/// State of a motor: position (rad), speed (rad/s), acceleration (rad/s^2).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Position, rad.
@@ -51,7 +52,7 @@ pub struct State {
 }
 
 impl State {
-    /// At rest at `q`.
+    /// State at rest at `q`.
     pub fn rest(q: f64) -> State {
         State { q, v: 0.0, a: 0.0 }
     }
@@ -66,27 +67,27 @@ pub struct Bounds {
     pub acceleration: f64,
 }
 
-/// A motor's motion, as a function of the seconds since it began.
+/// Motion of a motor, as a function of the seconds since it began.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Path {
-    /// Rests there.
+    /// Rests at this position.
     Rest(f64),
     /// Moves in pieces of constant acceleration.
     Pieces(Box<Pieces>),
     /// Moves along a polynomial.
     Quintic(Quintic),
-    /// Approaches as a gain does.
+    /// Approaches the target as a gain does.
     Approach(Approach),
 }
 
 impl Path {
-    /// A position move from `from` to a rest at `to`.
+    /// Position move from `from` to a rest at `to`.
     ///
-    /// `reference` is what the move asks for, `greatest` what the motor can do; the latter is used only to brake where
-    /// the former would overshoot. A minimum-jerk move that starts from rest takes
-    /// `T = max(1.875 d / speed, sqrt(5.774 d / acceleration))`, at which the peaks of speed and acceleration keep to the references (Flash and
-    /// Hogan, 1985); one that starts in mid-motion uses the shortest such polynomial found that neither turns back nor breaks the bounds, and where
-    /// there is none a trapezoid.
+    /// `reference` holds the bounds of the move, `greatest` those of the motor; the latter are used only to
+    /// brake where the former would overshoot. A minimum-jerk move that starts from rest takes `T = max(1.875
+    /// d / speed, sqrt(5.774 d / acceleration))`, at which the peaks of speed and acceleration equal the
+    /// references (Flash and Hogan, 1985). One that starts in mid-motion uses the shortest such polynomial
+    /// found that neither turns back nor violates the bounds, or a trapezoid if there is none.
     pub fn to(profile: Profile, from: State, to: f64, reference: Bounds, greatest: Bounds) -> Path {
         if from.v == 0.0 && from.q == to {
             return Path::Rest(to);
@@ -122,7 +123,7 @@ impl Path {
         }
     }
 
-    /// Seconds from the beginning until the board says that it is done.
+    /// Seconds from the beginning until the board reports done.
     pub fn done(&self) -> f64 {
         match self {
             Path::Approach(p) => p.done(),
@@ -130,7 +131,7 @@ impl Path {
         }
     }
 
-    /// Where it comes to rest.
+    /// Final position, rad.
     pub fn end(&self) -> f64 {
         match self {
             Path::Rest(q) => *q,

@@ -1,10 +1,10 @@
-//! The simulated board and its motors: a state machine stepped by the time it is told.
+//! The simulated board and its motors: a state machine that advances with the times passed in.
 //!
 //! ```text
 //! command ──checked──> in flight ──latency──> takes effect ──> a new path per motor
 //! lease ───────────────────────────────────────ends──────────> every motor brakes
 //! ```
-//! Between such events every motor follows a path in closed form, so a plant that nobody commands costs nothing,
+//! Between such events every motor follows a path in closed form, so a plant without commands costs nothing,
 //! and an hour passes in one step.
 
 mod check;
@@ -18,7 +18,7 @@ use motor::PlantMotor;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Most commands that may be on their way to the board at once; more are refused.
+/// Largest number of commands in flight; more are refused.
 const MOST_IN_FLIGHT: usize = 1024;
 
 /// A simulated board with its motors. Pure: time comes in with every call and never runs backwards.
@@ -28,21 +28,22 @@ pub struct Plant {
     motors: Vec<PlantMotor>,
     profile: Profile,
     now: Time,
-    /// The lease, until it has run out.
+    /// Lease, until it has expired.
     lease: Option<Time>,
-    /// Accepted commands and when they take effect, in that order.
+    /// Accepted commands with the times at which they take effect, in that order.
     in_flight: VecDeque<(Time, PlantCommand)>,
-    /// What differs from a kinematic board.
+    /// Differences from a kinematic board.
     rules: BoardRules,
-    /// Where the joints are that follow the commanded positions, rad; empty: where they are commanded.
+    /// Measured positions of the joints that follow the commanded positions, rad; empty for kinematic joints.
     measured: Vec<f64>,
 }
 
 impl Plant {
-    /// A plant at rest at `start` (rad, one per axis; axes without one start at the middle of their range).
+    /// Creates a plant at rest at `start` (rad, one per axis; axes without one start at the middle of their
+    /// range).
     ///
-    /// Until told otherwise the reference speed is a tenth of the greatest and the reference acceleration the greatest. All motors start in
-    /// [`ControlMode::Position`] and without a lease.
+    /// The initial reference speed is a tenth of the greatest, the initial reference acceleration the
+    /// greatest. All motors start in [`ControlMode::Position`] and without a lease.
     pub fn new(axes: Vec<Axis>, start: &[f64], profile: Profile) -> Plant {
         let starts = start.iter().copied().map(Some).chain(std::iter::repeat(None));
         let motors = axes
@@ -52,27 +53,35 @@ impl Plant {
                 PlantMotor::at_rest(q.unwrap_or(0.5 * (axis.min + axis.max)).clamp(axis.min, axis.max), axis)
             })
             .collect();
-        let (rules, measured) = (BoardRules::default(), Vec::new());
-        Plant { axes, motors, profile, now: Time::ZERO, lease: None, in_flight: VecDeque::new(), rules, measured }
+        Plant {
+            axes,
+            motors,
+            profile,
+            now: Time::ZERO,
+            lease: None,
+            in_flight: VecDeque::new(),
+            rules: BoardRules::default(),
+            measured: Vec::new(),
+        }
     }
 
-    /// The same with the rules of another board.
+    /// Replaces the rules of the board.
     pub(super) fn with_rules(self, rules: BoardRules) -> Plant {
         Plant { rules, ..self }
     }
 
-    /// Whether a stop makes the measured position the commanded one.
+    /// True if a stop makes the measured position the commanded one.
     pub(super) fn stop_holds_measured(&self) -> bool {
         self.rules.stop == StopRule::Measured
     }
 
-    /// Where the joints are that follow its commanded positions, rad.
+    /// Sets the measured positions of the joints, rad.
     pub(super) fn measure(&mut self, q: impl Iterator<Item = f64>) {
         self.measured.clear();
         self.measured.extend(q);
     }
 
-    /// Whether its commanded positions stay as they are until somebody commands it.
+    /// True if its commanded positions stay constant until the next command.
     pub(super) fn is_idle(&self) -> bool {
         self.in_flight.is_empty() && !self.moves()
     }
@@ -82,24 +91,24 @@ impl Plant {
         self.motors.iter().map(|m| m.state(self.now))
     }
 
-    /// The time it was last told.
+    /// Newest time passed in.
     pub fn now(&self) -> Time {
         self.now
     }
 
-    /// Its motors' limits.
+    /// Limits of its motors.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// Moves on to `now`. An earlier time than before changes nothing.
+    /// Advances to `now`. An earlier time changes nothing.
     pub fn advance(&mut self, now: Time) {
         let now = now.max(self.now);
         loop {
             let effect = self.in_flight.front().map(|(at, _)| *at).filter(|at| *at <= now);
             let expiry = self.lease.filter(|until| *until <= now);
             match (effect, expiry) {
-                // what would take effect just as the lease ends finds it ended
+                // a command that takes effect at the very end of the lease is too late
                 (effect, Some(until)) if effect.is_none_or(|at| until <= at) => {
                     self.lease = None;
                     self.brake(until);
@@ -115,7 +124,7 @@ impl Plant {
         self.now = now;
     }
 
-    /// Lets it move until then, and no longer than the newest lease says.
+    /// Sets the lease, which replaces any earlier one, even if that lasted longer.
     pub fn lease(&mut self, now: Time, until: Time) {
         self.advance(now);
         if until > self.now {
@@ -126,15 +135,15 @@ impl Plant {
         }
     }
 
-    /// Whether it may move now.
+    /// True if it may move now.
     pub fn is_leased(&self) -> bool {
         self.lease.is_some()
     }
 
-    /// Accepts a command that takes effect `latency` later, never before those given earlier.
+    /// Accepts a command that takes effect `latency` later, and not before earlier commands.
     ///
     /// # Errors
-    /// What does not fit, naming the motor; nothing is changed then.
+    /// The part that does not fit, naming the motor; nothing is changed then.
     pub fn command(&mut self, now: Time, command: &Command, latency: Duration) -> Result<(), String> {
         self.advance(now);
         if self.in_flight.len() >= MOST_IN_FLIGHT {
@@ -146,17 +155,17 @@ impl Plant {
         }
         let after = self.in_flight.back().map_or(Time::ZERO, |(at, _)| *at);
         self.in_flight.push_back(((self.now + latency).max(after), checked));
-        // without latency it is in force at once
+        // without latency it takes effect at once
         self.advance(now);
         Ok(())
     }
 
-    /// Brakes all motors now, whatever is on its way.
+    /// Brakes all motors now; commands in flight are not affected.
     pub fn brake_all(&mut self) {
         self.brake(self.now);
     }
 
-    /// Pushes a motor from where it rests, within its limits; not while any of them moves.
+    /// Displaces a motor at rest, within its limits; no-op while any motor moves.
     pub fn push(&mut self, motor: usize, by: f64) {
         if !self.moves()
             && let (Some(motor), Some(axis)) = (self.motors.get_mut(motor), self.axes.get(motor))
@@ -165,26 +174,27 @@ impl Plant {
         }
     }
 
-    /// Holds a motor that moves where it is, in the direction in which it goes. One that rests is not held.
+    /// Blocks a moving motor at its position, in its direction of motion. No-op for a motor at rest.
     pub fn hold(&mut self, motor: usize) {
         if let Some(motor) = self.motors.get_mut(motor).filter(|m| m.state(self.now).v != 0.0) {
             motor.hold(self.now);
         }
     }
 
-    /// Nothing holds a motor any more.
+    /// Unblocks a motor.
     pub fn release(&mut self, motor: usize) {
         if let (Some(motor), Some(axis)) = (self.motors.get_mut(motor), self.axes.get(motor)) {
             motor.release(self.now, self.profile, greatest(axis));
         }
     }
 
-    /// Per motor, if it is held: since when, and how far its board wants it beyond, rad.
+    /// Per motor, if it is blocked: the time since when, and the distance to the position that its board
+    /// commands, rad.
     pub fn held(&self) -> Vec<Option<(Time, f64)>> {
         self.motors.iter().map(|m| m.held(self.now)).collect()
     }
 
-    /// Whether any motor moves.
+    /// True if any motor moves.
     pub fn moves(&self) -> bool {
         self.motors.iter().any(|m| !m.rests(self.now))
     }
@@ -199,7 +209,7 @@ impl Plant {
         self.motors.iter().map(|m| m.state(self.now).v)
     }
 
-    /// Per motor whether it says that it is done, and nothing that is on its way will move it.
+    /// True per motor that reports done, unless a command in flight will move it.
     pub fn done(&self) -> Vec<bool> {
         let mut done: Vec<bool> = self.motors.iter().map(|m| m.is_done(self.now)).collect();
         for (_, command) in &self.in_flight {
@@ -212,7 +222,7 @@ impl Plant {
         done
     }
 
-    /// Control mode of every motor, as now in force.
+    /// Control mode of every motor.
     pub fn modes(&self) -> Vec<ControlMode> {
         self.motors.iter().map(|m| m.mode).collect()
     }
@@ -225,8 +235,9 @@ impl Plant {
 
     fn take_effect(&mut self, at: Time, command: PlantCommand) {
         let leased = self.is_leased();
-        let (profile, rules) = (self.profile, self.rules);
-        // a stop that holds what the encoders read
+        let profile = self.profile;
+        let rules = self.rules;
+        // for a stop that holds the measured positions
         let held: Vec<f64> =
             if rules.stop == StopRule::Measured { std::mem::take(&mut self.measured) } else { Vec::new() };
         let mut with = |m: usize, act: &mut dyn FnMut(&mut PlantMotor, &Axis)| {
@@ -282,7 +293,7 @@ impl Plant {
     }
 }
 
-/// What an axis can do at most.
+/// Bounds of an axis.
 fn greatest(axis: &Axis) -> Bounds {
     Bounds { speed: axis.max_speed, acceleration: axis.max_acceleration }
 }

@@ -1,4 +1,4 @@
-//! The settings of the simulated robot.
+//! Settings of the simulated robot.
 
 mod imitated;
 
@@ -15,27 +15,27 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Resolution and noise of the encoders of kinematic joints, deg.
+/// Resolution of the encoders of kinematic joints, deg.
 const RESOLUTION_DEG: f64 = 0.01;
-/// See above.
+/// Noise of the encoders of kinematic joints, deg.
 const NOISE_DEG: f64 = 0.005;
-/// Readings of a noisy encoder at rest differ by so many standard deviations.
+/// Spread of the readings of a noisy encoder at rest, in standard deviations.
 const NOISE_SPREAD: f64 = 4.0;
 
 /// A box that is only in the simulated world, upright.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct UnknownBox {
-    /// Its name, for reports.
+    /// Name, for reports.
     pub name: String,
     /// Full edge lengths along x, y and z, m.
     pub size_m: [f64; 3],
-    /// Where its center is in the world frame, m.
+    /// Position of its center in the world frame, m.
     pub at_m: [f64; 3],
 }
 
 impl UnknownBox {
-    /// As an obstacle of a scene.
+    /// Converts to an obstacle of a scene.
     pub(crate) fn object(&self) -> Object {
         let [x, y, z] = self.at_m;
         let shape = Shape::Box { size: Vector3::from(self.size_m) };
@@ -50,32 +50,34 @@ impl UnknownBox {
     }
 }
 
-/// Whether a file needs not name it.
+/// True if a file need not name it.
 fn is_builtin(physics: &Physics) -> bool {
     *physics == Physics::Builtin
 }
 
-/// Settings of a simulated robot. All have defaults. Degrees mean millimeters for motors that slide.
+/// Settings of a simulated robot. All have defaults. For prismatic joints, degrees mean millimeters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimSettings {
-    /// A robot to imitate, such as `iCub_SIM`; its measured behavior replaces `move_profile` and the model's limits.
+    /// Robot to imitate, such as `iCub_SIM`; its measured behavior replaces `move_profile` and the model's
+    /// limits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imitates: Option<Imitated>,
-    /// The kind of arm: `ideal` (kinematic joints), or `arm` (of no particular make), `icub`, `panda`, `ur5`, `so101` with servos, weight and elastic contact.
+    /// Kind of arm: `ideal` (kinematic joints), or `arm` (generic), `icub`, `panda`, `ur5`, `so101` with
+    /// servos, weight and elastic contact.
     pub profile: ArmProfile,
-    /// The physics that moves the arm: `builtin`, or `mujoco`; not with kinematic joints.
+    /// Physics that moves the arm: `builtin`, or `mujoco`; not with kinematic joints.
     #[serde(skip_serializing_if = "is_builtin")]
     pub physics: Physics,
-    /// Servos, weight and board other than the profile's.
+    /// Deviations of servos, weight and board from the profile.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub servo: Option<ServoSettings>,
-    /// Boxes that the simulated arm touches, and the model does not know; not with kinematic joints.
+    /// Boxes that the simulated arm can touch but the model does not contain; not with kinematic joints.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unknown: Vec<UnknownBox>,
     /// Shape of position moves: `minimum_jerk`, `trapezoidal` or `gain`.
     pub move_profile: Profile,
-    /// Maximum speed of every motor, deg/s. A motor whose robot file gives a lower `maxSpeed` keeps to that.
+    /// Maximum speed of every motor, deg/s. A lower `maxSpeed` of a motor in the robot file has priority.
     pub max_speed_deg_per_s: f64,
     /// Maximum acceleration of every motor, also in braking, deg/s^2.
     pub max_acceleration_deg_per_s2: f64,
@@ -83,15 +85,16 @@ pub struct SimSettings {
     pub latency_ms: f64,
     /// Encoder readings per second.
     pub rate_hz: f64,
-    /// Resolution of the encoders, deg; 0: unlimited. 0.01, or the profile's.
+    /// Resolution of the encoders, deg; 0: unlimited. Default: 0.01, or the profile's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_deg: Option<f64>,
-    /// Standard deviation of the encoder noise, deg; no reading is off by more than 3.5 times this. 0.005, or the profile's.
+    /// Standard deviation of the encoder noise, deg; the error of a reading is limited to 3.5 times this.
+    /// Default: 0.005, or the profile's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_deg: Option<f64>,
     /// Maximum deviation of a reading's time from its period, ms.
     pub jitter_ms: f64,
-    /// Where motors start, by name, in encoder degrees; others start at home.
+    /// Start positions of motors by name, in encoder degrees; other motors start at home.
     pub start_deg: BTreeMap<String, f64>,
 }
 
@@ -117,7 +120,7 @@ impl Default for SimSettings {
 }
 
 impl SimSettings {
-    /// The same without noise, resolution and jitter: encoders that tell the truth.
+    /// Same settings without noise, resolution and jitter: exact encoders.
     pub fn exact(self) -> SimSettings {
         SimSettings { resolution_deg: Some(0.0), noise_deg: Some(0.0), jitter_ms: 0.0, ..self }
     }
@@ -125,7 +128,7 @@ impl SimSettings {
     /// Checks every setting.
     ///
     /// # Errors
-    /// The first one that makes no sense, with what would.
+    /// The first invalid setting, with the valid range.
     pub fn validate(&self) -> Result<(), KindError> {
         let ranges = [
             ("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 10_000.0),
@@ -137,9 +140,9 @@ impl SimSettings {
             ("jitter_ms", self.jitter_ms, 0.0, 400.0 / self.rate_hz),
         ];
         KindError::gather(ranges.map(|(name, value, least, most)| {
-            // a rate that is none is complained of once
+            // an invalid rate is reported only once
             let judged = name != "jitter_ms" || self.rate_hz > 0.0;
-            // written so that not-a-number fails
+            // written so that NaN fails
             let usable = value >= least && value <= most;
             if judged && !usable {
                 let help = match name {
@@ -153,7 +156,7 @@ impl SimSettings {
         self.validate_arm()
     }
 
-    /// Checks the settings of the arm's servos and of what it touches.
+    /// Checks the settings of the arm's servos and of the objects that it touches.
     fn validate_arm(&self) -> Result<(), KindError> {
         let kinematic = self.arm().is_none();
         let needs = |name: &str| {
@@ -228,12 +231,12 @@ impl SimSettings {
         robot.motors.iter().enumerate().map(axis).collect()
     }
 
-    /// The servos of a robot's motors; `None`: kinematic joints.
+    /// Servos of a robot's motors; `None` for kinematic joints.
     pub fn servos(&self, robot: &Robot) -> Option<Vec<Servo>> {
         Some(self.servo.clone().unwrap_or_default().servos(&self.arm()?, robot))
     }
 
-    /// What readings of this motor show, and how its servo holds it; of kinematic joints nothing is to be known.
+    /// Accuracy of the readings and of the servo of this motor; defaults for kinematic joints.
     fn shows(&self, motor: &mobee_model::Motor, servo: Option<&Servo>) -> Axis {
         let (Some(numbers), Some(joint)) = (self.arm(), servo) else { return Axis::default() };
         let resolution = self.resolution().max(NOISE_SPREAD * self.noise()).to_radians();
@@ -245,10 +248,10 @@ impl SimSettings {
         Axis { resolution, hold_error, deflection, contact_effort, overshoot, ..Axis::default() }
     }
 
-    /// Where the robot's motors start, rad.
+    /// Start configuration of the robot, rad.
     ///
     /// # Errors
-    /// A motor the robot does not have, or a position outside its limits.
+    /// A motor that the robot does not have, or a position outside its limits.
     pub fn start(&self, robot: &Robot) -> Result<Vec<f64>, KindError> {
         let mut start: Vec<f64> = robot.motors.iter().map(|m| m.home).collect();
         let names: Vec<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
@@ -271,12 +274,12 @@ impl SimSettings {
         Ok(start)
     }
 
-    /// The shape of position moves.
+    /// Shape of position moves.
     pub fn move_profile(&self) -> Profile {
         if self.imitates == Some(Imitated::ICubSim) { Profile::Gain } else { self.move_profile }
     }
 
-    /// The arm's numbers; `None`: kinematic joints.
+    /// Numbers of the arm's profile; `None` for kinematic joints.
     pub fn arm(&self) -> Option<ArmNumbers> {
         self.profile.numbers()
     }

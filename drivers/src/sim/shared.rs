@@ -1,4 +1,5 @@
-//! The simulated hardware itself: board, arm and encoders, which all drivers of one robot share, and the faults they show.
+//! Hardware of a simulated robot, shared by all its drivers: board, arm and encoders, and their present
+//! faults.
 
 use super::body::ArmBody;
 use super::dynamics::{DoneRule, EffortReport};
@@ -9,39 +10,40 @@ use mobee_contract::{Command, DriverFault, Sample, Time};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A board that reports arrivals counts a joint as arrived within this, rad.
+/// Distance within which a board with the rule `arrived` counts a joint as arrived, rad.
 const ARRIVED: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
-/// A joint that is faster moves, rad/s.
+/// Speed above which a joint moves, rad/s.
 const MOVES: f64 = 1.0 * std::f64::consts::PI / 180.0;
 
-/// What all drivers of one simulated robot share: the hardware itself.
+/// Hardware of one simulated robot, shared by all its drivers.
 #[derive(Debug)]
 pub struct SharedPlant {
-    /// The board: it shapes the commanded positions.
+    /// Board, which shapes the commanded positions.
     pub plant: Plant,
-    /// The arm that follows them; `None`: its joints are where they are commanded.
+    /// Arm that follows them; `None` for kinematic joints.
     pub arm: Option<Box<dyn ArmBody>>,
     pub done: DoneRule,
-    /// Which torque its board reports.
+    /// Kind of torque that its board reports.
     pub reports: Option<EffortReport>,
     pub encoders: Encoders,
     pub latency: Duration,
-    /// The newest reading, until it is fetched.
+    /// Newest reading, until it is fetched.
     pub unread: Option<Sample>,
-    /// The reading that was fetched last.
+    /// Reading fetched last.
     pub fetched: Option<Sample>,
     pub faults: Vec<Active>,
     pub faults_made: u64,
 }
 
-/// Hardware does not break because a program crashed while it talked to it.
+/// Locks the hardware. A poisoned lock is used anyway, because hardware is intact when a program
+/// crashed while holding it.
 pub fn lock(board: &Mutex<SharedPlant>) -> MutexGuard<'_, SharedPlant> {
     board.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl SharedPlant {
-    /// Moves on to `now`, reading the encoders on the way.
+    /// Advances to `now`, reading the encoders when due.
     pub fn advance(&mut self, now: Time) {
         if let Some((seq, at)) = self.encoders.take(now) {
             self.pass(at);
@@ -50,7 +52,9 @@ impl SharedPlant {
                 None => self.encoders.read(self.plant.positions()),
             };
             let contact_n = self.arm.as_mut().map_or(0.0, |arm| arm.pushes().read());
-            let (at, done, external) = (self.plant.now(), self.done(), self.external());
+            let at = self.plant.now();
+            let done = self.done();
+            let external = self.external();
             let mut sample = Sample { seq, at, q, done, external, contact_n };
             self.falsify(&mut sample);
             self.unread = Some(sample);
@@ -64,7 +68,7 @@ impl SharedPlant {
         }
     }
 
-    /// Lets board and arm move on to `to`.
+    /// Advances board and arm to `to`.
     fn pass(&mut self, to: Time) {
         if let Some(arm) = &mut self.arm {
             while arm.clock().next() <= to {
@@ -80,7 +84,7 @@ impl SharedPlant {
         self.plant.advance(to);
     }
 
-    /// Where the joints are, rad.
+    /// Positions of the joints, rad.
     pub fn positions(&self) -> Vec<f64> {
         match &self.arm {
             Some(arm) => arm.positions(),
@@ -88,7 +92,7 @@ impl SharedPlant {
         }
     }
 
-    /// Per motor whether its board reports it as done.
+    /// True per motor that its board reports as done.
     pub fn done(&self) -> Vec<bool> {
         let mut done = self.plant.done();
         if let (Some(arm), DoneRule::Arrived) = (&self.arm, self.done) {
@@ -98,18 +102,20 @@ impl SharedPlant {
         done
     }
 
-    /// Per motor the torque from outside that its board reports, N m (N where it slides); empty for kinematic joints.
+    /// External torque per motor as its board reports it, N m (N for prismatic joints); empty for kinematic
+    /// joints.
     fn external(&self) -> Vec<f64> {
         match (&self.arm, self.reports) {
             (Some(arm), Some(EffortReport::External)) => arm.external(),
-            // a push makes the servo push back
+            // the servo opposes a push
             (Some(arm), Some(EffortReport::Load)) => arm.efforts().into_iter().map(|effort| -effort).collect(),
             _ => Vec::new(),
         }
     }
 
-    /// Of a stop the motors that it is sent to, where a stop holds the measured position: those that move, or are commanded. One that rests
-    /// under its weight would sink with each stop. `None`: the command goes as it is.
+    /// Motors that a stop is sent to, if a stop holds the measured position: those that move, or are
+    /// commanded to. A motor that rests under its weight would sink with each stop. `None` passes the command
+    /// on unchanged.
     pub fn motors_to_stop(&self, command: &Command) -> Option<Vec<usize>> {
         let (Command::Stop { motors }, Some(arm), true) = (command, &self.arm, self.plant.stop_holds_measured()) else {
             return None;
@@ -130,7 +136,7 @@ impl SharedPlant {
         }
     }
 
-    /// Motors that something holds are held once they have moved for long enough, and let go when it is over.
+    /// Blocks motors with a fault once they have moved for long enough, and unblocks them at its end.
     fn hold(&mut self, now: Time) {
         let mut wanted = Vec::new();
         for f in self.faults.iter_mut().filter(|f| f.is_on(now)) {
@@ -148,12 +154,12 @@ impl SharedPlant {
         over.into_iter().for_each(|m| self.plant.release(m));
     }
 
-    /// The faults that show now.
+    /// Faults active now.
     pub fn on(&self, now: Time) -> impl Iterator<Item = &Active> {
         self.faults.iter().filter(move |f| f.is_on(now))
     }
 
-    /// The fault that keeps the board from answering, if there is one.
+    /// Fails if a fault prevents the board from answering.
     pub fn trouble(&self, now: Time) -> Result<(), DriverFault> {
         if self.on(now).any(|f| f.fault == Fault::Lost) {
             return Err(DriverFault::Lost);
@@ -165,7 +171,7 @@ impl SharedPlant {
         self.on(now).find_map(report).map_or(Ok(()), |r| Err(DriverFault::Hardware(r)))
     }
 
-    /// Makes a reading say what lying encoders say.
+    /// Applies encoder faults to a reading.
     fn falsify(&mut self, sample: &mut Sample) {
         if self.faults.is_empty() {
             return;

@@ -1,36 +1,37 @@
-//! How long a board takes to answer, from what it answered of late.
+//! Recent answer times of a board.
 
 use mobee_contract::AnswerTime;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// For how long an answer counts, s.
-const WINDOW: f64 = 5.0;
-/// For how much an answer counts at least and at most, s: as far apart as they come when nothing else is asked.
+/// Age beyond which an answer is ignored, s.
+const WINDOW_S: f64 = 5.0;
+/// Least and greatest weight of an answer, s. The greatest is the interval of answers when nothing else is
+/// requested.
 const COUNTS: (f64, f64) = (1e-3, 0.1);
-/// Most answers that are kept.
-const MOST: usize = 128;
+/// Largest number of answers stored.
+const MAX_ANSWERS: usize = 128;
 
-/// The round trips of one board. Times in seconds.
+/// Round-trip times of one board. Times in seconds.
 #[derive(Clone, Debug, Default)]
 pub struct Answers(VecDeque<(f64, f64)>);
 
 impl Answers {
-    /// An answer came now, and took so long.
+    /// Adds an answer that arrived at `now`, `took` seconds after its request.
     pub fn note(&mut self, now: f64, took: f64) {
-        if self.0.len() >= MOST {
+        if self.0.len() >= MAX_ANSWERS {
             self.0.pop_front();
         }
         self.0.push_back((now, took));
     }
 
-    /// When the newest came.
+    /// Arrival time of the newest answer.
     pub fn newest(&self) -> Option<f64> {
         self.0.back().map(|(at, _)| *at)
     }
 
-    /// What the answers of late took, each counted by the time since the one before: a board that has become slow answers less often.
-    /// `None` if there were none.
+    /// Statistics of the recent answers, each weighted by the time since the one before, because a board that
+    /// has become slow answers less often. `None` without recent answers.
     pub fn summary(&self, now: f64) -> Option<AnswerTime> {
         let mut before = f64::NEG_INFINITY;
         let counted = self.0.iter().map(|(at, took)| {
@@ -38,7 +39,7 @@ impl Answers {
             before = *at;
             (*at, *took, counts)
         });
-        let of_late = counted.filter(|(at, ..)| *at >= now - WINDOW);
+        let of_late = counted.filter(|(at, ..)| *at >= now - WINDOW_S);
         let mut took: Vec<(f64, f64)> = of_late.map(|(_, took, counts)| (took, counts)).collect();
         took.sort_by(|a, b| a.0.total_cmp(&b.0));
         let all: f64 = took.iter().map(|(_, counts)| counts).sum();
@@ -59,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_late_answer_is_told_and_does_not_count_as_a_slow_board() {
+    fn one_late_answer_is_reported_and_does_not_count_as_a_slow_board() {
         let mut answers = Answers::default();
         assert_eq!(answers.summary(0.0), None);
         for i in 0..40 {

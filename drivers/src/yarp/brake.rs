@@ -1,9 +1,10 @@
-//! The brake of one board: stops go out on a line of their own, so that none waits for the answer to something else.
+//! Brake of one board: stops go out on their own connection, so that no stop waits for the answer to another
+//! request.
 //!
-//! An order that is under way when a stop overtakes it may be carried out after it: the hand stops the board once more on
-//! the line of the orders. A stop goes to the joints that move or were commanded to, and one that shows no effect in the readings is
-//! sent again: to the joints that go on as before. A joint that sinks is none of them: a board that takes the measured position for the
-//! new target would lower it with each stop.
+//! An order in progress when a stop overtakes it may be executed after the stop; the hand therefore stops the
+//! board again on the connection of the orders. A stop goes to the joints that move or were commanded to. If
+//! the readings show no effect, it is sent again to the joints that keep moving as before. A sinking joint is
+//! excluded: a board that takes the measured position as its new target would lower the joint with each stop.
 
 use super::cell::{SharedBoards, instant};
 use super::hand::Halt;
@@ -16,42 +17,46 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::{MissedTickBehavior, interval};
 
-/// How often it is looked whether the board obeys.
-const LOOK: Duration = Duration::from_millis(20);
-/// How often the line is tried while the board rests, s: one that broke unnoticed would cost a stop the time to connect.
-const TRIED: f64 = 0.5;
-/// A stop has an effect if it takes off this share of a joint's speed, from one look at its effect to the next.
-const SLOWER: f64 = 0.75;
-/// Slower than this (deg/s) a joint may just as well sink as go on.
-const SINKS: f64 = 15.0;
-/// A joint that sinks after a stop has come to rest by then, s: one that still moves goes on.
-const SUNK: f64 = 0.5;
-/// A joint that was slower than this (deg/s) as it was stopped had no direction yet.
-const STILL: f64 = 1.0;
+/// Period of the check whether the board obeys.
+const CHECK_PERIOD: Duration = Duration::from_millis(20);
+/// Period of the connection test while the board rests, s. A connection that broke unnoticed would delay a
+/// stop by the time to connect.
+const PROBE_PERIOD_S: f64 = 0.5;
+/// Largest share of a joint's speed that may remain from one check to the next for the stop to count as
+/// effective.
+const MAX_REMAINING_SHARE: f64 = 0.75;
+/// Speed below which a moving joint may be sinking instead, deg/s.
+const SINKING_SPEED_DEG_S: f64 = 15.0;
+/// Time after a stop within which a sinking joint has settled, s. A joint that still moves then has not
+/// stopped.
+const SETTLING_TIME_S: f64 = 0.5;
+/// Speed below which the direction of motion of a stopped joint is undefined, deg/s.
+const REST_SPEED_DEG_S: f64 = 1.0;
 
-/// The brake of one board.
+/// Brake of one board.
 pub struct Brake {
-    /// What is known of the board.
+    /// State shared with the drivers.
     pub cell: Arc<SharedBoards>,
-    /// The board's index.
+    /// Index of the board.
     pub index: usize,
-    /// First part of the board's port names.
+    /// Prefix of the board's port names.
     pub port: String,
-    /// The line that nothing else uses.
+    /// Connection used for stops only.
     pub line: Box<dyn StopLine>,
-    /// Everything stops.
+    /// Newest stop request.
     pub halt: watch::Receiver<Arc<Halt>>,
-    /// How late the board may act, s.
+    /// Latest delay after which the board may act, s.
     pub latency: f64,
 }
 
 impl Brake {
-    /// Works until it is told to end; stops the board then.
+    /// Runs until `end` changes, then stops the board.
     pub async fn work(mut self, mut end: watch::Receiver<bool>) {
-        let mut look = interval(LOOK);
+        let mut look = interval(CHECK_PERIOD);
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let (mut effect, mut tried) = (None, f64::NEG_INFINITY);
-        // the first word on a line is a stop
+        let mut effect = None;
+        let mut tried = f64::NEG_INFINITY;
+        // the first message on a connection is a stop
         let mut open = false;
         loop {
             tokio::select! {
@@ -72,7 +77,7 @@ impl Brake {
                     } else if let Some(joints) = self.shows_none(&mut effect) {
                         tracing::warn!(board = self.port, "a stop shows no effect, and is sent again");
                         open = self.stop(joints).await;
-                    } else if self.is_idle() && self.now() >= tried + TRIED {
+                    } else if self.is_idle() && self.now() >= tried + PROBE_PERIOD_S {
                         tried = self.now();
                         open = self.is_good().await;
                     }
@@ -86,25 +91,27 @@ impl Brake {
         self.cell.secs(instant())
     }
 
-    /// Whether the board is ours to stop: another program that drives it is not disturbed (F13).
+    /// True if the board is ours to stop. If another program drives it, it is left alone (F13).
     fn is_ours(&self) -> bool {
         self.cell.is_ours(self.index)
     }
 
-    /// Whether the line has to show anew that it is good.
+    /// True if the connection has to prove itself again.
     fn is_doubted(&self) -> bool {
         self.cell.lock().boards.get(self.index).is_some_and(|known| known.brake.is_some())
     }
 
-    /// Says a stop; whether the line is good. Drivers are told if it is not: without a brake a board is not used.
+    /// Sends a stop and returns whether the connection works. Drivers are notified if it does not: without a
+    /// brake a board is not used.
     async fn stop(&mut self, joints: Joints) -> bool {
         if !self.is_ours() {
             return false;
         }
-        // not given up for the next one, as a question is: to connect anew for each would leave a slow board without a line
-        let asked = self.now();
-        let answer = self.line.say(&Ask::Set(Set::Stop(joints))).await;
-        self.answered(asked, &answer);
+        // not aborted in favor of the next stop, unlike a query: reconnecting for each would leave a slow
+        // board without a connection
+        let sent_at = self.now();
+        let answer = self.line.send(&Ask::Set(Set::Stop(joints))).await;
+        self.answered(sent_at, &answer);
         let trouble = match answer {
             Ok(answer) if reply::is_ok(&answer) => None,
             Ok(answer) => Some(format!("{}: it answers {answer} to a stop", self.port)),
@@ -118,43 +125,47 @@ impl Brake {
         good
     }
 
-    /// Asks whether the line is good, but not on when there is a stop to say: the line is connected anew then.
+    /// Tests the connection. Aborts if a stop is due, which then reconnects.
     async fn is_good(&mut self) -> bool {
-        let asked = self.now();
+        let sent_at = self.now();
         let mut halt = self.halt.clone();
         let answer = tokio::select! {
             biased;
             Ok(()) = halt.changed() => return false,
-            answer = self.line.say(&Ask::Get(Get::Axes)) => answer,
+            answer = self.line.send(&Ask::Get(Get::Axes)) => answer,
         };
-        self.answered(asked, &answer);
+        self.answered(sent_at, &answer);
         answer.is_ok()
     }
 
-    fn answered(&self, asked: f64, answer: &Result<Bottle, CallError>) {
+    fn answered(&self, sent_at: f64, answer: &Result<Bottle, CallError>) {
         let now = self.now();
         if let (Ok(answer), Some(known)) = (answer, self.cell.lock().boards.get_mut(self.index)) {
-            known.answered(asked, now, answer);
+            known.answered(sent_at, now, answer);
         }
     }
 
-    /// Whether a question on this line would keep no stop waiting: nothing moves.
+    /// True if a test on this connection can't delay a stop, because nothing moves.
     fn is_idle(&self) -> bool {
         self.is_ours() && self.cell.lock().boards.get(self.index).is_some_and(|known| !known.motions.is_busy())
     }
 
     fn watch(&self, ticket: u64, joints: Joints) -> Effect {
-        let said = self.now();
-        let speeds =
-            self.cell.lock().boards.get(self.index).map(|known| known.motions.speeds(said - super::motion::WHILE));
+        let stop_sent = self.now();
+        let speeds = self
+            .cell
+            .lock()
+            .boards
+            .get(self.index)
+            .map(|known| known.motions.speeds(stop_sent - super::motion::REST_TIME_S));
         let speeds = match speeds {
             Some(MeasuredSpeeds::At(speeds)) => Some(speeds),
             _ => None,
         };
-        Effect { ticket, joints, said, first: speeds.clone(), speeds, sent: said }
+        Effect { ticket, joints, checked: stop_sent, first: speeds.clone(), speeds, sent: stop_sent }
     }
 
-    /// The joints that the last stop is to be sent to again.
+    /// Joints to which the last stop is to be sent again.
     fn shows_none(&self, effect: &mut Option<Effect>) -> Option<Joints> {
         let watched = effect.as_mut()?;
         let now = self.now();
@@ -164,10 +175,10 @@ impl Brake {
             *effect = None;
             return None;
         }
-        if now < watched.said + self.latency + super::motion::WHILE {
+        if now < watched.checked + self.latency + super::motion::REST_TIME_S {
             return None;
         }
-        match watched.seen(now, known.motions.speeds(watched.said + self.latency)) {
+        match watched.seen(now, known.motions.speeds(watched.checked + self.latency)) {
             Seen::Rest => {
                 *effect = None;
                 None
@@ -178,19 +189,19 @@ impl Brake {
     }
 }
 
-/// What a stop does, as far as the readings show.
+/// Effect of a stop, as far as the readings show it.
 #[derive(Debug)]
 struct Effect {
-    /// The halt's ticket: what is ordered after it may move.
+    /// Ticket of the halt: orders with a later ticket may move the joints.
     ticket: u64,
-    /// What was stopped.
+    /// Joints that were stopped.
     joints: Joints,
-    /// When it was said last, or seen to have an effect, s.
-    said: f64,
-    /// How fast the joints were as they were stopped, and at the last look, deg/s.
+    /// Time of the last check, or of the first command, s.
+    checked: f64,
+    /// Speeds of the joints at the stop and at the last check, deg/s.
     first: Option<Vec<f64>>,
     speeds: Option<Vec<f64>>,
-    /// When it was sent last, s.
+    /// Time of the last command, s.
     sent: f64,
 }
 
@@ -198,17 +209,17 @@ struct Effect {
 enum Seen {
     Rest,
     Slower,
-    /// It goes on, at least with these joints.
+    /// The motion continues, at least of these joints.
     Nothing(Joints),
 }
 
 impl Effect {
-    /// The speeds of the joints since the stop should act, if readings show them.
+    /// Judges the joint speeds measured since the stop should act.
     fn seen(&mut self, now: f64, speeds: MeasuredSpeeds) -> Seen {
-        self.said = now;
+        self.checked = now;
         let speeds = match speeds {
             MeasuredSpeeds::Rest => return Seen::Rest,
-            // without readings nothing shows whether they obey
+            // without readings nothing shows whether the joints obey
             MeasuredSpeeds::Unknown => return Seen::Nothing(self.joints.clone()),
             MeasuredSpeeds::At(speeds) => speeds,
         };
@@ -220,16 +231,16 @@ impl Effect {
                 Joints::One(joint) => *joint == j,
                 Joints::Group(joints) => joints.contains(&j),
             };
-            let same_way = of(&self.first, j).is_none_or(|first| first.abs() < STILL || first * speed > 0.0);
-            let unchecked = of(&before, j).is_none_or(|before| speed.abs() > SLOWER * before.abs());
+            let same_way = of(&self.first, j).is_none_or(|first| first.abs() < REST_SPEED_DEG_S || first * speed > 0.0);
+            let unchecked = of(&before, j).is_none_or(|before| speed.abs() > MAX_REMAINING_SHARE * before.abs());
             stopped && same_way && unchecked
         };
         let going: Vec<usize> = speeds.iter().enumerate().filter(|(j, v)| goes_on((*j, v))).map(|(j, _)| j).collect();
         if going.is_empty() {
             return Seen::Slower;
         }
-        let fast = going.iter().any(|j| speeds.get(*j).is_some_and(|speed| speed.abs() >= SINKS));
-        if !fast && now < self.sent + SUNK {
+        let fast = going.iter().any(|j| speeds.get(*j).is_some_and(|speed| speed.abs() >= SINKING_SPEED_DEG_S));
+        if !fast && now < self.sent + SETTLING_TIME_S {
             return Seen::Slower;
         }
         self.sent = now;

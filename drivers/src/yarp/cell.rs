@@ -1,4 +1,5 @@
-//! What drivers and the network thread share: the newest of everything, behind one lock held for moments only.
+//! State shared by drivers and the network thread: the newest values of everything, behind one lock held for
+//! moments only.
 
 use super::answers::Answers;
 use super::found::{Finding, Owed};
@@ -15,60 +16,60 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-/// Everything shared.
+/// State shared by all drivers and tasks.
 #[derive(Debug)]
 pub struct SharedBoards {
     inner: Mutex<Inner>,
     changed: Condvar,
-    /// The beginning of the seconds that readings are told in.
+    /// Origin of the time of readings.
     pub base: Instant,
-    /// Whether another drives the boards now.
+    /// True while another program or robot object drives the boards.
     let_go: AtomicBool,
-    /// Whether a run drives the robot: before that, it is only looked at, and nothing is sent to it.
+    /// True once a run drives the robot. Before that it is only observed, and nothing is sent to it.
     taken: watch::Sender<bool>,
 }
 
-/// What is known now.
+/// Present state.
 #[derive(Debug)]
 pub struct Inner {
     /// The boards.
     pub boards: Vec<BoardFacts>,
     /// See [`SharedBoards::take`].
     pub taken: bool,
-    /// What the robot can do; known once all boards have been reached, and the same ever after.
+    /// Description of the robot; set once all boards have been reached, and constant from then on.
     pub board: Option<Board>,
-    /// Why the robot can't be used at all.
+    /// Reason why the robot can't be used at all.
     pub misfit: Option<Trouble>,
-    /// The newest reading of all boards together.
+    /// Newest reading of all boards together.
     pub joined: Option<Joined>,
-    /// Whether it was not fetched yet.
+    /// True until a driver has fetched it.
     pub unread: bool,
-    /// What people should know, until they have been told.
+    /// Warning for the operator, until it has been fetched.
     pub news: Option<String>,
-    /// Per motor, the mode it will be in when all that is on its way has arrived.
+    /// Per motor, the mode after all orders in transit have arrived.
     pub expected: Vec<ControlMode>,
-    /// Per motor, the ticket of the last order that changes its mode, until it was carried out.
+    /// Per motor, the ticket of the last order that changes its mode, until that order has been executed.
     pub switching: Vec<Option<u64>>,
 }
 
-/// One board.
+/// State of one board.
 #[derive(Debug)]
 pub struct BoardFacts {
-    /// Why it can't be used; `None`: it can.
+    /// Reason why the board can't be used, if any.
     pub trouble: Option<Trouble>,
-    /// Why it can't be stopped on the line for stops; `None`: it can.
+    /// Reason why the stop connection can't be used, if any.
     pub brake: Option<String>,
-    /// Whether it was reached and is nobody else's.
+    /// True if the board was reached and belongs to no other program.
     pub reached: bool,
-    /// What it says of its axes, in its own units.
+    /// Facts that the board reports of its axes, in its own units.
     pub facts: Option<Arc<[AxisFacts]>>,
-    /// The newest state as it came.
-    pub told: Option<Arc<RemoteState>>,
+    /// Newest state as received.
+    pub received: Option<Arc<RemoteState>>,
     /// Positions, deg or mm.
     pub q: Vec<f64>,
-    /// When they were read, s.
+    /// Time at which the positions were read, s.
     pub read_at: f64,
-    /// Whether they are newer than the joined reading.
+    /// True if the positions are newer than the joined reading.
     pub fresh: bool,
     /// States lost until now, and until the joined reading.
     pub lost: (u64, u64),
@@ -76,36 +77,37 @@ pub struct BoardFacts {
     pub modes: Vec<Vocab>,
     /// Interaction modes as last reported.
     pub interactions: Vec<Vocab>,
-    /// Its motions.
+    /// Motions of the joints.
     pub motions: Motions,
-    /// The ticket of the newest order that moves something.
+    /// Ticket of the newest order that moves a joint.
     pub moved: u64,
-    /// How fast its joints may be.
+    /// Speed limits of the joints.
     pub pace: Pace,
-    /// Whether what they are told means speeds.
+    /// Check that reference speeds mean speeds on this board.
     pub gauge: Gauge,
-    /// Whether it accepts reference accelerations and keeps greater ones of its own.
+    /// True if the board accepts reference accelerations but keeps greater ones of its own.
     pub own_acceleration: bool,
-    /// What it is to be given back.
+    /// Settings to restore.
     pub owed: Owed,
-    /// What went wrong that the filter must hear of, until it has.
+    /// Fault to report to the filter, until it has been fetched.
     pub alarm: Option<DriverFault>,
-    /// Whether a joint was faster than it was told, at the newest reading.
+    /// True if a joint was faster than commanded at the newest reading.
     pub outruns: bool,
-    /// How long it takes to answer.
+    /// Answer times.
     pub answers: Answers,
-    /// The most by which our clock can be ahead of its, s: as its newest stamped answer shows.
+    /// Greatest possible lead of our clock over the board's, s, from its newest stamped answer.
     pub ahead: Option<f64>,
 }
 
 impl BoardFacts {
-    /// The torques of its newest state, N m (N where a joint slides), if it vouches for them.
+    /// Torques of the newest state, N m (N for prismatic joints), if the board marks them valid.
     fn torques(&self) -> Option<&[f64]> {
-        let joints = &self.told.as_ref()?.joints;
+        let joints = &self.received.as_ref()?.joints;
         joints.torque.valid().filter(|torques| torques.len() == joints.axes())
     }
 
-    /// It answered a question of `asked` now. An answer's stamp is of some time in between.
+    /// Records an answer that arrived at `now` to a request of `asked`. The stamp of an answer lies in
+    /// between.
     pub fn answered(&mut self, asked: f64, now: f64, answer: &Bottle) {
         self.answers.note(now, now - asked);
         if let Some(stamp) = stamp_of(answer) {
@@ -114,14 +116,14 @@ impl BoardFacts {
     }
 }
 
-/// The time in an answer that ends with `[tsta] COUNT TIME [ok]`, s on the board's clock.
+/// Time in an answer that ends with `[tsta] COUNT TIME [ok]`, s on the board's clock.
 fn stamp_of(answer: &Bottle) -> Option<f64> {
     let [.., word, _, time, _] = answer.0.as_slice() else { return None };
     (word.as_vocab() == Some(Vocab::new("tsta"))).then_some(())?;
     time.as_f64().filter(|t| t.is_finite() && *t > 0.0)
 }
 
-/// Why a board can't be used.
+/// Reason why a board can't be used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Trouble {
     /// It does not answer.
@@ -130,30 +132,30 @@ pub enum Trouble {
     Forbidden(String),
 }
 
-/// A reading of the whole robot.
+/// Reading of the whole robot.
 #[derive(Clone, Debug)]
 pub struct Joined {
-    /// Counts readings, lost ones too.
+    /// Counter of readings, lost ones included.
     pub seq: u64,
-    /// When the oldest of its parts was read, s.
+    /// Time at which the oldest of its parts was read, s.
     pub at: f64,
     /// Positions, rad.
     pub q: Pose,
-    /// Motion done.
+    /// True where the motion is done.
     pub done: Vec<bool>,
-    /// Torques with which something pushes the motors, N m (N where they slide); empty if no board reports any.
+    /// External torques on the motors, N m (N for prismatic joints); empty if no board reports any.
     pub external: Vec<f64>,
 }
 
 impl SharedBoards {
-    /// Nothing is known yet.
+    /// Creates the state before any board is reached.
     pub fn new(layout: &Layout) -> SharedBoards {
         let known = |p: &super::layout::Patch| BoardFacts {
             trouble: Some(Trouble::Lost("not reached yet".into())),
             brake: Some(format!("{}: not reached yet", p.port)),
             reached: false,
             facts: None,
-            told: None,
+            received: None,
             q: vec![0.0; p.motors.len()],
             read_at: 0.0,
             fresh: false,
@@ -191,22 +193,24 @@ impl SharedBoards {
         }
     }
 
-    /// A look inside. Robots don't break because a program crashed while it looked.
+    /// Locks the state. A poisoned lock is used anyway, because the robot is intact when a program
+    /// crashed while holding it.
     pub fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// From now on nothing is written to the boards.
+    /// Releases the boards: nothing is written to them from now on.
     pub fn let_go(&self) {
         self.let_go.store(true, Ordering::SeqCst);
     }
 
-    /// Whether another drives the boards now.
+    /// True once the boards have been released to another driver.
     pub fn is_let_go(&self) -> bool {
         self.let_go.load(Ordering::SeqCst)
     }
 
-    /// The robot is driven from now on: each board is stopped, and used once it has answered. Returns whether that begins now.
+    /// Starts driving the robot: each board is stopped, and used once it has answered. Returns true for the
+    /// first call.
     pub fn take(&self) -> bool {
         let mut inner = self.lock();
         let begins = !std::mem::replace(&mut inner.taken, true);
@@ -218,35 +222,37 @@ impl SharedBoards {
             (inner.joined, inner.unread) = (None, false);
         }
         drop(inner);
-        // later connections find the boards as they are, and stop nothing
+        // later connections take the boards as they are, and stop nothing
         self.taken.send_if_modified(|taken| !std::mem::replace(taken, true));
         begins
     }
 
-    /// See [`SharedBoards::take`], as it changes.
+    /// Receiver that changes with [`SharedBoards::take`].
     pub fn taking(&self) -> watch::Receiver<bool> {
         self.taken.subscribe()
     }
 
-    /// Whether this program may write to a board: it drives the robot, has reached the board, and no other program drives it.
+    /// True if this program may write to a board: it drives the robot, has reached the board, and no other
+    /// program drives it.
     pub fn is_ours(&self, board: usize) -> bool {
         let inner = self.lock();
         !self.is_let_go() && inner.taken && inner.boards.get(board).is_some_and(|known| known.reached)
     }
 
-    /// Tells those who wait that something changed.
+    /// Wakes all waiters after a change.
     pub fn ring(&self) {
         self.changed.notify_all();
     }
 
-    /// Waits until all boards can be used and a reading is there, the robot can't be used at all, or the time is up.
+    /// Waits until all boards can be used and a reading is available, the robot turns out to be unusable, or
+    /// `patience` is over.
     pub fn wait(&self, patience: Duration) -> MutexGuard<'_, Inner> {
         let waits = |inner: &mut Inner| !inner.is_ready() && inner.misfit.is_none();
         let waited = self.changed.wait_timeout_while(self.lock(), patience, waits);
         waited.unwrap_or_else(PoisonError::into_inner).0
     }
 
-    /// The greatest speeds of some of a board's joints, deg/s or mm/s.
+    /// Speed limits of some of a board's joints, deg/s or mm/s.
     pub fn greatest(&self, layout: &Layout, board: usize, joints: &[usize]) -> Vec<f64> {
         let inner = self.lock();
         let first = layout.patches.get(board).map_or(0, |p| p.motors.start);
@@ -254,7 +260,7 @@ impl SharedBoards {
         joints.iter().map(|j| axis(j).map_or(f64::INFINITY, |a| a.max_speed.to_degrees())).collect()
     }
 
-    /// Limits of a board's joints, deg or mm.
+    /// Position limits of a board's joints, deg or mm.
     pub fn limits(&self, layout: &Layout, board: usize) -> Vec<(f64, f64)> {
         let inner = self.lock();
         let (Some(patch), Some(board)) = (layout.patches.get(board), &inner.board) else { return Vec::new() };
@@ -262,14 +268,14 @@ impl SharedBoards {
         axes.map(|a| (a.min.to_degrees(), a.max.to_degrees())).collect()
     }
 
-    /// Seconds since the base.
+    /// Seconds since `base`.
     pub fn secs(&self, at: Instant) -> f64 {
         at.saturating_duration_since(self.base).as_secs_f64()
     }
 }
 
 impl Inner {
-    /// Whether drivers can work.
+    /// True if drivers can work.
     pub fn is_ready(&self) -> bool {
         self.board.is_some() && self.joined.is_some() && self.trouble().is_none()
     }
@@ -283,7 +289,8 @@ impl Inner {
         self.misfit.as_ref().or_else(forbidden).or_else(|| all().next()).cloned().or_else(brake)
     }
 
-    /// The first board whose reference speeds mean no speeds, and what is done about it: for people.
+    /// Description of the first board whose reference speeds are not speeds, with the consequence; for the
+    /// operator.
     pub fn unfair(&self, layout: &Layout) -> Option<String> {
         let mut boards = layout.patches.iter().zip(&self.boards);
         let seen =
@@ -297,12 +304,12 @@ impl Inner {
         Some(format!("{seen}; {then}"))
     }
 
-    /// The answers of the slowest board.
+    /// Answer times of the slowest board.
     pub fn answer_time(&self, now: f64) -> Option<AnswerTime> {
         self.boards.iter().filter_map(|b| b.answers.summary(now)).max_by_key(|a| a.most)
     }
 
-    /// The first motor that reports a fault of its hardware.
+    /// Description of the first motor that reports a hardware fault.
     pub fn fault(&self, layout: &Layout) -> Option<String> {
         let faulty = |(patch, board): (&super::layout::Patch, &BoardFacts)| {
             let joint = board.modes.iter().position(|m| *m == mode::HARDWARE_FAULT)?;
@@ -312,7 +319,7 @@ impl Inner {
         layout.patches.iter().zip(&self.boards).find_map(faulty)
     }
 
-    /// Makes a reading of the newest states, once every board has sent a new one.
+    /// Joins the newest states to a reading, once every board has sent a new one.
     pub fn join(&mut self, layout: &Layout) {
         if self.board.is_none() || !self.boards.iter().all(|b| b.fresh && b.trouble.is_none()) {
             return;
@@ -328,7 +335,7 @@ impl Inner {
             }
             let pushed = external.iter_mut().skip(patch.motors.start).take(patch.motors.len());
             for (slot, torque) in pushed.zip(board.torques().unwrap_or_default()) {
-                // the board reports what its joint exerts, which pushes back
+                // the board reports the effort of its joint; the external one is opposite
                 *slot = if torque.is_finite() { 0.0 - torque } else { 0.0 };
             }
             lost = lost.max(board.lost.0.saturating_sub(board.lost.1));
@@ -348,7 +355,8 @@ impl Inner {
         }
     }
 
-    /// How an earlier process found the motors: boards of which all are known are owed it.
+    /// Takes over the settings found by an earlier process. A board owes its settings if those of all its
+    /// motors are given.
     pub fn inherit(&mut self, layout: &Layout, found: &[AsFound]) {
         for (patch, board) in layout.patches.iter().zip(&mut self.boards) {
             let of = |motor: usize| found.iter().find(|f| f.motor == motor).map(Finding::of);
@@ -358,7 +366,7 @@ impl Inner {
         }
     }
 
-    /// Control modes as the boards last reported them; motors without a board are in the mode they were told.
+    /// Control modes as the boards last reported them. Motors without a board are in the commanded mode.
     pub fn modes(&self, layout: &Layout) -> Vec<ControlMode> {
         let mut modes = self.expected.clone();
         for (patch, board) in layout.patches.iter().zip(&self.boards) {
@@ -369,7 +377,7 @@ impl Inner {
         modes
     }
 
-    /// An order was carried out or dropped: the modes of its motors are now what the board reports.
+    /// Marks an order as executed or dropped: the modes of its motors are now those that the board reports.
     pub fn switched(&mut self, motors: impl Iterator<Item = usize>, ticket: u64) {
         for m in motors {
             if let Some(slot) = self.switching.get_mut(m).filter(|s| **s == Some(ticket)) {
@@ -379,10 +387,10 @@ impl Inner {
     }
 }
 
-/// The board's description of itself, once all facts are known. Names and the narrower limits count.
+/// Board description, once the facts of all boards have arrived. Names must agree; the narrower limits apply.
 ///
 /// # Errors
-/// A board whose axes don't fit the model, or move otherwise.
+/// A board whose axes don't fit the model, in number or joint kind.
 pub fn describe(
     layout: &Layout,
     boards: &[BoardFacts],
@@ -401,7 +409,9 @@ pub fn describe(
     let mut axes: Vec<Axis> = (0..layout.motors()).map(unbounded).collect();
     for (patch, board) in layout.patches.iter().zip(boards) {
         let Some(facts) = &board.facts else { return Ok(None) };
-        let (port, want, have) = (&patch.port, patch.motors.len(), facts.len());
+        let port = &patch.port;
+        let want = patch.motors.len();
+        let have = facts.len();
         if have < want {
             return Err(format!("{port} has {have} axes, but part {} of the model has {want} motors", patch.part));
         }
@@ -426,11 +436,12 @@ pub fn describe(
             axis.max_speed = fact.max_speed.map_or(axis.max_speed, |v| v.to_radians().min(axis.max_speed));
         }
     }
-    let (period, latency) = (settings.period(), settings.latency());
+    let period = settings.period();
+    let latency = settings.latency();
     Ok(Some(Board { axes, period, latency, position_direct: settings.position_direct }))
 }
 
-/// A control mode from the board's word.
+/// Control mode of a board's vocab.
 pub fn from_word(word: Vocab) -> ControlMode {
     match word {
         mode::POSITION => ControlMode::Position,
@@ -440,7 +451,7 @@ pub fn from_word(word: Vocab) -> ControlMode {
     }
 }
 
-/// The board's word for a control mode.
+/// Vocab of a control mode.
 pub fn word(of: ControlMode) -> Vocab {
     match of {
         ControlMode::Idle => mode::IDLE,
@@ -450,16 +461,16 @@ pub fn word(of: ControlMode) -> Vocab {
     }
 }
 
-/// Whether a lease until then holds.
+/// True while the lease lasts.
 pub fn holds(lease: Option<Instant>) -> bool {
     lease.is_some_and(|until| until > instant())
 }
 
-/// The monotonic clock that arrivals are told on. A robot behind a network lives in real time; the run's own time comes in
-/// with every call of the driver contract.
+/// Now, on the monotonic clock of arrivals. A robot behind a network lives in real time; the time of the run
+/// comes in with every call of the driver contract.
 #[expect(
     clippy::disallowed_methods,
-    reason = "arrivals and leases of a real network are told on its own monotonic clock"
+    reason = "arrivals and leases of a real network are measured on its own monotonic clock"
 )]
 pub fn instant() -> Instant {
     Instant::now()

@@ -1,22 +1,23 @@
-//! Commands, checked against boards and newest reading before anything of them is sent.
+//! Checks commands against boards and newest reading before any part of them is sent.
 
 use crate::fit::{ENCODER_NOISE, ROUNDING, follows, named, references, same_length, velocities, within};
 use mobee_contract::{Axis, Command, ControlMode, Move};
 
-/// What a command is checked against.
+/// State that commands are checked against.
 #[derive(Clone, Copy, Debug)]
 pub struct CheckedAgainst<'a> {
     /// The motors.
     pub axes: &'a [Axis],
-    /// Whether a motor has a board. One without rests at home and can only be told to stay there.
+    /// True for motors with a board. A motor without one rests at home and accepts only a command to stay
+    /// there.
     pub driven: &'a [bool],
-    /// Where they are, rad.
+    /// Measured positions, rad.
     pub q: &'a [f64],
-    /// The modes that will be in force when the command arrives.
+    /// Control modes in force when the command arrives.
     pub modes: &'a [ControlMode],
 }
 
-/// A command that fits, in absolute positions within limits.
+/// A valid command, in absolute positions within limits.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CheckedCommand {
     /// Position moves: motors, targets, reference speeds, reference accelerations.
@@ -25,26 +26,26 @@ pub enum CheckedCommand {
     Direct(Vec<usize>, Vec<f64>),
     /// Velocities.
     Velocity(Vec<usize>, Vec<f64>),
-    /// Brake these; all if the list is empty.
+    /// Brake these motors; all if the list is empty.
     Stop(Vec<usize>),
     /// Reference speeds and accelerations.
     Reference(Vec<usize>, Vec<f64>, Vec<f64>),
-    /// Control mode of these.
+    /// Control mode of these motors.
     Mode(Vec<usize>, ControlMode),
 }
 
 impl CheckedCommand {
-    /// Whether it starts a motion.
+    /// True if it starts a motion.
     pub fn moves(&self) -> bool {
         matches!(self, CheckedCommand::Move(..) | CheckedCommand::Direct(..) | CheckedCommand::Velocity(..))
     }
 }
 
 impl CheckedAgainst<'_> {
-    /// Checks all of a command.
+    /// Checks a command completely.
     ///
     /// # Errors
-    /// What does not fit, naming the motor.
+    /// The part that does not fit, naming the motor.
     pub fn check(&self, command: &Command) -> Result<CheckedCommand, String> {
         match command {
             Command::Move(m) => self.check_move(m),
@@ -102,7 +103,7 @@ impl CheckedAgainst<'_> {
     }
 }
 
-/// References, lowered to what the motors can do.
+/// References, lowered to the limits of the motors.
 fn lowered(axes: &[&Axis], list: &[f64], what: &str, most: fn(&Axis) -> f64) -> Result<Vec<f64>, String> {
     Ok(references(axes, list, what)?.iter().zip(axes).map(|(value, axis)| value.min(most(axis))).collect())
 }
@@ -111,7 +112,8 @@ fn lowered(axes: &[&Axis], list: &[f64], what: &str, most: fn(&Axis) -> f64) -> 
 mod tests {
     use super::*;
 
-    /// A motor without a board stays where it is, as closely as encoders tell, and can be told so.
+    /// A motor without a board keeps its position, within the encoders' resolution, and may be commanded to
+    /// that position.
     #[test]
     fn what_has_no_board_is_not_moved() {
         let axis = Axis {
@@ -123,7 +125,9 @@ mod tests {
             ..Default::default()
         };
         let goes = |driven: bool, here: f64, to: f64| {
-            let (axes, driven, q) = ([axis.clone()], [driven], [here]);
+            let axes = [axis.clone()];
+            let driven = [driven];
+            let q = [here];
             let known = CheckedAgainst { axes: &axes, driven: &driven, q: &q, modes: &[ControlMode::Position] };
             let to = Move { motors: vec![0], q: vec![to], relative: false, speed: None, acceleration: None };
             known.check(&Command::Move(to)).is_ok()

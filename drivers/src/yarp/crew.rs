@@ -1,9 +1,9 @@
-//! Tasks none of which may end before it is told to: whatever can stop the robot is watched.
+//! Group of tasks that must not end early: every task that can stop the robot is watched.
 
 use std::future::Future;
 use tokio::task::{Id, JoinSet};
 
-/// The tasks of one thread. Dropping it ends them.
+/// Tasks of one thread. Dropping the group ends them.
 #[derive(Debug, Default)]
 pub struct Crew {
     tasks: JoinSet<()>,
@@ -11,7 +11,7 @@ pub struct Crew {
 }
 
 impl Crew {
-    /// One task more.
+    /// Spawns a task.
     pub fn add(&mut self, name: String, task: impl Future<Output = ()> + Send + 'static) {
         #[cfg(test)]
         let task = poison::may_befall(name.clone(), task);
@@ -19,12 +19,13 @@ impl Crew {
         self.names.push((id, name));
     }
 
-    /// Waits for the first that ends, and says which and why. Never ready while all of them work.
+    /// Waits for the first task that ends, and returns its name and the reason. Never ready while all of them
+    /// run.
     pub async fn lost(&mut self) -> String {
         match self.tasks.join_next_with_id().await {
             None => std::future::pending().await,
             Some(Ok((id, ()))) => format!("{} ended", self.name(id)),
-            // nobody calls one of them off
+            // no task is ever canceled
             Some(Err(error)) => format!("{} panicked", self.name(error.id())),
         }
     }
@@ -52,7 +53,7 @@ pub mod poison {
         VICTIM.lock().unwrap().get_or_insert_with(|| watch::Sender::new(String::new())).subscribe()
     }
 
-    /// The tasks whose name begins so panic now.
+    /// Panics the tasks whose name begins with `name`.
     pub fn kill(name: &str) {
         drop(victim());
         let victim = VICTIM.lock().unwrap();
@@ -85,7 +86,8 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn a_crew_has_ended_when_all_have() {
-        let (begun, mut crew) = (instant(), Crew::default());
+        let begun = instant();
+        let mut crew = Crew::default();
         for secs in [1, 3, 2] {
             crew.add(format!("{secs} s"), tokio::time::sleep(Duration::from_secs(secs)));
         }
@@ -95,7 +97,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_crew_tells_who_was_lost_and_how() {
+    async fn a_crew_reports_which_task_was_lost_and_why() {
         let mut crew = Crew::default();
         crew.add("hand".into(), std::future::pending());
         crew.add("brake".into(), async { std::panic::resume_unwind(Box::new("planted")) });

@@ -1,4 +1,4 @@
-//! What the death of each of those who could stop the robot does.
+//! Tests: death of each task that can stop the robot.
 
 #![allow(clippy::disallowed_methods, reason = "real sockets live in real time")]
 
@@ -8,8 +8,8 @@ use mobee_contract::Hardware;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Somebody dies while the robot moves under a lease that is kept. Drivers hear of it at once, the robot comes to rest long
-/// before its target, and when all are back it moves again.
+/// A task dies while the robot moves under a lease that is renewed. Drivers are notified at once, the robot
+/// settles long before its target, and once all tasks are back it moves again.
 fn survived(who: &str) {
     // a panic that prints its backtrace holds up its thread for seconds
     std::panic::set_hook(Box::new(|_| {}));
@@ -22,12 +22,12 @@ fn survived(who: &str) {
         driver.lease(now, now + Duration::from_millis(500));
         driver.sample(now).is_err().then_some(())
     });
-    let heard = died.elapsed();
+    let noticed = died.elapsed();
     let rest = rig.rests();
     assert!(rest[0] < 30.0 && rest[2] < 30.0, "{who} died, and the robot went on to {rest:?}");
     let mut driver = rig.wait("all to be back", |_| rig.hardware.connect().ok());
     rig.under_way(&mut driver);
-    eprintln!("{who}: drivers heard of it after {heard:?}; the robot came to rest at {:.1} deg", rest[0]);
+    eprintln!("{who}: drivers heard of it after {noticed:?}; the robot came to rest at {:.1} deg", rest[0]);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The driver: checks, marks, queues, and never waits.
+//! Driver of a robot behind YARP: checks, marks and queues commands, and never waits.
 
 use super::cell::{Inner, Joined, SharedBoards, Trouble, holds, instant};
 use super::check::{CheckedAgainst, CheckedCommand};
@@ -15,40 +15,40 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 
-/// What a driver needs to reach the network thread.
+/// Handle of a driver to the network thread.
 #[derive(Clone, Debug)]
 pub struct Reach {
-    /// Which motor is where.
+    /// Assignment of motors to boards and joints.
     pub layout: Arc<Layout>,
-    /// What is known.
+    /// State shared with the network thread.
     pub cell: Arc<SharedBoards>,
-    /// A queue per board.
+    /// Queue of orders per board.
     pub orders: Vec<mpsc::Sender<Order>>,
-    /// Everything stops.
+    /// Stop of all boards.
     pub halt: Fan<Arc<Halt>>,
-    /// Until when the robot may move.
+    /// Time until which the robot may move.
     pub lease: watch::Sender<Option<Instant>>,
 }
 
-/// A connection to a robot behind YARP.
+/// Connection to a robot behind YARP.
 #[derive(Debug)]
 pub struct YarpDriver {
     reach: Reach,
     board: Board,
-    /// The run's time at the base of the readings' seconds.
+    /// Time of the run at the base of the readings' seconds, s.
     base: Option<f64>,
     last: Time,
     leased: Option<Time>,
     moves: Moves,
-    /// Moves that are made of set-points, and the speeds that they were told last, rad/s by motor.
+    /// Moves that are made of setpoints, and their latest reference speeds, rad/s by motor.
     legs: Legs,
     references: BTreeMap<usize, f64>,
-    /// How many halts there had been as the last of them began.
+    /// Epoch of the latest halt when the newest of these moves began.
     halts: u64,
 }
 
 impl YarpDriver {
-    /// A driver of boards that have been reached.
+    /// Creates a driver of boards that have been reached.
     pub fn new(reach: Reach, board: Board, moves: Moves) -> YarpDriver {
         YarpDriver {
             reach,
@@ -63,7 +63,7 @@ impl YarpDriver {
         }
     }
 
-    /// A move that is to be made of set-points: the mode of its motors first.
+    /// Begins a move that is made of setpoints, by switching the mode of its motors.
     fn begin(
         &mut self,
         inner: &mut Inner,
@@ -73,10 +73,13 @@ impl YarpDriver {
         q: &[f64],
     ) -> Result<(), DriverFault> {
         self.refer(motors, speeds);
-        let (mut moved, mut from, mut target, mut fast) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut moved = Vec::new();
+        let mut from = Vec::new();
+        let mut target = Vec::new();
+        let mut fast = Vec::new();
         for (m, to) in motors.iter().zip(to) {
             let (Some(here), Some(axis)) = (q.get(*m), self.board.axes.get(*m)) else { continue };
-            // one without a board rests at home
+            // a motor without a board rests at home
             if self.reach.layout.joint(*m).is_some() {
                 moved.push(*m);
                 from.push(*here);
@@ -94,20 +97,21 @@ impl YarpDriver {
         Ok(())
     }
 
-    /// Whether moves are made of set-points: if it was said so, or since the boards' own were seen not to go by speeds.
+    /// True if moves are made of setpoints: because of the setting, or since the boards' own moves turned out
+    /// not to follow speeds.
     fn makes_moves(&self, inner: &Inner) -> bool {
         let is_unfair = |board: &super::cell::BoardFacts| board.gauge.is_unfair();
         self.moves == Moves::SetPoints || (self.board.position_direct && inner.boards.iter().any(is_unfair))
     }
 
-    /// References of moves that are made of set-points are no board's.
+    /// Stores reference speeds of moves made of setpoints, which are not sent to a board.
     fn refer(&mut self, motors: &[usize], speeds: Option<&[f64]>) {
         self.references.extend(motors.iter().copied().zip(speeds.unwrap_or_default().iter().copied()));
     }
 
-    /// A reading came: moves that are made of set-points go on, or are over.
+    /// Continues or ends the moves made of setpoints after a new reading.
     fn go_on(&mut self, inner: &mut Inner, now: Time, (q, done): (&[f64], &[bool])) -> Result<(), DriverFault> {
-        // who watches the lease may have stopped the boards, and a new lease may have come since
+        // the lease watch may have stopped the boards, and a new lease may have come since
         if !self.is_leased(now) || self.halts != self.reach.halt.newest().epoch {
             self.legs.stop(&[]);
         }
@@ -121,7 +125,8 @@ impl YarpDriver {
         Ok(())
     }
 
-    /// The run's time of a reading. The two clocks run alike; the smallest delay seen between them tells their offset.
+    /// Time of a reading on the run's clock. Both clocks have the same rate; the smallest delay between them
+    /// gives their offset.
     fn time_of(&mut self, at: f64, now: Time) -> Time {
         let base = now.secs() - self.reach.cell.secs(instant());
         let base = self.base.map_or(base, |b| b.max(base));
@@ -131,7 +136,8 @@ impl YarpDriver {
         self.last
     }
 
-    /// By the run's time, and by the clock of the watch: what it has ended it does not see begin again.
+    /// True if the lease holds by the time of the run and by the clock of the lease watch, so that a lease
+    /// that the watch has ended does not come back.
     fn is_leased(&self, now: Time) -> bool {
         self.leased.is_some_and(|until| until > now) && holds(*self.reach.lease.borrow())
     }
@@ -192,7 +198,7 @@ impl Driver for YarpDriver {
         }
         let Some(mut joined) = inner.joined.clone() else { return Ok(None) };
         if !self.legs.is_empty() {
-            // a motor that is about to get its mode back is not done before it has it
+            // a motor whose mode is about to be restored is not done before
             let named: Vec<bool> = (0..joined.done.len()).map(|m| self.legs.names(m)).collect();
             self.go_on(&mut inner, now, (&joined.q, &joined.done))?;
             joined.done.iter_mut().zip(named).for_each(|(done, named)| *done &= !named);
@@ -208,7 +214,7 @@ impl Driver for YarpDriver {
             return now;
         }
         let due = self.last + self.board.period + self.board.period / 10;
-        // what is overdue is looked for several times a period
+        // polls for an overdue reading several times a period
         if due > now { due } else { now + self.board.period / 5 }
     }
 
@@ -244,7 +250,7 @@ impl Driver for YarpDriver {
     }
 }
 
-/// Whether all boards can be used.
+/// Fails unless all boards can be used.
 fn usable(inner: &Inner, layout: &Layout) -> Result<(), DriverFault> {
     match inner.trouble() {
         Some(Trouble::Lost(_)) => Err(DriverFault::Lost),
@@ -254,15 +260,15 @@ fn usable(inner: &Inner, layout: &Layout) -> Result<(), DriverFault> {
 }
 
 impl Reach {
-    /// How the motors were found, those behind boards that tell.
+    /// Settings of the motors as found, for boards that report them.
     pub fn found(&self) -> Vec<AsFound> {
         let inner = self.cell.lock();
         let boards = self.layout.patches.iter().zip(&inner.boards);
         let all = boards.flat_map(|(patch, known)| patch.motors.clone().zip(known.owed.findings()));
-        all.map(|(motor, finding)| finding.told(motor)).collect()
+        all.map(|(motor, finding)| finding.to_contract(motor)).collect()
     }
 
-    /// Stops all boards before anything else; motions that wait in their queues are dropped.
+    /// Stops all boards before anything else; motions waiting in their queues are dropped.
     pub fn stop_all(&self, inner: &mut Inner) {
         let now = self.cell.secs(instant());
         let joints = inner.boards.iter().map(|b| b.motions.to_stop(now)).collect();
@@ -271,10 +277,10 @@ impl Reach {
             b.motions.order(&joints, End::Seen)
         };
         let tickets: Vec<u64> = inner.boards.iter_mut().map(all).collect();
-        self.halt.tell(|halt| Arc::new(Halt { epoch: halt.epoch + 1, tickets, joints }));
+        self.halt.update(|halt| Arc::new(Halt { epoch: halt.epoch + 1, tickets, joints }));
     }
 
-    /// Queues a command with every board it concerns: with all or with none.
+    /// Queues a command with all the boards it concerns, or with none.
     fn queue(&self, inner: &mut Inner, checked: CheckedCommand) -> Result<(), DriverFault> {
         let epoch = self.halt.newest().epoch;
         let orders = split(&self.layout, &checked);
@@ -319,7 +325,7 @@ impl Reach {
     }
 }
 
-/// A command as its boards are told it: joints and degrees, or millimeters.
+/// Splits a command into orders for its boards, in joints and degrees or millimeters.
 fn split(layout: &Layout, checked: &CheckedCommand) -> Vec<(usize, Do)> {
     let nothing = |motors: &[usize]| vec![0.0; motors.len()];
     let second = |motors: &[usize], values: &Option<Vec<f64>>| {
@@ -330,7 +336,8 @@ fn split(layout: &Layout, checked: &CheckedCommand) -> Vec<(usize, Do)> {
     };
     match checked {
         CheckedCommand::Move(motors, q, speed, acceleration) => {
-            let (speed, acceleration) = (second(motors, speed), second(motors, acceleration));
+            let speed = second(motors, speed);
+            let acceleration = second(motors, acceleration);
             let to = layout.split(motors, q).into_iter();
             to.map(|(b, joints, to)| {
                 (b, Do::Move { joints, to, speed: of(&speed, b), acceleration: of(&acceleration, b) })

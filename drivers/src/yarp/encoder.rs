@@ -1,46 +1,47 @@
-//! By how much the readings of a joint at rest differ: the counts of a coarse encoder, and noise.
+//! Scatter of the readings of a joint at rest: counts of a coarse encoder, and noise.
 //!
-//! A count shows as the step that all changes are multiples of; noise as the second difference of readings, which a steady motion does
-//! not have: for independent readings of variance s², it has the variance 6 s².
+//! A count is the step of which all changes are multiples. Noise is the second difference of readings, which
+//! is zero for a steady motion; for independent readings of variance s², its variance is 6 s².
 
-/// Readings at rest may always differ by so much, deg.
-const LEAST: f64 = 0.08;
-/// More is no noise, deg.
-const MOST: f64 = 0.5;
-/// Changes in a row that are multiples of one step before that is a count of the encoder.
+/// Least scatter assumed for readings at rest, deg.
+const MIN_NOISE_DEG: f64 = 0.08;
+/// Greatest scatter that counts as noise, deg.
+const MAX_NOISE_DEG: f64 = 0.5;
+/// Number of changes in a row that must be multiples of one step to accept the step as a count.
 const MULTIPLES: u32 = 10;
-/// By which share of a step a multiple may be off.
+/// Tolerance of a multiple, as a share of the step.
 const OFF: f64 = 0.1;
 /// Changes below this are rounding of numbers, deg.
 const ROUNDING: f64 = 1e-6;
-/// Readings over which noise is averaged, at most.
+/// Largest number of readings over which noise is averaged.
 const AVERAGED: f64 = 100.0;
-/// The spread of some readings at rest, in standard deviations; and what a single reading may be off.
+/// Standard deviations covered by the spread of readings at rest, and by the error of a single reading.
 const SPREAD: (f64, f64) = (5.0, 4.0);
-/// A joint may stand between two counts.
+/// Scatter in counts of a joint that stands between two counts.
 const COUNTS: f64 = 1.5;
 
-/// The encoder of one joint. Degrees or millimeters.
+/// Encoder of one joint. Degrees or millimeters.
 #[derive(Clone, Debug, Default)]
 pub struct Encoder {
-    /// The last two readings.
+    /// Last two readings.
     last: Option<f64>,
     before: Option<f64>,
-    /// The step so far, and how many changes in a row were multiples of it.
+    /// Present estimate of the step, and the number of changes in a row that were multiples of it.
     step: Option<f64>,
     multiples: u32,
-    /// The variance of the noise, and of how many readings.
+    /// Variance of the noise, and the number of readings it is based on.
     variance: f64,
     averaged: f64,
 }
 
 impl Encoder {
-    /// The next reading; `steady`: the joint rests, but for noise.
+    /// Adds a reading. `steady` states that the joint rests, except for noise.
     pub fn read(&mut self, q: f64, steady: bool) {
         if !q.is_finite() {
             return;
         }
-        let (last, before) = (self.last.replace(q), self.before);
+        let last = self.last.replace(q);
+        let before = self.before;
         self.before = last;
         let Some(last) = last else { return };
         let change = (q - last).abs();
@@ -59,37 +60,37 @@ impl Encoder {
         if times.is_some_and(|times| times > 0.5 && (times - times.round()).abs() <= OFF) {
             self.multiples = self.multiples.saturating_add(1);
         } else {
-            // as Euclid finds the greatest common divisor
+            // Euclid's algorithm for the greatest common divisor
             let rest = |step: f64| (change - (change / step).round() * step).abs();
             self.step = Some(self.step.map_or(change, |step| rest(step).max(ROUNDING)));
             self.multiples = 0;
         }
     }
 
-    /// The readings before were of another life of the board.
+    /// Discards the last readings, which belong to an earlier connection of the board.
     pub fn forget(&mut self) {
         (self.last, self.before) = (None, None);
     }
 
-    /// Standard deviation of its noise at rest, deg.
+    /// Standard deviation of the noise at rest, deg.
     pub fn noise(&self) -> f64 {
         self.variance.sqrt()
     }
 
-    /// One count, deg; zero if the encoder shows none.
+    /// One count, deg; zero if the encoder shows no counts.
     pub fn count(&self) -> f64 {
         self.step.filter(|_| self.multiples >= MULTIPLES).unwrap_or(0.0)
     }
 
-    /// By how much readings of a joint at rest may differ, deg.
+    /// Greatest difference between readings of a joint at rest, deg.
     pub fn play(&self) -> f64 {
         let noise = SPREAD.0 * self.noise();
-        (COUNTS * self.count()).max(noise).clamp(LEAST, MOST)
+        (COUNTS * self.count()).max(noise).clamp(MIN_NOISE_DEG, MAX_NOISE_DEG)
     }
 
-    /// What a single reading may be off by, deg: a count, or four standard deviations of its noise.
+    /// Error of a single reading, deg: a count, or four standard deviations of the noise.
     pub fn resolution(&self) -> f64 {
-        self.count().max(SPREAD.1 * self.noise()).min(MOST)
+        self.count().max(SPREAD.1 * self.noise()).min(MAX_NOISE_DEG)
     }
 }
 
@@ -98,11 +99,12 @@ mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
 
-    /// The readings of a joint by an encoder with noise and counts.
+    /// Readings of a joint by an encoder with noise and counts.
     fn encoder(q: impl Fn(u32) -> f64, (noise, count): (f64, f64), n: u32, steady: bool) -> Encoder {
-        let (mut rng, mut encoder) = (rand_chacha::ChaCha8Rng::seed_from_u64(3), Encoder::default());
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut encoder = Encoder::default();
         for i in 0..n {
-            // twelve uniform numbers are nearly normal
+            // the sum of twelve uniform numbers is nearly normal
             let normal = (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>();
             let q = q(i) + noise * normal;
             let q = if count > 0.0 { (q / count).round() * count } else { q };
@@ -114,9 +116,9 @@ mod tests {
     #[test]
     fn a_quiet_encoder_has_the_least_play() {
         let quiet = encoder(|_| 12.0, (0.0, 0.0), 100, true);
-        assert_eq!((quiet.play(), quiet.resolution()), (LEAST, 0.0));
+        assert_eq!((quiet.play(), quiet.resolution()), (MIN_NOISE_DEG, 0.0));
         let fine = encoder(|_| 12.0, (0.005, 0.01), 100, true);
-        assert_eq!(fine.play(), LEAST);
+        assert_eq!(fine.play(), MIN_NOISE_DEG);
     }
 
     #[test]
@@ -138,11 +140,11 @@ mod tests {
         }
     }
 
-    /// A motion at any speed is neither noise nor a count.
+    /// A motion counts neither as noise nor as an encoder step, at any speed.
     #[test]
     fn a_motion_is_no_noise() {
         let eases = |i: u32| 20.0 * (1.0 - (0.05 * f64::from(i)).cos());
         let moves = encoder(eases, (0.0, 0.0), 300, false);
-        assert_eq!((moves.play(), moves.resolution()), (LEAST, 0.0));
+        assert_eq!((moves.play(), moves.resolution()), (MIN_NOISE_DEG, 0.0));
     }
 }

@@ -1,87 +1,93 @@
-//! Whether a board's reference speeds mean speeds: its first moves are timed.
+//! Check that a board's reference speeds are speeds, by timing its first moves.
 //!
-//! Two stretches of a joint's way count, from a tenth of it to the half and from there to nine tenths. Boards that go by a speed, in
-//! trapezoids or with minimum jerk, are 1 to 1.6 times as fast there as they were told. Boards that take the reference for a gain, as
-//! iCub_SIM does, are as fast as their way is long: too fast at first, too slow at the end, or both.
+//! Two sections of a joint's path count, from a tenth to the half and from there to nine tenths. Boards that
+//! move at a set speed, with trapezoidal or minimum-jerk profiles, reach 1 to 1.6 times their reference
+//! there. On boards that use the reference as a gain, such as iCub_SIM, the speed grows with the distance:
+//! too fast at first, too slow at the end, or both.
 //!
-//! What was timed counts once the reference is read back, and is the one that was told: another program may have set its own.
+//! A measurement counts once the reference has been read back and equals the one commanded, because another
+//! program may have set its own.
 
 use std::collections::BTreeSet;
 
-/// Where the stretches begin and end, shares of the way.
+/// Boundaries of the sections, as shares of the distance.
 const MARKS: [f64; 3] = [0.1, 0.5, 0.9];
-/// The shortest way that is timed, deg, and the shortest time that a stretch may be expected to take, s: encoders are noisy and late.
+/// Shortest distance that is timed, deg, and shortest expected time of a section, s: encoders are noisy and
+/// late.
 const LEAST: (f64, f64) = (3.0, 0.4);
-/// The share of a stretch's time that may pass between two readings.
+/// Longest time between two readings, as a share of a section's time.
 const GAP: f64 = 0.1;
-/// How much slower or faster than told a joint is that goes by speeds.
+/// Measured speed by reference speed of a joint that follows its reference.
 const FAIR: std::ops::RangeInclusive<f64> = 0.5..=2.0;
-/// So many stretches are timed; with so many that are not fair among them, of so many moves, references mean no speeds: what disturbs
-/// one move disturbs all of its joints.
-const ENOUGH: usize = 12;
+/// Number of sections that are timed. If at least this many of them, in at least this many moves, are outside
+/// the range, the references are not speeds. Several moves are required because a disturbance of one move
+/// affects all its joints.
+const MAX_SECTIONS: usize = 12;
 const UNFAIR: (usize, usize) = (3, 2);
-/// A reference that differs by this share is another one.
+/// Relative difference beyond which two references differ.
 const ROUNDING: f64 = 0.01;
 
-/// The first moves of a board's joints.
+/// Timing of the first moves of a board's joints.
 #[derive(Clone, Debug)]
 pub struct Gauge {
     joints: Vec<Option<Timed>>,
-    /// What was timed under references that have not been read back yet.
+    /// Measurements whose references have not been read back yet.
     pending: Vec<Pending>,
-    /// Speeds as seen, by those that were told.
+    /// Measured speeds by reference speeds.
     seen: Vec<f64>,
-    /// How many moves there were, and those in which a stretch was not fair.
+    /// Number of moves, and the moves with a section outside the range.
     moves: u64,
     unfair: BTreeSet<u64>,
 }
 
-/// Something that was timed.
+/// A measurement.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     joint: usize,
-    /// Its move.
+    /// Number of the move.
     number: u64,
-    /// The reference that was told, deg/s.
-    told: f64,
-    /// The speed as seen, by that.
+    /// Reference commanded, deg/s.
+    commanded: f64,
+    /// Measured speed by the reference.
     times: f64,
 }
 
-/// A joint under way.
+/// A joint in motion.
 #[derive(Clone, Copy, Debug)]
 struct Timed {
     from: f64,
     way: f64,
-    /// Its move.
+    /// Number of the move.
     number: u64,
-    /// The reference, deg/s.
+    /// Reference, deg/s.
     speed: f64,
-    /// How long a stretch should take, s.
+    /// Expected time of a section, s.
     stretch: f64,
-    /// The mark that is passed next, and when the one before it was, unless readings were missing since.
+    /// Mark to pass next, and the time at which the one before was passed, unless readings were missing
+    /// since.
     next: usize,
     since: Option<f64>,
-    /// The newest reading: when, and the share of the way that was gone.
+    /// Time of the newest reading, and the share of the distance covered then.
     newest: Option<(f64, f64)>,
 }
 
 impl Gauge {
-    /// No joint has moved.
+    /// Creates the check before any motion.
     pub fn new(axes: usize) -> Gauge {
         Gauge { joints: vec![None; axes], pending: Vec::new(), seen: Vec::new(), moves: 0, unfair: BTreeSet::new() }
     }
 
-    /// Some joints are about to be told a move.
+    /// Starts a move, whose joints follow.
     pub fn begin(&mut self) {
         self.moves += 1;
     }
 
-    /// A joint at `from` was told to move to `to` (deg) at this speed (deg/s).
-    pub fn told(&mut self, joint: usize, from: f64, to: f64, speed: f64) {
+    /// Starts timing a joint that was commanded from `from` to `to` (deg) at this speed (deg/s).
+    pub fn commanded(&mut self, joint: usize, from: f64, to: f64, speed: f64) {
         let way = to - from;
         let stretch = (MARKS[1] - MARKS[0]) * way.abs() / speed;
-        let counts = self.seen.len() < ENOUGH && way.abs() >= LEAST.0 && stretch >= LEAST.1 && stretch.is_finite();
+        let counts =
+            self.seen.len() < MAX_SECTIONS && way.abs() >= LEAST.0 && stretch >= LEAST.1 && stretch.is_finite();
         self.pending.retain(|pending| pending.joint != joint);
         if let Some(slot) = self.joints.get_mut(joint) {
             *slot = counts.then_some(Timed {
@@ -97,7 +103,7 @@ impl Gauge {
         }
     }
 
-    /// Something else becomes of these joints.
+    /// Stops timing these joints, because something else happens to them.
     pub fn forget(&mut self, joints: &[usize]) {
         for j in joints {
             if let Some(slot) = self.joints.get_mut(*j) {
@@ -106,37 +112,38 @@ impl Gauge {
         }
     }
 
-    /// A reading, s and deg.
+    /// Adds a reading, s and deg.
     pub fn read(&mut self, at: f64, q: &[f64]) {
         for (joint, (slot, q)) in self.joints.iter_mut().zip(q).enumerate() {
             let Some(timed) = slot else { continue };
-            let (number, told) = (timed.number, timed.speed);
-            self.pending.extend(timed.read(at, *q).map(|times| Pending { joint, number, told, times }));
+            let number = timed.number;
+            let commanded = timed.speed;
+            self.pending.extend(timed.read(at, *q).map(|times| Pending { joint, number, commanded, times }));
             if timed.next == MARKS.len() {
                 *slot = None;
             }
         }
     }
 
-    /// A joint is much faster than it was told, which says enough of its move.
+    /// Records a joint much faster than commanded, which is enough evidence about its move.
     pub fn outran(&mut self, joint: usize, times: f64) {
         if let Some(timed) = self.joints.get_mut(joint).and_then(Option::take) {
-            self.pending.push(Pending { joint, number: timed.number, told: timed.speed, times });
+            self.pending.push(Pending { joint, number: timed.number, commanded: timed.speed, times });
         }
     }
 
-    /// Whether references are to be read back.
-    pub fn asks(&self) -> bool {
+    /// True if references have to be read back.
+    pub fn needs_references(&self) -> bool {
         !self.pending.is_empty()
     }
 
-    /// The references of all joints as they are, deg/s, none of a board that does not tell; whether they show that references mean
-    /// no speeds.
+    /// Evaluates the references read back from all joints, deg/s (empty if the board does not report them).
+    /// Returns true if they show for the first time that references are not speeds.
     pub fn answered(&mut self, references: &[f64]) -> bool {
         let was = self.is_unfair();
-        for Pending { joint, number, told, times } in self.pending.drain(..) {
-            let is_told = |read: &f64| (read - told).abs() <= ROUNDING * told;
-            if self.seen.len() < ENOUGH && references.get(joint).is_none_or(is_told) {
+        for Pending { joint, number, commanded, times } in self.pending.drain(..) {
+            let is_in_force = |read: &f64| (read - commanded).abs() <= ROUNDING * commanded;
+            if self.seen.len() < MAX_SECTIONS && references.get(joint).is_none_or(is_in_force) {
                 self.seen.push(times);
                 if !FAIR.contains(&times) {
                     self.unfair.insert(number);
@@ -146,18 +153,18 @@ impl Gauge {
         self.is_unfair() && !was
     }
 
-    /// Whether references mean no speeds.
+    /// True if references are not speeds.
     pub fn is_unfair(&self) -> bool {
         let stretches = self.seen.iter().filter(|times| !FAIR.contains(*times)).count();
         stretches >= UNFAIR.0 && self.unfair.len() >= UNFAIR.1
     }
 
-    /// Speeds as seen, by those that were told.
+    /// Measured speeds by reference speeds.
     pub fn seen(&self) -> &[f64] {
         &self.seen
     }
 
-    /// For people: what was seen.
+    /// Description of the measurements, for the operator.
     pub fn in_words(&self, port: &str) -> String {
         let least = self.seen.iter().copied().fold(f64::INFINITY, f64::min);
         let most = self.seen.iter().copied().fold(0.0, f64::max);
@@ -168,7 +175,7 @@ impl Gauge {
 }
 
 impl Timed {
-    /// Speeds of the stretches that are over, by those that were told.
+    /// Adds a reading. Returns measured by reference speed if a section has ended.
     fn read(&mut self, at: f64, q: f64) -> Option<f64> {
         let share = (q - self.from) / self.way;
         let (before, gone) = self.newest.replace((at, share))?;
@@ -191,10 +198,11 @@ impl Timed {
 mod tests {
     use super::*;
 
-    /// Moves one joint after the other by `way` degrees at 10 deg/s; where it is at a share of the time that this takes.
+    /// Makes one move by `way`, deg, at a reference of 10 deg/s, with the position given as a function of time
+    /// in units of the expected duration.
     fn moved(gauge: &mut Gauge, way: f64, period: f64, at: impl Fn(f64) -> f64) -> bool {
         gauge.begin();
-        gauge.told(0, 20.0, 20.0 + way, 10.0);
+        gauge.commanded(0, 20.0, 20.0 + way, 10.0);
         let whole = way.abs() / 10.0;
         for k in 0..(40.0 * whole / period) as usize {
             gauge.read(k as f64 * period, &[20.0 + way * at(k as f64 * period / whole)]);
@@ -211,14 +219,14 @@ mod tests {
             for _ in 0..4 {
                 assert!(!moved(&mut gauge, way, period, even) && !moved(&mut gauge, way, period, eased));
             }
-            assert_eq!(gauge.seen.len(), ENOUGH, "no more than enough");
+            assert_eq!(gauge.seen.len(), MAX_SECTIONS, "no more than enough");
             assert!(gauge.seen.iter().all(|times| (0.9..1.7).contains(times)), "{:?}", gauge.seen);
         }
     }
 
     #[test]
     fn a_board_that_takes_them_for_gains_is_found_out() {
-        // 10 deg/s is a gain of 6 * 0.175 / s: the way is gone in the same time, however long it is
+        // 10 deg/s means a gain of 6 * 0.175 / s, so the duration does not depend on the distance
         let gain = 6.0 * 10f64.to_radians();
         for way in [10.0, -12.0, 80.0] {
             let mut gauge = Gauge::new(1);
@@ -231,7 +239,7 @@ mod tests {
         let mut gauge = Gauge::new(1);
         let outran = |gauge: &mut Gauge| {
             gauge.begin();
-            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.commanded(0, 0.0, 90.0, 10.0);
             gauge.outran(0, 4.0);
             gauge.outran(0, 4.0);
             gauge.answered(&[])
@@ -243,49 +251,50 @@ mod tests {
         );
     }
 
-    /// Another program's references say nothing of the board.
+    /// Nothing is concluded from moves under the references of another program.
     #[test]
-    fn only_what_was_told_counts() {
+    fn only_moves_under_our_references_count() {
         let mut gauge = Gauge::new(1);
         for _ in 0..5 {
-            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.commanded(0, 0.0, 90.0, 10.0);
             gauge.outran(0, 5.0);
-            assert!(gauge.asks() && !gauge.answered(&[60.0]) && !gauge.asks());
+            assert!(gauge.needs_references() && !gauge.answered(&[60.0]) && !gauge.needs_references());
         }
-        gauge.told(0, 0.0, 90.0, 10.0);
+        gauge.commanded(0, 0.0, 90.0, 10.0);
         gauge.outran(0, 5.0);
-        gauge.told(0, 0.0, 90.0, 20.0);
-        assert!(!gauge.asks() && gauge.seen.is_empty(), "its reference is gone");
+        gauge.commanded(0, 0.0, 90.0, 20.0);
+        assert!(!gauge.needs_references() && gauge.seen.is_empty(), "its reference is gone");
     }
 
-    /// Nothing is concluded from what was not seen, nor from what was interrupted.
+    /// Nothing is concluded from missing readings or interrupted moves.
     #[test]
     fn missing_readings_and_short_ways_do_not_count() {
         let mut gauge = Gauge::new(2);
         assert!(!moved(&mut gauge, 2.0, 0.02, |t| (0.1 * t).min(1.0)), "too short");
         assert!(!moved(&mut gauge, 10.0, 0.1, |t| (0.1 * t).min(1.0)), "too few readings");
         for k in 0..20 {
-            gauge.told(1, 0.0, 10.0, 10.0);
+            gauge.commanded(1, 0.0, 10.0, 10.0);
             gauge.read(f64::from(k), &[0.0, 0.0]);
             gauge.read(f64::from(k) + 0.05, &[0.0, 2.0]);
             gauge.forget(&[1]);
             gauge.read(f64::from(k) + 0.9, &[0.0, 6.0]);
-            assert!(!gauge.asks() && !gauge.answered(&[10.0, 10.0]));
+            assert!(!gauge.needs_references() && !gauge.answered(&[10.0, 10.0]));
         }
         assert!(gauge.seen.is_empty(), "{:?}", gauge.seen);
     }
-    /// Goes to 12.5 degrees at 10 deg/s, read at these times and places; the speeds that were seen, by that.
+    /// Moves to 12.5 deg at 10 deg/s, read at these times, s, and positions, deg. Returns the speeds measured,
+    /// relative to the reference.
     fn timed(read: &[(f64, f64)]) -> Vec<f64> {
         let mut gauge = Gauge::new(1);
         gauge.begin();
-        gauge.told(0, 0.0, 12.5, 10.0);
+        gauge.commanded(0, 0.0, 12.5, 10.0);
         read.iter().for_each(|(at, q)| gauge.read(*at, &[*q]));
         gauge.answered(&[]);
         gauge.seen().to_vec()
     }
 
-    /// Where a mark was passed between two readings is where a joint of steady speed was; readings a tenth of a stretch apart are
-    /// enough for that, and one longer pause spoils the stretch.
+    /// The time at a mark is interpolated between two readings. Readings a tenth of a section apart are
+    /// sufficient; a single longer pause invalidates the section.
     #[test]
     fn a_stretch_is_timed_between_its_marks() {
         let steady: Vec<(f64, f64)> = (0..40).map(|k| (0.037 * f64::from(k), 0.37 * f64::from(k))).collect();
@@ -303,45 +312,50 @@ mod tests {
         );
     }
 
-    /// A joint that is told too short a way, too short a time or no speed at all is not timed; nor is one that does something else since.
+    /// Joints with too short a distance, too short a duration or no speed are not timed, nor are joints that
+    /// get another command.
     #[test]
     fn only_long_ways_are_timed_and_to_their_end() {
-        let asks = |way: f64, speed: f64, forgotten: bool| {
+        let needs_references = |way: f64, speed: f64, forgotten: bool| {
             let mut gauge = Gauge::new(1);
             gauge.begin();
-            gauge.told(0, 0.0, way, speed);
+            gauge.commanded(0, 0.0, way, speed);
             for k in 0..=100 {
                 if forgotten && k == 30 {
                     gauge.forget(&[0]);
                 }
                 gauge.read(0.01 * f64::from(k), &[0.01 * way * f64::from(k)]);
             }
-            gauge.asks()
+            gauge.needs_references()
         };
-        assert!(asks(10.0, 10.0, false) && !asks(10.0, 10.0, true));
-        assert!(!asks(2.0, 1.0, false) && !asks(10.0, 100.0, false) && !asks(10.0, 0.0, false));
+        assert!(needs_references(10.0, 10.0, false) && !needs_references(10.0, 10.0, true));
+        assert!(
+            !needs_references(2.0, 1.0, false)
+                && !needs_references(10.0, 100.0, false)
+                && !needs_references(10.0, 0.0, false)
+        );
     }
 
-    /// What was timed counts under the reference that was told, to a hundredth, until there is enough of it.
+    /// Measurements count if the reference read back agrees to a hundredth, until there are enough of them.
     #[test]
     fn enough_is_enough() {
         let mut gauge = Gauge::new(1);
         let outran = |gauge: &mut Gauge, read: f64| {
             gauge.begin();
-            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.commanded(0, 0.0, 90.0, 10.0);
             gauge.outran(0, 1.0);
             gauge.answered(&[read]);
             gauge.seen().len()
         };
         assert_eq!([9.85, 10.05, 10.2, 18.0].map(|read| outran(&mut gauge, read)), [0, 1, 1, 1]);
-        while gauge.seen().len() < ENOUGH - 1 {
+        while gauge.seen().len() < MAX_SECTIONS - 1 {
             outran(&mut gauge, 10.0);
         }
-        // both stretches of one move
+        // both sections of one move
         moved(&mut gauge, 30.0, 0.02, |t| t.min(1.0));
-        assert_eq!(gauge.seen().len(), ENOUGH);
-        gauge.told(0, 0.0, 90.0, 10.0);
+        assert_eq!(gauge.seen().len(), MAX_SECTIONS);
+        gauge.commanded(0, 0.0, 90.0, 10.0);
         gauge.outran(0, 1.0);
-        assert!(!gauge.asks(), "nobody is asked for what is known");
+        assert!(!gauge.needs_references(), "nobody is asked for what is known");
     }
 }

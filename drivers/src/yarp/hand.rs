@@ -1,4 +1,5 @@
-//! The hand at one board: carries out what drivers queued, one order after the other, and stops before all else.
+//! Worker of one board: executes the orders that drivers queued one after the other, and stops before
+//! anything else.
 
 mod modes;
 pub mod put_back;
@@ -18,29 +19,30 @@ use std::time::Duration;
 use tokio::sync::{Mutex, mpsc, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
-/// How often a motion's end is asked for.
-const ASKING: Duration = Duration::from_millis(10);
-/// How often velocities are said again: real boards stop a joint that hears nothing for 0.1 s.
+/// Period of queries whether a motion has ended.
+const QUERY_PERIOD: Duration = Duration::from_millis(10);
+/// Period at which velocities are sent again: real boards stop a joint that receives nothing for 0.1 s.
 const REFRESH: Duration = Duration::from_millis(40);
-/// How old the newest answer may be before the board is asked for one, to know how long it takes, s.
+/// Age of the newest answer at which the board is queried to measure its answer time, s.
 const UNASKED: f64 = 0.1;
-/// A board that takes a speed of nothing for no speed at all gets at least this, deg/s.
+/// Least reference speed, deg/s, because some boards ignore a zero.
 const SLOWEST: f64 = 0.01;
 
-/// Everything stops: orders of earlier epochs that would move something are dropped.
+/// Stop of everything: orders of earlier epochs that would move a joint are dropped.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Halt {
-    /// Counts halts.
+    /// Counter of halts.
     pub epoch: u64,
-    /// The newest ticket of each board when the halt was called.
+    /// Newest ticket of each board at the time of the halt.
     pub tickets: Vec<u64>,
-    /// The joints of each board that moved or were commanded to: only these are stopped, as a joint that rests under its weight would sink
-    /// with each stop that makes the measured position its target. `None`, or no entry: all.
+    /// Joints of each board that moved or were commanded to. Only these are stopped, because a joint that
+    /// rests under its weight would sink with each stop that makes the measured position its target. `None`,
+    /// or no entry: all.
     pub joints: Vec<Option<Vec<usize>>>,
 }
 
 impl Halt {
-    /// What is stopped of a board; `None`: nothing of it moves.
+    /// Joints of a board to stop; `None` if none of them moves.
     pub fn stops(&self, board: usize) -> Option<Joints> {
         match self.joints.get(board).cloned().flatten() {
             Some(joints) if joints.is_empty() => None,
@@ -50,27 +52,27 @@ impl Halt {
     }
 }
 
-/// An order for one board.
+/// Order for one board.
 #[derive(Clone, Debug)]
 pub struct Order {
-    /// The epoch it was given in.
+    /// Epoch in which it was issued.
     pub epoch: u64,
-    /// Its name among the board's motions.
+    /// Its number among the board's motions.
     pub ticket: u64,
-    /// What to do.
+    /// Action.
     pub what: Do,
 }
 
-/// What one board is told: joints, degrees or millimeters. Lists have the length of `joints`.
+/// Command to one board, in joints and degrees or millimeters. Lists have the length of `joints`.
 #[derive(Clone, Debug)]
 pub enum Do {
     /// A position move.
     Move { joints: Vec<usize>, to: Vec<f64>, speed: Option<Vec<f64>>, acceleration: Option<Vec<f64>> },
-    /// Set-points.
+    /// Setpoints.
     Direct { joints: Vec<usize>, to: Vec<f64> },
-    /// Velocities, said again and again until something else is told.
+    /// Velocities, sent repeatedly until another command.
     Velocity { joints: Vec<usize>, speed: Vec<f64> },
-    /// Stop these.
+    /// Stop of these joints.
     Stop { joints: Vec<usize> },
     /// Reference speeds and accelerations.
     Reference { joints: Vec<usize>, speed: Vec<f64>, acceleration: Vec<f64> },
@@ -79,10 +81,10 @@ pub enum Do {
 }
 
 impl Do {
-    /// The joints whose motion it changes, and how the end of that is known.
+    /// Joints whose motion it changes, and how the end of that motion is detected.
     pub fn disturbs(&self) -> (Vec<usize>, End) {
         match self {
-            Do::Move { joints, .. } => (joints.clone(), End::Told),
+            Do::Move { joints, .. } => (joints.clone(), End::Reported),
             Do::Direct { joints, .. } | Do::Velocity { joints, .. } | Do::Stop { joints } | Do::Mode { joints, .. } => {
                 (joints.clone(), End::Seen)
             }
@@ -90,30 +92,30 @@ impl Do {
         }
     }
 
-    /// Whether it moves something.
+    /// True if it moves a joint.
     pub fn moves(&self) -> bool {
         matches!(self, Do::Move { .. } | Do::Direct { .. } | Do::Velocity { .. })
     }
 }
 
-/// The hand at one board.
+/// Worker of one board.
 pub struct Hand {
     pub cell: Arc<SharedBoards>,
     pub layout: Arc<Layout>,
-    /// The board's index.
+    /// Index of the board.
     pub index: usize,
     pub board: Arc<dyn Remote>,
     pub halt: watch::Receiver<Arc<Halt>>,
-    /// Until when the robot may move.
+    /// Time until which the robot may move.
     pub lease: watch::Receiver<Option<Instant>>,
-    /// A successor goes on with the same queue.
+    /// Queue of orders; a successor continues with the same one.
     pub orders: Arc<Mutex<mpsc::Receiver<Order>>>,
-    /// How late the board may act, s; velocities keep so far from limits.
+    /// Latest delay after which the board may act, s; velocities stop this early before limits.
     pub latency: f64,
-    /// When a board that did not stop as it was reached is told again, s.
+    /// Time at which to retry a board that did not stop when it was reached, s.
     again: Option<f64>,
     handled: u64,
-    /// The connection whose first word was our stop.
+    /// Connection whose first message was our stop.
     link: Option<LinkState>,
     speeds: JointVelocities,
 }
@@ -127,26 +129,38 @@ impl Hand {
         orders: Arc<Mutex<mpsc::Receiver<Order>>>,
         latency: f64,
     ) -> Hand {
-        let (again, handled, link, speeds) = (None, 0, None, JointVelocities::default());
-        Hand { cell, layout, index, board, halt, lease, orders, latency, again, handled, link, speeds }
+        Hand {
+            cell,
+            layout,
+            index,
+            board,
+            halt,
+            lease,
+            orders,
+            latency,
+            again: None,
+            handled: 0,
+            link: None,
+            speeds: JointVelocities::default(),
+        }
     }
 
-    /// Works until it is told to end; stops the board then, and gives it back as it was found.
+    /// Runs until `end` changes, then stops the board and restores its settings.
     pub async fn work(mut self, mut end: watch::Receiver<bool>) {
         let orders = self.orders.clone();
         let mut orders = orders.lock().await;
         let mut link = self.board.link();
         let mut taking = self.cell.taking();
-        let mut asking = interval(ASKING);
+        let mut queries = interval(QUERY_PERIOD);
         let mut refresh = interval(REFRESH);
-        asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        queries.set_missed_tick_behavior(MissedTickBehavior::Delay);
         refresh.set_missed_tick_behavior(MissedTickBehavior::Delay);
         link.mark_changed();
         loop {
             tokio::select! {
                 biased;
                 _ = end.changed() => break,
-                _ = self.halt.changed() => self.halt_if_told().await,
+                _ = self.halt.changed() => self.handle_halt().await,
                 Ok(()) = taking.changed() => link.mark_changed(),
                 _ = link.changed() => {
                     let now = link.borrow_and_update().clone();
@@ -161,17 +175,17 @@ impl Hand {
                     let Some(order) = order else { break };
                     self.carry_out(order).await;
                 }
-                _ = refresh.tick() => self.say_speeds(),
-                _ = asking.tick() => {
+                _ = refresh.tick() => self.send_velocities(),
+                _ = queries.tick() => {
                     if self.again.is_some_and(|at| self.cell.secs(super::cell::instant()) >= at) {
                         let now = link.borrow().clone();
                         self.linked(now).await;
                     }
                     if self.is_usable() {
-                        self.ask_done().await;
+                        self.query_done().await;
                         self.confirm().await;
                         self.put_back(false).await;
-                        self.ask_anything().await;
+                        self.query_if_idle().await;
                     }
                 }
             }
@@ -184,7 +198,7 @@ impl Hand {
         self.layout.patches.get(self.index)
     }
 
-    /// Whether the board is there, and this program drives it.
+    /// True if the board is reached and this program drives it.
     fn is_usable(&self) -> bool {
         let is_there = self.cell.lock().boards.get(self.index).is_some_and(|known| known.trouble.is_none());
         is_there && self.cell.is_ours(self.index)
@@ -195,20 +209,21 @@ impl Hand {
         joints.iter().map(|j| first + j).collect()
     }
 
-    /// A new life of the board begins with a stop, whatever it was doing; only then may drivers use it.
+    /// Handles a change of the connection. A new connection begins with a stop, whatever the board was doing;
+    /// drivers may use it after that.
     async fn linked(&mut self, link: LinkState) {
         use super::cell::Trouble;
         let port = self.board.port().to_owned();
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
             known.reached = matches!(link, LinkState::Up(_)) || (known.reached && !matches!(link, LinkState::Taken(_)));
-            // the line for stops broke with the other one, or may have: it counts when a stop was answered on it
+            // the stop connection broke too, or may have: it counts again once a stop has been answered on it
             known.brake = Some(format!("{port}: no stop was answered yet on the line for stops"));
         }
         self.again = None;
         let trouble = match &link {
             LinkState::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
             LinkState::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
-            // a robot that is only looked at is not stopped: another program may be moving it
+            // a robot that is only observed is not stopped, because another program may be moving it
             LinkState::Up(_) if !self.cell.lock().taken => None,
             LinkState::Up(_) => {
                 self.speeds.clear();
@@ -226,7 +241,7 @@ impl Hand {
         let mut inner = self.cell.lock();
         if let Some(known) = inner.boards.get_mut(self.index) {
             known.motions.forget();
-            // what was told to it before is over, whoever should have carried it out: no driver commands a board that is in trouble
+            // ends earlier orders, even those not executed: no driver commands a board in trouble
             known.motions.given(u64::MAX, now);
             known.fresh = false;
             known.trouble = trouble;
@@ -235,7 +250,7 @@ impl Hand {
         self.cell.ring();
     }
 
-    /// The board is stopped, and asked how it is.
+    /// Stops the board and reads its state.
     async fn take_over(&mut self) -> Result<(), String> {
         if !self.stop_all().await {
             return Err("it does not stop when told".into());
@@ -244,8 +259,8 @@ impl Hand {
         self.learn_findings().await.map_err(|error| format!("it does not tell how it was found: {error}"))
     }
 
-    /// Does what a halt demands, if there is a new one.
-    async fn halt_if_told(&mut self) {
+    /// Executes a new halt, if any.
+    async fn handle_halt(&mut self) {
         let halt = self.halt.borrow_and_update().clone();
         if halt.epoch == self.handled {
             return;
@@ -269,8 +284,8 @@ impl Hand {
         self.stop(Joints::All).await
     }
 
-    /// Stops joints; whether the board says that it did. A board that is not ours is left alone: even to connect to it
-    /// under a name that another run has would take that run's connection away.
+    /// Stops joints and returns whether the board confirmed it. A board that is not ours is left alone: even
+    /// connecting under another run's port name would break that run's connection.
     async fn stop(&mut self, joints: Joints) -> bool {
         self.speeds.clear();
         if !self.cell.is_ours(self.index) {
@@ -278,7 +293,7 @@ impl Hand {
         }
         self.board.hush();
         for _ in 0..3 {
-            match self.say(&Ask::Set(Set::Stop(joints.clone()))).await {
+            match self.send(&Ask::Set(Set::Stop(joints.clone()))).await {
                 Ok(answer) if reply::is_ok(&answer) => return true,
                 Ok(_) => tracing::warn!(board = self.board.port(), "the board answers [fail] to stop"),
                 Err(error) => {
@@ -291,7 +306,7 @@ impl Hand {
     }
 
     async fn carry_out(&mut self, order: Order) {
-        self.halt_if_told().await;
+        self.handle_halt().await;
         let dropped = order.epoch < self.handled && order.what.moves();
         if !dropped && let Err(why) = self.attempt(&order).await {
             tracing::warn!(board = self.board.port(), why, "an order was not carried out");
@@ -299,7 +314,7 @@ impl Hand {
         self.finish(&order);
     }
 
-    /// The order has been given, or never will be.
+    /// Records that the order has been executed, or never will be.
     fn finish(&self, order: &Order) {
         let (joints, _) = order.what.disturbs();
         let now = self.cell.secs(super::cell::instant());
@@ -337,7 +352,7 @@ impl Hand {
                 self.interrupted(order.epoch).await?;
                 self.paced(joints, &self.cell.greatest(&self.layout, self.index, joints));
                 self.speeds.set(joints, speed, self.cell.secs(super::cell::instant()));
-                self.say_speeds();
+                self.send_velocities();
                 Ok(())
             }
             Do::Stop { joints } => self.set(Set::Stop(Joints::Group(joints.clone()))).await,
@@ -350,69 +365,69 @@ impl Hand {
         if self.link.as_ref() != Some(&*self.board.link().borrow()) {
             return Err("the connection is another one, and begins with a stop".into());
         }
-        let ask = Ask::Set(set);
-        match self.say(&ask).await {
+        let request = Ask::Set(set);
+        match self.send(&request).await {
             Ok(answer) if reply::is_ok(&answer) => Ok(()),
-            Ok(_) => Err(format!("the board answers [fail] to {}", self.units().ask_to_wire(&ask).bottle())),
+            Ok(_) => Err(format!("the board answers [fail] to {}", self.units().ask_to_wire(&request).bottle())),
             Err(error) => Err(error.to_string()),
         }
     }
 
-    /// What the board's joints count.
+    /// Units of the board's joints.
     fn units(&self) -> Units {
         self.patch().map(|patch| patch.units.clone()).unwrap_or_default()
     }
 
-    /// Streams set-points, which have no answer.
+    /// Streams setpoints, which have no answer.
     fn stream(&self, command: Streamed) {
         self.board.stream(self.units().streamed_to_wire(command));
     }
 
-    /// Says something to the board, and notes how long its answer took.
-    async fn say(&self, ask: &Ask) -> Result<Bottle, CallError> {
+    /// Sends a request to the board, and records its answer time.
+    async fn send(&self, ask: &Ask) -> Result<Bottle, CallError> {
         let now = || self.cell.secs(super::cell::instant());
         let units = self.units();
-        let asked = now();
+        let sent_at = now();
         let answer = self.board.ask(&units.ask_to_wire(ask)).await.map(|answer| units.answer_from_wire(ask, answer));
         let came = now();
         if let (Ok(answer), Some(known)) = (&answer, self.cell.lock().boards.get_mut(self.index)) {
-            known.answered(asked, came, answer);
+            known.answered(sent_at, came, answer);
         }
         answer
     }
 
-    /// So fast these joints may be from now on, deg/s or mm/s.
+    /// Sets the speed limits of these joints, deg/s or mm/s.
     fn paced(&self, joints: &[usize], most: &[f64]) {
         let now = self.cell.secs(super::cell::instant());
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
-            known.pace.told(joints, most, now);
+            known.pace.set_limit(joints, most, now);
             known.gauge.forget(joints);
         }
     }
 
-    /// These joints are about to move there, deg or mm, at reference speeds, deg/s or mm/s.
+    /// Starts timing joints that are about to move to `to`, deg or mm, at reference speeds, deg/s or mm/s.
     fn timed(&self, joints: &[usize], to: &[f64], speed: &[f64]) {
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         known.gauge.begin();
         for ((joint, to), speed) in joints.iter().zip(to).zip(speed) {
             let from = known.q.get(*joint).copied().unwrap_or(*to);
-            known.gauge.told(*joint, from, *to, *speed);
+            known.gauge.commanded(*joint, from, *to, *speed);
         }
     }
 
-    /// Handles a halt that came in the meantime; an error if it ends what is under way.
+    /// Handles a halt that came since; fails if the halt ends the present order.
     async fn interrupted(&mut self, epoch: u64) -> Result<(), String> {
-        self.halt_if_told().await;
+        self.handle_halt().await;
         if epoch < self.handled { Err("a stop came first".into()) } else { Ok(()) }
     }
 
-    fn say_speeds(&mut self) {
+    fn send_velocities(&mut self) {
         let limits = self.cell.limits(&self.layout, self.index);
         let now = self.cell.secs(super::cell::instant());
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
-        let Some((joints, speeds)) = self.speeds.say(&known.q, &limits, self.latency, now) else { return };
+        let Some((joints, speeds)) = self.speeds.due(&known.q, &limits, self.latency, now) else { return };
         let moving: Vec<usize> = joints.iter().zip(&speeds).filter(|(_, v)| **v != 0.0).map(|(j, _)| *j).collect();
         if !moving.is_empty() {
             let ticket = known.motions.order(&moving, End::Seen);
@@ -422,8 +437,8 @@ impl Hand {
         self.stream(Streamed::Velocity(Joints::Group(joints), speeds));
     }
 
-    /// Asks for something if nothing was asked for a while: how long the board takes to answer is known at any time.
-    async fn ask_anything(&mut self) {
+    /// Sends a query if there was none for a while, so that the answer time is always up to date.
+    async fn query_if_idle(&mut self) {
         let now = self.cell.secs(super::cell::instant());
         let due = self
             .cell
@@ -432,21 +447,21 @@ impl Hand {
             .get(self.index)
             .is_some_and(|known| known.answers.newest().is_none_or(|newest| now >= newest + UNASKED));
         if due {
-            let _ = self.say(&Ask::Get(Get::Axes)).await;
+            let _ = self.send(&Ask::Get(Get::Axes)).await;
         }
     }
 
-    /// Asks for the end of motions that only the board knows.
-    async fn ask_done(&mut self) {
-        let asked = self.cell.lock().boards.get(self.index).and_then(|b| b.motions.ask());
-        let Some((joints, ticket)) = asked else { return };
+    /// Queries the end of motions that only the board can detect.
+    async fn query_done(&mut self) {
+        let query = self.cell.lock().boards.get(self.index).and_then(|b| b.motions.due_query());
+        let Some((joints, ticket)) = query else { return };
         let group = Joints::Group(joints.clone());
-        let Ok(answer) = self.say(&Ask::Get(Get::Done(group))).await else { return };
+        let Ok(answer) = self.send(&Ask::Get(Get::Done(group))).await else { return };
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         match answer.get(2).and_then(mobee_yarp::Value::as_i64) {
             Some(done) => known.motions.answered(&joints, ticket, done != 0),
-            None if reply::is_fail(&answer) => known.motions.board_cannot_tell(),
+            None if reply::is_fail(&answer) => known.motions.use_encoders_only(),
             None => {}
         }
     }

@@ -1,7 +1,9 @@
-//! Which motor is which joint of which board, and in which unit: the one place where degrees meet radians.
+//! Assignment of motors to boards, joints and units. The only place that converts between degrees and
+//! radians.
 //!
-//! Below this, the driver counts degrees where a joint turns and millimeters where it slides. Boards count meters there: `Units` of the
-//! patch convert whatever is said to a board (`Hand::say`, `Hand::stream`) and heard from it (`states.rs`, `describe`).
+//! Below this layer the driver uses degrees for revolute and millimeters for prismatic joints. Boards use
+//! meters for the latter: the patch's `Units` convert everything that is sent to a board (`Hand::send`,
+//! `Hand::stream`) and received from it (`states.rs`, `describe`).
 
 use super::YarpDriverSettings;
 use mobee_contract::{KindError, MotorUnits, suggestion};
@@ -9,17 +11,18 @@ use mobee_model::{JointMotion, Robot};
 use mobee_yarp::board::{JointKind, Units};
 use std::ops::Range;
 
-/// A board among the robot's motors. Joint `j` of the board is motor `motors.start + j`: the model counts the motors of a
-/// part as its board does (so the torso's yaw comes first, though it is the last of the chain).
+/// A board among the robot's motors. Joint `j` of the board is motor `motors.start + j`: the model numbers
+/// the motors of a part as its board does (so the torso's yaw comes first, although it is the last of the
+/// chain).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch {
-    /// The part's name.
+    /// Name of the part.
     pub part: String,
-    /// The first part of the board's port names.
+    /// Prefix of the board's port names.
     pub port: String,
-    /// Its motors.
+    /// Motors of the board.
     pub motors: Range<usize>,
-    /// What its joints move like, as the model says.
+    /// Joint kinds, from the model.
     pub units: Units,
 }
 
@@ -28,23 +31,23 @@ pub struct Patch {
 pub struct Layout {
     /// The boards, in the order of the settings.
     pub patches: Vec<Patch>,
-    /// Where all motors are at home, rad; those without a board stay there.
+    /// Home configuration, rad; motors without a board stay there.
     pub home: Vec<f64>,
-    /// The motors' names.
+    /// Names of the motors.
     pub names: Vec<String>,
-    /// The model's limits, rad of encoder.
+    /// Limits of the model, rad of encoder.
     pub limits: Vec<(f64, f64)>,
-    /// The model's maximum speeds, rad/s of encoder; infinite where it has none.
+    /// Maximum speeds of the model, rad/s of encoder; infinite where it has none.
     pub speeds: Vec<f64>,
-    /// How they move.
+    /// Joint motions.
     pub motions: Vec<JointMotion>,
 }
 
 impl Layout {
-    /// The boards of the settings on the robot's parts.
+    /// Assigns the boards of the settings to the robot's parts.
     ///
     /// # Errors
-    /// A part the robot does not have, or that is named twice.
+    /// A part that the robot does not have, or that is named twice.
     pub fn new(settings: &YarpDriverSettings, robot: &Robot) -> Result<Layout, KindError> {
         let mut patches: Vec<Patch> = Vec::new();
         let names: Vec<&str> = robot.parts.iter().map(|p| p.name.as_str()).collect();
@@ -72,13 +75,13 @@ impl Layout {
         })
     }
 
-    /// What the motors count, for sentences.
+    /// Units of the motors, for messages.
     pub fn units(&self) -> MotorUnits {
         let sliding = self.motions.iter().enumerate().filter(|(_, motion)| !motion.is_turn());
         MotorUnits::new(self.motors(), &sliding.map(|(motor, _)| motor).collect::<Vec<_>>())
     }
 
-    /// How many motors the robot has.
+    /// Number of motors of the robot.
     pub fn motors(&self) -> usize {
         self.names.len()
     }
@@ -90,8 +93,8 @@ impl Layout {
         Some((board, motor - self.patches.get(board)?.motors.start))
     }
 
-    /// The values of some motors sorted by board: for each board that has any of them, its joints and their values in degrees or millimeters.
-    /// Motors without a board are left out.
+    /// Sorts the values of some motors by board: for each board that has any of them, its joints and their
+    /// values in degrees or millimeters. Motors without a board are omitted.
     pub fn split(&self, motors: &[usize], values: &[f64]) -> Vec<(usize, Vec<usize>, Vec<f64>)> {
         let mut split: Vec<(usize, Vec<usize>, Vec<f64>)> = Vec::new();
         for (m, v) in motors.iter().zip(values) {
@@ -108,7 +111,7 @@ impl Layout {
     }
 }
 
-/// What a board calls a joint that moves like this.
+/// Joint kind of a board for a joint motion of the model.
 pub fn joint_kind(motion: JointMotion) -> JointKind {
     match motion {
         JointMotion::Turn => JointKind::Revolute,
@@ -116,18 +119,19 @@ pub fn joint_kind(motion: JointMotion) -> JointKind {
     }
 }
 
-/// What is wrong with a joint that does not move as its motor does in the model, and the remedy: its numbers would mean something else. A board
-/// that does not tell is believed to be as the model says.
-pub fn disagreement(tells: JointKind, model: JointKind, motor: &str, joint: &str) -> Option<[String; 2]> {
+/// Description and remedy if the joint kind that a board reports differs from the model's, because its
+/// numbers then have another meaning. A board that reports no kind is assumed to agree.
+pub fn disagreement(reported: JointKind, model: JointKind, motor: &str, joint: &str) -> Option<[String; 2]> {
     let in_words = |kind| match kind {
         JointKind::Prismatic => "slides (meters)",
         JointKind::Revolute | JointKind::Unknown => "turns (degrees)",
     };
-    if tells == JointKind::Unknown || tells == model {
+    if reported == JointKind::Unknown || reported == model {
         return None;
     }
-    let (tells, model) = (in_words(tells), in_words(model));
-    let what = format!("{joint} {tells}, as its board tells, but motor {motor} of the model {model}");
+    let reported = in_words(reported);
+    let model = in_words(model);
+    let what = format!("{joint} {reported}, as its board tells, but motor {motor} of the model {model}");
     let remedy = "correct the type of the joint in the robot file or in the board's configuration, and check that the ports are this \
                   part's and its joints in this order";
     Some([what, remedy.into()])

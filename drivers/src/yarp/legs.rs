@@ -1,22 +1,24 @@
-//! Moves made of set-points: a trajectory of our own, for boards whose reference speeds mean no speeds.
+//! Moves made of setpoints: a trajectory of our own, for boards whose reference speeds are not speeds.
 //!
 //! ```text
-//! begin ──> under way ──its last set-point──> ending ──rests: back to position mode──> gone
+//! begin ──> in motion ──last setpoint──> ending ──at rest: back to position mode──> removed
 //! ```
-//! All joints of a move keep step, on the straight line to its target: the share of the way that is gone grows with a trapezoidal
-//! velocity. Time goes on by readings, so that no set-point jumps after a pause: none is farther than the speed allows. It stands still
-//! while a joint is farther behind than the board's latency explains: set-points that are held up on their way, and come in a bunch,
-//! would be caught up with at whatever speed the board can.
+//! All joints of a move are synchronized on the straight line to its target: the share of the path covered
+//! grows with a trapezoidal velocity. Time advances with the readings, so that no setpoint jumps after a
+//! pause: none is farther than the speed allows. Time stops while a joint lags by more than the board's
+//! latency explains. Otherwise setpoints that are delayed and arrive in a bunch would be caught up with at
+//! whatever speed the board can reach.
 
 use mobee_contract::{Board, Time};
 use std::time::Duration;
 
-/// The share of a motor's speed that is planned with: a set-point that comes late is caught up with.
+/// Share of a motor's speed that is used for planning, which leaves a margin to catch up with a late
+/// setpoint.
 const PLANNED: f64 = 0.8;
-/// How many periods of the board a move may go on by from one reading to the next.
-const MOST: f64 = 1.0 / PLANNED;
+/// Number of the board's periods by which a move may advance from one reading to the next.
+const MAX_PERIODS: f64 = 1.0 / PLANNED;
 
-/// How far behind a joint may be beside what the latency explains, s at its speed and rad.
+/// Lag of a joint that is tolerated in addition to the latency, as s at its speed and as rad.
 const BEHIND: (f64, f64) = (0.1, 0.5 * std::f64::consts::PI / 180.0);
 
 /// One move.
@@ -25,20 +27,22 @@ struct Leg {
     motors: Vec<usize>,
     from: Vec<f64>,
     to: Vec<f64>,
-    /// How long it takes at full speed, and how long the ramps at both ends take, s.
+    /// Duration at full speed, and of the ramps at both ends, s.
     full: f64,
     ramp: f64,
-    /// How far in its time it is, s.
+    /// Elapsed time of the move, s.
     gone: f64,
-    /// How far each motor may be behind, rad.
+    /// Lag tolerated per motor, rad.
     behind: Vec<f64>,
 }
 
 impl Leg {
-    /// The share of the way that is gone.
+    /// Share of the path covered.
     fn share(&self) -> f64 {
-        let (all, ramp) = (self.full + self.ramp, self.ramp.max(1e-6));
-        let (t, left) = (self.gone, all - self.gone);
+        let all = self.full + self.ramp;
+        let ramp = self.ramp.max(1e-6);
+        let t = self.gone;
+        let left = all - self.gone;
         if left <= 0.0 {
             1.0
         } else if t < ramp {
@@ -50,7 +54,7 @@ impl Leg {
         }
     }
 
-    /// Whether all of its motors follow.
+    /// True if all its motors follow.
     fn follows(&self, q: &[f64]) -> bool {
         let behind = |((motor, to), most): ((&usize, f64), &f64)| q.get(*motor).is_some_and(|q| (to - q).abs() > *most);
         !self.motors.iter().zip(self.set_points()).zip(&self.behind).any(behind)
@@ -59,13 +63,13 @@ impl Leg {
     fn set_points(&self) -> Vec<f64> {
         let share = self.share();
         if share >= 1.0 {
-            return self.to.clone(); // to the last bit
+            return self.to.clone(); // exact target, without rounding
         }
         self.from.iter().zip(&self.to).map(|(from, to)| from + share * (to - from)).collect()
     }
 }
 
-/// The moves that are under way, and the motors that are to come to rest after one.
+/// Moves in progress, and motors that are settling after one.
 #[derive(Clone, Debug, Default)]
 pub struct Legs {
     under_way: Vec<Leg>,
@@ -74,7 +78,8 @@ pub struct Legs {
 }
 
 impl Legs {
-    /// A move begins: motors, from where, to where (rad), at these speeds at most (rad/s). It replaces what these motors did.
+    /// Begins a move of `motors` between two configurations (rad), with these speed limits (rad/s). It
+    /// replaces earlier moves of these motors.
     pub fn begin(&mut self, motors: Vec<usize>, (from, to): (Vec<f64>, Vec<f64>), speeds: &[f64], board: &Board) {
         self.forget(&motors);
         let lag = board.latency.as_secs_f64() + BEHIND.0;
@@ -87,7 +92,7 @@ impl Legs {
             leg.full = leg.full.max(way / speed).max((way / acceleration.max(1e-6)).sqrt());
             leg.ramp = leg.ramp.max(speed / acceleration.max(1e-6));
         }
-        // a short way has no time at full speed
+        // a short move has no phase at full speed
         leg.full = leg.full.max(1e-3);
         leg.ramp = leg.ramp.min(leg.full);
         if self.under_way.is_empty() {
@@ -96,28 +101,29 @@ impl Legs {
         self.under_way.push(leg);
     }
 
-    /// Somebody else commands these motors from now on.
+    /// Removes these motors from all moves, because other commands move them from now on.
     pub fn forget(&mut self, motors: &[usize]) {
         for leg in &mut self.under_way {
-            let keep: Vec<bool> = leg.motors.iter().map(|m| !motors.contains(m)).collect();
-            let kept = |list: &[f64]| list.iter().zip(&keep).filter(|(_, keep)| **keep).map(|(v, _)| *v).collect();
-            (leg.from, leg.to, leg.behind) = (kept(&leg.from), kept(&leg.to), kept(&leg.behind));
+            let stays: Vec<bool> = leg.motors.iter().map(|m| !motors.contains(m)).collect();
+            let remaining =
+                |list: &[f64]| list.iter().zip(&stays).filter(|(_, stays)| **stays).map(|(v, _)| *v).collect();
+            (leg.from, leg.to, leg.behind) = (remaining(&leg.from), remaining(&leg.to), remaining(&leg.behind));
             leg.motors.retain(|m| !motors.contains(m));
         }
         self.under_way.retain(|leg| !leg.motors.is_empty());
         self.ending.retain(|m| !motors.contains(m));
     }
 
-    /// These motors are stopped; all, if the list is empty. They go back to position mode once they rest.
+    /// Stops these motors, or all if the list is empty. They return to position mode once they rest.
     pub fn stop(&mut self, motors: &[usize]) {
         let stopped: Vec<usize> = self.motors().filter(|m| motors.is_empty() || motors.contains(m)).collect();
         self.forget(&stopped);
         self.ending.extend(stopped);
     }
 
-    /// The set-points that are due now that the robot is read to be at `q` (rad), move by move.
+    /// Advances all moves for a reading `q` (rad) and returns the setpoints due, move by move.
     pub fn step(&mut self, now: Time, period: Duration, q: &[f64]) -> Vec<(Vec<usize>, Vec<f64>)> {
-        let most = MOST * period.as_secs_f64();
+        let most = MAX_PERIODS * period.as_secs_f64();
         let gone = self.last.replace(now).map_or(0.0, |last| now.since(last).as_secs_f64().min(most));
         let mut due = Vec::new();
         for leg in &mut self.under_way {
@@ -130,14 +136,15 @@ impl Legs {
         due
     }
 
-    /// The motors that have come to rest after their moves: nothing more is to be said to them but their mode.
+    /// Removes and returns the motors that have settled after their moves; only their mode remains to be
+    /// switched.
     pub fn rested(&mut self, rests: impl Fn(usize) -> bool) -> Vec<usize> {
         let (over, ending) = self.ending.iter().partition(|m| rests(**m));
         self.ending = ending;
         over
     }
 
-    /// Whether a move of this motor is not over yet.
+    /// True if a move of this motor has not ended yet.
     pub fn names(&self, motor: usize) -> bool {
         self.motors().any(|m| m == motor)
     }
@@ -146,7 +153,7 @@ impl Legs {
         self.under_way.iter().flat_map(|leg| leg.motors.iter()).chain(&self.ending).copied()
     }
 
-    /// Whether there are none.
+    /// True if there are no moves.
     pub fn is_empty(&self) -> bool {
         self.under_way.is_empty() && self.ending.is_empty()
     }
@@ -173,12 +180,13 @@ mod tests {
         Board { axes, period: PERIOD, latency: Duration::from_millis(50), position_direct: true }
     }
 
-    /// The set-points of a move of two motors, reading by reading, to its end.
+    /// Setpoints of a move of two motors, one per reading, to its end.
     fn driven(legs: &mut Legs, ms: impl Fn(u64) -> u64) -> Vec<Vec<f64>> {
-        let (mut all, mut here) = (Vec::new(), vec![f64::NAN; 3]);
+        let mut all = Vec::new();
+        let mut here = vec![f64::NAN; 3];
         for k in 0..100_000 {
             let now = Time(ms(k) * 1_000_000);
-            // the robot is where it was told to be last
+            // the robot follows without delay
             let due = legs.step(now, PERIOD, &here);
             for (motors, q) in &due {
                 motors.iter().zip(q).for_each(|(m, q)| here[*m] = *q);
@@ -192,7 +200,8 @@ mod tests {
     }
 
     proptest! {
-        /// On the straight line, in order, no faster than asked for, no harder than the motors can, to the very target.
+        /// The setpoints lie on the straight line, in order, within the speed commanded and the motors'
+        /// accelerations, and end exactly at the target.
         #[test]
         fn joints_keep_step_on_the_straight_line(
             from in prop::collection::vec(-2.0_f64..2.0, 2), to in prop::collection::vec(-2.0_f64..2.0, 2),
@@ -230,7 +239,7 @@ mod tests {
         assert_eq!(q.last(), Some(&vec![1.0]));
     }
 
-    /// At half a radian a second, with 50 ms of latency, 0.15 s and half a degree.
+    /// The setpoint leads a stuck joint by 0.5 rad/s times 0.15 s (latency and tolerance), plus half a degree.
     #[test]
     fn a_move_waits_for_a_joint_that_does_not_follow() {
         let mut legs = Legs::default();
@@ -240,7 +249,7 @@ mod tests {
         assert!((most..most + 0.0125).contains(&last), "{last}, {most}");
     }
 
-    /// A joint may be as far behind as that, and no farther.
+    /// The move continues exactly up to this lag.
     #[test]
     fn a_move_goes_on_while_its_joints_are_just_near_enough() {
         let most = 0.5 * (0.05 + BEHIND.0) + BEHIND.1;
@@ -252,7 +261,8 @@ mod tests {
         }
     }
 
-    /// At 0.8 rad/s and 4 rad/s^2: a long way takes its time at that speed and a ramp, a short one two ramps.
+    /// With 0.8 rad/s and 4 rad/s^2, a long move takes its distance at that speed and one ramp, a short move
+    /// two ramps.
     #[test]
     fn a_move_takes_no_longer_than_its_speed_and_ramps_need() {
         for (way, secs) in [(1.0, 1.25 + 0.2), (0.04, 2.0 * 0.1)] {
@@ -264,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motor_is_whose_who_commanded_it_last() {
+    fn a_motor_belongs_to_its_last_command() {
         let mut legs = Legs::default();
         legs.begin(vec![0, 1], (vec![0.0, 0.0], vec![1.0, 1.0]), &[0.5, 0.5], &board());
         legs.begin(vec![1], (vec![0.2], vec![0.0]), &[0.5], &board());
@@ -274,7 +284,7 @@ mod tests {
         assert_eq!(legs.rested(|_| true), [0]);
         legs.forget(&[1]);
         assert!(legs.is_empty());
-        // what was stopped and is then driven by another has no mode to go back to
+        // a motor that was stopped and is driven by another command has no mode to restore
         legs.begin(vec![2], (vec![0.0], vec![1.0]), &[0.5], &board());
         legs.stop(&[]);
         assert_eq!(legs.rested(|_| false), [0; 0]);

@@ -1,37 +1,38 @@
-//! Motion done, joint by joint: what was told, what the board says of it, what the encoders say.
+//! Detection of the end of motions, joint by joint, from commands, answers of the board, and encoders.
 //!
 //! ```text
-//! order ──> Ordered ──given──> Moving ──board says done, then a state──> Rest
-//!                        └───> Settling ──encoders rest for a while────> Rest
+//! order ──> Ordered ──given──> Moving ──board reports done, then a state──> Rest
+//!                        └───> Settling ──encoders rest for a while──────> Rest
 //! ```
-//! Position moves end when the board says so. Stops, set-points and velocities have no end that a board would tell: there, and
-//! where a board does not answer the question, the encoders count.
+//! A position move ends when the board reports it. Boards report no end of stops, setpoints and velocities;
+//! there, and on boards that don't answer the query, the encoders decide.
 
 use super::encoder::Encoder;
 use std::collections::VecDeque;
 
-/// How long encoders must rest, s.
-pub const WHILE: f64 = 0.1;
-/// A joint whose readings drift by less than this from one half of that time to the other is steady: it rests, but for noise. Degrees.
+/// Time for which encoders must rest, s.
+pub const REST_TIME_S: f64 = 0.1;
+/// Drift of the mean readings from one half of that time to the other below which a joint is steady, that is,
+/// at rest except for noise, deg.
 const DRIFT: f64 = 0.1;
-/// Most states that are kept for this.
-const MOST: usize = 256;
+/// Largest number of states stored for this.
+const MAX_STATES: usize = 256;
 
-/// How the end of a motion is known.
+/// Source of the end of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// The board says.
-    Told,
+    /// The board reports it.
+    Reported,
     /// The encoders rest.
     Seen,
 }
 
-/// How fast joints are, over the states of a moment.
+/// Joint speeds over a short time.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MeasuredSpeeds {
-    /// There are no states that tell.
+    /// Too few or too old states.
     Unknown,
-    /// All rest, but for the noise of encoders.
+    /// All joints rest, except for encoder noise.
     Rest,
     /// At least one moves, deg/s; negative where readings decrease.
     At(Vec<f64>),
@@ -40,46 +41,46 @@ pub enum MeasuredSpeeds {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Doing {
     Rest,
-    /// Told to the board, or on its way there.
+    /// Commanded, or on its way to the board.
     Busy {
         end: End,
         ticket: u64,
-        /// When the board had it.
+        /// Time at which the board received it.
         given: Option<f64>,
-        /// The board said that it is done.
+        /// True if the board reported the end.
         arrived: bool,
     },
 }
 
-/// The motions of one board. Times in seconds, positions in degrees.
+/// Motions of one board. Times in seconds, positions in degrees.
 #[derive(Clone, Debug)]
 pub struct Motions {
     joints: Vec<Doing>,
     window: VecDeque<(f64, Vec<f64>)>,
     encoders: Vec<Encoder>,
-    /// How many states have come.
+    /// Number of states received.
     states: u64,
-    board_tells: bool,
+    board_reports: bool,
     tickets: u64,
 }
 
 impl Motions {
-    /// A board of so many joints at rest.
+    /// Creates the motions of a board with `axes` joints at rest.
     pub fn new(axes: usize) -> Motions {
         Motions {
             joints: vec![Doing::Rest; axes],
             window: VecDeque::new(),
             encoders: vec![Encoder::default(); axes],
             states: 0,
-            board_tells: true,
+            board_reports: true,
             tickets: 0,
         }
     }
 
-    /// These joints are told something; the ticket names it.
+    /// Marks these joints as commanded; the ticket identifies the command.
     pub fn order(&mut self, joints: &[usize], end: End) -> u64 {
         self.tickets += 1;
-        let end = if self.board_tells { end } else { End::Seen };
+        let end = if self.board_reports { end } else { End::Seen };
         for j in joints {
             if let Some(slot) = self.joints.get_mut(*j) {
                 *slot = Doing::Busy { end, ticket: self.tickets, given: None, arrived: false };
@@ -88,7 +89,7 @@ impl Motions {
         self.tickets
     }
 
-    /// Everything told up to this ticket has reached the board, or never will.
+    /// Marks everything up to this ticket as received by the board, or as dropped.
     pub fn given(&mut self, upto: u64, now: f64) {
         for slot in &mut self.joints {
             if let Doing::Busy { ticket, given, .. } = slot
@@ -100,17 +101,18 @@ impl Motions {
         }
     }
 
-    /// The joints whose end only the board knows, to be asked for now, and the ticket for its answer.
-    pub fn ask(&self) -> Option<(Vec<usize>, u64)> {
+    /// Joints whose end only the board can report and which are due for a query, with the ticket for its
+    /// answer.
+    pub fn due_query(&self) -> Option<(Vec<usize>, u64)> {
         let waits = |(j, doing): (usize, &Doing)| match doing {
-            Doing::Busy { end: End::Told, given: Some(_), arrived: false, .. } => Some(j),
+            Doing::Busy { end: End::Reported, given: Some(_), arrived: false, .. } => Some(j),
             _ => None,
         };
         let joints: Vec<usize> = self.joints.iter().enumerate().filter_map(waits).collect();
         (!joints.is_empty()).then_some((joints, self.tickets))
     }
 
-    /// The board's answer for all of these joints.
+    /// Stores the board's answer for these joints.
     pub fn answered(&mut self, joints: &[usize], upto: u64, done: bool) {
         for j in joints {
             if let Some(Doing::Busy { ticket, given: Some(_), arrived, .. }) = self.joints.get_mut(*j)
@@ -121,9 +123,9 @@ impl Motions {
         }
     }
 
-    /// The board does not know when its motions are done.
-    pub fn board_cannot_tell(&mut self) {
-        self.board_tells = false;
+    /// Switches to the encoders, because the board can't report the end of its motions.
+    pub fn use_encoders_only(&mut self) {
+        self.board_reports = false;
         for slot in &mut self.joints {
             if let Doing::Busy { end, .. } = slot {
                 *end = End::Seen;
@@ -131,11 +133,11 @@ impl Motions {
         }
     }
 
-    /// A state of the board.
+    /// Adds a state of the board.
     pub fn read(&mut self, at: f64, q: &[f64]) {
         self.window.push_back((at, q.to_vec()));
-        // one state older than the window is kept, so that the window is covered
-        while self.window.len() > MOST || self.window.get(1).is_some_and(|(t, _)| *t <= at - WHILE) {
+        // keeps one state older than the window, so that the window is covered
+        while self.window.len() > MAX_STATES || self.window.get(1).is_some_and(|(t, _)| *t <= at - REST_TIME_S) {
             self.window.pop_front();
         }
         let covered = is_covered(&self.window);
@@ -146,8 +148,8 @@ impl Motions {
         for (j, slot) in self.joints.iter_mut().enumerate() {
             let Doing::Busy { end, given: Some(given), arrived, .. } = *slot else { continue };
             let over = match end {
-                End::Told => arrived,
-                End::Seen => covered && at >= given + WHILE && rests(&self.window, &self.encoders, j),
+                End::Reported => arrived,
+                End::Seen => covered && at >= given + REST_TIME_S && rests(&self.window, &self.encoders, j),
             };
             if over {
                 *slot = Doing::Rest;
@@ -155,41 +157,42 @@ impl Motions {
         }
     }
 
-    /// The states before were of another life of the board.
+    /// Discards the states, which belong to an earlier connection of the board.
     pub fn forget(&mut self) {
         self.window.clear();
         self.encoders.iter_mut().for_each(Encoder::forget);
     }
 
-    /// How many states have come so far.
+    /// Number of states received so far.
     pub fn states(&self) -> u64 {
         self.states
     }
 
-    /// What a reading of each joint may be off by, deg.
+    /// Error of a single reading of each joint, deg.
     pub fn resolutions(&self) -> impl Iterator<Item = f64> + '_ {
         self.encoders.iter().map(Encoder::resolution)
     }
 
-    /// The joints that a stop is for: those that move, or were commanded to. `None`: states show too little, and it is for all.
+    /// Joints to stop: those that move, or were commanded to. `None`, for all, if the states are
+    /// insufficient.
     pub fn to_stop(&self, now: f64) -> Option<Vec<usize>> {
-        let fresh = self.window.back().is_some_and(|(at, _)| *at >= now - WHILE);
+        let fresh = self.window.back().is_some_and(|(at, _)| *at >= now - REST_TIME_S);
         let moves = |j: &usize| !self.rests(*j);
         (fresh && is_covered(&self.window)).then(|| (0..self.joints.len()).filter(moves).collect())
     }
 
-    /// Motion done, per joint.
+    /// True where the motion is done, per joint.
     pub fn done(&self) -> impl Iterator<Item = bool> + '_ {
         self.joints.iter().map(|d| *d == Doing::Rest)
     }
 
-    /// How fast the joints are, as far as states tell that are no older than `since`.
+    /// Joint speeds, provided that the newest state is no older than `since`.
     pub fn speeds(&self, since: f64) -> MeasuredSpeeds {
         let (Some((begun, from)), Some((ended, to))) = (self.window.front(), self.window.back()) else {
             return MeasuredSpeeds::Unknown;
         };
         let secs = ended - begun;
-        if *ended < since || secs < 0.5 * WHILE {
+        if *ended < since || secs < 0.5 * REST_TIME_S {
             return MeasuredSpeeds::Unknown;
         }
         if (0..to.len()).all(|j| rests(&self.window, &self.encoders, j)) {
@@ -198,24 +201,24 @@ impl Motions {
         MeasuredSpeeds::At(from.iter().zip(to).map(|(a, b)| (b - a) / secs).collect())
     }
 
-    /// Whether a joint has nothing to do and its encoder shows that it rests.
+    /// True if a joint has no motion in progress and its encoder shows that it rests.
     pub fn rests(&self, joint: usize) -> bool {
         let over = self.joints.get(joint) == Some(&Doing::Rest);
         over && is_covered(&self.window) && rests(&self.window, &self.encoders, joint)
     }
 
-    /// Whether any motion is under way.
+    /// True if any motion is in progress.
     pub fn is_busy(&self) -> bool {
         self.joints.iter().any(|d| *d != Doing::Rest)
     }
 }
 
-/// Whether there are states of long enough ago to tell a rest.
+/// True if the states go back far enough to detect a rest.
 fn is_covered(window: &VecDeque<(f64, Vec<f64>)>) -> bool {
-    window.front().zip(window.back()).is_some_and(|((begun, _), (ended, _))| *begun <= ended - WHILE)
+    window.front().zip(window.back()).is_some_and(|((begun, _), (ended, _))| *begun <= ended - REST_TIME_S)
 }
 
-/// Whether the readings of a joint drift no more than noise does.
+/// True if the readings of a joint drift no more than noise does.
 fn is_steady(window: &VecDeque<(f64, Vec<f64>)>, joint: usize) -> bool {
     let half = window.len() / 2;
     let mean = |skipped: usize| {
@@ -246,12 +249,12 @@ mod tests {
     }
 
     #[test]
-    fn a_move_is_done_when_the_board_said_so_and_a_state_came_after() {
+    fn a_move_is_done_after_the_boards_report_and_a_newer_state() {
         let mut m = Motions::new(2);
-        let ticket = m.order(&[1], End::Told);
-        assert_eq!((done(&m), m.ask()), (vec![true, false], None), "the board has not got it yet");
+        let ticket = m.order(&[1], End::Reported);
+        assert_eq!((done(&m), m.due_query()), (vec![true, false], None), "the board has not got it yet");
         m.given(ticket, 1.0);
-        let (joints, upto) = m.ask().unwrap();
+        let (joints, upto) = m.due_query().unwrap();
         assert_eq!(joints, [1]);
         m.answered(&joints, upto, false);
         m.read(1.02, &[0.0, 0.0]);
@@ -265,10 +268,10 @@ mod tests {
     #[test]
     fn an_answer_to_an_older_question_ends_nothing_newer() {
         let mut m = Motions::new(1);
-        let first = m.order(&[0], End::Told);
+        let first = m.order(&[0], End::Reported);
         m.given(first, 0.0);
-        let (joints, upto) = m.ask().unwrap();
-        let second = m.order(&[0], End::Told);
+        let (joints, upto) = m.due_query().unwrap();
+        let second = m.order(&[0], End::Reported);
         m.given(second, 0.1);
         m.answered(&joints, upto, true);
         m.read(0.2, &[1.0]);
@@ -296,9 +299,9 @@ mod tests {
         assert!((5..=7).contains(&states), "{states}");
     }
 
-    /// Encoders that rested before the set-point came to the board say nothing of it.
+    /// Rest before the board got the setpoint does not count.
     #[test]
-    fn a_rest_counts_from_when_the_board_was_told() {
+    fn rest_counts_from_the_time_the_board_got_the_order() {
         let mut m = Motions::new(1);
         (0..50).for_each(|i| m.read(0.02 * f64::from(i), &[0.0]));
         let ticket = m.order(&[0], End::Seen);
@@ -311,11 +314,11 @@ mod tests {
     }
 
     #[test]
-    fn speeds_are_told_by_enough_states_that_are_new_enough() {
+    fn speeds_require_enough_recent_states() {
         let mut m = Motions::new(2);
         assert_eq!(m.speeds(0.0), MeasuredSpeeds::Unknown);
         m.read(0.0, &[0.0, 0.0]);
-        m.read(0.5 * WHILE, &[1.0, 0.0]);
+        m.read(0.5 * REST_TIME_S, &[1.0, 0.0]);
         assert_eq!(m.speeds(0.0), MeasuredSpeeds::At(vec![20.0, 0.0]));
         m.forget();
         m.read(2.0, &[0.0, 0.0]);
@@ -328,12 +331,13 @@ mod tests {
         assert_eq!(m.speeds(2.2), MeasuredSpeeds::Rest);
     }
 
-    /// An encoder of 4,096 counts that stands between two of them, and one with noise, rest all the same; a joint that creeps does not.
+    /// An encoder of 4,096 counts between two counts, and an encoder with noise, count as rest; a creeping
+    /// joint does not.
     #[test]
     fn coarse_and_noisy_encoders_rest() {
         let count = 360.0 / 4096.0;
         let flickers = |i: u32| if i.is_multiple_of(3) { count } else { 0.0 };
-        // a cheap noise: the digits of a multiple of an irrational number, 0.03 deg
+        // simple pseudo-random noise of 0.03 deg: the fractional part of a multiple of an irrational number
         let noise = |i: u32| 0.1 * ((f64::from(i) * 0.754_877_666) % 1.0 - 0.5);
         for (q, rests) in [(&flickers as &dyn Fn(u32) -> f64, true), (&noise, true), (&|i| 0.1 * f64::from(i), false)] {
             let mut m = Motions::new(1);
@@ -347,7 +351,8 @@ mod tests {
         }
     }
 
-    /// States of another life of the board say nothing of this one: a joint rests once it was seen to for a while.
+    /// States before the restart of a board do not count: a joint rests once it was observed at rest for a
+    /// while since.
     #[test]
     fn a_rest_is_seen_anew_in_each_life_of_a_board() {
         let mut m = Motions::new(2);
@@ -368,26 +373,26 @@ mod tests {
     fn a_board_in_a_hurry_takes_no_more_room() {
         let mut m = Motions::new(1);
         (0..1000).for_each(|i| m.read(1e-4 * f64::from(i), &[0.0]));
-        assert_eq!(m.window.len(), MOST);
+        assert_eq!(m.window.len(), MAX_STATES);
     }
 
     #[test]
     fn what_never_reached_the_board_stays_busy_and_a_silent_board_is_watched() {
         let mut m = Motions::new(1);
-        m.order(&[0], End::Told);
+        m.order(&[0], End::Reported);
         for i in 0..100 {
             m.read(0.02 * f64::from(i), &[0.0]);
         }
         assert!(m.is_busy());
         m.given(1, 2.0);
-        m.board_cannot_tell();
-        assert_eq!(m.ask(), None);
+        m.use_encoders_only();
+        assert_eq!(m.due_query(), None);
         for i in 100..110 {
             m.read(0.02 * f64::from(i), &[0.0]);
         }
         assert!(!m.is_busy());
-        m.order(&[0], End::Told);
+        m.order(&[0], End::Reported);
         m.given(2, 2.2);
-        assert_eq!(m.ask(), None, "it is not asked again");
+        assert_eq!(m.due_query(), None, "it is not asked again");
     }
 }

@@ -1,20 +1,22 @@
-//! How fast joints may be by what they were told, and whether they are: a board that somebody else gave other references goes its own pace.
+//! Check of joint speeds against the commanded ones. A board that received other references from another
+//! program does not follow ours.
 
 use super::layout::Layout;
 
-/// Boards that ease in and out are at their fastest 1.875 times as fast as they were told (a minimum-jerk trajectory).
+/// Greatest speed by commanded speed of a board that accelerates and brakes smoothly; 1.875 for a
+/// minimum-jerk trajectory.
 const EASED: f64 = 2.0;
-/// What the noise of encoders and a board's own control make of a slow joint, deg/s.
+/// Apparent speed of a slow joint by encoder noise and the board's own control, deg/s.
 const NOISE: f64 = 5.0;
-/// How long a joint that was told to go slower may take for it, s.
+/// Time that a joint may take to reach a lower commanded speed, s.
 const SLOWING: f64 = 1.0;
 
-/// The pace of one board's joints, deg/s.
+/// Speed limits of one board's joints, deg/s.
 #[derive(Clone, Debug)]
-pub struct Pace(Vec<Told>);
+pub struct Pace(Vec<SpeedLimit>);
 
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct SpeedLimit {
     most: f64,
     before: f64,
     at: f64,
@@ -29,25 +31,25 @@ pub struct TooFast {
 }
 
 impl Pace {
-    /// Nothing was told yet.
+    /// Creates the check without any limit.
     pub fn new(axes: usize) -> Pace {
-        Pace(vec![Told { most: f64::INFINITY, before: f64::INFINITY, at: f64::NEG_INFINITY }; axes])
+        Pace(vec![SpeedLimit { most: f64::INFINITY, before: f64::INFINITY, at: f64::NEG_INFINITY }; axes])
     }
 
-    /// These joints were told to go so fast at most.
-    pub fn told(&mut self, joints: &[usize], most: &[f64], now: f64) {
+    /// Sets the speed limits of these joints.
+    pub fn set_limit(&mut self, joints: &[usize], most: &[f64], now: f64) {
         for (j, most) in joints.iter().zip(most) {
-            if let Some(told) = self.0.get_mut(*j) {
-                *told = Told { most: *most, before: told.most, at: now };
+            if let Some(limit) = self.0.get_mut(*j) {
+                *limit = SpeedLimit { most: *most, before: limit.most, at: now };
             }
         }
     }
 
-    /// The first joint that is faster than it was told, by more than a board's own way to move explains.
+    /// First joint that is faster than commanded by more than a board's own profile explains.
     pub fn exceeded(&self, speeds: &[f64], now: f64) -> Option<TooFast> {
-        let too_fast = |(joint, (told, speed)): (usize, (&Told, &f64))| {
-            let slowing = now < told.at + SLOWING && told.before.is_finite();
-            let most = if slowing { told.most.max(told.before) } else { told.most };
+        let too_fast = |(joint, (limit, speed)): (usize, (&SpeedLimit, &f64))| {
+            let slowing = now < limit.at + SLOWING && limit.before.is_finite();
+            let most = if slowing { limit.most.max(limit.before) } else { limit.most };
             (*speed > EASED * most + NOISE).then_some(TooFast { joint, speed: *speed, most })
         };
         self.0.iter().zip(speeds).enumerate().find_map(too_fast)
@@ -55,7 +57,7 @@ impl Pace {
 }
 
 impl TooFast {
-    /// For people: which motor, how fast, and what to do.
+    /// Message for the operator: the motor, its speed, and the remedy.
     pub fn in_words(&self, layout: &Layout, board: usize) -> String {
         let TooFast { joint, speed, most } = self;
         let patch = layout.patches.get(board);
@@ -74,15 +76,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_joint_may_ease_and_slow_down_but_not_outrun_what_it_was_told() {
+    fn a_joint_may_ease_and_slow_down_but_not_exceed_its_limit() {
         let mut pace = Pace::new(2);
         assert_eq!(pace.exceeded(&[500.0, 500.0], 0.0), None, "nothing was told");
-        pace.told(&[0, 1], &[20.0, 50.0], 1.0);
+        pace.set_limit(&[0, 1], &[20.0, 50.0], 1.0);
         assert_eq!(pace.exceeded(&[1.9 * 20.0, 90.0], 1.1), None);
         let fast = pace.exceeded(&[10.0, 150.0], 1.1).unwrap();
         assert_eq!((fast.joint, fast.most), (1, 50.0));
         assert_eq!(pace.exceeded(&[45.0, 105.0], 1.1), None, "twice what it was told, and noise");
-        pace.told(&[1], &[5.0], 3.0);
+        pace.set_limit(&[1], &[5.0], 3.0);
         assert_eq!(pace.exceeded(&[0.0, 90.0], 3.5), None, "it is still slowing down");
         assert_eq!(pace.exceeded(&[0.0, 90.0], 4.0).map(|fast| fast.joint), Some(1), "a second is enough");
         let fast = pace.exceeded(&[0.0, 90.0], 4.5).unwrap();
@@ -102,8 +104,8 @@ mod tests {
             motions: Vec::new(),
         };
         let words = fast.in_words(&layout, 0);
-        let told =
+        let start =
             "motor elbow (joint 1 of /arm) moves at 90 deg/s and was told 5: end the program that writes to /arm";
-        assert!(words.starts_with(told), "{words}");
+        assert!(words.starts_with(start), "{words}");
     }
 }

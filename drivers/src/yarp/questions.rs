@@ -1,29 +1,32 @@
-//! Questions of others, passed on to a board on a line of their own: they never keep an order waiting.
+//! Queries of other programs, passed on to a board on their own connection so that they never delay an order.
 
 use mobee_contract::{Answer, DriverFault, NativeMessage};
 use mobee_yarp::{Carrier, Network, RpcClient};
 use std::sync::Arc;
 use tokio::sync::{Mutex, Semaphore};
 
-/// Questions that may wait for one board.
+/// Number of queries that may wait for one board.
 const WAITING: usize = 32;
 
-/// `LOCAL/ask:o ──> PREFIX/rpc:i`. It is worked by the tasks of those who ask, so that no other thread stands between them and the board.
+/// Connection `LOCAL/ask:o ──> PREFIX/rpc:i`. Driven by the tasks of the callers, so that no other thread
+/// stands between them and the board.
 pub struct Questions {
     line: Arc<Mutex<RpcClient>>,
     room: Arc<Semaphore>,
 }
 
 impl Questions {
-    /// A line to the board whose ports begin with `port`; it connects when it is used.
+    /// Creates a connection to the board whose ports begin with `port`; it connects on use.
     pub fn new(network: &Network, local: &str, port: &str) -> Questions {
         let line = RpcClient::keep(network, &format!("{local}/ask:o"), &format!("{port}/rpc:i"), Carrier::Tcp);
         Questions { line: Arc::new(Mutex::new(line)), room: Arc::new(Semaphore::new(WAITING)) }
     }
 
-    /// Passes on the bytes of a bottle, and the board's own answer back. `None`: too many wait already.
+    /// Passes on the bytes of a bottle and returns the board's answer. `None` if too many queries are
+    /// waiting.
     pub fn pass(&self, question: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>> {
-        let (line, place) = (self.line.clone(), self.room.clone().try_acquire_owned().ok()?);
+        let line = self.line.clone();
+        let place = self.room.clone().try_acquire_owned().ok()?;
         Some(Box::pin(async move {
             let answer = line.lock().await.call_raw(&question.0).await;
             drop(place);
@@ -39,7 +42,7 @@ impl Questions {
 mod tests {
     use super::*;
 
-    /// Those who ask too much are turned away, until somebody has his answer or waits no more.
+    /// Requests beyond the limit are refused until another one is answered or abandoned.
     #[test]
     fn no_more_questions_wait_than_there_is_room_for() {
         let questions = Questions::new(&Network::of("localhost", 1), "/own", "/arm");

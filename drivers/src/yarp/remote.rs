@@ -1,4 +1,5 @@
-//! What the crew needs of boards and of the way to them: over YARP, or over the simulated wire of `sim.rs`.
+//! Traits of boards and of the connections to them, implemented over YARP and over the simulated wire of
+//! `sim.rs`.
 
 use super::layout::Patch;
 use super::questions::Questions;
@@ -9,47 +10,50 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// What comes later, at the cost of a box.
+/// Boxed future.
 pub type Later<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
-/// How the boards of a robot are reached. Its methods are called within a tokio runtime.
+/// Access to the boards of a robot. Its methods are called within a tokio runtime.
 pub trait Wire: Send + Sync {
-    /// The client of a board, which connects by itself and for ever again. `None`: there is no such board.
+    /// Creates the client of a board, which connects and reconnects by itself. `None` if there is no such
+    /// board.
     fn board(&self, patch: &Patch, options: RemoteOptions) -> Option<Arc<dyn Remote>>;
-    /// The line for stops, under the port name `own`; answers are waited for no longer than `timeout`.
+    /// Creates the connection for stops under the port name `own`; answers are awaited for at most `timeout`.
     fn stop_line(&self, patch: &Patch, own: &str, timeout: Duration) -> Option<Box<dyn StopLine>>;
-    /// A line for the questions of others, if there is one, under port names that begin with `local`.
+    /// Creates a connection for queries of other programs, if supported, under port names that begin with
+    /// `local`.
     fn questions(&self, patch: &Patch, local: &str, timeout: Duration) -> Option<Questions>;
 }
 
-/// One board from afar; see [`RemoteBoard`], whose methods these are.
+/// Client of one board; see [`RemoteBoard`], which has the same methods.
 pub trait Remote: Send + Sync {
-    /// First part of the board's port names.
+    /// Prefix of the board's port names.
     fn port(&self) -> &str;
-    /// Whether there is a connection, as it changes.
+    /// State of the connection, as it changes.
     fn link(&self) -> watch::Receiver<LinkState>;
-    /// What is known of the board's axes, as it changes.
+    /// Facts of the board's axes, as they change.
     fn facts(&self) -> watch::Receiver<Option<Arc<[AxisFacts]>>>;
     /// The newest state, as it changes.
     fn state(&self) -> watch::Receiver<Option<Arc<RemoteState>>>;
-    /// How many states were lost on the way.
+    /// Number of states lost in transit.
     fn lost(&self) -> u64;
-    /// Asks the board, one request after the other; without an answer it is not known whether an order was done.
+    /// Sends requests to the board, one after the other. Without an answer, the outcome of an order is
+    /// unknown.
     fn ask<'a>(&'a self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>>;
-    /// Sends set-points that expect no answer; `false` if too many wait.
+    /// Sends setpoints, which have no answer; `false` if too many are waiting.
     fn stream(&self, command: Streamed) -> bool;
-    /// Throws away the set-points that still wait to be sent.
+    /// Discards the setpoints that still wait to be sent.
     fn hush(&self);
-    /// Ready when the client is of no use any more.
+    /// Ready when the client can't be used any more.
     fn died(&self) -> Later<'_, ()>;
-    /// Ends in order; its port names are free then.
+    /// Closes the client in order, which frees its port names.
     fn close(&self) -> Later<'_, ()>;
 }
 
-/// A line to a board that nothing uses but its brake.
+/// Connection to a board that only its brake uses.
 pub trait StopLine: Send {
-    /// Says something and waits for the answer.
-    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>>;
+    /// Sends a request and waits for the answer.
+    fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>>;
 }
 
 impl Wire for Network {
@@ -59,7 +63,7 @@ impl Wire for Network {
 
     fn stop_line(&self, patch: &Patch, own: &str, timeout: Duration) -> Option<Box<dyn StopLine>> {
         let network = self.clone().with_timeout(timeout);
-        // a stop must find its board while no name server runs, too
+        // a stop must reach its board even while no name server runs
         let line = RpcClient::keep(&network, own, &format!("{}/rpc:i", patch.port), Carrier::Tcp).remembering();
         Some(Box::new(line))
     }
@@ -103,7 +107,7 @@ impl Remote for RemoteBoard {
 }
 
 impl StopLine for RpcClient {
-    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+    fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         Box::pin(async move { self.call(&request.bottle()).await })
     }
 }

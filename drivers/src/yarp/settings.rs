@@ -1,11 +1,11 @@
-//! The settings of a robot behind YARP.
+//! Settings of a robot behind YARP.
 
 use mobee_contract::KindError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Settings of a robot behind YARP: which control boards it has, and how they are spoken to.
+/// Settings of a robot behind YARP: its control boards, and the connections to them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct YarpDriverSettings {
@@ -18,29 +18,29 @@ pub struct YarpDriverSettings {
     /// Prefix of our own port names; default: `/MoBeE/ROBOT/driver`.
     #[serde(default)]
     pub name: Option<String>,
-    /// The address of this machine on which our ports listen; default: 127.0.0.1, for this machine only. YARP has no encryption:
-    /// anyone who can reach these ports can send wrong states.
+    /// Address of this machine on which our ports listen; default: 127.0.0.1, for this machine only. YARP has
+    /// no encryption: anyone who can reach these ports can send wrong states.
     #[serde(default)]
     pub listen: Option<String>,
-    /// The carrier of states and streamed commands: `fast_tcp`, `tcp` or `udp`.
+    /// Carrier of states and streamed commands: `fast_tcp`, `tcp` or `udp`.
     #[serde(default = "carrier")]
     pub carrier: String,
-    /// The dialect of the robot's network: `3.x` (all iCub software so far) or `4.x`.
+    /// Dialect of the robot's network: `3.x` (all iCub software so far) or `4.x`.
     #[serde(default = "dialect")]
     pub dialect: String,
     /// Time between two states of a board, ms.
     #[serde(default = "period_ms")]
     pub period_ms: f64,
-    /// Maximum known time from a command to its effect, including the network, ms.
+    /// Upper bound of the time from a command to its effect, including the network, ms.
     #[serde(default = "latency_ms")]
     pub latency_ms: f64,
     /// A board whose state is older than this is stale, ms.
     #[serde(default = "stale_ms")]
     pub stale_ms: f64,
-    /// How long to wait for an answer, ms.
+    /// Time limit of an answer, ms.
     #[serde(default = "timeout_ms")]
     pub timeout_ms: f64,
-    /// How long to wait for all boards at the start, s.
+    /// Time limit for reaching all boards at the start, s.
     #[serde(default = "connect_s")]
     pub connect_s: f64,
     /// Maximum speed of every motor, deg/s, unless the board allows less.
@@ -49,32 +49,34 @@ pub struct YarpDriverSettings {
     /// Maximum acceleration of every motor, also in braking, deg/s^2.
     #[serde(default = "max_acceleration")]
     pub max_acceleration_deg_per_s2: f64,
-    /// By how much a joint may rest beside its commanded position under weight that nothing compensates, deg: the greatest load over the
-    /// stiffness of its servo. Joints that slide are taken to have none. 0: the boards bring joints to their targets, as an integral
-    /// term does.
+    /// Greatest distance at which a joint may rest from its commanded position under weight that nothing
+    /// compensates, deg: the greatest load over the stiffness of its servo. Prismatic joints are assumed to
+    /// have none. 0: the boards bring joints to their targets, as an integral term does.
     #[serde(default)]
     pub hold_error_deg: f64,
-    /// Resolution of the encoders, deg or mm: one count, or four standard deviations of their noise. Default: as the states at the
-    /// connection show, which a coarse encoder that rests on one count does not (a turn of 4,096 counts: 0.088).
+    /// Resolution of the encoders, deg or mm: one count, or four standard deviations of their noise. Default:
+    /// estimated from the states at the connection, which can't detect a coarse encoder that rests on one
+    /// count (a turn of 4,096 counts: 0.088).
     #[serde(default)]
     pub resolution_deg: Option<f64>,
-    /// Whether the boards accept position-direct set-points; the retreat streams them, otherwise it uses thinned way-points.
+    /// True if the boards accept position-direct setpoints. The retreat streams them; otherwise it uses a
+    /// reduced set of waypoints.
     #[serde(default = "yes")]
     pub position_direct: bool,
-    /// How moves are made: `position` sends the boards targets and reference speeds; `set-points` streams a trajectory of our own,
-    /// for boards that do not honor reference speeds, such as iCub_SIM's.
+    /// Method of moves: `position` sends the boards targets and reference speeds; `set-points` streams a
+    /// trajectory of our own, for boards that do not honor reference speeds, such as iCub_SIM's.
     #[serde(default)]
     pub moves: Moves,
 }
 
-/// How moves are made.
+/// Method of moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Moves {
     /// The boards' own moves, at reference speeds.
     #[default]
     Position,
-    /// Position-direct set-points of a trajectory of our own.
+    /// Position-direct setpoints of a trajectory of our own.
     SetPoints,
 }
 
@@ -82,9 +84,9 @@ pub enum Moves {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PartSettings {
-    /// The part's name in the robot model, such as `torso`.
+    /// Name of the part in the robot model, such as `torso`.
     pub part: String,
-    /// The first part of the board's port names, such as `/icub/torso`.
+    /// Prefix of the board's port names, such as `/icub/torso`.
     pub port: String,
 }
 
@@ -120,7 +122,7 @@ fn yes() -> bool {
 }
 
 impl YarpDriverSettings {
-    /// These boards under default settings.
+    /// Settings of these boards, with default values.
     pub fn of<'a>(parts: impl IntoIterator<Item = (&'a str, &'a str)>) -> YarpDriverSettings {
         let part = |(part, port): (&str, &str)| PartSettings { part: part.into(), port: port.into() };
         YarpDriverSettings {
@@ -144,10 +146,10 @@ impl YarpDriverSettings {
         }
     }
 
-    /// Checks every setting that needs no robot.
+    /// Checks every setting that can be checked without a robot.
     ///
     /// # Errors
-    /// The first one that makes no sense, with what would.
+    /// The first invalid setting, with the valid range.
     pub fn validate(&self) -> Result<(), KindError> {
         let ranges = [
             ("period_ms", self.period_ms, 1.0, 1000.0),
@@ -161,7 +163,7 @@ impl YarpDriverSettings {
             ("resolution_deg", self.resolution_deg.unwrap_or_default(), 0.0, 10.0),
         ];
         let number = |(name, value, least, most): (&str, f64, f64, f64)| {
-            // written so that not-a-number fails
+            // written so that NaN fails
             if value >= least && value <= most {
                 return Ok(());
             }
@@ -219,12 +221,12 @@ impl YarpDriverSettings {
         millis(self.stale_ms)
     }
 
-    /// Time to wait for an answer.
+    /// Time limit of an answer.
     pub fn timeout(&self) -> Duration {
         millis(self.timeout_ms)
     }
 
-    /// Time to wait for all boards at the beginning.
+    /// Time limit for reaching all boards at the start.
     pub fn patience(&self) -> Duration {
         millis(1e3 * self.connect_s)
     }

@@ -1,11 +1,12 @@
-//! A robot behind YARP without a network: the driver as it is, in virtual time, against simulated boards behind a wire that may be
-//! slow, lossy and lying.
+//! A robot behind YARP without a network: the unmodified driver, in virtual time, against simulated boards
+//! behind a wire that may be slow, lossy and corrupting.
 //!
 //! ```text
 //! YarpDriver ── Reach ── hands, brakes, readers, lease watch ──> Client, Stops ──> Far: faults ──> SimBoard ──> plant
-//!     └────────── what it is told ─────────> Judge <────────── what it says, how the motors really move ────┘
+//!     └────────── commands received ───────> Judge <────────── commands sent, true motion of the motors ────┘
 //! ```
-//! All tasks run on the runtime of whoever connects first. With equal seeds and faults two runs are equal.
+//! All tasks run on the runtime of the first caller that connects. With equal seeds and faults two runs are
+//! equal.
 
 mod client;
 mod far;
@@ -23,7 +24,7 @@ use super::{Questions, YarpDriverSettings, YarpHardware};
 use crate::{Fault, Garbage, Imitated, SimHardware, SimSettings};
 use crate::{SimBoard, SimClock};
 use client::{Client, Stops};
-use far::{Far, Kept, lock};
+use far::{Far, KeptConnection, lock};
 use faults::Faults;
 use judge::Judge;
 use mobee_contract::{
@@ -36,21 +37,21 @@ use rand_chacha::ChaCha8Rng;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
-/// How often the judge looks.
-const LOOK: Duration = Duration::from_millis(20);
+/// Period of the judge's checks.
+const CHECK_PERIOD: Duration = Duration::from_millis(20);
 
-/// A simulated robot behind a simulated wire, driven as one behind YARP.
+/// A simulated robot behind a simulated wire, driven like one behind YARP.
 pub struct YarpSim {
     hardware: YarpHardware,
     wire: Arc<SimWire>,
     board: Board,
 }
 
-/// The boards, and the way to them.
+/// The boards, and the simulated connections to them.
 struct SimWire {
     parts: Vec<Part>,
     judge: Arc<Mutex<Judge>>,
-    /// There once somebody has connected: all clocks begin then.
+    /// Set by the first connection, at which all clocks start.
     far: OnceLock<Vec<Arc<Far>>>,
 }
 
@@ -58,22 +59,23 @@ struct Part {
     patch: Patch,
     hardware: SimHardware,
     faults: Arc<Mutex<Faults>>,
-    /// Spans in which its readings are damaged.
+    /// Intervals in which its readings are corrupted.
     lies: Mutex<Vec<(Time, Time)>>,
 }
 
 impl YarpSim {
-    /// The robot that these settings of the kind `yarp` are for, at rest at home; equal seeds give equal boards and wires.
+    /// Builds the robot that these settings of the kind `yarp` describe, at rest at home; equal seeds give
+    /// equal boards and wires.
     ///
     /// # Errors
     /// The first setting that can't be used.
     pub fn new(settings: &YarpDriverSettings, context: &Context) -> Result<YarpSim, KindError> {
-        // moves of set-points are for boards like iCub_SIM's
+        // setpoint moves are for boards like iCub_SIM's
         let imitates = (settings.moves == Moves::SetPoints).then_some(Imitated::ICubSim);
         YarpSim::with_boards(settings, context, imitates)
     }
 
-    /// The same, with boards that behave like those of a robot that was measured.
+    /// Same as [`YarpSim::new`], with boards that behave like those of a real robot that was measured.
     ///
     /// # Errors
     /// The first setting that can't be used.
@@ -82,18 +84,20 @@ impl YarpSim {
         context: &Context,
         imitates: Option<Imitated>,
     ) -> Result<YarpSim, KindError> {
-        // nobody may wait for boards in virtual time: whoever comes too early comes again
+        // in virtual time nothing may wait for boards: a caller that comes too early retries
         let settings = YarpDriverSettings { connect_s: 0.0, ..settings.clone() };
         let layout = Layout::new(&settings, &context.robot)?;
         let sim = SimSettings {
             imitates,
-            // read when it is published, or all but: boards that read on a common beat would hide how theirs differ
+            // boards are read almost when they publish, because reading on a common beat would hide
+            // differences between them
             rate_hz: if imitates.is_some() { 500.0 } else { SimSettings::default().rate_hz },
             max_speed_deg_per_s: settings.max_speed_deg_per_s,
             max_acceleration_deg_per_s2: settings.max_acceleration_deg_per_s2,
             ..SimSettings::default()
         };
-        let (axes, start) = (sim.axes(&context.robot), sim.start(&context.robot)?);
+        let axes = sim.axes(&context.robot);
+        let start = sim.start(&context.robot)?;
         let part = |(seed, patch): (u64, &Patch)| {
             let seed = context.seed.wrapping_add(seed);
             let of = |all: &[f64]| all.get(patch.motors.clone()).unwrap_or_default().to_vec();
@@ -114,19 +118,19 @@ impl YarpSim {
         Ok(YarpSim { hardware, wire, board })
     }
 
-    /// How many boards the settings name.
+    /// Number of boards in the settings.
     pub fn boards(&self) -> usize {
         self.wire.parts.len()
     }
 
-    /// Plans a fault of the wire to a board, by its number in the settings.
+    /// Plans a fault of the wire to a board, by the board's index in the settings.
     pub fn plan(&self, board: usize, fault: WireFault, from: Time, until: Time) {
         if let Some(part) = self.wire.parts.get(board) {
             lock(&part.faults).plan(fault, from, until);
         }
     }
 
-    /// Plans a fault that any simulated robot may have, on all boards. Encoders don't lie here.
+    /// Plans a fault of simulated robots on all boards. Faults that falsify encoders are ignored.
     pub fn plan_hardware(&self, fault: &Fault, from: Time, until: Time) {
         for (board, part) in self.wire.parts.iter().enumerate() {
             let fault = match fault {
@@ -138,9 +142,10 @@ impl YarpSim {
                     self.plan(board, WireFault::Silent, from, until);
                     continue;
                 }
-                // where a wire holds readings back, an encoder that jumps can't be told from a motor that moved
+                // where a wire delays readings, a jumping encoder can't be distinguished from a motor that
+                // moved
                 Fault::Frozen { .. } | Fault::Offset { .. } | Fault::Noise { .. } => continue,
-                // what has too many positions or too few is no state of a board
+                // a state with too many or too few positions is not a valid state of a board
                 Fault::Garbage(Garbage::Short | Garbage::Long) => Fault::Garbage(Garbage::NotANumber),
                 Fault::Garbage(Garbage::NotANumber | Garbage::Infinite)
                 | Fault::Slow { .. }
@@ -156,7 +161,7 @@ impl YarpSim {
         }
     }
 
-    /// How fast the motors really are that a stop could reach, rad/s.
+    /// True speeds of the motors that a stop could reach, rad/s.
     pub fn speeds(&self, now: Time) -> Vec<f64> {
         let judge = lock(&self.wire.judge);
         let of = |(board, part): (usize, &Part)| {
@@ -166,7 +171,7 @@ impl YarpSim {
         self.wire.parts.iter().enumerate().flat_map(of).collect()
     }
 
-    /// What the driver has broken of what it owes its boards, in sentences; once.
+    /// Obligations towards the boards that the driver has violated, as sentences. Clears the list.
     pub fn found(&self) -> Vec<String> {
         std::mem::take(&mut lock(&self.wire.judge).found)
     }
@@ -190,7 +195,7 @@ impl Hardware for YarpSim {
     }
 }
 
-/// What the robot will be found to be.
+/// Description of the robot as the driver will find it.
 fn described(layout: &Layout, parts: &[Part], settings: &YarpDriverSettings) -> Result<Board, KindError> {
     let cell = super::cell::SharedBoards::new(layout);
     let mut inner = cell.lock();
@@ -202,7 +207,7 @@ fn described(layout: &Layout, parts: &[Part], settings: &YarpDriverSettings) -> 
 }
 
 impl SimWire {
-    /// Lets all clocks begin, if they have not.
+    /// Starts all clocks, unless they run.
     fn begin(&self) -> Result<(), DriverFault> {
         if self.far.get().is_some() {
             return Ok(());
@@ -233,9 +238,9 @@ impl SimWire {
     }
 }
 
-/// Looks at all boards, for ever.
+/// Checks all boards periodically, without end.
 async fn watch(judge: Arc<Mutex<Judge>>, all: Vec<Arc<Far>>) {
-    let mut looks = tokio::time::interval(LOOK);
+    let mut looks = tokio::time::interval(CHECK_PERIOD);
     looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         looks.tick().await;
@@ -252,7 +257,7 @@ impl Wire for SimWire {
     }
 
     fn stop_line(&self, patch: &Patch, _own: &str, patience: Duration) -> Option<Box<dyn StopLine>> {
-        Some(Box::new(Stops { far: self.far(patch)?, kept: Kept::new(), patience }))
+        Some(Box::new(Stops { far: self.far(patch)?, connection: KeptConnection::new(), patience }))
     }
 
     fn questions(&self, _patch: &Patch, _local: &str, _timeout: Duration) -> Option<Questions> {
@@ -260,7 +265,7 @@ impl Wire for SimWire {
     }
 }
 
-/// The driver, and a judge who listens.
+/// The driver, observed by the judge.
 struct Judged {
     driver: Box<dyn Driver>,
     wire: Arc<SimWire>,
@@ -327,7 +332,7 @@ impl Driver for Judged {
     }
 }
 
-/// A robot before any clock runs: what it will be is known, and nothing can be done with it.
+/// A robot before any clock runs: its description is available, but it can't be used.
 struct Unreached(Board);
 
 impl Driver for Unreached {

@@ -1,4 +1,4 @@
-//! The states of one board as they come.
+//! Reader of the states of one board.
 
 use super::YarpDriverSettings;
 use super::cell::{BoardFacts, SharedBoards, Trouble, describe};
@@ -11,10 +11,10 @@ use mobee_yarp::Vocab;
 use mobee_yarp::board::{LinkState, RemoteState};
 use std::sync::Arc;
 
-/// So many states show what the encoders of a board do at rest.
+/// Number of states that suffice to measure the encoders of a board at rest.
 const MEASURED: u64 = 15;
 
-/// Takes the states of one board as they come.
+/// Receives the states of one board.
 pub async fn states(
     cell: Arc<SharedBoards>,
     layout: Arc<Layout>,
@@ -22,7 +22,9 @@ pub async fn states(
     board: Arc<dyn Remote>,
     settings: YarpDriverSettings,
 ) {
-    let (mut state, mut link, mut facts) = (board.state(), board.link(), board.facts());
+    let mut state = board.state();
+    let mut link = board.link();
+    let mut facts = board.facts();
     let mut arrivals = Arrivals::default();
     loop {
         tokio::select! {
@@ -72,7 +74,7 @@ fn take(
     };
     words(&mut known.modes, &state.joints.control_modes);
     words(&mut known.interactions, &state.joints.interaction_modes);
-    known.told = Some(state.clone());
+    known.received = Some(state.clone());
     known.lost.0 = lost;
     known.read_at = at;
     known.fresh = true;
@@ -92,7 +94,8 @@ fn take(
 }
 
 impl BoardFacts {
-    /// Whether joints are too fast now. It is said once: who has heard of it must go on seeing what the board does.
+    /// Checks the speeds of the joints. Raises the alarm once, because the receiver must still be able to
+    /// read what the board does.
     fn look_at_the_pace(&mut self, now: f64, layout: &Layout, index: usize) {
         let too_fast = match self.motions.speeds(now) {
             MeasuredSpeeds::At(speeds) => {
@@ -112,7 +115,8 @@ impl BoardFacts {
 }
 
 impl SharedBoards {
-    /// Describes the robot's board, once the facts of all its boards are known, and their states show what encoders do at rest.
+    /// Describes the robot's board, once the facts of all its boards have arrived and enough states to
+    /// measure the encoders.
     fn describe(&self, layout: &Layout, settings: &YarpDriverSettings) {
         let mut inner = self.lock();
         let measured = inner.boards.iter().all(|known| known.motions.states() >= MEASURED);
@@ -133,16 +137,19 @@ mod tests {
     use super::super::layout::Patch;
     use super::*;
 
-    /// A board that is too fast and heeds no stop is seen all the same: the alarm takes the place of one reading, not of all.
+    /// A board that is too fast and ignores stops remains readable: the alarm replaces a single reading, not
+    /// all of them.
     #[test]
     fn a_joint_that_is_too_fast_alarms_once_until_it_is_not() {
         let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1, units: Default::default() };
-        let (names, limits, motions) = (["elbow".to_owned()].into(), vec![(-9.0, 9.0)], Vec::new());
+        let names = ["elbow".to_owned()].into();
+        let limits = vec![(-9.0, 9.0)];
+        let motions = Vec::new();
         let layout = Layout { patches: vec![patch], home: vec![0.0], names, limits, speeds: Vec::new(), motions };
         let cell = SharedBoards::new(&layout);
         let mut inner = cell.lock();
         let known = &mut inner.boards[0];
-        known.pace.told(&[0], &[10.0], 0.0);
+        known.pace.set_limit(&[0], &[10.0], 0.0);
         let mut alarms = Vec::new();
         for k in 0..150 {
             // at 40 deg/s for a second, at rest for one, and at 40 deg/s again

@@ -1,14 +1,15 @@
-//! The two threads of one robot: one speaks with its boards, the other can stop them whatever befalls the first.
+//! The two threads of one robot: one communicates with its boards, the other can stop them even if the first
+//! one fails.
 //!
 //! ```text
-//! yarp ROBOT        per board: its connection, the states that come, the hand that carries out orders
+//! yarp ROBOT        per board: its connection, its states, the hand that executes orders
 //! yarp stop ROBOT   per board: its brake; the watch over the lease
 //! ```
 //! In virtual time both are tasks of the run's own thread instead.
 //!
-//! Every task of both is watched. If one ends, the boards are stopped at once by whatever is still alive, no driver can use
-//! them, and all tasks of its thread begin anew, with a stop. If a whole thread ends the other one stops the boards, and the next
-//! connection of a driver starts both again.
+//! Every task of both threads is watched. If one ends, the remaining ones stop the boards at once, no driver
+//! can use them, and all tasks of its thread start again, with a stop. If a whole thread ends, the other one
+//! stops the boards, and the next connection of a driver starts both again.
 
 use super::YarpDriverSettings;
 use super::brake::Brake;
@@ -29,12 +30,12 @@ use std::time::Duration;
 use tokio::sync::{Mutex, mpsc, watch};
 use tokio::time::Instant;
 
-/// Orders that may wait for one board.
+/// Number of orders that may wait for one board.
 const WAITING: usize = 64;
-/// How long is waited before tasks are started again.
-const AGAIN: Duration = Duration::from_millis(200);
+/// Pause before tasks are started again.
+const RESTART_PAUSE: Duration = Duration::from_millis(200);
 
-/// Where the two run.
+/// Location of the two threads.
 #[derive(Clone, Copy, Debug)]
 pub enum Place {
     /// On threads of their own.
@@ -49,7 +50,7 @@ pub struct Threads {
     threads: Vec<Thread>,
 }
 
-/// One of the two.
+/// One of the two threads.
 enum Thread {
     Own(std::thread::JoinHandle<()>),
     Here(tokio::task::JoinHandle<()>),
@@ -64,7 +65,7 @@ impl Thread {
 }
 
 impl Threads {
-    /// Whether one of the threads has ended, though nobody asked for it.
+    /// True if one of the threads has ended without a request.
     pub fn is_broken(&self) -> bool {
         self.threads.iter().any(|thread| match thread {
             Thread::Own(thread) => thread.is_finished(),
@@ -72,12 +73,13 @@ impl Threads {
         })
     }
 
-    /// Lets the thread that is left stop the boards and end, without waiting for it.
+    /// Lets the remaining thread stop the boards and end, without waiting for it.
     pub fn leave(self) {
         self.end.send_replace(true);
     }
 
-    /// Stops the boards and ends the threads. Tasks are told, and end with their runtime.
+    /// Stops the boards and ends the threads. Tasks on the present runtime are only notified, and end with
+    /// it.
     pub fn end(self) {
         self.end.send_replace(true);
         for thread in self.threads {
@@ -90,12 +92,12 @@ impl Threads {
     }
 }
 
-/// What both threads know.
+/// State of both threads.
 #[derive(Clone)]
 struct Shared {
     wire: Arc<dyn Wire>,
     settings: YarpDriverSettings,
-    /// First part of our own port names.
+    /// Prefix of our own port names.
     name: String,
     reach: Reach,
     queues: Vec<Arc<Mutex<mpsc::Receiver<Order>>>>,
@@ -105,7 +107,7 @@ struct Shared {
 /// Starts the threads of one robot.
 ///
 /// # Errors
-/// If the system gives no thread or no sockets.
+/// The system can't create a thread or its runtime.
 pub fn start(
     (wire, place): (Arc<dyn Wire>, Place),
     settings: &YarpDriverSettings,
@@ -114,7 +116,8 @@ pub fn start(
     cell: Arc<SharedBoards>,
 ) -> io::Result<super::Started> {
     let (orders, queues): (Vec<_>, Vec<_>) = layout.patches.iter().map(|_| mpsc::channel(WAITING)).unzip();
-    let (halt, lease) = (Fan::new(Arc::new(Halt::default())), watch::Sender::new(None));
+    let halt = Fan::new(Arc::new(Halt::default()));
+    let lease = watch::Sender::new(None);
     let reach = Reach { layout: layout.clone(), cell, orders, halt, lease };
     let name = settings.name.clone().unwrap_or_else(|| format!("/MoBeE/{robot}/driver"));
     let question = |p: &Patch| wire.questions(p, &format!("{name}/{}", p.part), settings.timeout());
@@ -135,14 +138,14 @@ pub fn start(
     Ok(super::Started { reach, questions, thread: running })
 }
 
-/// Which of the two ways to the boards.
+/// One of the two paths to the boards.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
     Boards,
     Brakes,
 }
 
-/// Who calls the tasks of a thread together.
+/// Function that creates the tasks of a thread.
 type Muster = fn(&Shared, &watch::Receiver<bool>) -> Crew;
 
 impl Shared {
@@ -154,18 +157,18 @@ impl Shared {
             let mut crew = muster(&self, &self.end);
             let lost = tokio::select! {
                 biased;
-                () = told(&mut end) => None,
-                // who heard of the end first has not died, and the others are not done yet
+                () = at_end(&mut end) => None,
+                // a task that sees the end first has not died, and the others are not done yet
                 why = crew.lost() => Some(why).filter(|_| !*self.end.borrow()),
             };
             let Some(why) = lost else {
-                // a board that does not answer is no reason to wait for ever
+                // does not wait forever for a board that does not answer
                 let _ = tokio::time::timeout(ENDING + 3 * self.settings.timeout(), crew.ended()).await;
                 return;
             };
             self.reach.died(&why, side);
             drop(crew);
-            tokio::time::sleep(AGAIN).await;
+            tokio::time::sleep(RESTART_PAUSE).await;
         }
     }
 
@@ -173,9 +176,11 @@ impl Shared {
         self.reach.layout.patches.iter().enumerate()
     }
 
-    /// Connections, states and hands.
+    /// Creates connections, readers and hands.
     fn boards(&self, end: &watch::Receiver<bool>) -> Crew {
-        let (mut crew, cell, layout) = (Crew::default(), &self.reach.cell, &self.reach.layout);
+        let mut crew = Crew::default();
+        let cell = &self.reach.cell;
+        let layout = &self.reach.layout;
         for ((index, patch), queue) in self.patches().zip(&self.queues) {
             let options = RemoteOptions {
                 local: format!("{}/{}", self.name, patch.part),
@@ -193,27 +198,29 @@ impl Shared {
                 self.settings.latency().as_secs_f64(),
             );
             let states = states(cell.clone(), layout.clone(), index, board.clone(), self.settings.clone());
-            // states are read, and the connection lasts, until the hand has given the board back
-            let (given, back) = watch::channel(false);
-            let (given, kept, ending) = (Arc::new(given), end.clone(), end.clone());
-            let gives = given.clone();
+            // states are read, and the connection lasts, until the hand has restored the board
+            let (restored, until_restored) = watch::channel(false);
+            let restored = Arc::new(restored);
+            let hand_end = end.clone();
+            let ending = end.clone();
+            let restored_by_hand = restored.clone();
             crew.add(format!("hand at {}", patch.port), async move {
-                hand.work(kept).await;
-                gives.send_replace(true);
+                hand.work(hand_end).await;
+                restored_by_hand.send_replace(true);
             });
-            crew.add(format!("reader of {}", patch.port), until(back.clone(), states));
+            crew.add(format!("reader of {}", patch.port), until(until_restored.clone(), states));
             crew.add(format!("connection to {}", patch.port), async move {
-                until(back, board.died()).await;
+                until(until_restored, board.died()).await;
                 if *ending.borrow() {
                     board.close().await;
                 }
-                drop(given);
+                drop(restored);
             });
         }
         crew
     }
 
-    /// Brakes, and the watch over the lease.
+    /// Creates the brakes and the lease watch.
     fn brakes(&self, end: &watch::Receiver<bool>) -> Crew {
         let mut crew = Crew::default();
         for (index, patch) in self.patches() {
@@ -236,21 +243,21 @@ impl Shared {
 }
 
 /// Ready at the end.
-async fn told(end: &mut watch::Receiver<bool>) {
-    // an error means that nobody is left to say so
+async fn at_end(end: &mut watch::Receiver<bool>) {
+    // an error means that the sender is gone
     let _ = end.wait_for(|end| *end).await;
 }
 
-/// Works until the end.
+/// Runs `work` until the end.
 async fn until(mut end: watch::Receiver<bool>, work: impl Future<Output = ()>) {
     tokio::select! {
         biased;
-        () = told(&mut end) => {}
+        () = at_end(&mut end) => {}
         () = work => {}
     }
 }
 
-/// Says so if a thread ends unasked.
+/// Reports a thread that ends without a request.
 struct Guard {
     reach: Reach,
     thread: String,
@@ -268,8 +275,8 @@ impl Drop for Guard {
 }
 
 impl Reach {
-    /// Somebody who could stop the robot is no more: it is stopped by whoever still can, and no driver uses it until all are
-    /// back, which begin with a stop.
+    /// Handles the death of a task that can stop the robot. The remaining ones stop the robot, and no driver
+    /// uses it until all tasks run again, which start with a stop.
     fn died(&self, who: &str, side: Side) {
         tracing::error!("{who}: the robot is stopped, and its boards are connected to anew");
         let mut inner = self.cell.lock();
@@ -287,9 +294,9 @@ impl Reach {
     }
 }
 
-/// At the end of the lease everything stops.
+/// Stops everything when the lease expires.
 async fn watch_lease(reach: Reach, mut lease: watch::Receiver<Option<Instant>>) {
-    // a watch that takes over from one that died does not know what that had seen
+    // a watch that replaces a dead one can't rely on the state of its predecessor
     let mut leased = lease.borrow().is_some();
     loop {
         let newest = *lease.borrow_and_update();
@@ -302,7 +309,7 @@ async fn watch_lease(reach: Reach, mut lease: watch::Receiver<Option<Instant>>) 
             }
         }
         if std::mem::take(&mut leased) {
-            // the time is up only if no newer lease came just now
+            // the lease has expired only if no newer one came just now
             if !holds(*reach.lease.borrow()) {
                 reach.stop_all(&mut reach.cell.lock());
             }

@@ -1,8 +1,9 @@
-//! The handshake of `auth.conf` (spec section 18): both sides show that they know the key before anything else is said.
+//! The handshake of `auth.conf` (spec section 18): both sides prove that they have the key before any other
+//! message.
 //!
-//! The accepting side sends nonce 1 and its digest, the connecting side answers with nonce 2 and the digest over both,
-//! the accepting side with nonce 3 and the digest over all three. It proves knowledge of the key at the beginning of a
-//! connection; what follows is neither encrypted nor signed.
+//! The accepting side sends nonce 1 and its digest, the connecting side answers with nonce 2 and the digest
+//! over both, the accepting side with nonce 3 and the digest over all three. This proves possession of the
+//! key at the beginning of a connection; later messages are neither encrypted nor signed.
 
 use hmac::{Hmac, Mac};
 use sha2::Sha256;
@@ -13,7 +14,7 @@ use std::{fmt, io};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::time::timeout;
 
-/// How long the handshake may take.
+/// Time limit of the handshake.
 const LIMIT: Duration = Duration::from_secs(2);
 const NONCE: usize = 8;
 const DIGEST: usize = 32;
@@ -28,7 +29,7 @@ impl Key {
         Key(secret.into())
     }
 
-    /// HMAC-SHA256 over the nonces so far; `None` never happens, since HMAC takes keys of any length.
+    /// HMAC-SHA256 over the nonces so far; never `None`, since HMAC accepts keys of any length.
     fn mac(&self, nonces: &[[u8; NONCE]]) -> Option<Hmac<Sha256>> {
         let mut mac = Hmac::<Sha256>::new_from_slice(&self.0).ok()?;
         nonces.iter().for_each(|n| mac.update(n));
@@ -45,7 +46,7 @@ impl fmt::Debug for Key {
 /// Our side of a connection that we accepted. On error the connection has to be closed.
 ///
 /// # Errors
-/// The other side closed, took more than 2 s, or does not know the key.
+/// The other side closed, took more than 2 s, or does not have the key.
 pub async fn accept<S: AsyncRead + AsyncWrite + Unpin>(stream: &mut S, key: &Key) -> io::Result<()> {
     limited(async {
         let first = nonce();
@@ -59,7 +60,7 @@ pub async fn accept<S: AsyncRead + AsyncWrite + Unpin>(stream: &mut S, key: &Key
 /// Our side of a connection that we made. On error the connection has to be closed.
 ///
 /// # Errors
-/// The other side closed, took more than 2 s, or does not know the key.
+/// The other side closed, took more than 2 s, or does not have the key.
 pub async fn connect<S: AsyncRead + AsyncWrite + Unpin>(stream: &mut S, key: &Key) -> io::Result<()> {
     limited(async {
         let first = receive(stream, key, &[]).await?;
@@ -87,7 +88,8 @@ async fn send<S: AsyncWrite + Unpin>(stream: &mut S, key: &Key, nonces: &[[u8; N
 
 /// Receives one nonce and checks the digest over `known` and it.
 async fn receive<S: AsyncRead + Unpin>(stream: &mut S, key: &Key, known: &[[u8; NONCE]]) -> io::Result<[u8; NONCE]> {
-    let (mut theirs, mut digest) = ([0; NONCE], [0; DIGEST]);
+    let mut theirs = [0; NONCE];
+    let mut digest = [0; DIGEST];
     stream.read_exact(&mut theirs).await?;
     stream.read_exact(&mut digest).await?;
     let mut mac = key.mac(known).ok_or_else(refused)?;
@@ -101,7 +103,7 @@ fn refused() -> io::Error {
     io::Error::new(io::ErrorKind::PermissionDenied, why)
 }
 
-/// Eight bytes that nobody guesses: the standard library seeds each hasher from the system's randomness.
+/// Eight unpredictable bytes: the standard library seeds each hasher from the system's randomness.
 fn nonce() -> [u8; NONCE] {
     let mut hasher = RandomState::new().build_hasher();
     hasher.write_u8(0);

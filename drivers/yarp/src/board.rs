@@ -1,13 +1,14 @@
-//! Control boards: the words of their ports (pure), the server and the client of one board.
+//! Control boards: the messages of their ports (pure), and the server and the client of one board.
 //!
 //! ```text
-//! Bottle ──Ask::parse──> Ask ──fits──> a device's business          (rpc:i, spec section 12)
-//! Bottle ──Shadow::answer──> Bottle                                 (every reading, from a board's state alone)
+//! Bottle ──Ask::parse──> Ask ──fits──> the device                   (rpc:i, spec section 12)
+//! Bottle ──Shadow::answer──> Bottle                                 (all queries, from a board's state alone)
 //! (head, body) ──Streamed::parse──> Streamed                        (command:i, spec section 13)
 //! ```
 //!
-//! Everything here is in the board's own joint order, and in its units: degrees where a joint turns, **meters** where it slides. A program that
-//! counts millimeters there converts with [`Units`] (`units.rs`) as it reads and writes.
+//! Everything here is in the board's own joint order and units: degrees for revolute, **meters** for
+//! prismatic joints. A program that uses millimeters converts with [`Units`] (`units.rs`) when it parses and
+//! encodes.
 
 mod ask;
 mod joints;

@@ -9,19 +9,19 @@ pub use decode::DecodeError;
 #[cfg(test)]
 mod tests;
 
-/// What is read at most from anyone. Everything is checked before memory is taken for it.
+/// Limits of input from outside. Everything is checked before memory is allocated for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DecodeLimits {
-    /// Bytes of one message, or of one string or blob.
+    /// Greatest size of one message, or of one string or blob, bytes.
     pub max_bytes: usize,
-    /// How deep lists may stand in lists.
+    /// Greatest depth of nested lists.
     pub max_depth: usize,
-    /// Values of one bottle, those in its lists counted too.
+    /// Greatest number of values of one bottle, including those in its lists.
     pub max_elements: usize,
 }
 
 impl DecodeLimits {
-    /// 64 MiB, 64 lists deep, a million values.
+    /// 64 MiB, 64 levels of lists, a million values.
     pub const DEFAULT: DecodeLimits = DecodeLimits { max_bytes: 64 << 20, max_depth: 64, max_elements: 1 << 20 };
 }
 

@@ -1,4 +1,4 @@
-//! The machine's own monotonic clock, by which sockets live: callers of this crate make their time of it.
+//! Monotonic clock of the machine, used for sockets. Callers of this crate convert it to their time.
 
 use tokio::time::Instant;
 

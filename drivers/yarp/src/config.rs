@@ -6,12 +6,12 @@ use std::io;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
-/// The port number of name servers, unless `YARP_PORT_RANGE` or a file says otherwise.
+/// Port number of name servers, unless `YARP_PORT_RANGE` or a file gives another.
 pub const DEFAULT_PORT: u16 = 10000;
-/// Longer configuration files are refused unread.
-const LONGEST: u64 = 64 * 1024;
+/// Greatest size of a configuration file, bytes; longer ones are refused.
+const MAX_FILE_BYTES: u64 = 64 * 1024;
 
-/// What is wrong with the user's YARP configuration; each names the place and the remedy.
+/// Error in the user's YARP configuration, with the place and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum NetworkConfigError {
     /// There is no address file.
@@ -28,35 +28,35 @@ pub enum NetworkConfigError {
         /// The system's reason.
         why: String,
     },
-    /// A file says what can't be understood.
+    /// A file contains an error.
     #[error("{}, line {line}: {what}", path.display())]
     Wrong {
         /// The file.
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is wrong there, and what should stand instead.
+        /// Description of the error, with the expected content.
         what: String,
     },
-    /// An environment variable says what can't be understood.
+    /// An environment variable has an invalid value.
     #[error("environment variable {name}=\"{value}\": {what}")]
     Variable {
-        /// The variable's name.
+        /// Name of the variable.
         name: &'static str,
         /// Its value.
         value: String,
-        /// What is wrong, and what should stand instead.
+        /// Description of the error, with the expected content.
         what: String,
     },
-    /// Neither a configuration folder nor a home is known.
+    /// The environment gives neither a configuration folder nor a home.
     #[error("no folder for yarp.conf: set YARP_CONFIG_HOME or HOME")]
     NoHome,
 }
 
-/// Where configuration comes from: the process's environment, or a test's own.
+/// Source of the environment: the process's, or that of a test.
 pub struct Env<'a>(Box<Variables<'a>>);
 
-/// The value of each variable that is set.
+/// Lookup of a variable's value.
 type Variables<'a> = dyn Fn(&str) -> Option<String> + 'a;
 
 impl<'a> Env<'a> {
@@ -89,7 +89,7 @@ impl<'a> Env<'a> {
     /// The folder of `yarp.conf`: `$YARP_CONFIG_HOME`, else `$XDG_CONFIG_HOME/yarp`, else `~/.config/yarp`.
     ///
     /// # Errors
-    /// None of the three is known.
+    /// None of the three is set.
     pub fn config_home(&self) -> Result<PathBuf, NetworkConfigError> {
         let own = self.get("YARP_CONFIG_HOME").map(PathBuf::from);
         let xdg = || self.get("XDG_CONFIG_HOME").map(|p| Path::new(&p).join("yarp"));
@@ -110,7 +110,7 @@ impl<'a> Env<'a> {
         Ok(first.unwrap_or("/root").to_string())
     }
 
-    /// The file with the name server's address in this namespace.
+    /// File that contains the name server's address in this namespace.
     ///
     /// # Errors
     /// As [`Env::config_home`].
@@ -120,15 +120,15 @@ impl<'a> Env<'a> {
         Ok(self.config_home()?.join(file))
     }
 
-    /// The name servers' default port number: `YARP_PORT_RANGE`, else 10000.
+    /// Default port number of name servers: `YARP_PORT_RANGE`, else 10000.
     ///
     /// # Errors
-    /// The variable is no port number.
+    /// The variable is not a port number.
     pub fn default_port(&self) -> Result<u16, NetworkConfigError> {
         Ok(self.number("YARP_PORT_RANGE")?.unwrap_or(DEFAULT_PORT))
     }
 
-    /// The key of `auth.conf`, from the configuration folder; `None` without the file or without a key in it.
+    /// Key of `auth.conf` in the configuration folder; `None` without the file or without a key in it.
     ///
     /// # Errors
     /// The file exists but can't be read.
@@ -139,10 +139,10 @@ impl<'a> Env<'a> {
         Ok(key.filter(|k| !k.is_empty()).map(Key::new))
     }
 
-    /// Everything of the environment but the server's address, applied to a network.
+    /// Applies the environment to a network, except for the server's address.
     ///
     /// # Errors
-    /// A variable or file that can't be understood.
+    /// A variable or file with an error.
     pub fn apply(&self, network: Network) -> Result<Network, NetworkConfigError> {
         let mut network = network.with_auth(self.auth()?).with_namespace(self.namespace()?);
         if let Some(prefix) = self.get("YARP_PORT_PREFIX") {
@@ -158,7 +158,7 @@ impl<'a> Env<'a> {
     }
 }
 
-/// The network that this environment names.
+/// Network of this environment.
 ///
 /// # Errors
 /// See [`Network::from_env`].
@@ -169,10 +169,10 @@ pub fn network(env: &Env) -> Result<Network, NetworkConfigError> {
     env.apply(Network::of(host, port))
 }
 
-/// The network that this environment names, or, if it names none, the usual place on this computer.
+/// Network of this environment, or, if it gives none, the usual place on this computer.
 ///
 /// # Errors
-/// A file or variable that can't be understood.
+/// A file or variable with an error.
 pub fn network_or_default(env: &Env) -> Result<Network, NetworkConfigError> {
     match network(env) {
         Err(NetworkConfigError::Missing(_) | NetworkConfigError::NoHome) => {
@@ -182,7 +182,7 @@ pub fn network_or_default(env: &Env) -> Result<Network, NetworkConfigError> {
     }
 }
 
-/// The host and port number that an address file gives, in either form; else the line and what is wrong there.
+/// Host and port number in an address file of either form; otherwise the line and the error.
 fn address(text: &str) -> Result<(String, u16), (usize, String)> {
     const FORM: &str = "`HOST PORT yarp` was expected, such as `127.0.0.1 10000 yarp`";
     let start = text.lines().position(|l| !l.trim().is_empty()).ok_or((1, format!("the file is empty; {FORM}")))?;
@@ -209,7 +209,8 @@ fn address(text: &str) -> Result<(String, u16), (usize, String)> {
     }
 }
 
-/// The entries of an ini section: line (from 1), key and value; `key value` and `key = value`, `#` and `//` comments.
+/// Entries of an ini section: line (from 1), key and value; `key value` and `key = value`, `#` and `//`
+/// comments.
 fn section<'a>(text: &'a str, name: &'a str) -> impl Iterator<Item = (usize, &'a str, &'a str)> {
     let mut inside = false;
     text.lines().enumerate().filter_map(move |(i, line)| {
@@ -227,17 +228,17 @@ fn section<'a>(text: &'a str, name: &'a str) -> impl Iterator<Item = (usize, &'a
     })
 }
 
-/// The characters between the words of an address file.
+/// True for characters between the words of an address file.
 fn blank(c: char) -> bool {
     c == '"' || c.is_whitespace()
 }
 
-/// A file's text; `None` if it does not exist.
+/// Text of a file; `None` if it does not exist.
 fn read(path: &Path) -> Result<Option<String>, NetworkConfigError> {
     let unreadable = |why: String| NetworkConfigError::Unreadable { path: path.into(), why };
     match std::fs::metadata(path) {
-        Ok(about) if about.len() > LONGEST => return Err(unreadable(format!("it has {} bytes", about.len()))),
-        // a pipe would be waited for, and a device has no end
+        Ok(about) if about.len() > MAX_FILE_BYTES => return Err(unreadable(format!("it has {} bytes", about.len()))),
+        // reading a pipe would block, and a device has no end
         Ok(about) if !about.is_file() => return Err(unreadable("it is no file".into())),
         _ => {}
     }

@@ -1,28 +1,28 @@
-//! Where a port is: its name, carrier, host and number, and the URI that says so (spec section 2).
+//! Address of a port: its name, carrier, host and number, and its URI (spec section 2).
 
 use std::fmt;
 
-/// A port's address, or the part of it that is known.
+/// Address of a port, or the known part of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Contact {
-    /// The port's name, such as `/icub/head/state:o`; empty if only the address is known.
+    /// Name of the port, such as `/icub/head/state:o`; empty if only the address is known.
     pub name: String,
-    /// The carrier, such as `tcp`; empty if none was said. Modifiers (`+send...`) are kept.
+    /// Carrier, such as `tcp`; empty if none was given. Modifiers (`+send...`) are retained.
     pub carrier: String,
-    /// The host; empty if only the name is known.
+    /// Host; empty if only the name is known.
     pub host: String,
-    /// The port number; 0 if unknown.
+    /// Port number; 0 if unknown.
     pub port: u16,
 }
 
 impl Contact {
-    /// A registered port.
+    /// Contact of a registered port.
     pub fn new(name: &str, carrier: &str, host: &str, port: u16) -> Contact {
         Contact { name: name.into(), carrier: carrier.into(), host: host.into(), port }
     }
 
-    /// Reads what users and ports write: `/name`, `carrier://name`, `carrier://host:number/name`. Never fails: whatever
-    /// is no address is a name.
+    /// Parses the forms that users and ports write: `/name`, `carrier://name`, `carrier://host:number/name`.
+    /// Never fails: a text that is not an address is a name.
     pub fn parse(text: &str) -> Contact {
         if text.starts_with('/') {
             return Contact { name: text.into(), ..Contact::default() };
@@ -50,7 +50,7 @@ impl Contact {
     }
 }
 
-/// The URI: `tcp://host:number/` where there is an address, else `carrier:/` and the name, else the name alone.
+/// The URI: `tcp://host:number/` with an address, else `carrier:/` and the name, else the name alone.
 impl fmt::Display for Contact {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Contact { name, carrier, host, port } = self;

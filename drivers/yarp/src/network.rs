@@ -1,4 +1,4 @@
-//! A YARP network: where its name server is, what dialect it speaks, and what our ports do in it.
+//! A YARP network: its name server, its dialect, and the behavior of our ports in it.
 
 use crate::auth::{self, Key};
 use crate::config::{self, NetworkConfigError};
@@ -10,10 +10,10 @@ use std::time::Duration;
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
 
-/// How long we wait for an answer where the original waits for ever.
+/// Time limit of an answer, where the original waits without end.
 pub const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The handle of a YARP network; cheap to clone, holds no connection.
+/// Handle of a YARP network; cheap to clone, holds no connection.
 #[derive(Clone, Debug)]
 pub struct Network {
     host: String,
@@ -32,7 +32,7 @@ pub struct Network {
 #[error("`{0}` is not an address: give HOST:PORT, such as 127.0.0.1:10000")]
 pub struct NoAddress(String);
 
-/// The network whose name server is at `HOST:PORT`; reads no file and no environment variable.
+/// Network whose name server is at `HOST:PORT`; reads no file and no environment variable.
 impl FromStr for Network {
     type Err = NoAddress;
 
@@ -44,12 +44,12 @@ impl FromStr for Network {
 }
 
 impl Network {
-    /// The network whose name server is at this address; reads no file and no environment variable.
+    /// Network whose name server is at this address; reads no file and no environment variable.
     pub fn at(server: SocketAddr) -> Network {
         Network::of(server.ip().to_string(), server.port())
     }
 
-    /// The network whose name server is at this host (a name or an address) and number.
+    /// Network whose name server is at this host (a name or an address) and number.
     pub fn of(host: impl Into<String>, port: u16) -> Network {
         Network {
             host: host.into(),
@@ -64,71 +64,72 @@ impl Network {
         }
     }
 
-    /// The network that the user's YARP configuration names (spec section 2): `yarp.conf`, namespaces and `YARP_...`.
+    /// Network of the user's YARP configuration (spec section 2): `yarp.conf`, namespaces and `YARP_...`.
     ///
     /// # Errors
-    /// No file, or one that can't be understood; the error names it and the remedy.
+    /// No file, or one with an error; the message names it and the remedy.
     pub fn from_env() -> Result<Network, NetworkConfigError> {
         config::network(&config::Env::real())
     }
 
-    /// With this dialect; the wire does not tell which one the others speak (spec section 1).
+    /// Sets the dialect; it can't be detected on the wire (spec section 1).
     pub fn with_dialect(self, dialect: Dialect) -> Network {
         Network { dialect, ..self }
     }
 
-    /// With this limit for connecting and for every answer.
+    /// Sets the time limit for connecting and for every answer.
     pub fn with_timeout(self, timeout: Duration) -> Network {
         Network { timeout, ..self }
     }
 
-    /// With ports that listen on this address; the default is loopback only, `0.0.0.0` opens them to the network (YARP
-    /// has no encryption).
+    /// Sets the address that ports listen on; the default is loopback only, `0.0.0.0` opens them to the
+    /// network (YARP has no encryption).
     pub fn with_bind(self, bind: IpAddr) -> Network {
         Network { bind, ..self }
     }
 
-    /// With ports registered under this host instead of the one they listen on.
+    /// Registers ports under this host instead of the one they listen on.
     pub fn with_host(self, host: impl Into<String>) -> Network {
         Network { advertise: Some(host.into()), ..self }
     }
 
-    /// With this text before every name that is opened (`YARP_PORT_PREFIX`).
+    /// Sets a prefix of every name that is opened (`YARP_PORT_PREFIX`).
     pub fn with_prefix(self, prefix: impl Into<String>) -> Network {
         Network { prefix: prefix.into(), ..self }
     }
 
-    /// With this namespace, which is the name server's own port name.
+    /// Sets the namespace, which is the name server's own port name.
     pub fn with_namespace(self, namespace: impl Into<String>) -> Network {
         Network { namespace: namespace.into(), ..self }
     }
 
-    /// With the handshake of `auth.conf` on every TCP connection (spec section 18).
+    /// Requires the handshake of `auth.conf` on every TCP connection (spec section 18).
     pub fn with_auth(self, auth: Option<Key>) -> Network {
         Network { auth, ..self }
     }
 
-    /// The name server's host and port number.
+    /// Host and port number of the name server.
     pub fn server(&self) -> (&str, u16) {
         (&self.host, self.port)
     }
 
-    /// The dialect spoken.
+    /// Dialect of the network.
     pub fn dialect(&self) -> Dialect {
         self.dialect
     }
 
-    /// The limit for connecting and for every answer.
+    /// Time limit for connecting and for every answer.
     pub fn timeout(&self) -> Duration {
         self.timeout
     }
 
-    /// The address that ports listen on.
+    /// Address that ports listen on.
     pub fn bind(&self) -> IpAddr {
         self.bind
     }
 
-    /// The host that ports register: `...` ("as you see me", spec section 3.1) where they listen on all addresses.
+    /// Host that ports register: `...` (the address that the server sees, spec section 3.1) if they listen on
+    /// all addresses.
     pub fn host(&self) -> String {
         match &self.advertise {
             Some(host) => host.clone(),
@@ -137,26 +138,26 @@ impl Network {
         }
     }
 
-    /// The namespace, `/root` unless configured.
+    /// Namespace, `/root` unless configured.
     pub fn namespace(&self) -> &str {
         &self.namespace
     }
 
-    /// The key of `auth.conf`, if there is one.
+    /// Key of `auth.conf`, if there is one.
     pub fn auth(&self) -> Option<&Key> {
         self.auth.as_ref()
     }
 
-    /// The name under which a port named `name` is opened: with the prefix, if it is rooted.
+    /// Name under which a port named `name` is opened: with the prefix, if it is rooted.
     pub fn full_name(&self, name: &str) -> String {
         if name.starts_with('/') { format!("{}{name}", self.prefix) } else { name.into() }
     }
 
-    /// Connects to a port, within the time limit, and authenticates if this network does; every outgoing TCP connection
-    /// begins here.
+    /// Connects to a port, within the time limit, and authenticates if this network requires it. Every
+    /// outgoing TCP connection begins here.
     ///
     /// # Errors
-    /// Refused, unreachable, not within the limit, or the other side has another key.
+    /// Refused, unreachable, time limit exceeded, or the other side has another key.
     pub async fn connect_tcp(&self, host: &str, port: u16) -> io::Result<TcpStream> {
         let late = || io::Error::new(io::ErrorKind::TimedOut, format!("no connection within {:?}", self.timeout));
         let mut stream = timeout(self.timeout, TcpStream::connect((host, port))).await.map_err(|_| late())??;
@@ -172,11 +173,10 @@ impl Network {
     }
 }
 
-/// This computer, as seen from itself.
+/// Loopback address of this computer.
 pub(crate) const LOOPBACK: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 
-/// The address that this computer has toward another one (or toward the world); loopback if it has none. Nothing is
-/// sent to find out.
+/// Address of this computer toward another one (or toward the world); loopback if it has none. Sends nothing.
 pub async fn local_address(toward: Option<(&str, u16)>) -> IpAddr {
     let toward = toward.unwrap_or(("192.0.2.1", 9));
     let look = async {

@@ -1,5 +1,5 @@
-//! What messages carry besides bottles (spec sections 11, 13, 14, 16). The bytes of every one are those of some bottle,
-//! so that each also has a text form: that of its bottle.
+//! Payloads of messages other than bottles (spec sections 11, 13, 14, 16). The bytes of each are those of a
+//! bottle, so that each also has that bottle's text form.
 
 pub mod image;
 pub mod joints;

@@ -1,11 +1,13 @@
-//! Ports on tokio: a listener per port, a task per connection, everything bounded (spec sections 4 to 8, 17, 18).
+//! Ports on tokio: a listener per port, a task per connection, all resources bounded (spec sections 4 to 8,
+//! 17, 18).
 //!
 //! ```text
 //!   others --> listener --> input task ---> inbox (Reader) | handler (RpcServer)
 //!                  \-- admin [add] ---> output task <--- Writer::write
 //! ```
-//! A [`InputPort`] takes data, a [`OutputPort`] publishes it, an [`RpcServer`] answers requests; all three answer
-//! administrative commands; a [`Relay`] both takes and publishes. An [`RpcClient`] and a [`Sender`] talk to one known port and have no port of their own.
+//! An [`InputPort`] receives data, an [`OutputPort`] publishes it, an [`RpcServer`] answers requests; all
+//! three answer administrative commands; a [`Relay`] both receives and publishes. An [`RpcClient`] and a
+//! [`Sender`] are connected to one given port and have no port of their own.
 
 mod client;
 mod core;
@@ -41,30 +43,30 @@ pub use writer::OutputPort;
 use crate::{NameError, remote::RemoteError};
 use std::{io, time::Duration};
 
-/// How a port behaves; the defaults suit a robot on a local network.
+/// Options of a port; the defaults suit a robot on a local network.
 #[derive(Clone, Debug)]
 pub struct PortOptions {
     /// Port number to listen on; 0 lets the system choose.
     pub number: u16,
-    /// Most connections at a time; one more takes the place of the one that has been silent for longest.
+    /// Greatest number of connections; a further one replaces the one that has been silent for longest.
     pub connections: usize,
-    /// How long a connection may take to say who it is (the original waits for ever).
+    /// Time limit for a connection to identify itself (the original waits without end).
     pub handshake: Duration,
-    /// How long a message may take from its first byte to its last.
+    /// Time limit of a message from its first byte to its last.
     pub message: Duration,
-    /// How long a write may be stuck before the connection is closed.
+    /// Time for which a write may be blocked before the connection is closed.
     pub write: Duration,
-    /// How long an output waits for an acknowledgement.
+    /// Time for which an output waits for an acknowledgment.
     pub ack: Duration,
-    /// Longest message, bytes.
+    /// Greatest size of a message, bytes.
     pub max_message: usize,
-    /// Room for what has arrived of unfinished messages on all connections together, bytes. Messages up to 1 MiB don't
-    /// count; a connection that needs more than there is left is closed.
+    /// Memory for unfinished messages on all connections together, bytes. Messages up to 1 MiB don't count; a
+    /// connection that needs more than is left is closed.
     pub max_buffered: usize,
-    /// How often a port asks the name server for its own name, to register again if that was forgotten in a restart
+    /// Period at which a port looks up its own name at the name server, to register again after a restart
     /// (spec section 17).
     pub renew: Duration,
-    /// Most user properties that others may set on the port.
+    /// Greatest number of user properties that others may set on the port.
     pub properties: usize,
 }
 
@@ -85,13 +87,13 @@ impl Default for PortOptions {
     }
 }
 
-/// Why a port could not be opened or connected.
+/// Reason why a port could not be opened or connected.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
-    /// The name is none for a port.
+    /// The name is not a port name.
     #[error("\"{0}\" is no port name: it must begin with / and hold no blanks")]
     BadName(String),
-    /// Another port has the name, and answers.
+    /// Another port has the name and answers.
     #[error("another program holds the port name {} (at {}:{}); end it, or choose another name", .0.name, .0.host, .0.port)]
     Taken(crate::Contact),
     /// A program listens where the name is registered, and does not answer.
@@ -101,20 +103,20 @@ pub enum PortError {
         name = .0.name, host = .0.host, port = .0.port
     )]
     Silent(crate::Contact),
-    /// No socket.
+    /// No socket could be opened.
     #[error("can't listen for port {name} on {address}: {source}")]
     Listen {
-        /// The port.
+        /// Name of the port.
         name: String,
-        /// Where it should have listened.
+        /// Address to listen on.
         address: String,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The name server could not be asked, or refused.
+    /// The request to the name server failed or was refused.
     #[error(transparent)]
     Name(#[from] NameError),
-    /// The name server does not know the other side.
+    /// The other side is not registered with the name server.
     #[error("no port {0} is known to the name server; is it running, and is its name spelled so?")]
     Unknown(String),
     /// The other side can't be reached or does not speak the protocol.
@@ -122,15 +124,16 @@ pub enum PortError {
     Connect {
         /// The other side.
         to: String,
-        /// What went wrong.
+        /// Description of the error.
         why: String,
     },
-    /// The other side did not do what it was asked.
+    /// The other side did not execute a request.
     #[error(transparent)]
     Remote(#[from] RemoteError),
 }
 
-/// Locks a mutex whose data stays good when a holder panicked: every change under these locks is one step.
+/// Locks a mutex whose data is consistent after a panic of a holder: every change under these locks is one
+/// step.
 fn lock<T>(mutex: &std::sync::Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }

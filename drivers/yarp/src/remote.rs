@@ -1,4 +1,4 @@
-//! What any third program can ask of ports: to connect, to disconnect, to tell of themselves (spec section 8).
+//! Requests of third programs to ports: to connect, to disconnect, to describe themselves (spec section 8).
 
 use crate::{Bottle, Contact, Dialect, NameError, Network, TextError, Value, Vocab};
 use std::io;
@@ -6,19 +6,19 @@ use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
-/// The most bytes of a port's answer.
-const LONGEST: u64 = 1 << 20;
+/// Greatest size of a port's answer, bytes.
+const MAX_ANSWER_BYTES: u64 = 1 << 20;
 
-/// Why a port did not do what a third program asked.
+/// Reason why a port did not execute the request of a third program.
 #[derive(Debug, thiserror::Error)]
 pub enum RemoteError {
-    /// The name server can't be asked.
+    /// The request to the name server failed.
     #[error(transparent)]
     Name(#[from] NameError),
-    /// The port that should send is not registered.
+    /// The sending port is not registered.
     #[error("could not find source port {0}: is it running, and is its name spelled right? (`mobee yarp list`)")]
     NoSource(String),
-    /// The port that should receive is not registered.
+    /// The receiving port is not registered.
     #[error("could not find destination port {0}: is it running, and is its name spelled right? (`mobee yarp list`)")]
     NoDestination(String),
     /// The port is not registered.
@@ -29,7 +29,7 @@ pub enum RemoteError {
         "{name} is registered at {host}:{port} but does not answer ({why}): if it is dead, `mobee yarp clean` forgets it"
     )]
     Silent {
-        /// The port.
+        /// Name of the port.
         name: String,
         /// Its registered host.
         host: String,
@@ -41,23 +41,24 @@ pub enum RemoteError {
     /// There is no such connection.
     #[error("no such connection from {0} to {1}")]
     NoConnection(String, String),
-    /// The port said no.
+    /// The port refused.
     #[error("{0} refused: {1}")]
     Refused(String, String),
 }
 
-/// A connection as its sending port tells of it.
+/// A connection as reported by its sending port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Connection {
     /// The sending port.
     pub from: String,
     /// The receiving port.
     pub to: String,
-    /// How they talk.
+    /// Carrier of the connection.
     pub carrier: String,
 }
 
-/// Asks `src` to connect to `dest`, either of which may carry a carrier (`udp://reader`); the port's own words.
+/// Requests `src` to connect to `dest`, either of which may contain a carrier (`udp://reader`). Returns the
+/// port's message.
 ///
 /// # Errors
 /// A port is unknown or does not answer, or the source refuses.
@@ -65,13 +66,13 @@ pub async fn connect(network: &Network, src: &str, dest: &str, carrier: Option<&
     let (src, dest) = (Contact::parse(src), Contact::parse(dest));
     let source = find(network, &src).await?.ok_or_else(|| RemoteError::NoSource(src.name.clone()))?;
     find(network, &dest).await?.ok_or_else(|| RemoteError::NoDestination(dest.name.clone()))?;
-    let said = [carrier.unwrap_or_default(), &dest.carrier, &src.carrier].into_iter().find(|c| !c.is_empty());
-    let target = Contact { carrier: said.unwrap_or("tcp").into(), ..dest };
+    let chosen = [carrier.unwrap_or_default(), &dest.carrier, &src.carrier].into_iter().find(|c| !c.is_empty());
+    let target = Contact { carrier: chosen.unwrap_or("tcp").into(), ..dest };
     let request = command("add").with(target.to_string());
     accepted(&source.name, &admin(network, &source, &request).await?)
 }
 
-/// Asks `src` to drop its connection to `dest`; the port's own words.
+/// Requests `src` to drop its connection to `dest`. Returns the port's message.
 ///
 /// # Errors
 /// There is no such connection, or the source is unknown or does not answer.
@@ -94,10 +95,10 @@ pub async fn connection(network: &Network, src: &str, dest: &str) -> Result<Opti
     listed(network, &source, &dest.name).await
 }
 
-/// Whether a port is registered and answers to its name.
+/// True if a port is registered and answers to its name.
 ///
 /// # Errors
-/// The name server can't be asked.
+/// The request to the name server failed.
 pub async fn exists(network: &Network, name: &str) -> Result<bool, RemoteError> {
     let Some(contact) = find(network, &Contact::parse(name)).await? else { return Ok(false) };
     if contact.name.is_empty() {
@@ -106,19 +107,20 @@ pub async fn exists(network: &Network, name: &str) -> Result<bool, RemoteError> 
     Ok(holder(network, &contact).await == Holder::Port)
 }
 
-/// What listens at the address that a port name is registered at.
+/// Program that listens at the registered address of a port name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Holder {
-    /// Nothing, or something else: its port has died, and another one may have got its number since.
+    /// No program, or another one: the port has died, and its number may have been reassigned.
     Gone,
     /// The port of that name.
     Port,
-    /// A program that accepts connections and does not answer: it may be the port's, suspended.
+    /// A program that accepts connections and does not answer: it may be the suspended owner of the port.
     Silent,
 }
 
-/// Determines whether the port of this name still listens at its registered address. A name server lists what died without
-/// a word, too, and the system gives the number of a dead port to others: only the port's own name counts.
+/// Determines whether the port of this name still listens at its registered address. A name server also lists
+/// ports that died without unregistering, and the system reassigns their numbers: only the port's own name
+/// counts.
 pub async fn holder(network: &Network, contact: &Contact) -> Holder {
     let Ok(stream) = network.connect_tcp(&contact.host, contact.port).await else { return Holder::Gone };
     match timeout(network.timeout(), exchange(stream, "<ping>", b"*\r\n")).await {
@@ -128,12 +130,12 @@ pub async fn holder(network: &Network, contact: &Contact) -> Holder {
     }
 }
 
-/// Whether a line of a port's description says that it has this name: `This is /NAME at tcp://...`.
+/// True if a line of a port's description contains this name: `This is /NAME at tcp://...`.
 fn is_of(line: &str, name: &str) -> bool {
     line.strip_prefix("This is ").and_then(|rest| rest.strip_prefix(name)).is_some_and(|rest| rest.starts_with(" at "))
 }
 
-/// What a port tells of itself and its connections, a line each.
+/// Description of a port and its connections, in lines.
 ///
 /// # Errors
 /// The port is unknown or does not answer.
@@ -155,7 +157,7 @@ async fn found(network: &Network, name: &str) -> Result<Contact, RemoteError> {
     find(network, &contact).await?.ok_or(RemoteError::NoPort(contact.name))
 }
 
-/// Completes a contact by the name server, unless it has an address already.
+/// Completes a contact by the name server, unless it has an address.
 async fn find(network: &Network, contact: &Contact) -> Result<Option<Contact>, NameError> {
     if !contact.host.is_empty() {
         return Ok(Some(contact.clone()));
@@ -175,7 +177,7 @@ async fn admin(network: &Network, contact: &Contact, request: &Bottle) -> Result
     Bottle::parse(lines.join("\n"), Dialect::V3).map_err(|e: TextError| silent(contact, e))
 }
 
-/// Says one message to a port over `text_ack`; the lines of its answer.
+/// Sends one message to a port over `text_ack`. Returns the lines of its answer.
 async fn talk(network: &Network, contact: &Contact, me: &str, message: &[u8]) -> Result<Vec<String>, RemoteError> {
     let stream = network.connect_tcp(&contact.host, contact.port).await.map_err(|e| silent(contact, e))?;
     let late = |_| silent(contact, format!("nothing within {:?}", network.timeout()));
@@ -184,7 +186,7 @@ async fn talk(network: &Network, contact: &Contact, me: &str, message: &[u8]) ->
 
 async fn exchange(mut stream: TcpStream, me: &str, message: &[u8]) -> io::Result<Vec<String>> {
     let (read, mut write) = stream.split();
-    let mut lines = BufReader::new(read.take(LONGEST)).split(b'\n');
+    let mut lines = BufReader::new(read.take(MAX_ANSWER_BYTES)).split(b'\n');
     let mut next = async || match lines.next_segment().await? {
         Some(line) => Ok(String::from_utf8_lossy(line.strip_suffix(b"\r").unwrap_or(&line)).into_owned()),
         None => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "it closed the connection")),

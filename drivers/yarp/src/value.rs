@@ -1,19 +1,19 @@
-//! What a YARP message is made of: values and bottles.
+//! Content of YARP messages: values and bottles.
 
 use std::borrow::Cow;
 use std::fmt;
 
-/// Four letters as one integer, the first letter in the lowest byte; YARP's words (`[get]`, `[ok]`).
+/// Four letters as one integer, the first letter in the lowest byte; YARP's keywords (`[get]`, `[ok]`).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Vocab(pub u32);
 
 impl Vocab {
-    /// The vocab of up to four letters; more are cut, as YARP 3.x does.
+    /// Vocab of up to four letters; further ones are cut off, as by YARP 3.x.
     pub const fn new(letters: &str) -> Vocab {
         Vocab::from_bytes(letters.as_bytes())
     }
 
-    /// As [`Vocab::new`], for letters that came over the wire.
+    /// As [`Vocab::new`], for letters received over the wire.
     pub const fn from_bytes(letters: &[u8]) -> Vocab {
         let mut code = 0;
         let mut i = 0;
@@ -24,7 +24,7 @@ impl Vocab {
         Vocab(code)
     }
 
-    /// Its letters, without the NULs that fill it up.
+    /// Letters, without the NULs of the padding.
     pub fn letters(self) -> Vec<u8> {
         self.0.to_le_bytes().into_iter().filter(|b| *b != 0).collect()
     }
@@ -55,18 +55,18 @@ pub enum Value {
     Vocab(Vocab),
     /// A word of up to eight letters (4.x), the first letter in the lowest byte.
     Vocab64(u64),
-    /// Text. YARP does not say in what encoding; bytes that are no UTF-8 are kept as they came.
+    /// Text. YARP does not specify its encoding; bytes that are not UTF-8 are retained.
     String(Text),
     /// Bytes.
     Blob(Vec<u8>),
     /// A list.
     List(Bottle),
-    /// A dictionary: its entries as they were written, each a list of a key and its value (or values).
+    /// A dictionary: its entries as written, each a list of a key and its value (or values).
     Dict(Bottle),
 }
 
 impl Value {
-    /// As an integer: every width of integer, a vocab's code, a float that is whole.
+    /// Converts to an integer: every width of integer, a vocab's code, a float that is whole.
     pub fn as_i64(&self) -> Option<i64> {
         // the bounds of i64 as floats: the upper one is exclusive, being rounded up to 2^63
         let whole = |x: f64| (x.trunc() == x && x >= i64::MIN as f64 && x < i64::MAX as f64).then_some(x as i64);
@@ -82,7 +82,7 @@ impl Value {
         }
     }
 
-    /// As a number: every float and every integer.
+    /// Converts to a number: every float and every integer.
     pub fn as_f64(&self) -> Option<f64> {
         match *self {
             Value::Int8(x) => Some(x.into()),
@@ -95,7 +95,7 @@ impl Value {
         }
     }
 
-    /// As text: a string, bytes that are no UTF-8 replaced.
+    /// Converts a string to text; bytes that are not UTF-8 are replaced.
     pub fn as_text(&self) -> Option<Cow<'_, str>> {
         match self {
             Value::String(text) => Some(text.to_str()),
@@ -103,7 +103,8 @@ impl Value {
         }
     }
 
-    /// As a vocab: a vocab, or a string of at most four letters (boards take both, spec section 7).
+    /// Converts to a vocab: a vocab, or a string of at most four letters (boards accept both, spec section
+    /// 7).
     pub fn as_vocab(&self) -> Option<Vocab> {
         match self {
             Value::Vocab(vocab) => Some(*vocab),
@@ -112,7 +113,7 @@ impl Value {
         }
     }
 
-    /// As a list: a list, or the entries of a dictionary.
+    /// Converts to a list: a list, or the entries of a dictionary.
     pub fn as_list(&self) -> Option<&Bottle> {
         match self {
             Value::List(list) | Value::Dict(list) => Some(list),
@@ -146,12 +147,12 @@ from! {
     Bottle => Value::List;
 }
 
-/// A string as bytes, since the wire promises no encoding.
+/// A string as bytes, since the wire specifies no encoding.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Text(pub Vec<u8>);
 
 impl Text {
-    /// For reading: bytes that are no UTF-8 are replaced.
+    /// Text for people: bytes that are not UTF-8 are replaced.
     pub fn to_str(&self) -> Cow<'_, str> {
         String::from_utf8_lossy(&self.0)
     }
@@ -188,12 +189,12 @@ impl fmt::Debug for Text {
 pub struct Bottle(pub Vec<Value>);
 
 impl Bottle {
-    /// An empty one.
+    /// Creates an empty bottle.
     pub const fn new() -> Bottle {
         Bottle(Vec::new())
     }
 
-    /// One of values that are all of the same Rust type.
+    /// Creates a bottle of values that are all of the same Rust type.
     pub fn of<V: Into<Value>>(values: impl IntoIterator<Item = V>) -> Bottle {
         values.into_iter().collect()
     }
@@ -204,28 +205,28 @@ impl Bottle {
         self
     }
 
-    /// The same with a value added at the end.
+    /// Returns the bottle with a value added at the end.
     pub fn with(mut self, value: impl Into<Value>) -> Bottle {
         self.push(value);
         self
     }
 
-    /// The value at a place, if there are that many.
+    /// Value at an index, if there is one.
     pub fn get(&self, index: usize) -> Option<&Value> {
         self.0.get(index)
     }
 
-    /// How many values it has.
+    /// Number of values.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Has it none?
+    /// True if it has no values.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Its values, in order.
+    /// Values in order.
     pub fn iter(&self) -> std::slice::Iter<'_, Value> {
         self.0.iter()
     }
@@ -235,8 +236,8 @@ impl Bottle {
         self.0.iter().map(Value::as_f64).collect()
     }
 
-    /// What follows a key: the values after the first in the list `(key value ...)`, as YARP's properties are written
-    /// (`port (name "/x") (port_number 10003)`).
+    /// Values after the key in the list `(key value ...)`, the form of YARP's properties (`port (name "/x")
+    /// (port_number 10003)`).
     pub fn find(&self, key: &str) -> Option<&[Value]> {
         self.0.iter().filter_map(Value::as_list).find_map(|list| match list.0.split_first() {
             Some((Value::String(name), rest)) if name.0 == key.as_bytes() => Some(rest),
@@ -259,7 +260,8 @@ impl<'a> IntoIterator for &'a Bottle {
     }
 }
 
-/// Which YARP is spoken: the two differ in the tags of floats, and can't be told apart on the wire (spec section 1).
+/// Version of YARP: the two differ in the tags of floats, and can't be distinguished on the wire (spec
+/// section 1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Dialect {
     /// YARP 3.

@@ -1,8 +1,8 @@
-//! The bytes of connections as pure functions over slices: nothing here reads a socket or waits, so that all of it
-//! can be tested and fuzzed directly.
+//! Bytes of connections as pure functions over slices: nothing here reads a socket or waits, so that all of
+//! it can be tested and fuzzed directly.
 //!
-//! Every parser takes what has arrived so far and answers `Ok(None)` while that is no whole item, so a length that a
-//! peer merely claims never allocates anything.
+//! Every parser takes the bytes received so far and returns `Ok(None)` while they are not a complete item, so
+//! that a length that a peer merely claims never allocates anything.
 
 pub mod admin;
 pub mod carrier;

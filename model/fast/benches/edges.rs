@@ -1,6 +1,6 @@
-//! A whole map validated anew: 5,000 poses of torso and right arm over a table, each joined with its eight nearest, among
-//! 20 obstacles; [`FastScene::certify`] beside samples at 1 mm of the hand's path ([`FastScene::free`], and
-//! [`Scene::line_free`] on a part), in interleaved rounds, processor time of one core.
+//! Validation of a complete map: 5,000 poses of torso and right arm over a table, each connected with its eight
+//! nearest, among 20 obstacles; [`FastScene::certify`] compared with samples at 1 mm of the hand's path
+//! ([`FastScene::free`], and [`Scene::line_free`] on a part), in interleaved rounds, processor time of one core.
 //!
 //! ```text
 //! cargo bench -p mobee-fast --bench edges
@@ -23,11 +23,11 @@
 //! | `Scene::line_free` at 1 mm | 8,375 |
 //! | 1,000 long edges at once; yes or no; one by one | 31; 20; 51 |
 //!
-//! Without velocities in the bounds (`motion.rs`), with levers alone, the first took 1.9 times as long and 3.8 times the
+//! Without velocities in the bounds (`motion.rs`), with levers only, the first took 1.9 times as long and 3.8 times the
 //! intervals.
 //!
-//! Beside samples at 0.1 mm, none missed on any of these; uncertified 0.035 % of 20,000 edges of the map, 1 of 1,000 long
-//! ones; Panda 0.010 % of 20,000 edges of 23 mm, none of 1,000 long ones; UR5 0.005 %, none.
+//! Compared with samples at 0.1 mm, none missed on any of these; uncertified 0.035 % of 20,000 edges of the map, 1 of
+//! 1,000 long ones; Panda 0.010 % of 20,000 edges of 23 mm, none of 1,000 long ones; UR5 0.005 %, none.
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
 mod check;
@@ -43,9 +43,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Rounds; least, median and greatest time are reported.
+/// Number of rounds; minimum, median and maximum time are reported.
 const ROUNDS: usize = 7;
-/// Every so many edges the scalar engine is asked.
+/// The scalar engine checks every n-th edge.
 const SLICE: usize = 100;
 
 fn main() {
@@ -79,14 +79,18 @@ fn main() {
     long_edges(&map, &scene);
 }
 
-/// Edges from anywhere in the map to anywhere, all at once and one by one.
+/// Edges between any two poses of the map, all at once and one by one.
 fn long_edges(map: &Map, scene: &Scene) {
     let mut dice = map::Dice(1);
     let mut pick = || map.poses[(dice.roll() * map.poses.len() as f64) as usize].clone();
     let edges: Vec<f64> = (0..2_000).flat_map(|_| pick()).collect();
     let mut fast = FastScene::new(scene, 0.0).expect("it compiles");
-    let (mut verdicts, mut verdict, mut free) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut together, mut alone, mut quick) = (Vec::new(), Vec::new(), Vec::new());
+    let mut verdicts = Vec::new();
+    let mut verdict = Vec::new();
+    let mut free = Vec::new();
+    let mut together = Vec::new();
+    let mut alone = Vec::new();
+    let mut quick = Vec::new();
     for _ in 0..ROUNDS {
         together.push(time(|| fast.certify(&edges, &mut verdicts).expect("whole edges")));
         quick.push(time(|| fast.edges_free(&edges, &mut free).expect("whole edges")));
@@ -102,7 +106,7 @@ fn long_edges(map: &Map, scene: &Scene) {
     report("1,000 long edges, one by one", alone, 1.0);
 }
 
-/// All of it in rounds: the times of each way.
+/// Measures all methods in rounds, and reports the times of each.
 fn validate(name: &str, map: &Map, scene: &Scene, sampled: bool) {
     let edges = map.lines();
     let of_object = |a: u32, b: u32| (0..=20).any(|n| is_object(scene, a, n) || is_object(scene, b, n));
@@ -118,8 +122,11 @@ fn validate(name: &str, map: &Map, scene: &Scene, sampled: bool) {
     let mut ways = parts.map(|(way, fast)| (way.to_string(), fast)).to_vec();
     ways.extend(others.map(|set| (format!("continuous, {set:?}"), with(set))));
     let mut times = vec![Vec::new(); ways.len()];
-    let (mut free, mut discrete, mut scalar) = (whole, Vec::new(), Vec::new());
-    let (mut verdicts, mut answers) = (Vec::new(), Vec::new());
+    let mut free = whole;
+    let mut discrete = Vec::new();
+    let mut scalar = Vec::new();
+    let mut verdicts = Vec::new();
+    let mut answers = Vec::new();
     for round in 0..ROUNDS {
         for ((way, fast), times) in ways.iter_mut().zip(&mut times) {
             times.push(time(|| fast.certify(&edges, &mut verdicts).expect("whole edges")));
@@ -155,7 +162,7 @@ fn validate(name: &str, map: &Map, scene: &Scene, sampled: bool) {
     }
 }
 
-/// The poses of each edge, so that the hand goes 1 mm between two.
+/// The poses of each edge, 1 mm of the hand's path apart.
 fn samples(map: &Map) -> Vec<Vec<f64>> {
     let of_edge = |(e, (i, j)): (usize, &(usize, usize))| {
         let steps = (map.hand_path(e) / 1e-3).ceil().max(1.0);
@@ -170,17 +177,20 @@ fn samples(map: &Map) -> Vec<Vec<f64>> {
 
 fn line_free(map: &Map, scene: &Scene) {
     for (i, j) in map.edges.iter().step_by(SLICE) {
-        let (from, to) = (&map.poses[*i], &map.poses[*j]);
+        let from = &map.poses[*i];
+        let to = &map.poses[*j];
         std::hint::black_box(scene.line_free(0, &[from], from, to, 1e-3, 0.0));
     }
 }
 
-/// One object moved: compiled anew and asked of the whole map, without any index; and of a thirtieth of it, which is what
-/// an index leaves. The mean of twenty objects.
+/// One moved object: compiled again and tested against the complete map without an index, and against a thirtieth of
+/// it, which is what an index leaves. The mean of twenty objects.
 fn one_object(map: &Map, scene: &Scene) {
     let edges = map.lines();
     let few: Vec<f64> = edges.chunks_exact(2 * map.robot.motors.len()).step_by(30).flatten().copied().collect();
-    let (mut compiled, mut asked, mut indexed) = (Vec::new(), Vec::new(), Vec::new());
+    let mut compiled = Vec::new();
+    let mut complete = Vec::new();
+    let mut indexed = Vec::new();
     let mut verdicts = Vec::new();
     for _ in 0..ROUNDS {
         let mut fast = Vec::new();
@@ -190,12 +200,12 @@ fn one_object(map: &Map, scene: &Scene) {
                 fast.extend(FastScene::of_pairs(scene, 0.0, keep));
             }
         }));
-        asked.push(time(|| fast.iter_mut().for_each(|f| f.certify(&edges, &mut verdicts).expect("whole edges"))));
+        complete.push(time(|| fast.iter_mut().for_each(|f| f.certify(&edges, &mut verdicts).expect("whole edges"))));
         indexed.push(time(|| fast.iter_mut().for_each(|f| f.certify(&few, &mut verdicts).expect("whole edges"))));
     }
     let mean = |times: Vec<f64>| times.into_iter().map(|t| t / 20.0).collect();
     report("one object: compiled", mean(compiled), 1.0);
-    report("one object: all edges against it", mean(asked), 1.0);
+    report("one object: all edges against it", mean(complete), 1.0);
     report("one object: a thirtieth of them", mean(indexed), 1.0);
 }
 

@@ -1,5 +1,6 @@
-//! Edges of a robot of whose shapes only hulls are solid, as `mobee model convert` makes them where shapes around meshes touch falsely:
-//! the shipped Panda with a hull in each shape, among 20 obstacles, beside the same without hulls.
+//! Edges of a robot with hulls inside its shapes, as `mobee model convert` creates them if shapes around meshes have
+//! false contacts: the shipped Panda with a hull in each shape, among 20 obstacles, compared with the same without
+//! hulls.
 //!
 //! ```text
 //! cargo bench -p mobee-fast --bench hulls
@@ -13,10 +14,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Length of an edge, rad (Euclidean), and number of edges.
+/// Length of an edge, rad (Euclidean norm), and number of edges.
 const STEP: f64 = 1.0;
 const EDGES: usize = 224;
-/// Corners of a hull, and its radius, meters.
+/// Number of corners of a hull, and its radius, meters.
 const CORNERS: usize = 60;
 const RADIUS: f64 = 0.002;
 const ROUNDS: usize = 3;
@@ -31,13 +32,13 @@ fn main() {
     }
 }
 
-/// The same robot, in each of whose shapes there is a hull that nearly fills it.
+/// The same robot with a hull inside each shape that nearly fills it.
 fn hulled(robot: &Robot) -> Robot {
     let mut robot = robot.clone();
     for node in &mut robot.nodes {
         for (i, solid) in node.solids.iter().enumerate() {
             let far = solid.shape.bounding_radius();
-            // Points on a spiral about the ball, each drawn inward until it is within the shape.
+            // Points on a spiral about the ball, each moved inward until it is inside the shape.
             let corner = |k: usize| {
                 let z = 1.0 - 2.0 * (k as f64 + 0.5) / CORNERS as f64;
                 let (sine, cosine) = (2.399_963 * k as f64).sin_cos();
@@ -57,7 +58,8 @@ fn hulled(robot: &Robot) -> Robot {
 
 fn obstacles() -> Vec<Object> {
     let ball = |i: usize| {
-        let (angle, far) = (2.399_963 * i as f64, 0.35 + 0.02 * i as f64);
+        let angle = 2.399_963 * i as f64;
+        let far = 0.35 + 0.02 * i as f64;
         let shape = if i.is_multiple_of(2) {
             Shape::Sphere { radius: 0.06 }
         } else {
@@ -79,7 +81,8 @@ fn measure(name: &str, robot: Arc<Robot>) {
     let scene = Scene::new(vec![(robot.clone(), Isometry3::identity())], obstacles()).expect("a scene");
     let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
     let mut poses = random_poses(&robot, 46);
-    let (mut free, mut edges) = (Vec::new(), Vec::new());
+    let mut free = Vec::new();
+    let mut edges = Vec::new();
     while edges.len() < EDGES {
         let (Some(from), Some(to)) = (poses.next(), poses.next()) else { break };
         if !scene.free(&[&from], 0.0) {
@@ -90,7 +93,7 @@ fn measure(name: &str, robot: Arc<Robot>) {
         let end: Vec<f64> = from.iter().zip(&to).map(|(a, b)| a + (b - a) * share).collect();
         edges.push([from, end].concat());
     }
-    // Blocked, free: times, intervals and questions to the scalar engine.
+    // Blocked, free: times, intervals and calls of the scalar engine.
     let mut all = [const { (Vec::new(), 0, 0) }; 2];
     for edge in &edges {
         let before = fast.figures();

@@ -1,7 +1,7 @@
-//! [`FastScene`] beside other people's collision checkers, on the same robots, shapes, pairs and poses, in rounds that
-//! take turns; each peer is a process of its own, and both sides count processor time.
+//! Comparison of [`FastScene`] with other collision checkers, on the same robots, shapes, pairs and poses, in
+//! alternating rounds; each peer is a separate process, and both sides measure processor time.
 //!
-//! How to get the peers, and what is compared: `benches/peers/README.md`.
+//! For the installation of the peers, and the compared quantities, see `benches/peers/README.md`.
 //! ```text
 //! cargo bench -p mobee-fast --bench peers -- edges panda.xml vamp_peer panda
 //! cargo bench -p mobee-fast --bench peers -- poses icub.xml python benches/peers/coal_peer.py
@@ -23,12 +23,12 @@ use rate::rate;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Rounds; the median and the extremes are reported.
+/// Number of rounds; the median and the extremes are reported.
 const ROUNDS: usize = 7;
-/// Edges before those that are not free are taken out, and how long they are, rad.
+/// Number of edges before those that are not free are removed, and their length, rad.
 const EDGES: usize = 2_000;
 const LENGTH: f64 = 0.5;
-/// Poses before those of one verdict are chosen.
+/// Number of poses before those of one verdict are selected.
 const POSES: usize = 3_000;
 
 fn main() {
@@ -52,9 +52,9 @@ fn scene(robot: &Arc<Robot>, objects: Vec<Object>) -> Scene {
     Scene::new(vec![(robot.clone(), Isometry3::identity())], objects).expect("a scene")
 }
 
-/// Straight lines of one length, sampled as VAMP samples them.
+/// Straight lines of one length, sampled as by VAMP.
 fn edges(robot: &Arc<Robot>, mut objects: Vec<Object>, folder: &Folder, peer: &[String]) {
-    // it knows its robots by name, and has no shapes of objects but balls
+    // VAMP has its robots compiled in, and supports only balls as obstacles.
     objects.retain(|o| o.shapes.iter().all(|s| matches!(s.shape, Shape::Sphere { .. })));
     let balls = objects.iter().flat_map(|o| o.shapes.iter().map(|s| (o.pose * s.pose, s.shape.bounding_radius())));
     let obstacles = balls.flat_map(|(at, radius)| {
@@ -105,11 +105,11 @@ fn lines(robot: &Robot) -> Vec<[Vec<f64>; 2]> {
     let mut edges = Vec::new();
     while edges.len() < EDGES {
         let (Some(from), Some(aim)) = (poses.next(), poses.next()) else { break };
-        let way: Vec<f64> = aim.iter().zip(&from).map(|(a, f)| a - f).collect();
-        let length = way.iter().map(|w| w * w).sum::<f64>().sqrt();
-        // the ends as the peer has them, in f32
+        let change: Vec<f64> = aim.iter().zip(&from).map(|(a, f)| a - f).collect();
+        let length = change.iter().map(|w| w * w).sum::<f64>().sqrt();
+        // The ends as the peer receives them, in f32.
         let single = |x: f64| f64::from(x as f32);
-        let to = from.iter().zip(&way).map(|(f, w)| single(f + w * LENGTH / length)).collect();
+        let to = from.iter().zip(&change).map(|(f, w)| single(f + w * LENGTH / length)).collect();
         if length > LENGTH {
             edges.push([from.into_iter().map(single).collect(), to]);
         }
@@ -117,7 +117,7 @@ fn lines(robot: &Robot) -> Vec<[Vec<f64>; 2]> {
     edges
 }
 
-/// The configurations that VAMP checks on an edge, in their order along it.
+/// The configurations that VAMP checks on an edge, in order.
 fn samples([from, to]: &[Vec<f64>; 2], rake: f64, resolution: f64) -> Vec<f64> {
     let length = from.iter().zip(to).map(|(a, b)| (b - a) * (b - a)).sum::<f64>().sqrt();
     let count = (rake * (length / rake * resolution).ceil().max(1.0)) as usize;
@@ -125,10 +125,10 @@ fn samples([from, to]: &[Vec<f64>; 2], rake: f64, resolution: f64) -> Vec<f64> {
     (1..=count).flat_map(|k| from.iter().zip(to).map(move |(a, b)| a + (b - a) * at(k))).collect()
 }
 
-/// Random poses, all and the free ones.
+/// Random poses: all of them, and the free ones.
 fn poses(robot: &Arc<Robot>, objects: Vec<Object>, folder: &Folder, peer: &[String]) {
     let scene = scene(robot, objects);
-    // of constraints between motors the peer knows nothing
+    // The peer does not support constraints between motors.
     let fit = random_poses(robot, 7).filter(|q| scene.satisfies_constraints(0, q));
     let drawn: Vec<Vec<f64>> = fit.take(POSES).collect();
     folder.write("scene.json", serde_json::to_vec(&described(&scene)).expect("JSON"));
@@ -154,16 +154,19 @@ fn poses(robot: &Arc<Robot>, objects: Vec<Object>, folder: &Folder, peer: &[Stri
     }
 }
 
-/// Rounds in turn, with each set of instructions.
+/// Runs alternating rounds, with each instruction set.
 fn compare(scene: &Scene, poses: &[f64], peer: &mut Peer, what: &str) {
     for set in InstructionSet::available() {
         let mut fast = FastScene::with_instructions(scene, 0.0, set).expect("it compiles");
-        let (mut ours, mut theirs, mut free) = (Vec::new(), Vec::new(), Vec::new());
+        let mut ours = Vec::new();
+        let mut theirs = Vec::new();
+        let mut free = Vec::new();
         for _ in 0..ROUNDS {
             theirs.extend(peer.ask().first());
             ours.push(rate(poses.len() / fast.motors(), || fast.free(poses, &mut free).expect("whole poses")));
         }
-        let (ours, theirs) = (sorted(ours), sorted(theirs));
+        let ours = sorted(ours);
+        let theirs = sorted(theirs);
         println!(
             "{what:14} {:>9} {:8.2}x  ours, a second: {:9.0} {:9.0} {:9.0}  peer: {:9.0} {:9.0} {:9.0} (least, median, most)",
             format!("{set:?}"),

@@ -1,5 +1,5 @@
-//! Poses per second and core against the number of obstacles: the shipped iCub among seeded shapes of all kinds, up to
-//! two meters away, at random poses; the scalar engine in the same rounds.
+//! Poses per second and core as a function of the number of obstacles: the shipped iCub among seeded shapes of all
+//! kinds, up to two meters away, at random poses; the scalar engine in the same rounds.
 //!
 //! `cargo bench -p mobee-fast --bench scaling`
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
@@ -7,7 +7,7 @@
 mod measure;
 #[path = "measure/rate.rs"]
 mod rate;
-#[allow(dead_code)] // the rest is the tests'
+#[allow(dead_code)] // the rest is used by the tests
 #[path = "../tests/it/scenes.rs"]
 mod scenes;
 
@@ -21,10 +21,10 @@ use std::time::Instant;
 
 /// Numbers of obstacles.
 const COUNTS: [usize; 7] = [0, 10, 30, 100, 300, 1000, 3000];
-/// Poses, and those that the slower engine is asked about.
+/// Number of poses, and of those that the slower engine checks.
 const POSES: usize = 10_000;
 const SCALAR: usize = 1_000;
-/// Rounds; the median is reported.
+/// Number of rounds; the median is reported.
 const ROUNDS: usize = 5;
 
 fn main() {
@@ -34,7 +34,7 @@ fn main() {
     println!("obstacles   free  compiled  scalar, poses/s  fast, poses/s by instructions, and the ratio");
     for count in COUNTS {
         let mut dice = Dice(5);
-        // As far apart at any number: what is added stands around what was there.
+        // Equal density at any number: additional obstacles surround the others.
         let mut objects = obstacles(3, count);
         objects.truncate(count);
         for object in &mut objects {

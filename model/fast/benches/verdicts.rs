@@ -1,10 +1,10 @@
 //! Poses per second and core: [`FastScene::free`] against [`Scene::free`], the same shapes, pairs and poses, in
 //! interleaved rounds.
 //!
-//! On random poses, and on straight lines of 64 poses between them. Robots: those that ship, the original `icub.xml`
-//! where the shared reference data is (`MOBEE_SHARED`, or `../shared`), and the files that are given:
-//! `cargo bench -p mobee-fast --bench verdicts -- ur5.xml panda.xml`. Every verdict is compared; `MOBEE_POSES` sets how
-//! many.
+//! On random poses, and on straight lines of 64 poses between them. Robots: the shipped ones, the original `icub.xml`
+//! if the shared reference data exist (`MOBEE_SHARED`, or `../shared`), and the files in the arguments: `cargo bench -p
+//! mobee-fast --bench verdicts -- ur5.xml panda.xml`. Every verdict is compared; `MOBEE_POSES` sets the number of
+//! poses.
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
 mod measure;
@@ -20,9 +20,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Rounds; the median and the extremes are reported.
+/// Number of rounds; the median and the extremes are reported.
 const ROUNDS: usize = 7;
-/// Poses of a line.
+/// Number of poses per line.
 const LINE: usize = 64;
 
 fn main() {
@@ -78,8 +78,9 @@ fn poses(robot: &Robot, count: usize, lines: bool) -> Vec<f64> {
     }
     let ends: Vec<Vec<f64>> = random.by_ref().take(count / LINE + 1).collect();
     let between = |pair: &[Vec<f64>]| {
-        let (from, to) = (pair[0].clone(), pair[1].clone());
-        // A fifth of the way: about as long as a roadmap's edges.
+        let from = pair[0].clone();
+        let to = pair[1].clone();
+        // A fifth of the line: about the length of a roadmap's edges.
         let at = move |i: usize| 0.2 * i as f64 / LINE as f64;
         (0..LINE)
             .flat_map(move |i| from.iter().zip(&to).map(|(a, b)| a + (b - a) * at(i)).collect::<Vec<_>>())
@@ -100,12 +101,14 @@ fn compare(name: &str, robot: &Robot, scene: &Scene, count: usize) {
         let compiled = processor_time(start) - begin;
         let mut fast: Vec<FastScene> =
             sets.iter().map(|set| FastScene::with_instructions(scene, 0.0, *set).expect("it compiles")).collect();
-        let (mut scalar_rates, mut rates) = (Vec::new(), vec![Vec::new(); fast.len()]);
-        let (mut expected, mut free) = (Vec::new(), Vec::new());
-        // A million poses are for the verdicts.
+        let mut scalar_rates = Vec::new();
+        let mut rates = vec![Vec::new(); fast.len()];
+        let mut expected = Vec::new();
+        let mut free = Vec::new();
+        // A million poses serve only for comparing the verdicts.
         let rounds = if count > 200_000 { 1 } else { ROUNDS };
         for _ in 0..rounds {
-            // A slice of them is enough for the slow one, but for the first round, which compares all.
+            // A part of them is enough for the slow one, except in the first round, which compares all.
             let slice = if expected.is_empty() { count } else { count.min(4000) };
             let mut verdicts = Vec::new();
             scalar_rates.push(rate(slice, || {
@@ -122,7 +125,8 @@ fn compare(name: &str, robot: &Robot, scene: &Scene, count: usize) {
         let share = expected.iter().filter(|free| **free).count() as f64 / count as f64;
         let scalar = sorted(scalar_rates);
         for (fast, rates) in fast.iter().zip(rates) {
-            let (rates, figures) = (sorted(rates), fast.figures());
+            let rates = sorted(rates);
+            let figures = fast.figures();
             println!(
                 "{name:44} {:7} {:5.1}% {:8} {:6} {:>9}  {:7.1}x  {:8.0} {:8.0} {:8.0}  {:6.0} {:7.0} {:7.0}  {:.4}%  {:.0} ms",
                 if lines { "lines" } else { "random" },

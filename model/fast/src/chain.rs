@@ -1,8 +1,8 @@
-//! Robots as chains that the lanes can follow cheaply: which frame of a moving body is the one to compute.
+//! Robots as chains that the lanes can compute cheaply: choice of the computed frame of each moving body.
 //!
-//! A body's own frame F is as its file has it. The lanes compute L = F·K instead, with a constant K of the compiler's
-//! choice: z along the hinge that carries the body, and x so that the first hinge on the body is reached by one turn
-//! about x. This is Denavit and Hartenberg's choice; it spares most products of rotations.
+//! A body's own frame F is given by its file. The lanes compute L = F·K instead, with a constant K chosen by the
+//! compiler: z along the hinge that carries the body, and x so that the first hinge on the body is reached by one
+//! rotation about x. This is Denavit and Hartenberg's convention; it saves most products of rotations.
 
 use crate::bound::Bound;
 use crate::program::{Bend, Joint, Motion};
@@ -10,23 +10,24 @@ use mobee_model::{Hinge, JointMotion, Skeleton};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// A frame as the lanes have it.
+/// A frame in the lanes.
 #[derive(Clone, Debug)]
 pub(crate) struct LaneFrame {
     /// K, a rotation: the body's frame from this one.
     pub choice: UnitQuaternion<f64>,
-    /// How it hangs on another, unless it is fixed.
+    /// Its parent and joint, unless it is fixed.
     pub carried: Option<Carried>,
-    /// Where it is if it is fixed: `world_from_lane`.
+    /// Pose of a fixed frame: `world_from_lane`.
     pub fixed: Isometry3<f64>,
-    /// What rounding can do to it.
+    /// Rounding error bounds.
     pub bound: Bound,
 }
 
 impl LaneFrame {
-    /// Where objects are.
+    /// The frame of the objects.
     pub fn world() -> Self {
-        let (choice, fixed) = (UnitQuaternion::identity(), Isometry3::identity());
+        let choice = UnitQuaternion::identity();
+        let fixed = Isometry3::identity();
         LaneFrame { choice, carried: None, fixed, bound: Bound::fixed(&Vector3::zeros()) }
     }
 }
@@ -35,16 +36,16 @@ impl LaneFrame {
 #[derive(Clone, Debug)]
 pub(crate) struct Carried {
     pub parent: usize,
-    /// What stands between, constant.
+    /// Constant transform between the parent and the joint.
     pub before: Isometry3<f64>,
     /// The motion's range, rad or meters.
     pub range: (f64, f64),
-    /// The direction of a slide, in the parent's frame.
+    /// Direction of a prismatic joint, in the parent's frame.
     pub slide: Option<Vector3<f64>>,
     pub joint: Joint,
 }
 
-/// `Rz(about_z) · Rx(about_x) · Rz(rest)`: any rotation.
+/// The Euler angles of a rotation: `Rz(about_z) · Rx(about_x) · Rz(rest)`.
 struct Euler {
     about_z: f64,
     about_x: f64,
@@ -56,9 +57,9 @@ impl Euler {
         let z = rotation * Vector3::z();
         let sine = z.xy().norm();
         let about_x = sine.atan2(z.z);
-        // Parallel axes: all is one turn.
+        // Parallel axes: a single rotation.
         let about_z = if sine < 1e-12 { 0.0 } else { z.x.atan2(-z.y) };
-        // From what is left, so that where `about_z` is ill determined this one makes up for it.
+        // Computed from the remainder, so that it compensates where `about_z` is ill-conditioned.
         let left = (turn_z(about_z) * turn_x(about_x)).inverse() * rotation * Vector3::x();
         Euler { about_z, about_x, rest: left.y.atan2(left.x) }
     }
@@ -72,7 +73,7 @@ fn turn_x(angle: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle)
 }
 
-/// A rotation that takes z to the axis.
+/// A rotation that maps z to the axis.
 fn z_to(hinge: &Hinge) -> UnitQuaternion<f64> {
     UnitQuaternion::rotation_between(&Vector3::z(), &hinge.axis).unwrap_or_else(|| turn_x(PI))
 }
@@ -94,11 +95,11 @@ impl Bend {
     }
 }
 
-/// The frames of one robot, numbered on from those that are there. Motors are numbered over the scene, from
-/// `first_motor`.
+/// Appends the frames of one robot; indices continue after the existing ones. Motors are numbered over the scene,
+/// starting at `first_motor`.
 pub(crate) fn follow(skeleton: &Skeleton, first_motor: usize, frames: &mut Vec<LaneFrame>) {
     let first = frames.len();
-    // By how much each frame is turned about its z so that its first hinge is reached without a turn about z.
+    // Rotation of each frame about its z with which its first hinge is reached without a rotation about z.
     let convenient = |frame: usize, choice: &UnitQuaternion<f64>| {
         let next = skeleton.joints.iter().find(|j| j.parent == frame && j.motion == JointMotion::Turn);
         next.map_or(0.0, |next| Euler::of(&(choice.inverse() * next.at.rotation * z_to(next))).about_z)
@@ -124,11 +125,12 @@ pub(crate) fn follow(skeleton: &Skeleton, first_motor: usize, frames: &mut Vec<L
     }
 }
 
-/// The frame of a hinge, turned by `extra` about its own axis.
+/// The frame of a hinge, rotated by `extra` about its own axis.
 fn turning(parent: &LaneFrame, hinge: &Hinge, extra: f64) -> LaneFrame {
     let euler = Euler::of(&(parent.choice.inverse() * hinge.at.rotation * z_to(hinge)));
     let shift = parent.choice.inverse() * hinge.at.translation.vector;
-    let (about_z, about_x) = (Bend::by(euler.about_z), Bend::by(euler.about_x));
+    let about_z = Bend::by(euler.about_z);
+    let about_x = Bend::by(euler.about_x);
     let start = hinge.min + euler.rest + extra;
     let bound = about_x.bound(about_z.bound(parent.bound.shifted(shift.norm()))).turned();
     LaneFrame {
@@ -145,14 +147,15 @@ fn turning(parent: &LaneFrame, hinge: &Hinge, extra: f64) -> LaneFrame {
     }
 }
 
-/// The frame of a slide keeps its parent's axes.
+/// The frame of a prismatic joint, which has its parent's axes.
 fn sliding(parent: &LaneFrame, hinge: &Hinge) -> LaneFrame {
     let turned = parent.choice.inverse() * hinge.at.rotation;
-    let (shift, along) = (parent.choice.inverse() * hinge.at.translation.vector, turned * *hinge.axis);
-    let way = hinge.min.abs().max(hinge.max.abs());
+    let shift = parent.choice.inverse() * hinge.at.translation.vector;
+    let along = turned * *hinge.axis;
+    let travel = hinge.min.abs().max(hinge.max.abs());
     LaneFrame {
         choice: turned.inverse(),
-        bound: parent.bound.shifted(shift.norm()).shifted(way).shifted(0.0),
+        bound: parent.bound.shifted(shift.norm()).shifted(travel).shifted(0.0),
         fixed: Isometry3::identity(),
         carried: Some(Carried {
             parent: 0,
@@ -164,10 +167,12 @@ fn sliding(parent: &LaneFrame, hinge: &Hinge) -> LaneFrame {
     }
 }
 
-/// Without the numbers of frames, which follow.
+/// The joint without the indices of frames, which are set later.
 fn joint(hinge: &Hinge, start: f64, shift: Vector3<f64>, motion: Motion) -> Joint {
-    // What is not there but for rounding costs nothing.
+    // Components that are only rounding errors are set to zero, so that they cost nothing.
     let shift = shift.map(|x| if x.abs() < 1e-12 { 0.0 } else { x as f32 }).into();
-    let (motor, low, gain) = (hinge.motor, hinge.limits.0, hinge.gain);
+    let motor = hinge.motor;
+    let low = hinge.limits.0;
+    let gain = hinge.gain;
     Joint { frame: 0, parent: 0, motor, low, start, gain, shift, motion }
 }

@@ -1,13 +1,14 @@
-//! Constraints, asked before anything is placed: that costs little, and leaves the lanes to other poses.
+//! Constraints are tested before anything is placed: this is cheap, and leaves the lanes to other poses.
 
 use crate::kernel::Block;
 use crate::lanes::{Mask, WIDTH, WideRow};
 use crate::program::{FlatClause, Program};
 
-/// The lanes that surely violate a constraint, and those in which rounding could decide about one.
+/// The lanes that certainly violate a constraint, and those in which rounding could decide about one.
 #[inline(always)]
 pub(crate) fn violated(program: &Program, block: &Block) -> (Mask, Mask) {
-    let (mut violated, mut doubtful) = (0, 0);
+    let mut violated = 0;
+    let mut doubtful = 0;
     for clause in &program.clauses {
         let value = clause_value(clause, &block.motors);
         for (i, value) in value.0.iter().enumerate() {

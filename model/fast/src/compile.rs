@@ -1,15 +1,15 @@
-//! From a scene to a program.
+//! Compiles a scene to a program.
 //!
 //! ```text
 //! skeletons ──> frames ──┐                             groups of solids, balls, regions
-//! colliders ─────────────┼──> pairs that can meet ──> steps, most telling pairs first
+//! colliders ─────────────┼──> pairs that can meet ──> steps, most decisive pairs first
 //! ```
 
 use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
 use crate::limits::constraints;
-use crate::program::{Ball, BallAndBox, Form, Group, Held, PairTest, Program, Solid};
+use crate::program::{Ball, BallAndBox, Form, Group, InnerCapsules, PairTest, Program, Solid};
 use crate::proof::Proofs;
 use crate::regions::{Region, branches, regions};
 use crate::steps::{Layout, Size};
@@ -18,28 +18,28 @@ use mobee_model::{Collider, IndexPair, InnerCapsule, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::ops::Range;
 
-/// A program, and what its steps can be ordered anew by.
+/// A program, and the data for reordering its steps.
 pub(crate) struct Compiled {
     pub program: Program,
     pub layout: Layout,
-    /// Pairs that can never meet, left out.
+    /// Number of pairs that were omitted because they can never meet.
     pub pruned: usize,
-    /// What moves, and the frames as they were chosen.
+    /// The moving things, and the frames as they were chosen.
     pub movers: Movers,
 }
 
-/// A solid in its lane frame.
+/// A solid in its lane frame, with error bounds.
 pub(crate) struct Sized {
     pub frame: usize,
     pub pose: Isometry3<f64>,
     pub shape: Shape,
-    /// How far any of its points is displaced by rounding, meters.
+    /// Bound of the displacement of any of its points by rounding, meters.
     error: f64,
-    /// Error of its axes, spectral norm.
+    /// Error bound of its axes, spectral norm.
     turn: f64,
-    /// Whether only a hull within the shape is solid.
+    /// True if only a hull within the shape is solid.
     hull: bool,
-    /// A capsule within what is solid.
+    /// A capsule inside the solid part.
     inner: InnerCapsule,
 }
 
@@ -55,8 +55,8 @@ impl Sized {
         Size { ball, half: capsule.half_axis.norm(), radius: capsule.radius, error: self.error, turn }
     }
 
-    /// Balls that hold the extreme points of its core; of a shape with a hull those of the shape, as a hull within something round moves
-    /// when that turns about its own axis.
+    /// Balls that contain the extreme points of its core. For a shape with a hull they contain those of the shape,
+    /// since a hull within a round shape moves when the shape rotates about its own axis.
     fn ends(&self) -> Vec<Sphere> {
         let at = |v: Vector3<f64>, radius: f64| Sphere { center: (self.pose * Point3::from(v)).coords, radius };
         let signs = [1.0, -1.0];
@@ -75,25 +75,25 @@ impl Sized {
     }
 }
 
-/// The most balls around groups that are stored.
+/// Maximum number of stored balls around groups.
 const MAX_GROUP_BALLS: usize = 512;
 
-/// Facts about the robots of a scene alone, which hold whatever stands about them; for one clearance.
+/// Facts about the robots of a scene alone, independent of the obstacles; for one clearance.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RobotFacts {
-    /// Pairs of the robots' solids in order, and whether each can meet.
+    /// Sorted pairs of the robots' solids, each with a flag that is true if the pair can meet.
     pub pairs: Vec<(IndexPair, bool)>,
-    /// Per solid of a robot: a ball that holds it at every pose; in the world.
+    /// Per solid of a robot: a ball that contains it at every pose; world frame.
     swept: Vec<Sphere>,
-    /// Hands and fingers, for the robots' solids and pairs that they were found for.
+    /// Hands and fingers, with the robots' solids and pairs for which they were computed.
     hands: Option<Hands>,
     /// Balls around the groups of solids of the robots.
     group_balls: Vec<(Vec<usize>, Sphere)>,
-    /// Of the pairs that can meet: in how many lanes each decided when the order of tests was learned.
+    /// Of the pairs that can meet: the number of lanes that each decided when the order of tests was determined.
     pub decided: Vec<(IndexPair, u32)>,
 }
 
-/// Regions and their branches, with what they depend on.
+/// Regions and their branches, with the data they depend on.
 #[derive(Clone, Debug)]
 struct Hands {
     order: Vec<usize>,
@@ -103,7 +103,7 @@ struct Hands {
 }
 
 impl RobotFacts {
-    /// The hands and fingers of the robots, found anew unless these are the solids and pairs that are known.
+    /// The hands and fingers of the robots; computed again if the solids or pairs differ from the stored ones.
     fn hands(
         &mut self,
         frames: &[LaneFrame],
@@ -125,7 +125,7 @@ impl RobotFacts {
         found
     }
 
-    /// The ball around the solids of a group, in their frame.
+    /// The ball around the solids of a group, in the frame of the solids.
     fn group_ball(&mut self, solids: &[usize], sized: &[Sized]) -> Sphere {
         if let Some((_, ball)) = self.group_balls.iter().find(|(known, _)| known == solids) {
             return *ball;
@@ -133,7 +133,7 @@ impl RobotFacts {
         let balls: Vec<Sphere> = solids.iter().map(|s| sized[*s].ball()).collect();
         let ball = Sphere::around(&balls);
         if solids.iter().all(|s| *s < self.swept.len()) {
-            // Obstacles decide which solids can meet anything, so a group may have many forms over time.
+            // Obstacles determine which solids can meet anything, so a group may have many variants over time.
             if self.group_balls.len() >= MAX_GROUP_BALLS {
                 self.group_balls.clear();
             }
@@ -142,25 +142,25 @@ impl RobotFacts {
         ball
     }
 
-    /// Whether a pair can meet, if that is known.
+    /// True if a pair can meet; `None` if it is not stored.
     fn can_meet(&self, pair: IndexPair) -> Option<bool> {
         let at = self.pairs.binary_search_by_key(&pair, |(pair, _)| *pair).ok()?;
         self.pairs.get(at).map(|(_, meet)| *meet)
     }
 
-    /// In how many lanes a pair decided, if that is known.
+    /// The number of lanes that a pair decided; `None` if it is not stored.
     pub fn decided(&self, pair: IndexPair) -> Option<u32> {
         let at = self.decided.binary_search_by_key(&pair, |(pair, _)| *pair).ok()?;
         self.decided.get(at).map(|(_, lanes)| *lanes)
     }
 }
 
-/// Compiles a scene, or these pairs of it, for one clearance, meters. Facts that are missing are added.
-pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64, facts: &mut RobotFacts) -> Compiled {
+/// Compiles some pairs of a scene for one clearance, meters. Missing facts are computed and added.
+pub(crate) fn compile(scene: &Scene, selected: &[IndexPair], clearance: f64, facts: &mut RobotFacts) -> Compiled {
     let frames = frames(scene);
     let colliders: Vec<&Collider> = scene.colliders().collect();
     let sized: Vec<Sized> = colliders.iter().map(|c| sized(c, &frames)).collect();
-    let (pairs, pruned) = pairs_that_can_meet(kept, &sized, &frames, clearance, facts);
+    let (pairs, pruned) = pairs_that_can_meet(selected, &sized, &frames, clearance, facts);
     let mut used = vec![false; sized.len()];
     pairs.iter().for_each(|(a, b)| (used[*a], used[*b]) = (true, true));
     let mut order: Vec<usize> = (0..sized.len()).filter(|s| used[*s]).collect();
@@ -201,7 +201,7 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64, facts: 
         let ends = solids.iter().flat_map(|s| s.ends()).chain([Sphere { center, radius: 0.0 }]).collect();
         movers.movers.push(Mover { frame: solids[0].frame, ends });
     }
-    // A ball that turns about its center is the same.
+    // A rotation about its center does not change a ball.
     movers.movers.extend(
         regions.iter().chain(&branches).map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }),
     );
@@ -215,9 +215,10 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64, facts: 
     Compiled { program, layout, pruned, movers }
 }
 
-/// The frames of all robots and the world, numbered as the scene does.
+/// The frames of all robots and the world, numbered as in the scene.
 fn frames(scene: &Scene) -> Vec<LaneFrame> {
-    let (mut frames, mut motors) = (Vec::new(), 0);
+    let mut frames = Vec::new();
+    let mut motors = 0;
     for (skeleton, robot) in scene.skeletons().iter().zip(scene.robots()) {
         follow(skeleton, motors, &mut frames);
         motors += robot.motors.len();
@@ -230,19 +231,20 @@ fn sized(collider: &Collider, frames: &[LaneFrame]) -> Sized {
     let frame = &frames[collider.frame];
     let pose = frame.choice.inverse() * collider.pose;
     let error = frame.bound.solid(pose.translation.vector.norm(), collider.shape.bounding_radius());
-    let (hull, inner) = (collider.hull().is_some(), collider.inner_capsule());
+    let hull = collider.hull().is_some();
+    let inner = collider.inner_capsule();
     Sized { frame: collider.frame, pose, shape: collider.shape, error, turn: frame.bound.axes(), hull, inner }
 }
 
-/// The pairs but for those that are proved to keep apart, and how many these are.
+/// The pairs except those that are proved to stay apart, and the number of the latter.
 fn pairs_that_can_meet(
-    kept: &[IndexPair],
+    selected: &[IndexPair],
     sized: &[Sized],
     frames: &[LaneFrame],
     clearance: f64,
     facts: &mut RobotFacts,
 ) -> (Vec<(usize, usize)>, usize) {
-    // A little more, for the rounding of this here and of the reference.
+    // With a tolerance for the rounding of this computation and of the reference.
     let distance = clearance + REFERENCE;
     // Obstacles come last, on the frame of the world.
     let world = frames.len() - 1;
@@ -253,9 +255,11 @@ fn pairs_that_can_meet(
     let mut proofs = Proofs::new(frames, sized, distance);
     let mut found = Vec::new();
     let mut pairs = Vec::new();
-    for &pair in kept {
-        let (p, q) = (pair.0 as usize, pair.1 as usize);
-        let (a, b) = (&sized[p], &sized[q]);
+    for &pair in selected {
+        let p = pair.0 as usize;
+        let q = pair.1 as usize;
+        let a = &sized[p];
+        let b = &sized[q];
         let meet = if let Some(swept) = facts.swept.get(p).filter(|_| q >= robots) {
             let obstacle = in_world(frames, b.frame, b.ball());
             (swept.center - obstacle.center).norm() - swept.radius - obstacle.radius <= distance
@@ -275,12 +279,12 @@ fn pairs_that_can_meet(
         facts.pairs.extend(found);
         facts.pairs.sort_unstable();
     }
-    let pruned = kept.len() - pairs.len();
+    let pruned = selected.len() - pairs.len();
     (pairs, pruned)
 }
 
-/// Ranges of `order` (solids by frame): those of one moving frame, and each fixed solid alone, since they may stand
-/// anywhere.
+/// Ranges of `order` (solids sorted by frame): the solids of one moving frame form a group; each fixed solid is a group
+/// of its own, since these may be anywhere.
 fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<usize>> {
     let mut groups: Vec<Range<usize>> = Vec::new();
     for (i, s) in order.iter().enumerate() {
@@ -295,7 +299,7 @@ fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<u
     groups
 }
 
-/// Joints that carry anything: those that are always placed, then branch by branch.
+/// Adds the joints that carry solids: first those that are always placed, then branch by branch.
 fn place_frames(program: &mut Program, frames: &[LaneFrame], branches: &[Region], order: &[usize], sized: &[Sized]) {
     let mut live = vec![false; frames.len()];
     for s in order {
@@ -316,7 +320,7 @@ fn place_frames(program: &mut Program, frames: &[LaneFrame], branches: &[Region]
     }
 }
 
-/// Axes x, y, z and origin.
+/// The axes x, y, z and the origin of a pose.
 fn columns(pose: &Isometry3<f64>) -> [f32; 12] {
     let numbers = pose.to_homogeneous();
     std::array::from_fn(|i| numbers[(i % 3, i / 3)] as f32)
@@ -347,8 +351,8 @@ fn single(v: &Vector3<f64>) -> [f32; 3] {
     v.map(|x| x as f32).into()
 }
 
-/// By how much a core is smaller than its shape: so that overlapping shapes can be told by cores that meet, more than
-/// rounding can make of it; and no more than the shape has.
+/// Difference in size between a shape and its core, meters: larger than any rounding error, so that intersecting cores
+/// prove an overlap, but at most half of the shape's smallest half extent.
 fn inset(solid: &Sized) -> f64 {
     let thin = match solid.shape {
         Shape::Sphere { .. } | Shape::Capsule { .. } => return 0.0,
@@ -358,7 +362,7 @@ fn inset(solid: &Sized) -> f64 {
     (4.0 * (solid.error + REFERENCE)).min(thin / 2.0)
 }
 
-/// Axes and sizes.
+/// Axes and sizes of a shape.
 fn form(shape: &Shape, inset: f64) -> (Vec<Vector3<f64>>, Form) {
     let y = vec![Vector3::y()];
     match *shape {
@@ -388,7 +392,7 @@ fn add_ball(
     layout.add_ball(ball.radius, error, group);
 }
 
-/// Which balls are on which frame.
+/// Lists the balls of each frame.
 fn list_balls(program: &mut Program) {
     program.ball_order = (0..program.balls.len()).collect();
     program.ball_order.sort_by_key(|b| program.balls[*b].frame);
@@ -401,7 +405,7 @@ fn list_balls(program: &mut Program) {
         .collect();
 }
 
-/// The thresholds of a pair.
+/// Computes the thresholds of a pair.
 fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance: f64) -> PairTest {
     let [(left, x), (right, y)] = [a, b];
     let round = [x, y].map(|s| matches!(s.shape, Shape::Sphere { .. } | Shape::Capsule { .. }));
@@ -410,14 +414,14 @@ fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance:
     let band = x.error + y.error + TESTS * (balls + clearance) + if is_round { 1e-9 } else { REFERENCE };
     let capsules = [x, y].map(|s| s.shape.bounding_capsule());
     let radii: f64 = capsules.iter().map(|c| c.radius).sum();
-    // How far the cores of `distance.rs` are inside their shapes.
+    // Depth of the cores of `distance.rs` inside their shapes.
     let inside: f64 =
         [x, y].map(|s| if s.is_round() { s.shape.bounding_capsule().radius } else { inset(s) }).iter().sum();
     let round_radii: f64 =
         [x, y].map(|s| if s.is_round() { s.shape.bounding_capsule().radius } else { 0.0 }).iter().sum();
     let up = |x: f64| (x * (1.0 + 4.0 * U)) as f32;
     let ball_and_box = ((x.is_ball() && y.is_box()) || (x.is_box() && y.is_ball())) && !x.hull && !y.hull;
-    // The ball's center may be farther from the box than the box is large.
+    // The ball's center may be farther from the box than the box's own size.
     let turn = if x.is_box() { x.turn } else { y.turn };
     let measured = band + turn * (balls + clearance);
     PairTest {
@@ -434,7 +438,7 @@ fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance:
             inner: ((round_radii + clearance - measured) * (1.0 - 4.0 * U)) as f32,
             apart: up(round_radii + clearance + measured),
         }),
-        held: (x.hull || y.hull).then(|| Held {
+        held: (x.hull || y.hull).then(|| InnerCapsules {
             half: [0, 1].map(|i| ([x, y][i].inner.share * capsules[i].half_axis.norm()) as f32),
             inner: ((x.inner.radius + y.inner.radius + clearance - band) * (1.0 - 4.0 * U)) as f32,
         }),

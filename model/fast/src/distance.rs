@@ -1,44 +1,44 @@
-//! Two solids, sixteen times: surely apart, surely not, or in doubt.
+//! Test of two solids in sixteen lanes: certainly apart, certainly touching, or in doubt.
 //!
-//! No answer trusts the way it was found. *Not free* is witnessed by two points, one of each core, that are near;
-//! *free* by a direction along which the supports of the two shapes are apart:
+//! Results are verified independently of the method that found them. *Touching* is witnessed by two near points, one of
+//! each core; *free* by a direction along which the supports of the two shapes are apart:
 //!
 //! ```text
 //! g·(a - b) - support of A along g - support of B along g  >  |g| · clearance
 //! ```
 //!
-//! Points and direction may be the nearest ones or not, a bad one only leaves a lane in doubt. So only the rounding of
-//! these two tests themselves counts, and that is in the thresholds (`bound.rs`).
+//! Points and direction need not be the nearest ones; a bad choice only leaves a lane in doubt. So only the rounding of
+//! these two tests matters, which the thresholds include (`bound.rs`).
 
 use crate::kernel::Block;
 use crate::lanes::{Lanes, Mask};
 use crate::program::{BallAndBox, Form, PairTest, Program, Solid};
 use crate::vector::{Rows3, V3};
 
-/// Projections before a pair is left to the reference.
-const ROUNDS: usize = 12;
+/// Maximum number of projections; then the reference decides the pair.
+const MAX_PROJECTIONS: usize = 12;
 
-/// What is known of a pair.
+/// Result of testing a pair.
 #[derive(Clone, Copy)]
-pub(crate) struct Found {
-    /// Lanes in which it surely touches.
+pub(crate) struct PairResult {
+    /// Lanes in which it certainly touches.
     pub touching: Mask,
-    /// Lanes in which rounding could decide whether it does.
+    /// Lanes in which rounding could decide if it touches.
     pub doubtful: Mask,
-    /// Lanes in which the two may touch once they have moved.
+    /// Lanes in which the two may touch after their motion.
     pub open: Mask,
-    /// Of these, the ones that more projections may tell more about.
+    /// Open lanes in which more projections might give a result.
     pub stuck: Mask,
 }
 
-const APART: Found = Found { touching: 0, doubtful: 0, open: 0, stuck: 0 };
+const FREE: PairResult = PairResult { touching: 0, doubtful: 0, open: 0, stuck: 0 };
 
-/// A solid in its place.
+/// A solid at its pose.
 #[derive(Clone, Copy)]
 struct Placed<'a, L> {
     form: Form,
     center: V3<L>,
-    /// One, or three for a box.
+    /// One axis, or three for a box.
     axes: &'a [Rows3],
 }
 
@@ -49,8 +49,8 @@ impl<L: Lanes> Placed<'_, L> {
     }
 }
 
-/// Tests a pair in the lanes that count, given how far the two move against each other: by nothing, or in each lane by
-/// so many meters.
+/// Tests a pair in the `live` lanes. `motion` is the bound of the relative motion of the two, meters per lane; ignored
+/// unless `MOVES`.
 #[inline(always)]
 pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     program: &Program,
@@ -58,17 +58,17 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     pair: &PairTest,
     live: Mask,
     motion: L,
-) -> Found {
+) -> PairResult {
     let (a, b) = (placed::<L>(program, block, pair.a), placed::<L>(program, block, pair.b));
     let between = a.center.minus(b.center);
     let mut near = within::<L, MOVES>(between.squared(), pair.ball_squared, motion) & live;
     if near == 0 {
-        return APART;
+        return FREE;
     }
     if let Some(sizes) = &pair.ball_and_box {
         return measure::<L, MOVES>(&a, &b, between, sizes, near, motion);
     }
-    // Axes of the capsules that hold them, their nearest points, and the direction from the second to the first.
+    // Axes of the bounding capsules, their nearest points, and the direction from the second to the first.
     let (u, v) = (a.axis(0), b.axis(0));
     let half = [L::splat(pair.half[0]), L::splat(pair.half[1])];
     let (s, t) = nearest(between, u, v, half);
@@ -78,7 +78,7 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     let gap = g.dot(between) - reach;
     near &= !apart::<L, MOVES>(gap, squared, pair.outer, motion);
     if near == 0 {
-        return APART;
+        return FREE;
     }
     let mut held = 0;
     if let Some(capsules) = &pair.held {
@@ -86,20 +86,20 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
         let (s, t) = nearest(between, u, v, half);
         held = touching(between.along(u, s).against(v, t).squared(), capsules.inner) & near;
         if held == near {
-            return Found { touching: held, doubtful: 0, open: near, stuck: 0 };
+            return PairResult { touching: held, doubtful: 0, open: near, stuck: 0 };
         }
     }
     let found = if pair.round {
         let touching = touching(squared, pair.inner) & near;
         let free = if MOVES { apart::<L, false>(gap, squared, pair.outer, motion) } else { 0 };
-        Found { touching, doubtful: near & !touching & !free, open: near, stuck: 0 }
+        PairResult { touching, doubtful: near & !touching & !free, open: near, stuck: 0 }
     } else {
-        project_to_and_fro::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion)
+        alternate_projections::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion)
     };
     solid::<MOVES>(pair, found, held)
 }
 
-/// A ball and a box, in closed form.
+/// Tests a ball and a box, in closed form.
 #[inline(always)]
 fn measure<L: Lanes, const MOVES: bool>(
     a: &Placed<L>,
@@ -108,23 +108,23 @@ fn measure<L: Lanes, const MOVES: bool>(
     sizes: &BallAndBox,
     near: Mask,
     motion: L,
-) -> Found {
+) -> PairResult {
     let squared = if let Form::Box { half, .. } = a.form {
         beyond::<L>(a, half, between)
     } else if let Form::Box { half, .. } = b.form {
         beyond::<L>(b, half, between)
     } else {
-        // Cannot be: nothing is known of such a pair.
-        return Found { touching: 0, doubtful: near, open: near, stuck: 0 };
+        // Unreachable: such a pair would be entirely in doubt.
+        return PairResult { touching: 0, doubtful: near, open: near, stuck: 0 };
     };
     let touching = touching(squared, sizes.inner) & near;
     let far = L::splat(sizes.apart);
     let free = (far * far).below(squared);
     let open = if MOVES { near & !((far + motion) * (far + motion)).below(squared) } else { near };
-    Found { touching, doubtful: near & !touching & !free, open, stuck: 0 }
+    PairResult { touching, doubtful: near & !touching & !free, open, stuck: 0 }
 }
 
-/// Squared distance of a point from a box, given the way between its center and the point.
+/// Squared distance of a point from a box, given the vector from the box's center to the point.
 #[inline(always)]
 fn beyond<L: Lanes>(solid: &Placed<L>, half: [f32; 3], way: V3<L>) -> L {
     let mut squared = L::splat(0.0);
@@ -135,19 +135,19 @@ fn beyond<L: Lanes>(solid: &Placed<L>, half: [f32; 3], way: V3<L>) -> L {
     squared
 }
 
-/// What is known of a pair whose shapes may hold hulls: shapes that are apart have hulls that are apart, hulls touch where capsules
-/// within them do, and of all others the reference knows.
+/// Result for a pair whose shapes may contain hulls: shapes that are apart contain hulls that are apart; hulls touch if
+/// their inner capsules touch; in all other cases the reference decides.
 #[inline(always)]
-fn solid<const MOVES: bool>(pair: &PairTest, found: Found, held: Mask) -> Found {
+fn solid<const MOVES: bool>(pair: &PairTest, found: PairResult, held: Mask) -> PairResult {
     if pair.held.is_none() {
         return found;
     }
     let stuck = if MOVES { found.open & !held } else { 0 };
-    Found { touching: held, doubtful: (found.touching | found.doubtful) & !held, open: found.open, stuck }
+    PairResult { touching: held, doubtful: (found.touching | found.doubtful) & !held, open: found.open, stuck }
 }
 
-/// The lanes in which a ball's center is nearer to the axis of a solid's capsule, up to this half length, or to a box, than
-/// that.
+/// The lanes in which a ball's center is closer than the threshold to a box, or to the axis (of half length `half`) of
+/// a solid's capsule.
 #[inline(always)]
 pub(crate) fn beside<L: Lanes, const MOVES: bool>(
     program: &Program,
@@ -166,7 +166,7 @@ pub(crate) fn beside<L: Lanes, const MOVES: bool>(
     within::<L, MOVES>(off.squared(), within_squared, motion)
 }
 
-/// Whether centers of this squared distance are nearer than that.
+/// The lanes in which centers of this squared distance are closer than the threshold plus the motion.
 #[inline(always)]
 pub(crate) fn within<L: Lanes, const MOVES: bool>(squared: L, within_squared: f32, motion: L) -> Mask {
     if !MOVES {
@@ -183,7 +183,8 @@ fn placed<'a, L: Lanes>(program: &Program, block: &'a Block, index: usize) -> Pl
     Placed { form: solid.form, center, axes: &block.axes[solid.first_axis..] }
 }
 
-/// Whether supports are apart by more than `distance`, and what they move, along a direction of this squared length.
+/// The lanes in which supports are apart by more than `distance` plus the motion, along a direction of this squared
+/// length.
 #[inline(always)]
 fn apart<L: Lanes, const MOVES: bool>(gap: L, squared: L, distance: f32, motion: L) -> Mask {
     let distance_squared = if MOVES {
@@ -195,15 +196,15 @@ fn apart<L: Lanes, const MOVES: bool>(gap: L, squared: L, distance: f32, motion:
     L::splat(0.0).below(gap) & (squared * distance_squared).below(gap * gap)
 }
 
-/// Whether points of this squared distance are nearer than `distance`.
+/// The lanes in which points of this squared distance are closer than `distance`.
 #[inline(always)]
 fn touching<L: Lanes>(squared: L, distance: f32) -> Mask {
     if distance > 0.0 { squared.below(L::splat(distance * distance)) } else { 0 }
 }
 
-/// Where two segments come nearest, as ways along their unit axes from their middles; `between` points from the second
-/// middle to the first. After Ericson, *Real-Time Collision Detection*, 5.1.9, without branches: where they are
-/// parallel any point will do, and the last line makes the best of whatever came before.
+/// The nearest points of two segments, as coordinates along their unit axes from their midpoints; `between` points from
+/// the second midpoint to the first. After Ericson, *Real-Time Collision Detection*, 5.1.9, without branches: if they
+/// are parallel any point will do, and the last line optimizes the first coordinate for the second.
 #[inline(always)]
 fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L) {
     let (uv, ur, vr) = (u.dot(v), u.dot(between), v.dot(between));
@@ -213,22 +214,22 @@ fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L)
     (uv.mul_add(t, L::splat(0.0) - ur).clamp(half[0]), t)
 }
 
-/// Alternating projections from core to core, with Nesterov's momentum: they go to the nearest points, and on the way
-/// every pair of points and every direction is tried as a witness.
+/// Alternating projections between the cores, with Nesterov's momentum: they converge to the nearest points, and every
+/// pair of points and every direction on the way is tried as a witness.
 #[inline(always)]
-fn project_to_and_fro<L: Lanes, const MOVES: bool>(
+fn alternate_projections<L: Lanes, const MOVES: bool>(
     a: &Placed<L>,
     b: &Placed<L>,
     start: V3<L>,
     pair: &PairTest,
     near: Mask,
     motion: L,
-) -> Found {
+) -> PairResult {
     let between = a.center.minus(b.center);
     let (mut from, mut last) = (start, start);
-    // Lanes: nothing known yet; may touch once moved; surely touch; may touch as they are.
+    // Lanes: undecided; may touch after the motion; certainly touching; may touch without motion.
     let (mut unknown, mut open, mut found, mut doubtful) = (near, near, 0, near);
-    for round in 0..ROUNDS {
+    for round in 0..MAX_PROJECTIONS {
         let on_b = project(b, from);
         let on_a = project(a, on_b);
         let g = on_a.minus(on_b);
@@ -240,7 +241,7 @@ fn project_to_and_fro<L: Lanes, const MOVES: bool>(
         open &= !far;
         unknown &= !(hit | far);
         if MOVES {
-            // Apart as they are, but too near for what they move: no direction will change that.
+            // Apart without motion, but too close for the motion: no other direction will change that.
             doubtful &= !apart::<L, false>(gap, squared, pair.apart, motion);
             let inner = (L::splat(pair.inner) + motion).max(L::splat(0.0));
             unknown &= doubtful | !squared.below(inner * inner);
@@ -252,7 +253,7 @@ fn project_to_and_fro<L: Lanes, const MOVES: bool>(
         last = on_a;
     }
     let doubtful = if MOVES { doubtful & open & !found } else { unknown };
-    Found { touching: found, doubtful, open, stuck: unknown }
+    PairResult { touching: found, doubtful, open, stuck: unknown }
 }
 
 /// The point of a solid's core nearest to a point.
@@ -280,15 +281,15 @@ fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
     }
 }
 
-/// How far a solid reaches from its center along a direction, times that direction's length; without the radius of
-/// round ones.
+/// Extent of a solid from its center along a direction, times that direction's length; without the radius of round
+/// ones.
 #[inline(always)]
 fn support<L: Lanes>(solid: &Placed<L>, g: V3<L>) -> L {
     match solid.form {
         Form::Round { half, .. } => L::splat(half) * g.dot(solid.axis(0)).abs(),
         Form::Cylinder { half, radius, .. } => {
             let along = g.dot(solid.axis(0));
-            // As a vector: from the lengths alone it would be lost to rounding where g is along the axis.
+            // Computed as a vector: from the lengths alone it would be lost to rounding if g is along the axis.
             let across = g.against(solid.axis(0), along).squared().sqrt();
             L::splat(half) * along.abs() + L::splat(radius) * across
         }

@@ -1,4 +1,4 @@
-//! Sixteen intervals of edges: what the lanes are asked, and what is made of their answers.
+//! Processing of sixteen intervals of edges: setup of the lanes, and evaluation of their results.
 
 use crate::bound::REFERENCE;
 use crate::edges::{Edges, Interval, Obstruction};
@@ -7,9 +7,10 @@ use crate::intervals::{NONE, Stuck};
 use crate::lanes::{Mask, WIDTH};
 
 impl FastScene {
-    /// Judges sixteen intervals; those that are not proved go to `next`, still whole.
+    /// Checks sixteen intervals; those that are not proved are added to `next`, undivided.
     pub(crate) fn judge_block(&mut self, edges: &[f64], block: &[Interval], level: u32, all: &mut Edges) {
-        let (motors, parts) = (self.motors(), f64::from(1u32 << level));
+        let motors = self.motors();
+        let parts = f64::from(1u32 << level);
         for (lane, interval) in block.iter().enumerate() {
             let edge = &edges[interval.edge as usize * 2 * motors..][..2 * motors];
             let (from, to) = edge.split_at(motors);
@@ -21,7 +22,7 @@ impl FastScene {
                 self.intervals.motions.steps[m].0[lane] = (step * 0.5 / parts) as f32;
             }
         }
-        self.ask(block, all);
+        self.collect_queries(block, all);
         self.runner.sweep(&self.program, &mut self.block, &mut self.intervals);
         self.figures.intervals += block.len() as u64;
         self.resolve_stuck(edges, block, level, &mut all.pose);
@@ -51,11 +52,11 @@ impl FastScene {
         }
     }
 
-    /// What the lanes ask about, unit by unit.
-    fn ask(&mut self, block: &[Interval], all: &mut Edges) {
-        self.intervals.asked.clear();
+    /// Collects the units to test, with the lanes in which each is tested.
+    fn collect_queries(&mut self, block: &[Interval], all: &mut Edges) {
+        self.intervals.requested.clear();
         let mut lane = 0;
-        // Halves, and edges that begin, share their units.
+        // Both halves of an interval, and edges that start at this level, share their units.
         for alike in block.chunk_by(|a, b| a.first == b.first) {
             let lanes = (Mask::MAX >> (WIDTH - alike.len())) << lane;
             for unit in &all.units[alike[0].first as usize..alike[0].end as usize] {
@@ -68,26 +69,26 @@ impl FastScene {
             while *bits != 0 {
                 let unit = word * 64 + bits.trailing_zeros() as usize;
                 *bits &= *bits - 1;
-                self.intervals.asked.push((unit as u32, std::mem::take(&mut all.lanes[unit])));
+                self.intervals.requested.push((unit as u32, std::mem::take(&mut all.lanes[unit])));
             }
         }
     }
 
-    /// Asks the scalar engine about what the lanes could not tell: whether a pair may touch on the interval, and if so,
-    /// whether it touches at the middle. One contact decides a lane, so that a deep one is not halved down to the
+    /// Decides with the scalar engine what the lanes could not: if a pair may touch on the interval, and if so, if it
+    /// touches at the midpoint. One contact decides a lane, so that a deep contact is not bisected down to the
     /// resolution.
     fn resolve_stuck(&mut self, edges: &[f64], block: &[Interval], level: u32, pose: &mut Vec<f64>) {
         let stuck = std::mem::take(&mut self.intervals.stuck);
         let lanes = stuck.iter().fold(0, |all, s| all | s.lanes);
         for (lane, interval) in block.iter().enumerate().filter(|(lane, _)| lanes >> lane & 1 != 0) {
-            let mut stands = false;
+            let mut is_placed = false;
             for Stuck { unit, pair, motion, .. } in stuck.iter().filter(|s| s.lanes >> lane & 1 != 0) {
-                // Where something touches it does not matter what else does, only that it may.
+                // In a lane with a contact only the possibility of further contacts matters.
                 if self.intervals.touching[lane] == NONE {
-                    if !stands {
+                    if !is_placed {
                         self.pose_at(edges, interval.edge as usize, middle(interval, level), pose);
-                        self.reference.stand(pose);
-                        stands = true;
+                        self.reference.place(pose);
+                        is_placed = true;
                     }
                     let ids = self.program.pairs[*pair].ids;
                     let margin = self.clearance + f64::from(motion.0[lane]) + REFERENCE;
@@ -115,7 +116,7 @@ impl FastScene {
         pose.extend(from.iter().zip(to).map(|(a, b)| a + (b - a) * at));
     }
 
-    /// The pair, of those that rounding could decide about in a lane, that touches according to the scalar engine.
+    /// The pair, among those in doubt in a lane, that touches according to the scalar engine.
     fn in_doubt(&mut self, edges: &[f64], edge: usize, at: f64, lane: usize, pose: &mut Vec<f64>) -> Option<usize> {
         self.pose_at(edges, edge, at, pose);
         let doubts = self.intervals.doubts.iter().filter(|(_, lanes)| lanes >> lane & 1 != 0);
@@ -124,7 +125,7 @@ impl FastScene {
     }
 }
 
-/// Where the middle of an interval is on its edge.
+/// Position of an interval's midpoint on its edge, 0 to 1.
 pub(crate) fn middle(interval: &Interval, level: u32) -> f64 {
     (f64::from(interval.index) + 0.5) / f64::from(1u32 << level)
 }

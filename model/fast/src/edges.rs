@@ -1,13 +1,13 @@
-//! Edges, certified: each is halved until every part is proved to be free, or a contact is found on it.
+//! Certification of edges: each is bisected until every part is proved to be free, or a contact is found on it.
 //!
 //! ```text
-//! whole edge        middle too near for the way to its ends: halve, and ask the halves about these pairs alone
+//! whole edge        midpoint too close for the motion to its ends: bisect, and test the halves for these pairs only
 //!   half            proved
 //!   half
-//!     quarter       touches at the middle: what comes after it does not matter any more
+//!     quarter       touches at the midpoint: the parts behind it are irrelevant now
 //!     quarter ...   shorter than the resolution and still not proved: uncertified
 //! ```
-//! All edges are halved in step, so that lanes are full and no verdict depends on which edges came together.
+//! All edges are bisected in step, so that lanes are full and no verdict depends on which edges are processed together.
 
 use crate::edge_block::middle;
 use crate::fast::{FastError, FastScene};
@@ -16,45 +16,47 @@ use crate::limits::is_within;
 use crate::program::Program;
 use mobee_model::Pair;
 
-/// An interval is not halved further when nothing moves more than this against anything else from its middle to either
-/// end, by the bound that holds at every pose, meters.
-const RESOLUTION: f64 = 1e-4;
-/// By how many halvings the place of a contact is known less well than that: to less than a millimeter.
-const COARSER: u32 = 3;
-/// What goes farther than this from its middle is halved without a question, meters: everything would be near.
-const START: f64 = 0.2;
-/// Most halvings, whatever the length: intervals are numbered in 32 bits, and an edge must end.
-const MOST_LEVELS: u32 = 20;
-/// An edge with more intervals than this that are not proved is given up: it goes along an obstacle, nearer than the
-/// resolution.
-const MOST_OPEN: usize = 2048;
-/// The latest level to begin with.
-const MOST_START: u32 = 8;
-/// Edges that are halved in step.
-const TOGETHER: usize = 2048;
+/// An interval is not bisected further if nothing moves more than this relative to anything else from its midpoint to
+/// either end, by the bound that holds at every pose, meters.
+const RESOLUTION_M: f64 = 1e-4;
+/// Number of bisections by which the position of a contact is known less precisely than that: to within a millimeter.
+const COARSER_LEVELS: u32 = 3;
+/// An interval with more motion than this from its midpoint is bisected without a test, meters: everything would be
+/// near.
+const MAX_TESTED_MOTION_M: f64 = 0.2;
+/// Maximum number of bisections of any edge: intervals are numbered in 32 bits, and the bisection must terminate.
+const MAX_LEVELS: u32 = 20;
+/// Maximum number of unproved intervals of an edge; one with more is abandoned, as it follows an obstacle at less than
+/// the resolution.
+const MAX_OPEN: usize = 2048;
+/// Maximum level at which the bisection starts.
+const MAX_START_LEVEL: u32 = 8;
+/// Number of edges that are bisected in step.
+const EDGES_PER_BATCH: usize = 2048;
 
-/// What a straight line in joint space is.
+/// Verdict on a straight line in joint space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EdgeVerdict {
     /// Every pose on it is free: proved, not sampled.
     Free,
-    /// A pose on it is not free, and what is before that is, but for stretches on which nothing moves a millimeter.
+    /// A pose on it is not free. The edge before that pose is free, except for possible stretches on which nothing
+    /// moves a millimeter.
     Blocked(Obstruction),
-    /// Neither was proved: somewhere on it a pair is nearer to the clearance than the resolution, but none was found to
-    /// be beyond it. To whoever moves a robot that is blocked.
+    /// Neither was proved: somewhere on it the distance of a pair differs from the clearance by less than the
+    /// resolution, but no contact was found. Treat it as blocked when moving a robot.
     Uncertified {
-        /// The first such place, as a share of the way, 0 to 1.
+        /// The first such position, as a fraction of the edge, 0 to 1.
         at: f64,
     },
 }
 
-/// What blocks an edge, and where.
+/// The obstruction of an edge, with its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Obstruction {
-    /// Share of the way, 0 to 1; the pose there is `from + (to - from) * at`, motor by motor.
+    /// Fraction of the edge, 0 to 1; the pose there is `from + (to - from) * at`, motor by motor.
     pub at: f64,
-    /// A pair that is not farther apart than the clearance there; `None` where a motor is beyond its limit or a
-    /// constraint is violated.
+    /// A pair that is not farther apart than the clearance there; `None` if a motor is beyond its limit or a constraint
+    /// is violated.
     pub pair: Option<Pair>,
 }
 
@@ -63,24 +65,24 @@ pub struct Obstruction {
 pub(crate) struct Interval {
     pub edge: u32,
     pub index: u32,
-    /// Units to ask: a range of [`Edges::units`].
+    /// Units to test: a range of [`Edges::units`].
     pub first: u32,
     pub end: u32,
 }
 
-/// What is known of an edge.
+/// State of an edge.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct State {
-    /// At which level of halving it begins, and at which the resolution is reached.
+    /// The level at which its bisection starts, and the level at which the resolution is reached.
     pub start: u32,
     pub levels: u32,
-    /// Where it is blocked first, as far as is known.
+    /// The first obstruction found so far.
     pub blocked: Option<Obstruction>,
-    /// The first place that was not proved.
+    /// The first position that was not proved.
     pub uncertified: Option<f64>,
 }
 
-/// Buffers, used again for every call.
+/// Buffers, reused for every call.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Edges {
     pub states: Vec<State>,
@@ -89,11 +91,11 @@ pub(crate) struct Edges {
     /// Units of the intervals of this level, and of the next.
     pub units: Vec<u32>,
     pub next_units: Vec<u32>,
-    /// Per unit: the lanes that ask about it.
+    /// Per unit: the lanes in which it is tested.
     pub lanes: Vec<Mask>,
-    /// A bit per unit that any lane asks about.
+    /// A bit per unit that is tested in any lane.
     pub wanted: Vec<u64>,
-    /// Edges that begin at a later level, that one first; the next ones last.
+    /// Edges that start at a later level, as (level, edge); the next ones last.
     pub waiting: Vec<(u32, u32)>,
     /// Motors that any edge moves.
     pub moving: Vec<usize>,
@@ -108,24 +110,25 @@ impl Edges {
 }
 
 impl FastScene {
-    /// Certifies straight lines in joint space: is every pose on them free?
+    /// Certifies straight lines in joint space: proves that every pose on them is free.
     ///
     /// # Arguments
-    /// * `edges`: one after the other; of each the pose at its start, then that at its end, each with the motors of all
-    ///   robots in order, rad of encoder. Motors go straight: whoever means the short way round says so by the numbers.
-    /// * `verdicts`: emptied first; one per edge. They do not depend on which edges are asked about together.
+    /// * `edges`: concatenated; for each the pose at its start, then that at its end, each with the motors of all
+    ///   robots in order, rad of encoder. Motors move straight: for the shorter direction of a continuous motor pass an
+    ///   equivalent position.
+    /// * `verdicts`: cleared first; one per edge. They do not depend on which edges are passed together.
     ///
     /// # Method
-    /// Conservative bisection: at the middle of an interval each pair's distance is compared with the clearance and the
-    /// way that the two can move against each other on it (sum over the motors between them of step times reach). What
-    /// is farther apart is proved; the rest is asked again in both halves, down to intervals of 0.1 mm. Rounding is in
-    /// the bounds. Limits and constraints are linear, so they are solved for.
+    /// Conservative bisection: at the midpoint of an interval each pair's distance is compared with the clearance plus
+    /// the relative motion of the two on the interval (sum over the motors between them of step times reach). Pairs
+    /// that are farther apart are proved; the rest is tested again in both halves, down to intervals of 0.1 mm. The
+    /// bounds include rounding. Limits and constraints are linear, so they are solved for exactly.
     ///
     /// # Errors
     /// If the numbers are not a whole number of edges.
     pub fn certify(&mut self, edges: &[f64], verdicts: &mut Vec<EdgeVerdict>) -> Result<(), FastError> {
         verdicts.clear();
-        self.halve_all(edges, (COARSER, MOST_OPEN), |state| {
+        self.bisect_all(edges, (COARSER_LEVELS, MAX_OPEN), |state| {
             verdicts.push(match (state.blocked, state.uncertified) {
                 (Some(obstruction), _) => EdgeVerdict::Blocked(obstruction),
                 (None, Some(at)) => EdgeVerdict::Uncertified { at },
@@ -134,29 +137,30 @@ impl FastScene {
         })
     }
 
-    /// As [`FastScene::certify`], yes or no: whether each edge is certified free. Several times as fast where many are
-    /// blocked, since any contact answers for its edge.
+    /// As [`FastScene::certify`], yes or no: true for each edge that is certified free. Several times as fast if many
+    /// are blocked, since any contact decides its edge.
     ///
     /// # Errors
     /// As [`FastScene::certify`].
     pub fn edges_free(&mut self, edges: &[f64], free: &mut Vec<bool>) -> Result<(), FastError> {
-        self.edges_free_within(edges, MOST_OPEN, free)
+        self.edges_free_within(edges, MAX_OPEN, free)
     }
 
-    /// As [`FastScene::edges_free`], but an edge is given up where more than `most` of its intervals are not proved at a time, and
-    /// counts as not free: one that goes close along something takes long to certify, and who has a choice takes another.
+    /// As [`FastScene::edges_free`], but an edge with more than `most` unproved intervals at a time is abandoned and
+    /// counts as not free: an edge close along an obstacle takes long to certify, and a planner can usually choose
+    /// another.
     ///
     /// # Errors
     /// As [`FastScene::certify`].
     pub fn edges_free_within(&mut self, edges: &[f64], most: usize, free: &mut Vec<bool>) -> Result<(), FastError> {
         free.clear();
         let is_free = |state: &State| state.blocked.is_none() && state.uncertified.is_none();
-        self.halve_all(edges, (MOST_LEVELS, most.min(MOST_OPEN)), |state| free.push(is_free(state)))
+        self.bisect_all(edges, (MAX_LEVELS, most.min(MAX_OPEN)), |state| free.push(is_free(state)))
     }
 
-    /// Calls with what became of each edge. The place of a contact is known by so many halvings less well than the
-    /// resolution; an edge with more intervals open than the second number is given up.
-    fn halve_all(
+    /// Calls `done` with the final state of each edge. `limits`: number of bisections by which the position of a
+    /// contact is known less precisely than the resolution, and the maximum number of open intervals of an edge.
+    fn bisect_all(
         &mut self,
         edges: &[f64],
         limits: (u32, usize),
@@ -167,17 +171,17 @@ impl FastScene {
             return Err(FastError::Edges { given: edges.len(), motors });
         }
         let mut buffers = std::mem::take(&mut self.edges);
-        self.keep_still(edges, &mut buffers);
-        for edges in edges.chunks(2 * motors * TOGETHER) {
-            self.halve_together(edges, limits, &mut buffers);
+        self.fix_unmoved(edges, &mut buffers);
+        for edges in edges.chunks(2 * motors * EDGES_PER_BATCH) {
+            self.bisect_batch(edges, limits, &mut buffers);
             buffers.states.iter().for_each(&mut done);
         }
         self.edges = buffers;
         Ok(())
     }
 
-    /// Motors that no edge moves are where they are in all lanes, and what they carry is placed once.
-    fn keep_still(&mut self, edges: &[f64], all: &mut Edges) {
+    /// Sets motors that no edge moves to their positions in all lanes, so that what they carry is placed once.
+    fn fix_unmoved(&mut self, edges: &[f64], all: &mut Edges) {
         let motors = self.motors();
         self.block.forget(&self.program);
         self.intervals.motions.forget();
@@ -190,7 +194,7 @@ impl FastScene {
         }
         for (m, q) in first.iter().enumerate() {
             let (low, high) = self.program.limits[m];
-            // What is beyond its limit is looked at on every edge.
+            // A position beyond its limit must be checked on every edge.
             let still = !self.block.still[m] && is_within(*q, (low, high));
             self.block.still[m] = still;
             if still {
@@ -202,7 +206,7 @@ impl FastScene {
         }
     }
 
-    fn halve_together(&mut self, edges: &[f64], (coarser, most_open): (u32, usize), all: &mut Edges) {
+    fn bisect_batch(&mut self, edges: &[f64], (coarser, most_open): (u32, usize), all: &mut Edges) {
         let length = 2 * self.motors();
         all.states.clear();
         all.open.clear();
@@ -210,7 +214,7 @@ impl FastScene {
         all.waiting.clear();
         for (e, edge) in edges.chunks_exact(length).enumerate() {
             let state = self.start(edge, &all.moving);
-            if state.blocked.is_none_or(|b| b.at > 0.0 && coarser < MOST_LEVELS) {
+            if state.blocked.is_none_or(|b| b.at > 0.0 && coarser < MAX_LEVELS) {
                 all.waiting.push((state.start, e as u32));
             }
             all.states.push(state);
@@ -218,7 +222,7 @@ impl FastScene {
         all.waiting.sort_unstable_by(|a, b| b.cmp(a));
         let mut level = 0;
         while !all.open.is_empty() || !all.waiting.is_empty() {
-            self.join_in(level, all);
+            self.add_starting(level, all);
             all.next.clear();
             all.next_units.clear();
             let open = std::mem::take(&mut all.open);
@@ -226,14 +230,14 @@ impl FastScene {
                 self.judge_block(edges, block, level, all);
             }
             all.open = open;
-            halve(all, level, (coarser, most_open));
+            bisect(all, level, (coarser, most_open));
             std::mem::swap(&mut all.units, &mut all.next_units);
             level += 1;
         }
     }
 
-    /// Edges that begin at this level: all parts of them, and all units.
-    fn join_in(&self, level: u32, all: &mut Edges) {
+    /// Adds the edges that start at this level: all parts of them, with all units.
+    fn add_starting(&self, level: u32, all: &mut Edges) {
         let mut range = None;
         while let Some((_, edge)) = all.waiting.pop_if(|(start, _)| *start <= level) {
             let (first, end) = *range.get_or_insert_with(|| {
@@ -245,10 +249,10 @@ impl FastScene {
         }
     }
 
-    /// Limits and constraints, and how often the edge may be halved.
+    /// Checks limits and constraints, and computes the levels of the bisection.
     fn start(&self, edge: &[f64], moving: &[usize]) -> State {
         let (from, to) = edge.split_at(self.motors());
-        let way: f64 = moving.iter().map(|m| (to[*m] - from[*m]).abs() * self.program.reach[*m]).sum();
+        let travel: f64 = moving.iter().map(|m| (to[*m] - from[*m]).abs() * self.program.reach[*m]).sum();
         let violated = self.first_beyond_limits(from, to, moving).into_iter().chain(self.first_violation(from, to));
         let mut state = State { start: 0, levels: 0, blocked: None, uncertified: None };
         for (at, sure) in violated {
@@ -258,18 +262,18 @@ impl FastScene {
                 state.uncertified = Some(at);
             }
         }
-        if way.is_finite() {
-            let level = |half: f64| ((way / 2.0 / half).log2().ceil().max(0.0) as u32).min(MOST_LEVELS);
-            state.levels = level(RESOLUTION);
-            state.start = level(START).min(MOST_START);
+        if travel.is_finite() {
+            let level = |half: f64| ((travel / 2.0 / half).log2().ceil().max(0.0) as u32).min(MAX_LEVELS);
+            state.levels = level(RESOLUTION_M);
+            state.start = level(MAX_TESTED_MOTION_M).min(MAX_START_LEVEL);
         }
         state
     }
 }
 
-/// The next level: both halves of what is not proved, but for what comes after a contact; and what is too short to be
-/// halved, or too much.
-fn halve(all: &mut Edges, level: u32, (coarser, most_open): (u32, usize)) {
+/// Creates the next level: both halves of the unproved intervals, except those behind a contact. Intervals at the
+/// resolution limit, and those of edges with too many, become uncertified.
+fn bisect(all: &mut Edges, level: u32, (coarser, most_open): (u32, usize)) {
     all.open.clear();
     let parts = f64::from(1u32 << level);
     for of_edge in all.next.chunk_by(|a, b| a.edge == b.edge) {

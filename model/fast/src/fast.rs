@@ -1,4 +1,4 @@
-//! A scene compiled for many poses.
+//! A scene compiled for testing many poses.
 
 use crate::compile::{Compiled, RobotFacts, compile};
 use crate::edges::Edges;
@@ -12,64 +12,66 @@ use crate::reference::Reference;
 use mobee_model::{IndexPair, Scene, random_poses};
 use std::sync::Arc;
 
-/// Most poses that the order of tests is learned from, and how many for each pair: few pairs are in order soon.
+/// Maximum number of sample poses for the order of tests, and the number per pair: a few pairs need only a few.
 const SAMPLE: usize = 4096;
 const SAMPLE_PAIR: usize = 8;
-/// Poses that the order of tests with obstacles is learned from, where that of the robots' own is known.
-const SAMPLE_OBSTACLES: usize = 256;
-/// Poses of a block that satisfy the constraints and are judged at once; fewer wait for others.
-const FULL: u32 = 12;
-/// Their seed: equal scenes have equal programs.
-const SEED: u64 = 1;
+/// Number of sample poses for the order of tests with obstacles, if that of the robots' own pairs is already
+/// determined.
+const SAMPLE_WITH_OBSTACLES: usize = 256;
+/// Minimum number of poses of a block that satisfy the constraints for it to be processed at once; fewer wait for
+/// others.
+const MIN_BLOCK_POSES: u32 = 12;
+/// Seed of the samples: equal scenes have equal programs.
+const SAMPLE_SEED: u64 = 1;
 
-/// Why a scene was not compiled, or poses not judged.
+/// Reason why a scene was not compiled, or poses not checked.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FastError {
-    /// Depths are not measured in lanes.
+    /// The clearance is negative or not finite: the lanes do not measure depths.
     #[error("a clearance of {0} m: it must be a number from 0 on")]
     Clearance(f64),
-    /// The processor lacks them.
+    /// The processor lacks the instructions.
     #[error("this processor does not have {0:?} instructions: see InstructionSet::available")]
     Instructions(InstructionSet),
-    /// A length that is no multiple of a pose's.
+    /// The length is not a multiple of a pose's.
     #[error("{given} numbers are not a whole number of poses of {motors} motors")]
     Length {
-        /// How many numbers there were.
+        /// Length of the input.
         given: usize,
         /// Motors of all robots of the scene.
         motors: usize,
     },
-    /// A length that is no multiple of an edge's.
+    /// The length is not a multiple of an edge's.
     #[error("{given} numbers are not a whole number of edges: two poses of {motors} motors each")]
     Edges {
-        /// How many numbers there were.
+        /// Length of the input.
         given: usize,
         /// Motors of all robots of the scene.
         motors: usize,
     },
 }
 
-/// What a scene was compiled to, and what became of the poses so far.
+/// Statistics of the compilation, and of the poses checked so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FastFigures {
-    /// Pairs of shapes that were asked for: all of the scene, unless it was compiled for some.
+    /// Requested pairs of shapes: all of the scene, unless it was compiled for some.
     pub pairs: usize,
-    /// Of these, the ones that were proved to keep apart at every pose.
+    /// Of these, pairs that were proved to stay apart at every pose.
     pub pruned: usize,
-    /// Poses judged.
+    /// Poses checked.
     pub poses: u64,
-    /// Of these, the ones that the scalar engine was asked about.
+    /// Of these, poses for which the scalar engine was needed.
     pub doubtful: u64,
-    /// Intervals of edges judged.
+    /// Intervals of edges checked.
     pub intervals: u64,
-    /// How often the scalar engine was asked about a pair on one.
+    /// Number of pairs on intervals for which the scalar engine was needed.
     pub stuck: u64,
 }
 
-/// A scene compiled for one clearance: judges many poses at once.
+/// A scene compiled for one clearance: checks many poses at once.
 ///
-/// Copies share the program and have buffers of their own: one for each thread.
+/// Clones share the program and have their own buffers: use one per thread.
 ///
 /// # Example
 /// ```
@@ -82,7 +84,7 @@ pub struct FastFigures {
 /// let scene = Scene::new(vec![(robot.clone(), Isometry3::identity())], Vec::new())?;
 /// let mut fast = FastScene::new(&scene, 0.01)?;
 ///
-/// // A thousand poses, one after the other in one list.
+/// // A thousand poses, concatenated in one list.
 /// let poses: Vec<f64> = random_poses(&robot, 7).take(1000).flatten().collect();
 /// let mut free = Vec::new();
 /// fast.free(&poses, &mut free)?;
@@ -100,7 +102,7 @@ pub struct FastScene {
     pub(crate) intervals: Intervals,
     pub(crate) edges: Edges,
     pub(crate) reference: Reference,
-    /// What holds of the robots, whatever stands about them.
+    /// Facts about the robots, independent of the obstacles.
     facts: Arc<RobotFacts>,
     /// Per cut of the program: the poses that wait there for a full block.
     waiting: Vec<Vec<usize>>,
@@ -108,22 +110,22 @@ pub struct FastScene {
 }
 
 impl FastScene {
-    /// Compiles a scene with its robots where they stand and its obstacles as they are, for the best instructions of
+    /// Compiles a scene with the base poses of its robots and its present obstacles, for the best instruction set of
     /// this processor.
     ///
     /// # Arguments
-    /// * `clearance`: as for [`Scene::free`], meters: pairs must be farther apart.
+    /// * `clearance`: as for [`Scene::free`], meters: pairs must be farther apart than this.
     ///
     /// # Errors
     /// If the clearance is negative or not finite.
     ///
     /// # Performance
-    /// Ten to thirty milliseconds for a humanoid. Compile anew when the world changes.
+    /// Ten to thirty milliseconds for a humanoid. Compile again when the world changes.
     pub fn new(scene: &Scene, clearance: f64) -> Result<Self, FastError> {
         Self::with_instructions(scene, clearance, best())
     }
 
-    /// As [`FastScene::new`], with chosen instructions: for tests and measurements.
+    /// As [`FastScene::new`], with a given instruction set: for tests and measurements.
     ///
     /// # Errors
     /// As [`FastScene::new`], and if the processor lacks the instructions.
@@ -131,40 +133,40 @@ impl FastScene {
         Self::compiled(scene, scene.pairs().to_vec(), clearance, set, RobotFacts::default())
     }
 
-    /// As [`FastScene::new`], for some pairs alone: a robot with itself, with the world, or with one object. Limits and
-    /// constraints count as before.
+    /// As [`FastScene::new`], for some pairs only: a robot with itself, with the world, or with one object. Limits and
+    /// constraints are checked as before.
     ///
     /// # Arguments
-    /// * `keep`: whether a pair counts, by two indices into [`Scene::colliders`] ([`Scene::shape_id`] says who they are).
-    ///   It is asked about each of [`Scene::pairs`].
+    /// * `select`: true for a pair that is checked, given two indices into [`Scene::colliders`] (see
+    ///   [`Scene::shape_id`]). Called for each of [`Scene::pairs`].
     ///
     /// # Errors
     /// As [`FastScene::new`].
-    pub fn of_pairs(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
-        let kept = scene.pairs().iter().copied().filter(|(a, b)| keep(*a, *b)).collect();
-        Self::compiled(scene, kept, clearance, best(), RobotFacts::default())
+    pub fn of_pairs(scene: &Scene, clearance: f64, select: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
+        let selected = scene.pairs().iter().copied().filter(|(a, b)| select(*a, *b)).collect();
+        Self::compiled(scene, selected, clearance, best(), RobotFacts::default())
     }
 
-    /// The same robots among other obstacles, as [`FastScene::of_pairs`]: what was proved and learned of the robots themselves is
-    /// used again, which is most of the work. Compiles from the beginning if the robots are not the same ones at the same
-    /// places.
+    /// The same robots among other obstacles, as [`FastScene::of_pairs`]: reuses the facts about the robots themselves,
+    /// which are most of the work. Compiles from scratch if the robots or their base poses differ.
     ///
     /// # Errors
-    /// None but for what [`FastScene::of_pairs`] has.
-    pub fn among(&self, scene: &Scene, keep: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
+    /// As [`FastScene::of_pairs`].
+    pub fn among(&self, scene: &Scene, select: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
         let before = self.reference.scene();
-        let (robots, others) = (scene.robots(), before.robots());
+        let robots = scene.robots();
+        let others = before.robots();
         let is_same = robots.len() == others.len()
             && robots.iter().zip(others).all(|(a, b)| Arc::ptr_eq(a, b))
             && (0..robots.len()).all(|r| scene.base(r) == before.base(r));
         let facts = if is_same { RobotFacts::clone(&self.facts) } else { RobotFacts::default() };
-        let kept = scene.pairs().iter().copied().filter(|(a, b)| keep(*a, *b)).collect();
-        Self::compiled(scene, kept, self.clearance, self.runner.set(), facts)
+        let selected = scene.pairs().iter().copied().filter(|(a, b)| select(*a, *b)).collect();
+        Self::compiled(scene, selected, self.clearance, self.runner.set(), facts)
     }
 
     fn compiled(
         scene: &Scene,
-        kept: Vec<IndexPair>,
+        selected: Vec<IndexPair>,
         clearance: f64,
         set: InstructionSet,
         mut facts: RobotFacts,
@@ -173,32 +175,33 @@ impl FastScene {
             return Err(FastError::Clearance(clearance));
         }
         let runner = checked(set).ok_or(FastError::Instructions(set))?;
-        let Compiled { program, layout, pruned, mut movers } = compile(scene, &kept, clearance, &mut facts);
-        let figures = FastFigures { pairs: kept.len(), pruned, ..FastFigures::default() };
+        let Compiled { program, layout, pruned, mut movers } = compile(scene, &selected, clearance, &mut facts);
+        let figures = FastFigures { pairs: selected.len(), pruned, ..FastFigures::default() };
         let block = Block::new(&program);
-        let reference = Reference::new(scene, kept);
+        let reference = Reference::new(scene, selected);
         let program = Arc::new(program);
         let (intervals, edges) = Default::default();
         let waiting = Vec::new();
         let facts = Arc::new(facts);
         let mut fast =
             FastScene { program, clearance, runner, block, intervals, edges, reference, facts, waiting, figures };
-        let decided = fast.evidence(scene);
+        let decided = fast.count_decisions(scene);
         let program = Arc::make_mut(&mut fast.program);
         layout.write(program, &decided);
         layout.write_motions(program, &mut movers);
         fast.waiting = vec![Vec::new(); program.cuts.len()];
-        (fast.intervals, fast.edges) = (Intervals::new(program), Edges::new(program));
+        fast.intervals = Intervals::new(program);
+        fast.edges = Edges::new(program);
         Ok(fast)
     }
 
-    /// In how many lanes each pair decided, at random poses.
-    fn evidence(&mut self, scene: &Scene) -> Vec<u32> {
+    /// Number of lanes that each pair decided, at random poses.
+    fn count_decisions(&mut self, scene: &Scene) -> Vec<u32> {
         self.block.decided = vec![0; self.program.pairs.len()];
-        let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SEED)).collect();
-        // All the way with every lane: none goes on elsewhere.
+        let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SAMPLE_SEED)).collect();
+        // Without cuts, so that every block runs to the end with all of its lanes.
         Arc::make_mut(&mut self.program).cuts = vec![0, self.program.units.len()];
-        let most = if self.facts.decided.is_empty() { SAMPLE } else { SAMPLE_OBSTACLES };
+        let most = if self.facts.decided.is_empty() { SAMPLE } else { SAMPLE_WITH_OBSTACLES };
         let poses = most.min(SAMPLE_PAIR * self.program.pairs.len());
         for _ in 0..poses / WIDTH {
             for lane in 0..WIDTH {
@@ -206,17 +209,17 @@ impl FastScene {
                 self.load(lane, &pose);
             }
             let (violated, _) = self.runner.violated(&self.program, &self.block);
-            let asked = !violated;
-            self.runner.judge(&self.program, &mut self.block, asked, 0);
+            let requested = !violated;
+            self.runner.judge(&self.program, &mut self.block, requested, 0);
         }
         let mut decided = std::mem::take(&mut self.block.decided);
-        self.share_evidence(scene, &mut decided, poses);
+        self.share_decisions(scene, &mut decided, poses);
         decided
     }
 
-    /// Learns of the robots' own pairs, or puts what is known of them in place of what few poses showed. Counts are those of
-    /// [`SAMPLE`] poses.
-    fn share_evidence(&mut self, scene: &Scene, decided: &mut [u32], poses: usize) {
+    /// Stores the counts of the robots' own pairs, or replaces those from a small sample by the stored ones. Counts are
+    /// scaled to [`SAMPLE`] poses.
+    fn share_decisions(&mut self, scene: &Scene, decided: &mut [u32], poses: usize) {
         let pairs = self.program.pairs.iter().map(|pair| pair.ids).zip(decided.iter_mut());
         if !self.facts.decided.is_empty() {
             let more = SAMPLE / poses.max(1);
@@ -232,26 +235,26 @@ impl FastScene {
         Arc::make_mut(&mut self.facts).decided = known;
     }
 
-    /// The instructions that it runs with.
+    /// The instruction set in use.
     pub fn instructions(&self) -> InstructionSet {
         self.runner.set()
     }
 
-    /// What was compiled and judged.
+    /// Statistics of the compilation and of the checks.
     pub fn figures(&self) -> FastFigures {
         self.figures
     }
 
-    /// Motors of all robots: how many numbers a pose has.
+    /// Number of motors of all robots, which is the length of a pose.
     pub fn motors(&self) -> usize {
         self.program.limits.len()
     }
 
-    /// Intersection test of many poses: for each, what [`Scene::free`] says of it.
+    /// Intersection test of many poses: the result of [`Scene::free`] for each.
     ///
     /// # Arguments
-    /// * `poses`: one after the other, each with the motors of all robots in order, rad of encoder.
-    /// * `free`: emptied first; one verdict per pose. Does not allocate when it is used again.
+    /// * `poses`: concatenated, each with the motors of all robots in order, rad of encoder.
+    /// * `free`: cleared first; one verdict per pose. Does not allocate when reused.
     ///
     /// # Errors
     /// If the numbers are not a whole number of poses.
@@ -274,15 +277,15 @@ impl FastScene {
                     free[*i] = self.reference.free(&poses[i * motors..(i + 1) * motors], self.clearance);
                 }
             }
-            let asked = finite & !violated & !doubtful;
-            let mut cut = if asked.count_ones() >= FULL {
-                self.judge_lanes(poses, block, (asked, 0), free)
+            let requested = finite & !violated & !doubtful;
+            let mut cut = if requested.count_ones() >= MIN_BLOCK_POSES {
+                self.judge_lanes(poses, block, (requested, 0), free)
             } else {
                 self.waiting[0]
-                    .extend(block.iter().enumerate().filter(|(lane, _)| asked & 1 << lane != 0).map(|(_, i)| i));
+                    .extend(block.iter().enumerate().filter(|(lane, _)| requested & 1 << lane != 0).map(|(_, i)| i));
                 Some(0)
             };
-            // A block that stops may fill the next one.
+            // The rest of a block that stops may complete a waiting one.
             while let Some(full) = cut.filter(|cut| self.waiting[*cut].len() >= WIDTH) {
                 cut = self.judge_waiting(poses, full, free);
             }
@@ -296,27 +299,27 @@ impl FastScene {
         Ok(())
     }
 
-    /// Judges a block of those that wait at a cut; returns the cut at which what is left of it waits now, if any.
+    /// Checks a block of the poses that wait at a cut; returns the cut at which the remaining ones wait now, if any.
     fn judge_waiting(&mut self, poses: &[f64], cut: usize, free: &mut [bool]) -> Option<usize> {
         let mut block = [0; WIDTH];
         let count = WIDTH.min(self.waiting[cut].len());
         block.iter_mut().zip(self.waiting[cut].drain(..count)).for_each(|(lane, i)| *lane = i);
         let block = &block[..count];
-        let asked = self.load_all(poses, block);
-        self.judge_lanes(poses, block, (asked, cut), free)
+        let requested = self.load_all(poses, block);
+        self.judge_lanes(poses, block, (requested, cut), free)
     }
 
-    /// Judges poses that are in the lanes, by their numbers, from a cut on; returns the cut at which those that are left
+    /// Checks the poses (given by index) in the lanes, starting at a cut; returns the cut at which the remaining ones
     /// wait now, if any.
     fn judge_lanes(
         &mut self,
         poses: &[f64],
         block: &[usize],
-        (asked, cut): (Mask, usize),
+        (requested, cut): (Mask, usize),
         free: &mut [bool],
     ) -> Option<usize> {
         let motors = self.motors();
-        let (live, stopped) = self.runner.judge(&self.program, &mut self.block, asked, cut);
+        let (live, stopped) = self.runner.judge(&self.program, &mut self.block, requested, cut);
         let doubtful = self.block.doubts.iter().fold(0, |all, (_, lanes)| all | lanes) & live;
         self.figures.doubtful += u64::from(doubtful.count_ones());
         for (lane, i) in block.iter().enumerate().filter(|(lane, _)| live & 1 << lane != 0) {
@@ -331,38 +334,38 @@ impl FastScene {
         stopped
     }
 
-    /// Puts poses into the lanes, by their numbers.
+    /// Loads poses, given by index, into the lanes.
     ///
     /// # Returns
-    /// The lanes whose numbers are all finite.
+    /// The lanes with only finite numbers.
     fn load_all(&mut self, poses: &[f64], block: &[usize]) -> Mask {
         let motors = self.motors();
         let lanes = block.iter().enumerate();
         lanes.fold(0, |all, (lane, i)| all | Mask::from(self.load(lane, &poses[i * motors..(i + 1) * motors])) << lane)
     }
 
-    /// Whether a pair that is in doubt in this lane touches.
+    /// True if a pair that is in doubt in this lane touches.
     pub(crate) fn doubt_touches(&mut self, pose: &[f64], lane: Mask) -> bool {
         let doubts = self.block.doubts.iter().filter(|(_, lanes)| lanes & lane != 0);
         let pairs = doubts.map(|(pair, _)| self.program.pairs[*pair].ids);
         self.reference.any_touches(pose, pairs, self.clearance)
     }
 
-    /// Puts a pose into a lane, within its limits.
+    /// Loads a pose into a lane, clamped to its limits.
     ///
     /// # Returns
-    /// Whether its numbers are all finite.
+    /// True if its numbers are all finite.
     fn load(&mut self, lane: usize, pose: &[f64]) -> bool {
-        let mut sound = 0.0;
+        let mut finite_check = 0.0;
         for ((row, q), limits) in self.block.motors.iter_mut().zip(pose).zip(&self.program.limits) {
             row.0[lane] = within_limits(*q, *limits);
-            sound += q * 0.0;
+            finite_check += q * 0.0;
         }
-        sound == 0.0
+        finite_check == 0.0
     }
 }
 
-/// The best instructions that this processor has.
+/// The best instruction set of this processor.
 fn best() -> InstructionSet {
     InstructionSet::available().pop().unwrap_or(InstructionSet::Portable)
 }

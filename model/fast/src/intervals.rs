@@ -1,45 +1,45 @@
-//! The kernel for intervals of edges: sixteen of them, each judged at its middle with what moves on it as a margin.
+//! Kernel for intervals of edges: sixteen of them, each tested at its midpoint with the motion on it as a margin.
 //!
-//! A pair that is farther apart at the middle than the clearance and what the two move against each other from there to
-//! either end is free on the whole interval. Lanes know nothing of each other: what is said of an interval is the same
-//! whichever others it shares a block with.
+//! A pair is free on the whole interval if, at the midpoint, it is farther apart than the clearance plus the relative
+//! motion of the two from there to either end. Lanes are independent: the result for an interval does not depend on the
+//! other intervals in its block.
 
-use crate::distance::{Found, beside, test_pair, within};
+use crate::distance::{PairResult, beside, test_pair, within};
 use crate::kernel::{Block, place_group, place_region, start_placing};
 use crate::lanes::{Lanes, Mask, Row, WIDTH};
 use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
 use crate::program::{Program, Step, UnitTest};
 use crate::vector::V3;
 
-/// Pairs of units whose balls are asked together.
+/// Number of unit pairs per batch of ball tests.
 const BATCH: usize = 32;
-/// No pair.
+/// Marks the absence of a pair.
 pub(crate) const NONE: usize = usize::MAX;
 
-/// What is asked of sixteen intervals, and what came of it.
+/// Input and results of sixteen intervals.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Intervals {
-    /// What moves how far, from the middle to either end.
+    /// Motions from the midpoint to either end.
     pub motions: Motions,
-    /// The units to ask about, in which lanes; in rising order.
-    pub asked: Vec<(u32, Mask)>,
-    /// Those that may touch, and in which lanes, in the same order.
+    /// The units to test, with their lanes; in ascending order.
+    pub requested: Vec<(u32, Mask)>,
+    /// The units that may touch, with their lanes, in the same order.
     pub open: Vec<(u32, Mask)>,
-    /// Per lane: the first pair that surely touches at the middle, or [`NONE`].
+    /// Per lane: the first pair found that certainly touches at the midpoint, or [`NONE`].
     pub touching: [usize; WIDTH],
-    /// Pairs of which rounding could decide whether they touch at the middle, and in which lanes.
+    /// Pairs for which rounding could decide if they touch at the midpoint, with their lanes.
     pub doubts: Vec<(usize, Mask)>,
-    /// What the lanes could not tell, which counts as free above.
+    /// Pairs that the lanes could not decide; these count as free in `open`.
     pub stuck: Vec<Stuck>,
 }
 
-/// A pair that projections can't tell.
+/// A pair that the projections can't decide.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stuck {
     pub unit: u32,
     pub pair: usize,
     pub lanes: Mask,
-    /// How far the two move against each other, meters.
+    /// Bound of the relative motion of the two, meters.
     pub motion: Row,
 }
 
@@ -49,7 +49,7 @@ impl Intervals {
     }
 }
 
-/// Judges the intervals that are asked for, the block's motors being at their middles.
+/// Tests the requested intervals, with the block's motors at their midpoints.
 #[inline(always)]
 pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &mut Intervals) {
     intervals.open.clear();
@@ -61,17 +61,17 @@ pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &
     place_twists::<L>(program, block, &mut intervals.motions, 0);
     let mut touching = 0;
     let mut from = 0;
-    while from < intervals.asked.len() {
-        let to = intervals.asked.len().min(from + BATCH);
+    while from < intervals.requested.len() {
+        let to = intervals.requested.len().min(from + BATCH);
         for i in from..to {
-            sum_up::<L>(program, &mut intervals.motions, &program.unit_motions[intervals.asked[i].0 as usize]);
+            sum_up::<L>(program, &mut intervals.motions, &program.unit_motions[intervals.requested[i].0 as usize]);
         }
         // All at once and without a branch, as in `kernel.rs`.
         let (mut near, mut count) = ([(0, 0); BATCH], 0);
-        for (unit, asked) in &intervals.asked[from..to] {
+        for (unit, requested) in &intervals.requested[from..to] {
             let motion = coarse::<L>(&intervals.motions, &program.unit_motions[*unit as usize]);
             let UnitTest { a, b, within_squared, .. } = program.units[*unit as usize];
-            let lanes = nearer::<L>(block, a, b, within_squared, motion) & asked;
+            let lanes = nearer::<L>(block, a, b, within_squared, motion) & requested;
             near[count] = (*unit, lanes);
             count += usize::from(lanes != 0);
         }
@@ -80,7 +80,7 @@ pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &
             let between = &program.unit_motions[*unit as usize];
             let motion = fine::<L>(program, block, &intervals.motions, between, a, b);
             let lanes = lanes & nearer::<L>(block, a, b, within_squared, motion);
-            // Where something touches already it does not matter what else does, only that it may.
+            // In a lane with a contact only the possibility of further contacts matters.
             let mut open = lanes & touching;
             if lanes & !touching != 0 {
                 let (hit, may) = take_steps::<L>(program, block, intervals, *unit as usize, lanes & !touching);
@@ -95,17 +95,17 @@ pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &
     }
 }
 
-/// Lanes in which two centers are nearer than this, or may be once they have moved.
+/// Lanes in which two centers are closer than the threshold, or may be after the motion.
 #[inline(always)]
 fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32, motion: L) -> Mask {
     let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
     within::<L, true>(between.squared(), within_squared, motion)
 }
 
-/// Takes the steps of two units that are near in these lanes.
+/// Executes the steps of two units that are near in these lanes.
 ///
 /// # Returns
-/// The lanes in which a pair surely touches, and all in which one may.
+/// The lanes in which a pair certainly touches, and all lanes in which one may.
 #[inline(always)]
 fn take_steps<L: Lanes>(
     program: &Program,
@@ -114,17 +114,20 @@ fn take_steps<L: Lanes>(
     unit: usize,
     near: Mask,
 ) -> (Mask, Mask) {
-    let (mut hit, mut open) = (0, 0);
+    let mut hit = 0;
+    let mut open = 0;
     let steps = program.units[unit].steps.clone();
-    // What is near in the step that is open, and up to which step; at most four are open at once.
-    let (mut scopes, mut depth) = ([(near, steps.end); 5], 0);
+    // Stack of open steps: the lanes that are near, and the step at which each ends; at most four are nested.
+    let mut scopes = [(near, steps.end); 5];
+    let mut depth = 0;
     let mut at = steps.start;
     while at < steps.end {
         while at >= scopes[depth].1 && depth > 0 {
             depth -= 1;
         }
         let lanes = scopes[depth].0 & !hit;
-        let (step, motions) = (&program.steps[at], &program.step_motions[at]);
+        let step = &program.steps[at];
+        let motions = &program.step_motions[at];
         at += 1;
         match *step {
             Step::Near { a, b, within_squared, skip } => {
@@ -165,7 +168,7 @@ fn take_steps<L: Lanes>(
                 sum_up::<L>(program, &mut intervals.motions, motions);
                 let (a, b) = (program.balls.len() + pair.a, program.balls.len() + pair.b);
                 let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
-                let found: Found = test_pair::<L, true>(program, block, pair, lanes, motion);
+                let found: PairResult = test_pair::<L, true>(program, block, pair, lanes, motion);
                 open |= found.open & !found.stuck;
                 if found.stuck != 0 {
                     let mut stuck =

@@ -1,4 +1,4 @@
-//! Which vector instructions a block is judged with: asked of the processor once, when a scene is compiled.
+//! Selection of the vector instructions, determined once, when a scene is compiled.
 
 use crate::clauses::violated;
 use crate::intervals::{Intervals, sweep};
@@ -8,11 +8,11 @@ use crate::lanes::{Avx2, Avx512};
 use crate::lanes::{Mask, Portable};
 use crate::program::Program;
 
-/// A set of vector instructions that [`crate::FastScene`] has been compiled for.
+/// A set of vector instructions that [`crate::FastScene`] supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum InstructionSet {
-    /// Whatever every processor of the kind has.
+    /// The baseline of the target architecture.
     Portable,
     /// AVX2 with FMA, x86-64.
     Avx2,
@@ -21,7 +21,7 @@ pub enum InstructionSet {
 }
 
 impl InstructionSet {
-    /// Those that this processor has, the best last.
+    /// The sets that this processor supports, the best last.
     pub fn available() -> Vec<Self> {
         let mut all = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
@@ -38,11 +38,11 @@ impl InstructionSet {
     }
 }
 
-/// Runs the kernel. The value says that the processor has the instructions: only [`checked`] makes one.
+/// Runs the kernel. A value is a proof that the processor has the instructions: only [`checked`] creates one.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Runner(InstructionSet);
 
-/// A runner, if the processor has the instructions.
+/// Creates a runner, if the processor has the instructions.
 pub(crate) fn checked(set: InstructionSet) -> Option<Runner> {
     InstructionSet::available().contains(&set).then_some(Runner(set))
 }
@@ -52,14 +52,14 @@ impl Runner {
         self.0
     }
 
-    /// See [`sweep`].
+    /// Runs [`sweep`].
     pub fn sweep(self, program: &Program, block: &mut Block, intervals: &mut Intervals) {
         match self.0 {
             InstructionSet::Portable => sweep::<Portable>(program, block, intervals),
-            // SAFETY: whoever made this value has asked the processor.
+            // SAFETY: `checked` has verified that the processor has the instructions.
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx2 => unsafe { sweep_avx2(program, block, intervals) },
-            // SAFETY: whoever made this value has asked the processor.
+            // SAFETY: `checked` has verified that the processor has the instructions.
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx512 => unsafe { sweep_avx512(program, block, intervals) },
             #[cfg(not(target_arch = "x86_64"))]
@@ -67,14 +67,14 @@ impl Runner {
         }
     }
 
-    /// See [`violated`].
+    /// Runs [`violated`].
     pub fn violated(self, program: &Program, block: &Block) -> (Mask, Mask) {
         match self.0 {
             InstructionSet::Portable => violated(program, block),
-            // SAFETY: whoever made this value has asked the processor.
+            // SAFETY: `checked` has verified that the processor has the instructions.
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx2 => unsafe { violated_avx2(program, block) },
-            // SAFETY: whoever made this value has asked the processor.
+            // SAFETY: `checked` has verified that the processor has the instructions.
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx512 => unsafe { violated_avx512(program, block) },
             #[cfg(not(target_arch = "x86_64"))]
@@ -82,32 +82,32 @@ impl Runner {
         }
     }
 
-    /// See [`judge`].
-    pub fn judge(self, program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
+    /// Runs [`judge`].
+    pub fn judge(self, program: &Program, block: &mut Block, requested: Mask, cut: usize) -> (Mask, Option<usize>) {
         match self.0 {
-            InstructionSet::Portable => judge::<Portable>(program, block, asked, cut),
-            // SAFETY: whoever made this value has asked the processor.
+            InstructionSet::Portable => judge::<Portable>(program, block, requested, cut),
+            // SAFETY: `checked` has verified that the processor has the instructions.
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => unsafe { judge_avx2(program, block, asked, cut) },
-            // SAFETY: whoever made this value has asked the processor.
+            InstructionSet::Avx2 => unsafe { judge_avx2(program, block, requested, cut) },
+            // SAFETY: `checked` has verified that the processor has the instructions.
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => unsafe { judge_avx512(program, block, asked, cut) },
+            InstructionSet::Avx512 => unsafe { judge_avx512(program, block, requested, cut) },
             #[cfg(not(target_arch = "x86_64"))]
-            _ => judge::<Portable>(program, block, asked, cut),
+            _ => judge::<Portable>(program, block, requested, cut),
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn judge_avx2(program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
-    judge::<Avx2>(program, block, asked, cut)
+fn judge_avx2(program: &Program, block: &mut Block, requested: Mask, cut: usize) -> (Mask, Option<usize>) {
+    judge::<Avx2>(program, block, requested, cut)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
-fn judge_avx512(program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
-    judge::<Avx512>(program, block, asked, cut)
+fn judge_avx512(program: &Program, block: &mut Block, requested: Mask, cut: usize) -> (Mask, Option<usize>) {
+    judge::<Avx512>(program, block, requested, cut)
 }
 
 #[cfg(target_arch = "x86_64")]

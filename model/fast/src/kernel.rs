@@ -1,8 +1,8 @@
-//! The kernel: sixteen poses through a program. One source for all instruction sets.
+//! The kernel: runs sixteen poses through a program. One source for all instruction sets.
 //!
-//! Lanes must not pass through closures and iterator adapters: what is not inlined does not have the instructions
-//! switched on, and each operation becomes a call. Hence plain loops and written-out arrays here and in `distance.rs`,
-//! `vector.rs` and `lanes.rs`.
+//! Lanes must not pass through closures and iterator adapters: a function that is not inlined does not have the
+//! instructions enabled, and each operation becomes a call. Hence plain loops and written-out arrays here and in
+//! `distance.rs`, `vector.rs` and `lanes.rs`.
 
 use crate::distance::{beside, test_pair};
 use crate::lanes::{Lanes, Mask, Row, WIDTH, WideRow};
@@ -10,16 +10,16 @@ use crate::program::{Bend, Joint, Motion, Program, Step, UnitTest};
 use crate::vector::{Rows3, V3};
 use std::ops::Range;
 
-/// Pairs of units whose balls are asked together.
+/// Number of unit pairs per batch of ball tests.
 const BATCH: usize = 32;
 
-/// A block stops at a cut when no more than one in so many of its lanes is alive: they go on in fuller company.
-const FEW: u32 = 2;
+/// A block stops at a cut if at most this fraction (1/n) of its lanes is live; these continue in fuller blocks.
+const STOP_DIVISOR: u32 = 2;
 
-/// What the kernel reads and writes: allocated once, used again for every block.
+/// Buffers of the kernel: allocated once, reused for every block.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Block {
-    /// Per motor: its position in every lane, within its limits, rad of encoder. What the kernel is given.
+    /// Per motor: its position in every lane, within its limits, rad of encoder. Input of the kernel.
     pub motors: Vec<WideRow>,
     /// Per frame: its axes x, y, z and its origin, world frame.
     pub frames: Vec<[Rows3; 4]>,
@@ -27,25 +27,25 @@ pub(crate) struct Block {
     pub centers: Vec<Rows3>,
     /// Axes of solids, world frame.
     pub axes: Vec<Rows3>,
-    /// Per region and group: whether it is placed.
+    /// Per region and per group: true if it is placed.
     pub regions_placed: Vec<bool>,
     pub groups_placed: Vec<bool>,
-    /// Per motor: whether it stands still from block to block, at what is in its row.
+    /// Per motor: true if it has the same position in every block, namely that in its row.
     pub still: Vec<bool>,
-    /// Per frame: whether it, and the balls on it, are where they will be in the next block, too.
-    pub kept: Vec<bool>,
-    /// Per joint whose motor stands still: its sine and cosine, once known.
+    /// Per frame: true if it, and the balls on it, will be unchanged in the next block.
+    pub unchanged: Vec<bool>,
+    /// Per joint with a fixed motor: its sine and cosine, once computed.
     turns: Vec<Option<Box<[Row; 2]>>>,
-    /// Lanes in which rounding could decide about a pair: (pair, lanes).
+    /// Lanes in which rounding could decide a pair: (pair, lanes).
     pub doubts: Vec<(usize, Mask)>,
-    /// Whether the lanes are poses of one line, so that a contact in any lane ends the judgment of all.
+    /// True if the lanes are poses of one line, so that a contact in any lane ends the check of all.
     pub one_decides: bool,
-    /// Per pair, in how many lanes it decided; empty unless evidence is gathered.
+    /// Per pair: the number of lanes that it decided; empty unless decisions are counted.
     pub decided: Vec<u32>,
 }
 
 impl Block {
-    /// Room for a program's poses, with all in place that no pose moves.
+    /// Allocates buffers for a program, with everything placed that is independent of the pose.
     pub fn new(program: &Program) -> Self {
         let mut block = Block {
             motors: vec![WideRow::default(); program.limits.len()],
@@ -69,27 +69,32 @@ impl Block {
         block
     }
 
-    /// From now on any motor may move from block to block.
+    /// Resets: from now on any motor may move from block to block.
     pub fn forget(&mut self, program: &Program) {
         self.still.clear();
         self.still.resize(program.limits.len(), false);
-        self.kept.clear();
-        self.kept.resize(program.frames, false);
-        program.fixed_frames.iter().for_each(|(frame, _)| self.kept[*frame] = true);
+        self.unchanged.clear();
+        self.unchanged.resize(program.frames, false);
+        program.fixed_frames.iter().for_each(|(frame, _)| self.unchanged[*frame] = true);
         self.turns.clear();
         self.turns.resize(program.joints.len(), None);
     }
 }
 
-/// Judges the lanes of a block that are asked for, from a cut of the program on.
+/// Tests the requested lanes of a block, starting at a cut of the program.
 ///
 /// # Returns
-/// The lanes that are still alive: of the others it is sure that they touch; and the cut at which it stopped because
-/// they were too few, if it did. Lanes that are alive may be in doubt: see [`Block::doubts`].
+/// The lanes that are still live (all others certainly touch); and the cut at which it stopped because too few were
+/// left, if it did. Live lanes may be in doubt: see [`Block::doubts`].
 #[inline(always)]
-pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
+pub(crate) fn judge<L: Lanes>(
+    program: &Program,
+    block: &mut Block,
+    requested: Mask,
+    cut: usize,
+) -> (Mask, Option<usize>) {
     block.doubts.clear();
-    let mut live = asked;
+    let mut live = requested;
     start_placing::<L>(program, block);
     for next in cut + 1..program.cuts.len() {
         for units in program.units[program.cuts[next - 1]..program.cuts[next]].chunks(BATCH) {
@@ -98,7 +103,7 @@ pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask,
                 return (0, None);
             }
         }
-        if next + 1 < program.cuts.len() && live.count_ones() * FEW <= asked.count_ones() {
+        if next + 1 < program.cuts.len() && live.count_ones() * STOP_DIVISOR <= requested.count_ones() {
             return (live, Some(next));
         }
     }
@@ -107,7 +112,7 @@ pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask,
 
 #[inline(always)]
 fn judge_units<L: Lanes>(program: &Program, block: &mut Block, units: &[UnitTest], mut live: Mask) -> Mask {
-    // All at once and without a branch: which pairs of units are near can't be predicted.
+    // All at once and without a branch: the pairs of units that are near can't be predicted.
     let (mut near, mut count) = ([(0, 0); BATCH], 0);
     for (i, unit) in units.iter().enumerate() {
         let lanes = nearer::<L>(block, unit.a, unit.b, unit.within_squared);
@@ -115,7 +120,7 @@ fn judge_units<L: Lanes>(program: &Program, block: &mut Block, units: &[UnitTest
         count += usize::from(lanes & live != 0);
     }
     for (i, lanes) in &near[..count] {
-        // Meanwhile some lanes may be done.
+        // Some lanes may have been decided since.
         if lanes & live != 0 {
             live = take_steps::<L>(program, block, units[*i].steps.clone(), live);
         }
@@ -123,7 +128,7 @@ fn judge_units<L: Lanes>(program: &Program, block: &mut Block, units: &[UnitTest
     live
 }
 
-/// Takes away what the last poses moved, and puts in place what is asked for at every pose.
+/// Invalidates what depends on the last poses, and places what is needed at every pose.
 #[inline(always)]
 pub(crate) fn start_placing<L: Lanes>(program: &Program, block: &mut Block) {
     for (placed, group) in block.groups_placed.iter_mut().zip(&program.groups) {
@@ -133,14 +138,14 @@ pub(crate) fn start_placing<L: Lanes>(program: &Program, block: &mut Block) {
     place_region::<L>(program, block, 0);
 }
 
-/// Lanes in which two centers are nearer than this.
+/// Lanes in which two centers are closer than the threshold.
 #[inline(always)]
 fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32) -> Mask {
     let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
     between.squared().below(L::splat(within_squared))
 }
 
-/// Takes the steps of two units; returns the lanes that are still alive.
+/// Executes the steps of two units; returns the lanes that are still live.
 #[inline(always)]
 fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize>, mut live: Mask) -> Mask {
     let mut at = steps.start;
@@ -183,10 +188,10 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
     live
 }
 
-/// Puts the frames of a region in place, and the balls on them.
+/// Places the frames of a region, with the balls on them.
 ///
 /// # Returns
-/// Whether it was not yet.
+/// True if it was not placed before.
 #[inline(always)]
 pub(crate) fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) -> bool {
     if std::mem::replace(&mut block.regions_placed[region], true) {
@@ -194,10 +199,10 @@ pub(crate) fn place_region<L: Lanes>(program: &Program, block: &mut Block, regio
     }
     for j in program.regions[region].clone() {
         let joint = &program.joints[j];
-        if !block.kept[joint.frame] {
+        if !block.unchanged[joint.frame] {
             place_frame::<L>(block, joint, j);
             place_balls::<L>(program, block, joint.frame);
-            block.kept[joint.frame] = block.still[joint.motor] && block.kept[joint.parent];
+            block.unchanged[joint.frame] = block.still[joint.motor] && block.unchanged[joint.parent];
         }
     }
     true
@@ -241,7 +246,7 @@ fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint, index: usize) {
     origin.store(&mut frame[3]);
 }
 
-/// A point, moved by a constant vector of a frame with these axes.
+/// A point translated by a constant vector of a frame with these axes.
 #[inline(always)]
 pub(crate) fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V3<L> {
     let mut at = point;
@@ -253,13 +258,13 @@ pub(crate) fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V
     at
 }
 
-/// A frame's axes and its origin.
+/// A frame's axes and origin.
 #[inline(always)]
 fn axes_and_origin<L: Lanes>(frame: &[Rows3; 4]) -> [V3<L>; 4] {
     [V3::load(&frame[0]), V3::load(&frame[1]), V3::load(&frame[2]), V3::load(&frame[3])]
 }
 
-/// Two axes of a frame, turned toward each other.
+/// Two axes of a frame, rotated in their plane.
 #[inline(always)]
 fn turn<L: Lanes>(u: V3<L>, v: V3<L>, cosine: L, sine: L) -> (V3<L>, V3<L>) {
     (u.times(cosine).along(v, sine), v.times(cosine).against(u, sine))
@@ -298,14 +303,14 @@ pub(crate) fn place_group<L: Lanes>(program: &Program, block: &mut Block, group:
     }
 }
 
-/// Sine and cosine of a joint's angle, wrong by 1.65 units of `u` (`bound.rs`) at most, both together.
+/// Sine and cosine of a joint's angle. The error of both together is at most 1.65 units of `u` (`bound.rs`).
 ///
-/// The angle is reduced to an eighth of a turn in `f64`, so that its size does not count; the series (Cephes') are summed
-/// in `f32`. Plain loops: the compiler makes vectors of them.
+/// The angle is reduced to an eighth of a turn in `f64`, so that its magnitude is irrelevant; the series (from Cephes)
+/// are summed in `f32`. Plain loops, which the compiler vectorizes.
 #[inline(always)]
 pub(crate) fn sine_cosine<L: Lanes>(q: &WideRow, joint: &Joint, sine: &mut Row, cosine: &mut Row) {
     use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
-    /// Adding it rounds to a whole number and leaves that in the lowest bits.
+    /// Adding this rounds to a whole number and leaves it in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     let fma = |a: f64, b: f64, c: f64| if L::FUSED { a.mul_add(b, c) } else { a * b + c };
     let single = |a: f32, b: f32, c: f32| if L::FUSED { a.mul_add(b, c) } else { a * b + c };

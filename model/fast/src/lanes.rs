@@ -1,12 +1,12 @@
-//! Sixteen numbers at a time, one pose in each lane: the few operations that the kernel is written in.
+//! Sixteen numbers at a time, one pose per lane: the few operations that the kernel uses.
 //!
-//! The kernel is one generic source. With [`Avx512`] a [`Lanes`] is one register, with [`Avx2`] two, with [`Portable`]
-//! an array that the compiler makes of it what it can. All do the same operations in the same order; the portable one
-//! rounds twice where the others multiply and add at once.
+//! The kernel is one generic source. A [`Lanes`] is one register with [`Avx512`], two with [`Avx2`], and with
+//! [`Portable`] an array that the compiler may vectorize. All perform the same operations in the same order; the
+//! portable one rounds twice where the others use a fused multiply-add.
 
 use std::ops::{Add, Mul, Sub};
 
-/// Poses judged at once, on every machine.
+/// Number of poses tested at once, on every machine.
 pub(crate) const WIDTH: usize = 16;
 
 /// One bit per lane.
@@ -17,24 +17,23 @@ pub(crate) type Mask = u16;
 #[repr(C, align(64))]
 pub(crate) struct Row(pub [f32; WIDTH]);
 
-/// As [`Row`], in double precision: what joints are placed by, up to sine and cosine.
+/// As [`Row`], in double precision: joint positions, up to sine and cosine.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(64))]
 pub(crate) struct WideRow(pub [f64; WIDTH]);
 
 /// A number per lane, in registers.
 ///
-/// Everything is inlined into a function that has the instructions switched on (`isa.rs`): the only places that name a
-/// kind of lanes are there, behind the check that the processor has them, and that is what makes the `unsafe` blocks
-/// below sound.
+/// Everything is inlined into a function that has the instructions enabled (`isa.rs`). Only there, behind the check of
+/// the processor, are the kinds of lanes named; this makes the `unsafe` blocks below sound.
 pub(crate) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
-    /// Whether multiplying and adding at once is an instruction; where it is not, it would be a call.
+    /// True if fused multiply-add is an instruction; otherwise it would be a call.
     const FUSED: bool;
     /// The same number in all lanes.
     fn splat(x: f32) -> Self;
-    /// From memory.
+    /// Loads from memory.
     fn load(row: &Row) -> Self;
-    /// To memory.
+    /// Stores to memory.
     fn store(self, row: &mut Row);
     /// `self * a + b`.
     fn mul_add(self, a: Self, b: Self) -> Self;
@@ -42,24 +41,24 @@ pub(crate) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Out
     fn neg_mul_add(self, a: Self, b: Self) -> Self;
     /// Quotient.
     fn div(self, other: Self) -> Self;
-    /// The smaller one.
+    /// The smaller value.
     fn min(self, other: Self) -> Self;
-    /// The greater one.
+    /// The greater value.
     fn max(self, other: Self) -> Self;
-    /// Without its sign.
+    /// Absolute value.
     fn abs(self) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
-    /// The lanes in which it is less than the other; none where either is not a number.
+    /// The lanes in which it is less than the other; false for NaN.
     fn below(self, other: Self) -> Mask;
-    /// Within `-half ..= half`.
+    /// Clamps to `-half ..= half`.
     #[inline(always)]
     fn clamp(self, half: Self) -> Self {
         self.min(half).max(Self::splat(0.0) - half)
     }
 }
 
-/// Any processor.
+/// Lanes for any processor.
 #[derive(Clone, Copy)]
 pub(crate) struct Portable([f32; WIDTH]);
 
@@ -126,7 +125,7 @@ impl Lanes for Portable {
     }
 }
 
-/// Operators by their results.
+/// Implements the operators, given their results.
 macro_rules! operators {
     ($lanes:ty: |$a:ident, $b:ident| $add:expr, |$c:ident, $d:ident| $sub:expr, |$e:ident, $f:ident| $mul:expr) => {
         operators!($lanes, Add, add, $a, $b, $add);
@@ -164,10 +163,10 @@ mod x86 {
     #[derive(Clone, Copy)]
     pub(crate) struct Avx512(__m512);
 
-    /// The instruction on both halves of its operands.
+    /// Applies the instruction to both halves of its operands.
     macro_rules! halves {
         ($op:ident($($x:expr),+)) => {
-            // SAFETY: only code behind the check for AVX2 and FMA has a value of this kind (see `Lanes`).
+            // SAFETY: only code behind the check for AVX2 and FMA has a value of this type (see `Lanes`).
             unsafe { Avx2($op($($x.0),+), $op($($x.1),+)) }
         };
     }
@@ -238,10 +237,10 @@ mod x86 {
     operators!(Avx2: |a, b| halves!(_mm256_add_ps(a, b)), |a, b| halves!(_mm256_sub_ps(a, b)),
         |a, b| halves!(_mm256_mul_ps(a, b)));
 
-    /// The instruction on its operands.
+    /// Applies the instruction to its operands.
     macro_rules! whole {
         ($op:ident($($x:expr),+)) => {
-            // SAFETY: only code behind the check for AVX-512 has a value of this kind (see `Lanes`).
+            // SAFETY: only code behind the check for AVX-512 has a value of this type (see `Lanes`).
             unsafe { Avx512($op($($x.0),+)) }
         };
     }

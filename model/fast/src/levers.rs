@@ -1,11 +1,11 @@
-//! How far solids move when motors do: bounds over all poses within the limits.
+//! Bounds of the motion of solids with respect to the motors, over all poses within the limits.
 //!
-//! A hinge that turns by an angle moves no point farther than that angle times the point's distance from its axis. That
-//! distance depends on the hinges between; the ball that holds the point at every pose (`sweep.rs`) bounds it. The
-//! radius of a capsule or a ball counts for nothing: turned or not, a ball is the same, so the core alone moves.
+//! A revolute joint that rotates by an angle moves a point by at most that angle times the point's distance from its
+//! axis. That distance depends on the joints between; the ball that contains the point at every pose (`sweep.rs`)
+//! bounds it. The radius of a capsule or a ball is irrelevant: rotation does not change a ball, so only the core moves.
 //!
 //! ```text
-//! common ── hinge ── hinge ── a      what moves `common` moves both alike and counts for neither
+//! common ── hinge ── hinge ── a      joints that move `common` move both alike and are ignored
 //!       └── hinge ── b
 //! ```
 
@@ -16,24 +16,24 @@ use crate::sweep::{Sphere, common};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Rounding of a sum of levers times steps, and of what it is added to, in the lanes; as `bound.rs` has it, with room
-/// for sixty motors.
+/// Relative rounding error of a sum of levers times steps, and of the value it is added to, in the lanes; as in
+/// `bound.rs`, sufficient for sixty motors.
 const SUMS: f64 = 160.0 * U;
 
-/// Something that moves as one: a ball around a group, around a region, or a solid.
+/// A rigid thing: a ball around a group or a region, or a solid.
 #[derive(Clone, Debug)]
 pub(crate) struct Mover {
     pub frame: usize,
-    /// Balls that hold the extreme points of its cores, in its frame: no point of a core goes farther than the farthest
-    /// of these.
+    /// Balls that contain the extreme points of its cores, in its frame: no point of a core moves farther than the
+    /// farthest of these.
     pub ends: Vec<Sphere>,
 }
 
-/// All movers of a scene, and the sums that were asked for.
+/// All movers of a scene, and the sums computed so far.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Movers {
     pub frames: Vec<LaneFrame>,
-    /// Balls of groups, of regions, then solids: as steps number them.
+    /// Balls of groups, of regions, then solids, numbered as in the steps.
     pub movers: Vec<Mover>,
     known: BTreeMap<(usize, Option<usize>), u32>,
     /// One sum each: a range of levers. The first is empty.
@@ -46,7 +46,7 @@ impl Movers {
         Movers { frames, sums: vec![Range::default()], ..Movers::default() }
     }
 
-    /// How two movers move against each other.
+    /// The relative motion of two movers.
     pub fn between(&mut self, a: usize, b: usize) -> Relative {
         let common = common(&self.frames, self.movers[a].frame, self.movers[b].frame);
         let sums = [self.sum(a, common), self.sum(b, common)];
@@ -54,8 +54,8 @@ impl Movers {
         Relative { sums, common: common.unwrap_or(self.frames.len() - 1) as u32 }
     }
 
-    /// How wrong the lanes can be about a point's velocity, for each radian or meter that a joint moves: by the frames'
-    /// errors, and by rounding along the chain.
+    /// Error bound of a point's velocity in the lanes, per radian or meter of joint motion: from the frames' errors,
+    /// and from rounding along the chain.
     pub fn slip(&self) -> f64 {
         let far = |mover: &Mover| mover.ends.iter().map(|e| e.center.norm() + e.radius).fold(0.0, f64::max);
         let size = self.movers.iter().map(far).fold(0.0, f64::max);
@@ -80,17 +80,18 @@ impl Movers {
     }
 }
 
-/// How far a mover goes at most in frame `to` (which carries it; or else the world), joint by joint outward.
+/// Bounds of a mover's motion in frame `to` (which carries it; or else the world), joint by joint outward.
 fn levers(frames: &[LaneFrame], mover: &Mover, to: Option<usize>) -> Vec<Lever> {
-    let (mut ends, mut at) = (mover.ends.clone(), mover.frame);
+    let mut ends = mover.ends.clone();
+    let mut at = mover.frame;
     let mut levers: Vec<Lever> = Vec::new();
     while Some(at) != to {
         let Some(carried) = frames[at].carried.as_ref() else { break };
         let off_axis = ends.iter().map(|end| end.center.xy().norm() + end.radius).fold(0.0, f64::max);
-        let way = if carried.slide.is_some() { 1.0 } else { off_axis };
+        let arm = if carried.slide.is_some() { 1.0 } else { off_axis };
         let gain = carried.joint.gain.abs() * (1.0 + SUMS);
         let turn = if carried.slide.is_some() { 0.0 } else { gain };
-        levers.push(Lever { motor: carried.joint.motor, reach: (way * gain) as f32, turn: turn as f32 });
+        levers.push(Lever { motor: carried.joint.motor, reach: (arm * gain) as f32, turn: turn as f32 });
         ends = ends.iter().map(|end| end.carried(carried)).collect();
         at = carried.parent;
     }

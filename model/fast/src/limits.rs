@@ -1,13 +1,13 @@
-//! Limits and constraints: linear, so on a line they are solved for.
+//! Limits and constraints: both are linear, so on a line they are solved for exactly.
 
 use crate::fast::FastScene;
 use crate::program::{FlatClause, Program};
 use mobee_model::Scene;
 
-/// How far beyond a limit, rad of encoder, counts as at it: rounding of units.
-const AT_LIMIT: f64 = 1e-9;
+/// Tolerance at a limit, rad of encoder: rounding of units.
+const LIMIT_TOLERANCE_RAD: f64 = 1e-9;
 
-/// Writes the limits and constraints of all robots of a scene.
+/// Adds the limits and constraints of all robots of a scene.
 pub(crate) fn constraints(program: &mut Program, scene: &Scene) {
     for robot in scene.robots() {
         let first = program.limits.len();
@@ -27,12 +27,12 @@ pub(crate) fn constraints(program: &mut Program, scene: &Scene) {
     }
 }
 
-/// Whether a motor is within its limits, rad of encoder.
+/// True if a motor is within its limits, rad of encoder.
 pub(crate) fn is_within(q: f64, (low, high): (f64, f64)) -> bool {
-    q >= low - AT_LIMIT && q <= high + AT_LIMIT
+    q >= low - LIMIT_TOLERANCE_RAD && q <= high + LIMIT_TOLERANCE_RAD
 }
 
-/// A motor's position, or the nearer limit if it is beyond.
+/// A motor's position clamped to its limits; `low` for NaN.
 #[inline]
 pub(crate) fn within_limits(q: f64, (low, high): (f64, f64)) -> f64 {
     let q = if q > low { q } else { low };
@@ -40,7 +40,7 @@ pub(crate) fn within_limits(q: f64, (low, high): (f64, f64)) -> f64 {
 }
 
 impl FastScene {
-    /// Where a line first is beyond a limit of these motors.
+    /// First position on a line beyond a limit of these motors, with `true`: it is certain.
     pub(crate) fn first_beyond_limits(&self, from: &[f64], to: &[f64], moving: &[usize]) -> Option<(f64, bool)> {
         let mut first: Option<f64> = None;
         for (a, b, (low, high)) in moving.iter().map(|m| (&from[*m], &to[*m], self.program.limits[*m])) {
@@ -48,9 +48,9 @@ impl FastScene {
             let at = match (inside(a), inside(b)) {
                 (true, true) => continue,
                 (false, _) => 0.0,
-                // Not before the place where it is beyond: rounding may not turn it back.
+                // Slightly behind the crossing, so that rounding can't place it before it.
                 (true, false) => {
-                    let limit = if *b > high { high + AT_LIMIT } else { low - AT_LIMIT };
+                    let limit = if *b > high { high + LIMIT_TOLERANCE_RAD } else { low - LIMIT_TOLERANCE_RAD };
                     (((limit - a) / (b - a)) + 1e-12).clamp(0.0, 1.0)
                 }
             };
@@ -60,15 +60,17 @@ impl FastScene {
         first.map(|at| (at, true))
     }
 
-    /// Where a line first violates a constraint, and whether it surely does there. Half-spaces are linear, so each
-    /// clause is violated on one interval.
+    /// First position on a line that violates a constraint, with `true` if the violation is certain. Half-spaces are
+    /// linear, so each clause is violated on one interval.
     pub(crate) fn first_violation(&self, from: &[f64], to: &[f64]) -> Option<(f64, bool)> {
         let mut first: Option<(f64, bool)> = None;
         for clause in &self.program.clauses {
-            let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
+            let mut enter = 0.0_f64;
+            let mut leave = 1.0_f64;
             for (terms, constant) in &clause.members {
                 let value = |q: &[f64]| terms.iter().map(|(m, a)| a * q[*m]).sum::<f64>() + constant - clause.doubt;
-                let (v0, v1) = (value(from), value(to));
+                let v0 = value(from);
+                let v1 = value(to);
                 match (v0 > 0.0, v1 > 0.0) {
                     (true, true) => leave = -1.0,
                     (true, false) => enter = enter.max(v0 / (v0 - v1)),

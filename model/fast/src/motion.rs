@@ -1,32 +1,33 @@
-//! How far two things move against each other on an interval, at most: the way from its middle to either end.
+//! Bound of the relative motion of two things on an interval, from its midpoint to either end.
 //!
-//! Two bounds, of which the smaller counts; `h` are the motors' steps from the middle to an end:
+//! The smaller of two bounds is used; `h` are the motors' steps from the midpoint to an end:
 //!
 //! ```text
 //! coarse   sum over the joints between the two of  reach · |h|                      at every pose (`levers.rs`)
-//! fine     | velocity of one against the other, at the middle |  +  sum of  reach_k |h_k| (|h_k| / 2 + sum of |h_j|)
+//! fine     | relative velocity at the midpoint |  +  sum of  reach_k |h_k| (|h_k| / 2 + sum of |h_j|)
 //! ```
-//! with j over the joints that carry joint k. The second term bounds what Taylor's first leaves out: a point that is
-//! carried by joints of constant speed `w` is accelerated by no more than the sum of `w_k² r_k + 2 w_j w_k r_k`. In the
-//! first term opposite motions cancel, as where an arm moves about its elbow and the hand stays in place.
+//! with j over the joints that carry joint k. The second term bounds the remainder of the first-order Taylor expansion:
+//! a point that is carried by joints of constant speed `w` has an acceleration of at most the sum of `w_k² r_k + 2 w_j
+//! w_k r_k`. In the first term opposite motions cancel, for example if an arm moves about its elbow while the hand
+//! stays in place.
 
 use crate::kernel::{Block, moved};
 use crate::lanes::{Lanes, Row};
 use crate::program::{Motion, Program, Relative};
 use crate::vector::{Rows3, V3};
 
-/// What the steps of motors come to.
+/// Motions that result from the motors' steps.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Motions {
-    /// Per motor: its step from the middle to the end, rad of encoder.
+    /// Per motor: its step from the midpoint to the end, rad of encoder.
     pub steps: Vec<Row>,
-    /// Per frame: how far it turns and how far its origin goes by that, to first order, world frame.
+    /// Per frame: rotation and translation of its origin due to the steps, to first order, world frame.
     twists: Vec<[Rows3; 2]>,
-    /// Per sum of levers: coarse bound, and what the fine one adds to the velocity.
+    /// Per sum of levers: the coarse bound, and the second-order term of the fine one.
     sums: Vec<[Row; 2]>,
-    /// Whether it was summed up for these steps.
+    /// True if the sum has been computed for these steps.
     summed: Vec<bool>,
-    /// What rounding can add to a fine bound.
+    /// Bound of rounding in a fine bound.
     slip: Row,
 }
 
@@ -41,13 +42,13 @@ impl Motions {
         }
     }
 
-    /// Frames that do not move in what follows have no twist.
+    /// Resets the twists: frames that do not move from now on have none.
     pub fn forget(&mut self) {
         self.twists.fill(Default::default());
     }
 }
 
-/// For new steps.
+/// Starts with new steps.
 #[inline(always)]
 pub(crate) fn start<L: Lanes>(program: &Program, motions: &mut Motions) {
     motions.summed.fill(false);
@@ -58,11 +59,11 @@ pub(crate) fn start<L: Lanes>(program: &Program, motions: &mut Motions) {
     slip.store(&mut motions.slip);
 }
 
-/// Follows the joints of a region whose frames are placed.
+/// Computes the twists of a region after its frames are placed.
 #[inline(always)]
 pub(crate) fn place_twists<L: Lanes>(program: &Program, block: &Block, motions: &mut Motions, region: usize) {
     for joint in &program.joints[program.regions[region].clone()] {
-        if block.kept[joint.frame] {
+        if block.unchanged[joint.frame] {
             continue;
         }
         let [turn, way] = &motions.twists[joint.parent];
@@ -84,7 +85,7 @@ pub(crate) fn place_twists<L: Lanes>(program: &Program, block: &Block, motions: 
     }
 }
 
-/// Sums up the levers of two things, unless that is done.
+/// Computes the sums of levers of two things, unless they are up to date.
 #[inline(always)]
 pub(crate) fn sum_up<L: Lanes>(program: &Program, motions: &mut Motions, between: &Relative) {
     for sum in between.sums {
@@ -112,7 +113,7 @@ pub(crate) fn coarse<L: Lanes>(motions: &Motions, between: &Relative) -> L {
     L::load(&motions.sums[a][0]) + L::load(&motions.sums[b][0])
 }
 
-/// The smaller of both bounds, of two balls or solids, as steps number them.
+/// The smaller of both bounds, for two balls or solids numbered as in the steps.
 #[inline(always)]
 pub(crate) fn fine<L: Lanes>(
     program: &Program,
@@ -129,7 +130,7 @@ pub(crate) fn fine<L: Lanes>(
     let (turn_b, way_b) = at::<L>(program, block, motions, b, other);
     let way = way_a.minus(way_b).minus(common.cross(one.minus(other)));
     let mut bound = way.squared().sqrt();
-    // The farthest point of each core moves about its center.
+    // Motion of the farthest point of each core about its center.
     if program.extents[a] > 0.0 {
         bound = turn_a.minus(common).squared().sqrt().mul_add(L::splat(program.extents[a]), bound);
     }
@@ -138,12 +139,12 @@ pub(crate) fn fine<L: Lanes>(
     }
     let [a, b] = between.sums.map(|sum| sum as usize);
     let second = L::load(&motions.sums[a][1]) + L::load(&motions.sums[b][1]);
-    // A share of the coarse bound is more than the sums' own rounding.
+    // A fraction of the coarse bound covers the sums' own rounding.
     let slip = coarse.mul_add(L::splat(1.0 / 8192.0), L::load(&motions.slip));
     coarse.min(bound + second + slip)
 }
 
-/// How far a thing turns, and how far its center goes.
+/// Rotation of a thing, and translation of its center.
 #[inline(always)]
 fn at<L: Lanes>(program: &Program, block: &Block, motions: &Motions, index: usize, center: V3<L>) -> (V3<L>, V3<L>) {
     let frame = match index.checked_sub(program.balls.len()) {

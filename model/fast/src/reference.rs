@@ -1,16 +1,16 @@
-//! Whoever decides in doubt: the scalar engine, on the one pair that the lanes could not tell.
+//! Decision of doubtful cases: the scalar engine, for the pairs that the lanes could not decide.
 
 use mobee_model::{Engine, IndexPair, ScalarEngine, Scene, ShapeId};
 use nalgebra::Isometry3;
 
-/// A scene as the scalar engine has it, and the pose that it was last asked about.
+/// A scene prepared for the scalar engine, and the pose at which it was placed last.
 #[derive(Clone, Debug)]
 pub(crate) struct Reference {
     scene: Scene,
     engine: ScalarEngine,
     placement: <ScalarEngine as Engine>::Placement,
     frames: Vec<Isometry3<f64>>,
-    /// All pairs that count.
+    /// All pairs to check.
     pairs: Vec<IndexPair>,
 }
 
@@ -26,12 +26,12 @@ impl Reference {
         &self.scene
     }
 
-    /// Who a collider is.
+    /// The identity of a collider's shape.
     pub fn shape_id(&self, collider: u32) -> Option<ShapeId> {
         self.scene.shape_id(collider)
     }
 
-    /// The motors of each robot, of a pose of all.
+    /// The motors of each robot, from a pose of all robots.
     fn robots<'a>(&'a self, pose: &'a [f64]) -> impl Iterator<Item = &'a [f64]> {
         let mut rest = pose;
         self.scene.robots().iter().map(move |robot| {
@@ -41,7 +41,7 @@ impl Reference {
         })
     }
 
-    /// Whether the pose is free, all of it judged by the scalar engine.
+    /// True if the pose is free, checked completely by the scalar engine.
     pub fn free(&mut self, pose: &[f64], clearance: f64) -> bool {
         let pairs = std::mem::take(&mut self.pairs);
         let free = self.satisfies_constraints(pose) && !self.any_touches(pose, pairs.iter().copied(), clearance);
@@ -49,19 +49,19 @@ impl Reference {
         free
     }
 
-    /// Whether it satisfies all constraints.
+    /// True if the pose satisfies all constraints.
     pub fn satisfies_constraints(&self, pose: &[f64]) -> bool {
         self.robots(pose).enumerate().all(|(r, own)| self.scene.satisfies_constraints(r, own))
     }
 
-    /// Whether any of these pairs touches.
+    /// True if any of these pairs touches.
     pub fn any_touches(&mut self, pose: &[f64], mut pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
-        self.stand(pose);
+        self.place(pose);
         pairs.any(|pair| self.touches(pair, clearance))
     }
 
     /// Places everything at a pose.
-    pub fn stand(&mut self, pose: &[f64]) {
+    pub fn place(&mut self, pose: &[f64]) {
         let mut frames = std::mem::take(&mut self.frames);
         frames.clear();
         for (skeleton, own) in self.scene.skeletons().iter().zip(self.robots(pose)) {
@@ -72,7 +72,7 @@ impl Reference {
         self.engine.place_frames(&self.frames, &mut self.placement);
     }
 
-    /// Whether a pair touches at the pose of [`Reference::stand`].
+    /// True if a pair touches at the pose of [`Reference::place`].
     pub fn touches(&mut self, pair: IndexPair, clearance: f64) -> bool {
         self.engine.place_pair(&mut self.placement, pair);
         self.engine.touches(&self.placement, pair, clearance)

@@ -1,29 +1,29 @@
-//! Hands and fingers: subtrees that are small at every pose, and so are asked as a whole.
+//! Hands and fingers: subtrees that are small at every pose, so that each is tested as a whole.
 
 use crate::chain::LaneFrame;
 use crate::compile::Sized;
 use crate::sweep::Sphere;
 use std::ops::Range;
 
-/// A subtree is a region of its own, placed only when something comes near, if the ball that holds it at every pose is
-/// smaller than this share of the robot's: a hand is, an arm is not. A matter of speed alone. Of 0, 0.08, 0.12, 0.16
-/// and 0.2 this one was the best along lines, at twice the speed of none, and 0.08 a little better at random poses.
-const REGION: f64 = 0.12;
-/// A region has at least so many frames with solids.
-const REGION_FRAMES: usize = 3;
+/// A subtree becomes a region, placed only if something is near, if the ball that contains it at every pose is smaller
+/// than this fraction of the robot's: true for a hand, false for an arm. It affects only speed. Of 0, 0.08, 0.12, 0.16
+/// and 0.2 this one was the best along lines, at twice the speed of 0; 0.08 was slightly better at random poses.
+const MAX_REGION_SHARE: f64 = 0.12;
+/// Minimum number of frames with solids in a region.
+const MIN_REGION_FRAMES: usize = 3;
 
-/// A subtree that is small at every pose: a hand, or a finger of it, which is placed on demand.
+/// A subtree that is small at every pose: a hand, or one of its fingers, which is placed on demand.
 #[derive(Clone, Debug)]
 pub(crate) struct Region {
-    /// A hand's uppermost frame, which is always placed.
+    /// The frame nearest to the base in a hand, which is always placed.
     pub root: usize,
-    /// Per frame of the scene: whether it is in the region; in the hand the root included, in none of its fingers.
+    /// Per frame of the scene: true if it is in the region. A hand includes the root, a finger does not.
     pub has: Vec<bool>,
-    /// Holds it at every pose; in the root's frame.
+    /// Ball that contains it at every pose; in the root's frame.
     pub ball: Sphere,
 }
 
-/// Subtrees that are small at every pose and have no pairs of their own.
+/// Finds subtrees that are small at every pose and have no pairs within themselves.
 pub(crate) fn regions(
     frames: &[LaneFrame],
     groups: &[Range<usize>],
@@ -41,21 +41,21 @@ pub(crate) fn regions(
         }
         let has = below(frames, root);
         let solid_frames = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count();
-        if solid_frames < REGION_FRAMES || taken[root] {
+        if solid_frames < MIN_REGION_FRAMES || taken[root] {
             continue;
         }
         let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
         let inside = balls_of(frames, root, &has, order, sized);
-        // Most are far larger, which two of the balls show.
+        // Most subtrees are far larger, which two of the balls show.
         let wide = |ball: &Sphere| (ball.center - inside[0].center).norm() + ball.radius + inside[0].radius;
-        if inside.iter().any(|ball| wide(ball) > 2.0 * REGION * whole) {
+        if inside.iter().any(|ball| wide(ball) > 2.0 * MAX_REGION_SHARE * whole) {
             continue;
         }
-        if own_pairs || Sphere::around(&inside).radius > REGION * whole {
+        if own_pairs || Sphere::around(&inside).radius > MAX_REGION_SHARE * whole {
             continue;
         }
         taken.iter_mut().zip(&has).for_each(|(taken, has)| *taken |= has);
-        let Some(root) = where_it_branches(frames, root, order, sized) else { continue };
+        let Some(root) = branching_frame(frames, root, order, sized) else { continue };
         let has = below(frames, root);
         let ball = Sphere::around(&balls_of(frames, root, &has, order, sized));
         regions.push(Region { root, has, ball });
@@ -63,8 +63,8 @@ pub(crate) fn regions(
     regions
 }
 
-/// From a root down to the frame that carries several fingers, if any does: what all of them hang on is always placed.
-fn where_it_branches(frames: &[LaneFrame], mut root: usize, order: &[usize], sized: &[Sized]) -> Option<usize> {
+/// The frame at or below a root that carries several fingers, if any does: this common part is always placed.
+fn branching_frame(frames: &[LaneFrame], mut root: usize, order: &[usize], sized: &[Sized]) -> Option<usize> {
     let carries = |f: usize| {
         let has = below(frames, f);
         order.iter().any(|s| has[sized[*s].frame])
@@ -80,19 +80,19 @@ fn where_it_branches(frames: &[LaneFrame], mut root: usize, order: &[usize], siz
     }
 }
 
-/// What hangs on a region's root by one joint: the fingers of a hand, each in a ball of the root's frame, so that nothing
-/// of it is placed until something is near.
+/// The subtrees that are attached to a region's root by one joint: the fingers of a hand, each with a ball in the
+/// root's frame, so that it is placed only if something is near.
 pub(crate) fn branches(frames: &[LaneFrame], regions: &[Region], order: &[usize], sized: &[Sized]) -> Vec<Region> {
-    let of = |region: &Region, root: usize| {
+    let branch = |region: &Region, root: usize| {
         frames[root].carried.as_ref().filter(|c| c.parent == region.root)?;
         let has = below(frames, root);
         let inside = balls_of(frames, region.root, &has, order, sized);
         (!inside.is_empty()).then(|| Region { root: region.root, has, ball: Sphere::around(&inside) })
     };
-    regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| of(region, root))).collect()
+    regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| branch(region, root))).collect()
 }
 
-/// Per frame: whether it is in the subtree of this one, itself included.
+/// Per frame: true if it is in the subtree of `root`, `root` included.
 fn below(frames: &[LaneFrame], root: usize) -> Vec<bool> {
     let mut has = vec![false; frames.len()];
     has[root] = true;
@@ -102,7 +102,7 @@ fn below(frames: &[LaneFrame], root: usize) -> Vec<bool> {
     has
 }
 
-/// What holds each solid of a subtree at every pose; in its root's frame.
+/// Balls that contain each solid of a subtree at every pose; in its root's frame.
 fn balls_of(frames: &[LaneFrame], root: usize, has: &[bool], order: &[usize], sized: &[Sized]) -> Vec<Sphere> {
     let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
     inside.map(|s| s.ball().swept(frames, s.frame, root)).collect()

@@ -1,21 +1,21 @@
-//! One line, looked at in places: quick, and no proof.
+//! Samples of one line: fast, but not a proof.
 
 use crate::fast::{FastError, FastScene};
 use crate::lanes::{Mask, WIDTH};
 use crate::limits::is_within;
 
 impl FastScene {
-    /// True if a straight line in joint space is free at evenly spaced poses: a search may query this before it has the lines
-    /// that matter certified. Of a line that is blocked often sixteen poses are enough to show it, which are spread over all
-    /// of it.
+    /// True if a straight line in joint space is free at evenly spaced poses. A search may call this before it has the
+    /// relevant lines certified. For a blocked line often the first sixteen poses, which are spread over all of it, are
+    /// sufficient.
     ///
     /// # Arguments
-    /// * `edge`: the pose at its start, which is not looked at, then that at its end, which is; each with the motors of all
-    ///   robots in order, rad of encoder. Motors go straight.
-    /// * `poses`: how many are looked at, at least; a multiple of sixteen are.
+    /// * `edge`: the pose at its start, which is not tested, then that at its end, which is; each with the motors of
+    ///   all robots in order, rad of encoder. Motors move straight.
+    /// * `poses`: minimum number of tested poses; rounded up to a multiple of sixteen.
     ///
     /// # Errors
-    /// If the numbers are not one edge.
+    /// If the length is not that of one edge.
     pub fn samples_free(&mut self, edge: &[f64], poses: usize) -> Result<bool, FastError> {
         let motors = self.motors();
         if motors == 0 || edge.len() != 2 * motors {
@@ -25,7 +25,7 @@ impl FastScene {
         if edge.iter().any(|q| !q.is_finite()) {
             return Ok(false);
         }
-        self.stand_still(from, to);
+        self.reuse_fixed(from, to);
         let blocks = poses.div_ceil(WIDTH).max(1);
         let count = (blocks * WIDTH) as f64;
         // The first block is spread over the whole line, and the others fill the gaps.
@@ -35,14 +35,14 @@ impl FastScene {
         }))
     }
 
-    /// Motors that stand still on this line and stood there on the line before are placed already.
-    fn stand_still(&mut self, from: &[f64], to: &[f64]) {
+    /// Reuses the placement of motors that do not move on this line and had the same position on the line before.
+    fn reuse_fixed(&mut self, from: &[f64], to: &[f64]) {
         let is_still = |m: usize| from[m] == to[m] && is_within(from[m], self.program.limits[m]);
-        let known = |m: usize| match (self.block.still[m], is_still(m)) {
+        let is_unchanged = |m: usize| match (self.block.still[m], is_still(m)) {
             (true, true) => self.block.motors[m].0[0] == from[m],
             (still, now) => still == now,
         };
-        if (0..from.len()).all(known) {
+        if (0..from.len()).all(is_unchanged) {
             return;
         }
         let still: Vec<bool> = (0..from.len()).map(is_still).collect();
@@ -53,7 +53,7 @@ impl FastScene {
         self.block.still = still;
     }
 
-    /// True if the line is free at sixteen shares of it.
+    /// True if the line is free at these sixteen fractions of it.
     fn lanes_free(&mut self, from: &[f64], to: &[f64], share: &[f64; WIDTH]) -> bool {
         for (m, row) in self.block.motors.iter_mut().enumerate().filter(|(m, _)| !self.block.still[*m]) {
             let (low, high) = self.program.limits[m];
@@ -63,7 +63,8 @@ impl FastScene {
             }
         }
         self.figures.poses += WIDTH as u64;
-        let (mut violated, mut doubtful) = (0, 0);
+        let mut violated = 0;
+        let mut doubtful = 0;
         if !self.program.clauses.is_empty() {
             (violated, doubtful) = self.runner.violated(&self.program, &self.block);
         }
@@ -76,7 +77,7 @@ impl FastScene {
         live == Mask::MAX && !self.doubt_blocks(from, to, share, doubtful)
     }
 
-    /// True if any lane that rounding could decide is not free by the scalar engine: of a constraint, or a pair.
+    /// True if any lane in doubt, because of a constraint or a pair, is not free according to the scalar engine.
     fn doubt_blocks(&mut self, from: &[f64], to: &[f64], share: &[f64; WIDTH], of_constraints: Mask) -> bool {
         let lanes = self.block.doubts.iter().fold(of_constraints, |all, (_, lanes)| all | lanes);
         (0..WIDTH).filter(|lane| lanes >> lane & 1 != 0).any(|lane| {

@@ -1,15 +1,15 @@
-//! The order of tests: from balls around whole hands to single shapes, and what decides most often first.
+//! The order of tests: from balls around whole hands to single shapes, and the most decisive tests first.
 //!
 //! ```text
-//! hand near arm?             no: on to the next two
-//!   hand beside its tube?    no: on to the arm's next shape
-//!     finger beside it?      no: on
+//! hand near arm?             no: next two units
+//!   hand beside its tube?    no: next shape of the arm
+//!     finger beside it?      no: next finger
 //!       place the finger
-//!       tip beside it?       no: on
+//!       tip beside it?       no: next
 //!         test each pair of shapes
 //! ```
-//! *Near* compares two balls; *beside* a ball and the axis of the capsule that holds a shape, which tells a hand from the
-//! forearm that carries it.
+//! *Near* compares two balls; *beside* a ball and the axis of the capsule around a shape, which distinguishes a hand
+//! from the forearm that carries it.
 
 use crate::bound::TESTS;
 use crate::levers::Movers;
@@ -17,41 +17,41 @@ use crate::program::{Program, Relative, Step, UnitTest};
 use crate::write::Writer;
 use std::ops::Range;
 
-/// Pairs of units after which a block may stop. A matter of speed alone.
+/// Numbers of unit tests after which a block may stop. They affect only speed.
 const CUTS: [usize; 3] = [0, 32, 96];
 
-/// What is tested as one at first: a whole region, or one group.
+/// The largest things that are tested as one: a region, or a group outside all regions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Unit {
     Region(usize),
     Group(usize),
 }
 
-/// What steps are made of.
+/// Input for writing the steps.
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
     clearance: f64,
-    /// Per group: its region, if it is in one.
+    /// Per group: its region, if it belongs to one.
     region: Vec<Option<usize>>,
     pub groups: Vec<Range<usize>>,
-    /// Per branch of a region, and group: whether it is in it.
+    /// Per branch of a region, and group: true if the group belongs to it.
     branches: Vec<Vec<bool>>,
     /// Radius and error of each ball: groups, then regions, then branches.
     balls: Vec<(f64, f64)>,
     pub solids: Vec<Size>,
 }
 
-/// What a solid is held by, meters.
+/// Sizes of a solid's bounds, meters.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Size {
-    /// The ball's radius.
+    /// Radius of the bounding ball.
     pub ball: f64,
-    /// The capsule's half length and radius.
+    /// Half length and radius of the bounding capsule.
     pub half: f64,
     pub radius: f64,
-    /// How far rounding displaces any of its points.
+    /// Bound of the displacement of any of its points by rounding.
     pub error: f64,
-    /// Of a box: by how much rounding can be wrong about its axes (spectral norm).
+    /// For a box: error bound of its axes (spectral norm).
     pub turn: Option<f64>,
 }
 
@@ -67,13 +67,13 @@ impl Layout {
         }
     }
 
-    /// Balls come in the program's order; those of groups with the region that the group is in, if any.
+    /// Adds a ball, in the program's order; that of a group comes with the group's region, if any.
     pub fn add_ball(&mut self, radius: f64, error: f64, region: Option<Option<usize>>) {
         self.balls.push((radius, error));
         self.region.extend(region);
     }
 
-    /// Writes how far the two of each test move against each other, once tests have their order.
+    /// Computes the relative motions for all tests, after these have been ordered.
     pub fn write_motions(&self, program: &mut Program, movers: &mut Movers) {
         let solid = |s: usize| self.balls.len() + s;
         program.unit_motions = program.units.iter().map(|unit| movers.between(unit.a, unit.b)).collect();
@@ -84,7 +84,8 @@ impl Layout {
             Step::Region(_) | Step::Group(_) => Relative::default(),
         };
         program.step_motions = program.steps.iter().map(of_step).collect();
-        (program.sums, program.levers) = (movers.sums.clone(), movers.levers.clone());
+        program.sums = movers.sums.clone();
+        program.levers = movers.levers.clone();
         let motors = program.limits.len();
         program.reach = vec![0.0; motors];
         let mut both = vec![0.0; motors];
@@ -101,39 +102,41 @@ impl Layout {
         program.joints.iter().for_each(|j| program.slips[j.motor] += (slip * j.gain.abs()) as f32);
     }
 
-    /// The groups of a branch, whose ball was the last to be added.
+    /// Adds the groups of a branch; its ball must have been added last.
     pub fn add_branch(&mut self, has: impl Iterator<Item = bool>) {
         self.branches.push(has.collect());
     }
 
-    /// The branch of a region that a group is in.
+    /// The branch of a region to which a group belongs.
     pub fn branch(&self, group: usize) -> Option<usize> {
         self.branches.iter().position(|has| has[group])
     }
 
-    /// The ball of the branch that a group is in, or its own where it is in none.
+    /// The ball of a group's branch, or the group's own ball if it has none.
     pub fn part_ball(&self, group: usize) -> usize {
         let first = self.balls.len() - self.branches.len();
         self.branch(group).map_or(group, |branch| first + branch)
     }
 
-    /// Writes the program's tests of units and their steps, given in how many lanes each pair decided.
+    /// Writes the program's unit tests and their steps, given the number of lanes that each pair decided.
     pub fn write(&self, program: &mut Program, decided: &[u32]) {
         let mut writer = Writer::new(self, program, decided);
         let mut units = writer.by((0..program.pairs.len()).collect(), |w, p| w.units(p));
-        // For what they cost: a few pairs tell as much as many for less.
+        // Relative to their cost: a few pairs may decide as often as many.
         units.sort_by_key(|(_, pairs)| std::cmp::Reverse(writer.decided(pairs) * 1000 / (4 + pairs.len() as u32)));
         let mut tests = Vec::new();
         for ((u, v), pairs) in units {
             let first = writer.steps.len();
             writer.two_units((u, v), pairs);
-            let (a, b) = (self.unit_ball(u), self.unit_ball(v));
+            let a = self.unit_ball(u);
+            let b = self.unit_ball(v);
             let steps = first..writer.steps.len();
             tests.push(UnitTest { a, b, within_squared: self.within_squared(a, b), steps });
         }
         let steps = writer.steps;
         program.cuts = CUTS.iter().copied().take_while(|cut| *cut < tests.len()).chain([tests.len()]).collect();
-        (program.units, program.steps) = (tests, steps);
+        program.units = tests;
+        program.steps = steps;
     }
 
     pub fn unit(&self, group: usize) -> Unit {
@@ -147,7 +150,7 @@ impl Layout {
         }
     }
 
-    /// Centers of balls (or solids, after them) that are farther apart have nothing between them.
+    /// Squared distance of centers of balls (or solids, numbered after them) above which nothing of the two can touch.
     pub fn within_squared(&self, a: usize, b: usize) -> f32 {
         let size = |i: usize| match i.checked_sub(self.balls.len()) {
             Some(solid) => (self.solids[solid].ball, self.solids[solid].error),
@@ -158,13 +161,15 @@ impl Layout {
         (within * within * (1.0 + TESTS)) as f32
     }
 
-    /// A ball's center that is farther from the axis of a solid's capsule, or from a box itself, has nothing of the solid near
-    /// it.
+    /// Squared distance of a ball's center from the axis of a solid's capsule, or from a box itself, above which
+    /// nothing of the two can touch.
     ///
-    /// The solid's error counts twice: for where its axis is, and for where on it the nearest point is looked for. Of a box
-    /// the center may be farther away than the box is large, so its axes' error counts along all of that way.
+    /// The solid's error counts twice: for the position of its axis, and for the search of the nearest point on it. For
+    /// a box the center may be farther away than the box's own size, so the error of its axes counts along this
+    /// complete distance.
     pub fn beside_squared(&self, ball: usize, of: usize) -> f32 {
-        let ((r, e), solid) = (self.balls[ball], self.solids[of]);
+        let (r, e) = self.balls[ball];
+        let solid = self.solids[of];
         let (radius, beyond, share) =
             solid.turn.map_or((solid.radius, solid.half, TESTS), |turn| (0.0, solid.ball, TESTS + turn));
         let within = r + radius + self.clearance;

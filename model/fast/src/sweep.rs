@@ -1,4 +1,5 @@
-//! Balls that hold a shape at every pose: what proves that a pair can never meet, and when a hand may be left alone.
+//! Balls that contain a shape at every pose: they prove that a pair can never meet, and determine if a hand can be
+//! skipped.
 
 use crate::chain::{Carried, LaneFrame};
 use nalgebra::{Isometry3, Vector3};
@@ -12,7 +13,7 @@ pub(crate) struct Sphere {
 }
 
 impl Sphere {
-    /// A small ball around balls: the center goes toward the farthest one by ever smaller steps (Bădoiu and Clarkson).
+    /// A small ball around balls: the center moves toward the farthest one in decreasing steps (Bădoiu and Clarkson).
     pub fn around(balls: &[Sphere]) -> Sphere {
         let Some(first) = balls.first() else { return Sphere { center: Vector3::zeros(), radius: 0.0 } };
         if balls.len() == 1 {
@@ -21,19 +22,21 @@ impl Sphere {
         let mut center = first.center;
         let reach = |center: &Vector3<f64>, ball: &Sphere| (ball.center - center).norm() + ball.radius;
         for step in 1..=200 {
-            let (mut far, mut most) = (first, f64::NEG_INFINITY);
+            let mut far = first;
+            let mut most = f64::NEG_INFINITY;
             for ball in balls {
                 let reach = reach(&center, ball);
                 if reach > most {
-                    (far, most) = (ball, reach);
+                    far = ball;
+                    most = reach;
                 }
             }
-            let way = far.center - center;
-            let toward = way + way.try_normalize(1e-12).unwrap_or_default() * far.radius;
+            let offset = far.center - center;
+            let toward = offset + offset.try_normalize(1e-12).unwrap_or_default() * far.radius;
             center += toward / (f64::from(step) + 1.0);
         }
         let radius = |center: &Vector3<f64>| balls.iter().map(|b| reach(center, b)).fold(0.0, f64::max);
-        // One ball is its own, which the steps only come near to.
+        // For one dominant ball the exact result is that ball, which the steps only approach.
         if radius(&first.center) <= radius(&center) {
             center = first.center
         };
@@ -44,16 +47,18 @@ impl Sphere {
         Sphere { center: by.transform_point(&self.center.into()).coords, ..self }
     }
 
-    /// Where it can be in the frame that carries its own: a circle's arc or a stretch, and the ball around that.
+    /// The positions it can have in the frame that carries its own, an arc or a segment, enclosed by a ball.
     pub fn carried(self, by: &Carried) -> Sphere {
         let (low, high) = by.range;
-        let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
+        let middle = (low + high) / 2.0;
+        let half = (high - low) / 2.0;
         match by.slide {
             Some(along) => Sphere { center: self.center + along * middle, radius: self.radius + half },
             None => {
-                let (c, off_axis) = (self.center, self.center.xy().norm());
+                let c = self.center;
+                let off_axis = self.center.xy().norm();
                 let toward = c.y.atan2(c.x) + middle;
-                // The ball around an arc of less than half a circle stands on its chord.
+                // The ball around an arc of less than half a circle is centered on its chord.
                 let (out, more) = if half < FRAC_PI_2 { (half.cos(), half.sin()) } else { (0.0, 1.0) };
                 let center = Vector3::new(toward.cos() * off_axis * out, toward.sin() * off_axis * out, c.z);
                 Sphere { center, radius: self.radius + off_axis * more }
@@ -62,9 +67,10 @@ impl Sphere {
         .moved(&by.before)
     }
 
-    /// Where it can be in frame `to`, one that carries its own frame `from`, or that frame itself.
+    /// Ball around its possible positions in frame `to`, which carries its own frame `from`, or is equal to it.
     pub fn swept(self, frames: &[LaneFrame], from: usize, to: usize) -> Sphere {
-        let (mut ball, mut at) = (self, from);
+        let mut ball = self;
+        let mut at = from;
         while at != to {
             let Some(carried) = frames[at].carried.as_ref() else { break };
             ball = ball.carried(carried);
@@ -74,23 +80,23 @@ impl Sphere {
     }
 }
 
-/// The frames from one up to the base that carries it, both included.
+/// The frames from `frame` to the base that carries it, both included.
 pub(crate) fn above(frames: &[LaneFrame], frame: usize) -> impl Iterator<Item = usize> + '_ {
     std::iter::successors(Some(frame), |f| frames[*f].carried.as_ref().map(|c| c.parent))
 }
 
-/// The uppermost frame that carries both, if any does.
+/// The nearest frame that carries both, if any does.
 pub(crate) fn common(frames: &[LaneFrame], a: usize, b: usize) -> Option<usize> {
     above(frames, a).find(|f| above(frames, b).any(|g| g == *f))
 }
 
-/// Where a ball of a frame can be in the world.
+/// Ball around the possible positions of a frame's ball in the world.
 pub(crate) fn in_world(frames: &[LaneFrame], frame: usize, ball: Sphere) -> Sphere {
     let base = above(frames, frame).last().unwrap_or(frame);
     ball.swept(frames, frame, base).moved(&frames[base].fixed)
 }
 
-/// A distance that two balls keep at every pose, meters.
+/// Lower bound of the distance of two balls at every pose, meters.
 pub(crate) fn least_distance(frames: &[LaneFrame], a: (usize, Sphere), b: (usize, Sphere)) -> f64 {
     let world = |(frame, ball): (usize, Sphere)| in_world(frames, frame, ball);
     let (p, q) = match common(frames, a.0, b.0) {

@@ -1,4 +1,4 @@
-//! What can only be seen from inside: that bounds bound.
+//! Internal tests: bounds hold.
 
 use crate::bound::U;
 use crate::chain::LaneFrame;
@@ -8,7 +8,7 @@ use crate::kernel::{Block, place_group, place_region, sine_cosine, start_placing
 use crate::lanes::{Lanes, Mask, Portable, Row, WIDTH, WideRow};
 use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
 use crate::program::Step;
-use crate::proof::{Proofs, Stance};
+use crate::proof::{JointInterval, Proofs};
 use crate::sweep::{Sphere, above, common, least_distance};
 use mobee_model::{IndexPair, Motor, Pair, Robot, Scene, load_robot, random_poses};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
@@ -19,18 +19,18 @@ use std::sync::Arc;
 fn scene(name: &str) -> (Arc<Robot>, Scene) {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../configs/robots/{name}.xml"));
     let robot = Arc::new(load_robot(file).expect("the robot loads").value);
-    // Not at the origin: distance from there costs digits, and the bound must know it.
+    // Away from the origin: distance from it costs digits, which the bound must include.
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -1.0, 0.5));
     let base = Isometry3::from_parts(Translation3::new(1.3, -0.4, 0.2), turn);
     let scene = Scene::new(vec![(robot.clone(), base)], Vec::new()).expect("a scene");
     (robot, scene)
 }
 
-/// Calls with the poses that lanes were given, and the block that they were judged in, for each set of instructions.
+/// Calls `look` with the poses in the lanes, and the block in which they were tested, for each instruction set.
 fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &Block, &[usize])) {
     let (robot, scene) = scene(name);
     let mut compiled = compile(&scene, scene.pairs(), 10.0, &mut RobotFacts::default());
-    // Everything is near at ten meters, but nothing touches by then that would end the block: only frames are asked for
+    // At a clearance of ten meters everything is near, but without units nothing ends the block: only the frames matter
     // here.
     compiled.program.units.clear();
     compiled.program.cuts = vec![0, 0];
@@ -55,9 +55,10 @@ fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &B
 }
 
 #[test]
-fn frames_keep_to_their_bounds() {
+fn frames_stay_within_their_bounds() {
     for name in ["icub", "katana"] {
-        let (mut worst, mut largest) = (0.0f64, 0.0f64);
+        let mut worst = 0.0f64;
+        let mut largest = 0.0f64;
         judged(name, |scene, frames, poses, block, moving| {
             for (lane, pose) in poses.iter().enumerate() {
                 let mut exact = Vec::new();
@@ -79,12 +80,12 @@ fn frames_keep_to_their_bounds() {
             }
         });
         eprintln!("{name}: at most {:.1} % of a bound; the largest bound is {largest:.2e} m", 100.0 * worst);
-        assert!(worst > 0.01, "a bound a hundred times too wide would hold anything");
+        assert!(worst > 0.01, "a bound a hundred times too wide would prove nothing");
     }
 }
 
 #[test]
-fn a_pair_keeps_the_distance_that_is_proved() {
+fn a_pair_has_at_least_the_proved_distance() {
     for name in ["icub", "katana"] {
         let (robot, scene) = scene(name);
         let frames = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).movers.frames;
@@ -99,7 +100,8 @@ fn a_pair_keeps_the_distance_that_is_proved() {
             let mut exact = Vec::new();
             scene.skeletons()[0].place(&pose, &mut exact);
             for &(i, j) in scene.pairs() {
-                let (a, b) = (balls[i as usize], balls[j as usize]);
+                let a = balls[i as usize];
+                let b = balls[j as usize];
                 let at = |(frame, ball): (usize, Sphere)| {
                     exact[frame] * frames[frame].choice * nalgebra::Point3::from(ball.center)
                 };
@@ -110,18 +112,21 @@ fn a_pair_keeps_the_distance_that_is_proved() {
     }
 }
 
-/// On intervals of all lengths, the distance of any two ends of two cores changes by no more than the bound says; and
-/// the bound is not far from what they move.
+/// On intervals of all lengths, the distance of any two end points of two cores changes by no more than the bound; and
+/// the bound is not much larger than the actual motion.
 #[test]
-fn what_moves_keeps_to_its_bound() {
+fn motion_stays_within_its_bound() {
     for name in ["icub", "katana", "panda"] {
         let (robot, scene) = scene(name);
         let Compiled { mut program, layout, mut movers, .. } =
             compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default());
         layout.write_motions(&mut program, &mut movers);
-        let (mut block, mut motions) = (Block::new(&program), Motions::new(&program));
+        let mut block = Block::new(&program);
+        let mut motions = Motions::new(&program);
         let mut poses = random_poses(&robot, 6);
-        let (mut worst, mut bounds, mut coarser) = (0.0f64, 0, 0);
+        let mut worst = 0.0f64;
+        let mut bounds = 0;
+        let mut coarser = 0;
         for round in 0..12 {
             let share = 0.25 * 0.3f64.powi(round % 4);
             let lines: Vec<(Vec<f64>, Vec<f64>)> =
@@ -143,7 +148,8 @@ fn what_moves_keeps_to_its_bound() {
                 place_twists::<Portable>(&program, &block, &mut motions, region);
             }
             (0..program.groups.len()).for_each(|g| place_group::<Portable>(&program, &mut block, g));
-            // The middle's other side is as good: the line goes on beyond it, but for motors at their limits.
+            // The other direction from the midpoint is equivalent: the line continues beyond it, except for motors at
+            // their limits.
             let frames = |lane: usize, way: f64| {
                 let mut exact = Vec::new();
                 scene.skeletons()[0].place(&at(lane, way), &mut exact);
@@ -155,7 +161,8 @@ fn what_moves_keeps_to_its_bound() {
                 let Step::Pair(pair) = *step else { continue };
                 let [a, b] = [program.pairs[pair].a, program.pairs[pair].b].map(|solid| program.balls.len() + solid);
                 sum_up::<Portable>(&program, &mut motions, relative);
-                let (mut fine_row, mut coarse_row) = (Row::default(), Row::default());
+                let mut fine_row = Row::default();
+                let mut coarse_row = Row::default();
                 fine::<Portable>(&program, &block, &motions, relative, a, b).store(&mut fine_row);
                 coarse::<Portable>(&motions, relative).store(&mut coarse_row);
                 for (lane, placed) in placed.iter().enumerate() {
@@ -184,13 +191,13 @@ fn what_moves_keeps_to_its_bound() {
             "{name}: at most {:.1} % of a bound; of {bounds}, {coarser} are much finer than the coarse one",
             100.0 * worst
         );
-        assert!(worst > 0.5, "a bound twice too wide would hold anything");
-        assert!(coarser * 4 > bounds, "velocities tell more than levers: {coarser} of {bounds}");
+        assert!(worst > 0.5, "a bound twice too wide would prove nothing");
+        assert!(coarser * 4 > bounds, "velocities give tighter bounds than levers: {coarser} of {bounds}");
     }
 }
 
 #[test]
-fn a_ball_holds_the_balls_it_is_around() {
+fn a_ball_contains_the_balls_inside_it() {
     let ball = |x: f64, y: f64, radius: f64| Sphere { center: Vector3::new(x, y, 0.1 * x), radius };
     let balls = [ball(0.0, 0.0, 0.1), ball(1.0, 0.2, 0.3), ball(-0.5, 1.0, 0.05)];
     for count in 1..=3 {
@@ -208,21 +215,21 @@ fn fingers_are_regions_of_their_own() {
     let program = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).program;
     let fingers = program.regions.iter().skip(1).filter(|joints| (3..=4).contains(&joints.len())).count();
     assert_eq!(fingers, 10, "two hands: {:?}", program.regions);
-    // A finger's ball is asked about before the finger is placed: it is on what carries the finger.
+    // A finger's ball is tested before the finger is placed: it is on the frame that carries the finger.
     let carried: Vec<usize> =
         program.regions[1..].iter().flat_map(|joints| program.joints[joints.clone()].iter().map(|j| j.frame)).collect();
     let hands_and_fingers = &program.balls[program.groups.len()..];
     assert!(hands_and_fingers.iter().all(|ball| !carried.contains(&ball.frame)), "{hands_and_fingers:?}");
 }
 
-/// What is left out never touches, nor comes nearer than the clearance: at random poses, and where every joint is at an end
-/// of its range, which random poses do not come near.
+/// Omitted pairs never touch, nor come closer than the clearance: at random poses, and with every joint at an end of
+/// its range, which random poses do not reach.
 #[test]
-fn pairs_that_are_left_out_keep_apart() {
+fn omitted_pairs_stay_apart() {
     for (name, least) in [("icub", 70), ("katana", 0), ("panda", 0)] {
         let (robot, scene) = scene(name);
         for clearance in [0.0, 0.02] {
-            let kept: BTreeSet<IndexPair> = compile(&scene, scene.pairs(), clearance, &mut RobotFacts::default())
+            let selected: BTreeSet<IndexPair> = compile(&scene, scene.pairs(), clearance, &mut RobotFacts::default())
                 .program
                 .pairs
                 .iter()
@@ -231,10 +238,10 @@ fn pairs_that_are_left_out_keep_apart() {
             let left: Vec<Pair> = scene
                 .pairs()
                 .iter()
-                .filter(|pair| !kept.contains(pair))
+                .filter(|pair| !selected.contains(pair))
                 .filter_map(|(a, b)| scene.shape_id(*a).zip(scene.shape_id(*b)))
                 .collect();
-            assert!(left.len() >= least, "{name}: {} pairs are left out", left.len());
+            assert!(left.len() >= least, "{name}: {} pairs are omitted", left.len());
             let random: Vec<Vec<f64>> = random_poses(&robot, 4).take(500).collect();
             let ends = random.iter().map(|pose| {
                 let end =
@@ -250,15 +257,16 @@ fn pairs_that_are_left_out_keep_apart() {
     }
 }
 
-/// From any frame to any other that is few joints away a point goes where the scalar engine has it, and anywhere else in a
-/// part of the joints' ranges no farther from there than the bound says.
+/// From any frame to any other that is few joints away a point is transformed as by the scalar engine. Anywhere else in
+/// a part of the joints' ranges it is no farther from there than the bound.
 #[test]
-fn a_point_crosses_joints_as_they_stand() {
+fn a_point_crosses_joints_within_its_bound() {
     for name in ["icub", "panda"] {
         let (robot, scene) = scene(name);
         let frames = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).movers.frames;
         let proofs = Proofs::new(&frames, &[], 0.0);
-        let (mut ways, mut worst) = (0, 0.0f64);
+        let mut ways = 0;
+        let mut worst = 0.0f64;
         for pose in random_poses(&robot, 8).take(20) {
             let mut exact = Vec::new();
             scene.skeletons()[0].place(&pose, &mut exact);
@@ -269,14 +277,18 @@ fn a_point_crosses_joints_as_they_stand() {
                 let carriers = |frame| above(&frames, frame).take_while(|f| *f != common).collect::<Vec<usize>>();
                 let all = carriers(from).into_iter().chain(carriers(to).into_iter().rev());
                 let point = Vector3::new(0.1, -0.2, 0.3);
-                let (mut here, mut near, mut spread) = (point, point, 0.0);
+                let mut here = point;
+                let mut near = point;
+                let mut spread = 0.0;
                 for ((crossing, range), frame) in crossings.iter().zip(all) {
                     let joint = &frames[frame].carried.as_ref().expect("a joint").joint;
                     let at = joint.start + (pose[joint.motor] - joint.low) * joint.gain;
                     assert!((at - range.middle).abs() <= range.half + 1e-9);
-                    here = crossing.cross(here, &Stance::new(at, 0.0)).0;
-                    let (next, more) = crossing.cross(near, &Stance::new(at + 0.1 * range.half, 0.1 * range.half));
-                    (near, spread) = (next, spread + more);
+                    here = crossing.cross(here, &JointInterval::new(at, 0.0)).0;
+                    let (next, more) =
+                        crossing.cross(near, &JointInterval::new(at + 0.1 * range.half, 0.1 * range.half));
+                    near = next;
+                    spread += more;
                 }
                 let expected = (world(to).inverse() * world(from)).transform_point(&point.into()).coords;
                 assert!((here - expected).norm() < 1e-9, "{name}, {from} to {to}: {here} instead of {expected}");
@@ -289,9 +301,9 @@ fn a_point_crosses_joints_as_they_stand() {
     }
 }
 
-/// Together sine and cosine are no worse than `bound.rs` counts on, whatever the angle's size.
+/// The error of sine and cosine together is within the bound in `bound.rs`, for any magnitude of the angle.
 #[test]
-fn sine_and_cosine_keep_to_their_bound() {
+fn sine_and_cosine_stay_within_their_bound() {
     let (_, scene) = scene("katana");
     let mut joint = Some(compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).program.joints[0].clone());
     let mut worst = 0.0f64;
@@ -300,7 +312,8 @@ fn sine_and_cosine_keep_to_their_bound() {
         (joint.start, joint.low, joint.gain) = (turns * std::f64::consts::TAU, 0.0, 1.0);
         for i in 0..100_000 {
             let angles: [f64; WIDTH] = std::array::from_fn(|lane| f64::from(i * 16 + lane as u32) * 4e-6);
-            let (mut sine, mut cosine) = (Row::default(), Row::default());
+            let mut sine = Row::default();
+            let mut cosine = Row::default();
             sine_cosine::<Portable>(&WideRow(angles), joint, &mut sine, &mut cosine);
             for (lane, angle) in angles.iter().enumerate() {
                 let (s, c) = angle.sin_cos();

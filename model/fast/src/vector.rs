@@ -1,4 +1,4 @@
-//! Vectors of three, sixteen at a time.
+//! Three-dimensional vectors, sixteen at a time.
 
 use crate::lanes::{Lanes, Row};
 

@@ -1,19 +1,20 @@
-//! Writes the steps of two units: from the coarsest question to pairs of shapes.
+//! Writes the steps of two units: from the coarsest test to pairs of shapes.
 
 use crate::program::{Program, Step};
 use crate::steps::{Layout, Unit};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-/// Fewer shapes than this on the other side are tested at once.
-const MANY: usize = 3;
+/// Number of shapes on the other side from which the first side is tested shape by shape; with fewer all pairs are
+/// tested directly.
+const MIN_SHAPES_FOR_BALLS: usize = 3;
 
-/// Steps that are being written.
+/// State of writing steps.
 pub(crate) struct Writer<'a> {
     layout: &'a Layout,
     /// Per pair: its solids.
     pairs: Vec<[usize; 2]>,
-    /// In how many lanes each pair decided; none where that is not known.
+    /// Number of lanes that each pair decided; empty if unknown.
     decided: &'a [u32],
     /// Per solid: its group.
     group: Vec<usize>,
@@ -32,12 +33,12 @@ impl<'a> Writer<'a> {
         Writer { layout, pairs, decided, group, balls: program.balls.len(), steps: Vec::new() }
     }
 
-    /// In how many lanes any of these pairs decided.
+    /// Number of lanes that any of these pairs decided.
     pub fn decided(&self, pairs: &[usize]) -> u32 {
         pairs.iter().map(|p| self.decided.get(*p).copied().unwrap_or(0)).sum()
     }
 
-    /// Pairs by something that they have in common, what decided most often first.
+    /// Groups pairs by a common key, the most decisive group first.
     pub fn by<K: Ord>(&self, pairs: Vec<usize>, key: impl Fn(&Self, usize) -> K) -> Vec<(K, Vec<usize>)> {
         let mut all = BTreeMap::<K, Vec<usize>>::new();
         for p in pairs {
@@ -54,7 +55,7 @@ impl<'a> Writer<'a> {
         (u.min(v), u.max(v))
     }
 
-    /// The solids of a pair: the first unit's, then the other's.
+    /// The solids of a pair: first that of the first unit, then the other.
     fn sides(&self, pair: usize) -> [usize; 2] {
         let [a, b] = self.pairs[pair];
         if self.layout.unit(self.group[a]) == self.units(pair).0 { [a, b] } else { [b, a] }
@@ -65,15 +66,15 @@ impl<'a> Writer<'a> {
         self.sides(pair).map(|solid| self.group[solid])
     }
 
-    /// The balls that hold the fingers, or what else a unit has, that a pair's solids are in.
+    /// The balls around the fingers, or other parts of a unit, that contain a pair's solids.
     fn parts(&self, pair: usize) -> [usize; 2] {
         self.groups(pair).map(|group| self.layout.part_ball(group))
     }
 
-    /// All pairs of two units whose balls are near.
+    /// Writes all pairs of two units with balls near each other.
     pub fn two_units(&mut self, (u, v): (Unit, Unit), pairs: Vec<usize>) {
         match (u, v) {
-            // They are the units, and were asked already.
+            // These groups are the units; their balls were tested already.
             (Unit::Group(g), Unit::Group(h)) => self.pairs_of((g, h), pairs),
             (_, Unit::Group(h)) => {
                 self.steps.push(Step::Group(h));
@@ -124,8 +125,9 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// All pairs of two groups; where there are many, shape by shape of the first against the second's ball. A box that is
-    /// alone in its group is compared with the other's ball first, as the ball around a board holds much that is not near it.
+    /// Writes all pairs of two groups. If there are many, each shape of the first is tested against the second's ball.
+    /// A box that is alone in its group is first compared with the other's ball, since the ball around a board contains
+    /// much that is not near the board.
     fn pairs_of(&mut self, (g, h): (usize, usize), pairs: Vec<usize>) {
         let size = |group: usize| self.layout.groups[group].len();
         let (one, other) = if size(g) <= size(h) { (g, h) } else { (h, g) };
@@ -141,7 +143,7 @@ impl<'a> Writer<'a> {
             return;
         }
         self.place([g, h]);
-        if size(other) < MANY {
+        if size(other) < MIN_SHAPES_FOR_BALLS {
             self.steps.extend(pairs.into_iter().map(Step::Pair));
             return;
         }
@@ -166,16 +168,16 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// Places what a group hangs on, unless that always is.
+    /// Places the branch of a group, unless it is always placed.
     fn region(&mut self, group: usize) {
         let branch = self.layout.branch(group);
         self.steps.extend(branch.map(|branch| Step::Region(branch + 1)));
     }
 
-    /// A question, and the steps to take if it says yes in any lane.
-    fn within(&mut self, question: impl Fn(&Self) -> Step, steps: impl FnOnce(&mut Self)) {
+    /// Writes a test, and the steps to execute if it is positive in any lane.
+    fn within(&mut self, test: impl Fn(&Self) -> Step, steps: impl FnOnce(&mut Self)) {
         let first = self.steps.len();
-        self.steps.push(question(self));
+        self.steps.push(test(self));
         steps(self);
         let end = self.steps.len() as u32;
         if let Some(Step::Near { skip, .. } | Step::Beside { skip, .. }) = self.steps.get_mut(first) {
@@ -183,12 +185,12 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// Whether two balls (or solids, after them) are near; its end still open.
+    /// Test if two balls (or solids, numbered after them) are near; its end is not set yet.
     fn near(&self, a: usize, b: usize) -> Step {
         Step::Near { a: a as u32, b: b as u32, within_squared: self.layout.within_squared(a, b), skip: 0 }
     }
 
-    /// Whether a ball is near the capsule that holds a solid; its end still open.
+    /// Test if a ball is near the bounding capsule of a solid; its end is not set yet.
     fn beside(&self, ball: usize, of: usize) -> Step {
         let within_squared = self.layout.beside_squared(ball, of);
         let half = self.layout.solids[of].half as f32;

@@ -1,63 +1,65 @@
-//! A sampled motion, judged by conservative advancement.
+//! Conservative advancement along a sampled motion.
 //!
-//! A pair that is `d` meters farther apart than matters, and closes at no more than `v` meters per step, can't matter for the
-//! next `d / v` steps: it is looked at again only then. Since `v` bounds the true speed, the skipped samples could not have
-//! changed the answer, which is that of testing every pair at every step.
+//! A pair that is `d` meters farther apart than matters, and approaches by at most `v` meters per step, is irrelevant
+//! for the next `d / v` steps and is checked again only after them. Since `v` bounds the true speed, the skipped
+//! samples cannot change the result: it equals that of testing every pair at every step.
 
 use super::{Engine, IndexPair, Near};
 use nalgebra::Isometry3;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// A pair and how fast it can close in.
+/// A pair and a bound of its approach speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SweptPair {
-    /// Which two.
+    /// The two colliders.
     pub pair: IndexPair,
-    /// Meters per step that their distance changes at most.
+    /// Upper bound of the change of their distance, meters per step.
     pub speed: f64,
 }
 
-/// A motion in equal steps, and what is asked of it.
+/// A motion in equal steps, and the query about it.
 #[derive(Clone, Copy, Debug)]
 pub struct LineQuery<'a> {
-    /// The pairs that matter.
+    /// The pairs to check.
     pub pairs: &'a [SweptPair],
     /// Number of steps; samples are at 0 to `steps`, both ends included.
     pub steps: u32,
-    /// Nearer than this, or as near, meters, is not free.
+    /// A distance of this or less, in meters, is not free.
     pub clearance: f64,
-    /// Distances are measured up to here, meters; not below the clearance.
+    /// Distances are measured up to this value, meters; not below the clearance.
     pub cap: f64,
-    /// Whether to go on to the end where it is not free, to find the smallest distance of all.
+    /// If true, the check continues to the end of a motion that is not free, to find the minimum distance over all
+    /// samples.
     pub whole: bool,
 }
 
-/// What came of a motion.
+/// Result of checking a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineResult {
-    /// The smallest distance at any sample looked at, meters; the query's cap if none is below that.
+    /// The smallest distance at any checked sample, meters; the query's cap if no distance is smaller.
     pub min_distance: f64,
-    /// The pair of `min_distance`, unless that is the cap.
+    /// The pair of `min_distance`; `None` if that is the cap.
     pub pair: Option<IndexPair>,
     /// The first step at which the motion is not free.
     pub hit: Option<u32>,
 }
 
-/// See [`Engine::line`].
+/// Implements [`Engine::line`].
 pub(super) fn advance<E: Engine>(
     engine: &E,
     query: &LineQuery<'_>,
     mut frames_at: impl FnMut(u32, &mut Vec<Isometry3<f64>>),
 ) -> LineResult {
     let mut result = LineResult { min_distance: query.cap, pair: None, hit: None };
-    // Pairs by the step at which they must be looked at next: all of them at the first.
+    // Min-heap of pairs by the step at which each must be checked next; all start at step 0.
     let mut pending: BinaryHeap<Reverse<(u32, u32)>> = (0..query.pairs.len() as u32).map(|p| Reverse((0, p))).collect();
-    let (mut frames, mut placement) = (Vec::new(), E::Placement::default());
+    let mut frames = Vec::new();
+    let mut placement = E::Placement::default();
     let mut placed_at = None;
     while let Some(Reverse((step, p))) = pending.pop() {
         if placed_at != Some(step) {
-            // Only between samples, so that the first hit is told with the nearest pair of its sample.
+            // Stop only between samples, so that the result has the nearest pair of the sample of the first hit.
             if !query.whole && result.hit.is_some() {
                 break;
             }
@@ -70,7 +72,8 @@ pub(super) fn advance<E: Engine>(
         let distance = match engine.near(&placement, pair, result.min_distance) {
             Near::Within(near) => {
                 if near.distance < result.min_distance || result.pair.is_none() {
-                    (result.min_distance, result.pair) = (near.distance, Some(pair));
+                    result.min_distance = near.distance;
+                    result.pair = Some(pair);
                 }
                 if near.distance <= query.clearance {
                     result.hit = result.hit.or(Some(step));
@@ -79,8 +82,8 @@ pub(super) fn advance<E: Engine>(
             }
             Near::Beyond(distance) => distance,
         };
-        // Until it can have come below the smallest distance so far, it does not matter. Rounded down, so that rounding
-        // looks too early and never too late; at least one step, so that the motion gets on.
+        // The pair is irrelevant until it can be nearer than the smallest distance so far. Rounding down makes the next
+        // check too early and never too late; at least one step, so that the loop advances.
         let idle = ((distance - result.min_distance) / speed).floor();
         if speed > 0.0 && idle < f64::from(query.steps - step) {
             pending.push(Reverse((step + (idle.max(0.0) as u32).max(1), p)));

@@ -1,7 +1,8 @@
-//! The scalar engine: pair by pair with rejection first, then exact distances by closed forms and parry's GJK and EPA.
+//! Scalar engine: rejects pair by pair first, then measures exact distances by closed forms and parry's GJK and EPA.
 //!
-//! What rejects is ordered by cost: bounding balls (one square root), the center of one shape against the box that the other is,
-//! then the capsules that hold the shapes. At random poses of a humanoid all but a few pairs in a hundred end there.
+//! The rejection tests are ordered by cost: bounding balls (one square root), the center of one shape against the other
+//! if that is a box, then the bounding capsules. At random configurations of a humanoid all but a few percent of the
+//! pairs are rejected.
 
 mod closed;
 mod exact;
@@ -20,33 +21,33 @@ use exact::distance_within;
 use form::Form;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// One pair at a time, in plain `f64`.
+/// Collision engine that handles one pair at a time, in `f64`.
 #[derive(Clone, Debug)]
 pub struct ScalarEngine {
-    /// In the order of the colliders: pairs are numbers in this list.
+    /// In the order of the colliders; pairs are indices into this list.
     solids: Vec<Solid>,
 }
 
 /// A prepared collider.
 #[derive(Clone, Debug)]
 struct Solid {
-    /// Its shape.
+    /// Its shape, prepared.
     form: Form,
     /// Index of its frame.
     frame: usize,
     /// `frame_from_shape`.
     pose: Isometry3<f64>,
-    /// Half the axis of its outer capsule, in its frame: turned once here and not at every pose.
+    /// Half the axis of its outer capsule, in its frame: rotated once here instead of at every configuration.
     half_axis: Vector3<f64>,
 }
 
-/// The solids of a [`ScalarEngine`] at one pose.
+/// The solids of a [`ScalarEngine`] at one configuration.
 #[derive(Clone, Debug, Default)]
 pub struct Placement {
     /// `world_from_frame`.
     frames: Vec<Isometry3<f64>>,
-    /// Per solid: the axis of its outer capsule, world frame. Bounds need no more, and it costs half of what a whole
-    /// pose does, which only the few pairs that are measured pay.
+    /// Per solid: the axis of its outer capsule, world frame. The bounds need no more, and it costs half of a full
+    /// pose. Full poses are computed only for the few pairs that are measured.
     axes: Vec<Segment>,
 }
 
@@ -75,7 +76,7 @@ impl Engine for ScalarEngine {
 
     fn place_frames(&self, world_from_frame: &[Isometry3<f64>], placement: &mut Placement) {
         placement.set_frames(world_from_frame);
-        // Whatever axes are there are those of an older pose: `place_pair` renews the two that `near` looks at.
+        // Existing axes may belong to an older configuration: `place_pair` updates the two that `near` reads.
         placement.axes.resize(self.solids.len(), Segment::default());
     }
 
@@ -97,23 +98,27 @@ impl Engine for ScalarEngine {
         if self.bound(placement, pair, clearance) > clearance {
             return false;
         }
-        let (i, j) = (pair.0 as usize, pair.1 as usize);
-        let (a, b) = (&self.solids[i].form, &self.solids[j].form);
-        // The bound by outer capsules is the distance itself where both shapes are capsules.
+        let i = pair.0 as usize;
+        let j = pair.1 as usize;
+        let a = &self.solids[i].form;
+        let b = &self.solids[j].form;
+        // The bound by outer capsules is the distance itself if both shapes are capsules.
         if a.is_capsule() && b.is_capsule() {
             return true;
         }
-        // Capsules inside the shapes that touch save measuring: for a yes or no the depth is not asked.
-        let (inner_a, inner_b) = (a.inner(&placement.axes[i]), b.inner(&placement.axes[j]));
+        // If capsules inside the shapes touch, no measurement is needed: a yes-or-no query has no use for the depth.
+        let inner_a = a.inner(&placement.axes[i]);
+        let inner_b = b.inner(&placement.axes[j]);
         if segments_squared(&inner_a, &inner_b).sqrt() - a.inner.radius - b.inner.radius <= clearance {
             return true;
         }
         self.measure(placement, pair, clearance).is_some()
     }
 
-    /// Straight to the exact measurement: with no cap there is nothing to reject.
+    /// Measures exactly at once: without a cap there is nothing to reject.
     fn distance(a: &Shape, world_from_a: &Isometry3<f64>, b: &Shape, world_from_b: &Isometry3<f64>) -> Proximity {
-        let (a, b) = (Form::new(a), Form::new(b));
+        let a = Form::new(a);
+        let b = Form::new(b);
         distance_within(&a, world_from_a, &b, world_from_b, f64::INFINITY).unwrap_or(Proximity {
             distance: f64::INFINITY,
             points: [world_from_a.translation.vector.into(), world_from_b.translation.vector.into()],
@@ -122,17 +127,21 @@ impl Engine for ScalarEngine {
 }
 
 impl ScalarEngine {
-    /// A distance, meters, that is at most the signed distance of the pair; stops refining once it is above `enough`.
+    /// A lower bound of the signed distance of the pair, meters; stops refining as soon as it exceeds `enough`.
     fn bound(&self, placement: &Placement, (i, j): IndexPair, enough: f64) -> f64 {
-        let (i, j) = (i as usize, j as usize);
-        let (a, b) = (&self.solids[i].form, &self.solids[j].form);
-        let (axis_a, axis_b) = (&placement.axes[i], &placement.axes[j]);
+        let i = i as usize;
+        let j = j as usize;
+        let a = &self.solids[i].form;
+        let b = &self.solids[j].form;
+        let axis_a = &placement.axes[i];
+        let axis_b = &placement.axes[j];
         let between = (axis_a.middle - axis_b.middle).norm();
         let mut best = between - a.ball - b.ball;
         if best > enough {
             return best;
         }
-        // A table or a wall is a box whose ball and capsule are far too large: against it the other's ball tells more.
+        // The ball and capsule around a box such as a table or a wall are far too large: the other shape's ball against
+        // the box itself gives a tighter bound.
         if let Some(half) = a.boxed {
             best = best.max(outside(&half, &self.pose(placement, i), &axis_b.middle) - b.ball);
         }
@@ -145,10 +154,12 @@ impl ScalarEngine {
         best.max(segments_squared(axis_a, axis_b).sqrt() - a.outer.radius - b.outer.radius)
     }
 
-    /// The pair measured exactly, if its signed distance is at most `cap` meters.
+    /// The exactly measured pair, if its signed distance is at most `cap` meters.
     fn measure(&self, placement: &Placement, (i, j): IndexPair, cap: f64) -> Option<Proximity> {
-        let (i, j) = (i as usize, j as usize);
-        let (pose_a, pose_b) = (self.pose(placement, i), self.pose(placement, j));
+        let i = i as usize;
+        let j = j as usize;
+        let pose_a = self.pose(placement, i);
+        let pose_b = self.pose(placement, j);
         distance_within(&self.solids[i].form, &pose_a, &self.solids[j].form, &pose_b, cap)
     }
 
@@ -170,14 +181,14 @@ impl Solid {
 }
 
 impl Placement {
-    /// A copy: the caller fills its own list again at the next pose.
+    /// Copies the frames: the caller reuses its own list for the next configuration.
     fn set_frames(&mut self, world_from_frame: &[Isometry3<f64>]) {
         self.frames.clear();
         self.frames.extend_from_slice(world_from_frame);
     }
 }
 
-/// How far a point is outside a box; inside, which says nothing about depth, minus infinity.
+/// Distance of a point from a box, meters; minus infinity if the point is inside, since this gives no depth.
 fn outside(half: &Vector3<f64>, world_from_box: &Isometry3<f64>, point: &Point3<f64>) -> f64 {
     let p = world_from_box.inverse_transform_point(point).coords.abs() - half;
     let distance = p.sup(&Vector3::zeros()).norm();

@@ -1,38 +1,39 @@
-//! The few lines of a file that an error is shown with. A file may be one line of many megabytes, or hold what would move a
-//! terminal's cursor: an excerpt is short, and plain text.
+//! Excerpt of a file, shown with an error. A file may be a single line of many megabytes, or contain terminal control
+//! characters: an excerpt is short and plain text.
 
 use crate::printable::{digits, is_hidden};
 use miette::{MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanContents};
 use std::ops::Range;
 
-/// Longer lines are cut, characters.
-const WIDEST: usize = 240;
-/// Of a line that is cut, so much is shown before the place, characters.
-const BEFORE: usize = 80;
-/// A place of more lines is shown by its first ones.
-const MOST_LINES: usize = 8;
-/// Stands where a line was cut.
+/// Maximum length of a line, characters; longer lines are cut.
+const MAX_LINE_CHARS: usize = 240;
+/// Characters shown before the position in a line that is cut.
+const CONTEXT_CHARS: usize = 80;
+/// Maximum number of lines; of a longer span the first lines are shown.
+const MAX_LINES: usize = 8;
+/// Marks a place where a line was cut.
 const CUT: char = '…';
 
-/// A place in a file: its line and column, and the text around it.
+/// A position in a file: its line and column, and the surrounding text.
 #[derive(Clone, Debug)]
 pub struct Excerpt {
-    /// The file, as messages call it.
+    /// The file name for messages.
     name: String,
     /// A few lines, printable, cut to width.
     text: String,
-    /// The place within `text`.
+    /// Range of the marked bytes within `text`.
     place: Range<usize>,
-    /// The number of the first line of `text`, from 0.
+    /// Number in the file of the first line of `text`, from 0.
     first: usize,
-    /// Of the place in the file, from 1.
+    /// Line of the position in the file, from 1.
     line: usize,
-    /// Of the place in the file, characters, from 1.
+    /// Column of the position in the file, characters, from 1.
     column: usize,
 }
 
 impl Excerpt {
-    /// The excerpt around a span of bytes of the text of the file `name`. A span beyond the text is cut to it.
+    /// Creates the excerpt around a range of bytes of the text of the file `name`. A range beyond the text is clamped
+    /// to it.
     pub fn new(name: &str, text: &str, span: Range<usize>) -> Excerpt {
         let start = floor(text, span.start);
         let end = floor(text, span.end).max(start);
@@ -47,18 +48,18 @@ impl Excerpt {
             line: line + 1,
             column: column + 1,
         };
-        // One line before, for people to find their way.
+        // One line before, for context.
         if begin > 0 {
             out.push(text, line_start(text, begin - 1), None);
         }
         let mut at = Some(begin);
-        for _ in 0..MOST_LINES {
+        for _ in 0..MAX_LINES {
             at = at.and_then(|at| out.push(text, at, Some(start..end)));
             if at.is_none_or(|next| next > end) {
                 break;
             }
         }
-        // a place at the end of a line is shown with two lines after it
+        // Two lines after the position.
         for _ in 0..2 {
             at = at.and_then(|at| out.push(text, at, None));
         }
@@ -66,27 +67,27 @@ impl Excerpt {
         out
     }
 
-    /// The file.
+    /// The file name.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The line of the place, counted from 1.
+    /// Line of the position, from 1.
     pub fn line(&self) -> usize {
         self.line
     }
 
-    /// Its column in characters, counted from 1.
+    /// Column of the position in characters, from 1.
     pub fn column(&self) -> usize {
         self.column
     }
 
-    /// The place within this excerpt, for a label.
+    /// Range of the marked bytes within this excerpt, for a label.
     pub fn place(&self) -> Range<usize> {
         self.place.clone()
     }
 
-    /// Adds the line that begins at `begin`, and notes where the span begins and ends in it; returns where the next one begins.
+    /// Appends the line that starts at byte `begin`, and updates the marked range; returns the start of the next line.
     fn push(&mut self, text: &str, begin: usize, span: Option<Range<usize>>) -> Option<usize> {
         let length = text[begin..].find('\n');
         let end = length.map_or(text.len(), |n| begin + n);
@@ -114,7 +115,7 @@ impl Excerpt {
         Some(end + 1)
     }
 
-    /// Notes that the excerpt has come to this byte of the file.
+    /// Updates the marked range when the excerpt reaches byte `at` of the file.
     fn note(&mut self, at: usize, span: Option<&Range<usize>>) {
         let Some(span) = span else { return };
         if at <= span.start {
@@ -134,31 +135,34 @@ impl SourceCode for Excerpt {
         after: usize,
     ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
         let found = self.text.as_bytes().read_span(span, before, after)?;
-        // what is told of the place is where it stands in the file, not in this excerpt
+        // The reported position is the one in the file, not the one in this excerpt.
         let column = if found.column() == 0 { 0 } else { self.column - 1 };
-        let (line, count) = (self.first + found.line(), found.line_count());
-        let (data, span, name) = (found.data(), *found.span(), self.name.clone());
+        let line = self.first + found.line();
+        let count = found.line_count();
+        let data = found.data();
+        let span = *found.span();
+        let name = self.name.clone();
         Ok(Box::new(MietteSpanContents::new_named(name, data, span, line, column, count)))
     }
 }
 
-/// The part of a line that is shown, around a byte of it.
+/// The part of a line that is shown around byte `at`.
 fn window(line: &str, at: usize) -> Range<usize> {
-    if line.chars().nth(WIDEST).is_none() {
+    if line.chars().nth(MAX_LINE_CHARS).is_none() {
         return 0..line.len();
     }
     let at = floor(line, at);
-    let start = line[..at].char_indices().rev().nth(BEFORE - 1).map_or(0, |(i, _)| i);
-    let end = line[start..].char_indices().nth(WIDEST).map_or(line.len(), |(i, _)| start + i);
+    let start = line[..at].char_indices().rev().nth(CONTEXT_CHARS - 1).map_or(0, |(i, _)| i);
+    let end = line[start..].char_indices().nth(MAX_LINE_CHARS).map_or(line.len(), |(i, _)| start + i);
     start..end
 }
 
-/// The nearest place at or before a byte where a character begins.
+/// The last character boundary at or before a byte.
 fn floor(text: &str, at: usize) -> usize {
     text.floor_char_boundary(at)
 }
 
-/// Where the line begins that a byte is in.
+/// Start of the line that contains a byte.
 fn line_start(text: &str, at: usize) -> usize {
     text[..at].rfind('\n').map_or(0, |i| i + 1)
 }
@@ -190,19 +194,19 @@ mod tests {
     }
 
     #[test]
-    fn a_place_far_out_on_a_long_line_is_shown_by_what_stands_around_it() {
+    fn a_position_far_out_on_a_long_line_is_shown_with_its_context() {
         let text = format!("first\n{}bad{}\nlast\n", "x".repeat(100_000), "y".repeat(100_000));
         let out = shown(&text, 100_006..100_009);
         assert!(out.contains("[f:2:100001]") && out.contains("xbady") && out.contains("1 │ first"), "{out}");
         assert!(out.contains("3 │ last") && out.chars().count() < 1500, "{out}");
-        let (line, carets) = (out.lines().position(|l| l.contains("xbady")).unwrap(), out.lines());
+        let line = out.lines().position(|l| l.contains("xbady")).unwrap();
         let at = |l: &str, what: &str| l.find(what).map(|i| l[..i].chars().count());
-        let lines: Vec<&str> = carets.collect();
+        let lines: Vec<&str> = out.lines().collect();
         assert_eq!(at(lines[line], "bad"), at(lines[line + 1], "─┬─"), "{out}");
     }
 
     #[test]
-    fn what_would_act_on_a_terminal_is_shown_in_digits() {
+    fn terminal_control_characters_are_escaped() {
         let out = shown("a\u{1b}[31m \u{202e}b\r\n\rc", 0..1);
         assert!(out.contains("a\\u001b[31m \\u202eb\n") && out.contains("\\u000dc"), "{out:?}");
     }

@@ -1,24 +1,25 @@
-//! The primitives of each kind around a cloud of points.
+//! Enclosing primitives of each kind around a set of points.
 
 use super::soup::bounds;
 use crate::Shape;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
-/// Flat meshes get this thickness at least, meters.
-const THIN: f64 = 1e-3;
-/// How much thicker than needed a capsule is tried: a thicker one has flatter ends, which a part with flat ends needs.
-pub(super) const THICKER: [f64; 2] = [1.08, 1.2];
+/// Minimum thickness of a shape around a flat mesh, meters.
+const MIN_THICKNESS_M: f64 = 1e-3;
+/// Factors by which capsules are tried thicker than needed: a thicker one has flatter ends, which suits a part with
+/// flat ends.
+pub(super) const THICKENING: [f64; 2] = [1.08, 1.2];
 
-/// The axes along which points spread most and least, and that between.
+/// The principal axes of a set of points, as a rotation.
 pub(super) fn principal_axes(points: &[Vector3<f64>]) -> UnitQuaternion<f64> {
     let count = points.len().max(1) as f64;
     let mean = points.iter().sum::<Vector3<f64>>() / count;
     let spread: Matrix3<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix3<f64>>() / count;
-    // A spread of nothing has any axes. The bound on iterations is for what no test has found yet.
+    // Without any spread the axes are arbitrary. The iteration bound guards against cases that no test has found yet.
     let Some(eigen) = SymmetricEigen::try_new(spread, f64::EPSILON, 1000) else { return UnitQuaternion::identity() };
     let mut axes = eigen.eigenvectors;
-    // Eigenvectors come with any sign; a reflection is no rotation.
+    // Eigenvectors have arbitrary signs; a reflection is not a rotation.
     if axes.determinant() < 0.0 {
         axes.column_mut(0).neg_mut();
     }
@@ -28,7 +29,7 @@ pub(super) fn principal_axes(points: &[Vector3<f64>]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes))
 }
 
-/// Turns that put the local y axis, along which round shapes lie, onto x, y and z.
+/// Rotations that map the local y axis, the axis of round shapes, to x, y and z.
 fn spins() -> [UnitQuaternion<f64>; 3] {
     [
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_2),
@@ -37,7 +38,7 @@ fn spins() -> [UnitQuaternion<f64>; 3] {
     ]
 }
 
-/// A convex shape where it is.
+/// A convex shape and its pose.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cover {
     /// The shape.
@@ -47,7 +48,7 @@ pub(super) struct Cover {
 }
 
 impl Cover {
-    /// Larger by a margin on all sides.
+    /// Enlarges the shape by a margin on all sides, meters.
     pub fn grown(&self, by: f64) -> Self {
         let shape = match self.shape {
             Shape::Sphere { radius } => Shape::Sphere { radius: radius + by },
@@ -58,13 +59,13 @@ impl Cover {
         Self { shape, pose: self.pose }
     }
 
-    /// Whether a point is within.
+    /// True if a point is inside.
     pub fn contains(&self, point: &Vector3<f64>) -> bool {
         self.shape.depth(&self.pose.inverse_transform_point(&Point3::from(*point)).coords) >= 0.0
     }
 }
 
-/// Shapes of all kinds around the points, along the axes of a turned frame.
+/// Shapes of all kinds around the points, along the axes of a rotated frame.
 pub(super) fn all_kinds(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>) -> Vec<Cover> {
     let (low, high) = bounds(&points.iter().map(|p| turn.inverse_transform_vector(p)).collect::<Vec<_>>());
     let center = Translation3::from(turn * ((low + high) / 2.0));
@@ -79,7 +80,7 @@ pub(super) fn all_kinds(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>) -> 
     for spin in spins() {
         add(Shape::Cylinder { radius: 0.0, height: 0.0 }, turn * spin);
         if let Shape::Capsule { radius, .. } = add(Shape::Capsule { radius: 0.0, height: 0.0 }, turn * spin).shape {
-            for by in THICKER {
+            for by in THICKENING {
                 add(Shape::Capsule { radius: radius * by, height: 0.0 }, turn * spin);
             }
         }
@@ -87,7 +88,8 @@ pub(super) fn all_kinds(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>) -> 
     out
 }
 
-/// The shape with the axes of another and at least its radius, around all points. It may move along its axes, to be shorter.
+/// The shape with the axes of `like` and at least its radius, around all points. Its center may move along the axes, to
+/// make it shorter.
 pub(super) fn around(points: &[Vector3<f64>], like: &Cover) -> Cover {
     let local = || points.iter().map(|p| like.pose.inverse_transform_point(&Point3::from(*p)).coords);
     let placed = |shape, middle: Vector3<f64>| Cover { shape, pose: like.pose * Translation3::from(middle) };
@@ -98,36 +100,37 @@ pub(super) fn around(points: &[Vector3<f64>], like: &Cover) -> Cover {
             let reach = ends(&p);
             (low.min(p.y + reach), high.max(p.y - reach))
         });
-        // Where the balls at the ends hold everything, the ends would cross.
-        (Vector3::y() * ((low + high) / 2.0), (high - low).max(THIN))
+        // If the end balls already contain everything, the ends would cross.
+        (Vector3::y() * ((low + high) / 2.0), (high - low).max(MIN_THICKNESS_M))
     };
     match like.shape {
         Shape::Box { .. } => {
             let start = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
             let (low, high) = local().fold(start, |(low, high), p| (low.inf(&p), high.sup(&p)));
-            placed(Shape::Box { size: (high - low).map(|s| s.max(THIN)) }, (low + high) / 2.0)
+            placed(Shape::Box { size: (high - low).map(|s| s.max(MIN_THICKNESS_M)) }, (low + high) / 2.0)
         }
         Shape::Sphere { radius } => {
-            let radius = local().map(|p| p.norm()).fold(radius.max(THIN / 2.0), f64::max);
+            let radius = local().map(|p| p.norm()).fold(radius.max(MIN_THICKNESS_M / 2.0), f64::max);
             placed(Shape::Sphere { radius }, Vector3::zeros())
         }
         Shape::Cylinder { radius, .. } => {
-            let radius = local().map(|p| across(&p)).fold(radius.max(THIN / 2.0), f64::max);
+            let radius = local().map(|p| across(&p)).fold(radius.max(MIN_THICKNESS_M / 2.0), f64::max);
             let (middle, height) = span(&|_| 0.0);
             placed(Shape::Cylinder { radius, height }, middle)
         }
         Shape::Capsule { radius, .. } => {
-            let radius = local().map(|p| across(&p)).fold(radius.max(THIN / 2.0), f64::max);
-            // How far beyond its center an end's ball reaches: less far for points off the axis.
+            let radius = local().map(|p| across(&p)).fold(radius.max(MIN_THICKNESS_M / 2.0), f64::max);
+            // Extent of an end ball beyond its center; smaller for points off the axis.
             let (middle, height) = span(&|p| (radius.powi(2) - p.x.powi(2) - p.z.powi(2)).max(0.0).sqrt());
             placed(Shape::Capsule { radius, height }, middle)
         }
     }
 }
 
-/// A better place for the axis of a round primitive (or the center of a ball): nearer to the points that are farthest from it.
+/// Moves the axis of a round primitive (or the center of a ball) closer to the points that are farthest from it.
 ///
-/// After Badoiu and Clarkson, *Smaller core-sets for balls* (2003): go to the farthest by ever smaller steps.
+/// After Badoiu and Clarkson, *Smaller core-sets for balls* (2003): step toward the farthest point with decreasing step
+/// sizes.
 pub(super) fn centered(points: &[Vector3<f64>], like: &Cover) -> Cover {
     let flat = match like.shape {
         Shape::Box { .. } => return *like,
@@ -153,7 +156,7 @@ pub(super) fn centered(points: &[Vector3<f64>], like: &Cover) -> Cover {
         }
     }
     let shape = match like.shape {
-        // The radius around the new center may be smaller, so the old one must not hold it up.
+        // The radius around the new center may be smaller, so the old one must not be a lower bound.
         Shape::Sphere { .. } | Shape::Box { .. } => Shape::Sphere { radius: 0.0 },
         Shape::Cylinder { .. } => Shape::Cylinder { radius: 0.0, height: 0.0 },
         Shape::Capsule { .. } => Shape::Capsule { radius: 0.0, height: 0.0 },

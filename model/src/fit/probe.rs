@@ -1,18 +1,18 @@
-//! Points on the surface of a primitive, at which it is measured.
+//! Sample points on the surface of a primitive.
 
 use super::enclose::Cover;
 use crate::Shape;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 
-/// Rows of points along an edge or around a quarter: for a search.
+/// Rows of points along an edge or a quarter circle while searching.
 pub(super) const COARSE: usize = 4;
-/// For what a search found.
+/// Rows of points for the result of a search.
 pub(super) const MEDIUM: usize = 8;
-/// For the final measurement.
+/// Rows of points for the final measurement.
 pub(super) const FINE: usize = 13;
 
-/// Points spread over the surface, corners and rims included, in the frame that the primitive is placed in.
+/// Points distributed over the surface, corners and rims included, in the parent frame of the primitive's pose.
 pub(super) fn points(cover: &Cover, rows: usize) -> Vec<Vector3<f64>> {
     let mut out = Vec::with_capacity(8 * rows * rows);
     let part = |i: usize| i as f64 / (rows - 1) as f64;
@@ -21,7 +21,8 @@ pub(super) fn points(cover: &Cover, rows: usize) -> Vec<Vector3<f64>> {
     match cover.shape {
         Shape::Box { size } => {
             for axis in 0..3 {
-                let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
+                let a = (axis + 1) % 3;
+                let b = (axis + 2) % 3;
                 for i in 0..rows * rows {
                     let mut p = Vector3::zeros();
                     p[a] = (part(i % rows) - 0.5) * size[a];
@@ -52,11 +53,11 @@ pub(super) fn points(cover: &Cover, rows: usize) -> Vec<Vector3<f64>> {
     out
 }
 
-/// The half balls at the ends, `half` from the middle.
+/// Adds points on the end hemispheres, whose centers are `half` from the middle.
 fn half_balls(out: &mut Vec<Vector3<f64>>, radius: f64, half: f64, rows: usize, circle: &[(f64, f64)]) {
     for k in 0..rows {
         let (up, r) = (k as f64 / (rows - 1) as f64 * PI / 2.0).sin_cos();
-        // Towards the pole the rings are shorter and need fewer points.
+        // Near the pole the rings are shorter and need fewer points.
         let step = if 2 * k > rows { 2 } else { 1 };
         for (sin, cos) in circle.iter().step_by(if k + 1 == rows { usize::MAX } else { step }) {
             let p = Vector3::new(r * cos * radius, up * radius + half, r * sin * radius);
@@ -65,7 +66,7 @@ fn half_balls(out: &mut Vec<Vector3<f64>>, radius: f64, half: f64, rows: usize, 
     }
 }
 
-/// Rings along the wall, rims included.
+/// Adds rings of points along the wall, rims included.
 fn wall(out: &mut Vec<Vector3<f64>>, radius: f64, height: f64, rows: usize, circle: &[(f64, f64)]) {
     for (sin, cos) in circle {
         for k in 0..rows {

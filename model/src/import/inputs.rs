@@ -1,4 +1,4 @@
-//! What a robot file was made from, as one number: who asks for the same again needs no second fit.
+//! Digest of the inputs of a robot file: if the inputs are unchanged, the fit need not be repeated.
 
 use super::ImportError;
 use crate::LinkSurface;
@@ -6,14 +6,15 @@ use crate::file::{MIB, read, read_text};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
-/// To be raised with every change of the fit, the survey or the writer that gives another robot for the same files.
+/// Version of the import. Increase it with every change of the fit, the survey or the writer that changes the resulting
+/// robot.
 const VERSION: u32 = 6;
-/// Longer files are refused by their readers.
-const LONGEST: u64 = 64 * MIB;
-/// What the number stands behind in the robot file's comment.
-const WORD: &str = "Made from inputs ";
+/// Maximum file size; the readers reject longer files.
+const MAX_FILE_BYTES: u64 = 64 * MIB;
+/// Text before the digest in the robot file's comment.
+const DIGEST_LABEL: &str = "Made from inputs ";
 
-/// The number of a URDF with its meshes (`links`), the SRDF and all options.
+/// The digest of a URDF with its meshes (`links`), the SRDF and all options.
 ///
 /// # Errors
 /// If a file can't be read.
@@ -26,7 +27,8 @@ pub(super) fn digest(
     let mut all = Sha256::new();
     all.update(format!("{VERSION} {} {options}", env!("CARGO_PKG_VERSION")));
     for path in std::iter::once(urdf).chain(srdf) {
-        let bytes = read(path, LONGEST).map_err(|source| ImportError::Unreadable { path: path.to_owned(), source })?;
+        let bytes =
+            read(path, MAX_FILE_BYTES).map_err(|source| ImportError::Unreadable { path: path.to_owned(), source })?;
         all.update((bytes.len() as u64).to_le_bytes());
         all.update(bytes);
     }
@@ -41,14 +43,14 @@ pub(super) fn digest(
     Ok(all.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// The line that says it in the robot file's comment.
+/// The line with the digest for the robot file's comment.
 pub(super) fn line(digest: &str) -> String {
-    format!("{WORD}{digest}.")
+    format!("{DIGEST_LABEL}{digest}.")
 }
 
-/// The number that a robot file says it was made from.
+/// The digest in a robot file's comment.
 pub(super) fn named(xml: &Path) -> Option<String> {
-    let text = read_text(xml, LONGEST).ok()?;
-    let (_, rest) = text.split_once(WORD)?;
+    let text = read_text(xml, MAX_FILE_BYTES).ok()?;
+    let (_, rest) = text.split_once(DIGEST_LABEL)?;
     Some(rest.split_once('.')?.0.to_owned())
 }

@@ -1,7 +1,7 @@
-//! The robots of a scene, prepared: solid shapes on moving frames, and the pairs that count.
+//! The robots of a scene, prepared: solid shapes on moving frames, and the tested pairs.
 //!
-//! Frames and motors are numbered through over all robots, so that everything after this is vectors and numbers, for one robot as
-//! for three.
+//! Frames and motors are numbered consecutively over all robots, so that all later steps work on vectors and indices,
+//! for one robot as for three.
 
 use super::edit::{check_count, check_pose, check_primitive};
 use super::travel::{Reach, Terms};
@@ -12,30 +12,31 @@ use nalgebra::Isometry3;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// More pairs that may touch are refused: they could not be watched many times a second.
+/// Maximum number of pairs that may touch: more could not be monitored many times per second.
 pub(crate) const MAX_PAIRS: usize = 1 << 18;
 
 /// A shape of a robot or an object.
 #[derive(Clone, Debug)]
 pub(crate) struct Solid {
-    /// Who it is to everybody outside.
+    /// Its public identity.
     pub id: ShapeId,
-    /// What the engine knows of it. Frames are numbered over all robots of the scene; objects share the last one, the world.
+    /// Its shape for the engine. Frames are numbered over all robots of the scene; objects share the last one, the
+    /// world.
     pub collider: Collider,
-    /// Whether it takes part in no robot's motion.
+    /// True if no robot's motion moves it.
     pub fixed: bool,
-    /// Whether it belongs to a robot's base, which never meets the world.
+    /// True if it belongs to a robot's base, which is not tested against the world.
     pub near_root: bool,
 }
 
-/// Robots that stand in a world.
+/// The robots of a scene, with the data derived from them.
 #[derive(Debug)]
 pub(crate) struct Bodies {
-    /// In the order of poses.
+    /// The robots, in the order of configurations.
     pub robots: Vec<Arc<Robot>>,
     /// Per robot: its moving frames.
     pub skeletons: Vec<Skeleton>,
-    /// How far each robot's shapes move.
+    /// Motion bounds of each robot's shapes.
     pub reach: Vec<Reach>,
     /// Index of each robot's first motor among all motors of the scene.
     pub first_motor: Vec<usize>,
@@ -47,17 +48,17 @@ pub(crate) struct Bodies {
     pub frames: usize,
     /// Solids of all robots in order of their ids.
     pub solids: Vec<Solid>,
-    /// Reflex pairs of robots with themselves and each other that can move against each other; indices, sorted.
+    /// Reflex pairs within and between robots that can move relative to each other; indices, sorted.
     pub moving: Vec<IndexPair>,
-    /// The same that can't.
+    /// Reflex pairs within and between robots that can't move relative to each other; indices, sorted.
     pub fixed: Vec<IndexPair>,
 }
 
 impl Bodies {
-    /// Lets robots stand where they are told to, each at its `world_from_robot`.
+    /// Prepares robots, each at its `world_from_robot`.
     ///
     /// # Errors
-    /// If two have one name, a number is not finite, or there is too much of anything.
+    /// If two robots have the same name, a number is not finite, or there are too many of anything.
     pub fn new(robots: Vec<(Arc<Robot>, Isometry3<f64>)>) -> Result<Self, SceneError> {
         check_count(robots.len(), || "robots of a scene".to_string())?;
         let mut names = BTreeSet::new();
@@ -78,19 +79,19 @@ impl Bodies {
             if !names.insert(robot.name.clone()) {
                 return Err(SceneError::Duplicate { kind: "robot", name: robot.name.clone() });
             }
-            bodies.stand(robot, base)?;
+            bodies.add(robot, base)?;
         }
         bodies.moving.sort_unstable();
         bodies.fixed.sort_unstable();
         Ok(bodies)
     }
 
-    /// Adds one robot, and its pairs with itself and with those that stand here already.
-    fn stand(&mut self, robot: Arc<Robot>, base: Isometry3<f64>) -> Result<(), SceneError> {
+    /// Adds one robot, with its pairs with itself and with the robots added before.
+    fn add(&mut self, robot: Arc<Robot>, base: Isometry3<f64>) -> Result<(), SceneError> {
         let index = self.robots.len();
         let skeleton = Skeleton::new(&robot, base);
         let first_solid = self.solids.len();
-        // Per node, its solids as indices into all solids.
+        // Per node, the range of its solids among all solids.
         let mut of_node = Vec::with_capacity(robot.nodes.len());
         for (n, node) in robot.nodes.iter().enumerate() {
             let start = self.solids.len() as u32;
@@ -108,30 +109,31 @@ impl Bodies {
             }
             of_node.push(start..self.solids.len() as u32);
         }
-        // Counted before the pairs are made: they could be more than memory holds.
+        // Counted before the pairs are built: their list could exceed the memory.
         let own: usize = robot.pairs.reflex.iter().map(|&(a, b)| of_node[a].len() * of_node[b].len()).sum();
         if own + first_solid * (self.solids.len() - first_solid) > MAX_PAIRS {
             let what = format!("pairs of shapes of robot `{}`, with itself and the robots before it", robot.name);
             return Err(SceneError::TooMany { what, most: MAX_PAIRS as u32 });
         }
         for &(a, b) in &robot.pairs.reflex {
-            // Shapes of one frame are rigidly connected: no motion changes their distance, so none has to watch it.
+            // Shapes of one frame are rigidly connected: no motion changes their distance, so it need not be monitored.
             let same = skeleton.frame[a] == skeleton.frame[b];
             let list = if same { &mut self.fixed } else { &mut self.moving };
             for i in of_node[a].clone() {
                 for j in of_node[b].clone() {
-                    // A node may be paired with itself; then each two of its shapes once.
+                    // A node may be paired with itself; then every two of its shapes are listed once.
                     if a != b || i < j {
                         list.push((i.min(j), i.max(j)));
                     }
                 }
             }
         }
-        // Against the robots that stand here already: everything but base against base.
+        // Against the robots added before: everything except base against base.
         for i in 0..first_solid {
             for j in first_solid..self.solids.len() {
-                let (a, b) = (&self.solids[i], &self.solids[j]);
-                // Bases stand where people put them, perhaps on one table; nothing that moves changes that.
+                let a = &self.solids[i];
+                let b = &self.solids[j];
+                // Bases are placed by the user, perhaps on one table; no motion changes their distance.
                 if a.near_root && b.near_root {
                     continue;
                 }
@@ -150,7 +152,7 @@ impl Bodies {
         Ok(())
     }
 
-    /// How far the shapes of two frames of the scene can move against each other.
+    /// Upper bound of the relative motion between the shapes of two frames of the scene.
     pub fn travel(&self, a: usize, b: usize) -> Terms {
         let owner = |frame: usize| {
             let robot = self.first_frame.partition_point(|first| *first <= frame).checked_sub(1)?;
@@ -162,12 +164,13 @@ impl Bodies {
             (Some((r, f)), Some((q, g))) if r == q => {
                 self.reach[r].between(&self.skeletons[r], self.first_motor[r], f, g)
             }
-            // Shapes of different robots, or of a robot and the world: each moves in its base, and the worst is both at once.
+            // Shapes of different robots, or of a robot and the world: each moves relative to its base, and in the
+            // worst case the motions add up.
             (one, other) => one.into_iter().chain(other).flat_map(alone).collect(),
         }
     }
 
-    /// `world_from_frame` of all frames: robot by robot, then the world itself.
+    /// Computes `world_from_frame` of all frames: robot by robot, then the world itself.
     pub fn place<P: AsRef<[f64]>>(&self, poses: &[P], frames: &mut Vec<Isometry3<f64>>) {
         frames.clear();
         for (r, skeleton) in self.skeletons.iter().enumerate() {
@@ -177,6 +180,8 @@ impl Bodies {
     }
 }
 
+/// Checks the numbers and sizes of a robot.
+///
 /// # Errors
 /// If a number is not finite, a size is not above zero, or there are more nodes or shapes than ids.
 fn check(robot: &Robot, base: &Isometry3<f64>) -> Result<(), SceneError> {

@@ -1,7 +1,7 @@
-//! Edits of a scene: each makes a new snapshot with a higher epoch, or none.
+//! Edits of a scene: each creates a new snapshot with a higher epoch, or fails.
 //!
-//! Skeletons, reach and the robots' own pairs are shared with the old snapshot; shapes are prepared and pairs grouped anew. That is
-//! cheap enough for some edits a second, as when a hand carries something.
+//! Skeletons, reach and the robots' own pairs are shared with the old snapshot; shapes are prepared and pairs grouped
+//! again. This is cheap enough for several edits per second, for example while a hand carries an object.
 
 use super::{Object, ObjectClass, Scene, World};
 use crate::engine::Engine;
@@ -12,35 +12,35 @@ use std::sync::Arc;
 /// A change to the objects of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Edit {
-    /// A new object.
+    /// Adds an object.
     Add(Object),
-    /// Takes an object away for good.
+    /// Removes an object permanently.
     Remove {
         /// Its name.
         name: String,
     },
-    /// Puts an object elsewhere.
+    /// Moves an object.
     Move {
         /// Its name.
         name: String,
         /// The new `world_from_object`.
         pose: Isometry3<f64>,
     },
-    /// Makes an object an obstacle, a target or a ghost.
+    /// Changes the role of an object.
     Class {
         /// Its name.
         name: String,
-        /// What it is from now on.
+        /// The new role.
         class: ObjectClass,
     },
-    /// Takes all objects away but the persistent ones.
+    /// Removes all objects except the persistent ones.
     Clear,
 }
 
-/// Why a scene could not be made or edited; nothing has changed then.
+/// Reason why a scene could not be created or edited. Nothing has changed then.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SceneError {
-    /// Two of one name.
+    /// Two robots or objects have the same name.
     #[error("there are two {kind}s named `{name}`; give each its own name")]
     Duplicate {
         /// `robot` or `object`.
@@ -53,7 +53,7 @@ pub enum SceneError {
     Unknown {
         /// The name.
         name: String,
-        /// The names there are.
+        /// The existing names.
         known: String,
     },
     /// A persistent object can't be removed.
@@ -62,22 +62,22 @@ pub enum SceneError {
         /// Its name.
         name: String,
     },
-    /// A number is infinite or not a number, or a size is not above zero.
+    /// A number is not finite, or a size is not above zero.
     #[error("{what} has a {quantity} that is not finite{positive}; correct that number")]
     NotFinite {
-        /// Whose.
+        /// Owner of the number.
         what: String,
-        /// Which.
+        /// Kind of the number.
         quantity: &'static str,
-        /// For sizes: what they must be besides.
+        /// For sizes: the additional requirement.
         positive: &'static str,
     },
-    /// More than fits.
+    /// There are too many of something.
     #[error("{what}: at most {most} are possible; split or simplify it")]
     TooMany {
-        /// Of what.
+        /// The objects that are counted.
         what: String,
-        /// The greatest number.
+        /// The maximum.
         most: u32,
     },
 }
@@ -108,10 +108,10 @@ impl<E: Engine> Scene<E> {
         })
     }
 
-    /// A copy with a change made to it, prepared anew; the epoch is one higher.
+    /// A copy with a change applied, prepared again; the epoch is one higher.
     ///
     /// # Errors
-    /// As the change. Nothing has happened then.
+    /// The error of the change. Nothing has changed then.
     pub(super) fn with(&self, change: impl FnOnce(&mut Self) -> Result<(), SceneError>) -> Result<Self, SceneError> {
         let mut next = self.clone();
         change(&mut next)?;
@@ -126,7 +126,7 @@ impl<E: Engine> Scene<E> {
         if self.object(&object.name).is_some() {
             return Err(SceneError::Duplicate { kind: "object", name: object.name });
         }
-        // Never used again: a contact that is told of an object must not come to mean another.
+        // Ids are not reused, so that a reported contact can't come to refer to another object.
         let id = self.next_object;
         let what = || "objects in the life of a scene".to_string();
         self.next_object = id.checked_add(1).ok_or_else(|| SceneError::TooMany { what: what(), most: u32::MAX })?;
@@ -134,7 +134,7 @@ impl<E: Engine> Scene<E> {
         Ok(())
     }
 
-    /// Where an object of that name is in the list; the error names those that there are.
+    /// The index of the object of that name; the error lists the existing names.
     fn find(&self, name: &str) -> Result<usize, SceneError> {
         self.objects.iter().position(|(_, o)| o.name == name).ok_or_else(|| {
             let names: Vec<_> = self.objects.iter().map(|(_, o)| format!("`{}`", o.name)).collect();
@@ -143,7 +143,7 @@ impl<E: Engine> Scene<E> {
         })
     }
 
-    /// Changes an object and checks it again. Its id stays, so that contacts with it go on.
+    /// Changes an object and checks it again. Its id is preserved, so that contacts with it continue.
     fn replace(&mut self, name: &str, change: impl FnOnce(&mut Object)) -> Result<(), SceneError> {
         let at = self.find(name)?;
         if let Some((_, slot)) = self.objects.get_mut(at) {
@@ -156,7 +156,7 @@ impl<E: Engine> Scene<E> {
     }
 }
 
-/// Whether an object is one that can be collided with: finite, with sizes above zero, and not too many shapes.
+/// Checks that an object can be collided with: finite, with sizes above zero, and not too many shapes.
 fn check(object: &Object) -> Result<(), SceneError> {
     let what = format!("object `{}`", object.name);
     check_pose(&object.pose, &what)?;
@@ -164,10 +164,10 @@ fn check(object: &Object) -> Result<(), SceneError> {
     object.shapes.iter().try_for_each(|p| check_primitive(p, &what))
 }
 
-/// Whether a shape is finite and has sizes above zero; `what` says whose it is.
+/// Checks that a shape is finite and has sizes above zero; `what` names its owner for the error.
 pub(super) fn check_primitive(primitive: &Primitive, what: &str) -> Result<(), SceneError> {
     check_pose(&primitive.pose, what)?;
-    // A capsule without length is a ball, and a ball is fine.
+    // A capsule without length is a ball, which is allowed.
     let sizes = match primitive.shape {
         Shape::Sphere { radius } => [radius; 3],
         Shape::Cylinder { radius, height } => [radius, height, height],
@@ -181,13 +181,13 @@ pub(super) fn check_primitive(primitive: &Primitive, what: &str) -> Result<(), S
     }
 }
 
-/// Whether all of a pose's numbers are finite.
+/// Checks that all numbers of a pose are finite.
 pub(super) fn check_pose(pose: &Isometry3<f64>, what: &str) -> Result<(), SceneError> {
     let finite = pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite());
     if finite { Ok(()) } else { Err(SceneError::NotFinite { what: what.to_string(), quantity: "pose", positive: "" }) }
 }
 
-/// Whether so many can be numbered: ids of shapes have 16 bits for each number.
+/// Checks that a count fits the ids of shapes, which have 16 bits per number.
 pub(super) fn check_count(count: usize, what: impl FnOnce() -> String) -> Result<(), SceneError> {
     if u16::try_from(count).is_ok() {
         Ok(())

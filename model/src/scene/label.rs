@@ -1,14 +1,14 @@
-//! What people call a shape: not by a node's number, which nobody can find on a robot.
+//! Labels of shapes for display, without node numbers, which nobody could locate on a robot.
 //!
-//! The name of a shape that journals, map files and tables carry ([`Scene::shape_name`]) is stable and exact. Here it becomes what a
-//! person reads:
+//! The name of a shape in journals, map files and tables ([`Scene::shape_name`]) is stable and exact. A label is its
+//! readable form:
 //!
 //! | the shape belongs to | label |
 //! |---|---|
 //! | a node with a name (all links of a converted robot) | `ur5e forearm_link` |
 //! | a rigid body with such a node or a marker above it | `icub right_arm: r_hand` |
 //! | a rigid body behind a joint | `icub right_arm: behind r_elbow` |
-//! | what no joint moves | `icub torso: base` |
+//! | a part that no joint moves | `icub torso: base` |
 //! | an object | `ball` |
 
 use super::{Scene, ShapeId};
@@ -17,11 +17,12 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Longest stable name that is looked for in a text, bytes.
+/// Maximum length of a stable name in a text, bytes.
 const MAX_NAME_BYTES: usize = 512;
 
 impl Scene {
-    /// A shape's name for people, such as `icub right_arm: behind r_elbow`; several shapes of one rigid body share it.
+    /// A shape's label for display, such as `icub right_arm: behind r_elbow`; all shapes of one rigid body have the
+    /// same label.
     ///
     /// # Examples
     /// ```
@@ -50,7 +51,7 @@ impl Scene {
 }
 
 impl Robot {
-    /// What people call the shapes of a node: see [`Scene::label`].
+    /// The label of a node's shapes: see [`Scene::label`].
     pub fn label(&self, node: usize) -> String {
         label(self, node)
     }
@@ -63,7 +64,7 @@ fn label(robot: &Robot, node: usize) -> String {
         return format!("{name} {link}");
     }
     let part = robot.parts.get(own.part).map_or("?", |part| part.name.as_str());
-    // a joint's own shapes don't move with it: they are of the body before it
+    // A joint's own shapes don't move with it: they belong to the body before it.
     let mut at = Some(node);
     while let Some(node) = at {
         let Some(here) = robot.nodes.get(node) else { break };
@@ -83,12 +84,12 @@ fn label(robot: &Robot, node: usize) -> String {
     format!("{name} {part}: base")
 }
 
-/// Replaces stable names of shapes in a text by their labels: what journals carry becomes what people read.
+/// Replaces stable names of shapes in a text by their labels, for the display of journals.
 #[derive(Clone, Debug, Default)]
 pub struct Labels(BTreeMap<String, String>);
 
 impl Labels {
-    /// Of all shapes of these robots.
+    /// Labels of all shapes of these robots.
     pub fn new(robots: &[Arc<Robot>]) -> Labels {
         let mut labels = BTreeMap::new();
         for robot in robots {
@@ -112,7 +113,8 @@ impl Labels {
         let mut out = String::with_capacity(text.len());
         let mut rest = text;
         while let Some(at) = rest.find('#') {
-            let (before, after) = (&rest[..at], &rest[at + 1..]);
+            let before = &rest[..at];
+            let after = &rest[at + 1..];
             let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
             let ends = !after[digits..].starts_with(|c: char| c.is_alphanumeric() || c == '_');
             match self.known(before).filter(|_| digits > 0 && ends) {
@@ -133,7 +135,7 @@ impl Labels {
         Cow::Owned(out)
     }
 
-    /// Where the longest stable name begins that ends this text, and its label.
+    /// The start of the longest stable name at the end of this text, and its label.
     fn known(&self, before: &str) -> Option<(usize, &str)> {
         let from = before.len().saturating_sub(MAX_NAME_BYTES);
         let starts = before.char_indices().map(|(i, _)| i).filter(|i| *i >= from);

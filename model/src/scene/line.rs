@@ -1,41 +1,42 @@
-//! Straight lines in joint space: what an offline judge and a planner ask.
+//! Straight lines in joint space: queries for planners and offline checks.
 //!
-//! A line is judged at samples so close that no point of the robot moves farther than the step between two of them. The scene
-//! says how fast each pair can close in; the engine skips the samples where it can't matter.
+//! A line is checked at samples so dense that no point of the robot moves farther than the step between two of them.
+//! The scene bounds the approach speed of each pair; the engine skips the samples at which the pair is irrelevant.
 
 use super::travel::Term;
 use super::{Pair, Scene};
 use crate::engine::{Engine, LineQuery, SweptPair};
 
-/// How far beyond the asked clearance [`Scene::line`] still measures, meters: whoever compares two judges of a line wants to
-/// know by how little it was free.
-const BEYOND: f64 = 0.005;
-/// Most samples of a line, whatever its length: a step of zero must end, too.
-const MOST_SAMPLES: f64 = 1e6;
+/// Distance beyond the requested clearance up to which [`Scene::line`] measures, meters: a comparison of two checkers
+/// of a line needs the reserve by which it was free.
+const MEASURED_BEYOND_M: f64 = 0.005;
+/// Maximum number of steps of a line of any length: a step size of zero must terminate, too.
+const MAX_STEPS: f64 = 1e6;
 
-/// What came of a straight line in joint space.
+/// Result of checking a straight line in joint space.
 ///
-/// A line that violates a constraint or ends in an obstacle is measured all the same, so that two judges of it can be compared.
+/// A line that violates a constraint or ends in an obstacle is measured nevertheless, so that two checkers can be
+/// compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineVerdict {
-    /// Whether every reflex pair stays farther apart than the clearance and no constraint is violated.
+    /// True if every reflex pair stays farther apart than the clearance and no constraint is violated.
     pub free: bool,
     /// The smallest distance of a reflex pair at any sample, at most the clearance plus 5 mm.
     pub min_distance: f64,
-    /// Where along the line (0 to 1) it first is not free.
+    /// First position along the line (0 to 1) that is not free.
     pub at: Option<f64>,
     /// The pair of `min_distance`, unless that is at its upper bound.
     pub pair: Option<Pair>,
     /// The first constraint that is violated: part and clause.
     pub constraint: Option<(usize, usize)>,
-    /// In how many steps the line was judged; there is one sample more, as both ends are.
+    /// Number of steps of the check; there is one sample more, since both ends are included.
     pub steps: u32,
 }
 
 /// A constraint that a line violates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Violation {
-    /// Where it begins to, 0 to 1.
+    /// Start of the violation along the line, 0 to 1.
     at: f64,
     /// Index into the robot's parts.
     part: usize,
@@ -44,22 +45,22 @@ struct Violation {
 }
 
 impl<E: Engine> Scene<E> {
-    /// Linear sweep: judges the straight line of one robot's motors from `from` to `to`, ends included, while the others stay
-    /// at `poses`; what they touch themselves does not matter.
+    /// Linear sweep: checks the straight line of one robot's motors from `from` to `to`, ends included, while the other
+    /// robots stay at `poses`. Contacts among the other robots are ignored.
     ///
     /// # Arguments
     /// * `robot`: its index in [`Scene::robots`].
-    /// * `poses`: of all robots, rad of encoder; the robot's own is not read.
+    /// * `poses`: configurations of all robots, rad of encoder; the robot's own entry is not read.
     /// * `from`, `to`: the robot's motors, rad of encoder.
-    /// * `step`: the longest way, meters, that any point of the robot goes between two samples.
-    /// * `clearance`: nearer than this, or as near, meters, is not free.
+    /// * `step`: maximum displacement, meters, of any point of the robot between two samples.
+    /// * `clearance`: a distance of this or less, meters, is not free.
     ///
     /// # Returns
-    /// The verdict of testing every reflex pair that the robot has part in at every sample. The whole line is measured even
-    /// where it is not free, so that borderline cases can be told.
+    /// The result of testing every reflex pair of the robot at every sample. The complete line is measured even if it
+    /// is not free, so that borderline cases can be identified.
     ///
     /// # Performance
-    /// For a yes or no ask [`Scene::line_free`], which ends where the answer is known.
+    /// For a yes-or-no query use [`Scene::line_free`], which stops as soon as the result is certain.
     pub fn line<P: AsRef<[f64]>>(
         &self,
         robot: usize,
@@ -69,13 +70,13 @@ impl<E: Engine> Scene<E> {
         step: f64,
         clearance: f64,
     ) -> LineVerdict {
-        self.judge(robot, poses, (from, to), step, clearance, true)
+        self.check_line(robot, poses, (from, to), step, clearance, true)
     }
 
-    /// Linear sweep, yes or no: as [`Scene::line`], only whether it is free.
+    /// Linear sweep, yes or no: `free` of [`Scene::line`].
     ///
     /// # Performance
-    /// Constraints first, then the end, then the whole line up to the first place that is not free.
+    /// Tests constraints first, then the end, then the line up to the first sample that is not free.
     pub fn line_free<P: AsRef<[f64]>>(
         &self,
         robot: usize,
@@ -85,18 +86,18 @@ impl<E: Engine> Scene<E> {
         step: f64,
         clearance: f64,
     ) -> bool {
-        // Most lines that are not free end badly: one sample answers for them.
+        // Most lines that are not free end in a contact: one sample decides these.
         let mut end: Vec<&[f64]> = poses.iter().map(AsRef::as_ref).collect();
         if let Some(q) = end.get_mut(robot) {
             *q = to;
         }
         self.violation(robot, from, to).is_none()
             && self.robot_free(robot, &end, clearance)
-            && self.judge(robot, poses, (from, to), step, clearance, false).free
+            && self.check_line(robot, poses, (from, to), step, clearance, false).free
     }
 
-    /// Both queries of a line: `whole` goes on where it is not free and measures beyond the clearance.
-    fn judge<P: AsRef<[f64]>>(
+    /// Implements both line queries: `whole` continues past contacts and measures beyond the clearance.
+    fn check_line<P: AsRef<[f64]>>(
         &self,
         robot: usize,
         poses: &[P],
@@ -108,7 +109,7 @@ impl<E: Engine> Scene<E> {
         let steps = self.steps(robot, from, to, step);
         let change = difference(from, to);
         let pairs = self.swept_pairs(robot, &change, steps);
-        let cap = if whole { clearance + BEYOND } else { clearance };
+        let cap = if whole { clearance + MEASURED_BEYOND_M } else { clearance };
         let mut at: Vec<Vec<f64>> = poses.iter().map(|p| p.as_ref().to_vec()).collect();
         at.resize_with(at.len().max(robot + 1), Vec::new);
         let query = LineQuery { pairs: &pairs, steps, clearance, cap, whole };
@@ -132,8 +133,8 @@ impl<E: Engine> Scene<E> {
         }
     }
 
-    /// The reflex pairs that a robot has part in, with how fast each closes in at most if the robot's motors change so much in
-    /// `steps` steps and no other's do.
+    /// The reflex pairs of a robot, each with the maximum approach speed if the robot's motors change by `change` in
+    /// `steps` steps and no other robot moves.
     fn swept_pairs(&self, robot: usize, change: &[f64], steps: u32) -> Vec<SweptPair> {
         let first_motor = self.bodies().first_motor.get(robot).copied().unwrap_or(0);
         let moved = |term: &Term| {
@@ -149,10 +150,11 @@ impl<E: Engine> Scene<E> {
         pairs
     }
 
-    /// In how many steps to judge a line, so that no point of the robot moves farther than `step` meters in one.
+    /// Number of steps for checking a line, so that no point of the robot moves farther than `step` meters in one.
     fn steps(&self, robot: usize, from: &[f64], to: &[f64], step: f64) -> u32 {
         let change = difference(from, to);
-        let (Some(reach), Some(skeleton)) = (self.bodies().reach.get(robot), self.bodies().skeletons.get(robot)) else {
+        let reach = self.bodies().reach.get(robot);
+        let (Some(reach), Some(skeleton)) = (reach, self.bodies().skeletons.get(robot)) else {
             return 1;
         };
         let longest = (0..skeleton.frames())
@@ -161,11 +163,11 @@ impl<E: Engine> Scene<E> {
                 terms.iter().map(|t| t.reach * change.get(t.motor as usize).map_or(0.0, |d| d.abs())).sum::<f64>()
             })
             .fold(0.0, f64::max);
-        (longest / step).ceil().clamp(1.0, MOST_SAMPLES) as u32
+        (longest / step).ceil().clamp(1.0, MAX_STEPS) as u32
     }
 
-    /// The first violated constraint on a line. Exact: half-spaces are linear, so each clause is
-    /// violated on one interval.
+    /// The first violated constraint on a line. Exact: half-spaces are linear, so each clause is violated on one
+    /// interval.
     fn violation(&self, robot: usize, from: &[f64], to: &[f64]) -> Option<Violation> {
         let model = self.robots().get(robot)?;
         let value = |terms: &[(usize, f64)], b: f64, q: &[f64]| {
@@ -175,8 +177,9 @@ impl<E: Engine> Scene<E> {
         let mut first: Option<Violation> = None;
         for (part, of_part) in model.parts.iter().enumerate() {
             for (clause, members) in of_part.clauses.iter().enumerate() {
-                // The clause is violated where all of its members are: the common part of their intervals.
-                let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
+                // A clause is violated where all of its members are: the intersection of their intervals.
+                let mut enter = 0.0_f64;
+                let mut leave = 1.0_f64;
                 for half_space in &members.0 {
                     let v0 = value(&half_space.terms, half_space.b, from);
                     let v1 = value(&half_space.terms, half_space.b, to);
@@ -196,7 +199,7 @@ impl<E: Engine> Scene<E> {
     }
 }
 
-/// How far each motor goes, rad.
+/// Change of each motor, rad of encoder.
 fn difference(from: &[f64], to: &[f64]) -> Vec<f64> {
     from.iter().zip(to).map(|(a, b)| b - a).collect()
 }

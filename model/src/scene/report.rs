@@ -1,4 +1,4 @@
-//! Everything that touches, of every kind: what `model eval` writes.
+//! Report of all contacts of every kind, as `model eval` writes it.
 
 use super::{Contact, ObjectClass, Scene, ShapeId};
 use crate::engine::{Collider, Engine, IndexPair, Near};
@@ -6,41 +6,41 @@ use crate::hull::Hulls;
 use crate::shape::Primitive;
 use nalgebra::Isometry3;
 
-/// What a contact means.
+/// Meaning of a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ContactKind {
-    /// Makes the reflex act.
+    /// Triggers the reflex.
     Reflex,
-    /// Shown, but does not count: inside a `noSelfCollision` subtree.
+    /// Displayed, but without effect: inside a `noSelfCollision` subtree.
     VisualOnly,
-    /// Force-field shapes in each other, or in an obstacle.
+    /// Force-field shapes that overlap each other or an obstacle.
     Field,
 }
 
-/// A contact with its kind. For fields the shape numbers in the pair count a node's fields, not its solids.
+/// A contact with its kind. For fields the shape numbers in the pair are indices into a node's fields, not its solids.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReportedContact {
-    /// What it means.
+    /// Its meaning.
     pub kind: ContactKind,
-    /// Who, how deep, where.
+    /// The pair, the depth and the points.
     pub contact: Contact,
 }
 
-/// A shape of any kind as an engine knows it, and whose it is.
+/// The identity of a shape of any kind, and its index among the colliders.
 type Listed = (ShapeId, u32);
 
-/// All shapes of a scene, fields included, each node and each object with a frame of its own.
+/// All shapes of a scene, fields included, with one frame per node and per object.
 #[derive(Default)]
 struct Inventory {
-    /// All shapes, in the order in which they were taken in.
+    /// All shapes, in the order in which they were added.
     colliders: Vec<Collider>,
     /// `world_from_node` and `world_from_object`.
     frames: Vec<Isometry3<f64>>,
 }
 
 impl Inventory {
-    /// Takes in the shapes that are fixed to one frame.
+    /// Adds the shapes that are fixed to one frame.
     fn add<'a>(
         &mut self,
         frame: &Isometry3<f64>,
@@ -61,37 +61,38 @@ impl Inventory {
 
 /// A node's shapes.
 struct NodeShapes {
-    /// What collides.
+    /// Collision shapes.
     solids: Vec<Listed>,
-    /// What repels.
+    /// Force-field shapes.
     fields: Vec<Listed>,
 }
 
-/// The pairs to test, with what a contact of each would mean.
+/// The pairs to test, with the kind of contact of each.
 #[derive(Default)]
 struct Tests(Vec<(ContactKind, (ShapeId, ShapeId), IndexPair)>);
 
 impl Tests {
-    /// Notes a pair, whichever of the two is named first.
+    /// Adds a pair, in either order.
     fn add(&mut self, kind: ContactKind, a: &Listed, b: &Listed) {
-        // Ids in order, as everywhere; the engine measures them in that order, too.
+        // Ids in ascending order; the engine measures them in the same order.
         let (a, b) = if a.0 <= b.0 { (a, b) } else { (b, a) };
         self.0.push((kind, (a.0, b.0), (a.1, b.1)));
     }
 }
 
 impl<E: Engine> Scene<E> {
-    /// Everything that touches (distance zero or less): robots with themselves, with each other and with obstacles, of all
+    /// All touching pairs (distance zero or less): robots with themselves, with each other and with obstacles, of all
     /// kinds, constant pairs included.
     ///
     /// # Returns
     /// The contacts sorted by kind and pair; distances in meters, points in the world frame.
     ///
     /// # Performance
-    /// Prepares all shapes anew at each call. Not meant for the control loop: ask [`Scene::contacts`] there.
+    /// Prepares all shapes at each call. Not for the control loop: use [`Scene::contacts`] there.
     pub fn report<P: AsRef<[f64]>>(&self, poses: &[P]) -> Vec<ReportedContact> {
         let transforms = self.node_transforms(poses);
-        let (mut inventory, none) = (Inventory::default(), Hulls::new());
+        let mut inventory = Inventory::default();
+        let none = Hulls::new();
         let mut robots: Vec<Vec<NodeShapes>> = Vec::new();
         for (r, (robot, world_from_node)) in self.robots().iter().zip(&transforms).enumerate() {
             let nodes = robot.nodes.iter().zip(world_from_node).enumerate().map(|(n, (node, frame))| {
@@ -116,14 +117,15 @@ impl<E: Engine> Scene<E> {
                 (ContactKind::Field, &robot.pairs.field),
             ];
             for (kind, pairs) in tables {
-                let of = |n: usize| if kind == ContactKind::Field { &shapes[n].fields } else { &shapes[n].solids };
+                let shapes_of =
+                    |n: usize| if kind == ContactKind::Field { &shapes[n].fields } else { &shapes[n].solids };
                 for &(n, m) in pairs {
-                    for a in of(n) {
-                        of(m).iter().filter(|b| n != m || a.0 < b.0).for_each(|b| tests.add(kind, a, b));
+                    for a in shapes_of(n) {
+                        shapes_of(m).iter().filter(|b| n != m || a.0 < b.0).for_each(|b| tests.add(kind, a, b));
                     }
                 }
             }
-            // A base stands on the table it is bolted to: it never meets the world.
+            // A base stands on the table that it is bolted to, so it is not tested against the world.
             for (_, node) in robot.nodes.iter().zip(shapes).filter(|(node, _)| !node.near_root) {
                 for b in &obstacles {
                     node.solids.iter().for_each(|a| tests.add(ContactKind::Reflex, a, b));
@@ -160,7 +162,7 @@ impl<E: Engine> Scene<E> {
         found
     }
 
-    /// Forward kinematics of all robots: `world_from_node` of every node, robot by robot, each from where it stands.
+    /// Forward kinematics of all robots: `world_from_node` of every node, robot by robot, from the robots' base poses.
     ///
     /// # Arguments
     /// * `poses`: as for [`Scene::contacts`].

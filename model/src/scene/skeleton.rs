@@ -1,14 +1,14 @@
-//! A robot boiled down to what moves: frames joined by moving joints.
+//! Skeleton: a robot reduced to frames that are connected by moving joints.
 //!
-//! Nodes with no moving joint between them share a frame, so that a pose costs one motion per moving joint and not
-//! one product per node, and two nodes are rigidly connected if and only if their frames are equal.
+//! Nodes without a moving joint between them share a frame, so a configuration costs one motion per moving joint
+//! instead of one product per node. Two nodes are rigidly connected if and only if their frames are equal.
 
 use crate::robot::{JointMotion, NodeKind, Robot};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 
 /// The moving frames of one robot. Frame 0 is the base; the order of frames is that of their joints in the tree.
 ///
-/// What is constant between two moving joints is multiplied once, here, and not at every pose.
+/// Transforms that are constant between two moving joints are multiplied once, here, instead of at every configuration.
 #[derive(Clone, Debug)]
 pub struct Skeleton {
     /// `world_from_robot`: frame 0.
@@ -21,12 +21,12 @@ pub struct Skeleton {
     pub in_frame: Vec<Isometry3<f64>>,
 }
 
-/// A joint that moves: a hinge proper, or a slide.
+/// A joint that moves, revolute or prismatic.
 #[derive(Clone, Debug)]
 pub struct Hinge {
     /// The frame it is fixed to.
     pub parent: usize,
-    /// Whether it turns or slides.
+    /// Revolute or prismatic.
     pub motion: JointMotion,
     /// `parent_from_joint` at position zero.
     pub at: Isometry3<f64>,
@@ -36,38 +36,38 @@ pub struct Hinge {
     pub motor: usize,
     /// Motor limits, rad of encoder.
     pub limits: (f64, f64),
-    /// The motor's home, for poses that lack it.
+    /// The motor's home, for configurations without an entry for it.
     pub home: f64,
-    /// Where it stands at the motor's lower limit, rad or meters.
+    /// Position at the motor's lower limit, rad or meters.
     pub min: f64,
-    /// Where it stands at the motor's upper limit, rad or meters.
+    /// Position at the motor's upper limit, rad or meters.
     pub max: f64,
     /// Radians or meters of joint per radian of encoder.
     pub gain: f64,
 }
 
 impl Hinge {
-    /// Where it stands at a pose of the robot, rad or meters; positions beyond the limits count as the limit.
+    /// Position at a configuration of the robot, rad or meters; motor positions beyond the limits count as the limit.
     pub fn position(&self, pose: &[f64]) -> f64 {
         let q = pose.get(self.motor).copied().unwrap_or(self.home);
         self.min + (q.max(self.limits.0).min(self.limits.1) - self.limits.0) * self.gain
     }
 
-    /// Where its frame's origin is in the parent's at the two ends of its range; a turn leaves it where it is.
+    /// Origin of its frame in the parent frame at the two ends of its range; equal for a revolute joint.
     pub fn origins(&self) -> [Vector3<f64>; 2] {
         let at = self.at.translation.vector;
         match self.motion {
             JointMotion::Turn => [at; 2],
-            JointMotion::Slide => [self.min, self.max].map(|way| at + self.at.rotation * (*self.axis * way)),
+            JointMotion::Slide => [self.min, self.max].map(|position| at + self.at.rotation * (*self.axis * position)),
         }
     }
 }
 
 impl Skeleton {
-    /// Follows the tree once, folding all that does not move into the pose at which the next joint or shape sits.
+    /// Traverses the tree once and folds everything that does not move into the pose of the next joint or shape.
     pub fn new(robot: &Robot, base: Isometry3<f64>) -> Self {
         let mut skeleton = Skeleton { base, joints: Vec::new(), frame: Vec::new(), in_frame: Vec::new() };
-        // What the children of each node hang on: a frame and a place in it.
+        // The frame of the children of each node, and their pose in it.
         let mut below: Vec<(usize, Isometry3<f64>)> = Vec::new();
         for (n, node) in robot.nodes.iter().enumerate() {
             let (frame, here) = node.parent.and_then(|p| below.get(p)).copied().unwrap_or((0, Isometry3::identity()));
@@ -91,7 +91,7 @@ impl Skeleton {
                         });
                         (skeleton.joints.len(), Isometry3::identity())
                     }
-                    // A joint that can't move stands at its lower limit for ever.
+                    // A joint that can't move stays at its lower limit.
                     _ => (frame, here * motion.by(axis, *min)),
                 },
             });
@@ -104,15 +104,16 @@ impl Skeleton {
         self.joints.len() + 1
     }
 
-    /// Appends `world_from_frame` of every frame.
+    /// Appends `world_from_frame` of every frame to `frames`.
     pub fn place(&self, pose: &[f64], frames: &mut Vec<Isometry3<f64>>) {
         let first = frames.len();
         frames.push(self.base);
         for joint in &self.joints {
-            let (parent, position) = (frames[first + joint.parent], joint.position(pose));
+            let parent = frames[first + joint.parent];
+            let position = joint.position(pose);
             let mut frame = parent * joint.at;
             match joint.motion {
-                // A turn has no translation, so only the rotation is multiplied.
+                // A revolute joint has no translation, so only the rotation is multiplied.
                 JointMotion::Turn => frame.rotation *= UnitQuaternion::from_axis_angle(&joint.axis, position),
                 JointMotion::Slide => frame.translation.vector += frame.rotation * (*joint.axis * position),
             }

@@ -1,4 +1,4 @@
-//! Forces on points of a robot as torques of its motors, by the transposed Jacobian.
+//! Mapping of forces on points of a robot to motor torques, by the transposed Jacobian.
 
 use super::{Scene, ShapeId, Skeleton};
 use crate::engine::Engine;
@@ -6,13 +6,13 @@ use crate::{Contact, JointMotion};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 impl Skeleton {
-    /// Adds to each motor of a node's chain its torque from a force on a point of that node.
+    /// Adds the torques due to a force on a point of a node to all motors of the node's chain.
     ///
     /// # Arguments
     /// * `frames`: `world_from_frame` of this robot, from [`Skeleton::place`].
-    /// * `point`: where the force acts, m, world frame.
+    /// * `point`: point of application, m, world frame.
     /// * `force`: N, world frame.
-    /// * `torques`: per motor, N m per radian of encoder: force times way, for slides too.
+    /// * `torques`: per motor, N m per radian of encoder: force times displacement, for prismatic joints, too.
     pub fn add_torques(
         &self,
         frames: &[Isometry3<f64>],
@@ -22,16 +22,16 @@ impl Skeleton {
         torques: &mut [f64],
     ) {
         let mut frame = self.frame.get(node).copied().unwrap_or(0);
-        // down the chain to the base: each hinge below the point by its lever, each slide along its axis
+        // Down the chain to the base: each revolute joint by its lever, each prismatic joint along its axis.
         while let Some(hinge) = frame.checked_sub(1).and_then(|f| self.joints.get(f)) {
             let Some(world) = frames.get(frame) else { return };
             let axis = world.rotation * *hinge.axis;
-            let way = match hinge.motion {
+            let direction = match hinge.motion {
                 JointMotion::Turn => axis.cross(&(point.coords - world.translation.vector)),
                 JointMotion::Slide => axis,
             };
             if let Some(torque) = torques.get_mut(hinge.motor) {
-                *torque += hinge.gain * way.dot(force);
+                *torque += hinge.gain * direction.dot(force);
             }
             frame = hinge.parent;
         }
@@ -39,13 +39,14 @@ impl Skeleton {
 }
 
 impl<E: Engine> Scene<E> {
-    /// How a contact's distance changes with the motors of one robot: m per radian of encoder.
+    /// Gradient of a contact's distance with respect to the motors of one robot: m per radian of encoder.
     ///
     /// # Arguments
     /// * `frames`: `world_from_frame` of that robot, from [`Skeleton::place`].
     ///
     /// # Returns
-    /// One number per motor; zeros where the two shapes just touch, which gives no direction, and for a contact of other robots.
+    /// One number per motor. Zeros if the two shapes just touch, since there is no direction, and for a contact of
+    /// other robots.
     pub fn distance_gradient(&self, robot: usize, contact: &Contact, frames: &[Isometry3<f64>]) -> Vec<f64> {
         let motors = self.robots().get(robot).map_or(0, |r| r.motors.len());
         let mut gradient = vec![0.0; motors];
@@ -53,15 +54,15 @@ impl<E: Engine> Scene<E> {
         let (Some(skeleton), true) = (self.skeletons().get(robot), contact.distance.abs() > 1e-9) else {
             return gradient;
         };
-        // from the first shape to the second where they are apart, turned about where they overlap
+        // From the first shape to the second if they are apart, reversed if they overlap.
         let normal = apart / contact.distance;
-        for (shape, point, way) in
+        for (shape, point, direction) in
             [(contact.pair.0, contact.points[0], -normal), (contact.pair.1, contact.points[1], normal)]
         {
             if let ShapeId::Robot { robot: owner, node, .. } = shape
                 && usize::from(owner) == robot
             {
-                skeleton.add_torques(frames, usize::from(node), &point, &way, &mut gradient);
+                skeleton.add_torques(frames, usize::from(node), &point, &direction, &mut gradient);
             }
         }
         gradient
@@ -74,7 +75,7 @@ mod tests {
     use std::path::Path;
     use std::sync::Arc;
 
-    /// The gradient is the difference quotient of the distance, for every motor of an arm near an obstacle.
+    /// The gradient equals the difference quotient of the distance, for every motor of an arm near an obstacle.
     #[test]
     fn the_gradient_is_the_slope_of_the_distance() {
         let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");

@@ -1,4 +1,4 @@
-//! The objects of a scene, prepared, with the pairs that count: what an edit makes anew.
+//! The objects of a scene, prepared, with the tested pairs: rebuilt by each edit.
 
 use super::bodies::{Bodies, Solid};
 use super::travel::Terms;
@@ -7,25 +7,25 @@ use crate::engine::{Collider, Engine, IndexPair, PairProximity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// All solids of a scene and the pairs of them that the reflex watches.
+/// All solids of a scene, and the pairs that the reflex monitors.
 #[derive(Debug)]
 pub(crate) struct World<E> {
     /// Those of the robots, then those of the obstacles, in order of their ids.
     pub solids: Vec<Solid>,
-    /// The same, prepared.
+    /// The solids, prepared.
     pub engine: E,
-    /// Reflex pairs that can move against each other: indices, smaller first, sorted.
+    /// Reflex pairs that can move relative to each other: indices, smaller first, sorted.
     pub pairs: Vec<IndexPair>,
-    /// The same pairs by the frames they join.
+    /// The same pairs, grouped by their two frames.
     pub groups: Vec<Group>,
-    /// Of those that can't, the ones that touch.
+    /// Touching pairs that can't move relative to each other.
     pub fixed_contacts: Vec<Contact>,
 }
 
-/// Pairs of solids that move against each other alike: those of the same two frames.
+/// Pairs of solids with the same relative motion: those of the same two frames.
 #[derive(Clone, Debug)]
 pub(crate) struct Group {
-    /// How far they move against each other.
+    /// Bound of their relative motion.
     pub travel: Terms,
     /// The pairs.
     pub pairs: Vec<IndexPair>,
@@ -52,24 +52,26 @@ impl<E: Engine> World<E> {
         let own = bodies.solids.len();
         let mut pairs = bodies.moving.clone();
         let mut fixed = bodies.fixed.clone();
-        // A base is never tested against the world: it stands on it.
+        // A base is not tested against the world that it stands on.
         for (i, solid) in bodies.solids.iter().enumerate().filter(|(_, s)| !s.near_root) {
             let list = if solid.fixed { &mut fixed } else { &mut pairs };
             list.extend((own..solids.len()).map(|j| (i as u32, j as u32)));
         }
         pairs.sort_unstable();
-        // One bound on motion serves all pairs of two frames, and a group that is not due is skipped as a whole.
+        // One motion bound serves all pairs of two frames, and a group that is not due is skipped as a whole.
         let mut by_frames = BTreeMap::<(usize, usize), Vec<IndexPair>>::new();
         for &(i, j) in &pairs {
-            let (f, g) = (solids[i as usize].collider.frame, solids[j as usize].collider.frame);
+            let f = solids[i as usize].collider.frame;
+            let g = solids[j as usize].collider.frame;
             by_frames.entry((f.min(g), f.max(g))).or_default().push((i, j));
         }
         let groups =
             by_frames.into_iter().map(|((f, g), pairs)| Group { travel: bodies.travel(f, g), pairs }).collect();
         let engine = E::prepare(&solids.iter().map(|s| s.collider.clone()).collect::<Vec<_>>());
         let mut world = World { solids, engine, pairs, groups, fixed_contacts: Vec::new() };
-        // No pose changes these, so any will do: all robots at home.
-        let (mut frames, mut placement) = (Vec::new(), E::Placement::default());
+        // These contacts are the same at every configuration; home is used here.
+        let mut frames = Vec::new();
+        let mut placement = E::Placement::default();
         bodies.place::<&[f64]>(&[], &mut frames);
         world.engine.place(&frames, &mut placement);
         let touching = world.engine.contacts(&placement, &fixed, 0.0);
@@ -77,7 +79,7 @@ impl<E: Engine> World<E> {
         world
     }
 
-    /// A pair as an engine names it, as everybody else does.
+    /// Converts an engine's pair of indices to a contact with shape ids.
     pub fn contact(&self, near: PairProximity) -> Contact {
         let (i, j) = near.pair;
         let pair = (self.solids[i as usize].id, self.solids[j as usize].id);

@@ -1,13 +1,13 @@
-//! Body parts from groups. Groups overlap as people like; each motor is of one part.
+//! Body parts from groups. Groups may overlap; each motor belongs to one part.
 
 use super::{LinkTree, Srdf};
 use crate::{Robot, RobotParts};
 use std::collections::BTreeSet;
 
 impl Srdf {
-    /// The groups that become parts: in file order, each that shares no motor with those before it, as people write an arm and a hand
-    /// before the arm with its hand. A group that others make up exactly is none of them, wherever it stands. What is in no group is
-    /// a part of the robot's name.
+    /// The groups that become parts: in file order, each that shares no motor with those before it (files usually list
+    /// an arm and a hand before the arm with its hand). A group that is exactly the union of smaller ones is skipped,
+    /// regardless of its position. The motors without a group form a part with the robot's name.
     pub fn parts(&self, tree: &LinkTree, robot: &Robot) -> RobotParts {
         let groups = self.groups.iter().map(|g| (g.name.as_str(), self.motors_of(&g.name, tree, robot)));
         let groups: Vec<(&str, BTreeSet<usize>)> = groups.map(|(name, m)| (name, m.into_iter().collect())).collect();

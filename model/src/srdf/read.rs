@@ -1,6 +1,6 @@
-//! SRDF text to data.
+//! Reader of SRDF text.
 
-use super::resolve::ROUNDING;
+use super::resolve::LIMIT_TOLERANCE;
 use super::{EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint};
 use crate::JointMotion;
 use crate::error::{FileError, Loaded, Source};
@@ -10,12 +10,12 @@ use crate::xml::{self, XmlElement};
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Files above this size are refused, bytes.
+/// Maximum file size, bytes.
 const MAX_BYTES: u64 = 16 << 20;
-/// More warnings are dropped: nobody reads them.
+/// Maximum number of warnings; more would not be read.
 const MAX_WARNINGS: usize = 100;
 
-/// The elements that are read.
+/// The elements and attributes that are read.
 const WORDS: &[Words] = &[
     words(
         "robot",
@@ -42,16 +42,16 @@ const WORDS: &[Words] = &[
     words("passive_joint", [&["name"], &[], &[], &[]]),
 ];
 
-/// Reads an SRDF file; `tree` is that of the URDF it belongs to.
+/// Reads an SRDF file; `tree` is that of the robot's URDF.
 ///
 /// # Errors
-/// If the file is no SRDF, or something in it has no name or no number, with its place and a remedy. Names that the URDF does not
-/// have are warnings: what hangs on them has no effect.
+/// If the file is not an SRDF, or an element lacks a name or a number, with location and remedy. Names that the URDF
+/// does not have are warnings: elements that refer to them have no effect.
 pub fn load_srdf(path: impl AsRef<Path>, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
     read(&Source::read(path.as_ref(), MAX_BYTES)?, tree)
 }
 
-/// Reads SRDF text; `name` stands for the file in messages.
+/// Reads SRDF text; `name` is the file name for messages.
 ///
 /// # Errors
 /// As [`load_srdf`].
@@ -88,14 +88,14 @@ fn read(source: &Source, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
     Ok(Loaded { value: reading.srdf, warnings: reading.warnings })
 }
 
-/// What is read so far.
+/// State of the reader.
 struct Reading<'a> {
     source: &'a Source,
     tree: &'a LinkTree,
     warnings: Vec<FileError>,
-    /// Joints that nothing drives.
+    /// Passive joints.
     passive: BTreeSet<String>,
-    /// Joints of poses that no motor moves.
+    /// Joints in poses that no motor drives.
     idle: BTreeSet<String>,
     srdf: Srdf,
 }
@@ -128,7 +128,7 @@ impl Reading<'_> {
                 let joint = self.joint(element, "name")?;
                 self.srdf.passive_joints.push(joint);
             }
-            // Whoever wrote such a tag expects something of it. Others are for other programs.
+            // A user who writes such an element expects an effect. Other unknown elements belong to other programs.
             name if name.starts_with("disable") || name.starts_with("enable") => {
                 self.warn(element, format!("<{name}> has no effect"), "name each pair in <disable_collisions>");
             }
@@ -156,9 +156,10 @@ impl Reading<'_> {
         Ok(())
     }
 
-    /// A chain of a group; none, with a warning, if the URDF does not have its links.
+    /// A chain of a group; `None`, with a warning, if the URDF does not have its links.
     fn chain(&mut self, element: &XmlElement, group: &str) -> Result<Option<(String, String)>, FileError> {
-        let (base, tip) = (self.link(element, "base_link")?, self.link(element, "tip_link")?);
+        let base = self.link(element, "base_link")?;
+        let tip = self.link(element, "tip_link")?;
         if !self.tree.has_link(&base) || !self.tree.has_link(&tip) {
             let message = format!("group `{group}` is without its chain from `{base}` to `{tip}`");
             self.warn(element, message, "correct the names of its links");
@@ -181,7 +182,8 @@ impl Reading<'_> {
     }
 
     fn state(&mut self, element: &XmlElement) -> Result<(), FileError> {
-        let (name, group) = (self.required(element, "name")?, element.get("group").map(str::to_owned));
+        let name = self.required(element, "name")?;
+        let group = element.get("group").map(str::to_owned);
         let mut state = SrdfState { name, group, ..SrdfState::default() };
         for joint in element.all("joint") {
             let name = self.joint(joint, "name")?;
@@ -205,23 +207,29 @@ impl Reading<'_> {
         Ok(())
     }
 
-    /// Warns of what a pose says in vain: positions beyond limits, and such as another pose of its name has.
+    /// Warns about positions of a pose that have no effect: those beyond limits, and those that differ from another
+    /// pose of the same name.
     fn check_state(&mut self, element: &XmlElement, state: &SrdfState) {
-        let (mut beyond, mut twice) = (Vec::new(), Vec::new());
+        let mut beyond = Vec::new();
+        let mut twice = Vec::new();
         for (joint, q) in state.positions.iter().filter_map(|(joint, q)| Some((joint, *q.first()?))) {
             match self.tree.joint(joint) {
                 Some(JointUse::Moves { motion, min, max })
-                    if !self.passive.contains(joint) && (q < min - ROUNDING || q > max + ROUNDING) =>
+                    if !self.passive.contains(joint) && (q < min - LIMIT_TOLERANCE || q > max + LIMIT_TOLERANCE) =>
                 {
                     let limit = if q < min { min } else { max };
-                    beyond.push(format!("`{joint}` at {}, not {}", told(motion, limit), told(motion, q)));
+                    beyond.push(format!(
+                        "`{joint}` at {}, not {}",
+                        format_position(motion, limit),
+                        format_position(motion, q)
+                    ));
                 }
                 Some(JointUse::Still | JointUse::Follows) => drop(self.idle.insert(joint.clone())),
                 _ => {}
             }
             let before = self.srdf.states.iter().filter(|s| s.name == state.name);
             let mut before = before.filter_map(|s| s.positions.get(joint)?.first());
-            if before.next().is_some_and(|first| (first - q).abs() > ROUNDING) {
+            if before.next().is_some_and(|first| (first - q).abs() > LIMIT_TOLERANCE) {
                 twice.push(format!("`{joint}`"));
             }
         }
@@ -238,15 +246,16 @@ impl Reading<'_> {
     }
 
     fn pair(&mut self, element: &XmlElement) -> Result<(), FileError> {
-        let (a, b) = (self.link(element, "link1")?, self.link(element, "link2")?);
+        let a = self.link(element, "link1")?;
+        let b = self.link(element, "link2")?;
         let reason = element.get("reason").unwrap_or_default().to_owned();
         self.srdf.disabled.insert(if a <= b { (a, b) } else { (b, a) }, reason);
         Ok(())
     }
 
-    /// Warns of groups that are named and not there.
+    /// Warns about references to groups that do not exist.
     fn check_groups(&mut self, root: &XmlElement) {
-        let there = |name: &str| self.srdf.groups.iter().any(|g| g.name == name);
+        let exists = |name: &str| self.srdf.groups.iter().any(|g| g.name == name);
         let mut missing = Vec::new();
         for element in &root.children {
             let names = match element.name.as_str() {
@@ -254,14 +263,14 @@ impl Reading<'_> {
                 "group_state" | "end_effector" => element.get("group").into_iter().collect::<Vec<_>>(),
                 _ => Vec::new(),
             };
-            missing.extend(names.into_iter().filter(|n| !there(n)).map(|n| (element, n)));
+            missing.extend(names.into_iter().filter(|n| !exists(n)).map(|n| (element, n)));
         }
         for (element, name) in missing {
             self.warn(element, format!("there is no group `{name}`"), "correct the name, or add the group");
         }
     }
 
-    /// The name of a link, which the URDF should have.
+    /// The name of a link; warns if the URDF does not have it.
     fn link(&mut self, element: &XmlElement, attribute: &str) -> Result<String, FileError> {
         let name = self.required(element, attribute)?;
         if !self.tree.has_link(&name) {
@@ -270,7 +279,7 @@ impl Reading<'_> {
         Ok(name)
     }
 
-    /// The name of a joint, which the URDF should have, or the file itself as a virtual joint.
+    /// The name of a joint; warns if it is neither a joint of the URDF nor a virtual joint of this file.
     fn joint(&mut self, element: &XmlElement, attribute: &str) -> Result<String, FileError> {
         let name = self.required(element, attribute)?;
         if !self.tree.has_joint(&name) && !self.srdf.virtual_joints.iter().any(|j| j.name == name) {
@@ -293,8 +302,8 @@ impl Reading<'_> {
     }
 }
 
-/// A position of a joint for people.
-fn told(motion: JointMotion, position: f64) -> String {
+/// Formats a position of a joint for messages.
+fn format_position(motion: JointMotion, position: f64) -> String {
     match motion {
         JointMotion::Turn => format!("{:.1} deg", position.to_degrees()),
         JointMotion::Slide => format!("{:.1} mm", position * 1e3),

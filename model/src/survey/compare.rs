@@ -1,60 +1,61 @@
-//! Contact by the fitted shapes against contact by the meshes that these were fitted to.
+//! Comparison of contacts between the fitted shapes with contacts between the meshes.
 
 use super::Subject;
 use crate::{Robot, SceneError, Surfaces, random_poses};
 use std::collections::BTreeMap;
 
-/// Where meshes are nearer than this, no plan goes, meters: plans keep 2 mm more than the margin of the reflex.
-const APART: f64 = 0.002;
+/// Mesh distance, meters, below which no plan passes: plans maintain 2 mm more than the margin of the reflex.
+const APART_M: f64 = 0.002;
 
-/// How a pair of links fared.
+/// Counts for a pair of links.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ContactCounts {
-    /// Poses at which the shapes touched and the meshes did not, at poses that are free by the meshes.
+    /// Poses that are free by the meshes, at which the shapes touched.
     pub falsely: usize,
-    /// Poses at which the meshes met and the shapes did not: none, if the shapes hold the meshes.
+    /// Poses at which the meshes met and the shapes did not; zero if the shapes contain the meshes.
     pub missed: usize,
     /// Poses at which the meshes met.
     pub met: usize,
 }
 
-/// Contact by shapes against contact by meshes, at random poses of a robot with itself.
+/// Self-collision of a robot by shapes compared with that by meshes, at random poses.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Comparison {
-    /// How many poses.
+    /// Number of poses.
     pub poses: usize,
-    /// Those in contact by the meshes, in pairs that are tested.
+    /// Poses in contact by the meshes, in tested pairs.
     pub by_meshes: usize,
-    /// Those in contact by the robot's shapes.
+    /// Poses in contact by the robot's shapes.
     pub by_shapes: usize,
-    /// Those in contact by the shapes and free by the meshes.
+    /// Poses in contact by the shapes and free by the meshes.
     pub falsely: usize,
-    /// Of these, those at which the meshes of a pair that touches falsely are 2 mm apart at least: where a robot could go.
+    /// Of these, poses at which the meshes of a pair in false contact are at least 2 mm apart, so that a robot could
+    /// reach them.
     pub falsely_apart: usize,
-    /// Those in contact by the meshes and free by the shapes.
+    /// Poses in contact by the meshes and free by the shapes.
     pub missed: usize,
-    /// The same for each tested pair of links for which there is something to tell, by their names.
+    /// The counts for each tested pair of links with any count above zero, by link names.
     pub pairs: BTreeMap<(String, String), ContactCounts>,
-    /// Pairs that are left out though their meshes met, with the number of poses: harmless only for neighbors.
+    /// Disabled pairs whose meshes met, with the number of poses: harmless only for neighbors.
     pub left_out_met: BTreeMap<(String, String), usize>,
 }
 
 impl Comparison {
-    /// Of the poses that are free by the meshes, the share that the shapes block, 0 to 1.
+    /// Share of the mesh-free poses that the shapes block, 0 to 1.
     pub fn blocked_share(&self) -> f64 {
         self.falsely as f64 / (self.poses - self.by_meshes).max(1) as f64
     }
 
-    /// The same without the poses at which meshes are within 2 mm of each other.
+    /// As [`Comparison::blocked_share`], without the poses at which meshes are within 2 mm of each other.
     pub fn blocked_apart_share(&self) -> f64 {
         self.falsely_apart as f64 / (self.poses - self.by_meshes).max(1) as f64
     }
 }
 
-/// Compares a robot's shapes with the meshes of its links at random poses; equal seeds give equal answers.
+/// Compares a robot's shapes with the meshes of its links at random poses; equal seeds give equal results.
 ///
 /// # Errors
-/// If the robot can't stand in a scene.
+/// If the robot can't be placed in a scene.
 pub fn compare(
     robot: &Robot,
     surfaces: &Surfaces,
@@ -68,11 +69,12 @@ pub fn compare(
         (name(a), name(b))
     };
     let tested: Vec<_> = subject.tested.iter().filter_map(|p| Some((*p, subject.surfaces(*p)?))).collect();
-    let spared = robot.left_out.iter().flatten().map(|l| l.nodes);
-    let spared: Vec<_> = spared.filter_map(|p| Some((p, subject.surfaces(p)?))).collect();
+    let disabled = robot.left_out.iter().flatten().map(|l| l.nodes);
+    let disabled: Vec<_> = disabled.filter_map(|p| Some((p, subject.surfaces(p)?))).collect();
     let mut out = Comparison { poses, ..Comparison::default() };
     for (done, q) in random_poses(robot, seed).take(poses).enumerate() {
-        let (near, frames) = (subject.near(&q, 0.0), surfaces.frames(robot, &q));
+        let near = subject.near(&q, 0.0);
+        let frames = surfaces.frames(robot, &q);
         let mut meeting = Vec::new();
         for (pair, (a, b)) in &tested {
             if surfaces.meet(&frames, *a, *b) {
@@ -82,7 +84,7 @@ pub fn compare(
                 counts.missed += usize::from(!near.contains_key(pair));
             }
         }
-        for (pair, (a, b)) in &spared {
+        for (pair, (a, b)) in &disabled {
             if surfaces.meet(&frames, *a, *b) {
                 *out.left_out_met.entry(named(*pair)).or_default() += 1;
             }
@@ -93,7 +95,7 @@ pub fn compare(
         if meeting.is_empty() && !near.is_empty() {
             out.falsely += 1;
             let near_too =
-                |pair: &(usize, usize)| subject.surfaces(*pair).is_some_and(|p| surfaces.near(&frames, p, APART));
+                |pair: &(usize, usize)| subject.surfaces(*pair).is_some_and(|p| surfaces.near(&frames, p, APART_M));
             out.falsely_apart += usize::from(!near.keys().all(near_too));
             near.keys().for_each(|pair| out.pairs.entry(named(*pair)).or_default().falsely += 1);
         }

@@ -1,4 +1,4 @@
-//! The robot that is surveyed, alone in the world.
+//! The surveyed robot, alone in a world.
 
 use crate::{Collider, DefaultEngine, Engine, Near, Primitive, Robot, Scene, SceneError, Shape, Surfaces};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -6,25 +6,25 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The robot alone in the world, and which of its nodes has which surface.
+/// The robot alone in a world, and the surface of each of its nodes.
 ///
-/// A scene tests every two shapes. At random poses most links are far from each other, so here boxes around all shapes of a link are
-/// looked at first.
+/// A scene tests every two shapes. At random poses most links are far from each other, so bounding boxes around all
+/// shapes of a link are tested first.
 pub(super) struct Subject<'a> {
     pub(super) robot: &'a Robot,
     engine: DefaultEngine,
-    /// Per node: its shapes' numbers in the engine.
+    /// Per node: the range of its shapes in the engine.
     shapes: Vec<Range<u32>>,
-    /// Per node: what holds its shapes, in its frame.
-    hulls: Vec<Hull>,
-    /// The pairs of nodes that are tested and can move against each other.
+    /// Per node: the bounds of its shapes, in its frame.
+    bounds: Vec<Bounds>,
+    /// The tested pairs of nodes that can move relative to each other.
     pub(super) tested: Vec<(usize, usize)>,
     /// Per node: its link's index in the surfaces.
     pub(super) surface_of: BTreeMap<usize, usize>,
 }
 
-/// A box and a ball around all shapes of a node, in its frame.
-struct Hull {
+/// Bounding box and ball of all shapes of a node, in its frame.
+struct Bounds {
     low: Vector3<f64>,
     high: Vector3<f64>,
     /// Center and radius.
@@ -33,20 +33,21 @@ struct Hull {
     balls: Vec<(Point3<f64>, f64)>,
 }
 
-/// All shapes at one pose.
+/// All shapes at one configuration.
 pub(super) struct Placed {
     /// `world_from_node`.
     frames: Vec<Isometry3<f64>>,
     placement: <DefaultEngine as Engine>::Placement,
 }
 
-impl Hull {
+impl Bounds {
     fn new(shapes: &[Primitive]) -> Self {
         let balls = shapes.iter().map(|s| (Point3::from(s.pose.translation.vector), s.shape.bounding_radius()));
         let balls: Vec<_> = balls.collect();
         let start = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
         let (low, high) = shapes.iter().fold(start, |(low, high), s| {
-            let (half, at) = (half_extent(s), s.pose.translation.vector);
+            let half = half_extent(s);
+            let at = s.pose.translation.vector;
             (low.inf(&(at - half)), high.sup(&(at + half)))
         });
         let ball = if balls.is_empty() {
@@ -57,13 +58,13 @@ impl Hull {
         Self { low, high, ball, balls }
     }
 
-    /// How far a point in the node's frame is from the box, meters.
+    /// Distance of a point in the node's frame from the box, meters.
     fn distance(&self, p: &Point3<f64>) -> f64 {
         (self.low - p.coords).sup(&(p.coords - self.high)).map(|d| d.max(0.0)).norm()
     }
 }
 
-/// Half the edges of the box along the node's axes that holds a shape.
+/// Half the edges of a shape's bounding box along the node's axes.
 fn half_extent(p: &Primitive) -> Vector3<f64> {
     let turn = p.pose.rotation.to_rotation_matrix().into_inner().abs();
     match p.shape {
@@ -77,12 +78,13 @@ fn half_extent(p: &Primitive) -> Vector3<f64> {
 
 impl<'a> Subject<'a> {
     pub(super) fn new(robot: &'a Robot, surfaces: &Surfaces) -> Result<Self, SceneError> {
-        // whatever a scene refuses is refused here, too
+        // Rejects everything that a scene rejects.
         Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new())?;
         let by_name: BTreeMap<&str, usize> = surfaces.links().enumerate().map(|(i, name)| (name, i)).collect();
-        let of = |(i, node): (usize, &crate::Node)| Some((i, *by_name.get(node.name.as_deref()?)?));
-        let surface_of = robot.nodes.iter().enumerate().filter_map(of).collect();
-        let (mut shapes, mut colliders) = (Vec::new(), Vec::new());
+        let indexed = |(i, node): (usize, &crate::Node)| Some((i, *by_name.get(node.name.as_deref()?)?));
+        let surface_of = robot.nodes.iter().enumerate().filter_map(indexed).collect();
+        let mut shapes = Vec::new();
+        let mut colliders = Vec::new();
         for (frame, node) in robot.nodes.iter().enumerate() {
             let first = colliders.len() as u32;
             let hull = |k: usize| node.hulls.get(&k).cloned();
@@ -90,9 +92,9 @@ impl<'a> Subject<'a> {
             colliders.extend(solids.map(|(k, s)| Collider::new(s.shape, frame, s.pose).with_hull(hull(k))));
             shapes.push(first..colliders.len() as u32);
         }
-        let hulls = robot.nodes.iter().map(|n| Hull::new(&n.solids)).collect();
+        let bounds = robot.nodes.iter().map(|n| Bounds::new(&n.solids)).collect();
         let tested = robot.pairs.reflex.iter().copied().filter(|(a, b)| robot.moves(*a, *b)).collect();
-        Ok(Self { robot, engine: DefaultEngine::prepare(&colliders), shapes, hulls, tested, surface_of })
+        Ok(Self { robot, engine: DefaultEngine::prepare(&colliders), shapes, bounds, tested, surface_of })
     }
 
     pub(super) fn place(&self, q: &[f64]) -> Placed {
@@ -102,15 +104,16 @@ impl<'a> Subject<'a> {
         placed
     }
 
-    /// The shapes of two nodes that may be nearer than a margin, by their numbers on their nodes.
+    /// The shapes of two nodes that may be nearer than a margin, by their indices on their nodes.
     fn facing(&self, placed: &Placed, (a, b): (usize, usize), margin: f64) -> Option<[Vec<usize>; 2]> {
-        let (x, y) = (&self.hulls[a], &self.hulls[b]);
+        let x = &self.bounds[a];
+        let y = &self.bounds[b];
         let apart = (placed.frames[a] * x.ball.0 - placed.frames[b] * y.ball.0).norm();
         if apart > x.ball.1 + y.ball.1 + margin {
             return None;
         }
         let a_from_b = placed.frames[a].inv_mul(&placed.frames[b]);
-        let near = |of: &Hull, to: &Hull, to_from_of: &Isometry3<f64>| -> Vec<usize> {
+        let near = |of: &Bounds, to: &Bounds, to_from_of: &Isometry3<f64>| -> Vec<usize> {
             let near = |(_, (center, radius)): &(usize, &(Point3<f64>, f64))| {
                 to.distance(&(to_from_of * center)) <= radius + margin
             };
@@ -120,7 +123,7 @@ impl<'a> Subject<'a> {
         facing.iter().all(|f| !f.is_empty()).then_some(facing)
     }
 
-    /// The smallest distance of the shapes of two nodes, if that is less than a margin (meters) or they touch.
+    /// The smallest distance of the shapes of two nodes, if it is less than a margin (meters) or they touch.
     pub(super) fn distance(&self, placed: &Placed, (a, b): (usize, usize), margin: f64) -> Option<f64> {
         let [of_a, of_b] = self.facing(placed, (a, b), margin)?;
         let mut least = None;
@@ -137,7 +140,8 @@ impl<'a> Subject<'a> {
         least
     }
 
-    /// The shapes of two nodes that touch or are within a margin (meters) of each other, by their numbers on their nodes.
+    /// The shapes of two nodes that touch or are within a margin (meters) of each other, by their indices on their
+    /// nodes.
     pub(super) fn touching<'s>(
         &'s self,
         placed: &'s Placed,
@@ -150,7 +154,8 @@ impl<'a> Subject<'a> {
         all.filter(move |(i, j)| self.engine.touches(&placed.placement, pair(*i, *j), margin))
     }
 
-    /// The middle of what two shapes that touch have in common, world frame; each is named by its node and its number there.
+    /// The center of the intersection of two touching shapes, world frame; each is given by its node and its index
+    /// there.
     pub(super) fn place_of(&self, placed: &Placed, shapes: [(usize, usize); 2]) -> Option<Point3<f64>> {
         let [a, b] = shapes.map(|(node, shape)| self.shapes[node].start + shape as u32);
         match self.engine.near(&placed.placement, (a, b), 0.0) {
@@ -165,7 +170,7 @@ impl<'a> Subject<'a> {
         self.tested.iter().filter_map(|pair| Some((*pair, self.distance(&placed, *pair, margin)?))).collect()
     }
 
-    /// Two nodes as links of the surfaces, if both have one.
+    /// The link indices of two nodes, if both have surfaces.
     pub(super) fn surfaces(&self, (a, b): (usize, usize)) -> Option<(usize, usize)> {
         Some((*self.surface_of.get(&a)?, *self.surface_of.get(&b)?))
     }

@@ -1,8 +1,8 @@
-//! Bodies at the zero position, written as ZRP nodes.
+//! Converts bodies at the zero position to ZRP nodes.
 //!
 //! ```text
-//! joint ── first link of the body (its shapes) ──┬── links to where the next joints are ── joint ── next body
-//!                                                └── links to where its other links are (their shapes, markers)
+//! joint ── first link of the body (its shapes) ──┬── links to the origins of the next joints ── joint ── next body
+//!                                                └── links to the origins of its other links (their shapes, markers)
 //! ```
 
 use super::document::{Collision, Document, Geometry, Joint, JointType, Link};
@@ -20,39 +20,39 @@ use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
 use std::rc::Rc;
 
-/// Points nearer than this are one; the format takes links below 1e-12 m as having no direction.
-const SAME_POINT: f64 = 1e-11;
-/// Length of links whose end matters to nobody, meters.
-const STUB: f64 = 0.01;
-/// More nodes are refused: the pair tables grow with the square.
+/// Distance below which points are equal, meters; the format treats links below 1e-12 m as having no direction.
+const SAME_POINT_M: f64 = 1e-11;
+/// Length of links whose end point is irrelevant, meters.
+const STUB_LENGTH_M: f64 = 0.01;
+/// Maximum number of nodes: the pair tables grow quadratically.
 const MAX_NODES: usize = 2048;
-/// More shapes of all links together are refused.
+/// Maximum number of shapes of all links together.
 const MAX_SHAPES: usize = 4096;
 
-/// Links held together by fixed joints, with their frames at the zero position.
+/// Links connected by fixed joints, with their frames at the zero position.
 struct Body {
     /// Index of each link, and `root_from_link` at zero.
     links: Vec<(usize, Isometry3<f64>)>,
-    /// The moving joints that leave it: joint, and the child link's frame at zero.
+    /// The moving joints below it: joint, and the child link's frame at zero.
     joints: Vec<(usize, Isometry3<f64>)>,
 }
 
-/// The robot as far as it is written, and what it is written from.
+/// State of the conversion: its input, and the robot so far.
 ///
-/// Everything is placed in the root frame with all joints at zero: there ZRP's translations and rotations about axes need no
-/// fixed rotation between them.
+/// Everything is placed in the root frame with all joints at zero: there ZRP's translations and rotations about axes
+/// need no fixed rotation between them.
 struct Builder<'a> {
     /// The file, for messages.
     source: &'a Source,
-    /// What it says.
+    /// Contents of the file.
     urdf: &'a Document,
-    /// How its links hang on each other.
+    /// Tree of its links.
     tree: &'a Tree,
-    /// What to do with what ZRP has no word for.
+    /// Options of the conversion.
     options: &'a UrdfOptions,
-    /// What was left out or mended.
+    /// Warnings about parts that were skipped or corrected.
     warnings: &'a mut Vec<FileError>,
-    /// What is written so far: one part, nodes in the order of the tree.
+    /// The robot so far: one part, nodes in the order of the tree.
     robot: Robot,
     /// Per joint of the URDF: its motor.
     motors: Vec<Option<usize>>,
@@ -62,32 +62,32 @@ struct Builder<'a> {
     shapes: usize,
     /// The mesh files.
     meshes: Meshes<'a>,
-    /// What is doubted of the sizes of shapes.
+    /// Doubts about the sizes of shapes.
     sizes: Sizes,
-    /// Whether meshes that declare y as up are turned.
+    /// True if meshes that declare y as up are rotated.
     turns_y_up: bool,
-    /// Whether primitives are fitted to meshes.
+    /// True if primitives are fitted to meshes.
     fits: bool,
-    /// What the links collide with in the file's own words.
+    /// Collision geometry of the links as the file gives it.
     surfaces: Vec<LinkSurface>,
-    /// What was fitted to the meshes of each link.
+    /// The fits to the meshes, by link.
     fitted: BTreeMap<String, Fit>,
 }
 
-/// What a URDF becomes.
+/// Result of the conversion.
 pub(super) struct Built {
     /// The robot.
     pub robot: Robot,
     /// Meshes and shapes of the links that have any.
     pub surfaces: Vec<LinkSurface>,
-    /// What was fitted to the meshes of each link.
+    /// The fits to the meshes, by link.
     pub fits: BTreeMap<String, Fit>,
 }
 
-/// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on.
+/// Work item: the first link of a body, its frame at zero, and the node of its parent joint.
 type Todo = (usize, Isometry3<f64>, Option<usize>);
 
-/// Writes the robot. Without `fits` nothing is fitted to meshes: the surfaces alone are wanted.
+/// Builds the robot. Without `fits` nothing is fitted to meshes, for callers that need only the surfaces.
 pub(super) fn build(
     source: &Source,
     urdf: &Document,
@@ -133,23 +133,24 @@ pub(super) fn build(
         let body = b.body(link, frame)?;
         todo.extend(b.emit(&body, parent)?.into_iter().rev());
     }
-    // Before all that is said of the shapes around them.
+    // Placed before all warnings about the fitted shapes.
     let mut doubts = Vec::new();
     b.sizes.warn(source, &mut doubts);
     b.warnings.splice(0..0, doubts);
-    // From here on the robot lists what is not tested; whoever knows of more (an SRDF, a search) adds it in the same way.
+    // From here on the robot lists its disabled pairs; an SRDF or a survey adds more in the same way.
     b.robot.leave_out(neighbors::neighbors(urdf, tree, &b.shapes_of));
     Ok(Built { robot: b.robot, surfaces: b.surfaces, fits: b.fitted })
 }
 
 impl Builder<'_> {
-    /// Motors in the order of the tree.
+    /// Creates the motors, in the order of the tree.
     fn create_motors(&mut self) {
         let mut todo = vec![self.tree.root];
         while let Some(link) = todo.pop() {
             for &joint in &self.tree.leaving[link] {
                 if let Some(limits) = self.tree.limits[joint] {
-                    let (min, max) = (limits.motion.encoder(limits.min), limits.motion.encoder(limits.max));
+                    let min = limits.motion.encoder(limits.min);
+                    let max = limits.motion.encoder(limits.max);
                     self.motors[joint] = Some(self.robot.motors.len());
                     self.robot.motors.push(Motor {
                         name: self.urdf.joints[joint].name.clone(),
@@ -170,7 +171,7 @@ impl Builder<'_> {
         self.robot.parts[0].motors = 0..self.robot.motors.len();
     }
 
-    /// Collects what fixed joints hold together with a link. `frame` is `root_from_link` at zero.
+    /// Collects a link and all links connected to it by fixed joints. `frame` is `root_from_link` at zero.
     ///
     /// # Errors
     /// If an axis has no direction.
@@ -188,7 +189,7 @@ impl Builder<'_> {
                 let at_joint = frame * what.origin;
                 match self.tree.drives[joint] {
                     Drive::Fixed(0.0) => todo.push((self.tree.child[joint], at_joint)),
-                    // A joint without range moves once and for all; its child hangs there like on a fixed one.
+                    // A joint without range has a constant position; its child is attached as by a fixed joint.
                     Drive::Fixed(position) => {
                         let moved = motion(what).by(&axis(&what.axis).ok_or_else(bad)?, position);
                         todo.push((self.tree.child[joint], at_joint * moved));
@@ -203,28 +204,31 @@ impl Builder<'_> {
         Ok(body)
     }
 
-    /// Writes a body's nodes under the joint `parent`; returns what is to follow.
+    /// Adds a body's nodes under the joint `parent`; returns the bodies that follow.
     fn emit(&mut self, body: &Body, parent: Option<usize>) -> Result<Vec<Todo>, FileError> {
         let Some(&(first, frame)) = body.links.first() else { return Ok(Vec::new()) };
         let start = frame.translation.vector;
-        // The body's own link ends at the first point that something needs.
+        // The body's first node ends at the first point that is needed.
         let points = body.joints.iter().chain(&body.links).map(|(_, f)| f.translation.vector - start);
-        // A link of no length is refused by the format. It may end anywhere, so it ends where a joint or marker begins, which
-        // saves that one a link of its own.
-        let offset = points.into_iter().find(|v| v.norm() > SAME_POINT).unwrap_or(Vector3::new(0.0, 0.0, STUB));
+        // The format rejects a link of zero length. Its end is arbitrary, so it is placed at the origin of a joint or
+        // marker, which then needs no link of its own.
+        let offset =
+            points.into_iter().find(|v| v.norm() > SAME_POINT_M).unwrap_or(Vector3::new(0.0, 0.0, STUB_LENGTH_M));
         let node = self.node(first, parent, NodeKind::Link { offset })?;
         self.robot.nodes[node].name = Some(self.link_name(first).into());
         let end = start + offset;
         for (link, link_frame) in &body.links {
-            let (solids, at) = (self.solids(*link, link_frame.rotation)?, link_frame.translation.vector);
-            // A link with shapes has a node of its own, which is named after it: so every shape knows the link that it is from.
-            let shared = *link == first || (solids.is_empty() && (at - start).norm() <= SAME_POINT);
+            let solids = self.solids(*link, link_frame.rotation)?;
+            let at = link_frame.translation.vector;
+            // A link with shapes has a node of its own with the link's name, so that each shape can be traced to its
+            // link.
+            let shared = *link == first || (solids.is_empty() && (at - start).norm() <= SAME_POINT_M);
             let place = if shared {
                 node
             } else {
                 let at_point = self.connect(*link, node, at - end)?;
                 let place =
-                    self.node(*link, Some(at_point), NodeKind::Link { offset: Vector3::new(0.0, 0.0, STUB) })?;
+                    self.node(*link, Some(at_point), NodeKind::Link { offset: Vector3::new(0.0, 0.0, STUB_LENGTH_M) })?;
                 self.robot.nodes[place].name = Some(self.link_name(*link).into());
                 place
             };
@@ -240,7 +244,7 @@ impl Builder<'_> {
                 tracer: 5,
             });
         }
-        // Joints after markers: a marker belongs to this body, and all that follows a joint turns with it.
+        // Joints after markers: a marker belongs to this body, and everything after a joint rotates with it.
         let mut next = Vec::new();
         for (joint, child_frame) in &body.joints {
             let at_point = self.connect(first, node, child_frame.translation.vector - end)?;
@@ -255,11 +259,12 @@ impl Builder<'_> {
         &self.urdf.links[link].name
     }
 
-    /// A link's collision shapes: those that the file gives, and those that are fitted to its meshes. Nodes have the orientation of
-    /// the root, so that only what is turned against that is left of a link's frame: `turn`, which is `root_from_link` at zero.
+    /// A link's collision shapes: those of the file, and those fitted to its meshes. Nodes have the orientation of the
+    /// root, so of a link's frame only its rotation relative to the root remains: `turn`, the rotation of
+    /// `root_from_link` at zero.
     ///
     /// # Errors
-    /// At the link, if there are too many or one of them is no shape.
+    /// At the link, if there are too many shapes or one of them is invalid.
     fn solids(&mut self, link: usize, turn: UnitQuaternion<f64>) -> Result<Vec<Primitive>, FileError> {
         let urdf = self.urdf;
         let Link { name, at, collisions, .. } = &urdf.links[link];
@@ -294,7 +299,7 @@ impl Builder<'_> {
         Ok(solids)
     }
 
-    /// The shapes of a link.
+    /// Fits shapes to the meshes of a link; returns these and its primitive shapes.
     fn fitted(&mut self, link: usize, own: &LinkSurface) -> Result<Vec<Primitive>, FileError> {
         if own.meshes.is_empty() {
             return Ok(own.shapes(None));
@@ -309,22 +314,23 @@ impl Builder<'_> {
         Ok(shapes)
     }
 
-    /// The node whose children start `offset` beyond the end of `from`: `from` itself, or a new link.
+    /// The node whose children are at `offset` from the end of `from`: `from` itself, or a new link.
     fn connect(&mut self, link: usize, from: usize, offset: Vector3<f64>) -> Result<usize, FileError> {
-        if offset.norm() <= SAME_POINT { Ok(from) } else { self.node(link, Some(from), NodeKind::Link { offset }) }
+        if offset.norm() <= SAME_POINT_M { Ok(from) } else { self.node(link, Some(from), NodeKind::Link { offset }) }
     }
 
-    /// Writes a moving joint under the node `parent`; `frame` is `root_from_joint` at zero. Returns its node, or the parent if nothing
-    /// can move it.
+    /// Adds a moving joint under the node `parent`; `frame` is `root_from_joint` at zero. Returns its node, or the
+    /// parent if the joint has no motor.
     fn joint(&mut self, link: usize, joint: usize, frame: &Isometry3<f64>, parent: usize) -> Result<usize, FileError> {
         let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis).unwrap_or(Vector3::z_axis());
         let Drive::Moves { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
         let (Some(motor), Some(limits)) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
-        // The positions at the motor's limits, which a mimic joint may have in reverse. They are in the joint's own unit, whatever the
-        // motor's: a finger may slide while its leader turns.
-        let (mut min, mut max) = (factor * limits.min + offset, factor * limits.max + offset);
+        // Positions at the motor's limits, in the joint's own unit, which may differ from the motor's (a prismatic
+        // finger may follow a revolute joint). For a mimic joint they may be in reverse order.
+        let mut min = factor * limits.min + offset;
+        let mut max = factor * limits.max + offset;
         if min > max {
-            // The format wants limits in order: turn the axis round.
+            // The format requires limits in ascending order: invert the axis.
             (direction, min, max) = (-direction, -min, -max);
         }
         let motion = motion(&self.urdf.joints[joint]);
@@ -334,17 +340,18 @@ impl Builder<'_> {
         Ok(node)
     }
 
-    /// Adds a node that was made for a link.
+    /// Adds a node for a link.
     ///
     /// # Errors
-    /// If there are too many; the link is pointed at.
+    /// If there are too many; the error is located at the link.
     fn node(&mut self, link: usize, parent: Option<usize>, kind: NodeKind) -> Result<usize, FileError> {
         let index = self.robot.nodes.len();
         if index >= MAX_NODES {
             let message = format!("the robot needs more than {MAX_NODES} nodes");
             return Err(self.source.error(self.urdf.links[link].at.clone(), message, "merge or remove links"));
         }
-        let (solids, fields) = (Vec::new(), Vec::new());
+        let solids = Vec::new();
+        let fields = Vec::new();
         let node = Node {
             name: None,
             parent,
@@ -361,11 +368,11 @@ impl Builder<'_> {
         Ok(index)
     }
 
-    /// A collision shape that is no mesh, in its link's frame.
+    /// A primitive collision shape, in its link's frame.
     fn shape(&self, link: usize, collision: &Collision) -> Result<Primitive, FileError> {
         let name = self.urdf.links[link].name.as_str();
         let place = collision.origin;
-        // URDF's cylinders and capsules lie along z, ours along y.
+        // URDF's cylinders and capsules are along z, those of ZRP along y.
         let along_z = place * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
         let (shape, pose) = match &collision.geometry {
             Geometry::Sphere { radius } => (Shape::Sphere { radius: *radius }, place),
@@ -389,7 +396,7 @@ impl Builder<'_> {
         Ok(Primitive { shape, pose })
     }
 
-    /// The mesh of a collision.
+    /// The mesh of a collision; adds the warnings about its file.
     fn mesh(
         &mut self,
         link: &str,
@@ -412,7 +419,8 @@ impl Builder<'_> {
     }
 }
 
-/// A mesh in its link's frame, meters; turned first if its y is up. A mirrored one is turned inside out, so that its outside stays that.
+/// Transforms a mesh to its link's frame, meters; first rotates it if its y is up. The triangles of a mirrored mesh are
+/// reversed, so that their normals still point outward.
 fn placed(mesh: &Mesh, turn: bool, scale: &Vector3<f64>, link_from_mesh: &Isometry3<f64>) -> Mesh {
     let upright = |v: &Vector3<f64>| if turn { upright::z_up(v) } else { *v };
     let place = |v: &Vector3<f64>| link_from_mesh.transform_point(&upright(v).component_mul(scale).into()).coords;
@@ -421,7 +429,7 @@ fn placed(mesh: &Mesh, turn: bool, scale: &Vector3<f64>, link_from_mesh: &Isomet
     Mesh { vertices: mesh.vertices.iter().map(place).collect(), triangles: triangles.collect() }
 }
 
-/// How a joint of the file moves.
+/// The motion of a joint of the file.
 pub(super) fn motion(joint: &Joint) -> JointMotion {
     match joint.joint_type {
         JointType::Prismatic => JointMotion::Slide,
@@ -429,7 +437,7 @@ pub(super) fn motion(joint: &Joint) -> JointMotion {
     }
 }
 
-/// A joint's axis in its own frame, if it has a direction.
+/// A joint's axis in its own frame; `None` if it has no direction.
 pub(super) fn axis(xyz: &Vector3<f64>) -> Option<Unit<Vector3<f64>>> {
     Unit::try_new(*xyz, 1e-9)
 }

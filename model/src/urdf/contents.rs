@@ -1,24 +1,24 @@
-//! The links and joints of a URDF as the file gives them, each with its place.
+//! Contents of a URDF: links and joints as given by the file, with their locations.
 
 use super::words::Unused;
 use crate::error::FileError;
 use nalgebra::{Isometry3, Vector3};
 use std::ops::Range;
 
-/// A URDF, as far as it matters here.
+/// The parts of a URDF that are used.
 #[derive(Debug)]
 pub(super) struct Document {
     /// The robot's name, or `robot`.
     pub name: String,
-    /// Where the outermost tag stands.
+    /// Location of the root tag.
     pub at: Range<usize>,
-    /// The links in file order; no two of one name.
+    /// The links in file order; names are unique.
     pub links: Vec<Link>,
-    /// The joints in file order; no two of one name.
+    /// The joints in file order; names are unique.
     pub joints: Vec<Joint>,
-    /// What of the file's words is not used.
+    /// The unused elements and attributes of the file.
     pub unused: Unused,
-    /// What is odd about its places.
+    /// Warnings about the origins in the file.
     pub warnings: Vec<FileError>,
 }
 
@@ -27,20 +27,20 @@ pub(super) struct Document {
 pub(super) struct Link {
     /// Its name, not empty.
     pub name: String,
-    /// Where its start tag stands.
+    /// Location of its start tag.
     pub at: Range<usize>,
-    /// The shapes that collide.
+    /// The collision shapes.
     pub collisions: Vec<Collision>,
-    /// Its center of mass in its frame, if it says that it has mass there.
+    /// Its center of mass in its frame; `None` if the file gives no mass.
     pub center: Option<Vector3<f64>>,
-    /// Whether it has a shape to be looked at, and none that collides.
+    /// True if it has a visual shape but no collision shape.
     pub bare: bool,
 }
 
-/// A shape that collides.
+/// A collision shape.
 #[derive(Debug)]
 pub(super) struct Collision {
-    /// Where its geometry's tag stands.
+    /// Location of its geometry's tag.
     pub at: Range<usize>,
     /// `link_from_shape`.
     pub origin: Isometry3<f64>,
@@ -48,23 +48,23 @@ pub(super) struct Collision {
     pub geometry: Geometry,
 }
 
-/// A shape in its own frame, lengths in meters as the file gives them, not yet checked.
+/// A shape in its own frame, lengths in meters, not yet checked.
 #[derive(Debug)]
 pub(super) enum Geometry {
     /// Edge lengths.
     Box { size: Vector3<f64> },
     /// Along z.
     Cylinder { radius: f64, length: f64 },
-    /// Along z; the length is that between the centers of its ends.
+    /// Along z; `length` is the distance between the centers of its end balls.
     Capsule { radius: f64, length: f64 },
     /// A ball.
     Sphere { radius: f64 },
-    /// A file, and what its coordinates are multiplied by.
+    /// Path of a mesh file, and the factors for its coordinates.
     Mesh { filename: String, scale: Vector3<f64> },
 }
 
 impl Geometry {
-    /// The word for it.
+    /// The name of its element.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Box { .. } => "box",
@@ -76,37 +76,37 @@ impl Geometry {
     }
 }
 
-/// How a joint moves.
+/// Type of a joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum JointType {
-    /// Not at all.
+    /// No motion.
     Fixed,
-    /// Turns between limits.
+    /// Rotation between limits.
     Revolute,
-    /// Turns without limits.
+    /// Rotation without limits.
     Continuous,
-    /// Slides between limits.
+    /// Translation between limits.
     Prismatic,
-    /// Slides in a plane and turns in it.
+    /// Translation and rotation in a plane.
     Planar,
-    /// Any motion.
+    /// Any motion, six degrees of freedom.
     Floating,
 }
 
-/// What two links hang on each other by.
+/// A joint between two links.
 #[derive(Debug)]
 pub(super) struct Joint {
     /// Its name, not empty.
     pub name: String,
-    /// Where its start tag stands.
+    /// Location of its start tag.
     pub at: Range<usize>,
-    /// How it moves.
+    /// Its type.
     pub joint_type: JointType,
     /// `parent_from_joint` at zero.
     pub origin: Isometry3<f64>,
-    /// Name of the link it leaves.
+    /// Name of the parent link.
     pub parent: String,
-    /// Name of the link it leads to.
+    /// Name of the child link.
     pub child: String,
     /// Its axis in its own frame, finite, not normalized.
     pub axis: Vector3<f64>,
@@ -118,7 +118,7 @@ pub(super) struct Joint {
     pub mimic: Option<Mimic>,
 }
 
-/// A joint's limits, radians or meters, as far as the file gives them. May be infinite or in reverse order.
+/// A joint's limits, radians or meters, if the file gives them. May be infinite or in reverse order.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limit {
     /// The lower one.
@@ -129,10 +129,10 @@ pub(super) struct Limit {
     pub velocity: Option<f64>,
 }
 
-/// The limits that a joint's controller keeps to, radians or meters, as far as the file gives them.
+/// Soft limits of a joint's controller, radians or meters, if the file gives them.
 #[derive(Clone, Debug)]
 pub(super) struct Safety {
-    /// Where they stand.
+    /// Location of their tag.
     pub at: Range<usize>,
     /// The lower one.
     pub lower: Option<f64>,
@@ -145,8 +145,8 @@ pub(super) struct Safety {
 pub(super) struct Mimic {
     /// Name of the leader.
     pub joint: String,
-    /// 1 where the file gives none. May not be finite.
+    /// Factor; 1 if the file gives none. May not be finite.
     pub multiplier: f64,
-    /// 0 where the file gives none. May not be finite.
+    /// Offset, radians or meters; 0 if the file gives none. May not be finite.
     pub offset: f64,
 }

@@ -1,9 +1,9 @@
-//! What a URDF says about links, joints and collision shapes, with the place of each. All else in the file is named and not used:
-//! transmissions, sensors, materials, visual shapes and the tags of vendors can't stop a conversion.
+//! Reader of a URDF's links, joints and collision shapes, with their locations. All other parts of the file are listed
+//! as unused: transmissions, sensors, materials, visual shapes and vendors' tags can't stop a conversion.
 
 pub(super) use super::contents::{Collision, Document, Geometry, Joint, JointType, Limit, Link, Mimic, Safety};
 use super::grouped::Grouped;
-use super::sizes::LONG;
+use super::sizes::DOUBTED_LENGTH_M;
 use super::words::{self, Unused};
 use crate::error::{FileError, Source};
 use crate::xml::{self, XmlElement};
@@ -12,23 +12,24 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// More links are refused.
+/// Maximum number of links.
 pub(super) const MAX_LINKS: usize = 1000;
-/// Larger positions and angles are refused: their squares still fit.
+/// Upper bound of positions and angles, meters or radians: their squares are still representable.
 const MAX_NUMBER: f64 = 1e6;
-/// A shorter quaternion has no direction.
+/// Minimum norm of a quaternion; a shorter one has no direction.
 const MIN_QUATERNION: f64 = 1e-6;
-/// Versions of the format that are known.
+/// Known versions of the format.
 const VERSIONS: &[&str] = &["1.0", "1.1", "1.2"];
-/// How a xacro file becomes a URDF.
+/// Remedy for a xacro file.
 const EXPAND: &str =
     "expand it first: `xacro FILE > robot.urdf`, or with ROS 2 `ros2 run xacro xacro FILE > robot.urdf`";
 
-/// Reads a URDF's links and joints. With `visual`, a link without a shape that collides collides with what it shows.
+/// Reads a URDF's links and joints. With `visual`, a link without a collision shape uses its visual shapes for
+/// collision.
 ///
 /// # Errors
-/// If the text is no XML or another format, if a link or joint has no name or that of another, or if a number, a link's shape or a
-/// joint's type can't be understood.
+/// If the text is not XML or is in another format, if a link or joint has no name or a duplicate one, or if a number, a
+/// link's shape or a joint's type is invalid.
 pub(super) fn read(source: &Source, visual: bool) -> Result<Document, FileError> {
     let root = xml::parse(source)?;
     if root.name != "robot" {
@@ -61,11 +62,11 @@ pub(super) fn read(source: &Source, visual: bool) -> Result<Document, FileError>
     Ok(Document { name, at: root.at, links, joints, unused, warnings })
 }
 
-/// For a macro file that was expanded.
+/// Remedy for an expanded file that only defines macros.
 const EXPAND_USER: &str = "expand the file that uses those macros: `xacro FILE > robot.urdf`, or with ROS 2 \
                            `ros2 run xacro xacro FILE > robot.urdf`";
 
-/// A file of another kind, by its outermost element.
+/// Error for a file in another format, recognized by its root element.
 fn other_format(source: &Source, root: &XmlElement) -> FileError {
     let help = match root.name.to_ascii_lowercase().as_str() {
         "zeropositionkinematictree" => "this is a ZRP file already; it needs no conversion",
@@ -78,20 +79,20 @@ fn other_format(source: &Source, root: &XmlElement) -> FileError {
     source.error(root.at.clone(), format!("<{}> does not begin a URDF", root.name), help)
 }
 
-/// What reading an element needs.
+/// Context of the reader.
 struct Reading<'a> {
     /// The file, for errors.
     source: &'a Source,
-    /// Whether visuals stand for collisions that are missing.
+    /// True if visuals replace missing collisions.
     visual: bool,
-    /// Origins that are far away.
+    /// Origins that are suspiciously far away.
     far: RefCell<Grouped>,
-    /// Origins that are turned too far.
+    /// Origins that are rotated by more than a full turn.
     turned: RefCell<Grouped>,
 }
 
 impl Reading<'_> {
-    /// All children of the root of a kind, each with a name of its own.
+    /// Reads all children of the root of a kind; their names must be unique.
     fn named<T>(
         &self,
         root: &XmlElement,
@@ -116,7 +117,7 @@ impl Reading<'_> {
         Ok(all)
     }
 
-    /// Refuses macros and formulas that xacro would have replaced.
+    /// Rejects macros and formulas that xacro would have expanded.
     fn refuse_xacro(&self, element: &XmlElement) -> Result<(), FileError> {
         if element.name.starts_with("xacro:") {
             return Err(self.error(element, format!("<{}>: this is a xacro file", element.name), EXPAND));
@@ -131,11 +132,13 @@ impl Reading<'_> {
         let bare = element.child("collision").is_none() && element.child("visual").is_some();
         let kind = if bare && self.visual { "visual" } else { "collision" };
         let collisions = element.all(kind).map(|c| self.collision(c, name)).collect::<Result<_, _>>()?;
-        let (name, at, center) = (name.to_owned(), element.at.clone(), self.center(element)?);
+        let name = name.to_owned();
+        let at = element.at.clone();
+        let center = self.center(element)?;
         Ok(Link { name, at, collisions, center, bare })
     }
 
-    /// A link's center of mass. It only helps to understand the rest, so what can't be read is none.
+    /// A link's center of mass. It is only a hint for the conversion, so an unreadable one is `None`.
     fn center(&self, link: &XmlElement) -> Result<Option<Vector3<f64>>, FileError> {
         let Some(inertial) = link.child("inertial") else { return Ok(None) };
         let Some(origin) = inertial.child("origin") else { return Ok(None) };
@@ -174,7 +177,7 @@ impl Reading<'_> {
         Ok(Collision { at: shape.at.clone(), origin: self.origin(element, &format!("link `{link}`"))?, geometry })
     }
 
-    /// What a mesh is multiplied by. A negative factor mirrors it.
+    /// The scale of a mesh. A negative factor mirrors it.
     fn scale(&self, mesh: &XmlElement, link: &str) -> Result<Vector3<f64>, FileError> {
         let scale = self.vector(mesh, "scale")?.unwrap_or(Vector3::repeat(1.0));
         if scale.iter().all(|s| *s != 0.0) {
@@ -232,7 +235,7 @@ impl Reading<'_> {
         })
     }
 
-    /// The child of a kind of which there is one at most: a second one would not be used.
+    /// The child of a kind that may occur only once; a second one is an error, since it would be ignored.
     fn one<'e>(&self, element: &'e XmlElement, kind: &'e str) -> Result<Option<&'e XmlElement>, FileError> {
         let mut all = element.all(kind);
         let first = all.next();
@@ -245,7 +248,8 @@ impl Reading<'_> {
         }
     }
 
-    /// `parent_from_here`: a translation, then fixed axes roll, pitch, yaw, or a quaternion. `owner` is for messages.
+    /// `parent_from_here`: a translation, then fixed-axis roll, pitch and yaw, or a quaternion. `owner` is for
+    /// messages.
     fn origin(&self, element: &XmlElement, owner: &str) -> Result<Isometry3<f64>, FileError> {
         let Some(origin) = self.one(element, "origin")? else { return Ok(Isometry3::identity()) };
         let bounded = |name: &str| {
@@ -256,8 +260,9 @@ impl Reading<'_> {
             let message = format!("the origin's `{name}` is not finite or beyond {MAX_NUMBER}");
             Err(self.error(origin, message, "write meters and radians"))
         };
-        let (xyz, rpy) = (bounded("xyz")?, bounded("rpy")?);
-        if xyz.amax() > LONG {
+        let xyz = bounded("xyz")?;
+        let rpy = bounded("rpy")?;
+        if xyz.amax() > DOUBTED_LENGTH_M {
             self.far.borrow_mut().add(&origin.at, format!("{owner} ({} {} {})", xyz.x, xyz.y, xyz.z));
         }
         if rpy.amax() > TAU + 0.01 {
@@ -267,7 +272,7 @@ impl Reading<'_> {
         Ok(Isometry3::from_parts(Translation3::from(xyz), turn))
     }
 
-    /// The rotation of an origin as URDF 1.1 has it, of any length; none if the attribute is missing.
+    /// The quaternion of an origin (URDF 1.1), of any norm; `None` if the attribute is missing.
     fn quaternion(&self, origin: &XmlElement) -> Result<Option<UnitQuaternion<f64>>, FileError> {
         let Some([x, y, z, w]) = self.numbers::<4>(origin, "quat_xyzw", "four")? else { return Ok(None) };
         if origin.get("rpy").is_some() {
@@ -282,7 +287,7 @@ impl Reading<'_> {
         })
     }
 
-    /// A number; none if the attribute is missing.
+    /// A number; `None` if the attribute is missing.
     fn number(&self, element: &XmlElement, name: &str) -> Result<Option<f64>, FileError> {
         let Some(text) = element.get(name) else { return Ok(None) };
         text.parse().map(Some).map_err(|_| {
@@ -290,12 +295,12 @@ impl Reading<'_> {
         })
     }
 
-    /// Three finite numbers; none if the attribute is missing.
+    /// Three finite numbers; `None` if the attribute is missing.
     fn vector(&self, element: &XmlElement, name: &str) -> Result<Option<Vector3<f64>>, FileError> {
         Ok(self.numbers::<3>(element, name, "three")?.map(Vector3::from))
     }
 
-    /// Finite numbers, with spaces or, as some write, commas between; none if the attribute is missing.
+    /// Finite numbers, separated by spaces or, as in some files, commas; `None` if the attribute is missing.
     fn numbers<const N: usize>(
         &self,
         element: &XmlElement,
@@ -313,7 +318,7 @@ impl Reading<'_> {
         })
     }
 
-    /// An attribute that must be there and not be empty.
+    /// An attribute that must exist and not be empty.
     fn required<'e>(&self, element: &'e XmlElement, name: &str) -> Result<&'e str, FileError> {
         element.get(name).filter(|v| !v.is_empty()).ok_or_else(|| self.missing(element, name))
     }

@@ -1,14 +1,14 @@
-//! Findings of one kind in one warning: a robot with thirty links is not worth thirty lines.
+//! Groups findings of one kind into one warning: a robot with thirty links should not cause thirty lines.
 
 use crate::error::{FileError, Source};
 use std::ops::Range;
 
-/// Findings of one kind, reported together at the place of the first.
+/// Findings of one kind, reported together at the location of the first.
 #[derive(Debug, Default)]
 pub(crate) struct Grouped {
-    /// Where the first was found.
+    /// Location of the first finding.
     first: Option<Range<usize>>,
-    /// All of them, in the order in which they were found.
+    /// All findings, in the order of detection.
     items: Vec<String>,
 }
 
@@ -19,7 +19,7 @@ impl Grouped {
         self.items.push(item.into());
     }
 
-    /// Warns of all of them, if there are any: `message`, then each.
+    /// Adds one warning with all findings, if there are any: `message`, then the list.
     pub fn warn(self, source: &Source, message: &str, help: &str, warnings: &mut Vec<FileError>) {
         if let Some(at) = self.first {
             warnings.push(source.warning(at, format!("{message}: {}", self.items.join(", ")), help));

@@ -1,48 +1,48 @@
-//! How far and how fast a joint moves: limits, soft limits, speeds, and what of them is doubted.
+//! Range and speed of joints: limits, soft limits, velocity limits, and warnings about implausible ones.
 
 use super::UrdfOptions;
 use super::document::{Joint, JointType, Safety};
 use super::grouped::Grouped;
-use super::sizes::LONG;
+use super::sizes::DOUBTED_LENGTH_M;
 use super::tree::Drive;
 use crate::JointMotion;
 use crate::error::{FileError, Source};
 use std::f64::consts::{PI, TAU};
 
-/// How far a joint without an end is let go either way, rad: as far as an encoder may count.
-const MANY_TURNS: f64 = 100.0 * TAU;
-/// A slide that goes farther is taken to have no end, and ends here, meters.
-const FARTHEST: f64 = 100.0;
-/// A joint that turns farther is doubted, rad.
-const DOUBTED_TURN: f64 = 2.0 * TAU + 0.1;
-/// Limits beyond this are how people write that there is none, rad.
-const NO_END: f64 = 1e5;
-/// A faster turn is doubted and bounds nothing, rad/s.
-const DOUBTED_SPEED: f64 = 100.0;
-/// A faster slide likewise, m/s.
-const DOUBTED_SLIDE: f64 = 10.0;
-/// By how much a follower may exceed its limits, rad or meters: the rounding of files.
-const ROUNDING: f64 = 1e-5;
+/// Limit of a continuous joint in either direction, rad: the range that an encoder may count.
+const CONTINUOUS_LIMIT_RAD: f64 = 100.0 * TAU;
+/// Limit of a prismatic joint in either direction, meters; larger limits are treated as unlimited and clamped.
+const MAX_PRISMATIC_M: f64 = 100.0;
+/// Limit of a revolute joint above which a warning is given, rad.
+const DOUBTED_LIMIT_RAD: f64 = 2.0 * TAU + 0.1;
+/// Limits beyond this are a notation for "unlimited", rad.
+const UNLIMITED_RAD: f64 = 1e5;
+/// Angular velocity limit above which a warning is given and the limit is ignored, rad/s.
+const DOUBTED_SPEED_RAD_PER_S: f64 = 100.0;
+/// Linear velocity limit above which a warning is given and the limit is ignored, m/s.
+const DOUBTED_SPEED_M_PER_S: f64 = 10.0;
+/// Tolerance for a follower at its limits, rad or meters: rounding in files.
+const LIMIT_TOLERANCE: f64 = 1e-5;
 
-/// How a joint moves, how far and how fast.
+/// Motion, range and speed of a joint.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
-    /// Whether it turns or slides.
+    /// Revolute or prismatic.
     pub motion: JointMotion,
-    /// Lower end, rad or meters.
+    /// Lower limit, rad or meters.
     pub min: f64,
-    /// Upper end, rad or meters.
+    /// Upper limit, rad or meters.
     pub max: f64,
-    /// Whether it turns without end, and its limits only bound its encoder.
+    /// True if it is continuous, so that its limits only bound its encoder.
     pub continuous: bool,
     /// Its maximum speed, rad/s or m/s, if the file gives one.
     pub speed: Option<f64>,
 }
 
 impl Limits {
-    /// Both ends, for people.
-    fn told(&self) -> String {
-        // -0 is 0 for people
+    /// Formats both limits for messages.
+    fn format_range(&self) -> String {
+        // Avoids printing -0.
         let [min, max] = [self.min, self.max].map(|end| end + 0.0);
         match self.motion {
             JointMotion::Turn => format!("{:.1} to {:.1} deg", min.to_degrees(), max.to_degrees()),
@@ -51,7 +51,7 @@ impl Limits {
     }
 }
 
-/// Reads the limits of joints, and collects what is to be said of them.
+/// Reads the limits of joints, and collects warnings about them.
 pub(super) struct LimitReader<'a> {
     source: &'a Source,
     options: &'a UrdfOptions,
@@ -67,16 +67,16 @@ pub(super) struct LimitReader<'a> {
 }
 
 impl<'a> LimitReader<'a> {
-    /// Nothing read yet.
+    /// Creates a reader without findings.
     pub fn new(source: &'a Source, options: &'a UrdfOptions, warnings: &'a mut Vec<FileError>) -> Self {
         let [degrees, far, fast, no_speed, endless, no_soft, half_soft, narrowed] = Default::default();
         Self { source, options, warnings, degrees, far, fast, no_speed, endless, no_soft, half_soft, narrowed }
     }
 
-    /// How a joint moves, `None` for one that does not.
+    /// The limits of a joint; `None` if it does not move.
     ///
     /// # Errors
-    /// If it can't be moved, or its limits are none.
+    /// If its type is not supported, or its limits are invalid.
     pub fn read(&mut self, joint: &Joint) -> Result<Option<Limits>, FileError> {
         let name = &joint.name;
         let limits = match joint.joint_type {
@@ -85,7 +85,7 @@ impl<'a> LimitReader<'a> {
             JointType::Revolute => self.bounded(joint, JointMotion::Turn)?,
             JointType::Prismatic => self.bounded(joint, JointMotion::Slide)?,
             JointType::Floating => {
-                // A base that drives or flies is not a robot's own motion: it stands where the scene puts it.
+                // A base that drives or flies is not a motion of the robot itself: the scene defines its pose.
                 let help = "MoBeE moves revolute and prismatic joints only";
                 self.warn(joint, format!("the floating joint `{name}` stands still"), help);
                 return Ok(None);
@@ -108,12 +108,12 @@ impl<'a> LimitReader<'a> {
         Ok(Some(Limits { speed, min, max, ..limits }))
     }
 
-    /// A joint that turns without end, or as far as its soft limits.
+    /// Limits of a continuous joint: unlimited, or its soft limits.
     fn endless(&mut self, joint: &Joint) -> Result<Limits, FileError> {
         if let Some(limit) = &joint.limit
             && let (Some(lower), Some(upper)) = (limit.lower, limit.upper)
             && lower < upper
-            && lower.abs().min(upper.abs()) < NO_END
+            && lower.abs().min(upper.abs()) < UNLIMITED_RAD
         {
             self.endless.add(&joint.at, format!("`{}` ({lower} to {upper})", joint.name));
         }
@@ -121,12 +121,12 @@ impl<'a> LimitReader<'a> {
         if lo < hi {
             return Ok(turning(lo, hi));
         }
-        // Zeros stand for no soft limits here: such a joint would not turn at all.
+        // Zeros mean that there are no soft limits: otherwise the joint could not move at all.
         self.no_soft.add(&joint.at, format!("`{}`", joint.name));
         Ok(turning(f64::NEG_INFINITY, f64::INFINITY))
     }
 
-    /// A joint between limits.
+    /// Limits of a revolute or prismatic joint.
     fn bounded(&mut self, joint: &Joint, motion: JointMotion) -> Result<Limits, FileError> {
         let name = &joint.name;
         let unit = if motion == JointMotion::Turn { "radians" } else { "meters" };
@@ -136,17 +136,20 @@ impl<'a> LimitReader<'a> {
             );
             return Err(self.error(joint, format!("joint `{name}` moves, and has no limits"), &help));
         };
-        let (lo, hi) = (limit.lower.unwrap_or(0.0), limit.upper.unwrap_or(0.0));
+        let lo = limit.lower.unwrap_or(0.0);
+        let hi = limit.upper.unwrap_or(0.0);
         if lo.is_nan() || hi.is_nan() || lo > hi {
             let message = format!("joint `{name}` has the limits {lo} to {hi}");
             return Err(self.error(joint, message, &format!("write numbers in {unit}, the lower one first")));
         }
         let farthest = lo.abs().max(hi.abs());
         match motion {
-            JointMotion::Turn if farthest > DOUBTED_TURN && farthest < NO_END => {
+            JointMotion::Turn if farthest > DOUBTED_LIMIT_RAD && farthest < UNLIMITED_RAD => {
                 self.degrees.add(&joint.at, format!("`{name}` ({lo} to {hi})"));
             }
-            JointMotion::Slide if farthest > LONG => self.far.add(&joint.at, format!("`{name}` ({lo} to {hi} m)")),
+            JointMotion::Slide if farthest > DOUBTED_LENGTH_M => {
+                self.far.add(&joint.at, format!("`{name}` ({lo} to {hi} m)"))
+            }
             _ => {}
         }
         let (lo, hi) = self.softened(joint, (lo, hi))?;
@@ -157,13 +160,14 @@ impl<'a> LimitReader<'a> {
         Ok(match motion {
             JointMotion::Turn => turning(lo, hi),
             JointMotion::Slide => {
-                let (min, max) = (lo.clamp(-FARTHEST, FARTHEST), hi.clamp(-FARTHEST, FARTHEST));
+                let min = lo.clamp(-MAX_PRISMATIC_M, MAX_PRISMATIC_M);
+                let max = hi.clamp(-MAX_PRISMATIC_M, MAX_PRISMATIC_M);
                 Limits { motion, min, max, continuous: false, speed: None }
             }
         })
     }
 
-    /// What soft limits leave of a range.
+    /// The range that soft limits leave.
     fn softened(&mut self, joint: &Joint, (lo, hi): (f64, f64)) -> Result<(f64, f64), FileError> {
         let Some(Safety { lower, upper, at }) = &joint.safety else { return Ok((lo, hi)) };
         if lower.is_none() && upper.is_none() {
@@ -172,9 +176,11 @@ impl<'a> LimitReader<'a> {
         if lower.is_none() || upper.is_none() {
             self.half_soft.add(at, format!("`{}`", joint.name));
         }
-        let (soft_lo, soft_hi) = (lower.unwrap_or(0.0), upper.unwrap_or(0.0));
-        let (min, max) = (lo.max(soft_lo), hi.min(soft_hi));
-        // written so that not-a-number fails
+        let soft_lo = lower.unwrap_or(0.0);
+        let soft_hi = upper.unwrap_or(0.0);
+        let min = lo.max(soft_lo);
+        let max = hi.min(soft_hi);
+        // False for NaN.
         if soft_lo <= soft_hi && min <= max {
             return Ok((min, max));
         }
@@ -185,10 +191,10 @@ impl<'a> LimitReader<'a> {
         Err(self.source.error(at.clone(), message, "write soft limits within the limits, the lower one first"))
     }
 
-    /// The maximum speed of a joint.
+    /// The maximum speed of a joint; `None` if it has none or an implausible one.
     fn speed(&mut self, joint: &Joint, motion: JointMotion) -> Result<Option<f64>, FileError> {
         let Some(limit) = &joint.limit else { return Ok(None) };
-        let most = if motion == JointMotion::Turn { DOUBTED_SPEED } else { DOUBTED_SLIDE };
+        let most = if motion == JointMotion::Turn { DOUBTED_SPEED_RAD_PER_S } else { DOUBTED_SPEED_M_PER_S };
         let name = &joint.name;
         match limit.velocity {
             Some(v) if v.is_nan() || v < 0.0 => {
@@ -202,7 +208,7 @@ impl<'a> LimitReader<'a> {
                 Ok(None)
             }
             Some(v) if v > 0.0 => Ok(Some(v)),
-            // A follower is as fast as its leader lets it be.
+            // The speed of a follower is bounded by that of its leader.
             _ => {
                 if joint.mimic.is_none() {
                     self.no_speed.add(&joint.at, format!("`{name}`"));
@@ -212,10 +218,10 @@ impl<'a> LimitReader<'a> {
         }
     }
 
-    /// Narrows the range and the speed of a leader to what its follower may do.
+    /// Reduces the range and speed of a leader to those that its follower permits.
     ///
     /// # Errors
-    /// If the follower can't keep its limits wherever its leader is.
+    /// If the follower violates its limits at all positions of its leader.
     pub fn follow(
         &mut self,
         (follower, own): (&Joint, Limits),
@@ -229,7 +235,7 @@ impl<'a> LimitReader<'a> {
         let help = "correct its limits, or the multiplier and offset of its <mimic>";
         let (name, limits) = leader;
         match (drive, limits) {
-            (Drive::Fixed(at), _) if ranged && (at < own.min - ROUNDING || at > own.max + ROUNDING) => {
+            (Drive::Fixed(at), _) if ranged && (at < own.min - LIMIT_TOLERANCE || at > own.max + LIMIT_TOLERANCE) => {
                 Err(self.error(follower, message, help))
             }
             (Drive::Moves { factor, offset, .. }, Some(limits)) => {
@@ -237,8 +243,9 @@ impl<'a> LimitReader<'a> {
                     limits.speed = Some(limits.speed.map_or(speed, |v| v.min(speed)));
                 }
                 let [a, b] = [(own.min - offset) / factor, (own.max - offset) / factor];
-                let (lo, hi) = (a.min(b), a.max(b));
-                let rounding = ROUNDING / factor.abs();
+                let lo = a.min(b);
+                let hi = a.max(b);
+                let rounding = LIMIT_TOLERANCE / factor.abs();
                 if !ranged || (limits.min >= lo - rounding && limits.max <= hi + rounding) {
                     return Ok(());
                 }
@@ -248,14 +255,15 @@ impl<'a> LimitReader<'a> {
                 limits.continuous = false;
                 (limits.min, limits.max) = (limits.min.max(lo).min(limits.max), limits.max.min(hi).max(limits.min));
                 limits.max = limits.max.max(limits.min);
-                self.narrowed.add(&follower.at, format!("`{}` to {} by `{}`", name.name, limits.told(), follower.name));
+                self.narrowed
+                    .add(&follower.at, format!("`{}` to {} by `{}`", name.name, limits.format_range(), follower.name));
                 Ok(())
             }
             _ => Ok(()),
         }
     }
 
-    /// Warns of what was collected.
+    /// Adds the collected warnings.
     pub fn finish(self) {
         let Self { source, warnings, .. } = self;
         let groups = [
@@ -314,21 +322,23 @@ impl<'a> LimitReader<'a> {
     }
 }
 
-/// A joint that turns. A limit beyond a hundred turns is none (URDF 1.2 writes it as infinite, and other files as 1e16).
+/// Limits of a rotating joint. Limits beyond a hundred turns mean "unlimited" (URDF 1.2 writes infinity, other files
+/// 1e16).
 fn turning(lo: f64, hi: f64) -> Limits {
-    let (low, high) = (lo >= -MANY_TURNS, hi <= MANY_TURNS);
+    let low = lo >= -CONTINUOUS_LIMIT_RAD;
+    let high = hi <= CONTINUOUS_LIMIT_RAD;
     let (min, max) = match (low, high) {
         (true, true) => (lo, hi),
         (true, false) => (lo, lo + TAU),
         (false, true) => (hi - TAU, hi),
-        (false, false) => (-MANY_TURNS, MANY_TURNS),
+        (false, false) => (-CONTINUOUS_LIMIT_RAD, CONTINUOUS_LIMIT_RAD),
     };
     Limits { motion: JointMotion::Turn, min, max, continuous: !low && !high, speed: None }
 }
 
-/// A joint without an end, of which another follows by a fraction, is let go one turn only: after a full turn of it the
-/// other is not where it was, so that its positions a turn apart are not one.
-pub(super) fn end_where_followers_do_not_return(drives: &[Drive], limits: &mut [Option<Limits>]) {
+/// Limits a continuous joint to one turn if another joint follows it by a fractional factor: after a full turn of the
+/// leader the follower has another position, so that the leader's positions a turn apart are not equivalent.
+pub(super) fn limit_leaders_of_fractional_followers(drives: &[Drive], limits: &mut [Option<Limits>]) {
     for drive in drives {
         let Drive::Moves { source, factor, .. } = *drive else { continue };
         if let Some(limit) = limits.get_mut(source).and_then(Option::as_mut).filter(|l| l.continuous)

@@ -1,10 +1,10 @@
-//! The mesh files that a URDF names: found, read once, bounded in bytes and triangles.
+//! Mesh files of a URDF: located, read once, and bounded in bytes and triangles.
 //!
-//! STL, OBJ, COLLADA and glTF are read here rather than by crates: of the kept ones, those that read COLLADA panic on what they don't
-//! expect, ignore units, or place a geometry only once that a scene shows several times.
+//! STL, OBJ, COLLADA and glTF are read here instead of by crates: the maintained crates for COLLADA panic on unexpected
+//! input, ignore units, or place a geometry only once that a scene shows several times.
 //!
-//! What a file may be is bounded, where it lies is not: a URDF may name any path, as it does in ROS. Only regular files are opened,
-//! and nothing of what is in them is ever shown.
+//! The type and size of a file are bounded, its location is not: as in ROS, a URDF may name any path. Only regular
+//! files are opened, and their contents are never displayed.
 
 mod dae;
 mod glb;
@@ -22,71 +22,71 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// A longer file is refused, bytes.
+/// Maximum size of a file, bytes.
 const MAX_BYTES: u64 = 64 * MIB;
-/// How many bytes may be read of all meshes of a robot.
+/// Maximum number of bytes of all meshes of a robot.
 const MAX_TOGETHER: u64 = 256 * MIB;
-/// A mesh of more triangles is refused: it is for looking at.
+/// Maximum number of triangles of a mesh; larger meshes are made for display.
 const MAX_TRIANGLES: usize = 1_000_000;
-/// How many triangles all meshes of a robot may have.
+/// Maximum number of triangles of all meshes of a robot.
 const MAX_TRIANGLES_TOGETHER: usize = 4_000_000;
-/// Farther coordinates are refused, in the unit of the file.
+/// Maximum absolute coordinate, in the unit of the file.
 const MAX_COORDINATE: f64 = 1e7;
 
-/// The meshes of one robot. Each file is read once, however many links it is part of.
+/// The meshes of one robot. Each file is read once, regardless of the number of links that use it.
 pub(super) struct Meshes<'a> {
-    /// Where to look for files.
+    /// Folders to search.
     options: &'a UrdfOptions,
-    /// What was read, by path.
+    /// The files read so far, by path.
     read: BTreeMap<PathBuf, Rc<MeshFile>>,
-    /// What is to be noted about the files, by path.
+    /// Pending notes about the files, by path.
     notes: BTreeMap<PathBuf, Vec<MeshIssue>>,
-    /// How many bytes may still be read.
+    /// Remaining number of bytes that may be read.
     bytes: u64,
-    /// How many triangles may still be read.
+    /// Remaining number of triangles that may be read.
     triangles: usize,
 }
 
-/// What a mesh file contains.
+/// Contents of a mesh file.
 #[derive(Clone, Debug)]
 pub(super) struct MeshFile {
     /// Its surface, meters.
     pub mesh: Mesh,
-    /// Whether the file declares that y is up in it.
+    /// True if the file declares y as the up axis.
     pub y_up: bool,
 }
 
-/// Something wrong with a mesh, or something to note about one that was read.
+/// An error in a mesh, or a note about a mesh that was read.
 #[derive(Clone, Debug)]
 pub(super) struct MeshIssue {
-    /// What it is, as the end of a sentence that begins with the mesh.
+    /// Description, as the end of a sentence that begins with the mesh.
     pub message: String,
-    /// What to do about it.
+    /// Suggested remedy.
     pub remedy: String,
 }
 
 impl MeshIssue {
-    /// Something wrong, or odd, in the file itself.
+    /// An issue in the file's contents.
     pub fn in_file(message: impl Into<String>) -> Self {
         Self { message: message.into(), remedy: EXPORT_AGAIN.to_owned() }
     }
 }
 
-/// What to do about a file whose content is wrong.
+/// Remedy for a file with invalid contents.
 const EXPORT_AGAIN: &str = "check the file in a viewer, and export it again, as binary STL for example";
 
-/// A mesh as a reader of a format returns it.
+/// Result of the reader of a format.
 struct Parsed {
     /// The surface, meters.
     mesh: Mesh,
-    /// Whether the file declares that y is up in it.
+    /// True if the file declares y as the up axis.
     y_up: bool,
-    /// What is odd about the file, as ends of sentences.
+    /// Oddities of the file, as ends of sentences.
     notes: Vec<String>,
 }
 
 impl<'a> Meshes<'a> {
-    /// No mesh yet.
+    /// Creates an empty collection.
     pub fn new(options: &'a UrdfOptions) -> Self {
         Self {
             options,
@@ -97,11 +97,11 @@ impl<'a> Meshes<'a> {
         }
     }
 
-    /// The mesh of this name: meters, after the file's own unit and transforms, before the URDF's `scale`. It has a triangle at
-    /// least, no vertex twice and none unused.
+    /// Returns the mesh of this name: meters, after the file's own unit and transforms, before the URDF's `scale`. It
+    /// has at least one triangle, no duplicate vertices and no unused ones.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The reason why it can't be used.
     pub fn get(&mut self, name: &str) -> Result<Rc<MeshFile>, MeshIssue> {
         self.get_or_read(name).map_err(|mut issue| {
             issue.remedy += ", leave meshes out with --drop-meshes, or give the link a box, cylinder or sphere";
@@ -128,18 +128,18 @@ impl<'a> Meshes<'a> {
         Ok(file)
     }
 
-    /// What is to be noted about a mesh that was read: about how it is named, and, once, about its file.
+    /// Returns the notes about a mesh that was read: about its name, and, once, about its file.
     pub fn take_notes(&mut self, name: &str) -> Vec<MeshIssue> {
         let Ok((path, note)) = locate(name, self.options) else { return Vec::new() };
         note.into_iter().chain(self.notes.remove(&path).unwrap_or_default()).collect()
     }
 }
 
-/// Reads a triangle mesh from an STL, OBJ, COLLADA or binary glTF file: meters, after the file's own unit and transforms. It has a triangle at
-/// least, no vertex twice and none unused.
+/// Reads a triangle mesh from an STL, OBJ, COLLADA or binary glTF file: meters, after the file's own unit and
+/// transforms. It has at least one triangle, no duplicate vertices and no unused ones.
 ///
 /// # Errors
-/// If the file can't be read, is of another format, has no surface or more than a million triangles.
+/// If the file can't be read, is in another format, has no surface or more than a million triangles.
 pub fn load_mesh(path: impl AsRef<Path>) -> Result<Mesh, FileError> {
     let path = path.as_ref();
     read(path).map(|(file, ..)| file.mesh).map_err(|issue| {
@@ -147,7 +147,7 @@ pub fn load_mesh(path: impl AsRef<Path>) -> Result<Mesh, FileError> {
     })
 }
 
-/// A mesh file, what is to be noted about it, and how many bytes it has.
+/// Reads a mesh file; returns it with notes and its size in bytes.
 fn read(path: &Path) -> Result<(MeshFile, Vec<MeshIssue>, u64), MeshIssue> {
     let bytes = file::read(path, MAX_BYTES).map_err(|e| MeshIssue {
         message: format!("cannot be read: {e}"),
@@ -160,21 +160,21 @@ fn read(path: &Path) -> Result<(MeshFile, Vec<MeshIssue>, u64), MeshIssue> {
     Ok((MeshFile { mesh, y_up }, notes, bytes.len() as u64))
 }
 
-/// The package and the path within it, if the name is that of a file in a package.
+/// The package and the path within it, if the name refers to a file in a package.
 fn package(name: &str) -> Option<(&str, &str)> {
     let path = ["package://", "model://"].iter().find_map(|p| name.strip_prefix(p))?;
     path.trim_start_matches('/').split_once('/')
 }
 
-/// The file that a name stands for, and a note if it had to be read in another way than written.
+/// Finds the file of a name, with a note if the name had to be corrected.
 ///
 /// # Errors
-/// If there is none.
+/// If no file is found.
 fn locate(name: &str, options: &UrdfOptions) -> Result<(PathBuf, Option<MeshIssue>), MeshIssue> {
     if let Some(path) = find(name, options) {
         return Ok((path, None));
     }
-    // written on Windows; elsewhere a backslash is part of a name
+    // The name was written on Windows; on other systems a backslash is part of a file name.
     let slashes = name.replace('\\', "/");
     match find(&slashes, options).filter(|_| slashes != name) {
         Some(path) => {
@@ -185,7 +185,7 @@ fn locate(name: &str, options: &UrdfOptions) -> Result<(PathBuf, Option<MeshIssu
     }
 }
 
-/// What to do about a mesh that is not found.
+/// Remedy for a mesh that is not found.
 fn missing(name: &str) -> String {
     let slashes = name.replace('\\', "/");
     let where_it_is = match package(&slashes) {
@@ -202,16 +202,16 @@ fn missing(name: &str) -> String {
     written.to_owned() + &where_it_is
 }
 
-/// The file that a name stands for, if there is one. An address may write `%20` for a space, and a file may have that in its name.
+/// Finds the file of a name. A URI may encode a space as `%20`, but a file name may also contain these characters.
 fn find(name: &str, options: &UrdfOptions) -> Option<PathBuf> {
     let decoded = percent_decode_str(name).decode_utf8_lossy();
     [name, &decoded].into_iter().flat_map(|name| candidates(name, options)).find(|p| p.is_file())
 }
 
-/// Where the file of a name may be.
+/// Possible paths of the file of a name.
 ///
-/// `package://NAME/FILE` is FILE in the folder that was given for NAME, or NAME/FILE or FILE in a folder that is searched, for the
-/// package itself may be given. Other names are relative to a folder that is searched, or absolute.
+/// `package://NAME/FILE` is FILE in the folder given for NAME, or NAME/FILE or FILE in a search folder, since the
+/// package itself may be a search folder. Other names are absolute, or relative to a search folder.
 fn candidates(name: &str, options: &UrdfOptions) -> Vec<PathBuf> {
     let folders = options.mesh_folders.iter();
     match package(name) {
@@ -228,7 +228,7 @@ fn candidates(name: &str, options: &UrdfOptions) -> Vec<PathBuf> {
     }
 }
 
-/// Reads a mesh of a format that is known by its file's extension.
+/// Parses a mesh whose format is given by the file's extension.
 fn parse(extension: &str, bytes: &[u8]) -> Result<Parsed, MeshIssue> {
     let parsed = match extension {
         "stl" => stl::parse(bytes),
@@ -245,10 +245,10 @@ fn parse(extension: &str, bytes: &[u8]) -> Result<Parsed, MeshIssue> {
     parsed.and_then(checked).map_err(MeshIssue::in_file)
 }
 
-/// The mesh with each vertex once.
+/// Merges equal vertices.
 ///
 /// # Errors
-/// If it has no surface, or is somewhere out of sight.
+/// If it has no surface, or a coordinate is not finite or out of range.
 fn checked(parsed: Parsed) -> Result<Parsed, String> {
     if parsed.mesh.vertices.iter().flatten().any(|c| c.is_nan() || c.abs() > MAX_COORDINATE) {
         return Err(format!("has a vertex that is not finite or beyond {MAX_COORDINATE}"));
@@ -260,8 +260,8 @@ fn checked(parsed: Parsed) -> Result<Parsed, String> {
     Ok(Parsed { mesh, ..parsed })
 }
 
-/// The text of a file in whichever encoding: what matters is ASCII in all of them. Bytes that are not UTF-8 are taken as Latin-1,
-/// so that names that differ stay different.
+/// Decodes the text of a file in any common encoding; all significant characters are ASCII. Bytes that are not UTF-8
+/// are decoded as Latin-1, so that different names stay different.
 fn decoded(bytes: &[u8]) -> Cow<'_, str> {
     let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let units = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
@@ -284,7 +284,7 @@ fn decoded(bytes: &[u8]) -> Cow<'_, str> {
     text.into()
 }
 
-/// The lines of a text, numbered from 1, whichever way they end: LF, CRLF, CR or form feed.
+/// The lines of a text, numbered from 1, ended by LF, CRLF, CR or form feed.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let mut rest = Some(text);
     let next = move || {
@@ -300,13 +300,13 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     (1..).zip(std::iter::from_fn(next))
 }
 
-/// Three numbers in text, if there are so many.
+/// Parses three numbers; `None` if there are fewer.
 fn point<'t>(mut words: impl Iterator<Item = &'t str>) -> Option<Vector3<f64>> {
     let mut number = || words.next()?.parse().ok();
     Some(Vector3::new(number()?, number()?, number()?))
 }
 
-/// Adds a polygon as a fan of triangles; one of less than three corners adds nothing.
+/// Adds a polygon as a fan of triangles; one with fewer than three corners adds nothing.
 ///
 /// # Errors
 /// If the mesh has too many triangles.
@@ -321,7 +321,7 @@ fn add_polygon(mesh: &mut Mesh, corners: &[u32]) -> Result<(), String> {
 /// Adds a triangle.
 ///
 /// # Errors
-/// If the mesh has too many.
+/// If the mesh has too many triangles.
 fn add_triangle(mesh: &mut Mesh, corners: [u32; 3]) -> Result<(), String> {
     if mesh.triangles.len() >= MAX_TRIANGLES {
         return Err(format!("has more than {MAX_TRIANGLES} triangles: simplify it"));
@@ -330,12 +330,12 @@ fn add_triangle(mesh: &mut Mesh, corners: [u32; 3]) -> Result<(), String> {
     Ok(())
 }
 
-/// The same surface with each vertex once and none that no triangle uses. Triangles that have shrunk to a line are left out.
+/// The same surface with each vertex once and no unused ones. Triangles that are degenerate to a line are dropped.
 ///
-/// STL repeats every vertex in every triangle, and other formats repeat them where colors meet; whoever asks what hangs together
-/// needs to know that they are one.
+/// STL repeats every vertex in every triangle, and other formats repeat vertices where colors meet. Connectivity can be
+/// found only if equal vertices are merged.
 fn welded(mesh: &Mesh) -> Mesh {
-    // -0 and 0 are one place
+    // -0 equals 0.
     let key = |i: u32| mesh.vertices[i as usize].map(|c| (c + 0.0).to_bits());
     let mut used = vec![false; mesh.vertices.len()];
     mesh.triangles.iter().flatten().for_each(|i| used[*i as usize] = true);

@@ -1,7 +1,7 @@
-//! Neighbors: links that a joint joins touch there by construction, and are left out of the tests.
+//! Neighbors: links connected by a joint touch there by construction, so their pair is disabled.
 //!
-//! A link without shapes is looked through: many a robot has several joints in one place with nothing between them, or its shapes on a
-//! link that is fixed to the one that moves.
+//! Links without shapes are skipped: many robots have several joints in one place with no shapes between them, or have
+//! their shapes on a link that is fixed to the moving one.
 //!
 //! ```text
 //! torso ══ fixed ══ (no shapes) ── joint ── (no shapes) ── joint ── arm         torso and arm are neighbors
@@ -12,10 +12,10 @@ use super::tree::{Drive, Tree};
 use crate::LeftOut;
 use std::collections::BTreeSet;
 
-/// The pairs of neighbors, each with its reason.
+/// The pairs of neighbors to disable, each with its reason.
 ///
 /// # Arguments
-/// * `shapes_of`: per link the node that carries its shapes, if it has any.
+/// * `shapes_of`: the node with the shapes of each link, if it has any.
 pub(super) fn neighbors(urdf: &Document, tree: &Tree, shapes_of: &[Option<usize>]) -> Vec<LeftOut> {
     let graph = Graph::new(urdf.links.len(), tree, shapes_of);
     let mut out = Vec::new();
@@ -32,11 +32,11 @@ pub(super) fn neighbors(urdf: &Document, tree: &Tree, shapes_of: &[Option<usize>
     out
 }
 
-/// How links hang on each other, for looking through those without shapes.
+/// Connectivity of the links, for skipping those without shapes.
 struct Graph<'a> {
-    /// Per link: the links that are fixed to it.
+    /// Per link: the links fixed to it.
     fixed: Vec<Vec<usize>>,
-    /// Per link: the link above it, if the joint between moves.
+    /// Per link: its parent, if the joint between them moves.
     above: Vec<Option<usize>>,
     /// Per link: the node of its shapes.
     shapes_of: &'a [Option<usize>],
@@ -60,10 +60,13 @@ impl<'a> Graph<'a> {
         graph
     }
 
-    /// The nodes of the nearest links with shapes that are fixed to a link, itself first, and the link above all that was passed.
+    /// The nodes of the nearest links with shapes that are fixed to a link, or of the link itself; and the parent above
+    /// the links that were visited.
     fn nearest(&self, link: usize) -> (Vec<usize>, Option<usize>) {
-        let (mut found, mut above) = (Vec::new(), None);
-        let (mut todo, mut seen) = (vec![link], BTreeSet::from([link]));
+        let mut found = Vec::new();
+        let mut above = None;
+        let mut todo = vec![link];
+        let mut seen = BTreeSet::from([link]);
         while let Some(at) = todo.pop() {
             above = above.or(self.above[at]);
             match self.shapes_of[at] {
@@ -74,10 +77,11 @@ impl<'a> Graph<'a> {
         (found, above)
     }
 
-    /// As [`Graph::nearest`]; where nothing that is fixed to the link has shapes, it goes on above the joint that moves all of it.
+    /// As [`Graph::nearest`]; if no link fixed to this one has shapes, continues above the joint that moves all of
+    /// them.
     fn nearest_above(&self, link: usize) -> Vec<usize> {
         let mut at = link;
-        // Upward along a tree: it ends.
+        // Terminates, since it moves upward in a tree.
         loop {
             match self.nearest(at) {
                 (found, Some(next)) if found.is_empty() => at = next,

@@ -1,4 +1,4 @@
-//! Sizes and places that are no robot's: most likely a file in millimeters, or one that was scaled twice.
+//! Plausibility of sizes and positions: implausible ones indicate a file in millimeters, or one that was scaled twice.
 
 use super::document::{Collision, Geometry};
 use super::grouped::Grouped;
@@ -6,14 +6,14 @@ use crate::Mesh;
 use crate::error::{FileError, Source};
 use nalgebra::Vector3;
 
-/// A shape that is longer is doubted, and so is an origin that is farther away, meters.
-pub(super) const LONG: f64 = 10.0;
-/// A shape that is shorter is doubted, meters.
-const SHORT: f64 = 0.005;
-/// A mesh whose scales differ by more than this factor is doubted.
-const UNEVEN: f64 = 100.0;
+/// Length of a shape, or distance of an origin, above which a warning is given, meters.
+pub(super) const DOUBTED_LENGTH_M: f64 = 10.0;
+/// Length of a shape below which a warning is given, meters.
+const MIN_LENGTH_M: f64 = 0.005;
+/// Ratio of a mesh's scales above which a warning is given.
+const MAX_SCALE_RATIO: f64 = 100.0;
 
-/// What is doubted of the shapes of all links.
+/// Findings about the shapes of all links.
 #[derive(Debug, Default)]
 pub(super) struct Sizes {
     /// Shapes that are too long.
@@ -25,7 +25,7 @@ pub(super) struct Sizes {
 }
 
 impl Sizes {
-    /// Judges a shape that is no mesh.
+    /// Checks a primitive shape.
     pub fn shape(&mut self, link: &str, collision: &Collision) {
         let longest = match &collision.geometry {
             Geometry::Box { size } => size.max(),
@@ -37,26 +37,26 @@ impl Sizes {
         self.judge(collision, longest, &format!("link `{link}`: a {}", collision.geometry.name()));
     }
 
-    /// Judges a mesh; `scale` is the URDF's.
+    /// Checks a mesh; `scale` is the URDF's.
     pub fn mesh(&mut self, link: &str, collision: &Collision, (file, mesh): (&str, &Mesh), scale: &Vector3<f64>) {
         let far = |f: fn(f64, f64) -> f64, start: f64, i: usize| mesh.vertices.iter().map(|v| v[i]).fold(start, f);
         let size = |i| (far(f64::max, f64::NEG_INFINITY, i) - far(f64::min, f64::INFINITY, i)) * scale[i].abs();
         let longest = size(0).max(size(1)).max(size(2));
         self.judge(collision, longest, &format!("link `{link}`: the mesh {file}"));
-        if scale.amax() > UNEVEN * scale.amin() {
+        if scale.amax() > MAX_SCALE_RATIO * scale.amin() {
             self.uneven.add(&collision.at, format!("link `{link}` ({} {} {})", scale.x, scale.y, scale.z));
         }
     }
 
     fn judge(&mut self, collision: &Collision, longest: f64, what: &str) {
-        if longest > LONG {
+        if longest > DOUBTED_LENGTH_M {
             self.long.add(&collision.at, format!("{what} is {longest:.0} m long"));
-        } else if longest < SHORT {
+        } else if longest < MIN_LENGTH_M {
             self.short.add(&collision.at, format!("{what} is {} mm long", short(longest * 1e3)));
         }
     }
 
-    /// Warns of what is doubted.
+    /// Adds warnings about all findings.
     pub fn warn(self, source: &Source, warnings: &mut Vec<FileError>) {
         let help =
             "lengths are in meters; if a mesh is in millimeters, write scale=\"0.001 0.001 0.001\" into its <mesh>";
@@ -68,7 +68,7 @@ impl Sizes {
     }
 }
 
-/// A length with three digits that count.
+/// Rounds a length to three significant digits.
 fn short(mm: f64) -> f64 {
     format!("{mm:.2e}").parse().unwrap_or(mm)
 }

@@ -1,37 +1,37 @@
-//! The tree of links, and what drives each joint.
+//! The tree of links, and the drive of each joint.
 //!
-//! A URDF lists links and joints in any order and names them by strings. Here the names are resolved once, with a complaint at the
-//! joint that is wrong, so that building the robot deals with numbers that are right.
+//! A URDF lists links and joints in any order and refers to them by name. The names are resolved once, with errors at
+//! the faulty joint, so that the conversion works on valid indices.
 
 use super::UrdfOptions;
 use super::document::{Document, Joint};
-use super::limits::{LimitReader, Limits, end_where_followers_do_not_return};
+use super::limits::{LimitReader, Limits, limit_leaders_of_fractional_followers};
 use crate::error::{FileError, Source};
 use std::collections::BTreeMap;
 
-/// Longer chains are refused.
+/// Maximum number of joints in a chain.
 const MAX_DEPTH: usize = 200;
 
-/// What a joint does.
+/// Drive of a joint.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Drive {
-    /// Stands at a position for ever, rad or meters.
+    /// Constant position, rad or meters.
     Fixed(f64),
     /// Moves by `factor * q + offset` with the position q of the joint `source`, which has a motor and may be itself.
     Moves { source: usize, factor: f64, offset: f64 },
 }
 
-/// How links hang on each other, and what moves each joint. Links and joints are indices into the URDF's lists.
+/// Connectivity of links, and the drive of each joint. Links and joints are indices into the URDF's lists.
 pub(super) struct Tree {
-    /// The link that no joint leads to.
+    /// The link without a parent joint.
     pub root: usize,
-    /// Per link: the joints that leave it, in file order.
+    /// Per link: its child joints, in file order.
     pub leaving: Vec<Vec<usize>>,
-    /// Per joint: the link it leads to.
+    /// Per joint: its child link.
     pub child: Vec<usize>,
-    /// Per joint: what it does.
+    /// Per joint: its drive.
     pub drives: Vec<Drive>,
-    /// Per joint: its limits, if it is a motor.
+    /// Per joint: its limits, if it has a motor.
     pub limits: Vec<Option<Limits>>,
 }
 
@@ -39,7 +39,7 @@ impl Tree {
     /// Checks that links and joints are one tree of moderate depth, and resolves limits and mimics.
     ///
     /// # Errors
-    /// At the first joint or link that is not part of one tree, or can't be converted.
+    /// At the first joint or link that does not belong to one tree, or can't be converted.
     pub fn new(
         source: &Source,
         urdf: &Document,
@@ -59,7 +59,8 @@ impl Tree {
                     blame(joint, message, "correct the name, or add that link")
                 })
             };
-            let (from, to) = (find(&joint.parent)?, find(&joint.child)?);
+            let from = find(&joint.parent)?;
+            let to = find(&joint.child)?;
             if std::mem::replace(&mut has_parent[to], true) {
                 let message = format!("link `{}` has more than one parent", urdf.links[to].name);
                 return Err(blame(joint, message, "a URDF is a tree: let one joint only lead to each link"));
@@ -76,7 +77,7 @@ impl Tree {
             };
             return Err(source.error(urdf.at.clone(), message, "join them to one tree with one root, by joints"));
         };
-        // Every link but the root has one parent, so what the root does not reach must hang on a circle.
+        // Every link except the root has one parent, so links that the root does not reach are on a cycle.
         let mut reached = 0;
         let mut todo = vec![(root, 0)];
         while let Some((link, depth)) = todo.pop() {
@@ -102,16 +103,16 @@ impl Tree {
         reader.finish();
         let drives = (0..urdf.joints.len()).map(|i| drive(i, urdf, &joints, &limits, &blame));
         let drives = drives.collect::<Result<Vec<_>, _>>()?;
-        // A mimic joint has no motor of its own.
+        // A mimic joint does not have its own motor.
         for (limit, joint) in limits.iter_mut().zip(&urdf.joints) {
             *limit = limit.filter(|l| joint.mimic.is_none() && l.min < l.max);
         }
-        end_where_followers_do_not_return(&drives, &mut limits);
+        limit_leaders_of_fractional_followers(&drives, &mut limits);
         Ok(Self { root, leaving, child, drives, limits })
     }
 }
 
-/// Follows `mimic` to the joint with the motor.
+/// Follows `mimic` to the joint with the motor, and returns the drive of joint `start`.
 fn drive(
     start: usize,
     urdf: &Document,
@@ -122,9 +123,11 @@ fn drive(
     if limits[start].is_none() {
         return Ok(Drive::Fixed(0.0));
     }
-    // Along the chain `q_i = m * q_next + o` is put in again and again: the whole chain is one line, `factor * q + offset`.
-    let (mut at, mut factor, mut offset) = (start, 1.0, 0.0);
-    // A chain without a circle is no longer than there are joints.
+    // Substitutes `q_i = m * q_next + o` along the chain, which yields one linear function, `factor * q + offset`.
+    let mut at = start;
+    let mut factor = 1.0;
+    let mut offset = 0.0;
+    // A chain without a cycle is at most as long as the number of joints.
     for _ in 0..=urdf.joints.len() {
         let joint = &urdf.joints[at];
         let Some(mimic) = &joint.mimic else {
@@ -134,7 +137,8 @@ fn drive(
                 _ => Drive::Fixed(offset),
             });
         };
-        let (m, o) = (mimic.multiplier, mimic.offset);
+        let m = mimic.multiplier;
+        let o = mimic.offset;
         if !(m.is_finite() && o.is_finite()) {
             let message = format!("joint `{}` mimics with numbers that are not finite", joint.name);
             return Err(blame(joint, message, "write finite numbers as multiplier and offset"));

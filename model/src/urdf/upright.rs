@@ -1,8 +1,8 @@
-//! Whether the `up_axis` that COLLADA meshes declare counts.
+//! Decides if the `up_axis` that COLLADA meshes declare is applied.
 //!
-//! A URDF does not say which tools it was drawn for, but where the mass of each link is: not far from the middle of its mesh, however
-//! the mesh is meant to lie. Of the ten robots that we know whose meshes declare y as up, the mean distance is larger by half at
-//! least the wrong way.
+//! A URDF does not name the tool that it was made for, but it gives the center of mass of each link, which is not far
+//! from the center of its mesh in the intended orientation. For the ten known robots whose meshes declare y as up, the
+//! mean distance is larger by at least half in the wrong orientation.
 
 use super::UpAxis;
 use super::document::{Collision, Document, Geometry};
@@ -10,12 +10,12 @@ use super::mesh::Meshes;
 use crate::error::{FileError, Source};
 use nalgebra::Vector3;
 
-/// The axis counts if the centers of mass are nearer to the meshes by this factor.
-const NEARER: f64 = 0.75;
-/// Fewer links tell nothing.
-const FEWEST: usize = 3;
+/// The declaration is applied if it reduces the distance between centers of mass and meshes to this fraction.
+const MAX_DISTANCE_RATIO: f64 = 0.75;
+/// Minimum number of links for a decision.
+const MIN_LINKS: usize = 3;
 
-/// Whether meshes that declare y as up are to be turned by [`z_up`]; a warning says so if that was guessed.
+/// True if meshes that declare y as up are to be rotated by [`z_up`]; adds a warning if this is a guess.
 pub(super) fn turns_y_up(
     source: &Source,
     urdf: &Document,
@@ -28,11 +28,11 @@ pub(super) fn turns_y_up(
     }
     let of_link = |link: &super::document::Link| {
         let center = link.center?;
-        link.collisions.iter().find_map(|c| astray(c, &center, meshes))
+        link.collisions.iter().find_map(|c| center_offsets(c, &center, meshes))
     };
     let all: Vec<[f64; 2]> = urdf.links.iter().filter_map(of_link).collect();
     let [drawn, turned] = all.iter().fold([0.0, 0.0], |sum, [a, b]| [sum[0] + a, sum[1] + b]);
-    let counts = all.len() >= FEWEST && turned < NEARER * drawn;
+    let counts = all.len() >= MIN_LINKS && turned < MAX_DISTANCE_RATIO * drawn;
     if counts {
         let message =
             "the COLLADA meshes are turned, as they declare y as up: the links' centers of mass are nearer to them so";
@@ -43,14 +43,15 @@ pub(super) fn turns_y_up(
     counts
 }
 
-/// A place in a mesh whose y is up, as it is where z is up.
+/// Rotates a point from y-up to z-up coordinates.
 pub(super) fn z_up(v: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(v.x, -v.z, v.y)
 }
 
-/// How far a link's center of mass is from the middle of its mesh as it is drawn and as it is turned, in sizes of the mesh. None
-/// without a mesh that declares y as up; what can't be read is told by whoever needs it.
-fn astray(collision: &Collision, center: &Vector3<f64>, meshes: &mut Meshes<'_>) -> Option<[f64; 2]> {
+/// Distances of a link's center of mass from the center of its mesh, without and with the rotation, relative to the
+/// size of the mesh. `None` without a mesh that declares y as up. Read errors are ignored here; the conversion reports
+/// them.
+fn center_offsets(collision: &Collision, center: &Vector3<f64>, meshes: &mut Meshes<'_>) -> Option<[f64; 2]> {
     let Geometry::Mesh { filename, scale } = &collision.geometry else { return None };
     let file = meshes.get(filename).ok().filter(|f| f.y_up)?;
     let start = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));

@@ -1,4 +1,4 @@
-//! Which words of a URDF or SRDF are used, and which are not: nothing of a file is passed over in silence.
+//! Tables of the used and unused words of a URDF or SRDF: no part of a file is ignored silently.
 
 use super::grouped::Grouped;
 use crate::error::{FileError, Source};
@@ -6,21 +6,21 @@ use crate::xml::XmlElement;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// The words of an element that are used, and those of the standard that are not.
+/// The used words of an element, and the unused ones of the standard.
 pub(crate) struct Words {
     /// The element.
     element: &'static str,
-    /// Attributes that are used.
+    /// Used attributes.
     attributes: &'static [&'static str],
-    /// Attributes of the standard that are not.
+    /// Unused attributes of the standard.
     idle_attributes: &'static [&'static str],
-    /// Children that are used.
+    /// Used child elements.
     children: &'static [&'static str],
-    /// Children of the standard or of well-known programs that are not.
+    /// Unused child elements of the standard or of well-known programs.
     idle_children: &'static [&'static str],
 }
 
-/// A row of the table.
+/// Creates a row of the table.
 pub(crate) const fn words(
     element: &'static str,
     [attributes, idle_attributes, children, idle_children]: [&'static [&'static str]; 4],
@@ -28,7 +28,7 @@ pub(crate) const fn words(
     Words { element, attributes, idle_attributes, children, idle_children }
 }
 
-/// The elements of a URDF that are read.
+/// The elements of a URDF that are read, with their words.
 pub(super) const URDF: &[Words] = &[
     words(
         "robot",
@@ -68,17 +68,17 @@ pub(super) const URDF: &[Words] = &[
     words("safety_controller", [&["soft_lower_limit", "soft_upper_limit"], &["k_position", "k_velocity"], &[], &[]]),
 ];
 
-/// What is not used of a file.
+/// Unused words of a file.
 #[derive(Debug, Default)]
 pub(crate) struct Unused {
-    /// What a robot for MoBeE does not need, and how often it is there.
+    /// Words of the format that MoBeE does not use, with their number of occurrences.
     idle: BTreeMap<String, usize>,
-    /// What is no word of a URDF: where it is first, and how often.
+    /// Words that are not in the format: location of the first, and number of occurrences.
     unknown: BTreeMap<String, (Range<usize>, usize)>,
 }
 
 impl Unused {
-    /// Looks through a robot. `visual` tells of a link whether its visual is used.
+    /// Collects the unused words of a robot. `visual` returns true for links whose visual is used.
     pub fn of(root: &XmlElement, words: &[Words], visual: impl Fn(&XmlElement) -> bool) -> Self {
         let mut unused = Self::default();
         let mut todo = vec![root];
@@ -90,7 +90,7 @@ impl Unused {
                     false => unused.unknown(element, format!("`{name}` of <{}>", element.name)),
                 }
             }
-            // A joint that stands still has no limits to heed.
+            // Limits of a fixed joint have no effect.
             let still = element.name == "joint" && matches!(element.get("type"), Some("fixed" | "floating"));
             for child in &element.children {
                 let name = child.name.as_str();
@@ -118,13 +118,13 @@ impl Unused {
         entry.1 += 1;
     }
 
-    /// The words of the standard that are not used, in one line; none if there are none.
+    /// The unused words of the standard, in one line; `None` if there are none.
     pub fn line(&self, format: &str) -> Option<String> {
         let all: Vec<String> = self.idle.iter().map(|(what, n)| counted(what, *n)).collect();
         (!all.is_empty()).then(|| format!("not used of the {format}: {}", all.join(", ")))
     }
 
-    /// Warns of the words that are none of the format.
+    /// Adds a warning about the words that are not in the format.
     pub fn warn(self, source: &Source, format: &str, warnings: &mut Vec<FileError>) {
         let mut unknown: Vec<_> = self.unknown.into_iter().collect();
         unknown.sort_by_key(|(_, (at, _))| at.start);
@@ -137,7 +137,7 @@ impl Unused {
     }
 }
 
-/// A word, and how often if that is more than once.
+/// A word, with the number of occurrences if there are several.
 fn counted(what: &str, n: usize) -> String {
     if n > 1 { format!("{what} ({n} times)") } else { what.to_owned() }
 }

@@ -9,13 +9,13 @@ use crate::HalfSpace;
 use crate::error::FileError;
 use std::ops::Range;
 
-/// A half-space over motor indices of its part, and the element to blame: motors may follow later in the file.
+/// A half-space over motor indices of its part. Resolved at the end of the file, since motors may follow later.
 pub(super) struct Member {
     /// Pairs of (motor index within the part, coefficient).
     terms: Vec<(usize, f64)>,
     /// The constant, degrees of encoder.
     b: f64,
-    /// Kept for errors that only the end of the file shows.
+    /// The element, for errors that are detected only at the end of the file.
     element: Element,
 }
 
@@ -25,7 +25,8 @@ impl Member {
 
     /// Reads a `constraint` element.
     pub(super) fn read(e: Element) -> Result<Self, FileError> {
-        let (a, q) = (e.numbers("a")?, e.numbers("q")?);
+        let a = e.numbers("a")?;
+        let q = e.numbers("q")?;
         let b = e.number_or_zero("b")?;
         if a.is_empty() || a.len() != q.len() {
             let message = format!("`a` has {} numbers and `q` has {}", a.len(), q.len());
@@ -39,7 +40,7 @@ impl Member {
         Ok(Self { terms, b, element: e })
     }
 
-    /// The half-space over the robot's motors, of which `motors` are the part's.
+    /// Converts the indices to those of the robot's motors; `motors` are the part's.
     pub(super) fn resolve(&self, part: &str, motors: Range<usize>) -> Result<HalfSpace, FileError> {
         if let Some((bad, _)) = self.terms.iter().find(|(q, _)| *q >= motors.len()) {
             let help = match motors.len() {

@@ -1,27 +1,28 @@
-//! One element's attributes, read strictly: missing is the default, unreadable is an error at its place.
+//! Strict reader of one element's attributes: a missing one has its default, an unreadable one is an error at its
+//! location.
 
 use crate::error::{FileError, Source};
 use nalgebra::Vector3;
 use std::ops::Range;
 
-/// Larger numbers are refused: no robot needs them, and their squares still fit.
+/// Maximum absolute value of a number: no robot needs larger ones, and their squares are still representable.
 const MAX_NUMBER: f64 = 1e6;
 
-/// Smaller sizes are refused, meters: nothing that can be touched is so small, and their squares vanish.
-const MIN_SIZE: f64 = 1e-9;
+/// Minimum size, meters: smaller objects can't be touched, and their squares underflow.
+const MIN_SIZE_M: f64 = 1e-9;
 
-/// Warnings are kept up to this number.
+/// Maximum number of warnings.
 const MAX_WARNINGS: usize = 100;
 
 /// The attributes of a color.
 pub(super) const COLOR: &[&str] = &["r", "g", "b"];
 
-/// The warnings of one file. Making one searches the file for its line, so none is made in vain.
+/// The warnings of one file. Creating one searches the file for its line, so it is created only if it is stored.
 #[derive(Default)]
 pub(super) struct Warnings(pub(super) Vec<FileError>);
 
 impl Warnings {
-    /// Makes the warning and keeps it, unless there are too many already.
+    /// Creates and stores a warning, unless there are too many already.
     pub(super) fn add(&mut self, warning: impl FnOnce() -> FileError) {
         if self.0.len() < MAX_WARNINGS {
             self.0.push(warning());
@@ -29,39 +30,39 @@ impl Warnings {
     }
 }
 
-/// An attribute, with the places of its name and its value in the file.
+/// An attribute, with the locations of its name and value in the file.
 pub(super) struct Attr {
-    /// Its name, as written: case counts.
+    /// Its name as written; case-sensitive.
     pub(super) name: String,
     /// Its value, unescaped.
     pub(super) value: String,
-    /// Where the name stands, bytes.
+    /// Location of the name, bytes.
     pub(super) name_at: Range<usize>,
-    /// Where the value stands, bytes.
+    /// Location of the value, bytes.
     pub(super) at: Range<usize>,
 }
 
-/// An element with its attributes; asked for a value, it answers with a default, the value, or an error at the value.
+/// An element with its attributes; its accessors return a default, the value, or an error at the value.
 pub(super) struct Element {
     /// The file, for errors.
     source: Source,
-    /// As written.
+    /// Its name as written.
     pub(super) written: String,
-    /// In lower case: element names are compared so.
+    /// Its name in lower case: element names are compared without case.
     pub(super) name: String,
-    /// Where its name stands, bytes.
+    /// Location of its name, bytes.
     pub(super) at: Range<usize>,
-    /// Its attributes in order; no two of one name.
+    /// Its attributes in order; names are unique.
     pub(super) attrs: Vec<Attr>,
 }
 
 impl Element {
-    /// An element that has no attributes yet.
+    /// Creates an element without attributes.
     pub(super) fn new(source: Source, written: &str, at: Range<usize>) -> Self {
         Self { source, written: written.to_owned(), name: written.to_ascii_lowercase(), at, attrs: Vec::new() }
     }
 
-    /// The attribute of this very name.
+    /// The attribute of exactly this name.
     pub(super) fn get(&self, name: &str) -> Option<&Attr> {
         self.attrs.iter().find(|a| a.name == name)
     }
@@ -83,10 +84,10 @@ impl Element {
         self.source.warning(at, message, help)
     }
 
-    /// Warns of attributes that are not in `known`.
+    /// Adds warnings about attributes that are not in `known`.
     pub(super) fn warn_unknown(&self, known: &[&[&str]], warnings: &mut Warnings) {
         for a in &self.attrs {
-            // Namespaces and schema hints are none of ours, and nobody mistypes a name into one.
+            // Namespaces and schema hints are not part of the format, and can't be typing errors.
             if !known.iter().any(|k| k.contains(&a.name.as_str())) && !a.name.starts_with("xml") {
                 let list = known.concat().join(", ");
                 let message = format!("<{}> has no attribute `{}`; it is ignored", self.written, a.name);
@@ -109,7 +110,7 @@ impl Element {
         let Some(attr) = self.get(name) else { return Ok(None) };
         let help = || format!("write a plain number with a decimal point, such as {name}=\"0.05\"");
         match attr.value.trim().parse::<f64>() {
-            // "inf" and "nan" parse as numbers; what compares with nothing must not get into a pose.
+            // "inf" and "nan" parse as numbers, but must not get into a pose.
             Ok(v) if v.is_nan() || v.abs() > MAX_NUMBER => {
                 let message = format!("`{name}` is {}, beyond {MAX_NUMBER:e}", attr.value.trim());
                 Err(self.error_at(name, message, "lengths are in meters, angles in degrees"))
@@ -130,10 +131,10 @@ impl Element {
         Ok(Vector3::new(self.number_or_zero(x)?, self.number_or_zero(y)?, self.number_or_zero(z)?))
     }
 
-    /// A size that must be given and positive.
+    /// A required positive size, meters.
     pub(super) fn size(&self, name: &str) -> Result<f64, FileError> {
         match self.number(name)? {
-            Some(v) if v >= MIN_SIZE => Ok(v),
+            Some(v) if v >= MIN_SIZE_M => Ok(v),
             Some(v) => Err(self.error_at(
                 name,
                 format!(
@@ -150,7 +151,7 @@ impl Element {
         }
     }
 
-    /// A size of which 0 (or missing) means none.
+    /// A size, meters; `None` if it is 0 or missing.
     pub(super) fn optional_size(&self, name: &str) -> Result<Option<f64>, FileError> {
         match self.number(name)? {
             Some(v) if v < 0.0 => Err(self.error_at(
@@ -172,7 +173,7 @@ impl Element {
         })
     }
 
-    /// `r`, `g` and `b` of 0 to 255; a channel that is left out is 0, `None` if all are.
+    /// A color from `r`, `g` and `b`, 0 to 255; a missing channel is 0. `None` if all are missing.
     pub(super) fn color(&self) -> Result<Option<[u8; 3]>, FileError> {
         let mut rgb = [0; 3];
         let mut given = false;
@@ -205,7 +206,7 @@ impl Element {
         each.collect()
     }
 
-    /// Whether the attribute is `true`; warns if it is neither `true` nor `false`.
+    /// True if the attribute is `true`; warns if it is neither `true` nor `false`.
     pub(super) fn flag(&self, name: &str, warnings: &mut Warnings) -> bool {
         let Some(attr) = self.get(name) else { return false };
         let value = attr.value.trim();

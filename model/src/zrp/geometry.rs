@@ -1,29 +1,32 @@
-//! Shapes and their orientation, as the format writes them.
+//! Shapes and their orientations in the notation of the format.
 //!
-//! A pose is a position, a *heading* (where the shape's own y axis points) and a turn about that heading. Two numbers of a heading
-//! leave the roll open, and the original's way to choose it is part of the format: boxes would lie otherwise.
+//! A pose is a position, a *heading* (the direction of the shape's own y axis) and a rotation about that heading. A
+//! heading determines two angles and leaves the roll open; the original's choice of the roll is part of the format,
+//! since it matters for boxes.
 
 use super::element::Element;
 use crate::error::FileError;
 use crate::{Hull, Primitive, Shape};
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-/// Shorter directions count as zero.
+/// Length of a direction below which it counts as zero.
 pub(super) const ZERO: f64 = 1e-12;
 
 /// The attributes of a pose: position in meters, heading without unit, angle in degrees.
 pub(super) const POSE: &[&str] = &["px", "py", "pz", "hx", "hy", "hz", "angle"];
 
-/// The rotation that takes local y to heading `h`, with the roll of the original format, then `angle` (rad) about `h`.
+/// The rotation that maps local y to heading `h`, with the roll of the original format, followed by `angle` (rad) about
+/// `h`.
 ///
-/// For `h` along -y the original has a point reflection; this has the identity, which is the same for these shapes.
+/// For `h` along -y the original uses a point reflection; this function uses the identity, which is equivalent for
+/// these shapes.
 pub(super) fn orientation(h: &Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
     let Some(h) = Unit::try_new(*h, ZERO) else {
         return UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle);
     };
     let side = h.x.hypot(h.z);
     let heading = if side > ZERO {
-        // The turn about y is never negative, whatever the sign of h.z: a quirk of the format.
+        // The rotation about y is never negative, regardless of the sign of h.z: a quirk of the format.
         let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), h.z.abs().atan2(h.x));
         let axis = Unit::new_normalize(Vector3::new(h.z, 0.0, -h.x));
         UnitQuaternion::from_axis_angle(&axis, side.atan2(h.y)) * turn
@@ -41,7 +44,7 @@ pub(super) fn pose(e: &Element) -> Result<Isometry3<f64>, FileError> {
     Ok(Isometry3::from_parts(Translation3::from(at), orientation(&h, angle)))
 }
 
-/// The attributes that a shape's element may have, besides the pose; `None` if the element is no shape.
+/// The attributes of a shape's element, besides the pose; `None` if the element is not a shape.
 pub(super) fn shape_attributes(name: &str) -> Option<&'static [&'static str]> {
     match name {
         "sphere" => Some(&["radius"]),
@@ -51,7 +54,7 @@ pub(super) fn shape_attributes(name: &str) -> Option<&'static [&'static str]> {
     }
 }
 
-/// A `sphere`, `cylinder`, `box` or `capsule` element.
+/// Reads a `sphere`, `cylinder`, `box` or `capsule` element.
 pub(super) fn primitive(e: &Element) -> Result<Primitive, FileError> {
     let shape = match e.name.as_str() {
         "sphere" => Shape::Sphere { radius: e.size("radius")? },
@@ -62,10 +65,10 @@ pub(super) fn primitive(e: &Element) -> Result<Primitive, FileError> {
     Ok(Primitive { shape, pose: pose(e)? })
 }
 
-/// What a shape's element may have besides, if it collides.
+/// The hull attributes of a collision shape.
 pub(super) const HULL: &[&str] = &["hull", "hullRadius"];
 
-/// What of a shape is solid, if its element says so: points in the node's frame and a radius, meters.
+/// The hull of a shape, if its element defines one: points in the node's frame and a radius, meters.
 pub(super) fn hull(e: &Element, around: &Primitive) -> Result<Option<Hull>, FileError> {
     if e.get("hull").is_none() {
         return Ok(None);
@@ -86,8 +89,8 @@ pub(super) fn hull(e: &Element, around: &Primitive) -> Result<Option<Hull>, File
     Ok(Some(hull))
 }
 
-/// The cylinder (or capsule) of that `height` that `radius` and `field` add to a link or joint: along `axis`, centered
-/// at `center`.
+/// The cylinder (or capsule) of length `height` that `radius` and `field` add to a link or joint: along `axis`,
+/// centered at `center`.
 pub(super) fn automatic(
     radius: f64,
     height: f64,

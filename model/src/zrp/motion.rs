@@ -1,7 +1,7 @@
-//! How joints move and what their motors count: the attributes `type` and `continuous`.
+//! Motion of joints and units of motors: the attributes `type` and `continuous`.
 //!
 //! ```text
-//! <motor name="lift" minPos="0" maxPos="350">               350 encoder units: millimeters, since its joint slides
+//! <motor name="lift" minPos="0" maxPos="350">               350 encoder units: millimeters, since its joint is prismatic
 //!   <joint type="prismatic" z="1" minPos="0" maxPos="0.35"> in meters, as all lengths
 //! ```
 
@@ -10,24 +10,24 @@ use crate::error::FileError;
 use crate::{JointMotion, Motor};
 use std::f64::consts::TAU;
 
-/// The attributes of a motor that are about its motion.
+/// The attributes of a motor that concern its motion.
 pub(super) const MOTOR: &[&str] = &["type", "continuous"];
-/// How far a full turn of a motor without end may be from whole turns of its joints, turns: rounding in files.
-const WHOLE: f64 = 1e-6;
+/// Tolerance, in turns, for whole turns of the joints of a continuous motor: rounding in files.
+const WHOLE_TURN_TOLERANCE: f64 = 1e-6;
 
-/// A joint that slides farther than this is doubted, m, as a mesh of that length is.
-const FAR: f64 = 10.0;
+/// Position of a prismatic joint above which a warning is given, meters; equals the limit for meshes.
+const DOUBTED_POSITION_M: f64 = 10.0;
 
-/// What is known of a motor's motion.
+/// Motion of a motor as given by its own attributes.
 pub(super) struct MotorMotion {
-    /// As the motor's own `type` says.
+    /// Its `type`, if given.
     stated: Option<JointMotion>,
-    /// Whether it turns without end.
+    /// True if it is continuous.
     pub(super) continuous: bool,
 }
 
 impl MotorMotion {
-    /// Reads what the motor itself says.
+    /// Reads the motor's own attributes.
     pub(super) fn read(e: &Element, warnings: &mut Warnings) -> Result<Self, FileError> {
         let stated = word(e, "motors")?;
         let continuous = e.flag("continuous", warnings);
@@ -37,15 +37,16 @@ impl MotorMotion {
         Ok(Self { stated, continuous })
     }
 
-    /// What the motor counts before any joint is known.
+    /// The motor's motion before its joints are read.
     pub(super) fn stated(&self) -> JointMotion {
         self.stated.unwrap_or_default()
     }
 
-    /// A joint joins the motor: without a `type` of its own, a motor counts as its joints move, which must be alike.
+    /// Attaches a joint to the motor: a motor without a `type` gets the motion of its joints, which must be equal.
     ///
     /// # Errors
-    /// At the joint, if it does not move as the motor's others do, or is no whole number of turns where the motor has no end.
+    /// At the joint, if its motion differs from that of the motor's others, or if the motor is continuous and the
+    /// joint's range is not a whole multiple of its own.
     pub(super) fn joins(
         &self,
         e: &Element,
@@ -64,8 +65,8 @@ impl MotorMotion {
         }
         if motor.continuous {
             let turns = (max - min) / (motor.max - motor.min);
-            let whole =
-                motion == JointMotion::Turn && (turns - turns.round()).abs() * ((max - min) / TAU).max(1.0) < WHOLE;
+            let whole = motion == JointMotion::Turn
+                && (turns - turns.round()).abs() * ((max - min) / TAU).max(1.0) < WHOLE_TURN_TOLERANCE;
             if !whole {
                 let message = format!("a full turn of motor `{}` does not bring this joint back", motor.name);
                 let help = "a motor with continuous=\"true\" needs joints whose range is a whole multiple of its own";
@@ -76,7 +77,7 @@ impl MotorMotion {
     }
 }
 
-/// The maximum speed of a motor, if it is limited: encoder units per second in the file, rad/s of encoder here.
+/// The maximum speed of a motor, if limited: encoder units per second in the file, converted to rad/s of encoder.
 pub(super) fn speed_of_motor(e: &Element) -> Result<Option<f64>, FileError> {
     match e.number("maxSpeed")? {
         Some(speed) if speed <= 0.0 => {
@@ -87,12 +88,13 @@ pub(super) fn speed_of_motor(e: &Element) -> Result<Option<f64>, FileError> {
     }
 }
 
-/// How a joint moves.
+/// The motion of a joint.
 pub(super) fn of_joint(e: &Element) -> Result<JointMotion, FileError> {
     Ok(word(e, "joints")?.unwrap_or_default())
 }
 
-/// Where a joint stands at its motor's limits, rad or meters. Warns of one that slides so far that millimeters may be meant.
+/// Positions of a joint at its motor's limits, rad or meters. Warns if a prismatic one is so large that millimeters may
+/// be meant.
 pub(super) fn limits_of_joint(
     e: &Element,
     motion: JointMotion,
@@ -108,7 +110,9 @@ pub(super) fn limits_of_joint(
                 return Err(e.error(format!("a prismatic joint has no `{missing}`"), help));
             }
             let (min, max) = limits(e, "the joint", 0.0, 0.0)?;
-            if let Some((attr, far)) = [("minPos", min), ("maxPos", max)].into_iter().find(|(_, at)| at.abs() > FAR) {
+            if let Some((attr, far)) =
+                [("minPos", min), ("maxPos", max)].into_iter().find(|(_, at)| at.abs() > DOUBTED_POSITION_M)
+            {
                 let message = format!("this joint slides to {far} m");
                 let help =
                     "a prismatic joint's limits are in meters (its motor's in millimeters); check what was meant";
@@ -132,7 +136,7 @@ fn word(e: &Element, what: &str) -> Result<Option<JointMotion>, FileError> {
     }
 }
 
-/// Both limits as written: `minPos` and `maxPos`, each with its default.
+/// Both limits in the units of the file: `minPos` and `maxPos`, each with its default.
 pub(super) fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), FileError> {
     let min = e.number("minPos")?.unwrap_or(min);
     let max = e.number("maxPos")?.unwrap_or(max);

@@ -1,25 +1,27 @@
-//! Which pairs of nodes may touch: the filters of the original format.
+//! Pairs of nodes to test: the adjacency filters of the original format.
 //!
-//! Shapes of neighbors overlap by construction: a link's cylinder begins within that of the link before it. So a pair is tested only
-//! if enough lies between the two in the tree, and *enough* is, in the original: a link below a joint and a joint below a link, both
-//! solid.
+//! Shapes of neighbors overlap by construction: a link's cylinder starts inside that of the link before it. So a pair
+//! is tested only if enough lies between the two in the tree. *Enough* is, in the original: a link below a joint and a
+//! joint below a link, both solid.
 //!
 //! ```text
 //! link ── joint ── link ── joint ── link
-//!   a       .        b       .        c       a-b and b-c are left out; a-c is tested if b and the joint before it have shapes
+//!   a       .        b       .        c       a-b and b-c are disabled; a-c is tested if b and the joint before it have shapes
 //! ```
-//! Within one part that is all; nodes of different parts count as neighbors only if one carries the other or both hang on the same
-//! node. A `noSelfCollision` subtree (a hand, whose fingers touch each other all day) is tested against everything but itself.
+//! This holds within one part. Nodes of different parts count as neighbors only if one is the parent of the other or
+//! both have the same parent. A `noSelfCollision` subtree (such as a hand, whose fingers often touch each other) is
+//! tested against everything except itself.
 
 use crate::{Node, NodeKind, NodePairs};
 
-/// Whether each node belongs to the base: walking up from it reaches a root before a link below a joint and a joint
-/// below a link have both been passed, to stand at a node of the other type.
+/// True for each node that belongs to the base: walking up from it reaches a root before both a link below a joint and
+/// a joint below a link have been passed, followed by a node of the other type.
 pub(crate) fn near_root(nodes: &[Node]) -> Vec<bool> {
-    // Literally the walk of the original, whose rule is not what one would guess: pairs must come out as there.
+    // The literal walk of the original, whose rule is unexpected: the pairs must be the same.
     let is_link = |n: usize| matches!(nodes[n].kind, NodeKind::Link { .. });
     let near = |start: usize| {
-        let (mut link, mut joint) = (false, false);
+        let mut link = false;
+        let mut joint = false;
         let mut at = start;
         while let Some(parent) = nodes[at].parent {
             if link && joint && is_link(at) != is_link(start) {
@@ -37,15 +39,15 @@ pub(crate) fn near_root(nodes: &[Node]) -> Vec<bool> {
     (0..nodes.len()).map(near).collect()
 }
 
-/// The pairs that remain: shapes of one node, neighbors in the tree and near relatives of one part are left out;
-/// pairs within a `noSelfCollision` subtree are shown only, and their fields do not act.
+/// The pairs to test. Pairs within one node, of neighbors in the tree and of near relatives of one part are excluded.
+/// Pairs within a `noSelfCollision` subtree are only displayed, and their fields do not act.
 pub(crate) fn node_pairs(nodes: &[Node]) -> NodePairs {
     let filtered = Filtered::new(nodes);
     let quiet = quiet_subtrees(nodes);
     let mut pairs = NodePairs::default();
     for (a, x) in nodes.iter().enumerate() {
         for (b, y) in nodes.iter().enumerate().skip(a + 1) {
-            // Quiet only against each other: a finger of a `noSelfCollision` hand still must not touch the trunk.
+            // Excluded only against each other: a finger of a `noSelfCollision` hand must still not touch the trunk.
             let both_quiet = quiet[a].is_some() && quiet[a] == quiet[b];
             if !x.solids.is_empty() && !y.solids.is_empty() && !filtered.solid[a * nodes.len() + b] {
                 let list = if both_quiet { &mut pairs.visual_only } else { &mut pairs.reflex };
@@ -69,18 +71,18 @@ pub(crate) fn quiet_subtrees(nodes: &[Node]) -> Vec<Option<usize>> {
     quiet
 }
 
-/// Square tables over nodes (both triangles filled) of the pairs that the adjacency filter takes out.
+/// Square tables over nodes (both triangles filled) of the pairs that the adjacency filter excludes.
 struct Filtered {
-    /// For shapes that collide.
+    /// For collision shapes.
     solid: Vec<bool>,
-    /// For shapes of the force field: the filter spares more of them, whatever their part.
+    /// For force-field shapes: the filter excludes more of them, regardless of their part.
     field: Vec<bool>,
 }
 
 impl Filtered {
-    /// Walks from every node through the subtrees of its siblings, itself among them, as the original does.
+    /// Walks from every node through the subtrees of its siblings and its own, as the original does.
     fn new(nodes: &[Node]) -> Self {
-        // Dense tables: at 2048 nodes four million flags each, looked up for every pair, built once per robot.
+        // Dense tables: at 2048 nodes four million flags each, read for every pair, built once per robot.
         let n = nodes.len();
         let mut children: Vec<Vec<usize>> = vec![Vec::new(); n];
         let mut roots = Vec::new();
@@ -92,10 +94,10 @@ impl Filtered {
         let mut stack = Vec::new();
         for (base, base_node) in nodes.iter().enumerate() {
             let siblings = base_node.parent.map_or(&roots, |p| &children[p]);
-            // A subtree is walked by a stack: files nest a thousand deep, and recursion would end the program there.
+            // An explicit stack: files may nest a thousand levels, and recursion would overflow there.
             stack.extend(siblings.iter().map(|s| (*s, false, false)));
-            // Walk down every sibling's subtree. The flags tell that a link below a joint and a joint below a link,
-            // both solid, have been passed: from there on the two are no longer neighbors.
+            // Walk down every sibling's subtree. The flags are set when a link below a joint and a joint below a link,
+            // both solid, have been passed: from there on the two nodes are no longer neighbors.
             while let Some((v, mut link, mut joint)) = stack.pop() {
                 let node = &nodes[v];
                 if let Some(parent) = node.parent.filter(|p| Some(*p) != base_node.parent) {

@@ -1,14 +1,14 @@
-//! Tokens to a robot: the tree, its parts and motors, constraints and markers.
+//! Converts tokens to a robot: the tree, its parts and motors, constraints and markers.
 //!
-//! Reading is one pass without look-ahead. What refers forward (a constraint to motors that follow, a motor to its place in the
-//! part) is kept as written and resolved at the end of the file, where all is known.
+//! One pass without look-ahead. Forward references (of a constraint to later motors, of a motor to its index in the
+//! part) are stored as written and resolved at the end of the file.
 
 mod elements;
 
 use super::constraint::Member;
 use super::element::{Element, Warnings};
-use super::left_out::PairList;
 use super::motion::MotorMotion;
+use super::pair_list::PairList;
 use super::xml::{Token, Tokens};
 use super::{geometry, pairs};
 use crate::error::{FileError, Loaded, Source};
@@ -16,12 +16,12 @@ use crate::{Clause, Marker, Motor, Node, NodeKind, NodePairs, Part, Robot};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// The name of the outermost element, as the format writes it; compared without case.
+/// The name of the root element, compared without case.
 const ROOT: &str = "ZeroPositionKinematicTree";
 /// Reads a robot.
 ///
 /// # Errors
-/// The first mistake, with its place and a remedy.
+/// The first mistake, with location and remedy.
 pub(super) fn read(source: &Source) -> Result<Loaded<Robot>, FileError> {
     let mut tokens = Tokens::new(source);
     let mut reader = RobotReader::default();
@@ -34,24 +34,24 @@ pub(super) fn read(source: &Source) -> Result<Loaded<Robot>, FileError> {
     reader.finish(source)
 }
 
-/// A part as far as it is read. The same name may come up again anywhere in the file and goes on with the same part.
+/// A part under construction. The same name may occur again anywhere in the file and continues the same part.
 struct PartBuilder {
-    /// What the file calls it; parts of one name are one part.
+    /// Its name in the file; parts of one name are one part.
     name: String,
-    /// By motor index within the part; `None` where a higher index was given before this one.
-    /// Indices into the reader's motors.
+    /// Per motor index within the part: index into the reader's motors; `None` if only a higher index has been given so
+    /// far.
     slots: Vec<Option<usize>>,
-    /// The motor that was created first, whatever its index: Jacobian chains of the part end there.
+    /// The motor that was created first, regardless of its index: Jacobian chains of the part end there.
     first_motor: Option<usize>,
     /// Its first link or joint.
     root_node: Option<usize>,
-    /// Its constraints, still in motor indices of the part: the motors may follow later in the file.
+    /// Its constraints, in motor indices of the part: the motors may follow later in the file.
     clauses: Vec<Vec<Member>>,
-    /// The part that was current when this one was created; current again at its end.
+    /// The part that was current when this one was created; restored as current at its end.
     around: Option<usize>,
 }
 
-/// What an open element changes back at its end.
+/// The state that the end of an open element restores.
 enum Open {
     Part { part: usize, element: Element },
     Motor { before: Option<usize> },
@@ -61,51 +61,51 @@ enum Open {
     Other,
 }
 
-/// The state of reading, element by element: what is read so far, and what is open.
+/// State of the reader: the robot so far, and the open elements.
 ///
-/// The format is stateful. A joint turns with the motor that is open around it and belongs to the part that is *current*, which
-/// is not always the part around it: where a part ends, the part around its *first* mention goes on. So these
-/// are three fields that elements set and restore, and not the nesting of the file.
+/// The format is stateful. A joint moves with the enclosing open motor and belongs to the *current* part, which is not
+/// always the enclosing one: the end of a part restores the part that enclosed its *first* occurrence. So part, motor
+/// and node are three fields that elements set and restore, independent of the nesting of the file.
 #[derive(Default)]
 struct RobotReader {
-    /// The robot's name, once the outermost element has been read.
+    /// The robot's name, once the root element has been read.
     name: Option<String>,
-    /// In order of first appearance.
+    /// Parts in order of first appearance.
     parts: Vec<PartBuilder>,
-    /// In order of creation; [`RobotReader::finish`] puts them in pose order.
+    /// Motors in order of creation; [`RobotReader::finish`] sorts them in the order of configurations.
     motors: Vec<Motor>,
-    /// Per motor, how it was found out what its encoder counts.
+    /// Per motor: its motion as given by its own attributes.
     motions: Vec<MotorMotion>,
-    /// In order of their start tags.
+    /// Nodes in order of their start tags.
     nodes: Vec<Node>,
-    /// In order of appearance.
+    /// Markers in order of appearance.
     markers: Vec<Marker>,
-    /// What the open elements change back at their ends, the innermost last.
+    /// The state that the open elements restore at their ends, the innermost last.
     open: Vec<Open>,
     /// The current part, an index into `parts`.
     part: Option<usize>,
-    /// The current motor, an index into `motors` (in order of creation, which is not pose order).
+    /// The current motor, an index into `motors` (in order of creation).
     motor: Option<usize>,
-    /// The node that the next one hangs on.
+    /// The parent of the next node.
     node: Option<usize>,
     /// Names of nodes so far.
     node_names: BTreeSet<Arc<str>>,
-    /// The pairs that are left out, once there is a `pairs` element.
+    /// The disabled pairs, once there is a `pairs` element.
     left_out: Option<PairList>,
-    /// Links that touch nothing.
+    /// Links without collision shapes.
     bare: Vec<String>,
-    /// Where the first of them is named.
+    /// Element of the first of them.
     first_bare: Option<Element>,
     /// The clause of the open `constraintList`.
     clause: Option<Vec<Member>>,
-    /// What was odd so far.
+    /// Warnings so far.
     warnings: Warnings,
-    /// Shapes of all nodes.
+    /// Number of shapes of all nodes.
     shapes: usize,
 }
 
 impl RobotReader {
-    /// An element begins. Unknown ones are told of and skipped, their contents are read all the same.
+    /// Handles the start of an element. Unknown ones are skipped with a warning, but their contents are read.
     fn start(&mut self, e: Element) -> Result<(), FileError> {
         if self.open.is_empty() {
             self.root(&e)?;
@@ -137,7 +137,7 @@ impl RobotReader {
         Ok(())
     }
 
-    /// The innermost element ends: what it set is restored, and what can only be judged as a whole is judged.
+    /// Handles the end of the innermost element: restores the state, and checks what can only be checked as a whole.
     fn end(&mut self) -> Result<(), FileError> {
         match self.open.pop() {
             Some(Open::Part { part, element }) => {
@@ -168,7 +168,7 @@ impl RobotReader {
         Ok(())
     }
 
-    /// The outermost element: another one means that this is another kind of file, and the help says which.
+    /// Checks the root element: another one indicates another kind of file, which the remedy names.
     fn root(&mut self, e: &Element) -> Result<(), FileError> {
         if !e.name.eq_ignore_ascii_case(ROOT) {
             let help = match e.name.as_str() {
@@ -191,9 +191,9 @@ impl RobotReader {
         Ok(())
     }
 
-    /// Puts the motors in pose order, resolves the constraints and makes the pair tables.
+    /// Sorts the motors, resolves the constraints and builds the pair tables.
     fn finish(mut self, source: &Source) -> Result<Loaded<Robot>, FileError> {
-        // Pose order is part by part and by index, whatever the order of creation: `order[new] = old`.
+        // Motors are ordered by part and index, regardless of the order of creation: `order[new] = old`.
         let mut order = Vec::with_capacity(self.motors.len());
         let mut parts = Vec::with_capacity(self.parts.len());
         for part in &self.parts {

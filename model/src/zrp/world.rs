@@ -1,6 +1,6 @@
-//! Tokens to the objects of a world.
+//! Converts tokens to the objects of a world.
 //!
-//! An object is a name, a class, a pose and any number of shapes on it; worlds are flat, nothing hangs on anything.
+//! An object has a name, a class, a pose and any number of shapes. Worlds are flat: objects have no parents.
 
 use super::element::{COLOR, Element, Warnings};
 use super::geometry;
@@ -9,17 +9,17 @@ use crate::error::{FileError, Loaded, Source};
 use crate::{Object, ObjectClass};
 use std::collections::BTreeSet;
 
-/// The name of the outermost element, compared without case.
+/// The name of the root element, compared without case.
 const ROOT: &str = "WorldList";
-/// More objects are refused: no robot could watch them all.
+/// Maximum number of objects.
 const MAX_OBJECTS: usize = 10_000;
-/// More shapes of all objects together are refused.
+/// Maximum number of shapes of all objects together.
 const MAX_SHAPES: usize = 20_000;
 
 /// Reads the objects of a world.
 ///
 /// # Errors
-/// The first mistake, with its place and a remedy.
+/// The first mistake, with location and remedy.
 pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
     let mut tokens = Tokens::new(source);
     let mut reader = WorldReader::default();
@@ -45,25 +45,25 @@ pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
     Ok(Loaded { value: reader.objects, warnings: reader.warnings.0 })
 }
 
-/// The state of reading: the objects so far, and which of them is open.
+/// State of the reader: the objects so far, and the open one.
 #[derive(Default)]
 struct WorldReader {
-    /// In the order of the file; the last one may still be open.
+    /// Objects in the order of the file; the last one may still be open.
     objects: Vec<Object>,
-    /// The names of all objects: two of one name could not be told apart by an edit.
+    /// The names of all objects: edits refer to objects by name, so names must be unique.
     names: BTreeSet<String>,
-    /// How many names were made up for objects that have none.
+    /// Number of names generated for objects without one.
     unnamed: usize,
-    /// Shapes of all objects.
+    /// Number of shapes of all objects.
     shapes: usize,
     /// The depth of the open `object`, the last of `objects`.
     open_at: Option<usize>,
-    /// What was odd so far.
+    /// Warnings so far.
     warnings: Warnings,
 }
 
 impl WorldReader {
-    /// The outermost element: another one means another kind of file.
+    /// Checks the root element: another one indicates another kind of file.
     fn root(&mut self, e: &Element) -> Result<(), FileError> {
         if !e.name.eq_ignore_ascii_case(ROOT) {
             let help = match e.name.as_str() {
@@ -82,7 +82,7 @@ impl WorldReader {
         Ok(())
     }
 
-    /// An object, or a shape of the open one. `depth` is how many elements are open around it.
+    /// Adds an object, or a shape of the open one. `depth` is the number of enclosing elements.
     fn element(&mut self, e: &Element, depth: usize) -> Result<(), FileError> {
         if e.name == "object" {
             if self.open_at.is_some() {
@@ -118,7 +118,7 @@ impl WorldReader {
         }
     }
 
-    /// The attributes of an object. Without a type it is an obstacle: what is not known to be harmless is not touched.
+    /// Reads the attributes of an object. Without a type it is an obstacle, the safe choice.
     fn object(&mut self, e: &Element) -> Result<Object, FileError> {
         let own: &[&str] = &["name", "type", "persistent"];
         e.warn_unknown(&[own, COLOR, geometry::POSE], &mut self.warnings);
@@ -130,7 +130,7 @@ impl WorldReader {
             })?,
         };
         let name = match e.get("name").map_or("", |n| n.value.trim()) {
-            // A made-up name may be the one that somebody wrote further up.
+            // A generated name may already be in use.
             "" => loop {
                 self.unnamed += 1;
                 let name = format!("object{}", self.unnamed);

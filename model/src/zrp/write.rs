@@ -1,7 +1,7 @@
-//! A robot to ZRP XML that reads back to the same robot.
+//! Writes a robot as ZRP XML that reads back to the same robot.
 //!
-//! All parts with their motors and constraints come first, then the tree; there a part or motor is entered again by
-//! name. So the order of parts, motors, nodes and markers survives whatever their nesting.
+//! All parts with their motors and constraints come first, then the tree, in which parts and motors are entered again
+//! by name. So the order of parts, motors, nodes and markers is preserved for any nesting.
 
 mod world;
 
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Writes a robot as a ZRP XML file. Numbers have the fewest digits that read back to the same value; a shape's
-/// orientation, written as heading and angle, comes back within rounding.
+/// orientation, written as heading and angle, is preserved within rounding.
 ///
 /// # Example
 /// ```
@@ -28,8 +28,8 @@ use std::fmt::Write;
 /// # Ok::<(), mobee_model::FileError>(())
 /// ```
 pub fn write_robot(robot: &Robot) -> String {
-    // Nodes and markers are numbered by their place in the file. To read back with the same numbers, a subtree must be
-    // written where its lowest number is due, markers among the nodes.
+    // Nodes and markers are numbered by their positions in the file. To preserve the numbers, a subtree must be written
+    // when its lowest number is due, with markers among the nodes.
     let mut children = vec![Vec::new(); robot.nodes.len()];
     let mut roots = Vec::new();
     for (i, node) in robot.nodes.iter().enumerate() {
@@ -51,11 +51,11 @@ pub fn write_robot(robot: &Robot) -> String {
     writer.out
 }
 
-/// What is written so far, and what the reader will believe at this point of the file.
+/// State of the writer, and of the reader at this point of the file.
 struct Writer<'a> {
-    /// What is written.
+    /// The robot to write.
     robot: &'a Robot,
-    /// Per node its children, in the order of their numbers: the order in which the reader will number them.
+    /// Per node its children, in ascending order, which is the order in which the reader will number them.
     children: Vec<Vec<usize>>,
     /// Markers by node, in order.
     markers: BTreeMap<usize, Vec<usize>>,
@@ -63,13 +63,13 @@ struct Writer<'a> {
     first_marker: Vec<usize>,
     /// The text so far.
     out: String,
-    /// How far lines are indented, in steps of two blanks.
+    /// Indentation level, two blanks each.
     depth: usize,
     /// The part that the reader takes as current here.
     current: Option<usize>,
 }
 
-/// What is still to be written, the next on top: a stack instead of recursion, for trees of any depth.
+/// Work items, the next on top: a stack instead of recursion, for trees of any depth.
 enum Todo {
     Node(usize),
     Marker(usize),
@@ -78,7 +78,7 @@ enum Todo {
 }
 
 impl Writer<'_> {
-    /// The whole file.
+    /// Writes the complete file.
     fn document(&mut self, roots: &[usize]) {
         self.out.push_str("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
         let name = escape(&self.robot.name);
@@ -102,7 +102,7 @@ impl Writer<'_> {
         self.close("ZeroPositionKinematicTree");
     }
 
-    /// The pairs that are left out, if the robot lists them.
+    /// Writes the disabled pairs, if the robot lists them.
     fn left_out(&mut self) {
         let robot = self.robot;
         let Some(list) = &robot.left_out else { return };
@@ -114,11 +114,11 @@ impl Writer<'_> {
         self.close("pairs");
     }
 
-    /// A part's motors, the root motor first, and its constraints.
+    /// Writes a part's motors, the root motor first, and its constraints.
     fn part(&mut self, index: usize) {
         let part = &self.robot.parts[index];
         self.open(&format!("bodypart name=\"{}\"", escape(&part.name)));
-        // The reader takes the first motor of a part for its root motor; `idx` keeps the order of poses.
+        // The reader uses the first motor of a part as its root motor; `idx` preserves the order of motors.
         let mut motors: Vec<usize> = part.motors.clone().collect();
         motors.sort_by_key(|m| !self.robot.motors[*m].is_part_root);
         for m in motors {
@@ -146,8 +146,8 @@ impl Writer<'_> {
         self.close("bodypart");
     }
 
-    /// Opens a node, writes its shapes and puts its contents and its end onto the stack. A joint brings its motor around it, a node of
-    /// another part that part.
+    /// Opens a node, writes its shapes and pushes its contents and its end onto the stack. A joint is enclosed by its
+    /// motor, a node of another part by that part.
     fn node(&mut self, index: usize, todo: &mut Vec<Todo>) {
         let robot = self.robot;
         let node = &robot.nodes[index];
@@ -164,7 +164,7 @@ impl Writer<'_> {
         };
         self.open(&format!("{tag}{}", node_attributes(node)));
         todo.push(Todo::Close(tag));
-        // What `radius` and `field` in the tag stand for must not be written a second time.
+        // The shapes defined by `radius` and `field` in the tag must not be written twice.
         let automatic = automatic_shapes(node);
         for (i, p) in node.solids.iter().enumerate().skip(usize::from(automatic.solid)) {
             self.line(&(primitive(p, false) + &node.hulls.get(&i).map_or(String::new(), |h| hull(h))));
@@ -184,7 +184,7 @@ impl Writer<'_> {
         todo.extend(content.into_iter().rev());
     }
 
-    /// A marker, within its own part if that is not the current one.
+    /// Writes a marker, enclosed by its own part if that is not the current one.
     fn marker(&mut self, index: usize) {
         let Marker { name, normal, tracer, part, .. } = &self.robot.markers[index];
         let entered = self.enter(*part);
@@ -195,7 +195,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Makes a part current as the reader sees it; true if an element was opened for it.
+    /// Makes a part current for the reader; returns true if an element was opened for it.
     fn enter(&mut self, part: usize) -> bool {
         let enters = self.current != Some(part);
         if enters {
@@ -205,47 +205,47 @@ impl Writer<'_> {
         enters
     }
 
-    /// Ends a part that was entered again.
+    /// Closes a part that was entered again.
     fn close_part(&mut self) {
         self.close("bodypart");
-        // The reader goes on with what surrounded the part's first mention: nothing, for the list at the top.
+        // The reader restores the part that enclosed the first occurrence: none, as the list at the top is not nested.
         self.current = None;
     }
 
-    /// A start tag on a line of its own; what follows is indented.
+    /// Writes a start tag on its own line and indents the following lines.
     fn open(&mut self, tag: &str) {
         self.indent();
         let _ = writeln!(self.out, "<{tag}>");
         self.depth += 1;
     }
 
-    /// The end tag.
+    /// Writes an end tag.
     fn close(&mut self, name: &str) {
         self.depth -= 1;
         self.indent();
         let _ = writeln!(self.out, "</{name}>");
     }
 
-    /// An element without contents.
+    /// Writes an element without contents.
     fn line(&mut self, tag: &str) {
         self.indent();
         let _ = writeln!(self.out, "<{tag}/>");
     }
 
-    /// The blanks at the start of a line.
+    /// Writes the indentation.
     fn indent(&mut self) {
         self.out.extend(std::iter::repeat_n("  ", self.depth));
     }
 }
 
-/// Whether the first solid and the first field of a node are those that `radius` and `field` stand for.
+/// True for the first solid and the first field of a node if `radius` and `field` define them.
 struct Automatic {
     solid: bool,
     field: bool,
 }
 
-/// Finds out whether the reader would make a node's first shapes from its attributes alone: cylinders along the node's own axis. If
-/// so they can be written the short way, as people write them.
+/// Checks if the reader would create a node's first shapes from its attributes alone, as cylinders along the node's own
+/// axis. These can be written in the short notation.
 fn automatic_shapes(node: &Node) -> Automatic {
     let (axis, center) = match &node.kind {
         NodeKind::Link { offset } => (*offset, offset / 2.0),
@@ -254,28 +254,28 @@ fn automatic_shapes(node: &Node) -> Automatic {
     let is = |p: Option<&Primitive>| match p.map(|p| (p, p.shape)) {
         Some((p, Shape::Cylinder { radius, height })) => {
             let expected = geometry::automatic(radius, height, &axis, center, false);
-            // The reader computes the height from the vector; a last digit of rounding is no other shape.
+            // The reader computes the height from the vector; a rounding error in the last digit is irrelevant.
             (height - axis.norm()).abs() < 1e-14 && close(&p.pose, &expected.pose)
         }
         _ => false,
     };
-    // One that has a hull needs a tag to say so in.
+    // A shape with a hull needs its own tag for the hull's attributes.
     let solid = is(node.solids.first()) && !node.hulls.contains_key(&0);
     Automatic { solid, field: is(node.fields.first()) }
 }
 
-/// Whether two poses are one but for rounding, meters and rad.
+/// True if two poses are equal within rounding, meters and rad.
 fn close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
     (a.translation.vector - b.translation.vector).norm() < 1e-14 && a.rotation.angle_to(&b.rotation) < 1e-14
 }
 
-/// What a motor's tag says of its motion: nothing, where the reader finds it out from its joints.
+/// The motion attributes of a motor; empty if the reader can derive them from its joints.
 fn motion(robot: &Robot, motor: &Motor) -> String {
-    let of = |joint: &usize| match robot.nodes.get(*joint)?.kind {
+    let joint_motion = |joint: &usize| match robot.nodes.get(*joint)?.kind {
         NodeKind::Joint { motion, .. } => Some(motion),
         NodeKind::Link { .. } => None,
     };
-    let mut joints: Vec<JointMotion> = motor.joints.iter().filter_map(of).collect();
+    let mut joints: Vec<JointMotion> = motor.joints.iter().filter_map(joint_motion).collect();
     joints.dedup();
     let word = match (motor.motion, &joints[..]) {
         (JointMotion::Turn, []) => "",
@@ -286,7 +286,8 @@ fn motion(robot: &Robot, motor: &Motor) -> String {
     format!("{word}{}", if motor.continuous { " continuous=\"true\"" } else { "" })
 }
 
-/// The attributes of a link or joint: its name, its axis or offset in meters, its limits in degrees or meters, its own shapes.
+/// The attributes of a link or joint: its name, its axis or offset in meters, its limits in degrees or meters, its own
+/// shapes.
 fn node_attributes(node: &Node) -> String {
     let mut out = node.name.as_ref().map_or(String::new(), |name| format!(" name=\"{}\"", escape(name)));
     out += &match &node.kind {
@@ -316,7 +317,7 @@ fn node_attributes(node: &Node) -> String {
     out
 }
 
-/// The attributes of a color; none without one.
+/// The attributes of a color; empty without one.
 fn color(color: Option<[u8; 3]>) -> String {
     color.map_or(String::new(), |[r, g, b]| format!(" r=\"{r}\" g=\"{g}\" b=\"{b}\""))
 }
@@ -349,8 +350,8 @@ fn hull(hull: &Hull) -> String {
     format!(" hull=\"{}\" hullRadius=\"{}\"", numbers.collect::<Vec<_>>().join(" "), hull.radius())
 }
 
-/// The heading and angle (rad) that the reader turns into this rotation. A heading along -y can't be told from one
-/// along +y in the format; the half turn that makes the difference changes none of the shapes.
+/// The heading and angle (rad) that the reader converts to this rotation. The format can't represent a heading along
+/// -y: +y is used instead, and the half turn between them changes none of the shapes.
 fn heading(rotation: &UnitQuaternion<f64>) -> (Vector3<f64>, f64) {
     let mut rotation = *rotation;
     let mut h = rotation * Vector3::y();
@@ -360,7 +361,7 @@ fn heading(rotation: &UnitQuaternion<f64>) -> (Vector3<f64>, f64) {
         }
         h = Vector3::y();
     }
-    // What the heading alone would give still lacks a turn about local y: that is the angle.
+    // The angle is the rotation about local y that remains after applying the heading.
     let roll = geometry::orientation(&h, 0.0).inverse() * rotation;
     let mut angle = 2.0 * roll.j.atan2(roll.w);
     if angle > std::f64::consts::PI {
@@ -382,8 +383,8 @@ fn vector(v: &Vector3<f64>, names: [&str; 3]) -> String {
 
 /// An angle in degrees with the fewest digits that read back to the same radians.
 fn degrees(radians: f64) -> String {
-    // 30 degrees read back as 30.000000000000004 would not be the same radians again, and a file of such numbers can't be
-    // edited by hand: the shortest that reads back is looked for.
+    // If 30 degrees were written as 30.000000000000004, they would not read back to the same radians, and the file
+    // could not be edited by hand: use the shortest number that reads back.
     let exact = radians.to_degrees();
     for digits in 0..17 {
         let short: f64 = format!("{exact:.digits$e}").parse().unwrap_or(exact);
@@ -391,17 +392,17 @@ fn degrees(radians: f64) -> String {
             return short.to_string();
         }
     }
-    // Rounding in the conversion may have stepped over the one that reads back: it is a neighbor then.
+    // If rounding in the conversion skipped the number that reads back, it is an adjacent one.
     let near = [exact.next_down(), exact.next_up()];
     near.into_iter().find(|d| d.to_radians() == radians).unwrap_or(exact).to_string()
 }
 
-/// Text as it may stand in an attribute.
-/// The inside of the tag that leaves a pair out.
+/// The contents of the tag that disables a pair.
 pub(crate) fn left_out_tag((a, b): (&str, &str), reason: &str) -> String {
     format!("leaveOut a=\"{}\" b=\"{}\" reason=\"{}\"", escape(a), escape(b), escape(reason))
 }
 
+/// Escapes text for an attribute.
 fn escape(text: &str) -> String {
     quick_xml::escape::escape(text).into_owned()
 }

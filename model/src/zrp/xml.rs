@@ -1,4 +1,4 @@
-//! XML text to tokens that know their place in the file.
+//! Converts XML text to located tokens.
 
 use super::element::{Attr, Element};
 use crate::error::{FileError, Source};
@@ -8,38 +8,38 @@ use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::ops::Range;
 
-/// Deeper nesting is refused.
+/// Maximum nesting depth.
 const MAX_DEPTH: usize = 1000;
-/// More attributes in one element are refused: the search for doubles grows with the square.
+/// Maximum number of attributes of an element: the search for duplicates is quadratic.
 const MAX_ATTRIBUTES: usize = 64;
-/// A longer value is refused, bytes.
-const MAX_VALUE: usize = 4096;
+/// Maximum length of a value, bytes.
+const MAX_VALUE_BYTES: usize = 4096;
 
-/// What the readers of robots and worlds see of a file.
+/// Input of the readers of robots and worlds.
 pub(super) enum Token {
-    /// An element begins, with all of its attributes.
+    /// Start of an element, with all of its attributes.
     Start(Element),
-    /// The end of the innermost open element.
+    /// End of the innermost open element.
     End,
 }
 
-/// The tokens of a file, one by one, each with its place: an error anywhere in reading can point at the text.
+/// The tokens of a file in sequence, with locations, so that every error can refer to the text.
 pub(super) struct Tokens<'a> {
-    /// The text, for places.
+    /// The text, for locations.
     source: &'a Source,
-    /// What knows XML; it borrows from the text, so that slices of it know their places.
+    /// The XML parser; it borrows from the text, so that the locations of slices can be computed.
     reader: Reader<&'a [u8]>,
-    /// Names of the open elements and where they began.
+    /// Locations of the names of the open elements.
     open: Vec<Range<usize>>,
-    /// Whether the outermost element has begun: there is one, and only one.
+    /// True after the start of the root element; there must be exactly one.
     root_seen: bool,
 }
 
 impl<'a> Tokens<'a> {
-    /// The tokens of a text, from its start.
+    /// Creates the tokens of a text.
     pub(super) fn new(source: &'a Source) -> Self {
         let mut reader = Reader::from_str(source.text());
-        // `<a/>` becomes a start and an end: whoever reads has one case less.
+        // Expands `<a/>` to a start and an end, which saves the readers a case.
         reader.config_mut().expand_empty_elements = true;
         Self { source, reader, open: Vec::new(), root_seen: false }
     }
@@ -75,7 +75,7 @@ impl<'a> Tokens<'a> {
         }
     }
 
-    /// The end of the file: wrong while an element is open, and if there was none.
+    /// Checks the end of the file: an error if an element is open, or if there was none.
     fn end(&self) -> Result<Option<Token>, FileError> {
         let end = self.source.text().len();
         if let Some(at) = self.open.last() {
@@ -93,7 +93,7 @@ impl<'a> Tokens<'a> {
         Ok(None)
     }
 
-    /// A start tag to an element, whose values are unescaped, bounded in length and free of hidden characters.
+    /// Converts a start tag to an element, whose values are unescaped, bounded in length and free of hidden characters.
     fn start(&mut self, tag: &BytesStart<'_>) -> Result<Element, FileError> {
         let name = tag.name().into_inner();
         let at = self.place(name).unwrap_or(0..0);
@@ -112,14 +112,14 @@ impl<'a> Tokens<'a> {
                 let message = format!("<{name}> has more than {MAX_ATTRIBUTES} attributes");
                 return Err(self.source.error(at, message, "remove those that the format does not know"));
             }
-            // As read, before unescaping, a value is a slice of the text and so knows its place.
+            // Before unescaping, a value is a slice of the text, so its location can be computed.
             let value_at = self.place(&attr.value).unwrap_or_else(|| at.clone());
             let value = attr.normalized_value(XmlVersion::Implicit1_0).map_err(|e| {
                 let help = "write & as &amp;, < as &lt;, and define no entities of your own";
                 self.source.error(value_at.clone(), format!("this value cannot be read: {e}"), help)
             })?;
-            if value.len() > MAX_VALUE {
-                let message = format!("a value has {} bytes, more than {MAX_VALUE}", value.len());
+            if value.len() > MAX_VALUE_BYTES {
+                let message = format!("a value has {} bytes, more than {MAX_VALUE_BYTES}", value.len());
                 return Err(self.source.error(value_at, message, "shorten it"));
             }
             if let Some(what) = hidden_in(&value) {
@@ -133,14 +133,14 @@ impl<'a> Tokens<'a> {
         Ok(element)
     }
 
-    /// Where a slice of the file's text lies in the file.
+    /// Location of a slice of the file's text.
     fn place(&self, part: &str) -> Option<Range<usize>> {
         let text = self.source.text();
         let start = (part.as_ptr() as usize).checked_sub(text.as_ptr() as usize)?;
         (start + part.len() <= text.len()).then(|| start..start + part.len())
     }
 
-    /// What is wrong with an attribute that is no attribute, in words and with a remedy.
+    /// Error for a malformed attribute, with a remedy.
     fn bad_attribute(&self, tag: &Range<usize>, e: &AttrError) -> FileError {
         let (offset, message, help) = match *e {
             AttrError::ExpectedEq(p) => (p, "an attribute has no value", "write it as name=\"value\""),
@@ -153,7 +153,7 @@ impl<'a> Tokens<'a> {
         self.source.error(at..at, message, help)
     }
 
-    /// What is wrong with text that is no XML; the mistakes that people make are told in their own words.
+    /// Error for malformed XML; frequent mistakes have their own messages.
     fn syntax(&self, before: usize, e: &quick_xml::Error) -> FileError {
         use quick_xml::errors::{Error, IllFormedError as Ill};
         let at = match self.reader.error_position() as usize {

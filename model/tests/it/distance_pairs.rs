@@ -1,8 +1,9 @@
-//! Promise: the signed distance of every pair of shapes is right, apart, touching, and deep in each other.
+//! Promise: the signed distance of every pair of shapes is right: apart, touching, and deeply overlapping.
 //!
-//! Two judges that share no code with the library. *Apart*: the witness points lie on the shapes (so the distance is not
-//! too small), and the slab between them along their difference holds no point of either shape (so it is not too large).
-//! *Overlapping*: no direction among many, refined, parts the shapes by a shorter way than the depth.
+//! Two checks that share no code with the library. *Apart*: the witness points are on the shapes (so the distance is
+//! not too small), and the slab between them along their difference contains no point of either shape (so it is not too
+//! large). *Overlapping*: no direction among many, refined, separates the shapes by a shorter translation than the
+//! depth.
 
 use crate::engines::{UnderTest, for_every_engine};
 use mobee_model::Shape;
@@ -18,7 +19,7 @@ for_every_engine!(
 
 type Placed = (Shape, Isometry3<f64>);
 
-/// The farthest point of a shape along `n` (both in the shape's frame), as a value along `n`.
+/// The farthest point of a shape along `n` (both in the shape's frame), as a coordinate along `n`.
 fn support(shape: &Shape, n: &Vector3<f64>) -> f64 {
     match *shape {
         Shape::Sphere { radius } => radius * n.norm(),
@@ -28,14 +29,14 @@ fn support(shape: &Shape, n: &Vector3<f64>) -> f64 {
     }
 }
 
-/// How far the shapes are parted along unit `n` from `a` to `b`: at most their signed distance.
+/// Separation of the shapes along unit `n` from `a` to `b`: at most their signed distance.
 fn parted(a: &Placed, b: &Placed, n: &Vector3<f64>) -> f64 {
     let between = (b.1.translation.vector - a.1.translation.vector).dot(n);
     let along = |p: &Placed| support(&p.0, &p.1.rotation.inverse_transform_vector(n));
     between - along(a) - along(b)
 }
 
-/// How far a world point lies outside a shape (zero inside), written down shape by shape.
+/// Distance of a world point outside a shape (zero inside), with a formula per shape.
 fn outside(placed: &Placed, point: &Point3<f64>) -> f64 {
     let p = placed.1.inverse_transform_point(point).coords;
     match placed.0 {
@@ -52,7 +53,7 @@ fn outside(placed: &Placed, point: &Point3<f64>) -> f64 {
     }
 }
 
-/// The best parting direction found by many starts and a shrinking random search.
+/// The best separating direction found from many starts by a random search with decreasing steps.
 fn search(a: &Placed, b: &Placed, rng: &mut ChaCha8Rng) -> f64 {
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     const STARTS: usize = 1500;
@@ -95,7 +96,7 @@ fn any_shape(kind: usize, rng: &mut ChaCha8Rng) -> Shape {
         1 => Shape::Capsule { radius: size(), height: size() },
         2 => Shape::Cylinder { radius: size(), height: size() },
         3 => Shape::Box { size: Vector3::new(size(), size(), size()) },
-        // A table plate, a post, a coin.
+        // A tabletop, a post and a coin.
         4 => Shape::Box { size: Vector3::new(1.0, 0.001, 1.5) },
         5 => Shape::Cylinder { radius: 0.01, height: 1.2 },
         _ => Shape::Cylinder { radius: 0.05, height: 0.001 },
@@ -105,7 +106,7 @@ fn any_shape(kind: usize, rng: &mut ChaCha8Rng) -> Shape {
 fn any_pose(reach: f64, rng: &mut ChaCha8Rng) -> Isometry3<f64> {
     let mut unit = || rng.random_range(-1.0..1.0);
     let axis = Vector3::new(unit(), unit(), unit()) * std::f64::consts::PI;
-    // Now and then parallel or square to the other shape: where degenerate simplices live.
+    // Sometimes parallel or perpendicular to the other shape, which causes degenerate simplices.
     let rotation = match (unit() * 10.0) as i64 {
         0 => UnitQuaternion::identity(),
         1 => UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::FRAC_PI_2),
@@ -159,7 +160,7 @@ fn no_direction_parts_an_overlapping_pair_by_a_shorter_way<E: UnderTest>() {
                 }
                 inside += 1;
                 let reference = search(&a, &b, &mut rng);
-                // The search finds a lower bound of the signed distance; the library's answer must not lie below it.
+                // The search yields a lower bound of the signed distance; the library's result must not be below it.
                 let too_deep = reference - near.distance;
                 let too_shallow = near.distance - reference;
                 assert!(
@@ -193,7 +194,7 @@ fn distances_do_not_depend_on_the_order_or_on_where_the_world_is<E: UnderTest>()
         let straight = E::distance(&a.0, &a.1, &b.0, &b.1).distance;
         let swapped = E::distance(&b.0, &b.1, &a.0, &a.1).distance;
         let moved = E::distance(&a.0, &(there * a.1), &b.0, &(there * b.1)).distance;
-        // Depth of a cylinder is found by expansion, which stops within 1e-5 of the best.
+        // The depth of a cylinder is computed by expansion, which stops within 1e-5 of the optimum.
         assert!((straight - swapped).abs() < E::DEPTH, "{} / {}: {straight} {swapped}", name(ka), name(kb));
         assert!((straight - moved).abs() < E::DEPTH, "{} / {}: {straight} {moved}", name(ka), name(kb));
     }

@@ -1,7 +1,7 @@
-//! Two engines side by side: the house's own, and one that is nothing but parry's queries, written to be compared with.
+//! Tests of two engines: the default one, and a reference engine that consists only of parry's queries.
 //!
-//! `for_every_engine!` makes each promise a test of each engine. Another engine is one more file with what `Parry` is here, and one
-//! more line in the macro.
+//! `for_every_engine!` applies each test to each engine. Another engine needs one more file like the `Parry` here, and
+//! one more line in the macro.
 
 use mobee_model::{Collider, Engine, IndexPair, Near, Proximity, Shape};
 use nalgebra::{Isometry3, Point3};
@@ -9,7 +9,7 @@ use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query;
 use parry3d_f64::shape::{Ball, Capsule, Cuboid, Cylinder, SharedShape};
 
-/// Makes tests of functions with one type parameter, an engine: one per engine and function.
+/// Generates tests from functions with one type parameter, an engine: one per engine and function.
 macro_rules! for_every_engine {
     ($($promise:ident),+ $(,)?) => {
         mod scalar {
@@ -22,13 +22,13 @@ macro_rules! for_every_engine {
 }
 pub(crate) use for_every_engine;
 
-/// What the tests hold an engine to.
+/// Tolerances of an engine in the tests.
 pub trait UnderTest: Engine {
-    /// Apart: the greatest error of a distance or of a witness point, meters.
+    /// Apart: maximum error of a distance or a witness point, meters.
     const APART: f64;
-    /// Overlapping: by how much a depth may be greater than the shortest way out, meters.
+    /// Overlapping: maximum excess of a depth over the shortest separating translation, meters.
     const DEPTH: f64;
-    /// For how many poses it is followed: as many as it is fast enough for.
+    /// Number of poses in a stream, according to the engine's speed.
     const POSES: usize;
 }
 
@@ -39,13 +39,14 @@ impl UnderTest for mobee_model::ScalarEngine {
 }
 
 impl UnderTest for Parry {
-    /// GJK stops where sides are nearly parallel: 2e-5 m was seen.
+    /// GJK stops at nearly parallel sides: 2e-5 m was observed.
     const APART: f64 = 5e-5;
     const DEPTH: f64 = 1e-4;
     const POSES: usize = 600;
 }
 
-/// Every pair measured by parry's `contact`, whatever its cap: no bounds, nothing prepared, nothing lazy.
+/// Reference engine: measures every pair by parry's `contact` at any cap, without bounds, preparation or lazy
+/// evaluation.
 #[derive(Clone, Debug)]
 pub struct Parry(Vec<(Collider, SharedShape)>);
 
@@ -72,7 +73,7 @@ impl Engine for Parry {
         let (i, j) = (i as usize, j as usize);
         let pose = |p: &Isometry3<f64>| Pose::from_parts(p.translation.vector.into(), p.rotation.into());
         let (a, b) = (&*self.0[i].1, &*self.0[j].1);
-        // Beyond its prediction parry says nothing; a millimeter more than asked for, so that the cap itself is not lost.
+        // Beyond its prediction parry returns nothing; a millimeter is added, so that pairs at the cap are found.
         let prediction = cap.clamp(0.0, 1e3) + 1e-3;
         let contact =
             query::contact(&pose(&placement[i]), a, &pose(&placement[j]), b, prediction).expect("parry knows these");

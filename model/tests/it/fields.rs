@@ -1,5 +1,5 @@
-//! Promises: the fields' torques are the slope of how deep shapes are in each other's fields, on both robots of a pair; a
-//! robot's own field shapes replace its solids; at a motion's target nothing pushes.
+//! Promises: the fields' torques are the gradient of the depths of overlapping fields, on both robots of a pair; a
+//! robot's own field shapes replace its solids; nothing pushes at the target of a motion.
 
 use crate::engines::for_every_engine;
 use crate::oracle;
@@ -41,7 +41,7 @@ fn random_poses(scene: &Scene<impl Engine>, rng: &mut ChaCha8Rng) -> Vec<Vec<f64
     scene.robots().iter().map(|r| any(r, rng)).collect()
 }
 
-/// Half the sum of the squared depths: what the torques are the downward slope of.
+/// Half the sum of the squared depths: the torques are its negative gradient.
 fn potential(scene: &Scene<impl Engine>, poses: &[Vec<f64>], width: f64) -> f64 {
     scene.contacts(poses, width).iter().map(|c| 0.5 * (width - c.distance).powi(2)).sum()
 }
@@ -64,7 +64,7 @@ fn torques_are_the_slope_of_the_depth<E: Engine>() {
                         (potential(&scene, &moved, width) - here) / by
                     };
                     let (up, down) = (at(step), at(-step));
-                    // at the edges of shapes the depth has no slope
+                    // The depth is not differentiable at the edges of shapes.
                     if (up - down).abs() > 1e-3 {
                         continue;
                     }
@@ -107,11 +107,11 @@ fn a_robots_own_field_shapes_are_its_fields<E: Engine>() {
         let robots = vec![(robot.clone(), Isometry3::identity())];
         Arc::new(Scene::<E>::with_engine(robots, vec![ball("ball", at, 0.05)]).expect("a scene"))
     };
-    // to the left of its end (y > 0): it is pushed to the right
+    // Left of its end (y > 0): it is pushed to the right.
     let mut field = Field::new(&scene([0.4, 0.12, 0.1]), 0, 0.5);
     let torques = field.torques(&[[0.0, 0.0]]);
     assert!((torques[1] + (0.2 - 0.12) * 0.3).abs() < 1e-9, "depth times lever: {torques:?}");
-    // beside the bar's middle there is a solid and no field, whatever width is asked for
+    // Beside the bar's middle there is a solid but no field, at any width.
     let mut field = Field::new(&scene([0.15, 0.09, 0.1]), 0, 0.5);
     assert_eq!(field.torques(&[[0.0, 0.0]]), [0.0, 0.0]);
 }

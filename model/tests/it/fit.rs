@@ -1,4 +1,4 @@
-//! Fitted shapes hold all of a mesh, and are as near to it as they say.
+//! Promise: fitted shapes contain the complete mesh, and are as near to it as reported.
 
 use mobee_model::{FitOptions, Fitted, Mesh, Primitive, Shape, fit_link};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -15,7 +15,7 @@ fn mesh(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Mesh {
     Mesh { vertices, triangles }
 }
 
-/// How far a point is outside the shape: exact on its faces and axes, never more than that elsewhere.
+/// Distance of a point outside the shape: exact on its faces and axes, a lower bound elsewhere.
 fn outside(primitive: &Primitive, point: &Vector3<f64>) -> f64 {
     let p = primitive.pose.inverse_transform_point(&(*point).into()).coords;
     match primitive.shape {
@@ -29,7 +29,7 @@ fn outside(primitive: &Primitive, point: &Vector3<f64>) -> f64 {
     }
 }
 
-/// Random points on all triangles, edges and corners are in one of the primitives.
+/// Random points on all triangles, edges and corners are inside at least one primitive.
 fn holds(fitted: &Fitted, mesh: &Mesh) -> Result<(), String> {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     for triangle in &mesh.triangles {
@@ -60,7 +60,7 @@ fn surface(primitive: &Primitive, count: usize) -> Vec<Vector3<f64>> {
     let mut any = || Vector3::from_fn(|_, _| random.random_range(-1.0..1.0));
     let reach = primitive.shape.bounding_radius() * 2.0;
     let point = |direction: Vector3<f64>| {
-        // From the middle outwards, to where it leaves the convex shape.
+        // From the center outward, to the surface of the convex shape.
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..50 {
             let middle = (low + high) / 2.0;
@@ -80,7 +80,7 @@ fn hull(points: &[Vector3<f64>]) -> Option<(Mesh, ConvexPolyhedron)> {
     Some((mesh(vertices.iter().map(|v| Vector3::new(v.x, v.y, v.z)).collect(), triangles), solid))
 }
 
-/// A tube along z, closed by its rim's center at both ends if it has lids.
+/// A tube along z; with lids both ends are closed by triangles to the center of the rim.
 fn tube(radius: f64, length: f64, lids: bool, around: u32) -> Mesh {
     let mut vertices: Vec<Vector3<f64>> = Vec::new();
     for z in [0.0, length] {
@@ -104,7 +104,7 @@ fn tube(radius: f64, length: f64, lids: bool, around: u32) -> Mesh {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(8))]
 
-    /// Triangles in no order, some of them flat, collapsed or double.
+    /// Unordered triangles, some of them flat, collapsed or duplicate.
     #[test]
     fn every_point_of_every_triangle_is_inside(
         points in prop::collection::vec(prop::array::uniform3(-0.2..0.2), 1..20),
@@ -120,7 +120,7 @@ proptest! {
         holds(&fitted, &mesh).map_err(TestCaseError::fail)?;
     }
 
-    /// For a convex mesh the distance from it is known from outside.
+    /// For a convex mesh the distance from it can be computed independently.
     #[test]
     fn the_stated_overshoot_is_true(points in prop::collection::vec(prop::array::uniform3(-0.15..0.15), 6..30)) {
         let points: Vec<Vector3<f64>> = points.into_iter().map(Vector3::from).collect();
@@ -130,7 +130,7 @@ proptest! {
         let far = |p: &Vector3<f64>| solid.distance_to_local_point(Vector::new(p.x, p.y, p.z), true);
         let points: Vec<f64> = fitted.primitives.iter().flat_map(|p| surface(p, 400)).map(|p| far(&p)).collect();
         let found = points.into_iter().fold(0.0, f64::max);
-        // Both look at samples, and neither at the same.
+        // Both are measured at samples, but at different ones.
         prop_assert!(found <= fitted.overshoot + 0.004, "{found} m, stated {} m", fitted.overshoot);
     }
 }
@@ -146,7 +146,7 @@ fn one_shape_is_enough_for_a_tube_with_or_without_ends() {
     }
 }
 
-/// An L of two tubes in two meshes: one shape around it would be far outside of the corner.
+/// An L of two tubes in two meshes: a single shape around it would extend far beyond the corner.
 #[test]
 fn a_bent_link_gets_shapes_near_it() {
     let upright = tube(0.04, 0.3, true, 16);
@@ -189,7 +189,7 @@ fn meshes_that_are_none_are_refused() {
     }
 }
 
-/// Flat, straight and pointlike meshes get a thickness that the engine can work with.
+/// Flat, straight and point-like meshes get a thickness that the engine can handle.
 #[test]
 fn thin_meshes_get_a_thickness() {
     let line = vec![Vector3::zeros(), Vector3::x() * 0.1, Vector3::x() * 0.2];
@@ -204,7 +204,7 @@ fn thin_meshes_get_a_thickness() {
     }
 }
 
-/// More triangles than are looked at: rounded, and still all of them held.
+/// More triangles than the limit are rounded, and still all contained.
 #[test]
 fn a_very_fine_mesh_is_held_too() {
     let fine = tube(0.05, 0.3, true, 40_000);

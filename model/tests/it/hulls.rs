@@ -1,4 +1,4 @@
-//! Promise: where a shape has a hull, the hull is what touches, and the shape only where one looks first.
+//! Promise: if a shape has a hull, the hull decides contacts, and the shape only rejects pairs early.
 
 use mobee_model::{
     Collider, Engine, Hull, Near, Robot, ScalarEngine, Scene, Shape, Watch, distance, parse_robot, random_poses,
@@ -20,7 +20,7 @@ fn anywhere(rng: &mut ChaCha8Rng, within: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(at() * within), UnitQuaternion::from_scaled_axis(at() * 3.0))
 }
 
-/// A box whose hull is a smaller one, somewhere in it.
+/// A box with a smaller hull somewhere inside.
 fn boxed_box(rng: &mut ChaCha8Rng, frame: usize) -> (Collider, Shape, Isometry3<f64>, f64) {
     let size = Vector3::from_fn(|_, _| rng.random_range(0.02..0.2));
     let radius = rng.random_range(0.0..0.01);
@@ -55,7 +55,7 @@ fn a_hull_of_a_box_is_as_far_as_the_box() {
     assert!(apart > 200 && deep > 200, "both kinds: {apart} {deep}");
 }
 
-/// Two arms that meet; of each link's box only a wedge is solid.
+/// Two arms that meet; only a wedge of each link's box is solid.
 fn wedges() -> Robot {
     let arm = |name: &str, at: &str| {
         let hull = "hull=\"0 -0.02 -0.02 0.2 -0.02 -0.02 0.2 0.02 -0.02 0 0.02 -0.02 0.1 0 0.02\" hullRadius=\"0.001\"";

@@ -1,4 +1,4 @@
-//! The import of a URDF: made once, and its links' orientations are those of the file.
+//! The import of a URDF: performed once per input, and link orientations equal those of the file.
 
 use mobee_model::{ImportError, ImportOptions, Imported, parse_robot};
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Mesh files as programs write them: all of what is in one is read, or the file is refused with the place. Never a part of it.
+//! Mesh files in the variants that programs write: all contents of a file are read, or the file is rejected with the
+//! location, never read in part.
 
 use mobee_model::{FileError, Mesh, UrdfOptions, load_mesh, load_surfaces};
 
@@ -18,7 +19,7 @@ fn extent(mesh: &Mesh) -> (usize, [f64; 3], [f64; 3]) {
     (mesh.triangles.len(), edge(f64::min), edge(f64::max))
 }
 
-/// Each is read as both triangles.
+/// All variants are read as both triangles.
 fn all_are_read(extension: &str, files: &[(&str, Vec<u8>)]) {
     let wrong: Vec<String> = files
         .iter()
@@ -31,7 +32,7 @@ fn all_are_read(extension: &str, files: &[(&str, Vec<u8>)]) {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Each is refused in these words, and nobody is sent to look for a file that was found.
+/// All variants are rejected with this message, and the remedy does not suggest to search for the file.
 fn all_are_refused(extension: &str, files: &[(&str, Vec<u8>)]) {
     for (expected, bytes) in files {
         let error = load(&format!("m.{extension}"), bytes).expect_err(expected);
@@ -45,7 +46,7 @@ fn wide(text: &str, unit: fn(u16) -> [u8; 2]) -> Vec<u8> {
     std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(unit).collect()
 }
 
-/// The same text in the encodings and with the ends of lines that programs write.
+/// The same text in the encodings and with the line ends that programs write.
 fn spelled(text: &str) -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("as it is", text.into()),
@@ -109,7 +110,7 @@ fn a_facet_of_text_stl_that_lacks_a_corner_refuses_the_file() {
     );
 }
 
-/// A binary STL of both triangles, with this header and count and these bytes after its end.
+/// A binary STL of both triangles, with this header and count and these additional bytes at its end.
 fn binary_stl(header: &str, count: u32, after: &[u8]) -> Vec<u8> {
     let mut bytes = format!("{header:80}").into_bytes();
     bytes.extend(count.to_le_bytes());
@@ -200,7 +201,7 @@ fn a_surface_of_obj_that_is_not_read_refuses_the_file() {
     );
 }
 
-/// A COLLADA file of both triangles: `surfaces` use the positions of `#v` (and `#v` of no other mesh).
+/// A COLLADA file of both triangles: `surfaces` use the positions of `#v` (and of no other mesh's `#v`).
 fn dae(asset: &str, surfaces: &str, nodes: &str) -> String {
     format!(
         "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<COLLADA>\n<asset>{asset}</asset>\n\
@@ -343,7 +344,7 @@ fn collada_that_lacks_a_part_is_refused_with_the_place() {
     );
 }
 
-/// As assimp has it: the node looks along its -z.
+/// As in assimp: the node looks along its -z axis.
 #[test]
 fn a_collada_node_is_placed_by_where_it_looks() {
     let node = "<node><lookat>1 2 3  1 2 13  0 1 0</lookat><instance_geometry url=\"#g\"/></node>";
@@ -362,7 +363,7 @@ fn a_collada_file_may_have_an_element_for_each_of_its_polygons() {
     assert!(load("m.dae", many.as_bytes()).unwrap_err().message().contains("more than 2000000 elements"));
 }
 
-/// A glTF file of both triangles: its JSON after the buffer's, and its buffer with these floats after the positions.
+/// A glTF file of both triangles: its JSON contains the buffer's, and its buffer has these floats after the positions.
 fn glb(json: &str) -> Vec<u8> {
     let positions = [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 5.0, 0.0, 0.0, 6.0, 0.0, 0.0, 5.0, 1.0, 0.0];
     let sparse = [5.0_f32, 0.0, 0.0, 6.0, 0.0, 0.0, 5.0, 1.0, 0.0];
@@ -431,7 +432,7 @@ fn link(file: &str) -> String {
     )
 }
 
-/// The warnings of a URDF in a folder of its own, with meshes beside it.
+/// The warnings of a URDF in its own folder, with meshes beside it.
 fn import(file: &str, meshes: &[&str]) -> Result<Vec<String>, FileError> {
     let dir = tempfile::tempdir().unwrap();
     let urdf = dir.path().join("arm/urdf/r.urdf");

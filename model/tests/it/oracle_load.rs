@@ -1,6 +1,6 @@
-//! The original MoBeE's results: what was loaded, and where everything is at its poses.
+//! Comparison with results of the original MoBeE: loaded data, and transforms at its poses.
 //!
-//! `edge` is part of this repository; `icub` and `icub_big_hands` are looked for in the shared reference folder.
+//! `edge` is part of this repository; `icub` and `icub_big_hands` are searched in the shared reference folder.
 
 use mobee_model::{NodeKind, Primitive, Robot, Shape, load_robot, write_robot};
 use nalgebra::{Isometry3, Matrix3, Vector3};
@@ -14,7 +14,7 @@ struct Oracle {
     folder: PathBuf,
 }
 
-/// The named oracle set with the robot that it is about; `None` (and a word about it) if it is not on this machine.
+/// The named oracle set with its robot; `None` (with a printed note) if it does not exist on this machine.
 fn oracle(name: &str) -> Option<Oracle> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let (file, folder) = if name == "edge" {
@@ -50,7 +50,7 @@ impl Oracle {
         serde_json::from_str(&self.text("model.json")).unwrap()
     }
 
-    /// Every pose, in rad of encoder; the columns are `part.motor` in pose order.
+    /// Every pose, in rad of encoder; the columns are `part.motor` in the order of motors.
     fn poses(&self) -> Vec<Vec<f64>> {
         let text = self.text("poses.csv");
         let mut lines = text.lines();
@@ -99,7 +99,7 @@ fn assert_primitive(ours: &Primitive, theirs: &Value, what: &str) {
     let mut local = floats(&theirs["T_local"]);
     let r = Matrix3::from_fn(|i, j| local[4 * i + j]);
     if r.determinant() < 0.0 {
-        // Heading -y: the original has the point reflection, we have the rotation without it.
+        // Heading -y: the original has a point reflection, our model the rotation without it.
         for i in 0..3 {
             for j in 0..3 {
                 local[4 * i + j] = -r[(i, j)];
@@ -239,7 +239,7 @@ fn stands_the_same(name: &str) {
     }
 }
 
-/// Equal but for the last digits of directions and orientations.
+/// Equal except for the last digits of directions and orientations.
 fn assert_equal(a: &Robot, b: &Robot) {
     let mut snapped = b.clone();
     for (x, y) in a.nodes.iter().zip(&mut snapped.nodes) {
@@ -311,7 +311,7 @@ fn a_written_robot_reads_back_as_the_same() {
         let again = mobee_model::parse_robot("again.xml", &write_robot(&robot)).unwrap();
         assert!(again.warnings.is_empty(), "{:?}", again.warnings);
         assert_equal(&robot, &again.value);
-        // Written once more, nothing drifts.
+        // Writing it again changes nothing.
         assert_equal(&robot, &mobee_model::parse_robot("b.xml", &write_robot(&again.value)).unwrap().value);
     }
 }

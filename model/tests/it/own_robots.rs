@@ -1,4 +1,4 @@
-//! The robots and worlds that MoBeE ships: kinematics as published, and free at home.
+//! The shipped robots and worlds: kinematics as published, and collision-free at home.
 
 use mobee_model::{Edit, ObjectClass, Robot, Scene, load_robot, load_world};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
@@ -6,9 +6,9 @@ use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
 /// "The shipped robots and every world leave the home pose free by 20 mm."
 const FREE_AT_HOME: f64 = 0.020;
-/// Those of other people are built closer: by what lets a robot start.
+/// Third-party robots are built closer together: the minimum with which a robot starts.
 const FREE_ENOUGH: f64 = 0.013;
-/// Distance within which a motion counts as contact, plus hysteresis: what planners check at.
+/// Distance within which a motion counts as contact, plus hysteresis: the clearance of planners.
 const PLANNED: f64 = 0.012;
 
 fn project(path: &str) -> PathBuf {

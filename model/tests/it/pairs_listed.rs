@@ -1,5 +1,5 @@
-//! Promises: a robot that lists what is not tested has everything else tested; what is listed survives a file; a name that does not
-//! exist is told with its place and what was meant.
+//! Promises: for a robot that lists disabled pairs all other pairs are tested; the list is preserved in a file; an
+//! unknown name is reported with its location and a suggestion.
 
 use mobee_model::{LeftOut, Robot, Scene, parse_robot, write_robot};
 use nalgebra::Isometry3;

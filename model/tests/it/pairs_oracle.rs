@@ -1,5 +1,5 @@
-//! Promise: the colliding pairs of shapes (reflex, visual only and field; self and world) are those of the original
-//! program, pair for pair, but for pairs within 1e-5 m of contact.
+//! Promise: the colliding pairs of shapes (reflex, visual only and field; self and world) equal those of the original
+//! program, except for pairs within 1e-5 m of contact.
 
 use crate::engines::for_every_engine;
 use crate::oracle;
@@ -10,10 +10,10 @@ use std::sync::Arc;
 
 for_every_engine!(edge_robot_self_pairs, original_robots_self_pairs, original_robots_world_pairs,);
 
-/// A pair as the files write it: pose, kind, four columns.
+/// A pair in the files' notation: pose, kind, four columns.
 type Row = (usize, String, [String; 4]);
 
-/// Nearer to contact than this, meters, either answer is right.
+/// Distance from contact, meters, below which either result is accepted.
 const BORDERLINE: f64 = 1e-5;
 
 fn kind(kind: ContactKind) -> &'static str {
@@ -36,7 +36,7 @@ fn columns(scene: &Scene<impl Engine>, contact: &Contact) -> [String; 4] {
     [a, b, c, d]
 }
 
-/// The signed distance of a pair that the oracle names.
+/// The signed distance of a pair of the oracle.
 fn distance_of<E: Engine>(scene: &Scene<E>, q: &[f64], row: &Row, world: bool) -> f64 {
     let robot = &scene.robots()[0];
     let mut frames = Vec::new();

@@ -1,14 +1,15 @@
-//! Robots that people own: every URDF of `example-robot-data` and `icub-models` converts, or is told to be broken and why.
+//! Third-party robots: every URDF of `example-robot-data` and `icub-models` converts, or is reported as broken with the
+//! reason.
 //!
-//! `tests/robots/install.sh` fetches them; `MOBEE_ROBOTS` names the folder.
+//! `tests/robots/install.sh` downloads them; `MOBEE_ROBOTS` names the folder.
 
 use mobee_model::{UrdfOptions, load_surfaces, load_urdf, parse_robot, write_robot};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The files that are broken or incomplete in themselves, with what is said about each.
+/// Files that are broken or incomplete, with the line and the message for each.
 const BROKEN: &[(&str, usize, &str)] = &[
-    // its hands are macros whose joints were renamed, their leaders not
+    // Its hands are macros whose joints were renamed, but not the references to their leaders.
     ("alex_psyonic_hands.urdf", 1030, "joint `Left_index_q2` mimics `index_q1`, which does not exist"),
     (
         "ur_description/urdf/ur3.urdf",
@@ -17,7 +18,7 @@ const BROKEN: &[(&str, usize, &str)] = &[
     ),
 ];
 
-/// The installed robots; none, with a printed reason, where they could not be fetched.
+/// The installed robots; empty, with a printed reason, if they could not be downloaded.
 pub fn installed() -> Option<PathBuf> {
     let home = std::env::var_os("MOBEE_ROBOTS").map(PathBuf::from);
     let home = home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache/mobee/robots-1")))?;
@@ -28,7 +29,7 @@ pub fn installed() -> Option<PathBuf> {
     None
 }
 
-/// All files below a folder with this extension, in order.
+/// All files below a folder with this extension, sorted.
 pub fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     entries.sort();
@@ -61,10 +62,10 @@ fn every_robot_converts_or_is_told_to_be_broken() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Whether a file converts to a robot that can be read back, or is broken in the way that is known of it.
+/// Checks that a file converts to a robot that can be read back, or is broken in the known way.
 fn judge(name: &str, path: &Path) -> Result<(), String> {
     let broken = BROKEN.iter().find(|(file, ..)| name.ends_with(file));
-    // Meshes are read, and nothing is fitted to them: how well that is done is judged elsewhere, and takes its time.
+    // Meshes are read, but not fitted: the fit is tested elsewhere, and takes time.
     let read = load_surfaces(path, &UrdfOptions::default());
     let without_meshes = UrdfOptions { drop_meshes: true, ..UrdfOptions::default() };
     match (read.and_then(|_| load_urdf(path, &without_meshes)), broken) {

@@ -1,4 +1,5 @@
-//! Other people's robots are what independent readers say they are. `tests/robots/oracle.py` asked Pinocchio and coal.
+//! Third-party robots agree with independent readers. `tests/robots/oracle.py` computes the reference with Pinocchio
+//! and coal.
 
 use super::robots_corpus::installed;
 use flate2::read::GzDecoder;
@@ -15,7 +16,7 @@ fn table(name: &str) -> String {
     text
 }
 
-/// Bounding box and triangles of every mesh, as coal has them: a mesh's unit, nodes, instances and faces are read alike.
+/// Bounding box and number of triangles of every mesh, as read by coal: units, nodes, instances and faces agree.
 #[test]
 fn every_mesh_is_the_one_that_coal_reads() {
     let Some(share) = installed() else { return };
@@ -44,7 +45,7 @@ fn every_mesh_is_the_one_that_coal_reads() {
     assert!(wrong.is_empty(), "{}\n{}", wrong.len(), wrong.join("\n"));
 }
 
-/// A number from 0 to 1 that looks random.
+/// A pseudo-random number from 0 to 1.
 fn noise(pose: usize, joint: usize) -> f64 {
     ((12.9898 * (pose + 1) as f64 + 78.233 * (joint + 1) as f64).sin() * 1e4).rem_euclid(1.0)
 }
@@ -71,14 +72,16 @@ fn expected(table: &str) -> Vec<Expected<'_>> {
     robots
 }
 
-/// Every link at a thousand poses: positions within a nanometer, axes alike. The sums over all links are compared.
+/// Every link at a thousand poses: positions agree within a nanometer, and so do axes. The sums over all links are
+/// compared.
 #[test]
 fn every_link_is_where_pinocchio_has_it() {
     let Some(share) = installed() else { return };
     let table = table("robot_frames.csv.gz");
     for (file, joints, poses) in expected(&table) {
         let options = UrdfOptions { drop_meshes: true, ..Default::default() };
-        // its poses go to the limits: beyond soft ones, and beyond those of the PR2's fingers that turn against their leaders
+        // The reference poses extend to the limits, beyond soft ones and beyond those of the PR2's fingers that move
+        // against their leaders.
         let text = std::fs::read_to_string(share.join("example-robot-data/robots").join(file)).unwrap();
         let text = text.replace("<safety_controller", "<no_controller");
         let text = text.replace("lower=\"0.0\" upper=\"0.548\"", "lower=\"-0.548\" upper=\"0.548\"");

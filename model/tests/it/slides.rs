@@ -1,5 +1,5 @@
-//! Promises: joints that slide move as an independent composition of translations and turns says, no bound on motion forgets their
-//! travel, files keep them, and what makes no sense is refused.
+//! Promises: prismatic joints move as an independent composition of translations and rotations; all motion bounds
+//! include their travel; files preserve them; invalid input is rejected.
 
 use crate::engines::for_every_engine;
 use mobee_model::{
@@ -18,7 +18,8 @@ for_every_engine!(
     no_point_of_a_sliding_robot_goes_farther_in_a_step_than_asked,
 );
 
-/// A chain of turns and slides with random axes, links and ranges, and its motors' ranges in encoder units.
+/// A chain of revolute and prismatic joints with random axes, links and ranges, and its motors' ranges in encoder
+/// units.
 pub fn chain(rng: &mut ChaCha8Rng, joints: usize) -> Robot {
     let mut text = String::from("<ZeroPositionKinematicTree robotName=\"chain\"><bodypart name=\"p\">");
     let vector = |rng: &mut ChaCha8Rng| [0; 3].map(|_| rng.random_range(-1.0..1.0_f64));
@@ -27,7 +28,7 @@ pub fn chain(rng: &mut ChaCha8Rng, joints: usize) -> Robot {
         let slides = rng.random::<bool>();
         let (lo, hi) = (rng.random_range(-0.4..0.0), rng.random_range(0.1..0.4));
         let (kind, scale) = if slides { ("prismatic", 1.0) } else { ("revolute", 200.0) };
-        // An encoder may count otherwise than its joint, as for any motor.
+        // The range of an encoder may differ from that of its joint, as for any motor.
         let counts = if slides { 1000.0 * rng.random_range(0.5..2.0) } else { 1.0 };
         text += &format!(
             "<motor name=\"m{i}\" minPos=\"{}\" maxPos=\"{}\"><joint type=\"{kind}\" x=\"{x}\" y=\"{y}\" z=\"{z}\" \
@@ -135,7 +136,7 @@ fn ball(at: [f64; 3], radius: f64) -> Object {
     Object { name: "ball".into(), class, persistent: false, pose, shapes, color: None }
 }
 
-/// Scenes with chains that slide among a ball.
+/// Scenes with prismatic chains around a ball.
 fn scenes<E: Engine>(rng: &mut ChaCha8Rng) -> Vec<Scene<E>> {
     let scene = |rng: &mut ChaCha8Rng| {
         let robot = Arc::new(chain(rng, 6));
@@ -185,7 +186,7 @@ fn the_torque_on_a_slide_is_the_slope_of_the_depth<E: Engine>() {
                     (depth(&moved) - depth(&q)) / by
                 };
                 let (up, down) = (at(step), at(-step));
-                // at the edges of shapes the depth has no slope
+                // The depth is not differentiable at the edges of shapes.
                 if (up - down).abs() < 1e-3 * (1.0 + up.abs()) {
                     let slides = robot.motors[m].motion == JointMotion::Slide;
                     judged += usize::from(slides);
@@ -236,7 +237,7 @@ fn a_lift_counts_millimeters_and_moves_in_meters() {
     assert!(frames[0].translation.vector.norm() < 1e-12, "a joint's own frame stays");
 }
 
-/// Millimeters in the place of meters are doubted where they stand, and taken: there are long rails.
+/// Millimeters instead of meters cause a located warning, but are accepted: long rails exist.
 #[test]
 fn a_slide_of_sixty_meters_is_doubted_at_its_place() {
     let read = |joint: &str| parse_robot("lift.xml", &lift("minPos=\"-60\" maxPos=\"60\"", joint)).unwrap();

@@ -1,4 +1,4 @@
-//! SRDF: groups, poses and pairs lead to the robot's motors and links, and what does not fit the URDF is told.
+//! SRDF: groups, poses and pairs map to the robot's motors and links, and mismatches with the URDF are reported.
 
 use super::robots_corpus::{files, installed};
 use mobee_model::{
@@ -218,7 +218,7 @@ fn what_is_wrong_in_an_srdf_is_told_with_its_place() {
     assert_eq!(parse_srdf("r.srdf", &many, &tree()).unwrap().warnings.len(), 100);
 }
 
-/// What the owners of robots write is read, and knows the links and joints of the robot it lies beside.
+/// SRDF files in use are read, and match the links and joints of the robot beside them.
 #[test]
 fn the_srdf_files_of_other_people_are_read() {
     let Some(share) = installed() else { return };
@@ -257,7 +257,7 @@ fn groups_become_parts_of_which_each_motor_has_one() {
     let all: Vec<_> = robot.parts.iter().map(|p| (p.name.as_str(), named(&robot, p))).collect();
     let motors = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<String>>();
     assert_eq!(all, [("arm", motors(&["shoulder", "elbow"])), ("hand", motors(&["finger"])), ("r", motors(&["neck"]))]);
-    // the same robot but for the order of its motors, also when it is read again
+    // The same robot except for the order of its motors, also when it is read again.
     let again = parse_robot("r.xml", &write_robot(&robot)).unwrap();
     assert!(again.warnings.is_empty(), "{:?}", again.warnings);
     let again = again.value;

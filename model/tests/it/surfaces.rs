@@ -1,4 +1,4 @@
-//! Contact by meshes: what crosses meets, what is apart or within does not.
+//! Contact by meshes: intersecting surfaces touch; separate or enclosed ones do not.
 
 use mobee_model::{
     LinkSurface, Mesh, Primitive, Robot, Shape, Surfaces, UrdfOptions, distance, load_urdf, random_poses,
@@ -19,7 +19,7 @@ fn crate_of(size: Vector3<f64>) -> Mesh {
     Mesh { vertices: (0..8).map(corner).collect(), triangles }
 }
 
-/// So near is near, meters.
+/// Distance that counts as near, meters.
 const NEAR: f64 = 0.05;
 
 /// Two links of the arm with a box each, as mesh or as solid.
@@ -33,7 +33,7 @@ fn boxes(meshes: [bool; 2], sizes: [Vector3<f64>; 2]) -> Surfaces {
     Surfaces::new(&arm(), &[link(0, "upper"), link(1, "hand")]).unwrap()
 }
 
-/// Boxes too large to be within each other: their surfaces meet where they do.
+/// Boxes too large to be inside each other: their surfaces intersect if they do.
 #[test]
 fn meshes_and_solids_meet_and_are_near_where_the_boxes_are() {
     let sizes = [Vector3::new(0.15, 0.2, 0.4), Vector3::new(0.5, 0.1, 0.12)];
@@ -45,12 +45,12 @@ fn meshes_and_solids_meet_and_are_near_where_the_boxes_are() {
             let frames = surfaces.frames(&robot, &q);
             let [a, b] = sizes.map(|size| Shape::Box { size });
             let expected = distance(&a, &frames[0], &b, &frames[1]).distance;
-            // Within rounding of touching either answer is right.
+            // Within rounding of touching either result is accepted.
             if expected.abs() > 1e-6 {
                 assert_eq!(surfaces.meet(&frames, 0, 1), expected < 0.0, "{meshes:?}: {expected} m");
                 assert_eq!(surfaces.meet(&frames, 1, 0), expected < 0.0, "{meshes:?}: {expected} m");
             }
-            // Of what meets only meshes know how far their surfaces are from each other.
+            // For intersecting boxes only meshes have a distance between their surfaces.
             if expected > 1e-6 && (expected - NEAR).abs() > 1e-6 {
                 assert_eq!(surfaces.near(&frames, (0, 1), NEAR), expected < NEAR, "{meshes:?}: {expected} m");
             }
@@ -62,7 +62,7 @@ fn meshes_and_solids_meet_and_are_near_where_the_boxes_are() {
     }
 }
 
-/// A surface has nothing within it, a solid is filled.
+/// The inside of a surface is empty, a solid is filled.
 #[test]
 fn what_is_within_a_mesh_does_not_meet_it() {
     let sizes = [Vector3::repeat(2.0), Vector3::repeat(0.1)];
@@ -76,7 +76,7 @@ fn what_is_within_a_mesh_does_not_meet_it() {
     }
 }
 
-/// Flat on flat: in one plane, and a hair apart.
+/// Flat faces in one plane, and slightly apart.
 #[test]
 fn triangles_in_one_plane_meet_where_they_overlap() {
     let sheet = Mesh { vertices: vec![Vector3::zeros(), Vector3::x(), Vector3::y()], triangles: vec![[0, 1, 2]] };

@@ -1,26 +1,26 @@
-//! Random poses tell which pairs of links need no test, what shapes touch falsely, and where a robot can begin.
+//! Random poses determine disabled pairs of links, false contacts of shapes, and a home for the robot.
 
 use mobee_model::{
-    Closer, Comparison, FitOptions, Nearer, Robot, Scene, Surfaces, UrdfOptions, UrdfRobot, compare, find_home,
-    fit_closer, load_urdf_with_surfaces, spared_pairs,
+    Comparison, FitOptions, RefitLimits, Refitted, Robot, Scene, Surfaces, UrdfOptions, UrdfRobot, compare,
+    find_disabled_pairs, find_home, fit_closer, load_urdf_with_surfaces,
 };
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
-/// A slider that moves in the hollow of an angle iron: by their meshes the two never meet, though one shape around each does.
+/// A slider that moves in the hollow of an angle iron: the meshes never intersect, but single shapes around each do.
 fn hollow() -> (Robot, Surfaces) {
     let loaded = iron_and_slider(0.01);
     let surfaces = Surfaces::new(&loaded.robot, &loaded.surfaces).unwrap();
     (loaded.robot, surfaces)
 }
 
-/// The slider turns in the hollow, too, by so many rad to either side.
+/// The slider also rotates in the hollow, by this many rad to either side.
 fn iron_and_slider(turn: f64) -> UrdfRobot {
     let iron = "v 0 0 0\nv 0.2 0 0\nv 0.2 0.2 0\nv 0 0.2 0\nv 0 0 0.2\nv 0 0.2 0.2\nf 1 2 3 4\nf 1 4 6 5\n";
     beside_slider(iron, "0.05 0.02 0.05", turn)
 }
 
-/// A mesh, and the slider at a place beside it, that turns about the y axis.
+/// A mesh, and the slider at a position beside it, which rotates about the y axis.
 fn beside_slider(iron: &str, at: &str, turn: f64) -> UrdfRobot {
     let folder = tempfile::tempdir().unwrap();
     let slider = "v 0 0 0\nv 0.03 0 0\nv 0 0.03 0\nv 0 0 0.03\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n";
@@ -47,14 +47,19 @@ fn beside_slider(iron: &str, at: &str, turn: f64) -> UrdfRobot {
 #[test]
 fn what_never_meets_and_few_motors_move_is_spared_with_its_reason() {
     let (mut robot, surfaces) = hollow();
-    // neighbors are looked through, so that this pair is tested again only without its line
+    // Links without shapes are skipped when neighbors are determined, so this pair is tested again only without its
+    // line.
     robot.left_out = None;
     robot.leave_out([]);
-    let found = spared_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap();
+    let found = find_disabled_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap();
     assert_eq!(found.len(), 1, "{found:?}");
     assert!(found[0].reason.contains("300 poses"), "{found:?}");
-    assert_eq!(found, spared_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap(), "equal seeds, equal answers");
-    assert_eq!(spared_pairs(&robot, &surfaces, (0, 1), &mut |_| ()).unwrap(), [], "no pose shows nothing");
+    assert_eq!(
+        found,
+        find_disabled_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap(),
+        "equal seeds, equal answers"
+    );
+    assert_eq!(find_disabled_pairs(&robot, &surfaces, (0, 1), &mut |_| ()).unwrap(), [], "no pose shows nothing");
 }
 
 #[test]
@@ -74,22 +79,22 @@ fn false_contacts_are_counted_and_none_is_missed() {
     assert_eq!(seen.pairs[&pair].falsely, seen.falsely, "{seen:?}");
 }
 
-/// A robot that is fitted closer, and what its shapes do before and after, at other poses.
+/// Refits a robot's shapes; returns its contacts before and after, at other poses.
 struct Closed {
     robot: Robot,
-    told: Vec<Nearer>,
+    told: Vec<Refitted>,
     before: Comparison,
     after: Comparison,
 }
 
 fn closed(UrdfRobot { mut robot, surfaces: links, mut fits, .. }: UrdfRobot, shapes: usize, hulls: f64) -> Closed {
-    // neighbors are looked through, so that the pair is tested only without its line
+    // Links without shapes are skipped when neighbors are determined, so the pair is tested only without its line.
     robot.left_out = None;
     robot.leave_out([]);
     let surfaces = Surfaces::new(&robot, &links).unwrap();
     let seen = |robot: &Robot| compare(robot, &surfaces, (1000, 3), &mut |_| ()).unwrap();
     let before = seen(&robot);
-    let (goal, all) = (Closer { falsely: 0.0, shapes, hulls }, (links.as_slice(), &mut fits));
+    let (goal, all) = (RefitLimits { falsely: 0.0, shapes, hulls }, (links.as_slice(), &mut fits));
     let told = fit_closer(&mut robot, all, &surfaces, &goal, (600, 1), &mut |_| ()).unwrap();
     let after = seen(&robot);
     assert_eq!((before.missed, after.missed, after.by_meshes), (0, 0, before.by_meshes), "shapes hold the meshes");
@@ -109,7 +114,7 @@ fn shapes_that_touch_falsely_are_fitted_closer_and_still_hold_the_meshes() {
 
 #[test]
 fn hulls_take_over_where_one_shape_each_is_not_close_enough() {
-    // no box is near a wedge, and a hull is the wedge
+    // No box is a tight fit of a wedge, but the hull equals it.
     let wedge = "v 0 0 0\nv 0.2 0 0\nv 0 0 0.2\nv 0 0.2 0\nv 0.2 0.2 0\nv 0 0.2 0.2\nf 1 2 3\nf 4 5 6\nf 1 2 5 4\nf 2 3 6 5\nf 3 1 4 6\n";
     let with = |hulls: f64| {
         let closed = closed(beside_slider(wedge, "0.11 0.02 0.11", 0.9), 1, hulls);
@@ -126,7 +131,7 @@ fn hulls_take_over_where_one_shape_each_is_not_close_enough() {
     assert_ne!(robot, without);
 }
 
-/// A frame of four bars around the y axis, a hand wide within.
+/// A frame of four bars around the y axis, open by a hand's width inside.
 const FRAME: &str = "v -0.1 0 -0.1\nv 0.1 0 -0.1\nv 0.1 0 0.1\nv -0.1 0 0.1\nv -0.09 0 -0.09\nv 0.09 0 -0.09\nv 0.09 0 0.09\nv -0.09 0 0.09\n\
     v -0.1 0.1 -0.1\nv 0.1 0.1 -0.1\nv 0.1 0.1 0.1\nv -0.1 0.1 0.1\nv -0.09 0.1 -0.09\nv 0.09 0.1 -0.09\nv 0.09 0.1 0.09\nv -0.09 0.1 0.09\n\
     f 1 2 10 9\nf 2 3 11 10\nf 3 4 12 11\nf 4 1 9 12\nf 5 6 14 13\nf 6 7 15 14\nf 7 8 16 15\nf 8 5 13 16\n";
@@ -135,7 +140,7 @@ const PLATE: &str = "v -0.1 0.13 -0.1\nv 0.1 0.13 -0.1\nv 0.1 0.13 0.1\nv -0.1 0
 
 #[test]
 fn a_hull_around_a_hollow_that_no_plane_opens_is_parted_all_the_same() {
-    // of what is in its middle the halves of a frame hold as much as the frame, wherever it is halved
+    // The halves of a frame contain as much of its middle as the frame, at any split.
     let mesh = format!("{FRAME}{PLATE}");
     let Closed { told, before, after, .. } = closed(beside_slider(&mesh, "-0.01 0.02 -0.01", 0.9), 16, 0.0);
     assert!(before.blocked_share() > 0.9 && after.blocked_share() < 0.05, "{before:?} {after:?}");
@@ -157,9 +162,9 @@ fn home_is_where_it_is_wanted_or_the_nearest_pose_that_is_free() {
     assert!(as_wanted.moved.is_empty() && as_wanted.q == free, "{as_wanted:?}");
     let moved = find_home(&robot, &[0.0], 0.02, 7).unwrap();
     assert!(moved.moved == [(0, moved.q[0])] && scene.free(&[&moved.q], 0.0199), "{moved:?}");
-    // a little nearer to the wanted pose it is not free any more
+    // Slightly nearer to the desired pose it is not free any more.
     assert!(!scene.free(&[&[moved.q[0] * 0.95]], 0.02), "{moved:?}");
-    // a motor that is in nobody's way stays where it is wanted
+    // A motor that obstructs nothing stays at its desired position.
     let motor = r#"<motor name="nod" minPos="-90" maxPos="90" home="0"/><link name="base"#;
     let nod = r#"<motor name="nod"><joint x="1" length="0.01" minPos="-90" maxPos="90"/></motor></link>
     </joint>"#;
@@ -172,7 +177,7 @@ fn home_is_where_it_is_wanted_or_the_nearest_pose_that_is_free() {
     assert!(nowhere.clearance < 5.0 && nowhere.clearance > 0.0, "the freest there is: {nowhere:?}");
 }
 
-/// A hand that lies on the base at zero and swings away from it.
+/// A hand that touches the base at zero and swings away from it.
 const ARM: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="r"><bodypart name="arm">
   <motor name="swing" minPos="-90" maxPos="90" home="0"/>
   <link name="base" x="0.4"><box width="0.1" height="0.1" depth="0.1"/>

@@ -1,4 +1,4 @@
-//! Promises: a sweep finds what is nearest on the way between two poses; no shape goes farther than its bounds say.
+//! Promises: a sweep finds the minimum distances between two poses; no shape moves farther than its bounds.
 
 use mobee_model::{Contact, Robot, Scene, ShapeId, Sweep, Watch, load_robot};
 use nalgebra::Isometry3;
@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// How near is looked for, meters, and how much nearer two shapes may have been between two places that are a millimeter apart.
+/// Search distance, meters, and the possible undercut of a distance between two steps a millimeter apart.
 const WITHIN: f64 = 0.012;
 const MISSED: f64 = 0.0005;
 
@@ -71,8 +71,8 @@ fn a_sweep_finds_what_is_nearest_on_the_way() {
     assert!(met > 50, "{met}: no test");
 }
 
-/// Which pairs may come near while no motor leaves its range is found out at the poses in the middle of these ranges: of one robot's pairs
-/// no sweep within them finds anything else.
+/// The groups that may come near while no motor leaves its range, computed at the centers of the ranges, are complete:
+/// no sweep within the ranges finds another pair of the robot.
 #[test]
 fn groups_that_are_left_out_have_nothing_near() {
     let (scene, mut rng) = (scene(), ChaCha8Rng::seed_from_u64(3));
@@ -88,7 +88,7 @@ fn groups_that_are_left_out_have_nothing_near() {
         }
         let robot = k % 2;
         here[robot].iter_mut().zip(&goal[robot]).for_each(|(q, to)| *q += (to - *q).clamp(-0.02, 0.02));
-        // ahead of the robot, farther now and then
+        // Ahead of the robot, sometimes farther.
         let far = if k % 7 == 0 { 0.2 } else { 0.04 };
         let ahead: Vec<Vec<f64>> = here
             .iter()
@@ -100,7 +100,7 @@ fn groups_that_are_left_out_have_nothing_near() {
         };
         let from = last.as_ref().map_or_else(|| vec![0.0; here.concat().len()], |last| away(last));
         let ranges: Vec<f64> = away(&ahead).iter().zip(from).map(|(to, from)| to.max(from)).collect();
-        // now and then up to a lesser distance than the margin
+        // Sometimes up to a smaller distance than the margin.
         let within = WITHIN * [1.0, 0.3, 0.7][k % 3];
         let groups = watch.near_groups(robot, &here, &ranges, within);
         let own = |c: &&Contact| c.distance < within && [c.pair.0.robot(), c.pair.1.robot()].contains(&Some(robot));

@@ -1,4 +1,4 @@
-//! Promises: of a motor that turns without end the short way is taken, within its limits; poses are drawn from one turn.
+//! Promises: continuous motors take the shorter direction, within their limits; random poses are drawn from one turn.
 
 use mobee_model::{Robot, parse_robot, write_robot};
 use proptest::prelude::*;

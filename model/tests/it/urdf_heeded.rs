@@ -1,4 +1,4 @@
-//! Every word of a URDF is heeded, or named as not used, or refused: turns, limits, speeds, sizes, and shapes that only show.
+//! Every word of a URDF is used, reported as unused, or rejected: rotations, limits, speeds, sizes, and visual shapes.
 
 use mobee_model::{
     FileError, FitOptions, Robot, Shape, UrdfOptions, load_urdf_with_surfaces, parse_robot, parse_urdf, write_robot,
@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 const BALL: &str = "<collision><geometry><sphere radius=\"0.02\"/></geometry></collision>";
 
-/// A chain a - b - c of two joints that turn about y and z; `first` and `second` are what stands in the joints.
+/// A chain a - b - c of two joints that rotate about y and z; `first` and `second` are the contents of the joints.
 fn chain(robot: &str, (first, second): (&str, &str)) -> String {
     let joint = |name: &str, ends: [&str; 2], kind: &str, axis: &str, more: &str| {
         format!(
@@ -37,7 +37,7 @@ fn refused(text: &str, line: usize, message: &str) {
     assert!(error.line() == line && !error.remedy().is_empty(), "{text}\n{error:?}");
 }
 
-/// The one warning of a file, which contains all of this.
+/// The only warning of a file, which contains all of these texts.
 fn warned(text: &str, parts: &[&str]) {
     let (_, warnings) = read(text);
     let [warning] = &warnings[..] else { panic!("{text}\n{warnings:?}") };
@@ -67,7 +67,7 @@ fn a_quaternion_turns_as_the_angles_that_it_stands_for() {
     }
     assert!(near(places("quat_xyzw=\"0, 3, 0, 3\"", "")), "of any length");
     assert!(near(places("quat_xyzw=\"0 -1 0 -1\"", "")), "of either sign");
-    // a shape and a center of mass have origins, too
+    // A shape and a center of mass have origins, too.
     let text = "<robot name=\"r\"><link name=\"a\">\n<collision><origin xyz=\"1 0 0\" quat_xyzw=\"0 0 1 1\"/><geometry>\
                 <box size=\"0.1 0.2 0.3\"/></geometry></collision></link></robot>";
     let pose = read(text).0.nodes[0].solids[0].pose;
@@ -175,7 +175,7 @@ fn velocity_limits_bound_motors_also_through_their_followers_and_files() {
     assert_eq!(speed(&one("velocity=\"inf\"")), None);
     let slow = chain("", (&format!("prismatic|{}", limit("velocity=\"0.05\"")), LIMIT));
     assert!((speed(&slow).unwrap().to_degrees() - 50.0).abs() < 1e-9, "mm/s");
-    // a follower that turns twice as far as its leader is twice as fast
+    // A follower that rotates twice as far as its leader is twice as fast.
     let follower =
         format!("{}<mimic joint=\"j1\" multiplier=\"-2\"/>", "<limit lower=\"-9\" upper=\"9\" velocity=\"0.5\"/>");
     assert_eq!(speed(&chain("", (&limit("velocity=\"1\""), &follower))), Some(0.25));
@@ -243,12 +243,12 @@ fn a_follower_stays_within_its_own_limits() {
     assert_eq!(range(&follow("-1 1", "")), Some([-1.0, 1.0]));
     assert_eq!(range(&follow("", "")), Some([-1.0, 1.0]), "one that has no limits of its own follows");
     assert!(read(&follow("", "")).1.is_empty(), "{:?}", read(&follow("", "")).1);
-    // where only one position is left, both stand still there
+    // If only one position is left, both are fixed there.
     assert_eq!(range(&follow("0 0", "")), None);
     warned(&follow("0 0", ""), &["narrowed", "`j1`", "`j2`"]);
     refused(&follow("3 4", ""), 6, "beyond its limits wherever its leader `j1` is");
     refused(&follow("3 4", "multiplier=\"0\""), 6, "beyond its limits");
-    // a leader without an end has one then
+    // A continuous leader becomes limited then.
     let endless = chain("", ("continuous|", "<limit lower=\"-1\" upper=\"2\" velocity=\"1\"/><mimic joint=\"j1\"/>"));
     assert_eq!(range(&endless), Some([-1.0, 2.0]));
     let soft = "<limit lower=\"-1\" upper=\"1\" velocity=\"1\"/><safety_controller k_velocity=\"1\" soft_lower_limit=\"-0.1\" soft_upper_limit=\"0.1\"/>";
@@ -290,7 +290,7 @@ fn sizes_and_places_that_are_no_robots_are_doubted() {
     );
 }
 
-/// A pyramid of 0.4 m, whose parts all differ, as an OBJ.
+/// A pyramid of 0.4 m, different in all directions, as an OBJ.
 const PYRAMID: &str = "v 0 0 0\nv 0.4 0 0\nv 0 0.2 0\nv 0.1 0.05 0.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 
 #[test]
@@ -341,7 +341,7 @@ fn links_that_only_show_are_all_named_and_fitted_if_asked() {
     let [warning] = &warnings[..] else { panic!("{warnings:?}") };
     assert!(warning.message().contains("`b`, `c`") && warning.remedy().contains("--visual"), "{warning:?}");
     assert_eq!((robot.bare.join(" "), warning.line()), ("b c".to_owned(), 3));
-    // its file says so to whoever reads it
+    // The written file repeats the warning when it is read.
     let again = parse_robot("r.xml", &write_robot(&robot)).unwrap();
     assert_eq!(again.value.bare, robot.bare);
     let [told] = &again.warnings[..] else { panic!("{:?}", again.warnings) };
@@ -353,7 +353,7 @@ fn links_that_only_show_are_all_named_and_fitted_if_asked() {
     let places: Vec<f64> = boxes.map(|p| p.pose.translation.z).collect();
     assert_eq!(places, [0.1, 0.1], "and the visual of a link that has a collision is not");
     assert!(fitted.value.pairs.reflex.len() > robot.pairs.reflex.len() || !fitted.value.left_out.unwrap().is_empty());
-    // what is shown is not read otherwise: it can't stop a conversion
+    // Visual shapes are not read otherwise, so they can't stop a conversion.
     let odd = text.replace("<box size=\"0.1 0.1 0.1\"/>", "<mesh filename=\"none.stl\"/>");
     assert!(parse_urdf("r.urdf", &odd, &UrdfOptions::default()).is_ok());
     assert!(parse_urdf("r.urdf", &odd, &options).unwrap_err().message().contains("none.stl"));

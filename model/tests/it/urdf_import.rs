@@ -1,4 +1,4 @@
-//! URDF import: the same kinematics, the same shapes, and clear words for what cannot be converted.
+//! URDF import: the same kinematics and shapes, and clear messages for input that can't be converted.
 
 use mobee_model::{
     FitOptions, JointMotion, Motor, Robot, Scene, Shape, UrdfOptions, load_robot, load_urdf, parse_robot, parse_urdf,
@@ -15,7 +15,7 @@ fn data(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data").join(name)
 }
 
-/// Link frames straight from the URDF's own tree: matrices, joint by joint.
+/// Link frames computed directly from the URDF's tree: matrices, joint by joint.
 fn urdf_frames(urdf: &urdf_rs::Robot, angles: &BTreeMap<String, f64>) -> BTreeMap<String, Matrix4<f64>> {
     let rpy = |r: [f64; 3]| {
         let about = |axis: Vector3<f64>, angle: f64| Rotation3::new(axis * angle);
@@ -47,7 +47,7 @@ fn urdf_frames(urdf: &urdf_rs::Robot, angles: &BTreeMap<String, f64>) -> BTreeMa
     frames
 }
 
-/// Rad, or meters of a motor that slides, from rad of encoder.
+/// Converts rad of encoder to rad, or to meters for a prismatic motor.
 fn in_joint_units(motor: &Motor, q: f64) -> f64 {
     match motor.motion {
         JointMotion::Turn => q,
@@ -55,7 +55,7 @@ fn in_joint_units(motor: &Motor, q: f64) -> f64 {
     }
 }
 
-/// At random poses every link's origin and z axis are where the URDF has them.
+/// At random poses every link's origin and z axis agree with the URDF.
 fn kinematics_agree(urdf: &urdf_rs::Robot, robot: &Robot, poses: usize) {
     let mut random = ChaCha8Rng::seed_from_u64(3);
     for _ in 0..poses {
@@ -89,7 +89,7 @@ fn the_converted_arm_moves_as_its_urdf() {
     assert_eq!(written.value.motors.len(), robot.motors.len());
 }
 
-/// The shapes of the converted robot, through the ZRP file, are where the URDF puts them.
+/// The shapes of the converted robot, read from its ZRP file, agree with the URDF.
 #[test]
 fn shapes_stay_in_their_place() {
     let robot = load_urdf(data("bent_arm.urdf"), &UrdfOptions::default()).unwrap().value;
@@ -102,20 +102,20 @@ fn shapes_stay_in_their_place() {
     robot.forward(&q, &mut transforms);
     let solids =
         || robot.nodes.iter().zip(&transforms).flat_map(|(n, t)| n.solids.iter().map(move |s| (s.shape, t * s.pose)));
-    // The hand's box: one with these edges, its corner where the URDF has it.
+    // The hand's box: the one with these edges, its corner as in the URDF.
     let local = Matrix4::new_translation(&Vector3::new(0.0, 0.0, 0.03))
         * Rotation3::from_euler_angles(0.4, -2.1, 1.3).to_homogeneous();
     let corner = Point3::new(0.015, 0.025, 0.02);
     let expected = (frames["hand"] * local).transform_point(&corner);
     let (_, hand) = solids().find(|(s, _)| *s == Shape::Box { size: Vector3::new(0.03, 0.05, 0.04) }).unwrap();
     assert!((hand * corner - expected).norm() < 1e-9);
-    // The forearm's cylinder lies along its link's x axis: half a length along it is the middle of its end.
+    // The forearm's cylinder is along its link's x axis: the center of its end is at half its length.
     let (_, lower) = solids().find(|(s, _)| *s == Shape::Cylinder { radius: 0.03, height: 0.14 }).unwrap();
     let expected = frames["lower"].transform_point(&Point3::new(0.17, 0.0, 0.0));
     assert!((lower * Point3::new(0.0, 0.07, 0.0) - expected).norm() < 1e-9);
 }
 
-/// Neighbors are left alone, all others are tested, also those that are fixed to a neighbor.
+/// Neighbors are disabled, all other pairs are tested, also of links fixed to a neighbor.
 #[test]
 fn bodies_beyond_the_next_are_tested() {
     let robot = load_urdf(data("bent_arm.urdf"), &UrdfOptions::default()).unwrap().value;
@@ -149,7 +149,7 @@ fn a_mesh_becomes_a_shape_around_it_or_is_refused() {
              <mesh filename=\"{file}\" scale=\"0.1 0.1 0.1\"/></geometry></collision></link></robot>"
         )
     };
-    // so near that nothing but a box will do
+    // A bound so small that only a box will do.
     let fit = FitOptions { overshoot: 1e-4, primitives: 1 };
     let options = UrdfOptions { mesh_folders: vec![folder.path().into()], fit, ..Default::default() };
     let robot = parse_urdf("r.urdf", &text("package://any/brick.obj"), &options).unwrap().value;
@@ -159,7 +159,7 @@ fn a_mesh_becomes_a_shape_around_it_or_is_refused() {
         Shape::Box { size } => assert!((size.norm() - Vector3::new(0.02_f64, 0.03, 0.04).norm()).abs() < 1e-6),
         other => panic!("{other:?}"),
     }
-    // an address with what stands for a space, and commas between numbers
+    // A URI with an encoded space, and commas between numbers.
     std::fs::copy(folder.path().join("brick.obj"), folder.path().join("a brick.obj")).unwrap();
     let address = format!("file://{}", folder.path().join("a%20brick.obj").display());
     let same = parse_urdf("r.urdf", &text(&address).replace("1 0 0", "1, 0, 0"), &options).unwrap().value;
@@ -241,7 +241,8 @@ fn a_joint_without_end_gets_limits_that_its_file_may_have() {
     parse_robot("again.xml", &write_robot(&slide.value)).unwrap();
 }
 
-/// A gripper: one finger slides with a lever that turns, the other against it, by their own files' numbers.
+/// A gripper: one prismatic finger follows a revolute lever, the other moves opposite to it, with the numbers of their
+/// files.
 #[test]
 fn fingers_that_slide_follow_a_leader_that_turns() {
     let link = |name: &str| {
@@ -267,7 +268,7 @@ fn fingers_that_slide_follow_a_leader_that_turns() {
     assert_eq!((robot.motors[0].name.as_str(), robot.motors[0].motion), ("drive", JointMotion::Turn));
 }
 
-/// `MOBEE_URDF=FILE` tries a real one (such as those of the PyPI package icub-models) beside the test's own.
+/// `MOBEE_URDF=FILE` adds a real one (such as those of the PyPI package icub-models) to the test's own.
 #[test]
 fn a_real_urdf_converts_if_one_is_given() {
     let Some(path) = std::env::var_os("MOBEE_URDF").map(PathBuf::from) else {

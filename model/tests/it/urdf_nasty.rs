@@ -1,4 +1,4 @@
-//! Nasty URDF and mesh files: a clear error or a warning each, at once and in little memory.
+//! Malformed and hostile URDF and mesh files: each causes a clear error or warning, at once and with little memory.
 
 use mobee_model::{FileError, Mesh, UpAxis, UrdfOptions, load_mesh, load_surfaces, load_urdf, parse_urdf};
 use std::path::Path;
@@ -9,7 +9,7 @@ fn mesh(dir: &Path, name: &str, bytes: &[u8]) -> Result<Mesh, FileError> {
     load_mesh(path)
 }
 
-/// A binary STL that claims to have so many triangles, and has these corners.
+/// A binary STL that declares this number of triangles, and has these corners.
 fn stl(claimed: u32, triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
     let mut bytes = vec![b' '; 80];
     bytes.extend(claimed.to_le_bytes());
@@ -23,7 +23,7 @@ fn stl(claimed: u32, triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
 
 const CORNERS: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 
-/// A COLLADA file with a triangle of this list of corners, shown by this scene.
+/// A COLLADA file with a triangle of this list of corners, in this scene.
 fn dae(asset: &str, corners: &str, nodes: &str) -> String {
     format!(
         "<COLLADA><asset>{asset}</asset><library_geometries><geometry id=\"g\"><mesh>\
@@ -111,7 +111,7 @@ fn corners(dir: &Path, text: &str) -> Vec<[f64; 3]> {
     mesh.triangles[0].map(|i| mesh.vertices[i as usize].map(round).into()).to_vec()
 }
 
-/// As RViz, MoveIt and coal have it.
+/// As in RViz, MoveIt and coal.
 #[test]
 fn a_collada_file_has_its_unit_and_its_nodes_and_is_not_turned_for_its_up_axis() {
     let dir = tempfile::tempdir().unwrap();
@@ -130,12 +130,12 @@ fn a_collada_file_has_its_unit_and_its_nodes_and_is_not_turned_for_its_up_axis()
     assert_eq!(twice.triangles.len(), 2, "each instance is there");
 }
 
-/// A file does not say which tools it was drawn for. Where the mass of its links is does.
+/// A file does not name the tools it was made for, but the centers of mass of its links indicate the orientation.
 #[test]
 fn a_collada_mesh_is_turned_upright_if_the_masses_say_so_or_if_asked() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("m.dae"), dae("<up_axis>Y_UP</up_axis>", "0 1 2", SHOWN)).unwrap();
-    // the middle of the triangle is at y = 1 as drawn, and at z = 1 if it is turned
+    // The center of the triangle is at y = 1 as drawn, and at z = 1 if it is rotated.
     let robot = |center: &str, links: usize| -> String {
         let link = |i: usize| {
             format!(
@@ -263,7 +263,7 @@ fn a_mesh_is_found_in_its_package_and_its_unit_is_doubted() {
     assert_eq!(doubts, 0, "the folder that was given comes first: {:?}", loaded.warnings);
 }
 
-/// A glTF file in one.
+/// A glTF file with an embedded buffer.
 fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
     let mut out = [b"glTF".as_slice(), &2_u32.to_le_bytes(), &0_u32.to_le_bytes()].concat();
     for (kind, chunk) in [(b"JSON", json.as_bytes()), (b"BIN\0", binary)] {
@@ -272,7 +272,7 @@ fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
     out
 }
 
-/// The JSON of a glTF file: a triangle strip of four corners in the buffer, after their indices, shown by these nodes.
+/// The JSON of a glTF file: a triangle strip of four corners in the buffer, after their indices, used by these nodes.
 fn gltf(nodes: &str, more: &str) -> String {
     format!(
         "{{\"asset\":{{\"version\":\"2.0\"}},\"scene\":0,\"scenes\":[{{\"nodes\":[0]}}],\"nodes\":[{nodes}],{more}\

@@ -1,5 +1,5 @@
-//! Promises: the watch returns just what a full check would, with noise, jumps and edits; lines are judged as their
-//! samples are; the prepared frames are the robot's kinematics.
+//! Promises: the watch returns the same as a full query, with noise, jumps and edits; the result for a line equals that
+//! of its samples; the prepared frames agree with the robot's kinematics.
 
 use crate::engines::{UnderTest, for_every_engine};
 use crate::oracle;
@@ -31,7 +31,8 @@ fn ball(name: &str, at: [f64; 3], radius: f64) -> Object {
     Object { name: name.into(), class: ObjectClass::Obstacle, persistent: false, pose, shapes, color: None }
 }
 
-/// The edge robot among balls, alone and in a pair, our iCub, and where it is here the original iCub in its busy world.
+/// The edge robot among balls, alone and as a pair, the shipped iCub, and, if it exists here, the original iCub in its
+/// crowded world.
 fn scenes<E: Engine>() -> Vec<Scene<E>> {
     let balls = vec![ball("one", [0.15, 0.1, 0.2], 0.06), ball("two", [-0.1, 0.25, 0.1], 0.08)];
     let mut all = vec![Scene::<E>::with_engine(vec![(edge(), Isometry3::identity())], balls.clone()).expect("a scene")];
@@ -75,7 +76,7 @@ fn the_watch_returns_what_a_full_check_would<E: UnderTest>() {
         let mut goal = at.clone();
         let mut contacts = 0;
         for tick in 0..E::POSES {
-            // Straight moves of changing speed, rests with encoder noise, and now and then a jump.
+            // Straight moves of varying speed, rests with encoder noise, and sometimes a jump.
             if tick % 150 == 0 {
                 goal = within_limits(&scene, &mut rng);
             }
@@ -105,7 +106,7 @@ fn the_watch_follows_edits_and_looks_at_nothing_while_nothing_moves<E: Engine>()
         let looked = watch.counters().looked;
         watch.update(&home);
         assert_eq!(watch.counters().looked, looked);
-        // A ball right onto a shape that moves.
+        // Places a ball onto a moving shape.
         let nodes = scene.node_transforms(&home);
         let robot = &scene.robots()[0];
         let moves =
@@ -127,7 +128,7 @@ fn a_line_is_judged_as_its_samples_are<E: Engine>() {
     let (mut free, mut hit) = (0, 0);
     for scene in scenes::<E>() {
         for k in 0..12 {
-            // From home a little way, and now and then far.
+            // A short distance from home, and sometimes far.
             let share = if k % 3 == 0 { 1.0 } else { 0.06 };
             let toward = |mut q: Vec<Vec<f64>>| {
                 for (q, home) in q.iter_mut().flatten().zip(scene.home().iter().flat_map(|h| h.iter())) {

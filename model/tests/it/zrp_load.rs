@@ -1,4 +1,4 @@
-//! Robot and world files: what is read, what is refused, and where the message points.
+//! Robot and world files: accepted and rejected input, and the locations of messages.
 
 use mobee_model::{FileError, ObjectClass, load_robot, parse_robot, parse_world, write_robot};
 use proptest::prelude::*;
@@ -8,7 +8,7 @@ fn edge() -> String {
     std::fs::read_to_string(path).unwrap()
 }
 
-/// A robot of one motor; `inner` goes into its joint.
+/// A robot with one motor; `inner` is inserted into its joint.
 fn robot(inner: &str) -> String {
     format!(
         "<ZeroPositionKinematicTree version=\"1.0\" robotName=\"r\">\n<bodypart name=\"p\">\n<motor name=\"m\" minPos=\"-10\" maxPos=\"20\">\n<joint z=\"1\">\n{inner}\n</joint>\n</motor>\n</bodypart>\n</ZeroPositionKinematicTree>"
@@ -21,7 +21,7 @@ fn refused(text: &str) -> FileError {
     error
 }
 
-/// The error points at the first place where `marked` stands in the text.
+/// Checks that the error is located at the first occurrence of `marked` in the text.
 fn points_at(text: &str, marked: &str, says: &str) {
     let error = refused(text);
     let at = text.find(marked).unwrap();
@@ -177,7 +177,7 @@ fn a_world_has_obstacles_targets_and_ghosts() {
     );
 }
 
-/// The original program's words, in worlds and wherever a class is read as data (scripts, cues, journals).
+/// The original program's words are accepted in worlds and in all data with classes (scripts, cues, journals).
 #[test]
 fn the_originals_words_for_classes_mean_the_same() {
     for (word, original) in [("obstacle", "obs"), ("target", "tgt"), ("ghost", "gho")] {
@@ -220,7 +220,7 @@ fn the_examples_of_the_reference_load_without_a_warning() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// Whatever is done to a file: it loads or is refused at a place, and nothing panics.
+    /// Any mutation of a file loads or is rejected at a location, without a panic.
     #[test]
     fn a_damaged_file_loads_or_is_refused_at_a_place(
         cuts in prop::collection::vec((0.0..1.0, 0_usize..30, "[<>/=\"'& a-z0-9.\\-\u{0}\u{e9}]{0,6}"), 1..4)

@@ -1,4 +1,4 @@
-//! The bounds on motion that the collision engine relies on.
+//! The motion bounds that the collision engine relies on.
 
 use mobee_model::{Robot, Shape, load_robot};
 use nalgebra::{Isometry3, Point3};
@@ -12,7 +12,7 @@ fn edge() -> Robot {
     robot("tests/data/edge/edge_a.xml")
 }
 
-/// Points on the outside of a shape, in its own frame.
+/// Points on the surface of a shape, in its own frame.
 fn outline(shape: &Shape) -> Vec<Point3<f64>> {
     let (x, y, z) = match *shape {
         Shape::Sphere { radius } => return [-radius, radius].map(|r| Point3::new(r, 0.0, 0.0)).to_vec(),
@@ -53,7 +53,7 @@ fn reach_holds(robot: &Robot, steps: usize) {
     let (mut before, mut after) = (Vec::new(), Vec::new());
     let mut tightest: f64 = 0.0;
     for step in 0..steps {
-        // One motor alone shows how tight its own bound is; all together that they add up.
+        // A single motor tests the tightness of its own bound; all together test that the bounds add up.
         let alone = (step % 2 == 0).then(|| rng.random_range(0..robot.motors.len()));
         let q: Vec<f64> = robot.motors.iter().map(|m| rng.random_range(m.min..=m.max)).collect();
         let size = rng.random_range(0.001..0.5);

@@ -4,7 +4,7 @@ use mobee_contract::{Board, ControlMode, Move};
 use proptest::prelude::*;
 use std::time::Duration;
 
-/// A guard to two motors, open to the reflex under token 0.
+/// A guard of two motors, open to the reflex under token 0.
 fn guard() -> CommandGuard {
     let axis = |max_speed| Axis {
         name: "m".into(),
@@ -28,13 +28,13 @@ fn write(guard: &mut CommandGuard, command: Option<Command>, now: Time) -> Optio
 }
 
 proptest! {
-    /// Set-points of a way that a motor can follow, delivered late and in bunches: none of those written is a jump, the
-    /// order is kept, and the last one is written soon after it came.
+    /// Set-points that a motor can follow, delivered late and in bursts: none of the written ones is a jump, the
+    /// order is preserved, and the last one is written soon after it arrived.
     #[test]
     fn a_bunch_of_set_points_is_no_jump(late in prop::collection::vec(0_u64..120, 1..40)) {
         let mut guard = guard();
-        // a way at 0.72 of the first motor's greatest speed
-        let asked = |k: usize| vec![0.0144 * k as f64, 0.0];
+        // a path at 0.72 of the first motor's greatest speed
+        let setpoint = |k: usize| vec![0.0144 * k as f64, 0.0];
         let mut came: Vec<(u64, usize)> = Vec::new();
         for (k, late) in late.iter().enumerate() {
             let at = (20 * k as u64 + late).max(came.last().map_or(0, |(at, _)| *at));
@@ -45,7 +45,7 @@ proptest! {
         for ms in 0..=end {
             let now = Time(ms * 1_000_000);
             for (_, k) in came.iter().filter(|(at, _)| *at == ms) {
-                let paced = guard.pace(0, Writer::Reflex, Command::Direct { motors: vec![0, 1], q: asked(*k) }, now);
+                let paced = guard.pace(0, Writer::Reflex, Command::Direct { motors: vec![0, 1], q: setpoint(*k) }, now);
                 written.extend(write(&mut guard, paced, now).map(|q| (ms, q)));
             }
             if ms % 10 == 0 {
@@ -58,7 +58,7 @@ proptest! {
             prop_assert!((-1e-12..=secs + 1e-12).contains(&way), "{way} rad in {secs} s");
         }
         let last = written.last().map(|(_, q)| q.clone());
-        prop_assert_eq!(last, Some(asked(late.len() - 1)));
+        prop_assert_eq!(last, Some(setpoint(late.len() - 1)));
     }
 }
 
@@ -74,7 +74,7 @@ fn supervise_itself_stops_and_moves_nothing() {
 }
 
 #[test]
-fn what_waits_is_forgotten_when_anything_else_is_said() {
+fn waiting_set_points_are_dropped_by_any_other_command() {
     let mut guard = guard();
     let direct = |q: f64| Command::Direct { motors: vec![0, 1], q: vec![q, 0.0] };
     let first = guard.pace(0, Writer::Reflex, direct(0.0), Time(0));
@@ -85,9 +85,9 @@ fn what_waits_is_forgotten_when_anything_else_is_said() {
     assert_eq!(guard.due(Time(1_000_000_000)), None);
 }
 
-/// The journal is told what was written, also of what should never have passed (I5).
+/// Everything written is journaled, also what should never have passed (I5).
 #[test]
-fn a_set_point_beyond_a_limit_is_told() {
+fn a_set_point_beyond_a_limit_is_journaled() {
     for (q, within) in [(3.0, true), (3.001, false), (f64::NAN, false)] {
         let mut guard = guard();
         let command = Command::Direct { motors: vec![1], q: vec![q] };
@@ -108,9 +108,10 @@ fn target(motors: &[usize], q: &[f64]) -> Move {
     Move { motors: motors.to_vec(), q: q.to_vec(), relative: false, speed: None, acceleration: None }
 }
 
-/// What the two motors can do passes, up to the very bound; what is beyond it, or makes no sense, is refused with its reason (I5).
+/// Feasible commands pass, up to the exact limit; commands beyond a limit, and invalid ones, are refused with the
+/// reason (I5).
 #[test]
-fn only_what_the_robot_can_do_passes() {
+fn only_feasible_commands_pass() {
     let (nan, inf) = (f64::NAN, f64::INFINITY);
     let direct = |motors: &[usize], q: &[f64]| Command::Direct { motors: motors.to_vec(), q: q.to_vec() };
     let velocity =
@@ -133,9 +134,9 @@ fn only_what_the_robot_can_do_passes() {
         assert_eq!(guard().admit(&Gate::default(), 0, Writer::Reflex, &command), Ok(()), "{command:?}");
     }
     let refused = [
-        (moves(&[0], &[3.001]), "m is asked to go to 171.945 deg"),
-        (moves(&[0], &[-3.001]), "asked to go to"),
-        (moves(&[0], &[nan]), "asked to go to"),
+        (moves(&[0], &[3.001]), "m is commanded to 171.945 deg"),
+        (moves(&[0], &[-3.001]), "commanded to"),
+        (moves(&[0], &[nan]), "commanded to"),
         (moves(&[2], &[0.0]), "there is no motor 2"),
         (moves(&[0, 1], &[0.0]), "different length"),
         (Command::Move(Move { relative: true, ..target(&[0], &[0.1]) }), "relative"),
@@ -145,22 +146,22 @@ fn only_what_the_robot_can_do_passes() {
         (rising(&[0.1, -0.1]), "a reference of -0.1"),
         (direct(&[], &[]), "0 set-points for 0 motors"),
         (direct(&[0], &[0.0, 0.0]), "2 set-points for 1 motors"),
-        (direct(&[0, 1], &[0.0, 3.1]), "asked to go to 177.617 deg"),
+        (direct(&[0, 1], &[0.0, 3.1]), "commanded to 177.617 deg"),
         (velocity(&[], &[]), "0 velocities for 0 motors"),
         (velocity(&[0, 1], &[0.1]), "1 velocities for 2 motors"),
-        (velocity(&[0], &[1.001]), "asked to go at 57.353 deg/s"),
-        (velocity(&[0], &[-1.001]), "asked to go at -57.353 deg/s"),
-        (velocity(&[0], &[nan]), "asked to go at NaN"),
+        (velocity(&[0], &[1.001]), "commanded to move at 57.353 deg/s"),
+        (velocity(&[0], &[-1.001]), "commanded to move at -57.353 deg/s"),
+        (velocity(&[0], &[nan]), "commanded to move at NaN"),
         (velocity(&[2], &[0.0]), "there is no motor 2"),
         (mode(&[]), "a mode for no motor"),
     ];
     for (command, why) in refused {
-        let told = guard().admit(&Gate::default(), 0, Writer::Reflex, &command);
-        assert!(told.as_ref().is_err_and(|told| told.contains(why)), "{command:?}: {told:?}");
+        let refusal = guard().admit(&Gate::default(), 0, Writer::Reflex, &command);
+        assert!(refusal.as_ref().is_err_and(|refusal| refusal.contains(why)), "{command:?}: {refusal:?}");
     }
 }
 
-/// Nothing that was written under another token passes, and nothing of an agent while the filter is closed (I1).
+/// No command of another token passes, and no command of an agent while the filter is closed (I1).
 #[test]
 fn only_the_present_token_passes_and_agents_only_while_open() {
     let (guard, gate) = (guard(), Gate::default());
@@ -198,11 +199,11 @@ fn a_reading_has_a_number_for_each_motor() {
     assert_eq!(torques(&[1.0, f64::NAN]).as_deref(), Some("m's torque is not a finite number"));
     let pushes = |contact_n| guard().makes_no_sense(&Sample { contact_n, ..reading(&[0.0, 0.0], 2) });
     assert_eq!(pushes(30.0), None);
-    // the journal has no word for it
+    // not journaled
     assert_eq!(pushes(f64::INFINITY).as_deref(), Some("the contact force is not a finite number"));
 }
 
-/// A motor may rest a little outside of its limits (-1..1 rad here), and no robot is farther out than 20 degrees.
+/// A motor may rest slightly outside its limits (-1..1 rad here), and no robot is farther out than 20 degrees.
 #[test]
 fn a_reading_far_beyond_the_limits_is_named() {
     let beyond = |q: f64| {
@@ -216,7 +217,11 @@ fn a_reading_far_beyond_the_limits_is_named() {
     };
     let (min, max) = (guard().rules.axes[1].min, guard().rules.axes[1].max);
     assert_eq!([min - 0.34, max + 0.34].map(beyond), [None, None]);
-    assert_eq!([min - BEYOND, max + BEYOND].map(beyond), [None, None], "the very bound is within it");
+    assert_eq!(
+        [min - MAX_BEYOND_LIMIT, max + MAX_BEYOND_LIMIT].map(beyond),
+        [None, None],
+        "the very bound is within it"
+    );
     for q in [min - 0.36, max + 0.36] {
         let what = beyond(q).unwrap();
         assert!(
@@ -226,9 +231,9 @@ fn a_reading_far_beyond_the_limits_is_named() {
     }
 }
 
-/// A single command is told as it was written; a stream is told once, at its end, by its sums.
+/// A single command is journaled as it was written; a stream is journaled once, at its end, as a summary.
 #[test]
-fn what_was_written_is_told() {
+fn written_commands_are_journaled() {
     let mut guard = guard();
     let ms = |ms: u64| Time(ms * 1_000_000);
     let direct = |motors: &[usize], q: &[f64]| Command::Direct { motors: motors.to_vec(), q: q.to_vec() };
@@ -236,9 +241,10 @@ fn what_was_written_is_told() {
     assert_eq!(guard.took(0, Writer::Reflex, &direct(&[1, 0], &[1.0, 0.01]), ms(20)), []);
     assert_eq!(guard.took(0, Writer::Reflex, &direct(&[0], &[-0.01]), ms(60)), []);
     // another writer's stream ends this one, and so do velocities
-    let told = guard.took(0, Writer::Agent, &direct(&[0], &[0.0]), ms(80));
-    let [Event::Streamed { writer, motors, count, span, greatest_step, within_limits, last, .. }] = &told[..] else {
-        panic!("{told:?}")
+    let journaled = guard.took(0, Writer::Agent, &direct(&[0], &[0.0]), ms(80));
+    let [Event::Streamed { writer, motors, count, span, greatest_step, within_limits, last, .. }] = &journaled[..]
+    else {
+        panic!("{journaled:?}")
     };
     assert_eq!((*writer, &motors[..], *count, *span), (Writer::Reflex, &[0, 1][..], 3, (ms(0), ms(60))));
     assert_eq!((*within_limits, &last[..]), (true, &[(0, -0.01), (1, 1.0)][..]));
@@ -246,13 +252,14 @@ fn what_was_written_is_told() {
         (greatest_step - 0.5).abs() < 1e-9,
         "0.01 rad in 20 ms at 1 rad/s, and then as much in 40: {greatest_step}"
     );
-    let told = guard.took(0, Writer::Agent, &Command::Velocity { motors: vec![1], speed: vec![-1.5] }, ms(100));
-    assert!(matches!(&told[..], [Event::Streamed { count: 1, .. }]), "{told:?}");
+    let journaled = guard.took(0, Writer::Agent, &Command::Velocity { motors: vec![1], speed: vec![-1.5] }, ms(100));
+    assert!(matches!(&journaled[..], [Event::Streamed { count: 1, .. }]), "{journaled:?}");
 
     let slow = Move { speed: Some(vec![0.5]), ..target(&[1], &[0.2]) };
-    let told = guard.took(0, Writer::Agent, &Command::Move(slow), ms(120));
-    let [Event::Streamed { greatest_step, last, .. }, Event::Command { kind, motors, q, speed, .. }] = &told[..] else {
-        panic!("{told:?}")
+    let journaled = guard.took(0, Writer::Agent, &Command::Move(slow), ms(120));
+    let [Event::Streamed { greatest_step, last, .. }, Event::Command { kind, motors, q, speed, .. }] = &journaled[..]
+    else {
+        panic!("{journaled:?}")
     };
     assert_eq!((*greatest_step, &last[..]), (0.75, &[][..]), "velocities have no last place");
     assert_eq!((kind.word(), &motors[..], &q[..], &speed[..]), ("move", &[1][..], &[(1, 0.2)][..], &[(1, 0.5)][..]));
@@ -262,30 +269,30 @@ fn what_was_written_is_told() {
         (Command::Mode { motors: vec![1], mode: ControlMode::Position }, "mode"),
         (Command::Reference { motors: vec![1], speed: vec![0.3], acceleration: vec![] }, "reference"),
     ] {
-        let told = guard.took(0, Writer::Agent, &command, ms(140));
-        let [Event::Command { kind, motors, q, speed, .. }] = &told[..] else { panic!("{told:?}") };
+        let journaled = guard.took(0, Writer::Agent, &command, ms(140));
+        let [Event::Command { kind, motors, q, speed, .. }] = &journaled[..] else { panic!("{journaled:?}") };
         assert_eq!((kind.word(), &motors[..], q.len()), (name, &[1][..], 0));
         assert_eq!(&speed[..], if name == "reference" { &[(1, 0.3)][..] } else { &[] });
     }
 }
 
-/// A driver that makes moves of set-points leads moves, and nothing else; another one leads nothing.
+/// A driver that converts moves to set-points leads moves, and nothing else; another one leads nothing.
 #[test]
-fn a_move_that_is_made_of_set_points_is_told_as_led() {
+fn a_move_converted_to_set_points_is_journaled_as_led() {
     let led = |leads: bool, command: &Command| {
         let mut guard = CommandGuard { leads, ..guard() };
-        let told = guard.took(0, Writer::Agent, command, Time(0));
-        let [Event::Command { led, .. }] = &told[..] else { panic!("{told:?}") };
+        let journaled = guard.took(0, Writer::Agent, command, Time(0));
+        let [Event::Command { led, .. }] = &journaled[..] else { panic!("{journaled:?}") };
         *led
     };
     let (to, stop) = (Command::Move(target(&[0], &[0.1])), Command::Stop { motors: vec![0] });
     assert_eq!([led(true, &to), led(true, &stop), led(false, &to), led(false, &stop)], [true, false, false, false]);
 }
 
-/// What waits is gone on with at most at the greatest speed of the motors, not before most of a period is over, and by no more than a
-/// period and a half.
+/// Waiting set-points are approached at the greatest speed of the motors at most, not before most of a period is
+/// over, and by no more than a period and a half.
 #[test]
-fn what_waits_is_approached_in_steps() {
+fn waiting_set_points_are_approached_in_steps() {
     let mut guard = guard();
     let ms = |ms: u64| Time(ms * 1_000_000);
     let to = |q: f64| Command::Direct { motors: vec![0, 1], q: vec![q, 0.0] };
@@ -302,12 +309,12 @@ fn what_waits_is_approached_in_steps() {
     };
     let secs = |periods: f64| periods * period as f64 * 1e-3;
     let first = step(&mut guard, period * 3 / 4);
-    assert!((first - SHARE * secs(0.75)).abs() < 1e-9, "{first}");
+    assert!((first - MAX_SPEED_SHARE * secs(0.75)).abs() < 1e-9, "{first}");
     let second = step(&mut guard, 5 * period);
-    assert!((second - first - SHARE * secs(1.5)).abs() < 1e-9, "{second} after a pause of four periods");
-    // what comes instead is written at once if it is no jump, and nothing waits any more
+    assert!((second - first - MAX_SPEED_SHARE * secs(1.5)).abs() < 1e-9, "{second} after a pause of four periods");
+    // the next command is written at once if it is no jump, and nothing waits any more
     assert!(guard.pace(0, Writer::Reflex, to(second + 0.9 * secs(1.0)), ms(6 * period)).is_some());
     assert_eq!(guard.due(ms(9 * period)), None);
-    // and another token's stream has no place to go on from
+    // a stream of another token has no last set-points to step from
     assert!(guard.pace(2, Writer::Reflex, to(-2.0), ms(6 * period)).is_some());
 }

@@ -1,21 +1,21 @@
-//! Where the robot was at any instant, for what was seen then.
+//! Configuration of the robot at the instant of an observation.
 
 use super::HistoryCore;
 use mobee_contract::{Pose, Time};
 
-/// Why the pose at an instant is not known.
+/// Error: the configuration at an instant is not available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unrecorded {
-    /// It is newer than the newest reading.
+    /// The instant is newer than the newest reading.
     #[error("there is no reading of that instant yet")]
     NotYet,
-    /// It is older than the ring, or lies in a gap.
+    /// The instant is older than the ring, or lies in a gap.
     #[error("there is no reading of that instant any more")]
     NoMore,
 }
 
 impl HistoryCore {
-    /// The pose at this instant: on the straight way between the readings before and after.
+    /// Returns the configuration at this instant, interpolated linearly between the readings before and after.
     ///
     /// # Errors
     /// If there are no two such readings, or a gap is between them.
@@ -43,7 +43,7 @@ mod tests {
         Time(ms * 1_000_000)
     }
 
-    /// A ring of 16 that has seen readings every 10 ms, with the motor at as many degrees as there were readings.
+    /// A ring of 16 after readings every 10 ms; the motor moves one degree per reading.
     fn recorded(readings: u64) -> HistoryCore {
         let mut history = HistoryCore::new(16);
         for k in 1..=readings {
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_is_known_at_and_between_readings_as_far_as_the_ring_reaches() {
+    fn a_configuration_is_available_at_and_between_readings_within_the_ring() {
         let history = recorded(20);
         assert_eq!(deg(&history, ms(200)), Ok(20.0));
         assert_eq!(deg(&history, ms(50)), Ok(5.0), "the oldest of sixteen");
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_knows_the_pose_within_a_gap() {
+    fn the_configuration_within_a_gap_is_an_error() {
         let mut history = recorded(20);
         history.mark_gap();
         let sample = Sample { seq: 21, at: ms(210), q: vec![0.0].into(), done: vec![true], ..Sample::default() };

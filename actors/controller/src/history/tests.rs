@@ -63,7 +63,7 @@ fn a_few_readings_that_a_late_thread_missed_are_no_gap() {
     assert!((history.period() - 0.01).abs() < 1e-12, "the period is that of the robot");
 }
 
-/// Before the period is known readings count as a usual board's: twenty that are missing are a gap.
+/// Before the period is known, readings count as those of a usual board: twenty missing ones are a gap.
 #[test]
 fn a_gap_is_known_before_the_period_is() {
     let late = |missing: u64| {
@@ -72,12 +72,12 @@ fn a_gap_is_known_before_the_period_is() {
         history.push(&mut pulse(missing, 10 * missing, 0.2), Duration::from_secs(1));
         path(&history, Time(0)).is_err()
     };
-    assert_eq!([late(FEW), late(FEW + 1), late(20)], [false, true, true]);
+    assert_eq!([late(MAX_MISSING), late(MAX_MISSING + 1), late(20)], [false, true, true]);
 }
 
-/// A bunch of readings as from an encoder's clock that stood still: what is seen of the period then does not last.
+/// A burst of readings, as after a delay: its effect on the estimated period does not last.
 #[test]
-fn after_a_bunch_of_readings_the_speed_is_told_again() {
+fn after_a_burst_of_readings_the_speed_is_estimated_again() {
     let mut history = HistoryCore::new(1000);
     let mut at = 0;
     for seq in 1..400_u64 {
@@ -114,7 +114,7 @@ fn reading(history: &mut HistoryCore, seq: u64, ms: u64, q: f64) -> Pulse {
     pulse
 }
 
-/// The period is a running mean, and a reading that is missing counts as one: 20 ms for two steps are 10 ms for each.
+/// The period is a running mean, and a missing reading counts as one: 20 ms for two steps are 10 ms for each.
 #[test]
 fn the_period_is_that_between_readings() {
     let mut history = HistoryCore::new(100);
@@ -124,14 +124,14 @@ fn the_period_is_that_between_readings() {
     assert!((history.period() - 0.02).abs() < 1e-12, "{}", history.period());
     reading(&mut history, 4, 60, 0.0);
     assert!((history.period() - 0.0195).abs() < 1e-12, "a twentieth of the way: {}", history.period());
-    // a reading that is not newer says nothing
+    // a reading that is not newer is ignored
     reading(&mut history, 5, 60, 9.0);
     assert_eq!(history.newest().unwrap().q[0], 0.0);
     assert!((history.period() - 0.0195).abs() < 1e-12);
 }
 
-/// A board that tells a thousand readings a second rests as one that tells a hundred, though its noise is divided by less time; and
-/// a millisecond's pause of a few readings is none.
+/// A board with a thousand readings per second rests like one with a hundred, although its noise is divided by less
+/// time; and a pause of a few readings in a millisecond is none.
 #[test]
 fn readings_at_a_thousand_a_second_come_to_rest_too() {
     let mut history = HistoryCore::new(1000);
@@ -144,9 +144,9 @@ fn readings_at_a_thousand_a_second_come_to_rest_too() {
     assert!(speed(&mut history, 400).is_infinite());
 }
 
-/// Of eight readings in a row, and neither across a pause of more than a few readings nor across a gap.
+/// From eight consecutive readings, and neither across a pause of more than a few readings nor across a gap.
 #[test]
-fn no_speed_is_told_across_a_pause() {
+fn no_speed_is_estimated_across_a_pause() {
     let known = |pause: u64| {
         let mut history = filled(100, 20, |k| 0.01 * k as f64);
         let seq = 19 + pause;
@@ -158,7 +158,7 @@ fn no_speed_is_told_across_a_pause() {
     assert!(known(8).iter().all(|v| v.is_finite()), "eight steps are a few: {:?}", known(8));
     let after = known(9);
     assert!(after[..7].iter().all(|v| v.is_infinite()) && (after[7] - 1.0).abs() < 1e-9, "{after:?}");
-    // late by the clock, though no reading is missing by its number
+    // late by the clock, although no reading is missing by its number
     let mut history = filled(100, 20, |_| 0.0);
     assert!(reading(&mut history, 20, 280, 0.0).speed.is_infinite());
     let mut history = filled(100, 20, |_| 0.0);
@@ -167,9 +167,9 @@ fn no_speed_is_told_across_a_pause() {
     assert!(first.speed().is_infinite(), "seven are not enough");
 }
 
-/// What has not changed for eight readings is at rest, and since when is told; a gap begins it anew.
+/// A robot whose readings are unchanged for eight readings is at rest, with the time since then; a gap restarts it.
 #[test]
-fn since_when_readings_are_equal_is_told() {
+fn the_time_since_which_readings_are_equal_is_reported() {
     let mut history = filled(100, 20, |k| if k < 5 { 0.1 } else { 0.2 });
     assert_eq!(reading(&mut history, 20, 200, 0.2).unchanged, Time(50_000_000));
     assert_eq!(reading(&mut history, 21, 210, 0.3).unchanged, Time(210_000_000));
@@ -179,7 +179,7 @@ fn since_when_readings_are_equal_is_told() {
 }
 
 #[test]
-fn a_shorter_ring_keeps_the_newest_and_a_few_at_least() {
+fn a_shorter_ring_holds_the_newest_and_a_few_at_least() {
     let mut history = filled(100, 100, |k| k as f64);
     assert_eq!(history.span(), Duration::from_millis(990));
     history.resize(50);
@@ -207,7 +207,7 @@ fn the_recorded_pose_near_a_safe_pose_is_found() {
     assert_eq!(found(1100, 0.0, 50), None);
 }
 
-/// After a crash the path goes on if the robot is near where it was last seen, and only once.
+/// After a crash the path goes on if the robot is near its last recorded configuration, and only once.
 #[test]
 fn a_restored_path_goes_on_near_its_end() {
     let restored = || {
@@ -272,8 +272,8 @@ proptest! {
     }
 }
 
-/// A count of a hobby servo's encoder that flickers looks like two degrees a second within the window; a joint that creeps by more than its
-/// rest speed does not stand.
+/// A flickering count of a hobby servo's encoder looks like two degrees a second within the window; a joint that
+/// creeps by more than its rest speed is not at rest.
 #[test]
 fn a_coarse_encoder_that_flickers_is_at_rest_and_one_that_creeps_is_not() {
     let count = std::f64::consts::TAU / 4096.0;
@@ -295,7 +295,8 @@ fn a_coarse_encoder_that_flickers_is_at_rest_and_one_that_creeps_is_not() {
     assert!(speed(count, &creeps) > 1.0);
 }
 
-/// What loosens the judgment of frozen readings is a coarse encoder: one count of a hobby servo, not one of an industrial arm.
+/// Only a coarse encoder relaxes the detection of frozen readings: one count of a hobby servo, not one of an
+/// industrial arm.
 #[test]
 fn only_a_hobby_servo_s_encoder_is_coarse() {
     let rest_speed = 0.5_f64.to_radians();

@@ -16,7 +16,7 @@ fn the_pose_shows_the_outcome() {
     let (mut forth, mut back) = (open(false), open(true));
     for (q, outcome) in [(1.005, Outcome::Committed), (1.02, Outcome::Faulted)] {
         assert_eq!(shown(&forth, q), outcome);
-        // what came to rest at the target during its retreat was not reached by the motion
+        // a robot that came to rest at the target during its retreat has not reached it by the motion
         assert_eq!(shown(&back, q), Outcome::Faulted);
     }
     (forth.target, back.target) = (vec![0.0, 0.205, 0.5].into(), vec![0.0, 0.205, 0.5].into());
@@ -27,7 +27,7 @@ fn the_pose_shows_the_outcome() {
 }
 
 #[test]
-fn what_is_settled_is_remembered_with_its_places() {
+fn a_settled_transaction_is_recorded_with_its_positions() {
     let ledger = Ledger::new(1);
     let mut book = ledger.book();
     book.open = Some(open(false));
@@ -37,14 +37,14 @@ fn what_is_settled_is_remembered_with_its_places() {
     assert_eq!((ended.outcome, ended.end()), (Outcome::Committed, MotionEnd::Reached));
     assert_eq!((book.end_of(CommitId(1)), &book.places[..]), (Some(MotionEnd::Reached), &[None, Some(1.0), None][..]));
     assert!(book.settle(None, q.clone(), 0.01).is_none(), "one outcome");
-    // as told, whatever the pose shows
+    // the given outcome, whatever the configuration shows
     book.open = Some(Open { id: CommitId(2), ..open(false) });
     assert_eq!(book.settle(Some(Outcome::Faulted), q, 0.01).unwrap().end(), MotionEnd::Failed);
 }
 
-/// The journal is told why a motion failed, and never why one did not that nevertheless reached its target.
+/// The journal has the cause of a failed motion, and none for a motion that reached its target after all.
 #[test]
-fn a_cause_is_told_of_what_failed() {
+fn a_failed_transaction_has_its_cause() {
     for outcome in [Outcome::Committed, Outcome::RolledBack, Outcome::Faulted] {
         let open = Open { cause: Some(Cause::Asked), ..open(false) };
         let events = Ended { open, outcome, q: vec![0.0; 3].into(), measured: false }.events("r".into());
@@ -53,15 +53,15 @@ fn a_cause_is_told_of_what_failed() {
     }
 }
 
-/// A stream is led on without an event for each set-point: where it was cut off the journal is told where it had led, or `committed`
-/// would be told far from the last target (I29).
+/// A stream has no event for each set-point: where it was cut off, its latest target is journaled, or `committed`
+/// would be journaled far from the last target (I29).
 #[test]
-fn what_was_cut_off_at_its_target_is_told_with_it() {
+fn a_transaction_cut_off_at_its_target_is_journaled_with_it() {
     let ledger = Ledger::new(1);
-    let end = |told: Option<Outcome>, q: f64| {
+    let end = |given: Option<Outcome>, q: f64| {
         let mut book = ledger.book();
         book.open = Some(Open { motion: Motion::Stream, ..open(false) });
-        let ended = book.settle(told, vec![0.001, q, 2.0].into(), 0.01).unwrap();
+        let ended = book.settle(given, vec![0.001, q, 2.0].into(), 0.01).unwrap();
         let target = |event: &Event| match event {
             Event::Amended { target, .. } => target[1],
             Event::Outcome { .. } => f64::NAN,
@@ -74,9 +74,9 @@ fn what_was_cut_off_at_its_target_is_told_with_it() {
     assert_eq!(end(Some(Outcome::Committed), 0.999), "NaN", "supervise has told where its stream ended");
 }
 
-/// An agent may ask what its motion ran into: of that motion alone, and only of one that failed by it.
+/// An agent may query the contacts of its motion: of that motion alone, and only if it failed by them.
 #[test]
-fn what_a_motion_ran_into_is_remembered() {
+fn contacts_of_a_motion_are_remembered() {
     use mobee_model::ShapeId;
     let contact = |object| {
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object, shape: 0 });
@@ -97,7 +97,7 @@ fn what_a_motion_ran_into_is_remembered() {
 }
 
 #[test]
-fn where_the_robot_is_and_what_is_under_way_is_known() {
+fn configuration_and_motion_in_progress_are_available() {
     let ledger = Ledger::new(1);
     let mut book = ledger.book();
     assert_eq!((book.motion(), book.last_known()), (None, None));
@@ -119,8 +119,8 @@ fn where_the_robot_is_and_what_is_under_way_is_known() {
     assert_eq!(book.last_known(), Some(vec![0.0, 0.4, 0.0].into()));
 }
 
-/// A retreat that succeeds after its outcome was given leaves the named motors at their places, or where they were
-/// safe.
+/// A retreat that succeeds after its outcome was given leaves the named motors at their commanded positions, or where
+/// they were safe.
 #[test]
 fn a_late_retreat_leaves_the_motors_at_home() {
     let ledger = Ledger::new(1);
@@ -151,7 +151,7 @@ fn the_newest_hundred_ends_are_remembered() {
     assert_eq!((end(50), end(151)), (Some(MotionEnd::Failed), Some(MotionEnd::Failed)), "forgotten, or never begun");
 }
 
-/// Three motors of which the second and third were named; they had been sent to 0, nowhere and 0.5.
+/// Three motors, of which the second and third were named; their commanded positions were 0, none and 0.5.
 #[test]
 fn places_are_those_that_the_outcome_leaves() {
     let mut open = Open { named: Vec::new().into(), ..open(false) };

@@ -1,36 +1,37 @@
-//! How far a robot goes on after it is told to stop: as its board says at first, then as it was measured.
+//! Stopping distance of a robot: as its board states it at first, then as measured.
 
 use super::course::{Motion, Moving};
-use crate::reflex::HALT_BRAKES;
+use crate::reflex::HALT_ACCELERATION_SHARE;
 use crate::{Rules, within};
 use mobee_contract::{Axis, Pose};
 
-/// The share of what was foreseen below which a measured way is not believed, and above: a stop that was lost is no braking.
-const BELIEVED: (f64, f64) = (0.8, 3.0);
-/// How fast a way that turned out shorter is forgotten to have been longer, per stop.
-const FORGETS: f64 = 0.1;
-/// How far a motor must have been about to go for its stop to be a measurement, in seconds at the speed that counts as rest: well
-/// above the noise of encoders.
-const TELLING: f64 = 0.5;
+/// Plausible range of a measured stopping distance, as a ratio to the predicted one: outside of it, the stop was
+/// lost.
+const PLAUSIBLE_RATIO: (f64, f64) = (0.8, 3.0);
+/// Share by which a shorter stop lowers the estimate.
+const DECAY_PER_STOP: f64 = 0.1;
+/// Least predicted stopping distance of a measurement, in seconds at the rest speed: well above encoder noise.
+const MIN_STOP_TIME: f64 = 0.5;
 
-/// By how much longer a way is taken to be than foreseen: while its acceleration changes, a motor's speed is known to two percent, and
-/// ways grow with its square.
-const UNSURE: f64 = 1.04;
+/// Factor on predicted stopping distances: while its acceleration changes, a motor's speed is known to two percent,
+/// and stopping distances grow with its square.
+const SAFETY_FACTOR: f64 = 1.04;
 
-/// How the motors brake.
+/// Braking behavior of the motors.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Brakes {
-    /// Per motor how many times as far it goes on as by what its board says.
+    /// Ratio of each motor's measured stopping distance to the one stated by its board.
     factors: Vec<f64>,
-    /// Where the robot was when it was last seen open, and how far each motor would have gone on, by the board's word.
+    /// Last configuration with an open filter, and the stopping distance of each motor as stated by its board.
     last: Option<(Pose, Vec<f64>)>,
-    /// The same as it was told to stop, while it brakes.
-    told: Option<(Pose, Vec<f64>)>,
+    /// The same at the beginning of the stop, while the robot brakes.
+    stopping: Option<(Pose, Vec<f64>)>,
 }
 
 impl Brakes {
-    /// Where the robot would be after these parts of the time to rest if it were told to stop at this reading, each motor braking by itself.
-    /// `open`: by a stop; else it may be on its way back, and halts on its path.
+    /// Predicts the configurations of the robot at these shares of the time to rest, if it were stopped at this
+    /// reading; each motor brakes by itself. `open`: by a stop command; else the robot may be retreating, and halts
+    /// on its path.
     pub fn ahead(&self, q: &Pose, motion: &Motion, open: bool, rules: &Rules, parts: &[f64]) -> Vec<Pose> {
         let stops: Vec<Stop> = if open { stops(motion, rules) } else { halts(motion, rules) };
         if stops.iter().all(Stop::is_none) {
@@ -41,47 +42,50 @@ impl Brakes {
         let at = |part: f64| -> Pose {
             let end = |(m, ((q, axis), stop)): (usize, ((&f64, &Axis), &Stop))| match stop.is_none() {
                 true => *q,
-                // no motor goes beyond its limits
-                false => within(q + stop.way(part * rest) * factor(m) * UNSURE, axis),
+                // No motor goes beyond its limits.
+                false => within(q + stop.way(part * rest) * factor(m) * SAFETY_FACTOR, axis),
             };
             q.iter().zip(rules.axes.iter()).zip(&stops).enumerate().map(end).collect()
         };
         parts.iter().map(|part| at(*part)).collect()
     }
 
-    /// Measures a stop: from the reading at which the filter was closed to the first at which the robot rests.
+    /// Measures a stop: from the reading at which the filter was closed to the first reading at rest.
     pub fn learn(&mut self, q: &Pose, motion: &Motion, open: bool, rules: &Rules) {
         if open {
             let ways = stops(motion, rules).iter().map(|stop| stop.way(f64::INFINITY)).collect();
-            (self.last, self.told) = (Some((q.clone(), ways)), None);
+            self.last = Some((q.clone(), ways));
+            self.stopping = None;
             return;
         }
-        self.told = self.last.take().or(self.told.take());
+        self.stopping = self.last.take().or(self.stopping.take());
         let rests = motion.motors.iter().all(|m| m.speed.abs() < rules.rest_speed);
-        let Some((from, ways)) = self.told.take_if(|_| rests) else { return };
+        let Some((from, ways)) = self.stopping.take_if(|_| rests) else { return };
         self.factors.resize(q.len(), 1.0);
         for (factor, ((from, q), way)) in self.factors.iter_mut().zip(from.iter().zip(q.iter()).zip(&ways)) {
-            if way.abs() > TELLING * rules.rest_speed {
-                let measured = ((q - from) / way).clamp(BELIEVED.0, BELIEVED.1);
-                // longer counts at once, shorter by and by
-                *factor = measured.max(*factor + FORGETS * (measured - *factor));
+            if way.abs() > MIN_STOP_TIME * rules.rest_speed {
+                let measured = ((q - from) / way).clamp(PLAUSIBLE_RATIO.0, PLAUSIBLE_RATIO.1);
+                // A longer stop raises the estimate at once; shorter stops lower it gradually.
+                *factor = measured.max(*factor + DECAY_PER_STOP * (measured - *factor));
             }
         }
     }
 }
 
-/// How each motor stops by its board's word.
+/// Predicts the stop of each motor as stated by its board.
 fn stops(motion: &Motion, rules: &Rules) -> Vec<Stop> {
-    // a stop that is not told at this reading is told at the next one
+    // If the stop is not sent at this reading, it is sent at the next one.
     stops_after(rules.latency.as_secs_f64() + motion.period, 1.0, motion, rules)
 }
 
-/// How each motor of a retreat halts: the board is a control period behind its set-points, which brake less hard than it can.
+/// Predicts the halt of each motor of a retreat: the board lags its set-points by a control period, and the
+/// set-points brake less hard than the board can.
 fn halts(motion: &Motion, rules: &Rules) -> Vec<Stop> {
-    stops_after(rules.follows().as_secs_f64() + motion.period, HALT_BRAKES, motion, rules)
+    stops_after(rules.follows().as_secs_f64() + motion.period, HALT_ACCELERATION_SHARE, motion, rules)
 }
 
-/// How each motor stops that goes on for so long, s, and brakes by this share of its greatest acceleration.
+/// Predicts the stop of each motor that moves on for `reaction`, s, then brakes by this share of its greatest
+/// acceleration.
 fn stops_after(reaction: f64, share: f64, motion: &Motion, rules: &Rules) -> Vec<Stop> {
     let stop = |(m, axis): (&Moving, &Axis)| match m.speed.abs() < rules.rest_speed {
         true => Stop::default(),
@@ -90,24 +94,26 @@ fn stops_after(reaction: f64, share: f64, motion: &Motion, rules: &Rules) -> Vec
     motion.motors.iter().zip(rules.axes.iter()).map(stop).collect()
 }
 
-/// A motor that goes on as it does until the stop takes effect, and then brakes as hard as it can.
+/// Predicted stop of a motor: it accelerates as now until the stop takes effect, then brakes as hard as it can.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stop {
     sign: f64,
-    /// Its speed, and what it gains, until the stop takes effect at `time`; rad/s, rad/s^2, s.
+    /// Speed, and acceleration until the stop takes effect at `time`; rad/s, rad/s^2, s.
     speed: f64,
     gain: f64,
     time: f64,
-    /// Its speed then, and how it brakes.
+    /// Speed at that time, and deceleration.
     then: f64,
     brakes: f64,
 }
 
 impl Stop {
     fn new(moving: Moving, reaction: f64, brakes: f64, max_speed: f64) -> Stop {
-        let (sign, brakes) = (moving.speed.signum(), brakes.max(1e-6));
-        let (speed, gain) = (moving.speed.abs(), (moving.gain * sign).clamp(-brakes, brakes));
-        // one that gets slower comes to rest, and does not turn round
+        let sign = moving.speed.signum();
+        let brakes = brakes.max(1e-6);
+        let speed = moving.speed.abs();
+        let gain = (moving.gain * sign).clamp(-brakes, brakes);
+        // A decelerating motor comes to rest and does not reverse.
         let time = if gain < 0.0 { reaction.min(-speed / gain) } else { reaction };
         let then = (speed + gain * time).clamp(0.0, max_speed.max(speed));
         Stop { sign, speed, gain: (then - speed) / time.max(1e-9), time, then, brakes }
@@ -117,17 +123,18 @@ impl Stop {
         self.sign == 0.0
     }
 
-    /// How long it takes, s.
+    /// Time to rest, s.
     fn time(&self) -> f64 {
         if self.is_none() { 0.0 } else { self.time + self.then / self.brakes }
     }
 
-    /// How far it has gone after a time, rad: `v t + g t^2 / 2`, and then `u t - a t^2 / 2`.
+    /// Distance covered after this time, rad: `v t + g t^2 / 2`, and then `u t - a t^2 / 2`.
     fn way(&self, after: f64) -> f64 {
         if self.is_none() {
             return 0.0;
         }
-        let (goes, brakes) = (after.min(self.time), (after - self.time).clamp(0.0, self.then / self.brakes));
+        let goes = after.min(self.time);
+        let brakes = (after - self.time).clamp(0.0, self.then / self.brakes);
         let way = self.speed * goes + 0.5 * self.gain * goes * goes + self.then * brakes
             - 0.5 * self.brakes * brakes * brakes;
         self.sign * way

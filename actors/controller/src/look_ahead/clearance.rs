@@ -1,27 +1,29 @@
-//! The braking clearance of a robot whose file states none.
+//! Default braking clearance of a robot.
 //!
-//! Where a robot comes to rest is foreseen by how fast it goes, how long a stop takes to be sent and to take effect, and how hard each
-//! motor brakes. The clearance covers by how much that is wrong: a share of the stopping path of the motor that carries a shape farthest.
+//! The configuration at rest is predicted from the speed, the time until a stop takes effect, and the deceleration of
+//! each motor. The clearance covers the error of this prediction: a share of the stopping path of the motor that
+//! carries a shape farthest.
 
 use mobee_contract::Axis;
 use mobee_model::Robot;
 use std::time::Duration;
 
-/// The share of its stopping path by which a robot may come to rest elsewhere than foreseen, beyond what the foreseen path is longer
-/// anyway. Measured with an iCub (`cargo bench --bench look_ahead`): at full speed 5 mm, a share of 1.2 %, are not enough, 10 mm are.
+/// Error of the predicted rest, as a share of the stopping path, beyond the excess length of the predicted path.
+/// Measured with an iCub (`cargo bench --bench look_ahead`): at full speed 5 mm, a share of 1.2 %, are not enough, 10
+/// mm are.
 const STOP_ERROR: f64 = 0.025;
-/// The same share of the way of a whole arm with servos, all joints together. Measured with a Panda that explores at 100 deg/s beside a post
-/// (`benches/README.md`): 2.5 % leave one hard contact in five minutes.
+/// The same share for the path of a whole arm with servos, all joints together. Measured with a Panda that explores
+/// at 100 deg/s beside a post (`benches/README.md`): 2.5 % leave one hard contact in five minutes.
 const FAST_ERROR: f64 = 0.04;
-/// The least clearance, meters: encoders are noisy, and the ghosts' paths are divided into steps of half of it.
+/// Least clearance, meters: encoders are noisy, and the paths of the ghosts are divided into steps of half of it.
 const LEAST_M: f64 = 0.002;
-/// The least clearance of a robot whose margin is smaller than that, meters.
+/// Least clearance of a robot with a smaller margin than [`LEAST_M`], meters.
 const LEAST_BY_MARGIN_M: f64 = 0.0005;
 
-/// By how much a robot may come to rest elsewhere than foreseen, meters.
+/// Greatest error of a robot's predicted rest, meters.
 ///
 /// # Arguments
-/// * `axes`: of its board, in the order of its motors.
+/// * `axes`: axes of its board, in the order of its motors.
 /// * `reaction`: the longest time from a reading until a stop takes effect.
 /// * `speed_share`: the share of the motors' greatest speeds at which it moves.
 pub fn stop_error(robot: &Robot, axes: &[Axis], reaction: Duration, speed_share: f64) -> f64 {
@@ -32,20 +34,21 @@ pub fn stop_error(robot: &Robot, axes: &[Axis], reaction: Duration, speed_share:
     STOP_ERROR * axes.iter().zip(robot.reach()).map(path).fold(0.0, f64::max)
 }
 
-/// The clearance of a robot while its joints go beyond their boards' paths ([`Axis::overshoot`]), which adds up over the joints: it grows
-/// with the way on which the robot brakes, also beyond the margin.
+/// Clearance of a robot whose joints overshoot the paths of their boards ([`Axis::overshoot`]). The overshoot adds up
+/// over the joints: it grows with the stopping path, also beyond the margin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FastClearance {
-    /// Meters of clearance for a meter of way.
+    /// Clearance per meter of path.
     share: f64,
-    /// All joints at full speed, meters.
+    /// Clearance with all joints at full speed, meters.
     pub most: f64,
 }
 
 impl FastClearance {
-    /// Of this robot; none if its joints stay on their boards' paths. Arguments as for [`stop_error`].
+    /// Computes the clearance of this robot; zero if its joints don't overshoot. Arguments as for [`stop_error`].
     pub fn new(robot: &Robot, axes: &[Axis], reaction: Duration) -> FastClearance {
-        let (mut way, mut beyond) = (0.0, 0.0);
+        let mut way = 0.0;
+        let mut beyond = 0.0;
         for (axis, reach) in axes.iter().zip(robot.reach()) {
             let speed = axis.max_speed.abs();
             way += reach * (speed * reaction.as_secs_f64() + speed * speed / (2.0 * axis.max_acceleration.max(1e-6)));
@@ -57,14 +60,14 @@ impl FastClearance {
         FastClearance { share: FAST_ERROR + beyond / way, most: FAST_ERROR * way + beyond }
     }
 
-    /// While a robot goes on so far after a stop, meters.
+    /// Clearance for a stopping path of this length, meters.
     pub fn after(&self, way: f64) -> f64 {
         self.most.min(self.share * way)
     }
 }
 
-/// The clearance of a robot, meters: [`stop_error`] at full speed, at least 2 mm, and no more than the margin, since plans lead as near
-/// to things as that.
+/// Clearance of a robot, meters: [`stop_error`] at full speed, at least 2 mm, and at most the margin, since plans
+/// come that close to objects.
 pub fn braking_clearance(robot: &Robot, axes: &[Axis], reaction: Duration, margin: f64) -> f64 {
     stop_error(robot, axes, reaction, 1.0).max(LEAST_M).min(margin).max(LEAST_BY_MARGIN_M)
 }
@@ -77,7 +80,7 @@ mod tests {
 
     const ARM: &str = include_str!("../../tests/data/pan.xml");
 
-    /// An arm of half a meter whose motor goes at this speed, rad/s, and brakes like this, rad/s^2.
+    /// An arm of half a meter; its motor has this speed, rad/s, and this deceleration, rad/s^2.
     fn arm(max_speed: f64, max_acceleration: f64) -> (Robot, Arc<[Axis]>) {
         let robot = parse_robot("arm.xml", &ARM.replace("NAME", "arm").replace("HOME", "0")).unwrap().value;
         let axis = Axis { name: "pan".into(), min: -3.0, max: 3.0, max_speed, max_acceleration, ..Default::default() };

@@ -1,34 +1,34 @@
-//! How fast each motor goes, and how that changes.
+//! Estimate of each motor's speed and acceleration.
 
 use mobee_contract::{Pose, Sample, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// From how many readings both are told.
+/// Number of readings in an estimate.
 const READINGS: usize = 8;
-/// How far apart they are at least: a board that tells a thousand a second is noise from one to the next.
-const APART: Duration = Duration::from_millis(8);
+/// Least interval between these readings: at a thousand readings per second, the difference of two is noise.
+const MIN_INTERVAL: Duration = Duration::from_millis(8);
 
-/// A motor's motion at the newest reading.
+/// Motion of a motor at the newest reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Moving {
-    /// Rad/s.
+    /// Speed, rad/s.
     pub speed: f64,
-    /// Rad/s^2.
+    /// Acceleration, rad/s^2.
     pub gain: f64,
 }
 
-/// The last readings.
+/// Latest readings.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Course {
-    /// Oldest first; all but the newest [`APART`] of each other.
+    /// Oldest first; all but the newest at least [`MIN_INTERVAL`] apart.
     readings: VecDeque<(Time, Pose)>,
-    /// The longest time from one reading to the next of late.
+    /// Recent longest interval between two readings, s.
     period: f64,
 }
 
 impl Course {
-    /// Takes in a reading. One that comes so late that the one before was stale begins anew.
+    /// Adds a reading. If the previous reading was stale by then, the estimate starts again.
     pub fn push(&mut self, sample: &Sample, fresh: Duration) {
         if let Some((last, q)) = self.readings.back() {
             if sample.at > *last + fresh || q.len() != sample.q.len() {
@@ -38,7 +38,7 @@ impl Course {
             }
         }
         let n = self.readings.len();
-        let is_close = |(before, last): (&(Time, Pose), &(Time, Pose))| last.0 < before.0 + APART;
+        let is_close = |(before, last): (&(Time, Pose), &(Time, Pose))| last.0 < before.0 + MIN_INTERVAL;
         if n >= 2 && self.readings.get(n - 2).zip(self.readings.back()).is_some_and(is_close) {
             self.readings.pop_back();
         }
@@ -52,9 +52,11 @@ impl Course {
         }
     }
 
-    /// Per motor the parabola through the readings that fits best, at the newest of them; nothing moves before there are enough.
+    /// Estimates the motion at the newest reading, by a least-squares parabola per motor. Zero before there are
+    /// enough readings.
     ///
-    /// By polynomials that are orthogonal on the readings' times: 1, `p = t - mean` and `r = p^2 - skew p - spread`.
+    /// Uses polynomials that are orthogonal on the readings' times: 1, `p = t - mean` and `r = p^2 - skew p -
+    /// spread`.
     pub fn now(&self) -> Motion {
         let motors = self.readings.back().map_or(0, |(_, q)| q.len());
         let still = Motion { motors: vec![Moving::default(); motors], period: self.period };
@@ -63,8 +65,10 @@ impl Course {
         let times = || self.readings.iter().map(|(at, _)| -newest.since(*at).as_secs_f64());
         let mean = times().sum::<f64>() / n;
         let sum = |power: i32| times().map(|t| (t - mean).powi(power)).sum::<f64>();
-        let (squares, cubes) = (sum(2), sum(3));
-        let (skew, spread) = (cubes / squares, squares / n);
+        let squares = sum(2);
+        let cubes = sum(3);
+        let skew = cubes / squares;
+        let spread = squares / n;
         let curved = |t: f64| (t - mean).powi(2) - skew * (t - mean) - spread;
         let norm = times().map(|t| curved(t).powi(2)).sum::<f64>();
         if !(squares > 0.0 && norm > 0.0) {
@@ -74,18 +78,19 @@ impl Course {
             let on = |f: &dyn Fn(f64) -> f64| -> f64 {
                 times().zip(&self.readings).map(|(t, (_, q))| f(t) * q.get(motor).copied().unwrap_or_default()).sum()
             };
-            let (slope, bend) = (on(&|t| t - mean) / squares, on(&curved) / norm);
+            let slope = on(&|t| t - mean) / squares;
+            let bend = on(&curved) / norm;
             Moving { speed: slope + bend * (-2.0 * mean - skew), gain: 2.0 * bend }
         };
         Motion { motors: (0..motors).map(of).collect(), period: self.period }
     }
 }
 
-/// How a robot moves at its newest reading.
+/// Motion of a robot at its newest reading.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Motion {
-    /// Per motor.
+    /// One entry per motor.
     pub motors: Vec<Moving>,
-    /// The time until the next reading, seconds.
+    /// Time until the next reading, seconds.
     pub period: f64,
 }

@@ -1,4 +1,4 @@
-//! An arm of half a meter that turns about the vertical, and a ball in its way.
+//! An arm of half a meter that rotates about the vertical axis, and a ball in its way.
 
 use super::*;
 use crate::ControllerSettings;
@@ -10,7 +10,7 @@ use std::time::Duration;
 
 const ARM: &str = include_str!("../../tests/data/pan.xml");
 const RESERVE: f64 = 0.005;
-/// How far the arm's shapes are from its axis at most, meters.
+/// Greatest distance of the arm's shapes from its axis, meters.
 const LENGTH: f64 = 0.53;
 
 /// A ball of 5 cm, 45 cm from the axis, at this angle, rad.
@@ -36,34 +36,34 @@ fn near(scene: &Scene, q: f64) -> Vec<Contact> {
     scene.contacts(&[vec![q]], 0.012)
 }
 
-/// What is between the arm and the ball; at least 12 mm count as that.
+/// Distance between the arm and the ball; at least 12 mm count as that.
 fn left(q: f64) -> f64 {
     near(&scene(), q).iter().map(|c| c.distance).fold(0.012, f64::min)
 }
 
-/// A motor that goes towards the ball, and what it really does when it is told to stop.
+/// A motor that moves towards the ball, and its actual stopping behavior.
 #[derive(Clone, Copy, Debug)]
 struct Plant {
-    /// Where it begins, rad; towards zero.
+    /// Start, rad; it moves towards zero.
     from: f64,
-    /// The speed that it gains, rad/s, and how fast, rad/s^2.
+    /// Speed, rad/s, and acceleration, rad/s^2.
     speed: f64,
     gain: f64,
-    /// How it brakes, rad/s^2, and how long that takes to begin, s.
+    /// Deceleration, rad/s^2, and the delay until it begins, s.
     brakes: f64,
     latency: f64,
-    /// From one reading to the next, s.
+    /// Time between two readings, s.
     period: f64,
 }
 
 impl Plant {
-    fn rules(&self, told: f64) -> Arc<Rules> {
+    fn rules(&self, stopped_at: f64) -> Arc<Rules> {
         let axis = Axis {
             name: "pan".into(),
             min: -3.0,
             max: 3.0,
             max_speed: 3.0,
-            max_acceleration: told,
+            max_acceleration: stopped_at,
             ..Default::default()
         };
         let [period, latency] = [self.period, self.latency].map(Duration::from_secs_f64);
@@ -72,36 +72,37 @@ impl Plant {
         Arc::new(Rules::new("arm", vec!["arm".into()], &settings, &board))
     }
 
-    /// Where it is at a time, having been told to stop at another.
-    fn at(&self, t: f64, told: f64) -> f64 {
+    /// Position at a time, with a stop command at another time.
+    fn at(&self, t: f64, stopped_at: f64) -> f64 {
         let goes = |t: f64| {
             let gains = (self.speed / self.gain).min(t);
             let speed = self.gain * gains;
             (0.5 * speed * gains + speed * (t - gains), speed)
         };
-        let (way, speed) = goes(t.min(told + self.latency));
-        let braking = (t - told - self.latency).clamp(0.0, speed / self.brakes);
+        let (way, speed) = goes(t.min(stopped_at + self.latency));
+        let braking = (t - stopped_at - self.latency).clamp(0.0, speed / self.brakes);
         self.from + way + speed * braking - 0.5 * self.brakes * braking * braking
     }
 
-    /// Drives until it rests, stopped where something is foreseen; where it then is, and whether that was foreseen.
+    /// Drives until it rests, stopped at a foreseen contact; returns its final position, and whether a contact was
+    /// foreseen.
     fn drive(&self, ahead: &mut LookAhead, scene: &Scene, clock: &mut u64) -> (f64, bool) {
-        let mut told = f64::INFINITY;
+        let mut stopped_at = f64::INFINITY;
         let start = *clock;
         for k in 0.. {
             let t = k as f64 * self.period;
-            let q = self.at(t, told);
-            let rests = t > told + self.latency + self.speed / self.brakes + 0.2;
+            let q = self.at(t, stopped_at);
+            let rests = t > stopped_at + self.latency + self.speed / self.brakes + 0.2;
             if rests || q > 1.0 {
                 *clock += 1_000_000_000 * (t.ceil() as u64 + 1);
-                return (q, told.is_finite());
+                return (q, stopped_at.is_finite());
             }
             let at = Time(start + (t * 1e9) as u64);
             let pose: Pose = vec![q].into();
             let sample = Sample { seq: k, at, q: pose.clone(), done: vec![false], ..Sample::default() };
-            let foreseen = ahead.read(0, &sample, &[pose], &near(scene, q), told.is_infinite());
-            if told.is_infinite() && !foreseen.is_empty() {
-                told = t;
+            let foreseen = ahead.read(0, &sample, &[pose], &near(scene, q), stopped_at.is_infinite());
+            if stopped_at.is_infinite() && !foreseen.is_empty() {
+                stopped_at = t;
             }
         }
         unreachable!()
@@ -113,7 +114,8 @@ fn looks(rules: &Arc<Rules>) -> LookAhead {
 }
 
 proptest! {
-    /// At any speed the arm comes to rest before the ball, with the reserve left and not much more, as far as one reading goes.
+    /// At any speed the arm comes to rest before the ball, with the braking clearance left and little more, up to one
+    /// reading.
     #[test]
     fn it_comes_to_rest_with_the_reserve_left(
         speed in 0.1..3.0_f64, gain in 2.0..20.0_f64, brakes in 3.0..30.0_f64, latency in 0.0..0.08_f64, ms in 4.0..20.0_f64,
@@ -122,7 +124,7 @@ proptest! {
         let (rests, foreseen) = plant.drive(&mut looks(&plant.rules(brakes)), &scene(), &mut 0);
         prop_assert!(foreseen);
         prop_assert!(left(rests) > 0.4 * RESERVE, "{plant:?}: {} mm left", left(rests) * 1e3);
-        // a motor that has just stopped gaining speed is taken to go on gaining for a few readings
+        // for a few readings, a motor that has just stopped accelerating is predicted to go on accelerating
         let braking = speed * speed / (2.0 * brakes);
         let more = 2.0 * RESERVE + LENGTH * (speed * 2.0 * plant.period + 0.1 * braking);
         let on = left(rests + more / LENGTH);
@@ -130,7 +132,7 @@ proptest! {
     }
 }
 
-/// It says that it brakes twice as hard as it does. The first stop may be too late; it is the measure of the second.
+/// Its board states twice its actual deceleration. The first stop may be too late; it is measured for the second.
 #[test]
 fn how_it_brakes_is_measured() {
     let plant = Plant { from: -2.5, speed: 2.0, gain: 4.0, brakes: 6.0, latency: 0.02, period: 0.01 };
@@ -141,7 +143,7 @@ fn how_it_brakes_is_measured() {
     assert!(stops[1] > 0.4 * RESERVE && stops[2] > 0.4 * RESERVE, "as it was measured: {stops:?}");
 }
 
-/// What is within the reserve may move out, at any speed.
+/// A robot within the clearance may move out, at any speed.
 #[test]
 fn nothing_is_trapped() {
     let plant = Plant { from: -2.5, speed: 2.0, gain: 4.0, brakes: 6.0, latency: 0.02, period: 0.01 };
@@ -158,11 +160,11 @@ fn nothing_is_trapped() {
     }
 }
 
-/// A ball that appears between the robot and its ghost is seen at the next reading, and one beyond it is not.
+/// A ball that appears between the robot and its ghost is detected at the next reading, and one beyond it is not.
 #[test]
-fn what_is_put_in_its_way_is_seen_at_once() {
+fn an_object_put_in_its_way_is_detected_at_once() {
     let plant = Plant { from: -1.2, speed: 2.0, gain: 4.0, brakes: 6.0, latency: 0.02, period: 0.01 };
-    let told = |angle: f64| {
+    let foreseen_counts = |angle: f64| {
         let far = scene().edit(&Edit::Remove { name: "ball".into() }).unwrap();
         let mut ahead = looks(&plant.rules(6.0));
         ahead.set_scene(&Arc::new(far.clone()));
@@ -184,20 +186,20 @@ fn what_is_put_in_its_way_is_seen_at_once() {
             })
             .collect::<Vec<usize>>()
     };
-    let (between, beyond) = (told(-0.45), told(0.3));
+    let (between, beyond) = (foreseen_counts(-0.45), foreseen_counts(0.3));
     assert_eq!((between.iter().sum::<usize>(), between.last()), (1, Some(&1)));
     assert_eq!(beyond.iter().sum::<usize>(), 0);
 }
 
 #[test]
-fn without_a_reserve_nobody_looks_ahead() {
+fn without_a_braking_clearance_there_is_no_look_ahead() {
     let rules = Plant { from: 0.0, speed: 1.0, gain: 1.0, brakes: 1.0, latency: 0.0, period: 0.01 }.rules(1.0);
     let none = Rules { reserve: None, ..(*rules).clone() };
     assert!(LookAhead::new(&scene(), [Arc::new(none)]).is_none());
 }
 
-/// Two arms turn towards each other: the gap that would be left if both were stopped as the first is warned, meters. `second`: the speed
-/// of the second arm, rad/s.
+/// Two arms rotate towards each other: the remaining gap if both are stopped at the first foreseen contact, meters.
+/// `second`: the speed of the second arm, rad/s.
 fn gap_left(second: f64) -> f64 {
     let text = ARM.replace("HOME", "0");
     let arm = |name: &str, y: f64| {
@@ -235,7 +237,7 @@ fn gap_left(second: f64) -> f64 {
 #[test]
 fn two_robots_that_move_leave_the_reserves_of_both_and_one_that_rests_adds_none() {
     let (both, one) = (gap_left(0.4), gap_left(0.0));
-    // a period, and that stops may be slower than stated
+    // a period, and stops may be slower than stated
     let more = 0.5 * RESERVE;
     assert!(one > RESERVE - 0.001 && one < RESERVE + more, "the other rests: {one}");
     assert!(both > 2.0 * RESERVE - 0.001 && both < 2.0 * RESERVE + 2.0 * more, "both move: {both}");

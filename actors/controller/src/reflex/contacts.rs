@@ -1,8 +1,8 @@
 //! Contacts with hysteresis: one begins below the margin and ends above margin + 2 mm.
 //!
-//! Distances are signed, meters, and move with the encoders' noise: with one threshold a robot that rests at the margin
-//! would be in contact and free by turns, and the filter would open and close with it (I27). A contact is a *pair* of
-//! shapes: which of its points is nearest may change as the robot slides along.
+//! Distances are signed, meters, and contain encoder noise. With a single threshold, a robot that rests at the margin
+//! would alternate between contact and free, and the filter would open and close with it (I27). A contact is a *pair*
+//! of shapes: its nearest points may change as the robot slides along.
 
 use crate::{DEEPER, RELEASE};
 use mobee_model::{Contact, Pair};
@@ -11,11 +11,11 @@ use std::sync::Arc;
 /// A present contact.
 #[derive(Clone, Debug)]
 struct Touch {
-    /// As the newest reading has it.
+    /// Contact in the newest reading.
     contact: Contact,
-    /// Whether distance zero was told, or is not the robot's doing.
+    /// True if distance zero was reported, or was not caused by the robot.
     hard: bool,
-    /// Its greatest depth since it was told, meters.
+    /// Greatest depth since distance zero was reported, meters.
     depth: Option<f64>,
 }
 
@@ -25,16 +25,16 @@ impl Touch {
     }
 }
 
-/// A contact that ended.
+/// Contact that ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EndedContact {
-    /// Of these shapes.
+    /// Its shapes.
     pub pair: Pair,
-    /// Its greatest depth if it was a hard contact, meters.
+    /// Greatest depth of a hard contact, meters.
     pub depth: Option<f64>,
 }
 
-/// What a reading changed.
+/// Changes by one reading.
 #[derive(Debug, Default)]
 pub struct Changes {
     /// Contacts that began.
@@ -45,37 +45,40 @@ pub struct Changes {
     pub hard: Vec<Contact>,
 }
 
-/// The contacts of one robot.
+/// Contacts of one robot.
 #[derive(Clone, Debug)]
 pub struct Contacts {
-    /// Below this distance a contact begins, meters.
+    /// Distance below which a contact begins, meters.
     margin: f64,
-    /// The scene's count of edits in the reading before.
+    /// Edit count of the scene in the previous reading.
     epoch: u64,
-    /// Those that began and have not ended, oldest first.
+    /// Contacts that began and have not ended, oldest first.
     present: Vec<Touch>,
-    /// The same for others to keep: cloned with each pulse, made anew only when something changed.
+    /// The same contacts in a shared slice: cloned with each pulse, rebuilt only on changes.
     shown: Arc<[Contact]>,
 }
 
 impl Contacts {
-    /// None yet; contacts begin below `margin`, meters.
+    /// Creates an empty set; contacts begin below `margin`, meters.
     pub fn new(margin: f64) -> Contacts {
         Contacts { margin, epoch: 0, present: Vec::new(), shown: Vec::new().into() }
     }
 
-    /// Takes in all pairs nearer than margin + 2 mm. `back`: whether the robot is being taken back, which is not
-    /// followed to the hair: what it passed just beyond the margin touches only once it stops the retreat. `moving`:
-    /// whether the robot may be the one who caused them; `epoch`: the scene they were found in, since what an edit puts
-    /// onto the robot is not the robot's doing either.
+    /// Processes a reading with all pairs closer than margin + 2 mm.
+    ///
+    /// `back`: whether the robot is retreating. The recorded path is not followed exactly: a pair that was passed
+    /// just beyond the margin begins only at the distance that would stop the retreat. `moving`: whether the robot
+    /// itself may have caused the contacts. `epoch`: edit count of the scene; an edit that places an object at the
+    /// robot is not caused by the robot either.
     pub fn update(&mut self, near: &[Contact], back: bool, moving: bool, epoch: u64) -> Changes {
         let mut changes = Changes::default();
         let edited = std::mem::replace(&mut self.epoch, epoch) != epoch;
-        // the usual case, a hundred times a second: nothing is made anew
+        // The usual case, a hundred times per second: rebuild nothing.
         if near.is_empty() && self.present.is_empty() {
             return changes;
         }
-        let (margin, ended) = (self.margin, &mut changes.ended);
+        let margin = self.margin;
+        let ended = &mut changes.ended;
         self.present.retain_mut(|touch| match near.iter().find(|c| c.pair == touch.contact.pair) {
             Some(c) if c.distance <= margin + RELEASE => {
                 touch.contact = *c;
@@ -93,7 +96,7 @@ impl Contacts {
                 changes.began.push(*c);
             }
         }
-        // once per contact, however long it presses; one that an edit put there is never told
+        // Once per contact, regardless of its duration; never for a contact that an edit placed there.
         for touch in self.present.iter_mut().filter(|t| t.contact.distance <= 0.0 && !t.hard) {
             touch.hard = true;
             if moving && !edited {
@@ -108,7 +111,8 @@ impl Contacts {
         changes
     }
 
-    /// The robot is back where it was free: pairs beyond the margin no longer count as touching. Returns those.
+    /// Ends the contacts beyond the margin, since the robot is back at its safe pose, where it was free. Returns
+    /// them.
     pub fn settle(&mut self) -> Vec<EndedContact> {
         let margin = self.margin;
         let mut ended = Vec::new();
@@ -123,12 +127,12 @@ impl Contacts {
         ended
     }
 
-    /// What is present is what others are shown.
+    /// Rebuilds the shared slice.
     fn show(&mut self) {
         self.shown = self.present.iter().map(|t| t.contact).collect();
     }
 
-    /// The present contacts.
+    /// Present contacts.
     pub fn present(&self) -> &Arc<[Contact]> {
         &self.shown
     }
@@ -142,14 +146,14 @@ pub(super) mod tests {
 
     pub(in crate::reflex) const MARGIN: f64 = 0.01;
 
-    /// One of a robot's nodes and an object, at so many millimeters.
+    /// A contact of one of a robot's nodes and an object, at this distance in millimeters.
     pub(in crate::reflex) fn near(node: u16, mm: f64) -> Contact {
         let pair = (ShapeId::Robot { robot: 0, node, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         Contact { pair, distance: mm * 1e-3, points: [Point3::origin(); 2] }
     }
 
-    /// What the next reading changes: how many contacts begin, end and are hard, and how many are present then.
-    fn told(contacts: &mut Contacts, near: &[Contact], (back, moving, epoch): (bool, bool, u64)) -> [usize; 4] {
+    /// Counts of the contacts that the reading begins, ends and makes hard, and of those present after it.
+    fn counts(contacts: &mut Contacts, near: &[Contact], (back, moving, epoch): (bool, bool, u64)) -> [usize; 4] {
         let Changes { began, ended, hard } = contacts.update(near, back, moving, epoch);
         [began.len(), ended.len(), hard.len(), contacts.present().len()]
     }
@@ -159,37 +163,37 @@ pub(super) mod tests {
     #[test]
     fn a_contact_begins_below_the_margin_and_ends_beyond_two_millimeters_more() {
         let mut contacts = Contacts::new(MARGIN);
-        let mut next = |mm: f64| told(&mut contacts, &[near(1, mm)], MOVING);
+        let mut next = |mm: f64| counts(&mut contacts, &[near(1, mm)], MOVING);
         assert_eq!(next(10.0), [0, 0, 0, 0], "the margin itself is free");
         assert_eq!(next(9.9), [1, 0, 0, 1]);
         assert_eq!(next(11.9), [0, 0, 0, 1]);
         assert_eq!(next(12.1), [0, 1, 0, 0]);
         assert_eq!(next(11.0), [0, 0, 0, 0]);
         assert_eq!(next(5.0), [1, 0, 0, 1]);
-        assert_eq!(told(&mut contacts, &[], MOVING), [0, 1, 0, 0], "what is far is not told at all");
-        assert_eq!(told(&mut contacts, &[], MOVING), [0, 0, 0, 0]);
+        assert_eq!(counts(&mut contacts, &[], MOVING), [0, 1, 0, 0], "a distant pair is not in the reading");
+        assert_eq!(counts(&mut contacts, &[], MOVING), [0, 0, 0, 0]);
     }
 
     #[test]
-    fn pairs_are_told_apart() {
+    fn pairs_are_distinguished() {
         let mut contacts = Contacts::new(MARGIN);
-        assert_eq!(told(&mut contacts, &[near(1, 5.0), near(2, 20.0)], MOVING), [1, 0, 0, 1]);
-        assert_eq!(told(&mut contacts, &[near(1, 5.0), near(2, 5.0)], MOVING), [1, 0, 0, 2]);
-        assert_eq!(told(&mut contacts, &[near(2, 4.0)], MOVING), [0, 1, 0, 1]);
+        assert_eq!(counts(&mut contacts, &[near(1, 5.0), near(2, 20.0)], MOVING), [1, 0, 0, 1]);
+        assert_eq!(counts(&mut contacts, &[near(1, 5.0), near(2, 5.0)], MOVING), [1, 0, 0, 2]);
+        assert_eq!(counts(&mut contacts, &[near(2, 4.0)], MOVING), [0, 1, 0, 1]);
         assert_eq!(contacts.present()[..], [near(2, 4.0)], "at its newest distance");
     }
 
-    /// Once per contact, only if the robot moved there by itself.
+    /// Once per contact, and only if the robot moved there itself.
     #[test]
-    fn distance_zero_is_told_once_and_as_the_robots_doing() {
+    fn distance_zero_is_reported_once_and_only_if_caused_by_the_robot() {
         let mut contacts = Contacts::new(MARGIN);
-        assert_eq!(told(&mut contacts, &[near(1, 1.0)], MOVING), [1, 0, 0, 1]);
-        assert_eq!(told(&mut contacts, &[near(1, 0.0)], MOVING), [0, 0, 1, 1]);
-        assert_eq!(told(&mut contacts, &[near(1, -1.0)], MOVING), [0, 0, 0, 1]);
-        assert_eq!(told(&mut contacts, &[near(1, -1.0), near(2, -1.0)], (false, false, 0)), [1, 0, 0, 2], "it rests");
-        assert_eq!(told(&mut contacts, &[near(1, -1.0), near(2, -1.0)], MOVING), [0, 0, 0, 2]);
+        assert_eq!(counts(&mut contacts, &[near(1, 1.0)], MOVING), [1, 0, 0, 1]);
+        assert_eq!(counts(&mut contacts, &[near(1, 0.0)], MOVING), [0, 0, 1, 1]);
+        assert_eq!(counts(&mut contacts, &[near(1, -1.0)], MOVING), [0, 0, 0, 1]);
+        assert_eq!(counts(&mut contacts, &[near(1, -1.0), near(2, -1.0)], (false, false, 0)), [1, 0, 0, 2], "it rests");
+        assert_eq!(counts(&mut contacts, &[near(1, -1.0), near(2, -1.0)], MOVING), [0, 0, 0, 2]);
         let edited = [near(1, -1.0), near(2, -1.0), near(3, -1.0)];
-        assert_eq!(told(&mut contacts, &edited, (false, true, 1)), [1, 0, 0, 3], "an edit put it there");
+        assert_eq!(counts(&mut contacts, &edited, (false, true, 1)), [1, 0, 0, 3], "an edit put it there");
     }
 
     #[test]
@@ -209,9 +213,9 @@ pub(super) mod tests {
     #[test]
     fn on_the_retreat_a_contact_begins_a_millimeter_later() {
         let mut contacts = Contacts::new(MARGIN);
-        assert_eq!(told(&mut contacts, &[near(1, 9.1)], (true, true, 0)), [0, 0, 0, 0]);
-        assert_eq!(told(&mut contacts, &[near(1, 8.9), near(2, 11.0)], (true, true, 0)), [1, 0, 0, 1]);
-        assert_eq!(told(&mut contacts, &[near(1, 10.0), near(2, 9.5)], MOVING), [1, 0, 0, 2]);
+        assert_eq!(counts(&mut contacts, &[near(1, 9.1)], (true, true, 0)), [0, 0, 0, 0]);
+        assert_eq!(counts(&mut contacts, &[near(1, 8.9), near(2, 11.0)], (true, true, 0)), [1, 0, 0, 1]);
+        assert_eq!(counts(&mut contacts, &[near(1, 10.0), near(2, 9.5)], MOVING), [1, 0, 0, 2]);
         let ended = [EndedContact { pair: near(1, 0.0).pair, depth: None }];
         assert_eq!(contacts.settle(), ended, "back, and not within the margin");
         assert_eq!(contacts.present()[..], [near(2, 9.5)]);

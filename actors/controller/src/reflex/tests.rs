@@ -1,4 +1,4 @@
-//! What closes the filter, escapes, and what an agent may learn from. Retreats: `back/tests.rs`.
+//! Causes of a closing, escapes, and the contacts from which an agent may learn. Retreats: `retreating/tests.rs`.
 
 use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
@@ -13,7 +13,7 @@ use mobee_model::{Contact, Pair, ShapeId};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A reflex alone: its test says what is under way.
+/// A reflex alone; the test provides the motion in progress.
 pub(crate) struct Alone {
     rules: Arc<Rules>,
     pub gate: Gate,
@@ -30,14 +30,14 @@ impl Alone {
         Alone { rules, gate, book, joint_retreat, reflex }
     }
 
-    /// One step.
+    /// Performs a step.
     pub fn on(&mut self, input: ReflexIn, now: Time) -> Vec<ReflexOut> {
         let Alone { rules, gate, book, joint_retreat, reflex } = self;
         let names = |_: Pair| ("arm".to_string(), "post".to_string());
         reflex.on(input, now, &Shared { rules, gate, book, joint_retreat }, &names)
     }
 
-    /// A reading while this is under way.
+    /// A reading during this motion.
     pub fn read(&mut self, pulse: &mut Pulse, motion: Option<&Underway>, status: Status, now: Time) -> Vec<ReflexOut> {
         self.book.status = status;
         self.book.open = motion.map(|Underway { id, safe, named, places, extent, .. }| {
@@ -61,12 +61,12 @@ impl Alone {
     }
 }
 
-/// In how many milliseconds an escape is stopped, if a constraint is violated by so many degrees on its way.
+/// Time, ms, in which an escape is stopped if a constraint is violated by this many degrees on its way.
 fn stopped(by: impl Fn(u64) -> Option<f64>) -> Option<u64> {
     one_of_them_stopped(|_| 1, by)
 }
 
-/// The same of more escapes, one after the other.
+/// The same for several escapes, one after the other.
 fn one_of_them_stopped(which: impl Fn(u64) -> u64, by: impl Fn(u64) -> Option<f64>) -> Option<u64> {
     let mut reflex = Alone::new(rules(true));
     let motion = |id| Underway::of_one_motor(id, None);
@@ -83,8 +83,8 @@ fn one_of_them_stopped(which: impl Fn(u64) -> u64, by: impl Fn(u64) -> Option<f6
     (1..300).map(|k| 10 * k).find(|ms| read(&mut reflex, *ms, Status::Escaping, Some(&motion(which(*ms)))))
 }
 
-/// An escape may violate a constraint as deeply as it did when it set out, and to the noise of encoders; one that set out violating
-/// none may violate none.
+/// An escape may violate a constraint as deeply as when it set out, and by encoder noise; an escape that set out
+/// without a violation may violate none.
 #[test]
 fn an_escape_violates_nothing_more_deeply() {
     assert_eq!(stopped(|_| None), None);
@@ -99,7 +99,7 @@ fn an_escape_violates_nothing_more_deeply() {
     assert_eq!(one_of_them_stopped(two, deep), Some(200), "the second was free as it set out");
 }
 
-/// What an agent may learn from: what touches the robot now, as it does now; else what touched it during the last motion.
+/// Contacts for an agent: the present ones; else those of the last motion.
 #[test]
 fn an_agent_learns_from_what_touched_the_robot() {
     let mut reflex = Alone::new(rules(true));
@@ -121,9 +121,9 @@ fn an_agent_learns_from_what_touched_the_robot() {
     assert_eq!(read(30, None), (vec![9], 0), "as it began");
 }
 
-/// What a motion met is what its agent may learn from, until the next motion.
+/// An agent learns from the contacts of a motion until the next motion.
 #[test]
-fn what_an_agent_may_learn_from_is_of_the_last_motion() {
+fn the_contacts_for_an_agent_are_those_of_the_last_motion() {
     let mut reflex = Alone::new(rules(true));
     let mut read = |k: u64, commit: u64, object: Option<u32>| {
         let at = Time::from_secs(5.0) + PERIOD * k as u32;
@@ -144,7 +144,7 @@ fn what_an_agent_may_learn_from_is_of_the_last_motion() {
     assert_eq!((401..600).map(|k| read(k, 2, None)).last(), Some(object(8)));
 }
 
-/// A constraint that is violated closes the filter, whether anything moves or not.
+/// A violated constraint closes the filter, whether anything moves or not.
 #[test]
 fn a_constraint_that_is_violated_at_rest_closes_the_filter() {
     let mut reflex = Alone::new(rules(true));
@@ -166,9 +166,10 @@ fn a_constraint_that_is_violated_at_rest_closes_the_filter() {
     assert_eq!(closed(2, true), (true, false));
 }
 
-/// The distances of a reading are told as contacts of this robot; distance zero as one that it drove into, unless it rested.
+/// The distances of a reading are reported as contacts of this robot; distance zero as caused by it, unless it
+/// rested.
 #[test]
-fn what_touches_is_told_with_the_robot_that_it_touches() {
+fn a_contact_is_reported_with_its_robot() {
     for (status, driven) in [(Status::Moving, true), (Status::Rest, false), (Status::Holding(Hold::Stale), false)] {
         let mut reflex = Alone::new(rules(true));
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
@@ -183,7 +184,7 @@ fn what_touches_is_told_with_the_robot_that_it_touches() {
     }
 }
 
-/// What supervise does not call an escape is none, and what has a safe pose is none either: a contact closes at once.
+/// A motion that Supervise does not call an escape, or that has a safe pose, is none: a contact closes at once.
 #[test]
 fn only_an_escape_may_be_in_contact() {
     let closes = |status: Status, safe: Option<f64>| {
@@ -203,10 +204,10 @@ fn only_an_escape_may_be_in_contact() {
     assert!(closes(Status::Moving, None) && closes(Status::Escaping, Some(0.0)) && closes(Status::Moving, Some(0.0)));
 }
 
-/// What is foreseen stops a motion, and is what its agent learns from. A robot at rest goes nowhere, and an escape goes where its own rule
-/// lets it.
+/// A foreseen contact stops a motion, and its agent learns from it. It does not affect a robot at rest, or an escape,
+/// which has its own rule.
 #[test]
-fn what_is_foreseen_stops_a_motion() {
+fn a_foreseen_contact_stops_a_motion() {
     let closes = |status: Status, safe: Option<f64>, moves: bool| {
         let mut reflex = Alone::new(rules(true));
         reflex.gate.open(reflex.gate.token()).unwrap();

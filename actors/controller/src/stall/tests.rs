@@ -1,4 +1,4 @@
-//! A motor that follows in its own way, or does not: what is taken for a stall, and how soon.
+//! A motor that follows with its own profile, or does not follow: detection of stalls, and its delay.
 
 use super::*;
 use crate::ControllerSettings;
@@ -26,7 +26,7 @@ fn rules() -> Rules {
     Rules::new("robot", Vec::new(), &settings, &board)
 }
 
-/// A way of getting there: where a motor is on a way of one degree, at a part of its time.
+/// Profile of a move: position on a path of one degree, at a share of its duration.
 type Profile = fn(f64) -> f64;
 
 fn minimum_jerk(part: f64) -> f64 {
@@ -48,10 +48,10 @@ fn gain(part: f64) -> f64 {
 struct Run {
     rules: Rules,
     watch: StallWatch,
-    told: Errands,
+    commands: TrackedCommands,
     ms: u64,
     noise: u64,
-    /// How many times the usual noise.
+    /// Factor on the usual noise.
     loud: f64,
 }
 
@@ -59,12 +59,12 @@ impl Run {
     fn new() -> Run {
         let rules = rules();
         let watch = StallWatch::new(&rules).unwrap();
-        let mut run = Run { rules, watch, told: Errands::default(), ms: 0, noise: 1, loud: 1.0 };
+        let mut run = Run { rules, watch, commands: TrackedCommands::default(), ms: 0, noise: 1, loud: 1.0 };
         (0..20).for_each(|_| assert_eq!(run.read(0.0), None));
         run
     }
 
-    /// Evenly within a sixtieth of a degree, or so many times that.
+    /// Uniform noise within a sixtieth of a degree, times that factor.
     fn noise(&mut self) -> f64 {
         self.noise = self.noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         ((self.noise >> 40) as f64 / f64::from(1 << 23) - 1.0) / 60.0 * self.loud
@@ -85,21 +85,22 @@ impl Run {
 
     fn read(&mut self, deg: f64) -> Option<Stalled> {
         let pulse = self.pulse(deg);
-        self.watch.read(&mut self.told, &pulse, &self.rules)
+        self.watch.read(&mut self.commands, &pulse, &self.rules)
     }
 
-    fn hear(&mut self, command: &Command) {
-        self.watch.hear(&mut self.told, command, Time(self.ms * 1_000_000), &self.rules);
+    fn track(&mut self, command: &Command) {
+        self.watch.track(&mut self.commands, command, Time(self.ms * 1_000_000), &self.rules);
     }
 
     fn go(&mut self, deg: f64, speed: f64) {
         let (q, speed) = (vec![deg.to_radians()], Some(vec![speed.to_radians()]));
         let acceleration = Some(vec![200_f64.to_radians()]);
-        self.told = Errands::default();
-        self.hear(&Command::Move(Move { motors: vec![0], q, relative: false, speed, acceleration }));
+        self.commands = TrackedCommands::default();
+        self.track(&Command::Move(Move { motors: vec![0], q, relative: false, speed, acceleration }));
     }
 
-    /// A move, whose motor is held from `until` on (degrees): how far its board wanted it beyond as it counted as stalled.
+    /// A move whose motor is held from `until` on (degrees): lead of the board's reference when it counted as
+    /// stalled.
     fn moves(&mut self, from: f64, to: f64, speed: f64, profile: Profile, until: Option<f64>) -> Option<f64> {
         self.go(to, speed);
         let way = (to - from).abs();
@@ -113,13 +114,13 @@ impl Run {
                 return Some((wanted - is).abs());
             }
         }
-        self.watch.learn(&self.told);
+        self.watch.learn(&self.commands);
         None
     }
 }
 
 #[test]
-fn who_follows_freely_is_never_stopped() {
+fn a_motor_that_follows_freely_is_never_stopped() {
     for profile in [minimum_jerk, trapezoid, gain] {
         for speed in [1.0, 3.0, 10.0, 30.0, 100.0] {
             let mut run = Run::new();
@@ -136,7 +137,7 @@ fn who_follows_freely_is_never_stopped() {
 
 /// Slow motors are hardly faster than their encoders' noise: that makes no ghost run ahead of them.
 #[test]
-fn noise_stops_nobody() {
+fn noise_stops_no_motor() {
     for seed in 0..30 {
         let mut run = Run::new();
         (run.noise, run.loud) = (seed, 3.0);
@@ -153,13 +154,13 @@ fn noise_stops_nobody() {
 }
 
 #[test]
-fn who_is_held_is_stopped_before_much_is_wanted_of_it() {
+fn a_held_motor_is_stopped_at_a_small_lag() {
     for (profile, faster) in [(minimum_jerk as Profile, 1.0), (trapezoid, 1.5), (gain, 3.0)] {
         for (speed, most) in [(3.0, 6.0), (10.0, 6.5), (30.0, 9.0), (100.0, 18.0)] {
             for until in [0.0, 1.0, 10.0, 40.0, 70.0] {
                 let mut run = Run::new();
                 let ahead = run.moves(0.0, 90.0, speed, profile, Some(until));
-                // who begins more suddenly than a minimum-jerk trajectory is late to be missed
+                // a motor that begins more suddenly than a minimum-jerk trajectory is detected late
                 let begins = until <= 1.0 && profile(0.01) > 1e-4;
                 let most = if begins { 90.0 } else { faster * most };
                 assert!(ahead.is_some_and(|ahead| ahead < most), "{speed} deg/s, held at {until}: {ahead:?} deg");
@@ -169,7 +170,7 @@ fn who_is_held_is_stopped_before_much_is_wanted_of_it() {
 }
 
 #[test]
-fn the_threshold_is_what_free_motions_show() {
+fn the_threshold_follows_from_free_motions() {
     let mut run = Run::new();
     let at_first = run.watch.threshold(0).to_degrees();
     assert!((at_first - 1.5).abs() < 1e-9, "{at_first}");
@@ -183,46 +184,46 @@ fn the_threshold_is_what_free_motions_show() {
     assert!((BOUND..0.6).contains(&known), "{known}");
     let after = held(&mut run);
     assert!(after < 0.6 * before, "{after} deg, {before} deg before");
-    // of the motor that did not move nothing was learned
+    // nothing was learned of the motor that did not move
     assert!((run.watch.threshold(1).to_degrees() - 1.5).abs() < 1e-9);
-    // one whose motions stick is given more
+    // a motor that sticks gets a higher threshold
     for _ in 0..3 {
         run.moves(30.0, 0.0, 20.0, minimum_jerk, None);
         run.go(40.0, 20.0);
         let sticks = |k: u64| if k < 100 { 0.2 * k as f64 } else { 20.0 + 0.2 * k.saturating_sub(106) as f64 };
         (0..230).for_each(|k| assert_eq!(run.read(sticks(k).min(40.0)), None, "{k}"));
-        run.watch.learn(&run.told);
+        run.watch.learn(&run.commands);
         run.moves(40.0, 30.0, 20.0, minimum_jerk, None);
     }
     assert!(run.watch.threshold(0).to_degrees() > known, "{}", run.watch.threshold(0).to_degrees());
 }
 
-/// Readings that are late, missing or the same to the last bit are no sign of anything.
+/// Late, missing or bit-identical readings indicate nothing.
 #[test]
-fn what_is_not_read_is_no_stall() {
+fn missing_readings_are_no_stall() {
     let mut run = Run::new();
     run.go(60.0, 20.0);
     (0..60).for_each(|k| assert_eq!(run.read(0.2 * k as f64), None));
     let mut same = run.pulse(12.0);
     for k in 1..40 {
         (same.sample.at, same.unchanged) = (Time((run.ms + 10 * k) * 1_000_000), Time(run.ms * 1_000_000));
-        assert_eq!(run.watch.read(&mut run.told, &same, &run.rules), None);
+        assert_eq!(run.watch.read(&mut run.commands, &same, &run.rules), None);
     }
     run.ms += 2_000;
-    // it came to rest meanwhile, as its lease was over
+    // it came to rest in the gap, as its lease had expired
     (0..10).for_each(|_| assert_eq!(run.read(14.0), None));
 }
 
-/// A stream of set-points each period, which a motor follows as its acceleration allows, and is held at `until`.
+/// A stream with a set-point each period, which a motor follows as its acceleration allows; it is held at `until`.
 fn streamed(command: impl Fn(f64) -> Command, wanted: impl Fn(f64) -> f64, until: f64) -> Option<f64> {
     let mut run = Run::new();
     let (mut q, mut v): (f64, f64) = (0.0, 0.0);
     for k in 0..600 {
         let t = 0.01 * f64::from(k);
         if k % 2 == 0 {
-            run.hear(&command(t));
+            run.track(&command(t));
         }
-        // toward where it was sent 30 ms ago, as fast as its acceleration allows
+        // toward its set-point of 30 ms ago, as fast as its acceleration allows
         let target = wanted((t - 0.03).max(0.0));
         let best = (target - q) / 0.05;
         let stops = (2.0 * 150.0 * (target - q).abs()).sqrt();
@@ -238,7 +239,7 @@ fn streamed(command: impl Fn(f64) -> Command, wanted: impl Fn(f64) -> f64, until
 
 #[test]
 fn streams_are_followed_or_not() {
-    // there and back again, at these speeds at most
+    // back and forth, at these speeds at most
     for speed in [5.0, 20.0, 60.0] {
         let wave = move |t: f64| 40.0 * (1.0 - (t * speed / 40.0).cos());
         let direct = move |t: f64| Command::Direct { motors: vec![0], q: vec![wave(t).to_radians()] };
@@ -259,13 +260,13 @@ fn streams_are_followed_or_not() {
 }
 
 #[test]
-fn a_place_that_is_passed_is_told_once() {
+fn a_passed_stall_is_reported_once() {
     let mut run = Run::new();
     run.moves(0.0, 60.0, 20.0, minimum_jerk, Some(30.0)).unwrap();
     assert_eq!(run.watch.passes(), None);
-    run.told = Errands::default();
+    run.commands = TrackedCommands::default();
     (0..100).for_each(|k| assert!(run.read(30.0 - 0.3 * f64::from(k)).is_none() && run.watch.passes().is_none()));
-    run.told = Errands::default();
+    run.commands = TrackedCommands::default();
     let mut passed = Vec::new();
     for k in 0..200 {
         assert_eq!(run.read(0.3 * f64::from(k)), None);

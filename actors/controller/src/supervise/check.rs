@@ -1,18 +1,19 @@
-//! What a commit must satisfy before anything else is asked (I5).
+//! First checks of a commit (I5).
 //!
-//! First of all, so that what an agent got wrong is said to it whatever state the robot is in. The command guard asks
-//! the same again before the driver: there it is a defect of ours, here an answer to a stranger.
+//! They come before all others, so that an agent is notified of its errors in any state of the robot. The command
+//! guard repeats them in front of the driver: there, a violation is a defect of this program; here, it is an answer
+//! to an agent.
 
 use crate::Rules;
 use mobee_contract::{Commit, Refusal, Setpoints, Target, Values};
 use mobee_model::JointMotion;
 
-/// Whether the target fits the board.
+/// Checks whether the target fits the board.
 ///
 /// # Errors
-/// The first thing that does not.
+/// The first violation.
 pub fn check(target: &Target, rules: &Rules) -> Result<(), Refusal> {
-    // so, and not `<= 0.0 ||`: it is false for what is no number
+    // Written so that NaN is refused, unlike `<= 0.0 ||`.
     if !(target.speed > 0.0 && target.speed <= 1.0) {
         return Err(Refusal::Speed { speed: target.speed.to_string() });
     }
@@ -20,10 +21,10 @@ pub fn check(target: &Target, rules: &Rules) -> Result<(), Refusal> {
     limits(&target.motors, &target.q, rules)
 }
 
-/// Whether set-points fit the board. Velocities have no limits here: they are lowered to what the motors can do.
+/// Checks whether set-points fit the board. Velocities have no limits here: they are lowered to those of the motors.
 ///
 /// # Errors
-/// The first thing that does not.
+/// The first violation.
 pub fn check_setpoints(setpoints: &Setpoints, rules: &Rules) -> Result<(), Refusal> {
     match &setpoints.values {
         Values::Position(_) if !rules.position_direct => Err(Refusal::Malformed {
@@ -37,7 +38,7 @@ pub fn check_setpoints(setpoints: &Setpoints, rules: &Rules) -> Result<(), Refus
     }
 }
 
-/// Each motor once, with one finite number: a motor that is named twice would be asked for two things at once.
+/// Checks that each motor is named once, with one finite number: a motor named twice would have two targets.
 fn shape(motors: &[usize], values: &[f64], rules: &Rules) -> Result<(), Refusal> {
     let malformed = |what: String| Err(Refusal::Malformed { what });
     if motors.is_empty() {
@@ -61,10 +62,11 @@ fn shape(motors: &[usize], values: &[f64], rules: &Rules) -> Result<(), Refusal>
     Ok(())
 }
 
-/// Each position within its motor's limits, which are inclusive, rad; the refusal tells degrees or millimeters, as people give them.
+/// Checks that each position is within its motor's limits, inclusive, rad. The refusal has degrees or millimeters, as
+/// users give them.
 ///
 /// # Errors
-/// The first that is not.
+/// The first violation.
 fn limits(motors: &[usize], q: &[f64], rules: &Rules) -> Result<(), Refusal> {
     for (motor, q) in motors.iter().zip(q) {
         let Some(axis) = rules.axes.get(*motor) else { continue };
@@ -81,10 +83,10 @@ fn limits(motors: &[usize], q: &[f64], rules: &Rules) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Whether the commit's own speeds, if it has any, fit its target.
+/// Checks whether the commit's own speeds, if it has any, fit its target.
 ///
 /// # Errors
-/// The first that does not.
+/// The first violation.
 pub fn check_speeds(commit: &Commit, rules: &Rules) -> Result<(), Refusal> {
     let Some(speeds) = &commit.speeds else { return Ok(()) };
     let motors = &commit.target.motors;

@@ -1,8 +1,7 @@
-//! Algorithm 5: a command arrives, and is refused, accepted as a new transaction, or joins the open one.
+//! Algorithm 5: a command is refused, accepted as a new transaction, or joins the open one.
 //!
-//! The paper passes a command on if the filter is open. Here it is asked, too, whether the newest reading is fresh, at
-//! rest and free: its pose becomes the safe pose, and the promise that it is one is worth as much as that reading (I4,
-//! I8).
+//! The paper passes a command on if the filter is open. Here, the newest reading must also be fresh, at rest and
+//! free: its configuration becomes the safe pose, and is only as safe as that reading shows (I4, I8).
 
 use super::check::{check, check_speeds};
 use super::{Closing, MotionState, Reading, Started, Step, SuperviseCore, SuperviseOut};
@@ -14,23 +13,23 @@ use mobee_contract::{
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How many times longer than the straight way a motion under forces may take: it goes round what is near, and slows
-/// down beside it.
+/// Greatest duration of a motion under forces, relative to the straight path: it moves around obstacles, and slows
+/// down beside them.
 const DETOUR_FACTOR: u32 = 3;
-/// Greatest share of a motor's speed that a motion under forces uses: what is streamed must be followed, which takes a
-/// little more speed than the reference has.
-const FASTEST: f64 = 0.9;
+/// Greatest speed of a motion under forces, as a share of a motor's greatest speed: following a stream takes slightly
+/// more speed than the reference has.
+const MAX_FORCES_SPEED: f64 = 0.9;
 
 impl SuperviseCore {
-    /// Algorithm 5: a command arrives.
+    /// Handles a command (Algorithm 5).
     pub(super) fn commit(&mut self, commit: Commit, step: &mut Step) -> Verdict {
-        // what can never be is said before what can't be now: its agent should mend it, not try again
+        // Permanent errors are reported before temporary ones: the agent should correct its command, not retry.
         check(&commit.target, step.rules)?;
         check_speeds(&commit, step.rules)?;
         if !self.credits.commits.take(step.now) {
             return Err(Refusal::Busy);
         }
-        // after the checks and before anything is told: refusals have credit of their own
+        // After the checks and before any event: refusals have a credit of their own.
         match self.admit(step)? {
             Admission::Join { here } => self.amend(commit, &here, step),
             Admission::Begin { here, sampled_at, speed } => {
@@ -38,7 +37,8 @@ impl SuperviseCore {
                 self.accept(commit, Some(safe), here, step)
             }
             Admission::Escape { here, .. } => {
-                // opened for this commit alone: the reflex lets it creep, and closes at anything that gets worse
+                // The filter opens for this commit only: the reflex lets it creep, and closes if any distance gets
+                // worse.
                 let Some(token) = step.gate.open(self.token) else { return Err(Refusal::Closed) };
                 self.token = token;
                 step.emit(Event::Enabled { robot: step.robot(), token });
@@ -47,10 +47,10 @@ impl SuperviseCore {
         }
     }
 
-    /// What a command that fits would be now.
+    /// Decides how a valid command would be admitted now.
     ///
     /// # Errors
-    /// Why none is taken now.
+    /// The reason why no command is admitted now.
     pub(super) fn admit(&self, step: &Step) -> Result<Admission, Refusal> {
         if self.shutdown {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
@@ -65,19 +65,19 @@ impl SuperviseCore {
         if step.now > sampled_at + step.rules.fresh {
             return not_ready("fresh readings of the encoders");
         }
-        // by the state, and within it by the newest reading; the token last, since the reflex may have closed at this
-        // very reading
+        // By the state, and within it by the newest reading; the token last, since the reflex may have closed at this
+        // very reading.
         match self.status {
             Status::Starting => not_ready("the robot to come to rest"),
             Status::Stopping | Status::Retreating | Status::Settling => Err(Refusal::Closed),
             Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
             Status::Rest | Status::Moving | Status::Escaping if step.gate.token() != self.token => Err(Refusal::Closed),
             Status::Moving | Status::Escaping => Ok(Admission::Join { here }),
-            // the filter may have opened by a reading before the contact began: the reflex will close it at the next
-            // one
+            // The filter may have opened by a reading before the contact began: the reflex will close it at the next
+            // one.
             Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
             Status::Holding(reason @ (Hold::AfterCrash | Hold::SlowBoard)) => Err(Refusal::Holding { reason }),
-            // something moves it, though it was at rest: no pose to come back to (I4)
+            // Something moves the robot, though it was at rest: there is no safe pose to return to (I4).
             Status::Rest | Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
             Status::Rest => Ok(Admission::Begin { here, sampled_at, speed }),
             Status::Holding(reason) => Ok(Admission::Escape { here, reason }),
@@ -87,17 +87,18 @@ impl SuperviseCore {
     /// Takes the safe pose of a new transaction from a reading at rest (I4).
     pub(super) fn take_safe(&self, sampled_at: Time, q: &Pose, speed: f64, step: &mut Step) -> SafePose {
         let safe = step.safe_pose(q);
-        let (robot, age) = (step.robot(), step.now.since(sampled_at).as_secs_f64());
+        let robot = step.robot();
+        let age = step.now.since(sampled_at).as_secs_f64();
         step.emit(Event::SafePose { robot, q: safe.clone(), age, speed, free: step.rules.reflex });
         SafePose { since: sampled_at, q: safe }
     }
 
-    /// A commit begins a transaction: with a safe pose, or as an escape without one.
+    /// Begins a transaction for a commit: with a safe pose, or as an escape without one.
     fn accept(&mut self, commit: Commit, safe: Option<SafePose>, here: Pose, step: &mut Step) -> Verdict {
         let escape = safe.is_none();
         let course = course(&commit, &here, escape, step.rules);
         let target = commit.target.pose(&here);
-        // an escape creeps straight, watched
+        // An escape creeps on a straight path, and is monitored.
         let fields = step.rules.fields.as_deref().filter(|_| !escape);
         let motion = match fields {
             _ if escape => Motion::Escape { due: step.now + course.patience() },
@@ -106,11 +107,16 @@ impl SuperviseCore {
         };
         let id = self.open(commit.agent.clone(), (target.clone(), &commit.target.motors), (safe, motion), step);
         self.motion.started = Some(course.started(distance(&target, &here), step.now));
-        let (robot, agent) = (step.robot(), commit.agent.to_string());
         let motors = allowed(&commit, escape, step.rules);
-        let (target_told, motors_told) = (target.clone(), motors.clone());
-        let told = Event::Commit { robot, id, agent, target: target_told, escape, motors: motors_told, stream: false };
-        step.emit(told);
+        step.emit(Event::Commit {
+            robot: step.robot(),
+            id,
+            agent: commit.agent.to_string(),
+            target: target.clone(),
+            escape,
+            motors: motors.clone(),
+            stream: false,
+        });
         self.enter(if escape { Status::Escaping } else { Status::Moving }, step);
         if let Some(fields) = fields {
             self.begin_forces(fields, (&target, &motors), &here, step);
@@ -120,8 +126,8 @@ impl SuperviseCore {
         Ok(id)
     }
 
-    /// Enters a transaction into the ledger: its target, and the motors that it names. From here on it is owed an
-    /// outcome, whoever dies.
+    /// Records a transaction in the ledger: its target, and the motors that it names. From here on it must get an
+    /// outcome, whatever dies.
     pub(super) fn open(
         &mut self,
         agent: Arc<str>,
@@ -131,11 +137,12 @@ impl SuperviseCore {
     ) -> CommitId {
         self.retry = None;
         self.motion = MotionState::default();
-        // the reading that opened the filter may have been the newest: it lets the robot move as the next will
+        // The reading that opened the filter may be the newest: it grants a lease, as the next one will.
         step.out.extend(self.newest.as_ref().map(|newest| SuperviseOut::Lease(newest.sampled_at + step.rules.fresh)));
         step.book.last_id += 1;
         let id = CommitId(step.book.last_id);
-        let (named, since) = (Vec::new().into(), step.now);
+        let named = Vec::new().into();
+        let since = step.now;
         let extent = if motion == Motion::Stream { Extent::Stream } else { Extent::Whole };
         let mut open = Open { id, agent, target, named, safe, since, motion, cause: None, retreated: false, extent };
         open.name(motors);
@@ -143,8 +150,8 @@ impl SuperviseCore {
         id
     }
 
-    /// A command in mid-motion changes the open transaction: same id, same safe pose. Motors that it does not name keep
-    /// the targets they have.
+    /// Amends the open transaction by a command in mid-motion: same id, same safe pose. Motors that the command does
+    /// not name retain their targets.
     fn amend(&mut self, commit: Commit, here: &Pose, step: &mut Step) -> Verdict {
         match step.owner() {
             None => return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() }),
@@ -152,7 +159,7 @@ impl SuperviseCore {
             Some(_) if self.motion.forces.is_some() => {}
             Some(_) => self.leave_stream(&commit.target.motors),
         }
-        // what joins an escape creeps as it does, and has no safe pose either
+        // A command that joins an escape creeps as well, and has no safe pose either.
         let escape = self.status == Status::Escaping;
         let course = course(&commit, here, escape, step.rules);
         let (id, target) = {
@@ -161,37 +168,40 @@ impl SuperviseCore {
             };
             open.target = commit.target.pose(&open.target);
             open.name(&commit.target.motors);
-            // a move is taken back to where it began, and with it all that is one transaction with it
+            // A move is rolled back to its beginning, and with it the whole transaction.
             open.extent = Extent::Whole;
             open.since = step.now;
             let detours = if let Motion::Forces { .. } = open.motion { DETOUR_FACTOR } else { 1 };
             let due = step.now + course.patience() * detours;
-            // motors that go on as they were may need longer
+            // Motors that go on as before may need longer.
             let all = commit.target.motors.len() == here.len();
             open.motion = open.motion.until(open.motion.due().filter(|_| !all).map_or(due, |before| before.max(due)));
             (open.id, open.target.clone())
         };
-        // "done" of the target before says nothing of this one
-        (self.motion.done_since, self.motion.held) = (None, None);
+        // "Done" for the previous target does not apply to this one.
+        self.motion.done_since = None;
+        self.motion.held = None;
         self.motion.started = Some(course.started(distance(&target, here), step.now));
-        let (robot, motors) = (step.robot(), allowed(&commit, escape, step.rules));
+        let robot = step.robot();
+        let motors = allowed(&commit, escape, step.rules);
         step.emit(Event::Amended { robot, id, target: target.clone(), motors: motors.clone(), stream: false });
         if self.motion.forces.is_some() {
             self.aim_forces(&target, &motors, step);
             return Ok(id);
         }
-        // from a moving start the motors can't be kept in step exactly; the board replans each from where it is
+        // From a moving start the motors cannot move exactly in step; the board replans each from its present
+        // position.
         step.command(self.token, Writer::Agent, Command::Move(course.command));
         Ok(id)
     }
 }
 
-/// The motors of a commit, each with the greatest speed that it may have, rad/s: its own, or its share of the axis'. An
-/// escape creeps, and what is streamed under forces must be followed.
+/// Motors of a commit, each with its greatest speed, rad/s: its own, or its share of the axis'. An escape creeps, and
+/// a stream under forces must be followed.
 fn allowed(commit: &Commit, escape: bool, rules: &Rules) -> Vec<(usize, f64)> {
     let most = match &rules.fields {
         _ if escape => rules.escape_speed,
-        Some(_) => FASTEST,
+        Some(_) => MAX_FORCES_SPEED,
         None => 1.0,
     };
     let share = commit.target.speed.min(most);
@@ -203,9 +213,9 @@ fn allowed(commit: &Commit, escape: bool, rules: &Rules) -> Vec<(usize, f64)> {
     commit.target.motors.iter().enumerate().map(cap).collect()
 }
 
-/// How a commit is driven from `here`, rad: in step, or each motor at its own speed, never above what its axis can do.
-/// In step by default, since then the way is the straight line between the poses, which is what planners check for
-/// collisions.
+/// Plans the move of a commit from `here`, rad: in step, or each motor at its own speed, within the limits of its
+/// axis. In step by default, since the path is then the straight line between the configurations, which planners
+/// check for collisions.
 fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedMove {
     let share = if escape { rules.escape_speed.min(commit.target.speed) } else { commit.target.speed };
     let target = Target { speed: share, ..commit.target.clone() };
@@ -216,7 +226,7 @@ fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedM
         let (Some(axis), Some(here)) = (rules.axes.get(*m), here.get(*m)) else { continue };
         let speed = own.as_ref().and_then(|v| v.get(i)).copied().unwrap_or(share * axis.max_speed);
         let way = (q - here).abs();
-        // a profile of constant acceleration needs sqrt(way / a) to gain speed, and as long to lose it
+        // A profile of constant acceleration needs sqrt(way / a) to accelerate, and as long to brake.
         let push = (way / axis.max_acceleration.max(1e-6)).sqrt();
         // at a mean speed of half the greatest
         secs = f64::max(secs, 2.0 * way / speed.max(1e-6) + 2.0 * push);
@@ -233,48 +243,48 @@ fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedM
     PlannedMove { command, secs }
 }
 
-/// What a command that fits would be. Made from one reading, which is handed on: a newer one might come to another
-/// answer.
+/// Admission of a valid command. It holds the reading that it was decided by: a newer one might lead to another
+/// decision.
 pub(super) enum Admission {
-    /// It joins the open transaction.
+    /// The command joins the open transaction.
     Join {
-        /// The newest reading.
+        /// Configuration in the newest reading.
         here: Pose,
     },
-    /// It begins one.
+    /// The command begins a transaction.
     Begin {
-        /// The newest reading.
+        /// Configuration in the newest reading.
         here: Pose,
-        /// When it was read.
+        /// Time of the reading.
         sampled_at: Time,
-        /// How fast the robot was.
+        /// Speed of the robot, rad/s.
         speed: f64,
     },
-    /// It is an escape from a hold.
+    /// The command is an escape from a hold.
     Escape {
-        /// The newest reading.
+        /// Configuration in the newest reading.
         here: Pose,
-        /// Why the robot holds.
+        /// Reason of the hold.
         reason: Hold,
     },
 }
 
-/// How a commit is driven, and how long that should take.
+/// Planned move of a commit, and its expected duration.
 struct PlannedMove {
-    /// What the board is told.
+    /// Command for the board.
     command: Move,
-    /// How long it should take, s: an upper estimate, as boards have profiles of their own.
+    /// Expected duration, s: an upper estimate, as boards have profiles of their own.
     secs: f64,
 }
 
 impl PlannedMove {
-    /// It is driven from now on, so far.
+    /// Expected progress of the move over this distance, starting now.
     fn started(&self, distance_to_go: f64, now: Time) -> Started {
         Started { at: now, distance_to_go, expected: self.secs }
     }
 
-    /// After which time it must have ended: twice what it should take, and a second for a short one whose board is slow
-    /// to begin.
+    /// Time after which the move must have ended: twice its expected duration, plus a second for a short move on a
+    /// board that starts slowly.
     fn patience(&self) -> Duration {
         Duration::from_secs_f64((2.0 * self.secs + 1.0).min(1e6))
     }

@@ -1,71 +1,72 @@
-//! Credit: how much of a flood is heard. What is beyond it costs a refusal, and no line in the journal.
+//! Credit: the accepted rate of commits and journaled refusals. Beyond it, a commit is refused without a line in the
+//! journal.
 //!
 //! A token bucket: an agent that commits in an endless loop must neither starve the readings nor fill the disk (I7),
-//! and a burst of a program that moves each motor by itself must pass.
+//! and a burst of a program that moves each motor separately must pass.
 
 use super::{Step, SuperviseCore, SuperviseOut};
 use mobee_contract::{Credit, Event, SILENCE, Time, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What comes back in a second: more commands than any program needs that moves its motors one by one.
-const PER_SECOND: f64 = 250.0;
-/// The most that may be used at once: two seconds' worth, for a program that was held up and catches up.
-const MOST: f64 = 500.0;
-/// How often those refusals are summed up that were not told one by one.
-const SUM_UP: Duration = Duration::from_secs(1);
+/// Credit per second: more commands than any program needs that moves its motors one by one.
+const COMMITS_PER_SECOND: f64 = 250.0;
+/// Greatest burst: the credit of two seconds, for a program that catches up after a delay.
+const MAX_BURST: f64 = 500.0;
+/// Interval between summaries of the refusals that were not journaled one by one.
+const SUMMARY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What may still come to one robot.
+/// Remaining credit of one robot.
 #[derive(Clone, Debug)]
 pub(super) struct Credits {
-    /// Commits that may be taken.
+    /// Commits that may be accepted.
     pub(super) commits: Credit,
-    /// Refusals that may be told one by one.
-    telling: Credit,
-    /// Refusals that were not told.
-    untold: Untold,
-    /// The set-points that are being refused.
+    /// Refusals that may be journaled one by one.
+    reports: Credit,
+    /// Refusals that were not journaled.
+    unreported: Unreported,
+    /// Bursts of set-points that are being refused.
     bursts: Vec<Burst>,
 }
 
-/// How many refusals were not told, and since when.
+/// Number of refusals that were not journaled, and the time since which they are counted.
 #[derive(Clone, Copy, Debug)]
-struct Untold {
-    /// How many.
+struct Unreported {
+    /// Number of refusals.
     count: u64,
-    /// When they were last summed up.
+    /// Time of the last summary.
     since: Time,
 }
 
 /// Set-points of one agent that are refused for one reason, without a silence between them.
 #[derive(Clone, Debug)]
 struct Burst {
-    /// Who streams.
+    /// Streaming agent.
     agent: Arc<str>,
-    /// Why it is refused, as [`mobee_contract::Refusal::code`] has it.
+    /// Reason of the refusal, as returned by [`mobee_contract::Refusal::code`].
     code: &'static str,
-    /// When the last of them came.
+    /// Time of the last set-point.
     last: Time,
 }
 
 impl Credits {
-    /// All of it: nobody has used any yet.
+    /// Full credit.
     pub(super) fn full(now: Time) -> Credits {
-        let all = Credit::full(now, PER_SECOND, MOST);
-        Credits { commits: all, telling: all, untold: Untold { count: 0, since: now }, bursts: Vec::new() }
+        let all = Credit::full(now, COMMITS_PER_SECOND, MAX_BURST);
+        let unreported = Unreported { count: 0, since: now };
+        Credits { commits: all, reports: all, unreported, bursts: Vec::new() }
     }
 }
 
 impl SuperviseCore {
-    /// Puts the verdict on a commit first, and tells of a refusal. First, since the agent waits for it: what follows
-    /// from the commit is for others.
+    /// Puts the verdict on a commit in front of the step's actions, since the agent waits for it; journals a refusal.
     pub(super) fn answer(&mut self, agent: &str, verdict: Verdict, step: &mut Step) {
-        self.tell_refusal(agent, &verdict, step);
+        self.report_refusal(agent, &verdict, step);
         step.out.insert(0, SuperviseOut::Verdict(verdict));
     }
 
-    /// The same of set-points, which come in bursts: of those that are refused for one reason without a silence between
-    /// them the first is told.
+    /// Answers set-points, which arrive in bursts: if several are refused for one reason without a silence between
+    /// them, only the first is journaled.
     pub(super) fn answer_setpoints(&mut self, agent: &Arc<str>, verdict: Verdict, step: &mut Step) {
         if let Err(refusal) = &verdict {
             let bursts = &mut self.credits.bursts;
@@ -74,30 +75,31 @@ impl SuperviseCore {
                 Some(burst) => burst.last = step.now,
                 None => {
                     bursts.push(Burst { agent: agent.clone(), code: refusal.code(), last: step.now });
-                    self.tell_refusal(agent, &verdict, step);
+                    self.report_refusal(agent, &verdict, step);
                 }
             }
         }
         step.out.insert(0, SuperviseOut::Verdict(verdict));
     }
 
-    /// A line in the journal for a refusal, while there is credit for lines; else it is counted.
-    pub(super) fn tell_refusal(&mut self, agent: &str, verdict: &Verdict, step: &mut Step) {
+    /// Journals a refusal, if there is credit; else counts it.
+    pub(super) fn report_refusal(&mut self, agent: &str, verdict: &Verdict, step: &mut Step) {
         if let Err(refusal) = verdict {
-            if self.credits.telling.take(step.now) {
-                let (robot, agent, refusal) = (step.robot(), agent.to_string(), refusal.clone());
-                step.emit(Event::Refused { robot, agent, refusal });
+            if self.credits.reports.take(step.now) {
+                let robot = step.robot();
+                let agent = agent.to_string();
+                step.emit(Event::Refused { robot, agent, refusal: refusal.clone() });
             } else {
-                self.credits.untold.count += 1;
+                self.credits.unreported.count += 1;
             }
         }
     }
 
-    /// Tells how many refusals there were besides those that were told.
-    pub(super) fn sum_up(&mut self, step: &mut Step) {
-        let Untold { count, since } = self.credits.untold;
-        if count > 0 && step.now >= since + SUM_UP {
-            self.credits.untold = Untold { count: 0, since: step.now };
+    /// Warns of the number of refusals that were not journaled.
+    pub(super) fn summarize_refusals(&mut self, step: &mut Step) {
+        let Unreported { count, since } = self.credits.unreported;
+        if count > 0 && step.now >= since + SUMMARY_INTERVAL {
+            self.credits.unreported = Unreported { count: 0, since: step.now };
             let text = format!("{}: {count} more commands were refused; they come too quickly", step.rules.robot);
             step.emit(Event::Warning { text });
         }

@@ -5,35 +5,36 @@
 //!                            └^ each next amends                 └── contact at any time: rolled back as any motion
 //! ```
 //!
-//! Several programs may share one transaction: some stream positions, some velocities, some move; each motor does what
-//! was said of it last. Streams are refused while the robot holds: an escape is a commit. What is written of them is a
-//! matter of [`Streaming`].
+//! Several programs may share one transaction: some stream positions, some velocities, some move; each motor follows
+//! the latest command that names it. Streams are refused while the robot holds: an escape is a commit. [`Streaming`]
+//! decides what is written.
 
 use super::check::check_setpoints;
 use super::commit::Admission;
-use super::streaming::{Still, Streaming, mode_of};
+use super::streaming::{StreamFreezeWatch, Streaming, mode_of};
 use super::{Step, SuperviseCore};
 use crate::Rules;
 use crate::ledger::{Motion, home};
 use crate::pulse::Pulse;
-use crate::reflex::{FROZEN, FROZEN_WAY};
+use crate::reflex::{FROZEN_TIME, FROZEN_TRAVEL};
 use mobee_contract::{
     Cause, Command, ControlMode, Event, Hold, Pose, Refusal, Setpoints, Status, Time, Verdict, Writer,
 };
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long the robot may take to come to rest after the last set-point: long beside braking. Whoever still moves then
-/// is moved by something else, and its stream is rolled back.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Time within which the robot must come to rest after the last set-point: long beside braking. A robot that still
+/// moves then is moved by something else, and its stream is rolled back.
+const REST_TIMEOUT: Duration = Duration::from_secs(5);
 
 impl SuperviseCore {
-    /// Set-points arrive: they open a transaction, or amend the open stream. Checked in the order in which a program
-    /// can mend what is wrong: what it sent, that it pushes on, the state of the filter.
+    /// Handles set-points: they open a transaction, or amend the open stream. The checks are in the order in which a
+    /// program can correct the error: the set-points, a continued push, the state of the filter.
     pub(super) fn stream(&mut self, agent: &Arc<str>, setpoints: Setpoints, step: &mut Step) -> Verdict {
-        let (rules, now) = (step.rules, step.now);
+        let rules = step.rules;
+        let now = step.now;
         check_setpoints(&setpoints, rules)?;
-        self.listen(agent, &setpoints.motors, step)?;
+        self.admit_stream(agent, &setpoints.motors, step)?;
         match self.admit(step)? {
             Admission::Escape { reason, .. } => Err(Refusal::Holding { reason }),
             Admission::Join { .. } if self.status == Status::Escaping => {
@@ -44,10 +45,11 @@ impl SuperviseCore {
                 let mut stream = Streaming::new(rules, now);
                 stream.take(&setpoints, (&here, now), rules)?;
                 let safe = self.take_safe(sampled_at, &here, speed, step);
-                let target = stream.asked(&here);
+                let target = stream.requested(&here);
                 let motors = setpoints.motors.as_slice();
                 let id = self.open(agent.clone(), (target.clone(), motors), (Some(safe), Motion::Stream), step);
-                let (robot, agent) = (rules.robot.clone(), agent.to_string());
+                let robot = rules.robot.clone();
+                let agent = agent.to_string();
                 let named = stream.named();
                 let motors = greatest(&named, rules);
                 step.emit(Event::Commit { robot, id, agent, target, escape: false, motors, stream: true });
@@ -58,14 +60,15 @@ impl SuperviseCore {
         }
     }
 
-    /// The stream begins, or goes on, with these motors new to it; `here` is the newest reading, rad.
+    /// Begins or continues the stream, with these new motors; `here`: the newest reading, rad.
     pub(super) fn begin_stream(&mut self, stream: Streaming, new: &[usize], here: &Pose, step: &mut Step) {
         self.motion.stream = Some(stream);
         self.switch_modes(new, step);
         self.write_stream(here, step);
     }
 
-    /// Set-points for a motion under way: of its owner only, and not while it brakes. What is refused changes nothing.
+    /// Adds set-points to a motion in progress: from its owner only, and not while it brakes. A refusal changes
+    /// nothing.
     fn join_stream(&mut self, agent: &Arc<str>, setpoints: &Setpoints, here: &Pose, step: &mut Step) -> Verdict {
         let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
         let Some(open) = &mut step.book.open else { return not_ready("the outcome of the last motion") };
@@ -75,18 +78,21 @@ impl SuperviseCore {
         if self.motion.forces.is_some() {
             return not_ready("the end of the move under way");
         }
-        // a copy, put back when all of it was taken
-        let (rules, now, mode) = (step.rules, step.now, mode_of(&setpoints.values));
+        // A copy, which replaces the stream once all set-points are accepted.
+        let rules = step.rules;
+        let now = step.now;
+        let mode = mode_of(&setpoints.values);
         let mut stream = self.motion.stream.clone().unwrap_or_else(|| Streaming::new(rules, now));
         if stream.braking.is_some() {
             return not_ready("the robot to come to rest");
         }
-        // those that move otherwise are taken over; the others go on
+        // Motors that move otherwise are taken over; the others go on.
         let new: Vec<usize> = setpoints.motors.iter().copied().filter(|m| !stream.drives(*m, mode)).collect();
         stream.take(setpoints, (here, now), rules)?;
         open.name(&setpoints.motors);
-        open.target = stream.asked(&open.target);
-        let (id, target) = (open.id, open.target.clone());
+        open.target = stream.requested(&open.target);
+        let id = open.id;
+        let target = open.target.clone();
         if !new.is_empty() {
             let motors = greatest(&new, rules);
             step.emit(Event::Amended { robot: step.robot(), id, target, motors, stream: true });
@@ -95,7 +101,7 @@ impl SuperviseCore {
         Ok(id)
     }
 
-    /// Writes what is due of the stream, of a robot that is at `here`, rad.
+    /// Writes the due set-points of the stream, for a robot at `here`, rad.
     pub(super) fn write_stream(&mut self, here: &[f64], step: &mut Step) {
         let Some(stream) = &mut self.motion.stream else { return };
         for command in stream.write(here, step.rules, step.now) {
@@ -103,7 +109,7 @@ impl SuperviseCore {
         }
     }
 
-    /// A commit takes some motors over from the stream, which goes on with the others; without any left it is over.
+    /// Removes the motors of a commit from the stream, which goes on with the others, or ends if there are none.
     pub(super) fn leave_stream(&mut self, motors: &[usize]) {
         if let Some(stream) = &mut self.motion.stream {
             stream.leave(motors);
@@ -111,19 +117,20 @@ impl SuperviseCore {
         self.motion.stream.take_if(|stream| stream.named().is_empty());
     }
 
-    /// A reading during a stream: go on, brake, or see that it has come to rest. Returns whether the stream is over and
-    /// the motion is to be judged as any other.
+    /// Processes a reading during a stream: goes on, brakes, or detects rest. Returns whether the stream is over and
+    /// the motion is to be checked like any other.
     pub(super) fn streaming(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) -> bool {
         let rules = step.rules;
-        let (sampled_at, q) = (pulse.sample.at, &pulse.sample.q);
+        let sampled_at = pulse.sample.at;
+        let q = &pulse.sample.q;
         if self.is_stream_frozen(pulse) {
             self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
             return false;
         }
         let Some(stream) = &mut self.motion.stream else { return true };
         match stream.braking {
-            None if sampled_at >= stream.heard + rules.stream_quiet => {
-                // positions end at the last of them, where the board holds by itself
+            None if sampled_at >= stream.last_request + rules.stream_quiet => {
+                // Positions end at the last set-point, where the board holds by itself.
                 let motors = stream.brake(sampled_at);
                 if !motors.is_empty() {
                     step.command(self.token, Writer::Agent, Command::Stop { motors });
@@ -136,39 +143,40 @@ impl SuperviseCore {
                     let motors = pulse.sample.done.iter().enumerate();
                     motors.filter(|(m, _)| stream.names(*m) == of).all(|(_, done)| *done)
                 };
-                // motors that a commit moves may well go on
-                let (done, others_move) = (all_done(true), !all_done(false));
+                // Motors that a commit moves may still be moving.
+                let done = all_done(true);
+                let others_move = !all_done(false);
                 if sampled_at >= since + rules.reaction() && done && (at_rest || others_move) {
                     self.end_stream(q, since, sampled_at, step);
                     return true;
                 }
-                if sampled_at >= since + PATIENCE {
+                if sampled_at >= since + REST_TIMEOUT {
                     self.roll_back(Cause::TargetMissed, step);
                     return false;
                 }
             }
         }
-        self.keep_in_history(step);
+        self.advance_safe_pose(step);
         false
     }
 
-    /// Whether the readings have been equal bit for bit while the set-points moved on (I26). Velocities move the
-    /// set-points by their time, positions by their steps.
+    /// Returns whether the readings have been equal bit for bit while the set-points moved on (I26). Velocities move
+    /// the set-points by their time, positions by their steps.
     pub(super) fn is_stream_frozen(&mut self, pulse: &Pulse) -> bool {
         let Some(stream) = &mut self.motion.stream else { return false };
         let sampled_at = pulse.sample.at;
-        if stream.still.since != pulse.unchanged {
-            stream.still = Still { since: pulse.unchanged, moved: 0.0 };
+        if stream.freeze_watch.since != pulse.unchanged {
+            stream.freeze_watch = StreamFreezeWatch { since: pulse.unchanged, moved: 0.0 };
         } else {
-            stream.still.moved += stream.fastest() * sampled_at.since(stream.seen).as_secs_f64();
+            stream.freeze_watch.moved += stream.fastest() * sampled_at.since(stream.seen).as_secs_f64();
         }
         stream.seen = sampled_at;
-        sampled_at.since(stream.still.since) >= FROZEN && stream.still.moved > FROZEN_WAY
+        sampled_at.since(stream.freeze_watch.since) >= FROZEN_TIME && stream.freeze_watch.moved > FROZEN_TRAVEL
     }
 
-    /// The robot rests: where it does is the stream's target, or the last set-point if it counts as being there. A
-    /// stream has no target before it ends: its outcome is `Committed` wherever it was led, unless something stopped
-    /// it.
+    /// Ends the stream of a robot at rest. Its target becomes the configuration at rest, or the last set-point if the
+    /// robot is close to it. A stream has no target before its end: its outcome is `Committed` wherever it has led,
+    /// unless something stopped it.
     fn end_stream(&mut self, q: &Pose, since: Time, sampled_at: Time, step: &mut Step) {
         let Some(stream) = self.motion.stream.take() else { return };
         if let Some(open) = &mut step.book.open {
@@ -179,17 +187,18 @@ impl SuperviseCore {
             if open.motion == Motion::Stream {
                 self.motion.started = None;
             }
-            // motors that a commit moves may still be on their way
+            // Motors that a commit moves may still be on their way.
             open.motion =
-                Motion::Move { due: open.motion.due().max(Some(sampled_at + PATIENCE)).unwrap_or(sampled_at) };
-            let (id, target) = (open.id, open.target.clone());
+                Motion::Move { due: open.motion.due().max(Some(sampled_at + REST_TIMEOUT)).unwrap_or(sampled_at) };
+            let id = open.id;
+            let target = open.target.clone();
             step.emit(Event::Amended { robot: step.robot(), id, target, motors: Vec::new(), stream: true });
         }
         self.restore_modes(Writer::Agent, step);
     }
 
-    /// Motors that join the stream take its set-points from now on. The mode goes before the first set-point, or the
-    /// board drops that.
+    /// Switches motors that join the stream to the mode of its set-points. The mode goes before the first set-point,
+    /// which the board would drop otherwise.
     pub(super) fn switch_modes(&mut self, motors: &[usize], step: &mut Step) {
         let Some(stream) = &self.motion.stream else { return };
         self.modes.extend(motors);
@@ -201,8 +210,8 @@ impl SuperviseCore {
         }
     }
 
-    /// Motors that a stream has taken out of the mode of position moves are put back; whether there were any.
-    /// Remembered for the whole life of this core, and not by the stream: an interrupted one is gone before its motors
+    /// Switches motors that a stream has taken out of the mode of position moves back to it. Returns whether there
+    /// were any. They are stored in this core, and not in the stream: an interrupted stream is gone before its motors
     /// are at rest.
     pub(super) fn restore_modes(&mut self, writer: Writer, step: &mut Step) -> bool {
         let motors: Vec<usize> = std::mem::take(&mut self.modes).into_iter().collect();
@@ -214,7 +223,7 @@ impl SuperviseCore {
     }
 }
 
-/// The greatest speeds of these motors, rad/s: a stream may use all of them.
+/// Greatest speeds of these motors, rad/s: a stream may use all of them.
 fn greatest(motors: &[usize], rules: &Rules) -> Vec<(usize, f64)> {
     motors.iter().filter_map(|m| Some((*m, rules.axes.get(*m)?.max_speed))).collect()
 }

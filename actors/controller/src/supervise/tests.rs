@@ -52,7 +52,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn any_interleaving_keeps_the_promises(
+    fn any_interleaving_fulfills_the_promises(
         kind in prop::sample::select(vec![Kind::Straight, Kind::Fields, Kind::NoReflex, Kind::Velocities]),
         ops in prop::collection::vec(op(), 1..60),
     ) {
@@ -62,7 +62,7 @@ proptest! {
             cell.apply(op);
             prop_assert!(cell.outcomes.len() as u64 <= cell.commits, "I2: more outcomes than commits");
         }
-        // the healed phase: everything ends, and the filter is open, or holds where an escape frees it (I15)
+        // the recovery phase: everything ends, and the filter is open, or holds where an escape frees it (I15)
         cell.wall = None;
         cell.heal();
         if matches!(cell.supervise.status(), Status::Holding(_)) {
@@ -99,8 +99,8 @@ fn commits_that_do_not_fit_are_refused_with_their_code() {
 }
 
 #[test]
-fn a_commit_and_what_joins_it_tell_their_motors_and_how_fast_they_may_be() {
-    let told = |out: Vec<SuperviseOut>| {
+fn events_of_a_commit_and_its_amendments_have_motors_and_speeds() {
+    let journaled = |out: Vec<SuperviseOut>| {
         out.into_iter().find_map(|o| match o {
             SuperviseOut::Event(Event::Commit { motors, .. } | Event::Amended { motors, .. }) => Some(motors),
             _ => None,
@@ -112,15 +112,15 @@ fn a_commit_and_what_joins_it_tell_their_motors_and_how_fast_they_may_be() {
         let mut cell = Cell::of(kind);
         cell.apply(Op::Samples(30));
         let most = share * cell.rules.axes[0].max_speed;
-        assert_eq!(told(cell.on(commit(None), cell.now)), Some(vec![(0, most)]), "its share of the axis'");
-        assert_eq!(told(cell.on(commit(Some(vec![0.1])), cell.now)), Some(vec![(0, 0.1)]), "its own");
-        assert_eq!(told(cell.on(commit(Some(vec![9e9])), cell.now)), Some(vec![(0, most)]), "but no more");
+        assert_eq!(journaled(cell.on(commit(None), cell.now)), Some(vec![(0, most)]), "its share of the axis'");
+        assert_eq!(journaled(cell.on(commit(Some(vec![0.1])), cell.now)), Some(vec![(0, 0.1)]), "its own");
+        assert_eq!(journaled(cell.on(commit(Some(vec![9e9])), cell.now)), Some(vec![(0, most)]), "but no more");
     }
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     let setpoints = Setpoints { motors: vec![0], values: Values::Velocity(vec![0.1]) };
     let stream = SuperviseIn::Stream("a".into(), setpoints);
-    assert_eq!(told(cell.on(stream, cell.now)), Some(vec![(0, cell.rules.axes[0].max_speed)]));
+    assert_eq!(journaled(cell.on(stream, cell.now)), Some(vec![(0, cell.rules.axes[0].max_speed)]));
 }
 
 #[test]
@@ -138,7 +138,7 @@ fn set_points_that_do_not_fit_are_refused_with_their_code() {
     assert_eq!(code(&mut cell, Values::Position(vec![0.1])), Ok(CommitId(1)));
     assert_eq!(code(&mut cell, Values::Position(vec![0.12])), Ok(CommitId(1)));
     assert_eq!(cell.stream(false, Values::Position(vec![0.12])), Err(Refusal::Busy));
-    // quiet: it ends where it was brought
+    // quiet: it ends where it was led
     cell.apply(Op::Samples(100));
     assert_eq!(cell.outcomes, [CommitId(1)]);
     assert!((cell.q - 0.12).abs() < 1e-6, "{}", cell.q);
@@ -147,7 +147,7 @@ fn set_points_that_do_not_fit_are_refused_with_their_code() {
 
 /// A board without position-direct takes velocities only; a commit's own speeds are numbers above zero.
 #[test]
-fn what_the_board_has_no_use_for_is_refused() {
+fn set_points_that_the_board_cannot_take_are_refused() {
     use super::check::{check_setpoints, check_speeds};
     use crate::joint_retreat::tests::rules;
     let values = |q| Setpoints { motors: vec![0], values: Values::Position(vec![q]) };
@@ -183,7 +183,7 @@ fn a_stream_is_refused_while_the_robot_holds_and_gives_way_to_a_move() {
     assert_eq!(refused, Err(Refusal::Holding { reason: Hold::InContact }));
 }
 
-/// A program that never looks streams on while it is taken back, and after: it has run into the wall once.
+/// A program that ignores the robot's state streams on during the retreat, and after: it hits the wall once.
 #[test]
 fn a_stream_into_a_wall_that_never_pauses_runs_into_it_once() {
     let mut cell = Cell::new();
@@ -208,7 +208,7 @@ fn under_forces_the_target_is_reached_at_once_or_in_velocities() {
         cell.apply(Op::Commit(1.0, true));
         cell.apply(Op::Samples(100));
         assert_eq!(cell.supervise.status(), Status::Moving, "{kind:?}");
-        // another target in mid-motion joins; set-points of anybody's have to wait
+        // another target in mid-motion joins; set-points of any agent have to wait
         cell.apply(Op::Commit(-0.5, true));
         assert_eq!(cell.stream(true, Values::Velocity(vec![0.1])).map_err(|e| e.code()), Err("not_ready"));
         assert_eq!(cell.stream(false, Values::Velocity(vec![0.1])), Err(Refusal::Busy));
@@ -250,7 +250,7 @@ fn where_forces_balance_elsewhere_the_motion_is_rolled_back() {
     }
 }
 
-/// Contacts stop what has a reflex, and what has none goes through them.
+/// Contacts stop a robot with a reflex; without one it moves through them.
 #[test]
 fn without_a_reflex_contacts_stop_nothing() {
     let through = |kind: Kind| {
@@ -258,7 +258,7 @@ fn without_a_reflex_contacts_stop_nothing() {
         cell.apply(Op::Samples(30));
         cell.apply(Op::Commit(0.4, true));
         cell.apply(Op::Samples(60));
-        // no field, but a contact, as long as it is on its way
+        // no field, but a contact, as long as it is moving
         cell.touching = true;
         cell.heal();
         (cell.q, cell.supervise.status())
@@ -267,10 +267,10 @@ fn without_a_reflex_contacts_stop_nothing() {
     assert!(through(Kind::Fields).0 < 0.01);
 }
 
-/// A robot that is at its target, of which nobody knows for a while whether it rests, as after a gap in the readings, has not
-/// missed it; one that is done elsewhere has, a second later.
+/// A robot that is at its target, and not known to rest for a while, as after a gap in the readings, has not missed
+/// it; one that is done elsewhere has, a second later.
 #[test]
-fn a_target_that_was_reached_is_not_missed_while_nobody_knows_the_speed() {
+fn a_reached_target_is_not_missed_while_the_speed_is_unknown() {
     let end = |q: f64| {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
@@ -293,23 +293,23 @@ fn a_target_that_was_reached_is_not_missed_while_nobody_knows_the_speed() {
     assert_eq!(end(0.1).0, Status::Stopping);
 }
 
-/// A stop that was lost, or not heeded, is said again as soon as the readings show no effect.
+/// A stop that was lost or ignored is repeated as soon as the readings show no effect.
 #[test]
-fn a_stop_that_shows_no_effect_is_said_again() {
+fn a_stop_without_effect_is_repeated() {
     let stops = |brakes: bool| {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
         let out = cell.on(SuperviseIn::Fault("hot".into()), cell.now);
-        let mut told = out.iter().filter(|o| is_stop(o)).count();
+        let mut stop_count = out.iter().filter(|o| is_stop(o)).count();
         for k in 1..=100_u32 {
             let at = cell.now + Duration::from_millis(10) * k;
             let sample =
                 Sample { seq: 100 + u64::from(k), at, q: vec![0.0].into(), done: vec![false], ..Sample::default() };
             let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
             pulse.speed = if brakes { 0.5 - 0.005 * f64::from(k) } else { 0.5 };
-            told += cell.on(SuperviseIn::Pulse(&pulse), at).iter().filter(|o| is_stop(o)).count();
+            stop_count += cell.on(SuperviseIn::Pulse(&pulse), at).iter().filter(|o| is_stop(o)).count();
         }
-        told
+        stop_count
     };
     assert_eq!(stops(true), 1);
     assert!((4..=5).contains(&stops(false)), "{}", stops(false));
@@ -319,9 +319,9 @@ fn is_stop(out: &SuperviseOut) -> bool {
     matches!(out, SuperviseOut::Command(_, Writer::Supervise, Command::Stop { motors }) if motors.is_empty())
 }
 
-/// I17: a robot that does not come to rest, by its readings, is stopped again and again, and gets its outcome when it rests.
+/// I17: a robot whose readings do not show rest is stopped repeatedly, and gets its outcome when it rests.
 #[test]
-fn the_reflex_says_nothing_before_the_robot_rests() {
+fn the_reflex_reports_nothing_before_the_robot_rests() {
     let mut reflex = Alone::new(Cell::new().rules);
     let read = |k: u64, speed: f64, reflex: &mut Alone| {
         let at = Time::ZERO + Duration::from_millis(10) * k as u32;
@@ -356,7 +356,8 @@ fn the_reflex_says_nothing_before_the_robot_rests() {
     );
 }
 
-/// A board that answers more slowly than it was said to act is not moved: every reckoning with its latency would be wrong.
+/// A board that answers more slowly than its stated latency is not moved: everything computed from its latency would
+/// be wrong.
 #[test]
 fn the_filter_does_not_open_while_the_board_answers_too_slowly() {
     let mut cell = Cell::new();
@@ -380,8 +381,8 @@ fn the_filter_does_not_open_while_the_board_answers_too_slowly() {
     };
     let slow: Vec<_> = (1..60).map(|k| read(k, 20)).collect();
     assert_eq!(slow.last(), Some(&(Status::Holding(Hold::SlowBoard), [0, 0], Some(Err("holding")))));
-    for told in 0..2 {
-        assert_eq!(slow.iter().map(|(_, all, _)| all[told]).sum::<usize>(), 1, "it is told once");
+    for kind in 0..2 {
+        assert_eq!(slow.iter().map(|(_, all, _)| all[kind]).sum::<usize>(), 1, "it is reported once");
     }
     assert_eq!(read(60, 0).0, Status::Moving, "it opens, and the commit is taken");
 }

@@ -1,4 +1,4 @@
-//! Whatever pushes, the reference keeps to its limits; where nothing pushes, it comes to its target.
+//! Under any forces the reference stays within its limits; without forces it reaches its target.
 
 use super::*;
 use crate::{ControllerSettings, Drive, FieldsSettings};
@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 const SECS: f64 = 0.02;
 
-/// Three motors in two parts; the first part must keep the sum of its two motors below 2 rad.
+/// Three motors in two parts; the sum of the two motors of the first part must stay below 2 rad.
 fn rules(settings: FieldsSettings) -> (Rules, Arc<FieldRules>) {
     let axis = |name: &str, max_speed: f64| {
         let max_acceleration = 2.0 * max_speed;
@@ -93,7 +93,7 @@ proptest! {
         }
     }
 
-    /// The law itself keeps clear of what it must not violate, on the way between poses that are well.
+    /// The law itself avoids a violation, on the way between valid configurations.
     #[test]
     fn constraints_hold_on_the_way(a in -0.5..0.8_f64, b in -0.5..0.8_f64, c in -0.5..0.8_f64, d in -0.5..0.8_f64) {
         let (rules, fields) = rules(FieldsSettings::default());
@@ -109,7 +109,7 @@ proptest! {
 }
 
 #[test]
-fn motors_that_are_not_asked_stay_even_where_something_pushes() {
+fn motors_that_are_not_named_stay_even_under_forces() {
     let (rules, fields) = rules(FieldsSettings::default());
     let mut course = ReferenceTrajectory::new(&[0.0, 0.0, 0.0]);
     course.aim(&fields, &[0.5, 0.0, 0.0].as_slice().into(), &[(0, 0.5)]);

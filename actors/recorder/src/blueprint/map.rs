@@ -1,4 +1,4 @@
-//! The layout of a map: the robot and the map large, what the colors mean beside it.
+//! The layout of a map: a large view of robot and map, with a legend of the colors beside it.
 
 use super::{Print, publish};
 use crate::front::Front;

@@ -1,4 +1,5 @@
-//! The layout of a robot model: the robot large, words beside it, what moves and what touches over time below.
+//! The layout of a robot model: a large view of the robot, texts beside it, and motion and contacts over time
+//! below.
 
 use super::{Print, publish};
 use crate::front::Front;
@@ -6,7 +7,7 @@ use crate::stream::Written;
 use rerun::RecordingStream;
 use rerun::blueprint::components::{ContainerKind, PanelState, PlayState};
 
-/// Writes the layout, which plays from the beginning, again and again.
+/// Writes the layout, which plays from the beginning in a loop.
 pub(crate) fn send_model(rec: &RecordingStream, front: &Front) -> Written {
     publish(rec, |print| print.model(front))
 }

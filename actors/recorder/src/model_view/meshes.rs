@@ -1,4 +1,4 @@
-//! The meshes of a robot's links, each on the entity of its link, so that it moves with the shapes around it.
+//! Meshes of a robot's links, each on the entity of its link, so that it moves with the shapes around it.
 
 use crate::body::{Body, entity};
 use crate::palette;
@@ -8,7 +8,7 @@ use mobee_model::{LinkSurface, Robot};
 use nalgebra::Translation3;
 use rerun::components::AlbedoFactor;
 
-/// The node that each link with meshes hangs on.
+/// Node of each link that has meshes.
 ///
 /// # Errors
 /// The name of a link that is not in the robot.
@@ -17,7 +17,7 @@ pub(super) fn nodes<'a>(robot: &Robot, links: &'a [LinkSurface]) -> Result<Vec<(
     links.iter().filter(|l| !l.meshes.is_empty()).map(node).collect()
 }
 
-/// Writes them, once for all times.
+/// Writes the meshes as static data.
 pub(super) fn write(stream: &Stream, body: &Body, links: &[(usize, &LinkSurface)]) -> Written {
     for (node, link) in links {
         let Some(seat) = body.seats.get(*node) else { continue };

@@ -1,29 +1,29 @@
-//! Each motor through its range, the others at home.
+//! Sweep of each motor through its range, with the others at home.
 
 use mobee_contract::Time;
 use mobee_model::{JointMotion, Motor, Robot};
 
-/// How long the sweep of all motors takes, as far as each gets its share, seconds.
-const ALL: f64 = 60.0;
-/// How long that of one takes at least and at most, seconds.
-const ONE: (f64, f64) = (2.0, 6.0);
-/// How long the robot is shown at home before anything moves, seconds.
+/// Total duration of the sweeps, if the limits per motor allow it, s.
+const TOTAL_SECS: f64 = 60.0;
+/// Shortest and longest duration of one motor's sweep, s.
+const MOTOR_SECS: (f64, f64) = (2.0, 6.0);
+/// Time for which the robot is shown at home before the sweeps, s.
 pub(super) const AT_HOME: f64 = 2.0;
-/// How many poses a sweep has, two more or less.
+/// Number of configurations of a sweep, within two.
 const POSES: usize = 150;
 
-/// A motor and the positions that it takes one after the other, from home over both limits back to home.
+/// A motor and its successive positions, from home over both limits back to home.
 pub(super) struct Sweep {
     /// Index into the robot's motors.
     pub(super) motor: usize,
-    /// When, and where it then is, rad of encoder.
+    /// Times, and positions at these times, rad of encoder.
     pub(super) positions: Vec<(Time, f64)>,
 }
 
-/// The sweeps of all motors that can move, one after the other.
+/// Sweeps of all motors that can move, one after the other.
 pub(super) fn sweeps(robot: &Robot) -> Vec<Sweep> {
     let moving: Vec<usize> = (0..robot.motors.len()).filter(|m| robot.motors.get(*m).is_some_and(moves)).collect();
-    let secs = (ALL / moving.len().max(1) as f64).clamp(ONE.0, ONE.1);
+    let secs = (TOTAL_SECS / moving.len().max(1) as f64).clamp(MOTOR_SECS.0, MOTOR_SECS.1);
     let sweep = |(i, motor): (usize, usize)| {
         let positions = robot.motors.get(motor).map(positions).unwrap_or_default();
         let step = secs / positions.len().max(1) as f64;
@@ -39,7 +39,7 @@ fn moves(motor: &Motor) -> bool {
     max > min
 }
 
-/// From home down to the lower limit, up to the upper one, and back: both limits and home are among them.
+/// Positions from home down to the lower limit, up to the upper one, and back, including both limits and home.
 fn positions(motor: &Motor) -> Vec<f64> {
     let (min, max) = motor.range();
     let way = 2.0 * (max - min);
@@ -51,7 +51,7 @@ fn positions(motor: &Motor) -> Vec<f64> {
     all
 }
 
-/// A position as its encoder counts it, such as `-83.4°` or `120.0 mm`.
+/// Formats a position in the units of its encoder, such as `-83.4°` or `120.0 mm`.
 pub(super) fn in_units(motor: &Motor, q: f64) -> String {
     match motor.motion {
         JointMotion::Turn => format!("{:.1}°", q.to_degrees()),

@@ -1,4 +1,4 @@
-//! What is said beside the picture, in Markdown.
+//! Texts beside the views, in Markdown.
 
 use super::sweep::in_units;
 use super::{NearLinks, SeenModel};
@@ -6,7 +6,7 @@ use mobee_model::{Contact, Robot, ShapeId};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// What the picture means.
+/// Legend of the views.
 pub(super) const LEGEND: &str = "\
 # What you see
 
@@ -23,14 +23,14 @@ A robot is right if it moves as it should, if red comes up only where links coul
 left out may be.
 ";
 
-/// A link's name, or where it is in the robot.
+/// Name of a link, or its place in the robot if it has none.
 pub(super) fn link(robot: &Robot, node: usize) -> String {
     let Some(of) = robot.nodes.get(node) else { return format!("node {node}") };
     let part = || robot.parts.get(of.part).map_or("?", |p| p.name.as_str());
     of.name.as_deref().map_or_else(|| format!("{}/{node}", part()), str::to_owned)
 }
 
-/// The two nodes of a robot's contact with itself.
+/// Nodes of a robot's contact with itself.
 pub(super) fn nodes(contact: &Contact) -> Option<(usize, usize)> {
     let node = |id| match id {
         ShapeId::Robot { node, .. } => Some(usize::from(node)),
@@ -39,13 +39,13 @@ pub(super) fn nodes(contact: &Contact) -> Option<(usize, usize)> {
     Some((node(contact.pair.0)?, node(contact.pair.1)?))
 }
 
-/// How near, such as `3.2 mm` or `1.4 mm deep`.
+/// Formats a distance, such as `3.2 mm` or `1.4 mm deep`.
 pub(super) fn distance(meters: f64) -> String {
     let mm = meters * 1e3;
     if mm < 0.0 { format!("{:.1} mm deep", -mm) } else { format!("{mm:.1} mm") }
 }
 
-/// The motor that moves, where it is, and what is near now.
+/// The moving motor with its position, and the pairs that are near now.
 pub(super) fn now(robot: &Robot, moving: Option<(usize, f64)>, contacts: &[Contact]) -> String {
     let mut out = String::new();
     match moving.and_then(|(m, q)| Some((robot.motors.get(m)?, m, q))) {
@@ -73,7 +73,7 @@ pub(super) fn now(robot: &Robot, moving: Option<(usize, f64)>, contacts: &[Conta
     out
 }
 
-/// What came near in the whole sweep, the deepest first.
+/// Pairs that got near in the whole sweep, the deepest first.
 pub(super) fn near(robot: &Robot, seen: &SeenModel, margin: f64) -> String {
     let mm = margin * 1e3;
     let mut out = format!("# What comes near\n\nPairs of links nearer than the margin of {mm} mm.\n\n");
@@ -91,7 +91,7 @@ pub(super) fn near(robot: &Robot, seen: &SeenModel, margin: f64) -> String {
     out
 }
 
-/// The pairs that are not tested, with their reasons.
+/// Disabled pairs, with their reasons.
 pub(super) fn left_out(robot: &Robot) -> String {
     let tested = robot.pairs.reflex.len();
     let mut out = format!("# Pairs left out\n\n{tested} pairs of links are tested. ");
@@ -101,7 +101,7 @@ pub(super) fn left_out(robot: &Robot) -> String {
     let _ = writeln!(out, "These {} are not; remove a `leaveOut` from the file to have its pair tested.\n", list.len());
     out += "| links | reason |\n|---|---|\n";
     let mut list: Vec<_> = list.iter().collect();
-    // neighbors are many, and the least surprising
+    // Neighbors are many, and the least surprising.
     list.sort_by_key(|l| (l.reason.starts_with("neighbors"), l.nodes));
     for l in list {
         let [a, b] = [l.nodes.0, l.nodes.1].map(|n| escaped(&link(robot, n)));
@@ -110,7 +110,7 @@ pub(super) fn left_out(robot: &Robot) -> String {
     out
 }
 
-/// Text in which nothing is Markdown.
+/// Escapes all Markdown syntax in a text.
 fn escaped(text: &str) -> String {
     let special = |c: char| c.is_ascii_punctuation() && !matches!(c, '-' | ',' | '.' | ':' | '(' | ')' | '/');
     text.chars().flat_map(|c| special(c).then_some('\\').into_iter().chain([c])).collect()

@@ -1,4 +1,5 @@
-//! Reading a journal strictly: numbers, hashes and JSON of every line, with the place of the first thing that is wrong.
+//! Strict reader of journals: checks the numbers, hashes and JSON of every line, and reports the place of the
+//! first defect.
 
 use super::seal::{self, Seal};
 use super::{Chain, VERSION};
@@ -8,27 +9,27 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// A longer line is no journal's.
-const LONGEST: u64 = 1 << 25;
-/// What stands between a line's body and its end: the hash in hexadecimal.
+/// Longest line, bytes.
+const MAX_LINE_BYTES: u64 = 1 << 25;
+/// Text between a line's body and its hash in hexadecimal.
 const HASH_KEY: &str = ",\"hash\":\"";
 
-/// A line of a journal whose number and hash are right.
+/// A line of a journal with a valid number and hash.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JournalLine {
-    /// The line in the file, counted from 1.
+    /// Number of the line in the file, counted from 1.
     pub line: u64,
-    /// The event's number, counted from 0.
+    /// Number of the event, counted from 0.
     pub n: u64,
-    /// When it happened.
+    /// Time of the event on the run's clock.
     pub at: Time,
-    /// It.
+    /// The event.
     pub event: Event,
-    /// The hash up to here, in hexadecimal.
+    /// Hash up to this line, in hexadecimal.
     pub hash: String,
 }
 
-/// Why a journal can't be read on.
+/// Defect that ends the reading of a journal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}:{line}:{column}: {what}; {help}", file.display())]
 pub struct JournalError {
@@ -38,11 +39,11 @@ pub struct JournalError {
     pub line: u64,
     /// The column in bytes, counted from 1; 0 for the whole line.
     pub column: u64,
-    /// What is wrong.
+    /// Description of the defect.
     pub what: String,
-    /// What to do about it.
+    /// Remedy.
     pub help: String,
-    /// Whether the journal merely stops in mid-line, as a crash leaves it: all events before are good.
+    /// True if the journal merely stops in mid-line, as a crash leaves it: all events before are valid.
     pub truncated: bool,
 }
 
@@ -55,11 +56,11 @@ pub struct JournalLines {
     line: u64,
     n: u64,
     chain: Chain,
-    /// What its seal says that there is, if it has one.
+    /// Its seal, if it has one.
     seal: Option<Seal>,
-    /// Whether its first line says that it has a seal.
+    /// True if its first line states that it has a seal.
     is_sealed: bool,
-    /// Bytes of the lines that were good.
+    /// Size of the valid lines, bytes.
     good: u64,
     failed: bool,
     text: Vec<u8>,
@@ -70,12 +71,12 @@ pub struct JournalLines {
 struct Head {
     #[serde(default = "first_version")]
     version: u32,
-    /// Whether a seal belongs to it, as in all runs since there are digests of their files.
+    /// True if the journal has a seal, as in all runs since their files have digests.
     #[serde(default)]
     sealed: bool,
 }
 
-/// The version of journals that tell none.
+/// Version of journals that state none.
 fn first_version() -> u32 {
     1
 }
@@ -107,8 +108,10 @@ pub fn read(path: &Path) -> Result<JournalLines, JournalError> {
         mobee_model::file::open(&file).map_err(|e| wrong(e.to_string(), "name a run's folder or its journal"))?;
     let seal = seal::read(&file).map_err(|e| wrong(e, "take it away to go by the journal alone"))?;
     let reader = BufReader::with_capacity(1 << 16, opened);
-    let (version, chain) = (first_version(), Chain::default());
-    let (is_sealed, text) = (false, Vec::new());
+    let version = first_version();
+    let chain = Chain::default();
+    let is_sealed = false;
+    let text = Vec::new();
     Ok(JournalLines { file, version, reader, line: 0, n: 0, chain, seal, is_sealed, good: 0, failed: false, text })
 }
 
@@ -126,17 +129,17 @@ impl Iterator for JournalLines {
 }
 
 impl JournalLines {
-    /// The journal's version, which its first line tells: known once a line was read.
+    /// Version of the journal from its first line: valid once a line was read.
     pub fn version(&self) -> u32 {
         self.version
     }
 
-    /// Its seal, if there is one; and whether there must be one, which its first line tells.
+    /// The seal, if there is one, and whether the first line requires one.
     pub(crate) fn seal(&self) -> (Option<&Seal>, bool) {
         (self.seal.as_ref(), self.is_sealed)
     }
 
-    /// The bytes of all good lines so far, and the hash over them.
+    /// Size of all valid lines so far, bytes, and the hash over them.
     pub(super) fn good(&self) -> (u64, Chain) {
         (self.good, self.chain)
     }
@@ -145,7 +148,7 @@ impl JournalLines {
         loop {
             self.line += 1;
             self.text.clear();
-            let end = self.reader.by_ref().take(LONGEST).read_until(b'\n', &mut self.text);
+            let end = self.reader.by_ref().take(MAX_LINE_BYTES).read_until(b'\n', &mut self.text);
             end.map_err(|e| self.error(0, e.to_string(), "check the disk"))?;
             if self.text.is_empty() {
                 self.shortened()?;
@@ -168,7 +171,7 @@ impl JournalLines {
         }
     }
 
-    /// Reads a line; `None` if it is the aside.
+    /// Parses a line; `None` if it is the aside.
     fn parse(&mut self, bytes: &[u8]) -> Result<Option<JournalLine>, JournalError> {
         const BROKEN: &str =
             "the journal was changed after it was written: use a copy that was not, or do the run again";
@@ -209,7 +212,7 @@ impl JournalLines {
         Ok(Some(JournalLine { line: self.line, n: raw.n, at: Time(raw.t_ns), event: raw.event, hash }))
     }
 
-    /// A journal that ends before its seal says so lacks what was there.
+    /// Error if the journal has fewer events than its seal.
     fn shortened(&self) -> Result<(), JournalError> {
         match &self.seal {
             Some(seal) if self.n < seal.events => {
@@ -217,7 +220,7 @@ impl JournalLines {
                     "the journal ends after {} events, and {} were on the disk: its end was cut off",
                     self.n, seal.events
                 );
-                Err(self.error(0, what, "use a copy that is whole; what the robot did since is told nowhere else"))
+                Err(self.error(0, what, "use a complete copy; no other file records what the robot did since"))
             }
             _ => Ok(()),
         }
@@ -241,7 +244,7 @@ impl JournalLines {
     }
 }
 
-/// serde_json's message without its own line and column.
+/// Message of serde_json without its own line and column.
 fn json(error: &serde_json::Error) -> String {
     let text = error.to_string();
     text.split(" at line ").next().unwrap_or_default().to_string()

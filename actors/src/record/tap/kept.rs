@@ -1,10 +1,10 @@
-//! What somebody who comes late has to be told: how everything is now, not how it came to be.
+//! The present state, for a sink that is attached late.
 
 use mobee_contract::{Entry, Event, Note, Time};
 use std::collections::BTreeMap;
 
-/// The newest entry of each kind that shows the present: the world, and per robot its state, its open or last transaction, and
-/// its roadmap. As large as the roadmap, however long the run.
+/// The newest entry of each kind that describes the present: the world, and per robot its state, its open or
+/// last transaction, and its roadmap. It is as large as the roadmap, however long the run.
 #[derive(Clone, Debug, Default)]
 pub struct Kept {
     newest: BTreeMap<Key, (Time, Entry)>,
@@ -12,7 +12,7 @@ pub struct Kept {
     now: Time,
 }
 
-/// What an entry says the newest of, of the robot with this index. Entries of one instant are told in this order.
+/// Subject of an entry, for the robot with this index. Entries of one instant are reported in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Key {
     Started,
@@ -24,7 +24,7 @@ enum Key {
     Plan(usize),
 }
 
-/// The pose of the vertex that an event tells.
+/// Configuration of the vertex in an event.
 fn pose(event: &Event) -> Option<&[f64]> {
     match event {
         Event::Note { note: Note::Vertex { q, .. }, .. } => Some(q),
@@ -40,7 +40,7 @@ fn pose_of(entry: &Entry) -> Option<&[f64]> {
 }
 
 impl Kept {
-    /// Takes note of an entry.
+    /// Stores an entry if it is the newest of its kind.
     pub fn note(&mut self, at: Time, entry: &Entry) {
         self.now = self.now.max(at);
         if let Some(key) = self.key(entry) {
@@ -48,14 +48,14 @@ impl Kept {
             if let (Key::Vertex(robot, id), Some((_, Entry::Event(before)))) = (key, before)
                 && pose(&before) != pose_of(entry)
             {
-                // it is another vertex now
+                // It is another vertex now: its old edges are void.
                 let its = |k: &Key| matches!(k, Key::Edge(r, from, to) if *r == robot && (*from == id || *to == id));
                 self.newest.retain(|key, _| !its(key));
             }
         }
     }
 
-    /// What is to be told, each at its own time; first of all the scene as it is now, in which the rest is drawn.
+    /// Returns the entries, each with its own time; first the present scene, in which the others are drawn.
     pub fn entries(self) -> Vec<(Time, Entry)> {
         let mut entries: Vec<_> = self.newest.into_values().collect();
         let is_event = |entry: &Entry| matches!(entry, Entry::Event(_));

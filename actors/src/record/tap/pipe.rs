@@ -13,35 +13,36 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How long entries may wait for more to come, so that the sink's thread is woken rarely.
-const GATHER: Duration = Duration::from_millis(20);
-/// How often a sink without entries is flushed, in turns of [`GATHER`]: one that can no longer write is to notice though nothing happens.
+/// Time for which entries wait for more, so that the sink's thread is woken rarely.
+const BATCH_TIME: Duration = Duration::from_millis(20);
+/// Number of [`BATCH_TIME`] intervals after which an idle sink is flushed: it must notice that it can no longer
+/// write even if nothing happens.
 const IDLE_TURNS: u32 = 25;
 
-/// How far apart the pictures of one camera are, at least.
-const PICTURES: Duration = Duration::from_millis(200);
-/// So many pictures wait for a sink at most.
-const WAITING: usize = 64;
+/// Least interval between two images of one camera ([`Pictures::Few`]).
+const IMAGE_INTERVAL: Duration = Duration::from_millis(200);
+/// Most images that are queued for a sink.
+const MAX_QUEUED_IMAGES: usize = 64;
 
-/// What became of the entries of a sink.
+/// Counters of a sink at its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SinkReport {
-    /// The sink.
+    /// Name of the sink.
     pub name: String,
-    /// Entries told.
+    /// Entries that were reported to it.
     pub sent: u64,
-    /// Entries written.
+    /// Entries that it has written.
     pub handled: u64,
-    /// Entries that waited when the sink was closed after an error.
+    /// Entries that were still queued when the sink was closed after an error.
     pub queued: u64,
     /// Entries dropped.
     pub dropped: u64,
-    /// Why it could not be written to the end.
+    /// Reason for which it was not written to the end.
     pub error: Option<String>,
 }
 
 impl SinkReport {
-    /// As the event that a run ends with.
+    /// Returns the counters as the event that a run ends with.
     pub fn link(&self) -> Event {
         let SinkReport { name, sent, handled, queued, dropped, .. } = self.clone();
         Event::Link { link: name, sent, handled, queued, dropped, most: 0, capacity: 0 }
@@ -50,7 +51,7 @@ impl SinkReport {
 
 pub(super) struct Pipe {
     spec: SinkSpec,
-    /// Opens the sink; none as long as nobody was attached.
+    /// Opens the sink; `None` until one is attached.
     open: Mutex<Option<OpenSink>>,
     virtual_time: bool,
     shared: Arc<Shared>,
@@ -63,36 +64,36 @@ struct Shared {
     emptied: Condvar,
     /// Processor time that writing has taken.
     load: Load,
-    /// Entries written and flushes made: a thread that does not get on is left behind at the end.
+    /// Number of entries written and flushes made: a thread that makes no progress is abandoned at the end.
     steps: AtomicU64,
 }
 
 #[derive(Default)]
 struct Queue {
     entries: VecDeque<(Time, Entry)>,
-    /// Taken by the thread and not written yet.
+    /// Entries that the thread has taken and not written yet.
     in_hand: usize,
-    /// The sink's thread sleeps.
+    /// True if the sink's thread sleeps.
     asleep: bool,
     closed: bool,
-    /// The sink is closed and its thread at its end.
+    /// True if the sink is closed and its thread has ended.
     ended: bool,
-    /// Why the thread has ended before its time.
+    /// Reason for which the thread has ended early.
     error: Option<String>,
-    /// What a sink that is opened later has to be told.
+    /// Present state, for a sink that is opened later.
     kept: Kept,
-    /// How many threads were started; only the newest one counts.
+    /// Number of threads that were started; only the newest one counts.
     threads: u64,
-    /// How many sinks were attached while the run went on.
+    /// Number of sinks that were attached during the run.
     attached: u64,
-    /// Something was lost that must not be.
+    /// Loss of an event that must not be lost.
     lost: Option<String>,
     sent: u64,
     handled: u64,
     dropped: u64,
-    /// Per robot: the span of its last pose, and whether it was in contact.
+    /// Per robot: the interval of its last pose, and whether it was in contact.
     last: BTreeMap<usize, (u64, bool)>,
-    /// Per camera: when its last picture was told.
+    /// Per camera: time of its last image.
     pictures: BTreeMap<String, Time>,
 }
 
@@ -107,7 +108,7 @@ impl Shared {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A thread is at its end; one that was replaced has nothing to say.
+    /// Ends a thread; no-op for one that was replaced.
     fn ended(&self, thread: u64, error: Option<String>) {
         let mut queue = self.lock();
         if queue.threads == thread {
@@ -120,9 +121,13 @@ impl Shared {
 impl Pipe {
     pub(super) fn spawn(clock: ClockKind, spec: SinkSpec) -> Result<Pipe, String> {
         let spec = SinkSpec { capacity: spec.capacity.max(1), ..spec };
-        let (filled, emptied) = (Condvar::new(), Condvar::new());
-        let shared =
-            Shared { queue: Mutex::default(), filled, emptied, load: Load::default(), steps: AtomicU64::new(0) };
+        let shared = Shared {
+            queue: Mutex::default(),
+            filled: Condvar::new(),
+            emptied: Condvar::new(),
+            load: Load::default(),
+            steps: AtomicU64::new(0),
+        };
         shared.lock().ended = true;
         let pipe = Pipe {
             open: Mutex::new(spec.open.clone()),
@@ -143,14 +148,14 @@ impl Pipe {
         self.spec.essential
     }
 
-    /// Opens the sink (again), if there is one, and starts its thread, which begins with what waits in the queue.
+    /// Opens or reopens the sink, if there is one, and starts its thread, which begins with the queued entries.
     pub(super) fn open(&self) -> Result<(), String> {
         let attached = self.attached();
         let open = self.open.lock().unwrap_or_else(PoisonError::into_inner).clone();
         open.map_or(Ok(()), |open| self.start(open()?, attached))
     }
 
-    /// Puts a sink in the place of the present one, whose thread ends by itself when it can. `open` opens it anew.
+    /// Replaces the present sink, whose thread ends by itself when it can. `open` reopens the new one.
     pub(super) fn attach(&self, sink: Box<dyn Sink>, open: OpenSink) -> Result<(), String> {
         *self.open.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
         self.drop_queued();
@@ -162,7 +167,7 @@ impl Pipe {
         self.start(sink, attached)
     }
 
-    /// Starts the thread of a sink, unless another one was attached meanwhile.
+    /// Starts the thread of a sink, unless another one was attached in between.
     fn start(&self, mut sink: Box<dyn Sink>, attached: u64) -> Result<(), String> {
         let (mine, kept) = {
             let mut queue = self.shared.lock();
@@ -183,7 +188,7 @@ impl Pipe {
                 }
                 serve(&shared, sink.as_mut(), mine)
             }));
-            // what waits in the sink is written here
+            // Dropping the sink writes its buffered entries.
             let closed = catch_unwind(AssertUnwindSafe(|| drop(sink)));
             let error = match end.and_then(|end| closed.map(|()| end)) {
                 Ok(Ok(())) => None,
@@ -218,7 +223,7 @@ impl Pipe {
         self.put(queue, at, entry);
     }
 
-    /// Pictures are large, and few wait.
+    /// Queues a camera image. Images are large, so few are queued.
     pub(super) fn push_picture(&self, at: Time, camera: &str, seen: &Arc<SeenPicture>) {
         let mut queue = self.shared.lock();
         if queue.threads == 0 {
@@ -226,21 +231,22 @@ impl Pipe {
         }
         match &self.spec.pictures {
             Pictures::Few => {
-                if queue.pictures.get(camera).is_some_and(|last| at < *last + PICTURES) {
+                if queue.pictures.get(camera).is_some_and(|last| at < *last + IMAGE_INTERVAL) {
                     return;
                 }
                 queue.pictures.insert(camera.into(), at);
             }
             Pictures::All(cameras) if cameras.iter().any(|c| c == camera) => {
-                while self.virtual_time && queue.waiting_pictures() >= WAITING && queue.error.is_none() {
+                while self.virtual_time && queue.waiting_pictures() >= MAX_QUEUED_IMAGES && queue.error.is_none() {
                     self.shared.filled.notify_one();
                     queue = self.shared.emptied.wait(queue).unwrap_or_else(PoisonError::into_inner);
                 }
             }
             Pictures::All(_) | Pictures::None => return,
         }
-        if queue.waiting_pictures() >= WAITING {
-            (queue.sent, queue.dropped) = (queue.sent + 1, queue.dropped + 1);
+        if queue.waiting_pictures() >= MAX_QUEUED_IMAGES {
+            queue.sent += 1;
+            queue.dropped += 1;
             return;
         }
         let entry = Entry::Picture { camera: camera.into(), seen: seen.clone() };
@@ -280,7 +286,7 @@ impl Pipe {
                     return;
                 }
                 None => {
-                    // the thread may hold all of them
+                    // The thread may have taken all of them.
                     if queue.entries.pop_front().is_none() {
                         return;
                     }
@@ -295,19 +301,19 @@ impl Pipe {
         }
     }
 
-    /// Why the thread has ended, if it has before its time.
+    /// Reason for which the thread has ended early, if it has.
     pub(super) fn error(&self) -> Option<String> {
         self.shared.lock().error.clone()
     }
 
-    /// Drops what can't be written any more, so that nobody waits for this sink again.
+    /// Drops the queued entries, which can't be written, so that no producer waits for this sink.
     pub(super) fn drop_queued(&self) {
         let mut queue = self.shared.lock();
         queue.dropped += queue.entries.len() as u64;
         queue.entries.clear();
     }
 
-    /// How many sinks were attached while the run went on.
+    /// Number of sinks that were attached during the run.
     pub(super) fn attached(&self) -> u64 {
         self.shared.lock().attached
     }
@@ -317,7 +323,7 @@ impl Pipe {
         self.shared.lock().dropped
     }
 
-    /// What went through it so far; what its thread has in hand still waits.
+    /// Counters so far; entries that the thread has taken count as queued.
     pub(super) fn counters(&self) -> StreamCounters {
         let queue = self.shared.lock();
         let queued = (queue.entries.len() + queue.in_hand) as u64;
@@ -329,7 +335,7 @@ impl Pipe {
         self.shared.load.busy()
     }
 
-    /// For an essential sink: why the record is not complete, or not being written now.
+    /// For an essential sink: the reason for which the record is incomplete, or is not being written now.
     pub(super) fn broken(&self) -> Option<String> {
         if !self.spec.essential {
             return None;
@@ -338,11 +344,11 @@ impl Pipe {
         queue.lost.clone().or_else(|| queue.error.as_ref().map(|e| format!("{}: {e}", self.spec.name)))
     }
 
-    /// Closes the sink, and waits for its thread as long as that gets on. One that hangs is left behind, so that a frozen
-    /// viewer or disk does not keep the run from its end.
+    /// Closes the sink, and waits for its thread as long as that makes progress. A thread that hangs is
+    /// abandoned, so that a frozen viewer or disk does not block the end of the run.
     pub(super) fn finish(&self) -> SinkReport {
         if self.spec.essential && self.error().is_some() {
-            // a last try: what used up the disk may have ended before
+            // Try a last time: the disk may have space again.
             let _ = self.open();
         }
         let mut queue = self.shared.lock();
@@ -369,15 +375,15 @@ impl Pipe {
         drop(queue);
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(thread) = thread.filter(|_| !hangs) {
-            // its panic has been caught and told
+            // Its panic has been caught and reported.
             let _ = thread.join();
         }
         report
     }
 }
 
-/// The thread of a sink: writes what comes until the pipe is closed, or it is replaced. An entry that failed goes back to the
-/// queue.
+/// Body of a sink's thread: writes entries until the pipe is closed or the sink is replaced. An entry that
+/// failed returns to the queue.
 fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> {
     let mut batch = VecDeque::new();
     let mut dropped = shared.lock().dropped;
@@ -400,7 +406,7 @@ fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> 
         while queue.entries.is_empty() && !queue.closed && queue.threads == mine && turns < IDLE_TURNS {
             turns += 1;
             queue.asleep = true;
-            queue = shared.filled.wait_timeout(queue, GATHER).unwrap_or_else(PoisonError::into_inner).0;
+            queue = shared.filled.wait_timeout(queue, BATCH_TIME).unwrap_or_else(PoisonError::into_inner).0;
             queue.asleep = false;
         }
         if queue.threads != mine {
@@ -408,7 +414,7 @@ fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> 
         }
         std::mem::swap(&mut batch, &mut queue.entries);
         queue.in_hand = batch.len();
-        // there is room for pictures again
+        // There is room for images again.
         shared.emptied.notify_all();
         let lost = std::mem::replace(&mut dropped, queue.dropped) != queue.dropped;
         drop(queue);

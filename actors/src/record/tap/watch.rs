@@ -1,4 +1,4 @@
-//! The actor that stands for a sink in the supervision tree: it watches the sink's thread and opens the sink anew.
+//! The actor that represents a sink in the supervision tree: it watches the sink's thread and reopens the sink.
 
 use super::Taps;
 use crate::runtime::clock::Clock;
@@ -6,28 +6,28 @@ use mobee_contract::Event;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::time::Duration;
 
-/// How often a sink is looked at.
+/// Interval of the checks.
 const PERIOD: Duration = Duration::from_millis(500);
-/// How often in a run a sink is opened anew; one that is attached later, as often again.
-const BUDGET: u32 = 3;
+/// Number of times that a sink is reopened in a run; the count starts again when another sink is attached.
+const MAX_REOPENS: u32 = 3;
 
-/// Watches the sink of this name. Spawn it with `(taps, clock, name)`; its death harms nobody.
+/// Watches the sink of this name. Spawn it with `(taps, clock, name)`; its death has no effect on other actors.
 pub struct TapActor;
 
-/// What a [`TapActor`] keeps.
+/// State of a [`TapActor`].
 pub struct Watched {
     taps: Taps,
     clock: Clock,
     name: String,
     reopened: u32,
     given_up: bool,
-    /// Which of those that were attached it is.
+    /// Number of the attached sink that is being watched.
     attached: u64,
-    /// Dropped entries that were told of.
-    told: u64,
+    /// Number of dropped entries that the last warning reported.
+    reported_dropped: u64,
 }
 
-/// Time to look at the sink.
+/// Message: check the sink.
 #[derive(Debug)]
 pub struct Look;
 
@@ -42,7 +42,7 @@ impl Actor for TapActor {
         (taps, clock, name): Self::Arguments,
     ) -> Result<Watched, ActorProcessingErr> {
         myself.send_interval(PERIOD, || Look);
-        Ok(Watched { taps, clock, name, reopened: 0, given_up: false, attached: 0, told: 0 })
+        Ok(Watched { taps, clock, name, reopened: 0, given_up: false, attached: 0, reported_dropped: 0 })
     }
 
     async fn handle(
@@ -53,15 +53,20 @@ impl Actor for TapActor {
     ) -> Result<(), ActorProcessingErr> {
         let Some(pipe) = state.taps.0.pipes.iter().find(|p| p.name() == state.name) else { return Ok(()) };
         let warn = |text: String| state.taps.event(state.clock.now(), Event::Warning { text });
-        let (dropped, attached) = (pipe.dropped(), pipe.attached());
+        let dropped = pipe.dropped();
+        let attached = pipe.attached();
         if attached != state.attached {
-            // what waited for the one before is no loss: the new one was told how all is
-            (state.attached, state.reopened, state.given_up, state.told) = (attached, 0, false, dropped);
+            // Entries that were queued for the previous sink are no loss: the new one has received the present
+            // state.
+            state.attached = attached;
+            state.reopened = 0;
+            state.given_up = false;
+            state.reported_dropped = dropped;
         }
-        // told whenever they have doubled, so that the warnings are few
-        if dropped > 0 && dropped >= 2 * state.told {
+        // Warn whenever the count has doubled, so that the warnings are few.
+        if dropped > 0 && dropped >= 2 * state.reported_dropped {
             warn(format!("{}: {dropped} entries dropped so far: it can't keep up", state.name));
-            state.told = dropped;
+            state.reported_dropped = dropped;
         }
         let Some(error) = pipe.error() else { return Ok(()) };
         if !pipe.is_essential() {
@@ -70,7 +75,7 @@ impl Actor for TapActor {
         if state.given_up {
             return Ok(());
         }
-        if state.reopened == BUDGET {
+        if state.reopened == MAX_REOPENS {
             state.given_up = true;
             warn(format!("{}: {error}; it stays closed", state.name));
             return Ok(());

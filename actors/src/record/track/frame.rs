@@ -1,11 +1,11 @@
-//! Readings as bytes: numbers of variable length, each as its difference to the reading before.
+//! Readings as bytes: numbers of variable length, each as the difference from the previous reading.
 //!
 //! ```text
-//! record: 0, time ns, lag ns, each position         as they are: the first after the file was opened, or readings were lost
+//! record: 0, time ns, lag ns, each position         absolute: the first after the file was opened, or readings were lost
 //!         1, change of the time's step, each step   positions in units of the quantum, steps zigzag
-//!         2, the same with the lag after the time   a reading that was told later than it was read
+//!         2, the same with the lag after the time   a reading that was reported later than it was read
 //!         3, time, time since the reading before,
-//!            lag, each position                     the first of a frame, as they are: a frame is read without those before
+//!            lag, each position                     absolute, the first of a frame: a frame is read without those before
 //! ```
 //! Version 1 has no record of kind 3: its frames can only be read up to the first damage.
 
@@ -13,31 +13,31 @@ use super::{QUANTUM, TrackReading};
 use mobee_contract::{Pose, Time};
 use std::time::Duration;
 
-/// What a file begins with, before its number of motors.
+/// Start of a file, before its number of motors.
 const MAGIC: &[u8; 14] = b"mobee track 2\n";
-/// The same of the version before, which is read and continued, too.
+/// The same for the previous version, which is also read and continued.
 const MAGIC_1: &[u8; 14] = b"mobee track 1\n";
-/// Bytes before the first frame.
+/// Size of the header before the first frame, bytes.
 pub(super) const HEADER: u64 = MAGIC.len() as u64 + 4;
 
 const WHOLE: u8 = 0;
 const STEP: u8 = 1;
-const LATE: u8 = 2;
+const DELAYED: u8 = 2;
 const KEY: u8 = 3;
 
-/// The beginning of a file.
+/// Header of a file.
 pub(super) fn header(motors: usize) -> Vec<u8> {
     [MAGIC.as_slice(), &u32::try_from(motors).unwrap_or(u32::MAX).to_le_bytes()].concat()
 }
 
-/// The motors that a file is of, if this is the beginning of one.
+/// Number of motors in a header; `None` if it is not a header.
 pub(super) fn motors(header: &[u8]) -> Option<usize> {
     let number = header.strip_prefix(MAGIC).or_else(|| header.strip_prefix(MAGIC_1))?;
     let number: [u8; 4] = number.try_into().ok()?;
     usize::try_from(u32::from_le_bytes(number)).ok()
 }
 
-/// The reading before, in whole units.
+/// The previous reading, in whole units.
 #[derive(Clone, Debug, Default)]
 struct Last {
     at: u64,
@@ -45,7 +45,7 @@ struct Last {
     q: Vec<i64>,
 }
 
-/// Records that wait to be written.
+/// Records that are not written yet.
 #[derive(Debug, Default)]
 pub(super) struct Frame {
     bytes: Vec<u8>,
@@ -62,14 +62,15 @@ impl Frame {
         self.bytes.len()
     }
 
-    /// What comes next does not follow on what came before.
+    /// Marks the next reading as not connected to the previous one.
     pub(super) fn part(&mut self) {
         self.last = None;
     }
 
     pub(super) fn put(&mut self, reading: &TrackReading) {
         let q: Vec<i64> = reading.q.iter().map(|q| (q / QUANTUM).round() as i64).collect();
-        let (at, lag) = (reading.at.0, reading.told.since(reading.at).as_nanos() as u64);
+        let at = reading.at.0;
+        let lag = reading.told.since(reading.at).as_nanos() as u64;
         let step = match self.last.take().filter(|last| at >= last.at) {
             None => {
                 self.bytes.push(WHOLE);
@@ -86,7 +87,7 @@ impl Frame {
             }
             Some(last) => {
                 let step = at - last.at;
-                self.bytes.push(if lag == 0 { STEP } else { LATE });
+                self.bytes.push(if lag == 0 { STEP } else { DELAYED });
                 number(&mut self.bytes, zigzag(step.wrapping_sub(last.step) as i64));
                 if lag != 0 {
                     number(&mut self.bytes, lag);
@@ -99,13 +100,13 @@ impl Frame {
         self.readings += 1;
     }
 
-    /// The end of a record that stands by itself.
+    /// Writes the rest of a record with absolute values.
     fn put_whole(&mut self, lag: u64, q: &[i64]) {
         number(&mut self.bytes, lag);
         q.iter().for_each(|q| number(&mut self.bytes, zigzag(*q)));
     }
 
-    /// The frame with its length and its sum; the next one follows on it.
+    /// Returns the frame with its length and checksum, and starts the next one.
     pub(super) fn close(&mut self) -> Vec<u8> {
         let records = std::mem::take(&mut self.bytes);
         self.readings = 0;
@@ -115,16 +116,16 @@ impl Frame {
     }
 }
 
-/// Reads the records of frames again.
+/// Decoder of the records in frames.
 #[derive(Debug, Default)]
 pub(super) struct Decoder {
     last: Option<Last>,
-    /// Whether a frame was not the next one after the frame before it.
+    /// True if a frame did not directly follow the frame before it.
     pub(super) skips: bool,
 }
 
 impl Decoder {
-    /// The readings of a whole frame; none if it can't be read by itself and the frame before it was not.
+    /// Decodes the readings of a complete frame; `None` if it depends on a previous frame that was not read.
     pub(super) fn frame(&mut self, mut bytes: &[u8], motors: usize) -> Option<Vec<TrackReading>> {
         let mut readings = Vec::new();
         while !bytes.is_empty() {
@@ -138,17 +139,18 @@ impl Decoder {
         *bytes = rest;
         let last = self.last.take();
         let (base, at, step, follows) = match *kind {
-            // each position takes a byte at least
+            // Each position takes at least one byte.
             WHOLE | KEY if motors > bytes.len() => return None,
             WHOLE => (vec![0; motors], take(bytes)?, 0, false),
             KEY => {
-                let (at, step) = (take(bytes)?, take(bytes)?);
+                let at = take(bytes)?;
+                let step = take(bytes)?;
                 let before = last.map(|last| last.at);
                 let follows = before.is_some_and(|before| before.checked_add(step) == Some(at));
                 self.skips |= before.is_some() && !follows;
                 (vec![0; motors], at, 0, follows)
             }
-            STEP | LATE => {
+            STEP | DELAYED => {
                 let last = last?;
                 let step = last.step.wrapping_add(unzigzag(take(bytes)?) as u64);
                 (last.q, last.at.checked_add(step)?, step, true)
@@ -166,7 +168,7 @@ impl Decoder {
     }
 }
 
-/// Seven bits a byte, the lowest first.
+/// Appends a number with seven bits per byte, the lowest first.
 fn number(bytes: &mut Vec<u8>, mut n: u64) {
     while n >= 0x80 {
         bytes.push(n as u8 | 0x80);
@@ -188,7 +190,7 @@ fn take(bytes: &mut &[u8]) -> Option<u64> {
     None
 }
 
-/// Small numbers of either sign as small numbers.
+/// Maps small numbers of either sign to small numbers.
 fn zigzag(n: i64) -> u64 {
     ((n << 1) ^ (n >> 63)) as u64
 }

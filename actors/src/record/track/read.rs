@@ -1,6 +1,7 @@
-//! Reading a robot's measured poses again: a frame that is not whole is left out and named, and the next whole one is searched for.
+//! Reader of a robot's measured configurations: a damaged frame is skipped and reported as a gap, and the next
+//! complete one is searched for.
 
-use super::LONG;
+use super::FRAME_BYTES;
 use super::frame::{Decoder, HEADER, motors};
 use mobee_contract::{Pose, Time};
 use mobee_model::file::find_record;
@@ -8,36 +9,39 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// So many gaps are told apart at most.
-const GAPS: usize = 100;
-/// Bytes whose sums are taken at most in search of the frames of one file: no file keeps its reader busy for more than a second or two.
-const SEARCH: u64 = 1 << 30;
+/// Most gaps that are listed separately.
+const MAX_GAPS: usize = 100;
+/// Bytes that are checksummed at most in the search for the frames of one file, so that no file takes longer
+/// than a second or two.
+const MAX_SEARCH_BYTES: u64 = 1 << 30;
 
-/// A pose that was read.
+/// A configuration that was read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackReading {
-    /// When it was read.
+    /// Time of the reading.
     pub at: Time,
-    /// When the reflex told it: before the events from then on.
+    /// Time at which the reflex reported it: before the events from then on.
     pub told: Time,
-    /// The pose, rad.
+    /// The configuration, rad.
     pub q: Pose,
-    /// Whether all readings between the one before and this one are known to be passed over on purpose: none was lost.
+    /// True if no reading between the previous one and this one was lost; readings that were skipped on purpose
+    /// don't count.
     pub follows: bool,
 }
 
 /// A part of a file that can't be read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TrackGap {
-    /// Where it begins, and where readings can be read again: bytes of the file.
+    /// Start of the part, and the place at which readings continue: bytes of the file.
     pub bytes: (u64, u64),
-    /// The time of the last reading before it.
+    /// Time of the last reading before it.
     pub after: Option<Time>,
-    /// The time of the first reading after it; none if nothing can be read after it, as a crash leaves the end of a file.
+    /// Time of the first reading after it; `None` if nothing can be read after it, as at the end of a file
+    /// after a crash.
     pub until: Option<Time>,
 }
 
-/// The readings of a file, in the order in which they were told. Reading resumes behind damage.
+/// The readings of a file, in the order in which they were reported. Reading resumes behind damage.
 #[derive(Debug)]
 pub struct Readings {
     path: PathBuf,
@@ -45,23 +49,23 @@ pub struct Readings {
     motors: usize,
     decoder: Decoder,
     frame: std::vec::IntoIter<TrackReading>,
-    /// Where the next frame begins.
+    /// Start of the next frame, bytes.
     at: u64,
-    /// The end of the last whole frame.
+    /// End of the last complete frame, bytes.
     whole: u64,
-    /// The time of the newest reading of a frame.
+    /// Time of the newest decoded reading.
     newest: Option<Time>,
     gaps: Vec<TrackGap>,
-    /// The part that can't be read and whose end was not found yet.
+    /// The current unreadable part, until its end is found.
     gap: Option<TrackGap>,
-    /// Bytes whose sums may still be taken in search of frames.
+    /// Bytes that may still be checksummed in the search for frames.
     search: u64,
 }
 
-/// Opens a file of measured poses; none if there is no such file.
+/// Opens a file of measured configurations; `None` if there is no such file.
 ///
 /// # Errors
-/// A file that is something else, or can't be read, in words.
+/// A file that is something else, or can't be read, as a message.
 pub fn read(path: &Path) -> Result<Option<Readings>, String> {
     let file = match mobee_model::file::open(path) {
         Ok(file) => file,
@@ -87,32 +91,32 @@ pub fn read(path: &Path) -> Result<Option<Readings>, String> {
         newest: None,
         gaps: Vec::new(),
         gap: None,
-        search: SEARCH,
+        search: MAX_SEARCH_BYTES,
     }))
 }
 
 impl Readings {
-    /// The number of motors that it is of.
+    /// Number of motors in the file.
     pub fn motors(&self) -> usize {
         self.motors
     }
 
-    /// The end of the last whole frame, once all was read: bytes.
+    /// End of the last complete frame, bytes, once all was read.
     pub fn whole(&self) -> u64 {
         self.whole
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The parts that can't be read, once all was read.
+    /// Unreadable parts, once all was read.
     pub fn gaps(&self) -> &[TrackGap] {
         &self.gaps
     }
 
-    /// The next one, which stays the next one.
+    /// Returns the next reading without taking it.
     pub fn peek(&mut self) -> Option<&TrackReading> {
         while self.frame.as_slice().is_empty() {
             self.frame = self.next_frame()?.into_iter();
@@ -120,7 +124,7 @@ impl Readings {
         self.frame.as_slice().first()
     }
 
-    /// The next frame that can be read; none at the end.
+    /// Reads the next readable frame; `None` at the end.
     fn next_frame(&mut self) -> Option<Vec<TrackReading>> {
         while !self.bytes(self.at, 1)?.is_empty() {
             let begins = self.at;
@@ -148,29 +152,31 @@ impl Readings {
         }
         let rest = self.gap.take()?;
         let end = self.file.metadata().map_or(rest.bytes.0, |m| m.len());
-        // a file that is being read while it is written grows
-        (self.at, self.decoder) = (end, Decoder::default());
+        // A file that grows while it is read is not read again from here.
+        self.at = end;
+        self.decoder = Decoder::default();
         self.put(TrackGap { bytes: (rest.bytes.0, end), ..rest });
         None
     }
 
-    /// What begins here, or was just read, is no frame that can be read.
+    /// Starts a gap: the bytes here, or the frame that was just read, can't be decoded.
     fn damaged(&mut self) {
-        let (at, after) = (self.whole, self.newest);
+        let at = self.whole;
+        let after = self.newest;
         self.gap.get_or_insert(TrackGap { bytes: (at, at), after, until: None });
         self.decoder = Decoder::default();
     }
 
-    /// Notes a gap; the last of many stands for all that follow.
+    /// Records a gap; once [`MAX_GAPS`] are listed, the last one is extended.
     fn put(&mut self, gap: TrackGap) {
-        let full = self.gaps.len() >= GAPS;
+        let full = self.gaps.len() >= MAX_GAPS;
         match self.gaps.last_mut().filter(|_| full) {
             Some(last) => (last.bytes.1, last.until) = (gap.bytes.1, gap.until),
             None => self.gaps.push(gap),
         }
     }
 
-    /// The records of the whole frame that begins here, and where it ends.
+    /// Reads the complete frame that starts here: its records and its end.
     fn records(&self, at: u64) -> Option<(Vec<u8>, u64)> {
         let length = u64::from(u32::from_le_bytes(self.bytes(at, 4)?.try_into().ok()?));
         self.is_length(length).then_some(())?;
@@ -181,13 +187,13 @@ impl Readings {
         whole.then_some((bytes, at + 4 + length + 4))
     }
 
-    /// Whether a frame may have this length: it is closed once it is long, and a record has a byte for its kind, three numbers, and a number
-    /// for each motor.
+    /// True if a frame may have this length: it is closed at [`FRAME_BYTES`], and a record has a byte for its
+    /// kind, three numbers, and a number for each motor.
     fn is_length(&self, length: u64) -> bool {
-        (1..=LONG as u64 + 40 + 10 * self.motors as u64).contains(&length)
+        (1..=FRAME_BYTES as u64 + 40 + 10 * self.motors as u64).contains(&length)
     }
 
-    /// Where the next whole frame begins, from this place on.
+    /// Searches for the next complete frame from this place on, and returns its start.
     fn find(&mut self, from: u64) -> Option<u64> {
         let mut left = self.search;
         let end = self.file.metadata().ok()?.len();
@@ -204,7 +210,8 @@ impl Readings {
     }
 
     fn bytes(&self, at: u64, most: u64) -> Option<Vec<u8>> {
-        let (mut reader, mut bytes) = (&self.file, Vec::new());
+        let mut reader = &self.file;
+        let mut bytes = Vec::new();
         reader.seek(SeekFrom::Start(at)).ok()?;
         reader.take(most).read_to_end(&mut bytes).ok()?;
         Some(bytes)

@@ -156,7 +156,8 @@ proptest! {
         }
     }
 
-    /// A crash at any byte costs the last frame, and damage to any byte the frame that it is in; the next process goes on there.
+    /// A crash at any byte costs the last frame, and damage to any byte the frame that it is in; the next
+    /// process goes on there.
     #[test]
     fn a_cut_costs_the_tail_and_damage_one_frame(cut in 0_u64..2000, damage in 0_usize..3) {
         let dir = tempfile::tempdir().unwrap();

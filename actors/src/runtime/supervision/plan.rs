@@ -1,21 +1,21 @@
-//! Who is stopped and started after a death: the strategies of OTP as a pure state machine.
+//! Restart strategies of OTP as a pure state machine: the children to stop and start after a death.
 
 use mobee_contract::Time;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Which siblings are restarted with a child that died.
+/// Siblings that are restarted with a child that died.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Strategy {
     /// None.
     OneForOne,
     /// All.
     OneForAll,
-    /// Those started after it, since they may depend on it.
+    /// Those started after it, because they may depend on it.
     RestForOne,
 }
 
-/// When a child that ended is started again.
+/// Condition for restarting a child that ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Restart {
     /// Always.
@@ -26,43 +26,43 @@ pub enum Restart {
     Temporary,
 }
 
-/// How many restarts a group may need within a period before it gives up.
+/// Number of restarts within a period after which a group gives up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Intensity {
     /// Greatest number of restarts.
     pub restarts: u32,
-    /// Within this time.
+    /// Length of the period.
     pub period: Duration,
 }
 
-/// What happened to a child.
+/// Event in the life of a child or of its group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
     /// The group is to be started.
     Begin,
-    /// The child came up.
+    /// The child has started.
     Started(usize),
-    /// The child was stopped as asked.
+    /// The child was stopped on request.
     Stopped(usize),
     /// The child ended by itself, or could not be started.
     Died {
-        /// Which.
+        /// Index of the child.
         child: usize,
-        /// By a failure, not in order.
+        /// True after a failure, false after an orderly end.
         failed: bool,
     },
     /// The group is to be stopped.
     End,
 }
 
-/// What to do, one after the other. The steps of a later input replace those not yet done.
+/// Step to execute, one after the other. The steps of a later input replace those not yet executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RestartStep {
     /// Stop this child and wait for its end.
     Stop(usize),
     /// Start this child.
     Start(usize),
-    /// The budget is used up: fail, so that the parent sees it.
+    /// The restarts are used up: fail, so that the parent is notified.
     GiveUp,
 }
 
@@ -79,7 +79,7 @@ pub struct RestartPlan {
 }
 
 impl RestartPlan {
-    /// A group with nothing started yet.
+    /// Creates the plan of a group in which no child is started yet.
     pub fn new(strategy: Strategy, intensity: Intensity, policies: Vec<Restart>) -> RestartPlan {
         let n = policies.len();
         RestartPlan {
@@ -93,7 +93,7 @@ impl RestartPlan {
         }
     }
 
-    /// Takes an input, and says what is to be done now.
+    /// Takes an input, and returns the steps to execute.
     pub fn on(&mut self, input: Input, now: Time) -> Vec<RestartStep> {
         match input {
             Input::Begin => self.start_missing(),
@@ -116,12 +116,12 @@ impl RestartPlan {
         }
     }
 
-    /// Whether a child runs.
+    /// True if the child is running.
     pub fn is_up(&self, child: usize) -> bool {
         self.up.get(child).copied().unwrap_or(false)
     }
 
-    /// Restarts within the period up to `now`.
+    /// Number of restarts within the period up to `now`.
     pub fn restarts(&self, now: Time) -> u32 {
         let recent = self.restarts.iter().filter(|t| now.since(**t) < self.intensity.period).count();
         u32::try_from(recent).unwrap_or(u32::MAX)
@@ -152,7 +152,7 @@ impl RestartPlan {
             Strategy::OneForAll => self.stop(0..self.up.len()),
             Strategy::RestForOne => self.stop(child..self.up.len()),
         };
-        // a temporary child that is stopped with the others does not come back either, as in OTP
+        // As in OTP, a temporary child that is stopped with the others is not restarted.
         let back = |i: usize| !self.is_up(i) || self.policies.get(i) != Some(&Restart::Temporary);
         let missing = |i: usize| !self.is_up(i) || steps.contains(&RestartStep::Stop(i));
         let starts: Vec<RestartStep> = (0..self.up.len())
@@ -163,7 +163,7 @@ impl RestartPlan {
         steps
     }
 
-    /// Stops in reverse order those of `range` that run.
+    /// Stops the running children of `range` in reverse order.
     fn stop(&self, range: std::ops::Range<usize>) -> Vec<RestartStep> {
         range.rev().filter(|i| self.is_up(*i)).map(RestartStep::Stop).collect()
     }

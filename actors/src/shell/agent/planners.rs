@@ -1,6 +1,6 @@
-//! The planner in force, one that looks on and is to replace it, and the one that it replaced.
+//! The active planner, a candidate that is to replace it, and the one that it replaced.
 
-use crate::runtime::attempt::{Given, attempt};
+use crate::runtime::attempt::{Timed, attempt};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::swap::{Phase, SwapIn, SwapOut, SwapPolicy};
 use crate::wiring::SwapRequest;
@@ -10,16 +10,16 @@ use sha2::{Digest, Sha256};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How the last motion that a planner asked for ended.
+/// End of the last motion that a planner requested.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Last {
-    /// Its commit; none if it was refused.
+pub(super) struct MotionReport {
+    /// Its commit; `None` if it was refused.
     pub id: Option<CommitId>,
     pub end: MotionEnd,
 }
 
-/// What a planner said when it was asked.
-struct Said<T> {
+/// Answer of a planner, with its notes.
+struct Reply<T> {
     answer: T,
     notes: Vec<Note>,
 }
@@ -32,14 +32,15 @@ struct Candidate {
 pub(super) struct PlannerHost {
     shared: Arc<SharedContext>,
     context: Arc<RobotContext>,
-    /// Absent only while it is being asked.
+    /// Absent only during a call.
     agent: Option<Box<dyn Agent>>,
     candidate: Option<Candidate>,
     former: Option<Box<dyn Agent>>,
 }
 
 impl PlannerHost {
-    /// Makes the planner, at the start and after the actor's death: on probation, that counts against the new one.
+    /// Creates the planner, at the start and after the actor's death. A death on probation counts against the
+    /// new planner.
     pub(super) fn start(shared: Arc<SharedContext>, context: Arc<RobotContext>) -> Result<PlannerHost, String> {
         let mut host = PlannerHost { shared, context, agent: None, candidate: None, former: None };
         let newest = host.context.snapshot.lock().clone();
@@ -61,13 +62,13 @@ impl PlannerHost {
     fn after_death(&self) -> Option<Snapshot> {
         match self.step_core(SwapIn::Broke)? {
             SwapOut::Discard => {
-                self.tell(SwapStep::Refused { why: "the robot's agent died while it looked on".into() });
+                self.report(SwapStep::Refused { why: "the robot's agent died while the new one observed".into() });
                 None
             }
             _ => {
                 let (maker, state) = self.context.slot.lock().former.take()?;
                 self.context.slot.lock().maker = Some(maker);
-                self.tell(SwapStep::Reverted { why: "it died".into() });
+                self.report(SwapStep::Reverted { why: "it died".into() });
                 Some(state)
             }
         }
@@ -81,24 +82,25 @@ impl PlannerHost {
         self.context.slot.lock().core.phase()
     }
 
-    /// Whether a new planner waits for the end of what is under way.
+    /// True if a new planner waits for the end of the open motion.
     pub(super) fn is_due(&self) -> bool {
         matches!(self.phase(), Phase::Shadow(until) if self.shared.clock.now() >= until)
     }
 
-    fn tell(&self, step: SwapStep) {
-        self.shared.tell_swap(&self.context, SwapPart::Agent, step);
+    fn report(&self, step: SwapStep) {
+        self.shared.report_swap(&self.context, SwapPart::Agent, step);
     }
 
     /// Builds and checks a new planner beside the old one.
     ///
     /// # Errors
-    /// Why not; everything is then as before.
+    /// The reason for a refusal; nothing is changed then.
     pub(super) async fn offer(&mut self, offer: SwapRequest) -> Result<SwapPolicy, String> {
         if self.phase() != Phase::Settled {
             return Err("another swap of this agent is under way; wait until it is settled".into());
         }
-        let (maker, fresh) = (offer.maker.clone(), offer.fresh);
+        let maker = offer.maker.clone();
+        let fresh = offer.fresh;
         let state = self.agent.as_ref().map(|a| a.export());
         let built = attempt(&self.shared.clock, offer.terms.budget, move || {
             let made = (maker.0)().and_then(|mut agent| match state.filter(|_| !fresh) {
@@ -106,27 +108,29 @@ impl PlannerHost {
                 None => Ok(agent),
             });
             let cost = made.as_ref().map_or(Duration::ZERO, |a| a.simulated_latency());
-            Given { value: made, cost }
+            Timed { value: made, cost }
         });
         match built.await.and_then(|made| made) {
             Ok(agent) => {
                 self.step_core(SwapIn::Offer(offer.terms));
                 let SwapPolicy { shadow, probation, .. } = offer.terms;
-                let (shadow, probation) = (shadow.as_secs_f64(), probation.as_secs_f64());
-                self.tell(SwapStep::Offered { what: offer.what.clone(), shadow, probation });
+                let shadow = shadow.as_secs_f64();
+                let probation = probation.as_secs_f64();
+                self.report(SwapStep::Offered { what: offer.what.clone(), shadow, probation });
                 let terms = offer.terms;
                 self.candidate = Some(Candidate { agent, offer });
                 Ok(terms)
             }
             Err(why) => {
-                self.tell(SwapStep::Refused { why: why.clone() });
+                self.report(SwapStep::Refused { why: why.clone() });
                 Err(why)
             }
         }
     }
 
-    /// No transaction is open: a new planner may look on, or take over. Says whether it did.
-    pub(super) async fn boundary(&mut self, last: Option<Last>, view: &View) -> bool {
+    /// Handles a moment with no transaction open: a new planner may observe, or take over. Returns true if it
+    /// took over.
+    pub(super) async fn boundary(&mut self, last: Option<MotionReport>, view: &View) -> bool {
         match self.step_core(SwapIn::Boundary) {
             Some(SwapOut::Rehearse) => self.rehearse(last, view).await,
             Some(SwapOut::HandOver) => return self.hand_over().await,
@@ -136,7 +140,7 @@ impl PlannerHost {
         false
     }
 
-    /// Time passed.
+    /// Ends the probation if its time is over.
     pub(super) fn tick(&mut self) {
         if self.step_core(SwapIn::Tick) == Some(SwapOut::Settle) {
             self.settle();
@@ -146,44 +150,45 @@ impl PlannerHost {
     fn settle(&mut self) {
         self.former = None;
         self.context.slot.lock().former = None;
-        self.tell(SwapStep::Settled);
+        self.report(SwapStep::Settled);
     }
 
     fn discard(&mut self, why: String) {
         self.candidate = None;
         self.step_core(SwapIn::Broke);
-        self.tell(SwapStep::Refused { why });
+        self.report(SwapStep::Refused { why });
     }
 
-    /// What would the new one do here, with all that the old one knows?
-    async fn rehearse(&mut self, last: Option<Last>, view: &View) {
+    /// Records the intent that the new planner would have here, with the old planner's state.
+    async fn rehearse(&mut self, last: Option<MotionReport>, view: &View) {
         let Some(Candidate { mut agent, offer }) = self.candidate.take() else { return };
         let state = self.agent.as_ref().map(|a| a.export()).filter(|_| !offer.fresh);
-        let (last, view) = (last.map(|last| last.end), view.clone());
-        let asked = attempt(&self.shared.clock, offer.terms.budget, move || {
+        let last = last.map(|last| last.end);
+        let view = view.clone();
+        let rehearsed = attempt(&self.shared.clock, offer.terms.budget, move || {
             let taken = state.map_or(Ok(()), |state| agent.import(state));
             let intent = taken.map(|()| agent.next(last, &view)).map_err(|e| e.to_string());
             agent.notes();
             let cost = agent.simulated_latency();
-            Given { value: intent.map(|intent| (agent, intent)), cost }
+            Timed { value: intent.map(|intent| (agent, intent)), cost }
         });
-        match asked.await.and_then(|asked| asked) {
+        match rehearsed.await.and_then(|rehearsed| rehearsed) {
             Ok((agent, intent)) => {
                 self.candidate = Some(Candidate { agent, offer });
-                self.tell_shadow(&intent);
+                self.report_shadow(&intent);
             }
             Err(why) => self.discard(why),
         }
     }
 
-    fn tell_shadow(&self, intent: &Intent) {
+    fn report_shadow(&self, intent: &Intent) {
         let q = match intent {
             Intent::MoveTo(target) | Intent::MoveEach(target, _) => {
                 target.motors.iter().copied().zip(target.q.iter().copied()).collect()
             }
             _ => Vec::new(),
         };
-        self.shared.tell(Event::Shadow { robot: self.context.name.clone(), intent: intent.kind(), q });
+        self.shared.emit(Event::Shadow { robot: self.context.name.clone(), intent: intent.kind(), q });
     }
 
     async fn hand_over(&mut self) -> bool {
@@ -193,10 +198,11 @@ impl PlannerHost {
         let given = state.clone();
         let taken = attempt(&self.shared.clock, offer.terms.budget, move || {
             let taken = if offer.fresh { Ok(()) } else { agent.import(given).map_err(|e| e.to_string()) };
-            // what it says now was said before
+            // Its notes on the imported state were reported before.
             agent.notes();
-            let (back, cost) = (agent.export(), agent.simulated_latency());
-            Given { value: taken.map(|()| (agent, back)), cost }
+            let back = agent.export();
+            let cost = agent.simulated_latency();
+            Timed { value: taken.map(|()| (agent, back)), cost }
         });
         let (agent, back) = match taken.await.and_then(|taken| taken) {
             Ok(taken) => taken,
@@ -219,20 +225,22 @@ impl PlannerHost {
         }
         let gap = self.shared.clock.now().since(begun).as_secs_f64();
         self.step_core(SwapIn::TookOver);
-        self.tell(SwapStep::TookOver { gap, map: hash });
+        self.report(SwapStep::TookOver { gap, map: hash });
         true
     }
 
-    /// The robot rests: what next? Its state is kept with the answer, so that a successor knows what the motion is for.
-    /// `None`: the new planner broke, and the old one is back and to be asked. It then gets the
-    /// motion's end, if it knows of the motion.
-    pub(super) async fn next(&mut self, last: &mut Option<Last>, view: &View) -> Option<Intent> {
-        let (end, seen) = (last.map(|last| last.end), view.clone());
-        match self.ask(move |agent| (agent.next(end, &seen), agent.export())).await {
+    /// Requests the next intent while the robot is at rest. The planner's state is stored with the answer, so
+    /// that a successor has the purpose of the motion. Returns `None` if the new planner failed: the old one is
+    /// back and must be called. It is then notified of the end of the motion, if its state includes that
+    /// motion.
+    pub(super) async fn next(&mut self, last: &mut Option<MotionReport>, view: &View) -> Option<Intent> {
+        let end = last.map(|last| last.end);
+        let view = view.clone();
+        match self.call(move |agent| (agent.next(end, &view), agent.export())).await {
             Ok((intent, state)) => {
                 *self.context.snapshot.lock() = Some(state);
-                if let Some(Last { id, end }) = last.take() {
-                    self.shared.tell(Event::Told { robot: self.context.name.clone(), id, end });
+                if let Some(MotionReport { id, end }) = last.take() {
+                    self.shared.emit(Event::Told { robot: self.context.name.clone(), id, end });
                 }
                 Some(intent)
             }
@@ -245,57 +253,58 @@ impl PlannerHost {
         }
     }
 
-    /// The world has changed, or a set-point is due. `Err`: the new planner broke, and the old one is back.
+    /// Requests a revision after a change of the world, or because a set-point is due. `Err` if the new planner
+    /// failed: the old one is back.
     pub(super) async fn revise(&mut self, view: &View) -> Result<Option<Intent>, ()> {
-        let seen = view.clone();
-        let revised = self.ask(move |agent| agent.revise(&seen)).await;
+        let view = view.clone();
+        let revised = self.call(move |agent| agent.revise(&view)).await;
         revised.map_err(|why| {
             self.revert(why);
         })
     }
 
-    /// Asks the planner in force, and tells its notes.
-    async fn ask<T: Send + 'static>(
+    /// Calls the active planner, and emits its notes.
+    async fn call<T: Send + 'static>(
         &mut self,
-        question: impl FnOnce(&mut dyn Agent) -> T + Send + 'static,
+        method: impl FnOnce(&mut dyn Agent) -> T + Send + 'static,
     ) -> Result<T, String> {
         let mut agent = self.agent.take().ok_or("there is no agent")?;
         let call = move || {
-            let answer = question(&mut *agent);
-            let said = Said { answer, notes: agent.notes() };
+            let answer = method(&mut *agent);
+            let reply = Reply { answer, notes: agent.notes() };
             let cost = agent.simulated_latency();
-            Given { value: (agent, said), cost }
+            Timed { value: (agent, reply), cost }
         };
-        let (agent, said) = match self.phase() {
+        let (agent, reply) = match self.phase() {
             Phase::Probation(_) => {
                 let budget = self.context.slot.lock().core.terms().budget;
                 attempt(&self.shared.clock, budget, call).await?
             }
             _ => {
-                // a panic ends the actor, and its supervisor starts another
-                let given = call();
-                if self.shared.clock.kind() == ClockKind::Virtual && !given.cost.is_zero() {
-                    self.shared.clock.sleep(given.cost).await;
+                // A panic ends the actor, and its supervisor starts another one.
+                let timed = call();
+                if self.shared.clock.kind() == ClockKind::Virtual && !timed.cost.is_zero() {
+                    self.shared.clock.sleep(timed.cost).await;
                 }
-                given.value
+                timed.value
             }
         };
         self.agent = Some(agent);
         self.step_core(SwapIn::Answered);
-        self.note(said.notes);
-        Ok(said.answer)
+        self.note(reply.notes);
+        Ok(reply.answer)
     }
 
     fn note(&self, notes: Vec<Note>) {
         for note in notes {
-            self.shared.tell(Event::Note { robot: self.context.name.clone(), note });
+            self.shared.emit(Event::Note { robot: self.context.name.clone(), note });
         }
     }
 
-    /// The old planner returns. Says whether it knows what the new one did until then.
+    /// Puts the old planner back. Returns true if its state includes what the new one did.
     fn revert(&mut self, why: String) -> bool {
         self.step_core(SwapIn::Broke);
-        self.tell(SwapStep::Reverted { why });
+        self.report(SwapStep::Reverted { why });
         let own = {
             let mut slot = self.context.slot.lock();
             slot.former.take().map(|(maker, state)| {
@@ -305,19 +314,20 @@ impl PlannerHost {
         };
         let Some(mut agent) = self.former.take() else { return false };
         let newest = self.context.snapshot.lock().clone();
-        let knows = newest.is_some_and(|newest| agent.import(newest).is_ok());
-        let notes = if knows {
-            // all of it was said before
+        let is_current = newest.is_some_and(|newest| agent.import(newest).is_ok());
+        let notes = if is_current {
+            // All of these notes were reported before.
             agent.notes();
             Vec::new()
         } else {
-            // what the new one said of the map is no longer so: an agent tells its whole map when it takes one over
+            // The new planner's notes on the map no longer hold: an agent reports its whole map when it takes
+            // one over.
             let _ = own.map(|own| agent.import(own));
             agent.notes()
         };
         *self.context.snapshot.lock() = Some(agent.export());
         self.agent = Some(agent);
         self.note(notes);
-        knows
+        is_current
     }
 }

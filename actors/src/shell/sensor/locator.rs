@@ -1,7 +1,7 @@
-//! The locator's shell: pairs what was seen with the body as it was then.
+//! The locator's shell: pairs detections with the robot's configuration at the exposure.
 
-use super::{Eye, KeptObject, PATIENCE, PartMaker, Placing, Remembering, Seen};
-use crate::runtime::attempt::{Given, attempt};
+use super::{CameraChannel, FRAME_TIMEOUT, KeptObject, LocatorSlot, LocatorVersion, PartMaker, Seen};
+use crate::runtime::attempt::{Timed, attempt};
 use crate::runtime::clock::Clock;
 use crate::wiring::{AgentMsg, ModelMsg, SharedContext};
 use mobee_contract::{Admission, BodyState, Event, Located, Locator, SeenObject, Sighting, SwapPart, SwapStep, Time};
@@ -10,64 +10,66 @@ use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How soon to look again for a reading that is not there yet, and how often at most: readings may come late by a second.
-const AGAIN: Duration = Duration::from_millis(10);
-const TIMES: u32 = 100;
+/// Time between two checks for a reading that is not recorded yet: readings may be late by a second.
+const READING_RETRY: Duration = Duration::from_millis(10);
+/// Most checks for such a reading.
+const READING_RETRIES: u32 = 100;
 
-/// How often to look for what has not been seen.
-const LOOK: Duration = Duration::from_millis(200);
+/// Interval of the checks for stale objects.
+const STALE_CHECK: Duration = Duration::from_millis(200);
 
 /// The locator's actor.
 pub struct LocatorActor;
 
-/// What it hears.
+/// Message to a locator.
 pub enum LocatorMsg {
-    /// Something was seen by the camera of this index.
+    /// Detections of the camera with this index are queued.
     Seen(usize),
-    /// It is time to look for what has not been seen.
+    /// A check for stale objects is due.
     Look,
-    /// Another locator takes over, with what this one remembers unless it is to begin anew; answered when it has.
+    /// Replace the locator; the new one receives the state of this one unless it starts fresh. Replied to when
+    /// done.
     TakeOver {
-        /// Makes it.
+        /// Creates it.
         maker: PartMaker<dyn Locator>,
-        /// Whether it begins anew.
+        /// True if it starts without the state.
         fresh: bool,
-        /// Who waits.
+        /// Port for the reply.
         reply: RpcReplyPort<()>,
     },
 }
 
-/// What it keeps.
-pub struct Locating {
+/// State of a [`LocatorActor`].
+pub struct LocatorState {
     shared: Arc<SharedContext>,
-    eyes: Vec<Arc<Eye>>,
-    placing: Arc<Placing>,
-    /// Away while it is asked.
+    channels: Vec<Arc<CameraChannel>>,
+    locator_slot: Arc<LocatorSlot>,
+    /// Absent during a call.
     locator: Option<Box<dyn Locator>>,
-    /// Whether it was said that it tells numbers that are none.
-    told_unsound: bool,
+    /// True if the warning about non-finite output has been logged.
+    warned_unsound: bool,
 }
 
-impl Placing {
-    /// Tells what has not been seen for too long, by this time.
-    pub fn tell_stale(&self, shared: &SharedContext, by: Time) {
+impl LocatorSlot {
+    /// Reports the objects that have not been seen for too long at this time.
+    pub fn report_stale(&self, shared: &SharedContext, by: Time) {
         let Some(gate) = &self.gate else { return };
         let stale = gate.lock().stale(by);
         if stale.is_empty() {
             return;
         }
-        self.show_seen(shared);
+        self.publish_seen(shared);
         for object in stale {
-            shared.tell(Event::Stale { sensor: self.sensor.clone(), object });
+            shared.emit(Event::Stale { sensor: self.sensor.clone(), object });
         }
-        // who is on the way to it may want to look again
+        // An agent on its way to the object may revise its motion.
         for context in &shared.robots {
             context.agent.send(AgentMsg::Revise);
         }
     }
 
-    /// Lets agents know how the gate's objects were seen.
-    pub fn show_seen(&self, shared: &SharedContext) {
+    /// Publishes the state of the gate's objects to the agents.
+    pub fn publish_seen(&self, shared: &SharedContext) {
         let Some(gate) = &self.gate else { return };
         let seen = |kept: KeptObject| SeenObject {
             at: kept.place.map(|_| kept.seen),
@@ -75,17 +77,17 @@ impl Placing {
             object: kept.object,
             is_stale: kept.is_stale,
         };
-        let seen = gate.lock().kept().into_iter().map(seen).collect();
+        let seen = gate.lock().objects().into_iter().map(seen).collect();
         shared.seen.lock().insert(self.sensor.clone(), seen);
     }
 
-    /// The body at this instant, by the robot's recorded poses; none if they don't tell.
+    /// The robot's recorded configuration at this time; `None` if it is not recorded.
     async fn body(&self, clock: &Clock, at: Time) -> Option<BodyState> {
-        for _ in 0..TIMES {
+        for _ in 0..READING_RETRIES {
             let pose = self.robot.ledger.book().history.at(at);
             match pose {
                 Ok(q) => return Some(BodyState { at, q }),
-                Err(Unrecorded::NotYet) => clock.sleep(AGAIN).await,
+                Err(Unrecorded::NotYet) => clock.sleep(READING_RETRY).await,
                 Err(Unrecorded::NoMore) => return None,
             }
         }
@@ -93,10 +95,10 @@ impl Placing {
     }
 }
 
-impl Locating {
-    /// Makes the locator in force. One that does not take what was remembered begins anew.
+impl LocatorState {
+    /// Creates the active locator. One that rejects the stored state starts fresh.
     fn make(&mut self) -> Result<(), String> {
-        let Remembering { maker, state } = self.placing.seat.part();
+        let LocatorVersion { maker, state } = self.locator_slot.slot.part();
         let mut locator = maker()?;
         if let Some(state) = state {
             let _ = locator.import(state);
@@ -105,16 +107,16 @@ impl Locating {
         Ok(())
     }
 
-    /// Makes another locator the one in force.
+    /// Activates another locator.
     fn take_over(&mut self, maker: PartMaker<dyn Locator>, fresh: bool) -> Result<(), String> {
-        let seat = &self.placing.seat;
-        let state = seat.part().state.filter(|_| !fresh);
-        if !seat.take_over(Remembering { maker, state }, self.shared.clock.now()) {
+        let slot = &self.locator_slot.slot;
+        let state = slot.part().state.filter(|_| !fresh);
+        if !slot.take_over(LocatorVersion { maker, state }, self.shared.clock.now()) {
             return Ok(());
         }
-        // told first: what its making breaks is a reason to revert
+        // Reported first: a failure of its creation is a reason to revert.
         let took_over = SwapStep::TookOver { gap: 0.0, map: None };
-        self.shared.tell_beside(&self.placing.sensor, SwapPart::Locator, took_over);
+        self.shared.report_swap_beside(&self.locator_slot.sensor, SwapPart::Locator, took_over);
         self.make()
     }
 
@@ -124,33 +126,34 @@ impl Locating {
         let sighting = |region| Sighting { camera: camera.clone(), intrinsics, region, at: exposed };
         let sightings: Vec<Sighting> = regions.into_iter().map(sighting).collect();
         let locate = move || {
-            let (mut objects, cost) = (locator.locate(&sightings, &body), locator.takes());
+            let mut objects = locator.locate(&sightings, &body);
+            let cost = locator.takes();
             let all = objects.len();
             objects.retain(Located::is_finite);
             let is_sound = objects.len() == all;
             let state = locator.export();
-            Given { value: (locator, objects, is_sound, state), cost }
+            Timed { value: (locator, objects, is_sound, state), cost }
         };
-        let budget = self.placing.seat.budget().unwrap_or(PATIENCE);
+        let budget = self.locator_slot.slot.budget().unwrap_or(FRAME_TIMEOUT);
         let (locator, objects, is_sound, state) = attempt(&self.shared.clock, budget, locate).await?;
         self.locator = Some(locator);
-        self.placing.seat.change(|remembering| remembering.state = state);
-        self.placing.seat.answered(self.shared.clock.now());
-        if !is_sound && !std::mem::replace(&mut self.told_unsound, true) {
-            let text = format!("{}: it told numbers that are none: what has them is left out", self.placing.name);
-            self.shared.tell(Event::Warning { text });
+        self.locator_slot.slot.change(|version| version.state = state);
+        self.locator_slot.slot.answered(self.shared.clock.now());
+        if !is_sound && !std::mem::replace(&mut self.warned_unsound, true) {
+            let text = format!("{}: it told numbers that are none: what has them is left out", self.locator_slot.name);
+            self.shared.emit(Event::Warning { text });
         }
-        let gate = self.placing.gate.as_ref();
+        let gate = self.locator_slot.gate.as_ref();
         let admissions = gate.map(|gate| gate.lock().admit(exposed, &objects)).unwrap_or_default();
-        self.placing.show_seen(&self.shared);
+        self.locator_slot.publish_seen(&self.shared);
         for (object, admission) in objects.iter().zip(&admissions) {
             if *admission == Admission::Moved {
                 self.shared.model.send(ModelMsg::Seen(object.object.clone(), object.position));
             }
         }
-        // what one eye saw alone, say, tells nothing yet
+        // Detections by a single camera, for example, locate nothing yet.
         if !objects.is_empty() {
-            self.shared.tell(Event::Located { sensor: self.placing.sensor.clone(), exposed, objects, admissions });
+            self.shared.emit(Event::Located { sensor: self.locator_slot.sensor.clone(), exposed, objects, admissions });
         }
         Ok(())
     }
@@ -158,58 +161,59 @@ impl Locating {
 
 impl Actor for LocatorActor {
     type Msg = LocatorMsg;
-    type State = Locating;
-    type Arguments = (Arc<SharedContext>, Vec<Arc<Eye>>, Arc<Placing>);
+    type State = LocatorState;
+    type Arguments = (Arc<SharedContext>, Vec<Arc<CameraChannel>>, Arc<LocatorSlot>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<LocatorMsg>,
-        (shared, eyes, placing): Self::Arguments,
-    ) -> Result<Locating, ActorProcessingErr> {
-        let mut locating = Locating { shared, eyes, placing, locator: None, told_unsound: false };
-        locating.make()?;
-        locating.placing.locator.connect(myself.clone());
-        for (i, eye) in locating.eyes.iter().enumerate() {
+        (shared, channels, locator_slot): Self::Arguments,
+    ) -> Result<LocatorState, ActorProcessingErr> {
+        let mut state = LocatorState { shared, channels, locator_slot, locator: None, warned_unsound: false };
+        state.make()?;
+        state.locator_slot.locator.connect(myself.clone());
+        for (i, channel) in state.channels.iter().enumerate() {
             let bell = myself.clone();
             let doorbell = Box::new(move || bell.send_message(LocatorMsg::Seen(i)).is_ok());
-            eye.seen.iter().for_each(|stream| stream.attach(doorbell.clone()));
+            channel.seen.iter().for_each(|stream| stream.attach(doorbell.clone()));
         }
-        if locating.placing.gate.is_some() {
-            myself.send_interval(LOOK, || LocatorMsg::Look);
+        if state.locator_slot.gate.is_some() {
+            myself.send_interval(STALE_CHECK, || LocatorMsg::Look);
         }
-        Ok(locating)
+        Ok(state)
     }
 
     async fn handle(
         &self,
         myself: ActorRef<LocatorMsg>,
         message: LocatorMsg,
-        locating: &mut Locating,
+        state: &mut LocatorState,
     ) -> Result<(), ActorProcessingErr> {
         let i = match message {
             LocatorMsg::Seen(i) => i,
             LocatorMsg::Look => {
-                let now = locating.shared.clock.now();
-                locating.placing.tell_stale(&locating.shared, now);
+                let now = state.shared.clock.now();
+                state.locator_slot.report_stale(&state.shared, now);
                 return Ok(());
             }
             LocatorMsg::TakeOver { maker, fresh, reply } => {
-                locating.take_over(maker, fresh)?;
-                // who asked may have gone
+                state.take_over(maker, fresh)?;
+                // The caller may have timed out.
                 let _ = reply.send(());
                 return Ok(());
             }
         };
-        let Some(eye) = locating.eyes.get(i).cloned() else { return Ok(()) };
-        let Some(stream) = &eye.seen else { return Ok(()) };
-        let (placing, clock) = (locating.placing.clone(), locating.shared.clock.clone());
+        let Some(channel) = state.channels.get(i).cloned() else { return Ok(()) };
+        let Some(stream) = &channel.seen else { return Ok(()) };
+        let locator_slot = state.locator_slot.clone();
+        let clock = state.shared.clock.clone();
         let Some(seen) = stream.pop() else { return Ok(()) };
-        match placing.body(&clock, seen.exposed).await {
-            Some(body) if !seen.regions.is_empty() => locating.locate(seen, body).await?,
+        match locator_slot.body(&clock, seen.exposed).await {
+            Some(body) if !seen.regions.is_empty() => state.locate(seen, body).await?,
             Some(_) => {}
             None => stream.discard(),
         }
-        // one at a time: the other cameras have their turn
+        // One frame per message, so that the other cameras are handled in turn.
         myself.send_message(LocatorMsg::Seen(i))?;
         Ok(())
     }

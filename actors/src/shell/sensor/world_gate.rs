@@ -1,91 +1,92 @@
-//! The world gate: which of the places that a locator tells become the object's place in the model, and when an object is stale.
+//! The world gate decides which locator results update the model, and when an object is stale.
 //!
 //! ```text
-//! not its object, or no numbers ─> Foreign      less sure than demanded ─> Unsure      outside the workspace ─> Outside
-//! near where it was last ─> Agrees, or Moved if that is farther than the least move
-//! farther than a jump from there, or from where it was steady
-//!     ─> Waits, until it was seen there so many times in a row, and not where it was before ─> Moved
+//! another object, or not finite ─> Foreign      covariance too large ─> Unsure      outside the workspace ─> Outside
+//! within a jump of its last place ─> Agrees, or Moved if the distance is at least the least move
+//! farther than a jump from there, or from its last steady place
+//!     ─> Waits, until it was seen at the new place a number of times in a row ─> Moved
 //! ```
-//! One outlier therefore moves nothing, and neither does a second thing of the same looks while the first is in view.
+//! A single outlier therefore moves nothing, and neither does a second object of the same appearance while the
+//! first is in view.
 
 use mobee_contract::{Admission, Located, Time};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// An object is steady that goes on from one frame to the next by no more than this share of a jump; what is seen somewhere else is there
-/// again within this share.
+/// Greatest step of a steady object between two frames, as a share of the jump.
 const STEADY: f64 = 0.25;
-const AGAIN: f64 = 0.5;
+/// Greatest distance between two sightings of the same new place, as a share of the jump.
+const SAME_PLACE: f64 = 0.5;
 
-/// What a world gate goes by.
+/// Settings of a world gate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldGateSettings {
-    /// The objects that the sensor keeps where it sees them, by their names in the world.
+    /// Objects that the sensor tracks, by their names in the world.
     pub objects: Vec<String>,
-    /// The least and the greatest coordinates that a place may have, meters.
+    /// Least and greatest coordinates of a valid place, meters.
     pub workspace: [[f64; 3]; 2],
-    /// How far an object may be from where it was last to be believed at once, meters.
+    /// Greatest distance from the last place at which a new one is accepted at once, meters.
     pub jump: f64,
-    /// How often in a row an object must be seen at another place to be believed there.
+    /// Number of consecutive sightings at another place that confirm it.
     pub confirmations: u32,
-    /// The greatest standard deviation of a place, in its least certain direction, meters.
+    /// Greatest standard deviation of a place in its least certain direction, meters.
     pub uncertainty: f64,
-    /// An object that is less far than this from where the model has it stays, meters.
+    /// Least distance from the model's place that moves the object in the model, meters.
     pub least_move: f64,
-    /// An object that was not seen for so long is stale.
+    /// Time without a sighting after which an object is stale.
     pub stale: Duration,
 }
 
-/// The gate of one sensor. Outlives the locator's actor.
+/// The gate of one sensor. It survives the locator's actor.
 #[derive(Clone, Debug)]
 pub struct WorldGate {
     settings: WorldGateSettings,
     tracks: BTreeMap<String, Track>,
 }
 
-/// What is known of one object.
+/// Track of one object.
 #[derive(Clone, Debug, Default)]
 struct Track {
-    /// Where it was seen last, as far as that was believed.
+    /// Its last accepted place, meters.
     place: Option<Vector3<f64>>,
-    /// The last place where it was steady: outliers, of which each is near enough to the one before, don't lead it away.
+    /// Its last steady place, meters: a chain of outliers, each near the one before, can't lead it away.
     anchor: Option<Vector3<f64>>,
-    /// Where the model was told that it is.
-    told: Option<Vector3<f64>>,
-    /// When it was last seen where it is.
+    /// The place that was sent to the model, meters.
+    in_model: Option<Vector3<f64>>,
+    /// Time of the last accepted sighting.
     seen: Time,
     is_stale: bool,
-    /// Another place, and how often in a row it was seen there.
+    /// Another place, and the number of consecutive sightings there.
     other: Option<(Vector3<f64>, u32)>,
 }
 
-/// How an object is kept.
+/// State of a tracked object.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KeptObject {
-    /// Its name.
+    /// Name of the object.
     pub object: String,
-    /// Where it was seen last and believed, meters.
+    /// Its last accepted place, meters.
     pub place: Option<[f64; 3]>,
-    /// When that was.
+    /// Time of that sighting.
     pub seen: Time,
-    /// Whether that is too long ago.
+    /// True if that is too long ago.
     pub is_stale: bool,
 }
 
 impl WorldGate {
-    /// A gate that has seen nothing yet, at the time `now`.
+    /// Creates a gate without sightings, at the time `now`.
     pub fn new(settings: WorldGateSettings, now: Time) -> WorldGate {
         let fresh = |name: &String| (name.clone(), Track { seen: now, ..Track::default() });
         let tracks = settings.objects.iter().map(fresh).collect();
         WorldGate { settings, tracks }
     }
 
-    /// Judges what was located in one frame: one answer for each, in their order.
+    /// Judges the results for one frame: one answer for each, in their order.
     pub fn admit(&mut self, exposed: Time, located: &[Located]) -> Vec<Admission> {
         let mut answers: Vec<Admission> = located.iter().map(|l| self.form(l)).collect();
         for (name, track) in &mut self.tracks {
-            // `Other` until one is chosen
+            // `Other` until one candidate is chosen.
             let open = |(i, l): (usize, &Located)| {
                 let is_open = answers.get(i) == Some(&Admission::Other) && l.object == *name;
                 is_open.then(|| (i, Vector3::from(l.position)))
@@ -100,7 +101,7 @@ impl WorldGate {
         answers
     }
 
-    /// What can be said of one place without knowing where the object was: `Other` if it is a candidate.
+    /// Judges one place independently of the object's track: `Other` if it is a candidate.
     fn form(&self, located: &Located) -> Admission {
         let Located { object, position, covariance } = located;
         if !self.tracks.contains_key(object) || !located.is_finite() {
@@ -116,7 +117,7 @@ impl WorldGate {
         if is_inside { Admission::Other } else { Admission::Outside }
     }
 
-    /// The objects that have become stale by now, each told once until it is seen again.
+    /// Objects that have become stale by now; each is reported once until it is seen again.
     pub fn stale(&mut self, now: Time) -> Vec<String> {
         let after = self.settings.stale;
         let mut gone = Vec::new();
@@ -129,20 +130,20 @@ impl WorldGate {
         gone
     }
 
-    /// How all its objects are.
-    pub fn kept(&self) -> Vec<KeptObject> {
-        let kept = |(name, track): (&String, &Track)| KeptObject {
+    /// State of all its objects.
+    pub fn objects(&self) -> Vec<KeptObject> {
+        let object = |(name, track): (&String, &Track)| KeptObject {
             object: name.clone(),
             place: track.place.map(Into::into),
             seen: track.seen,
             is_stale: track.is_stale,
         };
-        self.tracks.iter().map(kept).collect()
+        self.tracks.iter().map(object).collect()
     }
 }
 
 impl Track {
-    /// Takes the candidate that the object is, or may be.
+    /// Selects the candidate that is, or may be, the object.
     fn choose(
         &mut self,
         settings: &WorldGateSettings,
@@ -161,27 +162,28 @@ impl Track {
             if far <= settings.jump * STEADY {
                 self.anchor = Some(at);
             }
-            return Some((i, self.believe(settings, exposed, at)));
+            return Some((i, self.accept(settings, exposed, at)));
         }
-        let there = |to: Vector3<f64>| nearest(to, settings.jump * AGAIN);
+        let there = |to: Vector3<f64>| nearest(to, settings.jump * SAME_PLACE);
         let again = self.other.and_then(|(to, times)| there(to).map(|(i, at, _)| (i, at, times + 1)));
         let (i, at, times) = again.or_else(|| candidates.first().map(|(i, at)| (*i, *at, 1)))?;
         if times < settings.confirmations {
             self.other = Some((at, times));
             return Some((i, Admission::Waits));
         }
-        (self.other, self.anchor) = (None, Some(at));
-        Some((i, self.believe(settings, exposed, at)))
+        self.other = None;
+        self.anchor = Some(at);
+        Some((i, self.accept(settings, exposed, at)))
     }
 
-    fn believe(&mut self, settings: &WorldGateSettings, exposed: Time, at: Vector3<f64>) -> Admission {
+    fn accept(&mut self, settings: &WorldGateSettings, exposed: Time, at: Vector3<f64>) -> Admission {
         self.place = Some(at);
         self.seen = self.seen.max(exposed);
         self.is_stale = false;
-        if self.told.is_some_and(|told| (told - at).norm() < settings.least_move) {
+        if self.in_model.is_some_and(|place| (place - at).norm() < settings.least_move) {
             return Admission::Agrees;
         }
-        self.told = Some(at);
+        self.in_model = Some(at);
         Admission::Moved
     }
 }

@@ -1,53 +1,53 @@
-//! Exchanging what runs beside the robots: a bridge, the detector of a camera, or the locator of a sensor.
+//! Exchange of parts beside the robots: a bridge, the detector of a camera, or the locator of a sensor.
 //!
 //! ```text
-//! bridge     its motions are taken back, its life ends in order ──> the new one is served ──> TookOver
-//! detector   the new one looks on for a while ──> between two frames ──> the new one is made, with what the old one has learned ──> TookOver
-//! locator    ──> between two sightings ──> the new one is made, with what the old one remembers ──> TookOver
+//! bridge     its motions are rolled back, its life ends in order ──> the new one starts ──> TookOver
+//! detector   the new one observes for a while ──> between two frames ──> the new one is created with the old one's state ──> TookOver
+//! locator    ──> between two detections ──> the new one is created with the old one's state ──> TookOver
 //! TookOver ──it works, and its probation is over──> Settled
-//!              │ its actor dies: the one before is what is started again, Reverted
+//!              │ its actor dies: the previous one is restarted, Reverted
 //! ```
-//! Nothing of it is in the pulse: no boundary is waited for.
+//! These parts are not in the path of the pulse, so no boundary is waited for.
 
-use super::{Exchanges, LOOK};
-use crate::runtime::attempt::{Given, attempt};
+use super::{CHECK_INTERVAL, Exchanges};
+use crate::runtime::attempt::{Timed, attempt};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::supervision::{Between, GroupMsg};
 use crate::runtime::swap::SwapPolicy;
-use crate::shell::{DetectorMsg, Eye, LocatorMsg, PartMaker, Placing, Post};
+use crate::shell::{CameraChannel, DetectorMsg, LocatorMsg, LocatorSlot, PartMaker, ServiceSlot};
 use crate::system::tree::services_of;
-use crate::wiring::{Seat, SharedContext};
+use crate::wiring::{PartSlot, SharedContext};
 use mobee_contract::{Detector, Locator, Service, SwapPart, SwapStep};
 use ractor::{ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long a detector or locator may take to come to the end of what it is at.
-const PATIENCE: Duration = Duration::from_secs(30);
+/// Longest time until a detector or locator has finished its current frame.
+const HAND_OVER_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// A new part of what runs beside the robots.
+/// A new part beside the robots.
 #[derive(Clone)]
 pub enum NewBeside {
     /// Another bridge.
     Bridge(Arc<dyn Service>),
     /// Another detector.
     Detector {
-        /// Makes it.
+        /// Creates it.
         maker: PartMaker<dyn Detector>,
-        /// Whether it begins anew, without what the old one has learned.
+        /// True if it starts without the state of the old one.
         fresh: bool,
     },
     /// Another locator.
     Locator {
-        /// Makes it.
+        /// Creates it.
         maker: PartMaker<dyn Locator>,
-        /// Whether it begins anew, without what the old one remembers.
+        /// True if it starts without the state of the old one.
         fresh: bool,
     },
 }
 
 impl NewBeside {
-    /// Which part it is.
+    /// Kind of the part.
     pub fn part(&self) -> SwapPart {
         match self {
             NewBeside::Bridge(_) => SwapPart::Bridge,
@@ -63,70 +63,74 @@ impl std::fmt::Debug for NewBeside {
     }
 }
 
-/// A new part of what runs beside the robots, as it is offered.
+/// Offer of a new part beside the robots.
 #[derive(Clone, Debug)]
 pub struct BesideOffer {
-    /// It.
+    /// The new part.
     pub part: NewBeside,
-    /// What it is, in words.
+    /// Description of the part.
     pub what: String,
-    /// What it must go through. Bridges and locators can't look on: their shadow is not used.
+    /// Requirements on the part. Bridges and locators can't observe: their shadow time is not used.
     pub terms: SwapPolicy,
 }
 
-/// What runs beside the robots.
+/// The parts beside the robots.
 #[derive(Default)]
 pub(in crate::system) struct Beside {
-    /// The group of all services, if there are any.
+    /// Group of all services, if there are any.
     pub(in crate::system) services: Option<ActorRef<GroupMsg>>,
-    pub(in crate::system) posts: Vec<Arc<Post>>,
-    pub(in crate::system) eyes: Vec<Arc<Eye>>,
-    pub(in crate::system) placings: Vec<Arc<Placing>>,
+    pub(in crate::system) service_slots: Vec<Arc<ServiceSlot>>,
+    pub(in crate::system) channels: Vec<Arc<CameraChannel>>,
+    pub(in crate::system) locator_slots: Vec<Arc<LocatorSlot>>,
 }
 
 impl Exchanges {
-    /// Begins an exchange, if there is what it is a part of, and none of it is under way. The run goes on meanwhile.
+    /// Begins an exchange, if the part exists and no other exchange of it is under way. The run continues
+    /// during the exchange.
     ///
     /// # Errors
-    /// Why it is not begun.
+    /// The reason for a refusal.
     pub(in crate::system) fn begin_beside(&mut self, name: &str, offer: BesideOffer) -> Result<(), String> {
         while self.tasks.try_join_next().is_some() {}
         let BesideOffer { part, what, terms } = offer;
         let trial = |part| Trial { shared: self.shared.clone(), name: name.to_owned(), part, budget: terms.budget };
         match part {
             NewBeside::Bridge(new) => {
-                let post = self.beside.posts.iter().find(|post| post.name() == name).cloned();
-                let (Some(post), Some(services)) = (post, self.beside.services.clone()) else {
+                let service_slot =
+                    self.beside.service_slots.iter().find(|service_slot| service_slot.name() == name).cloned();
+                let (Some(service_slot), Some(services)) = (service_slot, self.beside.services.clone()) else {
                     return Err(format!("there is no bridge {name} here"));
                 };
                 if self.shared.clock.kind() == ClockKind::Virtual && !new.runs_in_virtual_time() {
                     return Err(format!("the bridge {} can't run in virtual time", new.name()));
                 }
                 let trial = trial(SwapPart::Bridge);
-                trial.announce(post.seat(), what, SwapPolicy { shadow: Duration::ZERO, ..terms })?;
+                trial.announce(service_slot.slot(), what, SwapPolicy { shadow: Duration::ZERO, ..terms })?;
                 self.tasks.spawn(async move {
-                    let taken = trial.bridge(&post, services, new).await;
-                    trial.see_through(taken, post.seat()).await;
+                    let taken = trial.bridge(&service_slot, services, new).await;
+                    trial.see_through(taken, service_slot.slot()).await;
                 });
             }
             NewBeside::Detector { maker, fresh } => {
-                let eye = self.beside.eyes.iter().find(|eye| eye.name == name).cloned();
-                let eye = eye.ok_or_else(|| format!("there is no camera {name} here"))?;
+                let channel = self.beside.channels.iter().find(|channel| channel.name == name).cloned();
+                let channel = channel.ok_or_else(|| format!("there is no camera {name} here"))?;
                 let trial = trial(SwapPart::Detector);
-                trial.announce(&eye.seat, what, terms)?;
+                trial.announce(&channel.slot, what, terms)?;
                 self.tasks.spawn(async move {
-                    let taken = trial.detector(&eye, maker, fresh, terms.shadow).await;
-                    trial.see_through(taken, &eye.seat).await;
+                    let taken = trial.detector(&channel, maker, fresh, terms.shadow).await;
+                    trial.see_through(taken, &channel.slot).await;
                 });
             }
             NewBeside::Locator { maker, fresh } => {
-                let placing = self.beside.placings.iter().find(|placing| placing.sensor == name).cloned();
-                let placing = placing.ok_or_else(|| format!("the sensor {name} has no locator in this run"))?;
+                let locator_slot =
+                    self.beside.locator_slots.iter().find(|locator_slot| locator_slot.sensor == name).cloned();
+                let locator_slot =
+                    locator_slot.ok_or_else(|| format!("the sensor {name} has no locator in this run"))?;
                 let trial = trial(SwapPart::Locator);
-                trial.announce(&placing.seat, what, SwapPolicy { shadow: Duration::ZERO, ..terms })?;
+                trial.announce(&locator_slot.slot, what, SwapPolicy { shadow: Duration::ZERO, ..terms })?;
                 self.tasks.spawn(async move {
-                    let taken = trial.locator(&placing, maker, fresh).await;
-                    trial.see_through(taken, &placing.seat).await;
+                    let taken = trial.locator(&locator_slot, maker, fresh).await;
+                    trial.see_through(taken, &locator_slot.slot).await;
                 });
             }
         }
@@ -143,120 +147,134 @@ struct Trial {
 }
 
 impl Trial {
-    fn tell(&self, step: SwapStep) {
-        self.shared.tell_beside(&self.name, self.part, step);
+    fn report(&self, step: SwapStep) {
+        self.shared.report_swap_beside(&self.name, self.part, step);
     }
 
-    fn announce<P: Clone>(&self, seat: &Seat<P>, what: String, terms: SwapPolicy) -> Result<(), String> {
-        if !seat.offer(SwapPolicy { shadow: Duration::ZERO, ..terms }, self.shared.clock.now()) {
+    fn announce<P: Clone>(&self, slot: &PartSlot<P>, what: String, terms: SwapPolicy) -> Result<(), String> {
+        if !slot.offer(SwapPolicy { shadow: Duration::ZERO, ..terms }, self.shared.clock.now()) {
             return Err(format!("another swap of this {} is under way; wait until it is settled", self.part));
         }
-        let (shadow, probation) = (terms.shadow.as_secs_f64(), terms.probation.as_secs_f64());
-        self.tell(SwapStep::Offered { what, shadow, probation });
+        let shadow = terms.shadow.as_secs_f64();
+        let probation = terms.probation.as_secs_f64();
+        self.report(SwapStep::Offered { what, shadow, probation });
         Ok(())
     }
 
-    /// Takes the motions of the present bridge back, has it leave, and serves the new one.
+    /// Rolls back the motions of the present bridge, ends it, and starts the new one.
     async fn bridge(
         &self,
-        post: &Arc<Post>,
+        service_slot: &Arc<ServiceSlot>,
         services: ActorRef<GroupMsg>,
         new: Arc<dyn Service>,
     ) -> Result<(), String> {
         let begun = self.shared.clock.now();
-        post.vacate("another takes its place");
-        let (shared, seated) = (self.shared.clone(), post.clone());
+        service_slot.vacate("another takes its place");
+        let shared = self.shared.clone();
+        let slot = service_slot.clone();
         let between = Between(Box::new(move || {
             let now = shared.clock.now();
-            shared.counts.lock().down.remove(seated.name());
-            if seated.take_over(new, now) {
+            shared.counts.lock().down.remove(slot.name());
+            if slot.take_over(new, now) {
                 let gap = now.since(begun).as_secs_f64();
-                shared.tell_beside(seated.name(), SwapPart::Bridge, SwapStep::TookOver { gap, map: None });
+                shared.report_swap_beside(slot.name(), SwapPart::Bridge, SwapStep::TookOver { gap, map: None });
             }
         }));
-        let renewed = ractor::call!(services, GroupMsg::Renew, services_of(post.name()), between);
+        let renewed = ractor::call!(services, GroupMsg::Renew, services_of(service_slot.name()), between);
         renewed.map_err(|_| "it could not be started; the journal says why".into())
     }
 
-    /// Hands the camera's frames to the new detector, once it is known that it can be made.
+    /// Replaces the camera's detector, after a trial creation of the new one.
     async fn detector(
         &self,
-        eye: &Arc<Eye>,
+        channel: &Arc<CameraChannel>,
         maker: PartMaker<dyn Detector>,
         fresh: bool,
         shadow: Duration,
     ) -> Result<(), String> {
         let clock = &self.shared.clock;
         let made = maker.clone();
-        let make = move || Given { value: made().map(drop), cost: Duration::ZERO };
+        let make = move || Timed { value: made().map(drop), cost: Duration::ZERO };
         attempt(clock, self.budget, make).await??;
         if !shadow.is_zero() {
-            self.look_on(eye, maker.clone(), shadow).await?;
+            self.look_on(channel, maker.clone(), shadow).await?;
         }
-        self.hand_over(&eye.seat, |reply| {
-            eye.detector.send(DetectorMsg::TakeOver { maker: maker.clone(), fresh, reply });
+        self.hand_over(&channel.slot, |reply| {
+            channel.detector.send(DetectorMsg::TakeOver { maker: maker.clone(), fresh, reply });
         })
         .await
     }
 
-    /// Has the new locator asked from now on, once it is known that it can be made.
-    async fn locator(&self, placing: &Arc<Placing>, maker: PartMaker<dyn Locator>, fresh: bool) -> Result<(), String> {
+    /// Replaces the sensor's locator, after a trial creation of the new one.
+    async fn locator(
+        &self,
+        locator_slot: &Arc<LocatorSlot>,
+        maker: PartMaker<dyn Locator>,
+        fresh: bool,
+    ) -> Result<(), String> {
         let made = maker.clone();
-        let make = move || Given { value: made().map(drop), cost: Duration::ZERO };
+        let make = move || Timed { value: made().map(drop), cost: Duration::ZERO };
         attempt(&self.shared.clock, self.budget, make).await??;
-        self.hand_over(&placing.seat, |reply| {
-            placing.locator.send(LocatorMsg::TakeOver { maker: maker.clone(), fresh, reply });
+        self.hand_over(&locator_slot.slot, |reply| {
+            locator_slot.locator.send(LocatorMsg::TakeOver { maker: maker.clone(), fresh, reply });
         })
         .await
     }
 
-    /// Asks the actor that has the seat to let the new part take over, until it has.
-    async fn hand_over<P: Clone>(&self, seat: &Seat<P>, ask: impl Fn(RpcReplyPort<()>)) -> Result<(), String> {
+    /// Sends the actor of the part requests to replace it, until it has done so.
+    async fn hand_over<P: Clone>(&self, slot: &PartSlot<P>, request: impl Fn(RpcReplyPort<()>)) -> Result<(), String> {
         let clock = &self.shared.clock;
-        let until = clock.now() + PATIENCE;
+        let until = clock.now() + HAND_OVER_TIMEOUT;
         while clock.now() < until {
             let (reply, done) = ractor::concurrency::oneshot();
-            ask(reply.into());
+            request(reply.into());
             tokio::select! {
                 biased;
-                // an error: its actor died, of this or before
-                done = done => if done.is_ok() || !seat.is_offered() { return Ok(()) },
+                // An error: its actor died, because of the request or before.
+                done = done => if done.is_ok() || !slot.is_offered() { return Ok(()) },
                 () = clock.sleep_until(until) => break,
             }
-            clock.sleep(LOOK).await;
+            clock.sleep(CHECK_INTERVAL).await;
         }
-        let (part, secs) = (self.part, PATIENCE.as_secs());
+        let part = self.part;
+        let secs = HAND_OVER_TIMEOUT.as_secs();
         Err(format!("the {part} in force did not come to the end of what it was at within {secs} s"))
     }
 
-    /// Lets the new detector look on for so long.
-    async fn look_on(&self, eye: &Arc<Eye>, maker: PartMaker<dyn Detector>, shadow: Duration) -> Result<(), String> {
+    /// Lets the new detector observe for the time `shadow`.
+    async fn look_on(
+        &self,
+        channel: &Arc<CameraChannel>,
+        maker: PartMaker<dyn Detector>,
+        shadow: Duration,
+    ) -> Result<(), String> {
         let clock = &self.shared.clock;
-        *eye.onlooker_fault.lock() = None;
-        eye.detector.send(DetectorMsg::LookOn { maker, budget: self.budget });
+        *channel.onlooker_fault.lock() = None;
+        channel.detector.send(DetectorMsg::LookOn { maker, budget: self.budget });
         let until = clock.now() + shadow;
         while clock.now() < until {
-            clock.sleep(LOOK).await;
-            if let Some(why) = eye.onlooker_fault.lock().take() {
-                return Err(format!("it failed while it looked on: {why}"));
+            clock.sleep(CHECK_INTERVAL).await;
+            if let Some(why) = channel.onlooker_fault.lock().take() {
+                return Err(format!("it failed while it observed: {why}"));
             }
         }
         Ok(())
     }
 
-    /// Waits until the new part is trusted, or the one before is back, which is told where its actor died.
-    async fn see_through<P: Clone>(&self, taken: Result<(), String>, seat: &Seat<P>) {
+    /// Waits until the new part is trusted or the previous one has returned. A return after the death of the
+    /// actor is reported there.
+    async fn see_through<P: Clone>(&self, taken: Result<(), String>, slot: &PartSlot<P>) {
         let clock = &self.shared.clock;
         if let Err(why) = taken {
-            let reverts = seat.broke(clock.now());
-            seat.withdraw(clock.now());
-            self.tell(if reverts { SwapStep::Reverted { why } } else { SwapStep::Refused { why } });
+            let reverts = slot.broke(clock.now());
+            slot.withdraw(clock.now());
+            self.report(if reverts { SwapStep::Reverted { why } } else { SwapStep::Refused { why } });
         }
-        while seat.budget().is_some() {
-            if seat.settles(clock.now()) {
-                self.tell(SwapStep::Settled);
+        while slot.budget().is_some() {
+            if slot.settles(clock.now()) {
+                self.report(SwapStep::Settled);
             }
-            clock.sleep(LOOK).await;
+            clock.sleep(CHECK_INTERVAL).await;
         }
     }
 }

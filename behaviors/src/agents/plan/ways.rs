@@ -1,4 +1,4 @@
-//! Ways to a goal: a known one if it is free now, or a new one by RRT-Connect.
+//! Paths to a goal: a known one if it is free now, otherwise a new one by RRT-Connect.
 
 use crate::planners::{JointPath, JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
 use crate::roadmap::Roadmap;
@@ -7,13 +7,13 @@ use mobee_fast::FastError;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
-/// How near its middle other ways may not pass a straight line that failed, as a share of its length.
-const AVOID: f64 = 0.2;
+/// Radius around the middle of a failed edge that new paths avoid, as a share of the edge's length.
+const AVOID_RADIUS_SHARE: f64 = 0.2;
 
-/// How much more room than the view's clearance plans leave if they can, meters: a robot does not follow a line exactly.
-const ROOM: f64 = 0.006;
+/// Extra clearance that plans leave if possible, meters: a robot does not follow a line exactly.
+const EXTRA_CLEARANCE_M: f64 = 0.006;
 
-/// What was spent on plans: part of an agent's state.
+/// Plans made and straight lines checked so far; part of an agent's state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Spent {
@@ -21,21 +21,22 @@ pub(super) struct Spent {
     pub lines: u64,
 }
 
-/// Finds ways in the scene as it is.
+/// Finds paths in the current scene.
 pub(super) struct Ways {
     seed: u64,
     budget: u64,
     space: Option<JointSpace>,
-    /// The same with [`ROOM`].
+    /// The same space with [`EXTRA_CLEARANCE_M`] added to the clearance.
     roomy: Option<JointSpace>,
     pub spent: Spent,
 }
 
-/// One question: from where the robot is to a vertex of the map.
+/// A planning query: from the robot's configuration to a vertex of the map.
 pub(super) struct Leg<'a> {
     pub map: &'a Roadmap,
-    /// The vertex where the robot rests, and the group's pose as it really is.
+    /// Vertex where the robot rests.
     pub at: u32,
+    /// Measured configuration of the group, rad.
     pub here: &'a [f64],
     pub goal: u32,
 }
@@ -51,12 +52,12 @@ impl Ways {
         Ways { seed, budget, space: None, roomy: None, spent: Spent::default() }
     }
 
-    /// The scene as it is now, in which the middles of the edges that failed are avoided.
+    /// Updates the planning spaces to the current scene; the middles of failed edges are avoided.
     ///
     /// # Errors
-    /// A clearance that is none.
+    /// An invalid clearance.
     pub fn look(&mut self, leg: &Leg, view: &View) -> Result<(), FastError> {
-        for (kept, room) in [(&mut self.space, 0.0), (&mut self.roomy, ROOM)] {
+        for (kept, room) in [(&mut self.space, 0.0), (&mut self.roomy, EXTRA_CLEARANCE_M)] {
             let motors = leg.map.motors();
             let mut space = JointSpace::renewed(kept.take(), view, motors, room)?;
             space.stand(&view.scene, &view.poses);
@@ -66,19 +67,20 @@ impl Ways {
         Ok(())
     }
 
-    /// Whether the first edge of a route is not removed, and free from where the robot really is.
+    /// Returns whether the first edge of a route is not removed, and is free from the measured
+    /// configuration.
     pub fn passable(&mut self, leg: &Leg, route: &[u32]) -> bool {
         let [from, to, ..] = route[..] else { return false };
         let known = leg.map.edge(from, to).is_some_and(|e| e.state != EdgeState::Removed);
         known && self.free(leg, &[from, to])
     }
 
-    /// The shortest way of the map, if all of it is free now.
+    /// Returns the shortest path of the map if all of it is free now.
     pub fn known(&mut self, leg: &Leg) -> Option<Vec<u32>> {
         leg.map.plan(leg.at, leg.goal).filter(|way| self.free(leg, way))
     }
 
-    /// Whether a way over vertices is free from where the robot really is.
+    /// Returns whether a path over vertices is free from the measured configuration.
     fn free(&mut self, leg: &Leg, way: &[u32]) -> bool {
         let Some(space) = self.space.as_mut() else { return false };
         let mut poses = vec![leg.here.to_vec()];
@@ -88,24 +90,25 @@ impl Ways {
         space.all_free(poses.iter().zip(poses.iter().skip(1)).map(|(a, b)| (a.as_slice(), b.as_slice())))
     }
 
-    /// A new way, shortened. Every call has a seed of its own.
+    /// Plans and shortens a new path. Every call uses another seed.
     pub fn plan(&mut self, leg: &Leg) -> Result<JointPath, NoPath> {
         let seed = self.seed.wrapping_add(u64::from(self.spent.plans));
         self.spent.plans = self.spent.plans.saturating_add(1);
         let goal = leg.pose(leg.goal).unwrap_or_default();
         let mut left = self.budget;
         let mut found = Err(NoPath::Cancelled);
-        // Half of what may be spent is for a way with room; where an end has none there is none.
+        // The plan with extra clearance may spend half of the budget. It fails at once if an end lacks
+        // that clearance.
         for (space, budget) in [(&mut self.roomy, left / 2), (&mut self.space, left)] {
             let Some(space) = space else { continue };
-            let begun = space.evaluations();
+            let before_plan = space.evaluations();
             let problem =
                 PlanningProblem { start: space.within(leg.here), goal: goal.clone(), seed, budget: budget.min(left) };
             found = RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(()));
-            left = left.saturating_sub(space.evaluations() - begun);
-            let judged = space.evaluations();
+            left = left.saturating_sub(space.evaluations() - before_plan);
+            let before_shortcuts = space.evaluations();
             found = found.map(|path| shorten(space, path, seed, left));
-            left = left.saturating_sub(space.evaluations() - judged);
+            left = left.saturating_sub(space.evaluations() - before_shortcuts);
             if found.is_ok() {
                 break;
             }
@@ -114,7 +117,8 @@ impl Ways {
         found
     }
 
-    /// Length of a way over vertices from where the robot is, and of the straight line to the goal, rad.
+    /// Returns the lengths, rad, of a path over vertices from the measured configuration and of the
+    /// straight line to the goal.
     pub fn lengths(&self, leg: &Leg, way: &[u32]) -> (f64, f64) {
         let Some(metric) = self.space.as_ref().map(JointSpace::metric) else { return (0.0, 0.0) };
         let far = |a: &[f64], b: Option<Vec<f64>>| b.map_or(0.0, |b| metric.distance(a, &b));
@@ -123,16 +127,16 @@ impl Ways {
     }
 }
 
-/// The middles of edges that failed are avoided, and nothing else.
+/// Makes a space avoid the middles of failed edges, and nothing else.
 fn avoid_failed(space: &mut JointSpace, leg: &Leg) {
     space.forgive();
     for (from, to, _) in leg.map.edges().into_iter().filter(|(.., e)| e.state == EdgeState::Removed) {
         let (Some(from), Some(to), Some(goal)) = (leg.pose(from), leg.pose(to), leg.pose(leg.goal)) else { continue };
         let to = space.toward(&from, &to);
         let middle: Vec<f64> = from.iter().zip(&to).map(|(a, b)| (a + b) / 2.0).collect();
-        // the robot must be able to leave, and to arrive
+        // Shrink the radius so that the robot can leave its start and arrive at the goal.
         let ends = [leg.here, &goal].map(|q| space.metric().distance(q, &middle) / 2.0);
-        let radius = ends.into_iter().fold(AVOID * space.metric().distance(&from, &to), f64::min);
+        let radius = ends.into_iter().fold(AVOID_RADIUS_SHARE * space.metric().distance(&from, &to), f64::min);
         space.avoid(middle, radius);
     }
 }

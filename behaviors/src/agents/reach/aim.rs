@@ -1,33 +1,36 @@
-//! Poses in which a hand is where it should be, or eyes look where they should: inverse kinematics from a pose that is near.
+//! Configurations that bring a hand to a position or point the eyes at one: inverse kinematics from
+//! a nearby configuration.
 
 use crate::inverse_kinematics::{MotorGroup, PER_METER};
 use crate::table_map::HandChain;
 use nalgebra::{Point3, Unit, Vector3};
 
-/// Eyes that are so near to what they are to look at, rad, look at it (3 degrees).
-const AIMED: f64 = std::f64::consts::PI / 60.0;
-/// What is so near to where it rests is there, rad: maps are kept to a billionth, and encoders are noisy.
-const AT_REST: f64 = std::f64::consts::PI / 180.0;
+/// Maximum angle between an eye's axis and a point that it looks at, rad (3 degrees).
+const MAX_AIM_ERROR_RAD: f64 = std::f64::consts::PI / 60.0;
+/// Maximum distance of a motor from its rest position, rad (1 degree): maps are rounded to 1e-9,
+/// and encoders are noisy.
+const REST_TOLERANCE_RAD: f64 = std::f64::consts::PI / 180.0;
 
-/// A hand, and the motors that bring it somewhere.
+/// A hand, and the motors that move it.
 #[derive(Clone, Debug)]
 pub(super) struct Hand {
     pub chain: HandChain,
-    /// The map's motors, but for those that move other hands alone.
+    /// The map's motors, except those that move only other hands.
     pub group: MotorGroup,
-    /// These, and where they rest, rad.
+    /// Motors that move only other hands, and their rest positions, rad.
     pub others: Vec<(usize, f64)>,
-    /// Where the palm is to point, in the world.
+    /// Direction that the palm should have, world frame.
     pub palm: Unit<Vector3<f64>>,
 }
 
 impl Hand {
-    /// Whether all other hands are where they rest.
+    /// Returns whether all other hands are at rest.
     pub fn is_alone(&self, pose: &[f64]) -> bool {
-        self.others.iter().all(|(m, rest)| pose.get(*m).is_some_and(|q| (q - rest).abs() < AT_REST))
+        self.others.iter().all(|(m, rest)| pose.get(*m).is_some_and(|q| (q - rest).abs() < REST_TOLERANCE_RAD))
     }
 
-    /// The group's positions, near those of a whole pose, with the hand there and its palm as it should be.
+    /// Solves for the group's positions, rad, near those of a whole configuration, that bring the
+    /// hand to `to` with its palm as required.
     pub fn bring(&self, pose: &[f64], to: Vector3<f64>) -> Vec<f64> {
         self.group.solve(pose, |q| {
             let hand = self.chain.at(q);
@@ -36,24 +39,27 @@ impl Hand {
         })
     }
 
-    /// How far the hand is from there, meters, and how far its palm points elsewhere, rad.
+    /// Returns the distance of the hand from `to`, meters, and the angle of its palm from the
+    /// required direction, rad.
     pub fn off(&self, pose: &[f64], to: Vector3<f64>) -> (f64, f64) {
         let hand = self.chain.at(pose);
         ((hand.at.coords - to).norm(), hand.palm.angle(&self.palm))
     }
 }
 
-/// What looks, and the motors that turn it.
+/// The eyes, and the motors that turn them.
 #[derive(Clone, Debug)]
 pub(super) struct Eyes {
-    /// To each eye; its palm is the direction in which it looks.
+    /// Chain to each eye; its palm is the viewing direction.
     pub chains: Vec<HandChain>,
     pub group: MotorGroup,
 }
 
 impl Eyes {
-    /// The group's positions, near those of a whole pose, with all eyes on a point as far as that goes. A neck that goes up to its limit
-    /// while the eyes go down to theirs is a dead end of the search: it then begins elsewhere as well.
+    /// Solves for the group's positions, rad, near those of a whole configuration, that point all
+    /// eyes at `to` as well as possible. The search can end in a local minimum (the neck at its
+    /// upper limit, the eyes at their lower one), so it is repeated from other start
+    /// configurations.
     pub fn turn(&self, pose: &[f64], to: Vector3<f64>) -> Vec<f64> {
         let solve = |from: &[f64]| {
             let q = self.group.solve(from, |q| {
@@ -66,7 +72,7 @@ impl Eyes {
             (self.off(&self.group.whole(pose, &q), to), q)
         };
         let first = solve(pose);
-        if first.0 <= AIMED {
+        if first.0 <= MAX_AIM_ERROR_RAD {
             return first.1;
         }
         let others = self.group.beginnings().into_iter().map(|q| solve(&self.group.whole(pose, &q)));
@@ -74,7 +80,7 @@ impl Eyes {
         best.map_or_else(|| self.group.share(pose), |(_, q)| q)
     }
 
-    /// How far from the middle of its picture the eye that sees it worst has a point, rad.
+    /// Returns the largest angle of a point from the optical axis of an eye, rad.
     pub fn off(&self, pose: &[f64], to: Vector3<f64>) -> f64 {
         let off = |eye: &HandChain| {
             let eye = eye.at(pose);
@@ -83,7 +89,7 @@ impl Eyes {
         self.chains.iter().map(off).fold(0.0, f64::max)
     }
 
-    /// A point that the eyes look at, so far away, meters; none without eyes.
+    /// Returns a point at distance `far`, meters, that the eyes look at; `None` without eyes.
     pub fn ahead(&self, pose: &[f64], far: f64) -> Option<Vector3<f64>> {
         let points = self.chains.iter().map(|eye| eye.at(pose)).map(|eye| eye.at.coords + eye.palm * far);
         let sum: Vector3<f64> = points.sum();

@@ -1,7 +1,8 @@
-//! Where the hand goes: the vertex of the map that is nearest to the pre-grasp posture, and the two last lines from there.
+//! Target of the hand: the vertex of the map that is closest to the pre-grasp posture, and the two
+//! last lines from there.
 //!
 //! ```text
-//! object's middle ──> places of the hand before the grasp, and at it
+//! center of the object ──> positions of the hand before the grasp, and at it
 //!    nearest vertices ──damped least squares──> pre-grasp posture ──> grasp posture ──> lines certified ──> the nearest one
 //! ```
 
@@ -13,47 +14,51 @@ use mobee_fast::EdgeVerdict;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
-/// So many vertices near the place are begun from; if none of them leads there freely, so many more, and so on. There is an end to it:
-/// some seconds is what an agent may think.
-pub(super) const VERTICES: [usize; 4] = [24, 120, 600, 6000];
-/// For what must be decided while the hand moves.
-pub(super) const FEW: [usize; 1] = [24];
-/// A posture is one if the hand is so near, meters, and its palm points so near to where it should, rad.
-const PLACE: f64 = 0.002;
-const ANGLE: f64 = std::f64::consts::PI / 12.0;
+/// Batch sizes of start vertices, nearest first: the next batch is tried if none of the last one
+/// leads there freely. Bounded, because an agent has only seconds to decide.
+pub(super) const BATCHES_AT_REST: [usize; 4] = [24, 120, 600, 6000];
+/// Batch size for a decision while the hand moves.
+pub(super) const BATCHES_MOVING: [usize; 1] = [24];
+/// Maximum distance of a posture's hand from its goal, meters.
+const MAX_HAND_ERROR_M: f64 = 0.002;
+/// Maximum angle of a posture's palm from its goal, rad.
+const MAX_PALM_ERROR_RAD: f64 = std::f64::consts::PI / 12.0;
 
-/// Two postures of a hand, and the vertex that they are reached from.
+/// Two postures of a hand, and the vertex from which they are reached.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Choice {
-    /// An index into the agent's hands.
+    /// Index of the hand among the agent's.
     pub hand: usize,
-    /// The vertex that the first posture was begun from, and whether the line from there is free; if not, the way is to be planned.
+    /// Vertex from which the search for the first posture started.
     pub vertex: u32,
+    /// True if the line from there is free; otherwise a path must be planned.
     pub is_joined: bool,
-    /// Positions of the map's motors, rad.
+    /// Pre-grasp posture: positions of the map's motors, rad.
     pub pre: Vec<f64>,
+    /// Grasp posture: positions of the map's motors, rad.
     pub grasp: Vec<f64>,
 }
 
-/// Why there is none.
+/// Reason why no postures were found.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum NoChoice {
     /// The hand can't be brought there.
     OutOfReach,
-    /// It can, but not freely; what is in the way, in words.
+    /// It can, but not without a collision; the text names the obstacle.
     NotFree(String),
 }
 
-/// Where the hand is to be, in the world, meters.
+/// Goal positions of the hand, world frame, meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Places {
     pub pre: Vector3<f64>,
     pub grasp: Vector3<f64>,
 }
 
-/// Chooses postures for a hand at these places, from where the robot is; of those that are free, the one that is nearest, and one that a
-/// free line leads to before all others. The vertices near the place are begun from, but for those that were tried in vain, so many of each
-/// hand at once until there is one.
+/// Chooses postures for a hand at these positions. Of the free ones it prefers one that a free line
+/// leads to, then the nearest to the robot's configuration. The search starts from the vertices
+/// near the pre-grasp position, except those already tried; batches are per hand, and the first
+/// batch with a result ends it.
 pub(super) fn choose(
     map: &Roadmap,
     hands: &[Hand],
@@ -79,12 +84,13 @@ pub(super) fn choose(
     found
 }
 
-/// Which hand a pose is one of: the first whose others rest.
+/// Returns the index of the hand that a configuration belongs to: the first for which all other
+/// hands rest.
 pub(super) fn side(hands: &[Hand], pose: &[f64]) -> Option<usize> {
     hands.iter().position(|hand| hand.is_alone(pose))
 }
 
-/// The best choice of those that these vertices begin.
+/// Returns the best choice that starts from one of these vertices.
 fn best_of(
     map: &Roadmap,
     hands: &[Hand],
@@ -95,7 +101,7 @@ fn best_of(
     let posture = |hand: &Hand, from: &[f64], to: Vector3<f64>| {
         let pose = hand.group.whole(from, &hand.bring(from, to));
         let (off, angle) = hand.off(&pose, to);
-        (off <= PLACE && angle <= ANGLE).then_some(pose)
+        (off <= MAX_HAND_ERROR_M && angle <= MAX_PALM_ERROR_RAD).then_some(pose)
     };
     let choice = |(_, vertex): &(f64, u32)| {
         let from = map.whole(view.pose(), &map.group(&map.vertex(*vertex)?.q));
@@ -116,7 +122,7 @@ fn best_of(
     let here = map.group(view.pose());
     let judged = choices.into_iter().zip(verdicts.chunks(2)).filter_map(|((_, choice), verdicts)| {
         let [first, last] = verdicts else { return None };
-        // the last line begins at the first posture, which is therefore free as well
+        // The last line begins at the first posture, so that is free as well.
         let is_joined = *first == EdgeVerdict::Free;
         (*last == EdgeVerdict::Free).then_some(Choice { is_joined, ..choice })
     });
@@ -127,7 +133,7 @@ fn best_of(
     nearest.ok_or_else(|| NoChoice::NotFree(obstruction(&verdicts, view)))
 }
 
-/// The first thing that is in the way of a line, in words.
+/// Describes the first obstacle on a line.
 fn obstruction(verdicts: &[EdgeVerdict], view: &View) -> String {
     let pair = verdicts.iter().find_map(|v| if let EdgeVerdict::Blocked(found) = v { found.pair } else { None });
     pair.map_or_else(

@@ -1,53 +1,55 @@
-//! How reaches ended: what is counted, misses by their cause, and what is done where no way leads on.
+//! Outcomes of reaches: counts, misses by their cause, and the fallbacks if no path leads on.
 
-use super::choice::{NoChoice, VERTICES};
+use super::choice::{BATCHES_AT_REST, NoChoice};
 use super::look::middle;
-use super::{HOMEWARD, OTHERS, PLANS, Phase, ReachAgent};
+use super::{MAX_HOMEWARD, MAX_OTHER_POSTURES, MAX_PLANS, Phase, ReachAgent};
 use mobee_contract::{Intent, Summary, Time, View};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// What became of the reaches so far: part of the agent's state.
+/// Counts of the outcomes so far: part of the agent's state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Counts {
-    /// Times that the hand was in the grasp posture.
+    /// Number of times that a hand was in the grasp posture.
     pub reached: u32,
-    /// Of these, by each of its hands.
+    /// The same, by hand.
     #[serde(default)]
     pub by_hand: Vec<u32>,
-    /// Times that it was not, by the cause.
+    /// Number of misses, by cause.
     pub missed: BTreeMap<Miss, u32>,
-    /// Times that the object moved on the way, and another way was chosen.
+    /// Number of times that the object moved during a reach and new postures were chosen.
     pub replanned: u32,
-    /// Ways that a planner found.
+    /// Number of paths that a planner found.
     pub planned: u32,
-    /// When the hand set out, if it is not there yet.
+    /// Time at which the hand set out, if it has not arrived yet.
     under_way: Option<Time>,
-    /// Times that it was before the object, how long that took in all, seconds, and the greatest distance from the posture, meters.
+    /// Number of arrivals at the pre-grasp posture.
     arrivals: u32,
+    /// Total time of these arrivals, seconds.
     seconds: f64,
+    /// Largest distance of the hand from the pre-grasp position at an arrival, meters.
     off: f64,
-    /// Longest time from when the object was seen to when the hand set out, seconds.
+    /// Longest time between the detection of the object and the start of the hand, seconds.
     delay: f64,
-    /// Where the object was thought to be when postures were chosen last, meters.
+    /// Position of the object for which postures were last chosen, world frame, meters.
     pub object: [f64; 3],
-    /// Where the hand was then, the last time, meters.
+    /// Position of the hand at the last arrival, world frame, meters.
     at: [f64; 3],
 }
 
-/// Why a reach was in vain.
+/// Cause of a miss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Miss {
-    /// Nothing has seen it, wherever the eyes looked.
+    /// No sensor detected the object, wherever the eyes looked.
     Unseen,
     /// The hand can't be brought to the object.
     OutOfReach,
-    /// It can, but something is in the way of its last lines.
+    /// It can, but something blocks its last lines.
     NotFree,
-    /// No way was found to the posture before it.
+    /// No path was found to the posture before it.
     NoWay,
     /// The last line failed.
     Approach,
@@ -64,13 +66,14 @@ impl Miss {
 }
 
 impl Counts {
-    /// The hand sets out for what was first seen at that time.
+    /// Records that the hand sets out for an object first seen at `seen`.
     pub fn set_out(&mut self, now: Time, seen: Option<Time>) {
         self.under_way = Some(now);
         self.delay = seen.map_or(0.0, |seen| now.since(seen).as_secs_f64()).max(self.delay);
     }
 
-    /// The hand is before the object, there, and so far off, meters; once more, if the object went on meanwhile.
+    /// Records an arrival at the pre-grasp posture: hand position and error, meters. Repeated if
+    /// the object moved on in the meantime.
     pub fn before(&mut self, now: Time, at: [f64; 3], off: f64) {
         self.at = at;
         self.off = self.off.max(off);
@@ -80,7 +83,7 @@ impl Counts {
         }
     }
 
-    /// A hand, an index, was in the grasp posture.
+    /// Records that a hand, an index, was in the grasp posture.
     pub fn reached_by(&mut self, hand: usize) {
         self.reached = self.reached.saturating_add(1);
         self.by_hand.resize(self.by_hand.len().max(hand + 1), 0);
@@ -94,7 +97,7 @@ impl Counts {
     }
 }
 
-/// A miss in words, with its cause.
+/// A miss: its cause, and a description.
 pub(super) struct Missed {
     pub miss: Miss,
     pub why: String,
@@ -117,14 +120,14 @@ impl ReachAgent {
         self.walker.log(format!("{} is not reached: {why}", self.settings.object));
     }
 
-    /// Whether it has reached as often as it was to, in vain or not.
+    /// Returns whether the number of reaches, successful or not, is complete.
     pub(super) fn is_done(&self) -> bool {
         self.settings.repeat > 0 && self.mind.counts.ended() >= self.settings.repeat
     }
 
-    /// No way leads to a vertex. `None`: there is something else to do, which the next step finds.
+    /// Handles a vertex that no path leads to. `None`: the next step of the loop continues.
     pub(super) fn no_way(&mut self, goal: u32, view: &View) -> Option<Intent> {
-        let may_plan = self.mind.plans < PLANS || self.mind.phase == Phase::Home;
+        let may_plan = self.mind.plans < MAX_PLANS || self.mind.phase == Phase::Home;
         self.mind.plans = self.mind.plans.saturating_add(1);
         let found = if may_plan && self.mind.phase != Phase::Approach { self.plan(goal, view) } else { None };
         if let Some(text) = found.as_ref().and_then(|found| found.as_ref().err()) {
@@ -133,13 +136,14 @@ impl ReachAgent {
             self.walker.goto(goal);
             return None;
         }
-        // the object was found a little elsewhere meanwhile: other postures, from here
+        // The estimated position of the object changed slightly in the meantime: choose other
+        // postures from here.
         if self.mind.phase == Phase::Approach && may_plan && self.choose_again(view) {
             return None;
         }
-        // other postures may be easier to come to
+        // Other postures may be easier to reach.
         if self.mind.phase == Phase::Go
-            && self.mind.tried.len() < OTHERS
+            && self.mind.tried.len() < MAX_OTHER_POSTURES
             && let Some(from) = self.mind.place.as_ref().map(|place| place.from)
         {
             self.mind.tried.insert(from);
@@ -151,7 +155,7 @@ impl ReachAgent {
         match self.mind.phase {
             Phase::Go => self.miss(&Missed { miss: Miss::NoWay, why: "no way leads there".to_owned() }),
             Phase::Approach => self.miss(&Missed { miss: Miss::Approach, why: "the last line failed".to_owned() }),
-            Phase::Home if self.mind.homeward >= HOMEWARD => {
+            Phase::Home if self.mind.homeward >= MAX_HOMEWARD => {
                 return Some(self.done("no way leads back to where the arm rests"));
             }
             Phase::Home => {
@@ -164,21 +168,21 @@ impl ReachAgent {
         None
     }
 
-    /// No vertex can be reached from where the robot rests. What is in the way may be nothing but an object that is seen elsewhere soon:
-    /// that is waited for.
+    /// Handles a robot that can't reach any vertex from where it rests. The obstacle may be an
+    /// outdated estimate of an object that a sensor corrects soon, so the agent waits.
     pub(super) fn lost(&mut self, why: &str) -> Intent {
         self.mind.homeward += 1;
-        if self.mind.homeward > HOMEWARD {
+        if self.mind.homeward > MAX_HOMEWARD {
             return self.done(why);
         }
         self.walker.log(why);
         Intent::Wait(Duration::from_secs(1))
     }
 
-    /// Chooses postures for where the object is now. Answers whether there are any.
+    /// Chooses postures for the current position of the object. Returns whether there are any.
     fn choose_again(&mut self, view: &View) -> bool {
         let object = middle(&self.settings.object, view);
-        let pre = object.and_then(|object| self.set_out(object, &VERTICES, view).ok());
+        let pre = object.and_then(|object| self.set_out(object, &BATCHES_AT_REST, view).ok());
         pre.is_some_and(|pre| {
             self.enter_phase(Phase::Go, pre);
             true
@@ -187,7 +191,8 @@ impl ReachAgent {
 
     pub(super) fn done(&mut self, text: &str) -> Intent {
         self.walker.show(Vec::new());
-        let (counts, progress) = (&self.mind.counts, self.walker.progress());
+        let counts = &self.mind.counts;
+        let progress = self.walker.progress();
         let mean = if counts.arrivals > 0 { counts.seconds / f64::from(counts.arrivals) } else { 0.0 };
         let object = counts.object;
         let missed = Miss::ALL.map(|(miss, name)| (name, counts.missed.get(&miss).copied().unwrap_or(0).into()));

@@ -1,4 +1,4 @@
-//! Whether a reach can succeed at all: a slow search, to judge the agent by.
+//! Slow search for a possible reach, the reference that the agent is scored against.
 
 use super::{ReachAgent, choice};
 use crate::planners::{Planner, PlanningProblem, RrtConnect};
@@ -7,15 +7,17 @@ use nalgebra::Vector3;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// Straight lines that the way to the posture may cost.
-const BUDGET: u64 = 200_000;
-/// Plans with seeds of their own, for each of so many postures.
-const PLANS: u64 = 3;
-const GOALS: usize = 5;
+/// Maximum number of straight lines checked for one path to a posture.
+const LINE_BUDGET: u64 = 200_000;
+/// Number of plans for each posture, each with its own seed.
+const PLANS_PER_POSTURE: u64 = 3;
+/// Maximum number of postures.
+const MAX_POSTURES: usize = 5;
 
 impl ReachAgent {
-    /// Whether a hand can be brought from where the robot is to an object there, freely and to the grasp posture: postures are begun from
-    /// every vertex of the map, and the way is planned whatever it costs. For benchmarks.
+    /// Returns whether a hand can be brought, without a collision, from the robot's configuration
+    /// to the grasp posture for an object at this position (world frame, meters). It searches for
+    /// postures from every vertex of the map and plans to each. For benchmarks.
     pub fn can_reach(&mut self, object: [f64; 3], view: &View) -> bool {
         self.prepare(view);
         self.look_at_scene(view);
@@ -24,14 +26,15 @@ impl ReachAgent {
         let all = [24, 120, 600, self.walker.map.len()];
         let start = space.within(&self.walker.map.group(view.pose()));
         let mut tried = BTreeSet::new();
-        for _ in 0..GOALS {
+        for _ in 0..MAX_POSTURES {
             let Ok(choice) = choice::choose(&self.walker.map, &ready.hands, space, view, (&places, &all, &tried))
             else {
                 break;
             };
             space.hold(ready.hands.get(choice.hand).map_or(&[], |hand| &hand.others));
-            let is_reached = (0..PLANS).any(|seed| {
-                let problem = PlanningProblem { start: start.clone(), goal: choice.pre.clone(), seed, budget: BUDGET };
+            let is_reached = (0..PLANS_PER_POSTURE).any(|seed| {
+                let problem =
+                    PlanningProblem { start: start.clone(), goal: choice.pre.clone(), seed, budget: LINE_BUDGET };
                 RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(())).is_ok()
             });
             if is_reached {

@@ -1,4 +1,5 @@
-//! The reaching agent's map: postures, rest and planned way-points as vertices of the roadmap it was given.
+//! Map of the reaching agent: postures, rest posture and planned waypoints as vertices of the given
+//! roadmap.
 
 use super::aim::Hand;
 use super::choice::{self, Choice};
@@ -18,28 +19,30 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// The name of the vertex where the arm rests.
-const REST: &str = "rest";
-/// Lines from there to its nearest vertices that are certified, and how many of those that are free become edges.
-const NEAREST: usize = 200;
-const EDGES: usize = 12;
-/// Vertices of its own beside the map's; then the oldest makes room.
-const MOST: usize = 120;
+/// Name of the vertex of the rest posture.
+const REST_NAME: &str = "rest";
+/// Number of nearest vertices, for each hand, to which lines from the rest posture are certified.
+const REST_CANDIDATES: usize = 200;
+/// Maximum number of these lines that become edges.
+const MAX_REST_EDGES: usize = 12;
+/// Maximum number of vertices that the agent adds; after that, each replaces the oldest.
+const MAX_OWN_VERTICES: usize = 120;
 
-/// The vertices that the agent added, the oldest first: part of its state.
+/// Vertices that the agent added, oldest first: part of its state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub(super) struct Own(Vec<u32>);
 
-/// The map to begin with, and its vertex of rest.
+/// Creates the initial map and returns it with the vertex of its rest posture.
 ///
 /// # Errors
-/// Unknown motors, positions outside the limits, a broken map, no motors at all: with their path.
+/// Unknown motors, positions outside the limits, a broken map and an empty group, each with its
+/// path.
 pub(super) fn begin(settings: &ReachSettings, robot: &Robot) -> Result<(Roadmap, u32), KindError> {
     let mut map = match &settings.map {
         Some(value) => {
             let mut map = Roadmap::of_file(&file(value)?, robot).map_err(|e| e.under("map"))?;
-            // it is told by its file
+            // Discard its notes: the map's file already records them.
             map.notes();
             map
         }
@@ -48,7 +51,7 @@ pub(super) fn begin(settings: &ReachSettings, robot: &Robot) -> Result<(Roadmap,
     if settings.map.is_some() && !settings.motors.is_empty() {
         let named = group::motors("motors", &settings.motors, robot)?;
         if named != map.motors() {
-            let help = "leave `motors` out: the map says which motors it moves";
+            let help = "leave `motors` out: the map defines the motors that it moves";
             return Err(KindError::new("motors", "the map moves other motors", help));
         }
     }
@@ -65,12 +68,12 @@ pub(super) fn begin(settings: &ReachSettings, robot: &Robot) -> Result<(Roadmap,
             }
         }
     }
-    let known = map.vertices().find(|(_, v)| v.name.as_deref() == Some(REST) && v.q == q).map(|(id, _)| id);
-    let rest = known.unwrap_or_else(|| map.add(Vertex { name: Some(REST.to_owned()), q, at: [0.0; 3] }));
+    let known = map.vertices().find(|(_, v)| v.name.as_deref() == Some(REST_NAME) && v.q == q).map(|(id, _)| id);
+    let rest = known.unwrap_or_else(|| map.add(Vertex { name: Some(REST_NAME.to_owned()), q, at: [0.0; 3] }));
     Ok((map, rest))
 }
 
-/// The map that is given: one, or the maps of several arms as one.
+/// Reads the given map: one, or the maps of several arms combined.
 fn file(value: &Value) -> Result<MapFile, KindError> {
     let Value::Array(values) = value else { return MapFile::from_value(value).map_err(|e| e.under("map")) };
     let read = |(i, value): (usize, &Value)| MapFile::from_value(value).map_err(|e| e.under(&format!("map[{i}]")));
@@ -80,7 +83,8 @@ fn file(value: &Value) -> Result<MapFile, KindError> {
 }
 
 impl ReachAgent {
-    /// Once: what follows from robot and board, where the map's vertices are shown, and how the rest posture is left.
+    /// Initializes, once, everything that depends on robot and board, the positions at which the
+    /// map's vertices are drawn, and the edges of the rest posture.
     pub(super) fn prepare(&mut self, view: &View) {
         if self.ready.is_some() {
             return;
@@ -95,7 +99,8 @@ impl ReachAgent {
         }
     }
 
-    /// A hand of the agent, an index, with the motors that may move it: those of the map that do not belong to another hand.
+    /// Returns a hand of the agent, an index, with the motors that may move it: those of the map
+    /// that do not move only another hand.
     fn ready_hand(&self, hand: usize, view: &View) -> Option<Hand> {
         let (marker, palm) = *self.hands.get(hand)?;
         let movers = |marker: usize| -> BTreeSet<usize> {
@@ -114,7 +119,7 @@ impl ReachAgent {
         Some(Hand { chain, group, others, palm: self.palm_toward })
     }
 
-    /// Joins the rest posture to the vertices near it, of each hand, that a free line leads to.
+    /// Joins the rest posture, for each hand, to nearby vertices that a free line leads to.
     fn join_rest(&mut self, view: &View) {
         self.look_at_scene(view);
         let (map, Some(space), Some(ready)) = (&mut self.walker.map, self.space.as_mut(), &self.ready) else { return };
@@ -123,16 +128,16 @@ impl ReachAgent {
         let all: Vec<u32> = map.by_distance(&rest).into_iter().filter(|id| *id != self.rest).collect();
         for hand in 0..ready.hands.len() {
             let is_of = |id: &u32| map.vertex(*id).is_some_and(|v| choice::side(&ready.hands, &v.q) == Some(hand));
-            let near: Vec<u32> = all.iter().copied().filter(is_of).take(NEAREST).collect();
+            let near: Vec<u32> = all.iter().copied().filter(is_of).take(REST_CANDIDATES).collect();
             let to: Vec<Vec<f64>> = near.iter().filter_map(|id| Some(map.group(&map.vertex(*id)?.q))).collect();
             let free = space.free_lines(to.iter().map(|to| (from.as_slice(), to.as_slice())));
-            for (id, _) in near.iter().zip(free).filter(|(_, free)| *free).take(EDGES) {
+            for (id, _) in near.iter().zip(free).filter(|(_, free)| *free).take(MAX_REST_EDGES) {
                 map.join(self.rest, *id);
             }
         }
     }
 
-    /// The space of the map's motors in the scene as it is now.
+    /// Updates the joint space of the map's motors to the current scene.
     pub(super) fn look_at_scene(&mut self, view: &View) {
         let motors = self.walker.map.motors();
         let mut space = JointSpace::renewed(self.space.take(), view, motors, 0.0).ok();
@@ -142,10 +147,11 @@ impl ReachAgent {
         self.space = space;
     }
 
-    /// A vertex for a posture: a new one, or in the place of the oldest of its own that is not in use.
+    /// Adds a vertex for a posture: a new one, or a replacement of the agent's oldest vertex that
+    /// is not in use.
     fn add(&mut self, q: &[f64], view: &View) -> u32 {
         let pose = self.walker.map.whole(view.pose(), q);
-        // an encoder may read a little beyond a limit
+        // An encoder may read slightly beyond a limit.
         let pose: Vec<f64> = pose.iter().zip(&self.robot.motors).map(|(q, m)| q.max(m.min).min(m.max)).collect();
         let hands = self.ready.as_ref().map_or(&[][..], |ready| &ready.hands);
         let hand = hands.get(choice::side(hands, &pose).unwrap_or(0));
@@ -156,7 +162,7 @@ impl ReachAgent {
         let used = |id: u32| {
             place.as_ref().is_some_and(|p| p.pre == id || p.grasp == id) || self.walker.needs(id) || here == Some(id)
         };
-        let room = self.mind.own.0.len() < MOST;
+        let room = self.mind.own.0.len() < MAX_OWN_VERTICES;
         let oldest = self.mind.own.0.iter().position(|id| !used(*id)).filter(|_| !room);
         let id = match oldest {
             Some(i) => {
@@ -166,12 +172,12 @@ impl ReachAgent {
             }
             None => self.walker.map.add(vertex),
         };
-        self.told.remove(&id);
+        self.noted.remove(&id);
         self.mind.own.0.push(id);
         id
     }
 
-    /// Takes postures into the map.
+    /// Adds postures to the map.
     pub(super) fn enter(&mut self, choice: Choice, object: Vector3<f64>, view: &View) -> Place {
         let pre = self.add(&choice.pre, view);
         let grasp = self.add(&choice.grasp, view);
@@ -182,7 +188,7 @@ impl ReachAgent {
         Place { object: object.into(), hand: choice.hand, from: choice.vertex, pre, grasp }
     }
 
-    /// Whether a straight line leads from where the robot is to a vertex.
+    /// Returns whether the straight line from the robot's configuration to a vertex is free.
     pub(super) fn is_straight(&mut self, to: u32, view: &View) -> bool {
         self.look_at_scene(view);
         let Some(q) = self.walker.map.vertex(to).map(|v| self.walker.map.group(&v.q)) else { return false };
@@ -193,15 +199,16 @@ impl ReachAgent {
         space.all_free([(here.as_slice(), q.as_slice())])
     }
 
-    /// Looks for a way from where the robot rests to a vertex that no way leads to, and takes it into the map. `None`: nobody can look;
-    /// otherwise whether it was found, or why not.
+    /// Plans from the robot's vertex to a vertex that no path leads to, and adds the path to the
+    /// map. `None`: planning is not possible; otherwise the outcome, with the reason of a failure.
     pub(super) fn plan(&mut self, goal: u32, view: &View) -> Option<Result<(), String>> {
         self.look_at_scene(view);
         let at = self.walker.map.at(view.pose(), self.settings.tolerance_deg.to_radians())?;
         let goal_pose = self.walker.map.vertex(goal).map(|v| v.q.clone())?;
-        let (to, here) = (self.walker.map.group(&goal_pose), self.walker.map.group(view.pose()));
+        let to = self.walker.map.group(&goal_pose);
+        let here = self.walker.map.group(view.pose());
         let space = self.space.as_mut()?;
-        // an arm that rests takes no part in another's way
+        // An arm that rests is not moved by another arm's plan.
         let is_its = |hand: &&Hand| hand.is_alone(view.pose()) && hand.is_alone(&goal_pose);
         let hand = self.ready.as_ref().and_then(|ready| ready.hands.iter().find(is_its));
         space.hold(hand.map_or(&[], |hand| &hand.others));
@@ -229,18 +236,19 @@ impl ReachAgent {
         Some(Ok(()))
     }
 
-    /// The notes of map and mind; vertices that a plan leads over are told before it: those of the map's file were not.
-    pub(super) fn told_notes(&mut self) -> Vec<Note> {
+    /// Returns the notes of walker and agent. Vertices of a plan that were not noted yet, such as
+    /// those of the map's file, are noted before it.
+    pub(super) fn pending_notes(&mut self) -> Vec<Note> {
         let mut all = Vec::new();
         for note in self.walker.notes() {
             match &note {
-                Note::Vertex { id, .. } => drop(self.told.insert(*id)),
+                Note::Vertex { id, .. } => drop(self.noted.insert(*id)),
                 Note::Plan { path } => {
-                    for id in path.iter().filter(|id| !self.told.contains(id)) {
+                    for id in path.iter().filter(|id| !self.noted.contains(id)) {
                         let vertex = self.walker.map.vertex(*id);
                         all.extend(vertex.map(|v| Note::Vertex { id: *id, q: v.q.clone(), at: v.at }));
                     }
-                    self.told.extend(path);
+                    self.noted.extend(path);
                 }
                 _ => {}
             }

@@ -1,4 +1,4 @@
-//! What a user can tell the reaching agent.
+//! Settings of the reaching agent.
 
 use crate::agents::tour::defaults::{half, tenth};
 use crate::group;
@@ -15,62 +15,68 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReachSettings {
-    /// The object to reach for, by its name in the world.
+    /// Name of the object to reach for, in the world.
     pub object: String,
-    /// The roadmap of pre-grasp poses: a map file, its JSON, or the settings that `mobee roadmap build` takes (`.toml`), of which the map
-    /// is built once and kept in the user's cache; or a list of those, one for each arm. Without it every way is planned.
+    /// Roadmap of pre-grasp poses: a map file, its JSON, or the settings of `mobee roadmap build`
+    /// (`.toml`), from which the map is built once and cached for the user; or a list of those, one
+    /// for each arm. Without it every path is planned.
     #[serde(default)]
     #[schemars(extend("format" = "roadmap"))]
     pub map: Option<Value>,
     /// Names of parts or motors that move the hand; default: those of the map.
     #[serde(default)]
     pub motors: Vec<String>,
-    /// The marker that stands for the hand, or a list of those, of which the one that gets there best is taken each time; default: those of
-    /// the maps, or the one that most of the motors move.
+    /// Marker that represents the hand, or a list of markers, of which the one that gets closest is
+    /// chosen for each reach; default: those of the maps, or the marker that most of the motors
+    /// move.
     #[serde(default)]
     pub hand: Option<OneOrMore>,
-    /// The direction out of the palm in each marker's frame; default: the marker's normal.
+    /// Direction out of the palm, in each marker's frame; default: the marker's normal.
     #[serde(default)]
     pub palm: Option<[f64; 3]>,
-    /// Where the palm points to in the pre-grasp and grasp postures, in the world.
+    /// Direction of the palm in the pre-grasp and grasp postures, world frame.
     #[serde(default = "down")]
     pub palm_toward: [f64; 3],
-    /// Where the hand is before the grasp, from the object's middle, in the world's directions, mm.
+    /// Position of the hand before the grasp, relative to the object's center, world axes, mm.
     #[serde(default = "before")]
     pub pre_grasp_mm: [f64; 3],
-    /// Where the hand is in the grasp posture, from the object's middle, in the world's directions, mm.
+    /// Position of the hand in the grasp posture, relative to the object's center, world axes, mm.
     #[serde(default = "at")]
     pub grasp_mm: [f64; 3],
-    /// Where the arm rests before it sets out, and after: positions in degrees; motors that are not named are at home.
+    /// Rest posture of the arm before and after a reach: motor positions in degrees; motors that
+    /// are not named are at home.
     #[serde(default)]
     pub rest_deg: BTreeMap<String, f64>,
-    /// How its eyes are turned. Without it the robot does not look about.
+    /// Motions of the eyes. Without it the robot does not search for the object.
     #[serde(default)]
     pub gaze: Option<GazeSettings>,
-    /// How often to reach, in vain or not; 0: forever.
+    /// Number of reaches, successful or not; 0: unlimited.
     #[serde(default)]
     pub repeat: u32,
-    /// How long to stay in the grasp posture, seconds.
+    /// Time to stay in the grasp posture, seconds.
     #[serde(default)]
     pub wait_s: f64,
-    /// Whether the object is followed: if it is found elsewhere on the way, or something comes into the way, the motion is led or planned
-    /// anew. `false`: its place is taken once, and the way is driven as it was planned.
+    /// Follow the object: if it is detected elsewhere during a reach, or something blocks the path,
+    /// the motion is redirected or replanned. `false`: its position is taken once, and the path is
+    /// driven as planned.
     #[serde(default = "yes")]
     pub follow: bool,
-    /// An object that is so far from where it was when the hand set out is reached for anew, mm.
+    /// Displacement of the object since the hand set out that causes a new choice of postures, mm.
     #[serde(default = "moved")]
     pub moved_mm: f64,
     /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// Whether edges are just tried (`optimistic`), or certified in the model before they are driven (`lazy`) or planned over
-    /// (`verified`). The last line to the pre-grasp posture, and from there to the grasp, is certified in any case.
+    /// Validation of edges: `optimistic` tries them without a check, `lazy` certifies them in the
+    /// model before they are driven, `verified` before they are used in a plan. The last line to
+    /// the pre-grasp posture, and the line from there to the grasp, are always certified.
     #[serde(default)]
     pub validation: Validation,
-    /// The most straight lines between two poses that a planner may judge where no way leads over the map.
+    /// Maximum number of straight lines between two poses that a planner may check if no path of
+    /// the map leads to a goal.
     #[serde(default = "budget")]
     pub budget: u64,
-    /// How near every motor must be to a pose for the robot to count as at that pose, degrees.
+    /// Maximum distance of every motor from a pose for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
     /// Seed of all randomness; default: derived from the run's seed.
@@ -89,7 +95,7 @@ pub enum OneOrMore {
 }
 
 impl OneOrMore {
-    /// Each name with the path of its setting.
+    /// Returns each name with the path of its setting.
     pub(super) fn named(&self, path: &str) -> Vec<(String, &str)> {
         match self {
             OneOrMore::One(name) => vec![(path.to_owned(), name)],
@@ -100,19 +106,20 @@ impl OneOrMore {
     }
 }
 
-/// How the eyes are turned.
+/// Motions of the eyes.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GazeSettings {
     /// Names of parts or motors that turn the eyes.
     pub motors: Vec<String>,
-    /// The markers of the eyes, whose normals point to where they look.
+    /// Markers of the eyes. The normal of each is its viewing direction.
     #[serde(default)]
     pub eyes: Vec<String>,
-    /// Poses to look about in while the object is not seen, in degrees; default: about where it is thought to be.
+    /// Poses of the search while the object is not detected, in degrees; default: gaze targets
+    /// around its estimated position.
     #[serde(default)]
     pub sweep_deg: Vec<BTreeMap<String, f64>>,
-    /// How long to look before the eyes are turned elsewhere, seconds.
+    /// Time to look at a gaze target before the eyes are turned to the next, seconds.
     #[serde(default = "half")]
     pub dwell_s: f64,
     /// Share of each motor's maximum speed, above 0 and up to 1.
@@ -142,26 +149,26 @@ fn budget() -> u64 {
     10_000
 }
 
-/// The farthest that a hand may be from an object, mm: a typing error in meters would be seen.
-const FARTHEST_MM: f64 = 2000.0;
+/// Maximum distance of a hand from an object, mm: detects values in the wrong unit.
+const MAX_OFFSET_MM: f64 = 2000.0;
 
-/// How the eyes are turned, looked up in the robot.
+/// The gaze settings with all names resolved for a robot.
 #[derive(Clone, Debug)]
 pub(super) struct GazePlan {
     pub motors: Vec<usize>,
     /// Indices into `Robot::markers`.
     pub eyes: Vec<usize>,
-    /// Positions of `motors`, rad.
+    /// Positions of `motors` in each pose of the search, rad.
     pub sweep: Vec<Vec<f64>>,
     pub dwell: std::time::Duration,
     pub speed: f64,
 }
 
 impl GazeSettings {
-    /// Looks up all names in the robot.
+    /// Resolves all names for a robot.
     ///
     /// # Errors
-    /// All that is wrong, each with the path of its setting.
+    /// All errors, each with the path of its setting.
     pub(super) fn plan(&self, robot: &Robot) -> Result<GazePlan, KindError> {
         let motors = group::motors("gaze.motors", &self.motors, robot);
         let eye = |(i, name): (usize, &String)| group::marker(&format!("gaze.eyes[{i}]"), Some(name), robot);
@@ -195,10 +202,11 @@ impl GazeSettings {
 }
 
 impl ReachSettings {
-    /// The markers that stand for the hands: those that are named, or those of the maps.
+    /// Returns the markers that represent the hands: those that are named, otherwise those of the
+    /// maps.
     ///
     /// # Errors
-    /// Markers that the robot does not have; none named, one named twice.
+    /// Markers that the robot does not have, an empty list, and duplicates.
     pub(super) fn hands(&self, robot: &Robot) -> Result<Vec<usize>, KindError> {
         let Some(named) = &self.hand else {
             let maps = self.map.iter().flat_map(|map| map.as_array().map_or(std::slice::from_ref(map), Vec::as_slice));
@@ -224,22 +232,22 @@ impl ReachSettings {
         }
     }
 
-    /// Checks numbers and directions; answers where the palm is to point.
+    /// Checks numbers and directions; returns the direction of the palm.
     ///
     /// # Errors
-    /// All that is wrong, each with the path of its setting.
+    /// All errors, each with the path of its setting.
     pub(super) fn check(&self) -> Result<Unit<Vector3<f64>>, KindError> {
         let near = |path: &str, v: [f64; 3]| {
-            let what = format!("[{}, {}, {}] is no place of a hand", v[0], v[1], v[2]);
-            let help = format!("give millimeters from the object's middle, each up to {FARTHEST_MM}");
-            if v.iter().all(|x| x.abs() <= FARTHEST_MM) { Ok(()) } else { Err(KindError::new(path, what, help)) }
+            let what = format!("[{}, {}, {}] is not a valid position of the hand", v[0], v[1], v[2]);
+            let help = format!("give millimeters from the object's middle, each up to {MAX_OFFSET_MM}");
+            if v.iter().all(|x| x.abs() <= MAX_OFFSET_MM) { Ok(()) } else { Err(KindError::new(path, what, help)) }
         };
         let toward = group::direction("palm_toward", self.palm_toward);
         let moved = self.moved_mm;
-        let moved = if (1.0..=FARTHEST_MM).contains(&moved) {
+        let moved = if (1.0..=MAX_OFFSET_MM).contains(&moved) {
             Ok(())
         } else {
-            let help = format!("give millimeters from 1 to {FARTHEST_MM}, such as 20");
+            let help = format!("give millimeters from 1 to {MAX_OFFSET_MM}, such as 20");
             Err(KindError::new("moved_mm", format!("{moved} is out of bounds"), help))
         };
         let budget = if (1..=10_000_000).contains(&self.budget) {

@@ -1,24 +1,28 @@
-//! Whether the eyes have the object before them, where it is thought to be: what is not seen then is not there any more.
+//! Visibility of the object's position: an object that is not detected although the eyes face its
+//! position is no longer there.
 
 use super::look::Gaze;
 use mobee_contract::View;
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape, ShapeId, distance};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-/// What is no farther than this from the middle of an eye's picture is well inside it, rad (18 degrees).
-const INSIDE: f64 = std::f64::consts::PI / 10.0;
-/// A line of sight: how wide it is, and how far from the eye and from the object's middle what is near does not hide anything, meters.
-const RADIUS: f64 = 0.03;
-const ENDS: [f64; 2] = [0.12, 0.06];
-/// What it is called while it is looked at as an object.
-const NAME: &str = "line of sight";
+/// Maximum angle from the optical axis of an eye at which a point is well inside its image, rad (18
+/// degrees).
+const MAX_VIEW_ANGLE_RAD: f64 = std::f64::consts::PI / 10.0;
+/// Radius of a line of sight, meters.
+const SIGHT_RADIUS_M: f64 = 0.03;
+/// Lengths at the eye's and at the object's end of a line of sight that are not checked for occlusion, meters.
+const UNCHECKED_ENDS_M: [f64; 2] = [0.12, 0.06];
+/// Name of the line of sight while it is checked as an object of a scene.
+const SIGHT_NAME: &str = "line of sight";
 
 impl Gaze {
-    /// Whether all eyes look at a place, and nothing that the model knows is between: no body of a robot, no other object.
+    /// Returns whether all eyes face a position and the model has nothing in between: no body of a
+    /// robot, and no other object.
     pub fn faces(&self, object: &str, place: Vector3<f64>, view: &View) -> bool {
         let is_open = |(eye, toward): (Point3<f64>, Vector3<f64>)| {
             let way = place - eye.coords;
-            let is_inside = toward.angle(&way) <= INSIDE;
+            let is_inside = toward.angle(&way) <= MAX_VIEW_ANGLE_RAD;
             is_inside && line(eye, way).is_some_and(|line| is_clear(&line, object, view))
         };
         let mut eyes = self.eyes(view.pose()).peekable();
@@ -27,14 +31,15 @@ impl Gaze {
 }
 
 fn line(eye: Point3<f64>, way: Vector3<f64>) -> Option<Primitive> {
-    let (far, toward) = (way.norm(), way.try_normalize(1e-9)?);
-    let [from, to] = [ENDS[0], far - ENDS[1]];
-    let height = to - from - 2.0 * RADIUS;
-    // capsules lie along y
+    let far = way.norm();
+    let toward = way.try_normalize(1e-9)?;
+    let [from, to] = [UNCHECKED_ENDS_M[0], far - UNCHECKED_ENDS_M[1]];
+    let height = to - from - 2.0 * SIGHT_RADIUS_M;
+    // Capsules are aligned with the y axis.
     let turned = UnitQuaternion::rotation_between(&Vector3::y(), &toward)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
     let middle = Translation3::from(eye.coords + toward * ((from + to) / 2.0));
-    let shape = Shape::Capsule { radius: RADIUS, height };
+    let shape = Shape::Capsule { radius: SIGHT_RADIUS_M, height };
     (height > 0.0).then(|| Primitive { shape, pose: Isometry3::from_parts(middle, turned) })
 }
 
@@ -47,7 +52,7 @@ fn is_clear(line: &Primitive, object: &str, view: &View) -> bool {
         return false;
     }
     let own = Object {
-        name: NAME.to_owned(),
+        name: SIGHT_NAME.to_owned(),
         class: ObjectClass::Obstacle,
         persistent: false,
         pose: line.pose,
@@ -55,8 +60,8 @@ fn is_clear(line: &Primitive, object: &str, view: &View) -> bool {
         color: None,
     };
     let Ok(scene) = view.scene.edit(&Edit::Add(own)) else { return false };
-    let Some((number, _)) = scene.object(NAME) else { return false };
-    // an object is always the second of a pair
+    let Some((number, _)) = scene.object(SIGHT_NAME) else { return false };
+    // An object is always the second element of a pair.
     let is_line = |shape: ShapeId| matches!(shape, ShapeId::Object { object, .. } if object == number);
     !scene.contacts(&view.poses, 0.0).iter().any(|c| is_line(c.pair.1))
 }

@@ -1,8 +1,11 @@
-//! Evolution: islands of one parent and four children each, whose best moves on to the next island now and then.
+//! Evolution: islands of one parent and four children each; at intervals the best parent migrates
+//! to another island.
 //!
-//! A child has single genes changed until one of an active node is (Goldman and Punch 2013), so that no evaluation is spent on a
-//! program that does the same; of equals the child lives, so that what is not active drifts. Programs are bred on the earlier pictures; which of
-//! all was the best is told by them and by the last quarter of the pictures, which breeding never sees.
+//! In a child, single genes are mutated until one of an active node has changed (Goldman and Punch
+//! 2013), so that no evaluation is spent on an equivalent program. A child that is as good as its
+//! parent replaces it, so that inactive genes drift. Programs are bred on the first three quarters
+//! of the images. The best program is selected by these and by the last quarter, which breeding
+//! never uses.
 
 use super::super::picture::Mask;
 use super::super::plane::Plane;
@@ -16,49 +19,52 @@ use serde::{Deserialize, Serialize};
 const ISLANDS: usize = 4;
 const CHILDREN: usize = 4;
 const NODES: usize = 30;
-/// Generations between two moves to the next island.
-const MOVE: u64 = 50;
-/// How many pictures programs are bred on, and are judged by, at most.
-const BRED_ON: usize = 10;
-const JUDGED_BY: usize = 5;
-/// The inputs that say most: what the colors say, and the network.
-const COLORS: i8 = 7;
-const NETWORK: i8 = 8;
+/// Number of generations between two migrations.
+const MIGRATION_INTERVAL: u64 = 50;
+/// Maximum number of images that programs are bred on.
+const MAX_BREEDING_IMAGES: usize = 10;
+/// Maximum number of images, of the last quarter, that select the best program.
+const MAX_SELECTION_IMAGES: usize = 5;
+/// Input channel of the color likelihood.
+const COLOR_CHANNEL: i8 = 7;
+/// Input channel of the network's output.
+const NETWORK_CHANNEL: i8 = 8;
 
-/// Where an evolution is: it goes on from there as if it had never stopped.
+/// State of an evolution: resumed from it, an evolution continues as if it had not stopped.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvolutionState {
-    /// What all chance comes from.
+    /// Seed of all randomness.
     pub seed: u64,
-    /// Generations so far.
+    /// Number of generations so far.
     pub generation: u64,
-    /// Each island's parent.
+    /// Parent of each island.
     pub parents: Vec<ImageProgram>,
     /// The best program so far.
     pub best: ImageProgram,
 }
 
-/// An evolution of programs for some pictures.
+/// An evolution of programs for a set of images.
 pub struct Evolution {
     inputs: Vec<Channels>,
     masks: Vec<Mask>,
     state: EvolutionState,
-    /// Of each parent, on what it is bred on.
+    /// Breeding score of each parent.
     worth: Vec<f64>,
-    /// What each parent's nodes make of each picture that it is bred on: a child changes few of them.
+    /// Images of each parent's nodes for each breeding image: a child changes few of them.
     images: Vec<Vec<Images>>,
     best_worth: f64,
 }
 
 impl Evolution {
-    /// One that begins with programs that hand on what the network and the colors say.
+    /// Starts an evolution from programs that pass on the network's output and the color
+    /// likelihood.
     pub fn new(inputs: Vec<Channels>, masks: Vec<Mask>, seed: u64) -> Evolution {
         let begin = |island: usize| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (island as u64 + 1));
             let mut nodes: Vec<ImageNode> = (0..NODES).map(|i| random_node(i, &mut rng)).collect();
-            nodes[0] = ImageNode::new(Op::Input, [1, 1], 0.0, NETWORK);
-            nodes[1] = ImageNode::new(Op::Input, [1, 1], 0.0, COLORS);
+            nodes[0] = ImageNode::new(Op::Input, [1, 1], 0.0, NETWORK_CHANNEL);
+            nodes[1] = ImageNode::new(Op::Input, [1, 1], 0.0, COLOR_CHANNEL);
             let back = |to: usize| (NODES - 1 - to) as u16;
             let op = [Op::Nop, Op::BoxBlur, Op::Avg, Op::Gauss][island % 4];
             nodes[NODES - 1] = ImageNode::new(op, [back(0), back(1)], 0.0, 5);
@@ -69,7 +75,7 @@ impl Evolution {
         Evolution::resume(inputs, masks, EvolutionState { seed, generation: 0, parents, best })
     }
 
-    /// One that goes on.
+    /// Resumes an evolution.
     pub fn resume(inputs: Vec<Channels>, masks: Vec<Mask>, state: EvolutionState) -> Evolution {
         let mut all =
             Evolution { inputs, masks, worth: vec![], images: vec![], best_worth: f64::MIN, state: state.clone() };
@@ -83,14 +89,15 @@ impl Evolution {
         all
     }
 
-    /// Goes on by a generation on every island.
+    /// Advances every island by one generation.
     pub fn advance(&mut self) {
         let generation = self.state.generation;
         for island in 0..self.state.parents.len() {
             let chance =
                 self.state.seed ^ (generation * ISLANDS as u64 + island as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
             let mut rng = ChaCha8Rng::seed_from_u64(chance);
-            let (mut next, before) = (None, self.worth[island]);
+            let mut next = None;
+            let before = self.worth[island];
             for _ in 0..CHILDREN {
                 let parent = &self.state.parents[island];
                 let mut child = mutant(parent, &mut rng);
@@ -109,19 +116,21 @@ impl Evolution {
             }
         }
         self.state.generation += 1;
-        if self.state.generation.is_multiple_of(MOVE) {
+        if self.state.generation.is_multiple_of(MIGRATION_INTERVAL) {
             let best = (0..self.worth.len()).max_by(|a, b| self.worth[*a].total_cmp(&self.worth[*b])).unwrap_or(0);
-            let to = (best + 1 + (self.state.generation / MOVE) as usize % (ISLANDS - 1)) % ISLANDS;
+            let to = (best + 1 + (self.state.generation / MIGRATION_INTERVAL) as usize % (ISLANDS - 1)) % ISLANDS;
             self.state.parents[to] = self.state.parents[best].clone();
             self.worth[to] = self.worth[best];
             self.images[to] = self.images[best].clone();
         }
     }
 
-    /// Which pictures: of the earlier three quarters, or of the last one.
+    /// Returns the indices of the selected images: of the first three quarters, or of the last
+    /// quarter.
     fn chosen(&self, last: bool) -> Vec<usize> {
         let cut = self.inputs.len() * 3 / 4;
-        let (from, to, most) = if last { (cut, self.inputs.len(), JUDGED_BY) } else { (0, cut, BRED_ON) };
+        let (from, to, most) =
+            if last { (cut, self.inputs.len(), MAX_SELECTION_IMAGES) } else { (0, cut, MAX_BREEDING_IMAGES) };
         let n = (to - from).min(most);
         (0..n).map(|i| from + (2 * i + 1) * (to - from) / (2 * n)).collect()
     }
@@ -134,7 +143,8 @@ impl Evolution {
         levels
     }
 
-    /// What the nodes of a program make of the pictures that it is bred on; `like`: a parent and what its nodes made of them.
+    /// Computes the images of a program's nodes for the breeding images. `like`: a parent and the
+    /// images of its nodes.
     fn bred(&self, program: &ImageProgram, like: Option<(&ImageProgram, &Vec<Images>)>) -> Vec<Images> {
         let chosen = self.chosen(false).into_iter().enumerate();
         let known = |k: usize| like.and_then(|(parent, images)| Some((parent, images.get(k)?)));
@@ -154,7 +164,7 @@ impl Evolution {
         (mcc.abs(), mcc < 0.0)
     }
 
-    /// Remembers a program if it is the best by all pictures.
+    /// Stores a program if it is the best by all selected images.
     fn judge(&mut self, program: &ImageProgram) {
         let (threshold, bred) = self.levels(program, false).best(false);
         let judged = self.levels(program, true).mcc(threshold.into());
@@ -169,24 +179,25 @@ impl Evolution {
         &self.state.best
     }
 
-    /// The mean of its correlations on the pictures that it was bred on and on those that it was judged by.
+    /// Returns the mean of the best program's correlations on the breeding images and on the
+    /// selection images.
     pub fn best_worth(&self) -> f64 {
         self.best_worth
     }
 
-    /// What it says of every picture.
+    /// Returns the best program's output for every image.
     pub fn outputs(&self) -> Vec<Plane> {
         self.inputs.iter().map(|i| self.state.best.run(i)).collect()
     }
 
-    /// Where it is.
+    /// Current state.
     pub fn state(&self) -> &EvolutionState {
         &self.state
     }
 }
 
 impl EvolutionState {
-    /// Whether an evolution can go on from it.
+    /// Returns whether an evolution can be resumed from it.
     pub fn is_sound(&self) -> bool {
         let programs = self.parents.iter().chain([&self.best]);
         self.parents.len() == ISLANDS && programs.into_iter().all(|p| p.wrong().is_none() && p.nodes.len() == NODES)
@@ -199,12 +210,12 @@ fn random_node(i: usize, rng: &mut ChaCha8Rng) -> ImageNode {
     node
 }
 
-/// Gives a gene another value.
+/// Replaces a gene by another value.
 fn mutate(node: &mut ImageNode, gene: usize, i: usize, rng: &mut ChaCha8Rng) {
     match gene {
         0 => node.op = ALL_OPS[rng.random_range(0..ALL_OPS.len())],
         1 | 2 => node.from[gene - 1] = rng.random_range(1..=(i as u16 + 1).min(12)),
-        // by a little, or anew
+        // Change it slightly, or draw a new value.
         3 if rng.random_bool(0.5) => {
             node.p0 = (node.p0 * rng.random_range(0.7..1.4) + rng.random_range(-5.0..5.0)).clamp(-1e4, 1e4)
         }
@@ -217,7 +228,7 @@ fn mutate(node: &mut ImageNode, gene: usize, i: usize, rng: &mut ChaCha8Rng) {
     }
 }
 
-/// A program with one active gene changed, and others that are not.
+/// Returns a copy with one active gene changed, and some inactive ones.
 fn mutant(of: &ImageProgram, rng: &mut ChaCha8Rng) -> ImageProgram {
     let mut child = of.clone();
     let active = of.active();

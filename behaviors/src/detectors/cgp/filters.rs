@@ -1,26 +1,28 @@
-//! Filters by convolution, by the whole picture's values, and moves. At the border, pictures go on with their border's values.
+//! Convolution filters, filters by the values of the whole image, and shifts. The border's values
+//! are repeated beyond the border.
 
 use super::super::plane::Plane;
 use std::f32::consts::PI;
 
-/// The least and the greatest value.
+/// Returns the minimum and the maximum.
 pub(super) fn range(a: &Plane) -> (f32, f32) {
     a.data.iter().fold((f32::MAX, f32::MIN), |(l, m), v| (l.min(*v), m.max(*v)))
 }
 
-/// The mean of all values.
+/// Returns the mean of all values.
 pub(super) fn mean(a: &Plane) -> f32 {
     a.data.iter().sum::<f32>() / a.data.len().max(1) as f32
 }
 
-/// Stretched to 0 to 255; a constant becomes 0.
+/// Scales the values to 0 to 255; a constant image becomes 0.
 pub(super) fn normalized(a: &Plane) -> Plane {
     let (least, most) = range(a);
     let by = if most > least { 255.0 / (most - least) } else { 0.0 };
     a.map(|v| (v - least) * by)
 }
 
-/// Values 0 to 255 replaced by the share of pixels that are not above them, 0 to 255.
+/// Equalizes the histogram: replaces each value, 0 to 255, by the share of pixels not above it, 0
+/// to 255.
 pub(super) fn equalized(a: &Plane) -> Plane {
     let mut counts = [0u32; 256];
     a.data.iter().for_each(|v| counts[*v as u8 as usize] += 1);
@@ -32,7 +34,8 @@ pub(super) fn equalized(a: &Plane) -> Plane {
     a.map(|v| share[v as u8 as usize])
 }
 
-/// Smoothed by a Gaussian of these odd apertures, with the width that such an aperture usually has.
+/// Smooths by a Gaussian of these odd apertures, with the standard deviation usual for each
+/// aperture.
 pub(super) fn gauss(a: &Plane, kx: usize, ky: usize) -> Plane {
     let kernel = |k: usize| -> Vec<f32> {
         let sigma = 0.3 * ((k as f32 - 1.0) * 0.5 - 1.0) + 0.8;
@@ -43,10 +46,11 @@ pub(super) fn gauss(a: &Plane, kx: usize, ky: usize) -> Plane {
     separable(a, &kernel(kx), &kernel(ky))
 }
 
-/// Pixels beside each other of which the sums are kept in registers.
+/// Number of adjacent pixels that are summed in registers.
 const BLOCK: usize = 32;
 
-/// The sum of a window's slices, each times its weight: `slice(k)` is what the `k`th weight is for.
+/// Computes the weighted sum of a window's slices in `to`, which must be zero; `slice(k)` belongs to
+/// the `k`th weight.
 fn weighted<'a>(to: &mut [f32], weights: &[f32], slice: impl Fn(usize) -> &'a [f32]) {
     let (blocks, rest) = to.as_chunks_mut::<BLOCK>();
     let done = blocks.len() * BLOCK;
@@ -63,7 +67,7 @@ fn weighted<'a>(to: &mut [f32], weights: &[f32], slice: impl Fn(usize) -> &'a [f
     }
 }
 
-/// A row with its border's values repeated on both sides, `r` of each.
+/// Copies a row to `to` with `r` repetitions of its border values on each side.
 pub(super) fn padded(row: &[f32], r: usize, to: &mut Vec<f32>) {
     to.clear();
     to.extend(std::iter::repeat_n(row[0], r));
@@ -71,9 +75,10 @@ pub(super) fn padded(row: &[f32], r: usize, to: &mut Vec<f32>) {
     to.extend(std::iter::repeat_n(row[row.len() - 1], r));
 }
 
-/// Convolved across with odd kernels of one length, once with each.
+/// Convolves the rows with odd kernels of equal length, once with each.
 fn across<const N: usize>(a: &Plane, kernels: [&[f32]; N]) -> [Vec<f32>; N] {
-    let (w, r) = (a.width, kernels[0].len() / 2);
+    let w = a.width;
+    let r = kernels[0].len() / 2;
     let mut out = [0; N].map(|_| vec![0.0f32; a.data.len()]);
     let mut wide = Vec::with_capacity(w + 2 * r);
     for (y, row) in a.rows().enumerate() {
@@ -85,7 +90,8 @@ fn across<const N: usize>(a: &Plane, kernels: [&[f32]; N]) -> [Vec<f32>; N] {
     out
 }
 
-/// A row of the sum of planes convolved down, each with its odd kernel.
+/// Computes a row of the sum of planes that are convolved along their columns, each with its odd
+/// kernel.
 fn down(to: &mut [f32], y: usize, h: usize, parts: &[(&[f32], &[f32])]) {
     let w = to.len();
     let weights: Vec<f32> = parts.iter().flat_map(|(_, kernel)| kernel.iter().copied()).collect();
@@ -101,7 +107,7 @@ fn down(to: &mut [f32], y: usize, h: usize, parts: &[(&[f32], &[f32])]) {
     weighted(to, &weights, |k| rows[k]);
 }
 
-/// Convolved with odd kernels across and down.
+/// Convolves with odd kernels along rows and columns.
 fn separable(a: &Plane, first: &[f32], then: &[f32]) -> Plane {
     let [middle] = across(a, [first]);
     let mut out = vec![0.0f32; a.data.len()];
@@ -114,37 +120,41 @@ fn separable(a: &Plane, first: &[f32], then: &[f32]) -> Plane {
 const SLOPE: [f32; 3] = [-1.0, 0.0, 1.0];
 const SMOOTH: [f32; 3] = [1.0, 2.0, 1.0];
 
-/// The slope across.
+/// Computes the horizontal derivative.
 pub(super) fn sobel_x(a: &Plane) -> Plane {
     separable(a, &SLOPE, &SMOOTH)
 }
 
-/// The slope down.
+/// Computes the vertical derivative.
 pub(super) fn sobel_y(a: &Plane) -> Plane {
     separable(a, &SMOOTH, &SLOPE)
 }
 
-/// The sum of second slopes, after smoothing if the aperture is above 3.
+/// Computes the sum of the second derivatives, after smoothing if the aperture is above 3.
 pub(super) fn laplace(a: &Plane, k: usize) -> Plane {
     let smooth = if k > 3 { gauss(a, k, k) } else { a.clone() };
-    let (bend, only) = ([1.0, -2.0, 1.0], [1.0]);
+    let bend = [1.0, -2.0, 1.0];
+    let only = [1.0];
     separable(&smooth, &bend, &only).zip(&separable(&smooth, &only, &bend), |x, y| x + y)
 }
 
-/// Edges as 255 (Canny 1986): steepest along the slope, and at least `low` steep where joined with what is at least `high` steep.
+/// Detects edges, as 255 (Canny 1986): local maxima of the gradient along its direction, at least
+/// `low` if connected to one of at least `high`.
 pub(super) fn canny(a: &Plane, high: f32, low: f32) -> Plane {
     let (low, high) = (low.min(high), low.max(high));
-    let (across, down) = (sobel_x(a), sobel_y(a));
+    let across = sobel_x(a);
+    let down = sobel_y(a);
     let steep = across.zip(&down, |x, y| x.abs() + y.abs());
-    let (w, h) = (a.width, a.height);
+    let w = a.width;
+    let h = a.height;
     let mut out = Plane::filled(w, h, 0.0);
     if w < 3 || h < 3 {
         return out;
     }
-    // 255 where it is steepest
+    // 255 at local maxima.
     let mut ridge = vec![0.0f32; w * h];
     for y in 1..h - 1 {
-        // what is so far from each pixel of the row but the first and the last
+        // The values at this offset from each pixel of the row except the first and the last.
         let from = |by: isize| {
             let at = (y * w + 1).wrapping_add_signed(by);
             &steep.data[at..at + w - 2]
@@ -159,7 +169,7 @@ pub(super) fn canny(a: &Plane, high: f32, low: f32) -> Plane {
         let all = slopes.zip(level).zip(upright).zip(falling).zip(rising).zip(from(0));
         for (to, (((((slope, level), upright), falling), rising), m)) in ridge[here].iter_mut().zip(all) {
             let (x, y) = (slope.0.abs(), slope.1.abs());
-            // the two neighbors along the slope, by its octant
+            // The two neighbors along the gradient, by its octant.
             let slanted = if (*slope.0 > 0.0) == (*slope.1 > 0.0) { falling } else { rising };
             let steepest = if x <= 0.414 * y { upright } else { slanted };
             let (before, after) = if y <= 0.414 * x { level } else { steepest };
@@ -182,10 +192,11 @@ pub(super) fn canny(a: &Plane, high: f32, low: f32) -> Plane {
     out
 }
 
-/// Moved to the right and down; what leaves the picture comes in at the other side.
+/// Shifts the image to the right and down; what leaves it enters at the opposite side.
 pub(super) fn wrapped(a: &Plane, dx: isize, dy: isize) -> Plane {
     let mut out = Vec::with_capacity(a.data.len());
-    let (w, h) = (a.width, a.height);
+    let w = a.width;
+    let h = a.height;
     let left = (-dx).rem_euclid(w as isize) as usize;
     for y in 0..h {
         let from = (y as isize - dy).rem_euclid(h as isize) as usize * w;
@@ -196,9 +207,11 @@ pub(super) fn wrapped(a: &Plane, dx: isize, dy: isize) -> Plane {
     a.like(out)
 }
 
-/// The strength of waves of a frequency (0 to 16) and orientation (eighths of half a turn), in 9x9 pixels.
+/// Computes the magnitude of a Gabor filter of a frequency (0 to 16) and orientation (multiples of
+/// 22.5 degrees) in 9x9 pixels.
 ///
-/// A wave is the product of one across and one down, and the bell that bounds it as well: nine weights of each are enough.
+/// A wave is a sum of products of one horizontal and one vertical factor, as is its Gaussian
+/// envelope: nine weights of each suffice.
 pub(super) fn gabor(a: &Plane, frequency: u8, angle: i8) -> Plane {
     let variance = 2.0 * PI * PI;
     let k = PI * 2f32.powf(-(f32::from(frequency.min(16)) + 2.0) / 2.0);
@@ -214,7 +227,7 @@ pub(super) fn gabor(a: &Plane, frequency: u8, angle: i8) -> Plane {
     let cosine = of(&|y| size * (k * sin * y).cos());
     let sine = of(&|y| size * (k * sin * y).sin());
     let minus_sine = sine.map(|v| -v);
-    // without what a constant would make of it
+    // Subtract the response to a constant image.
     let constant = of(&|_| -size * (-variance / 2.0).exp());
     let mut out = vec![0.0f32; a.data.len()];
     let mut imaginary = vec![0.0f32; a.width];

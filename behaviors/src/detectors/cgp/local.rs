@@ -1,15 +1,18 @@
-//! Functions of a window around each pixel that are no convolutions. At the border, windows are cut.
+//! Nonlinear functions of a window around each pixel. Windows are clipped at the border.
 
 use super::super::plane::Plane;
 use super::filters::padded;
 use super::numbers::{exp_near, floor};
 use super::op::{greater, lesser};
 
-/// The extreme value in windows of `2 rx + 1` by `2 ry + 1` pixels. What repeats beyond the border is in the window already.
+/// Computes the extreme value in windows of `2 rx + 1` by `2 ry + 1` pixels. Values repeated beyond
+/// the border are in the window anyway.
 pub(super) fn extreme(a: &Plane, rx: usize, ry: usize, of: impl Fn(f32, f32) -> f32) -> Plane {
-    let (w, h) = (a.width, a.height);
+    let w = a.width;
+    let h = a.height;
     let mut across = Vec::with_capacity(a.data.len());
-    let (mut wide, mut next) = (Vec::new(), Vec::new());
+    let mut wide = Vec::new();
+    let mut next = Vec::new();
     for row in a.rows() {
         padded(row, rx, &mut wide);
         spans(&mut wide, &mut next, 2 * rx + 1, 1, &of);
@@ -25,8 +28,9 @@ pub(super) fn extreme(a: &Plane, rx: usize, ry: usize, of: impl Fn(f32, f32) -> 
     a.like(tall)
 }
 
-/// Each becomes the extreme of `whole` values from it on, `stride` apart; those too near to the end for that are of no use. A span of any
-/// length is two overlapping ones whose lengths are a power of two.
+/// Replaces each value by the extreme of `whole` values, `stride` apart, that start with it; values
+/// too close to the end for that are meaningless. A span of any length is the union of two
+/// overlapping ones with lengths that are powers of two.
 fn spans(now: &mut Vec<f32>, next: &mut Vec<f32>, whole: usize, stride: usize, of: &impl Fn(f32, f32) -> f32) {
     let mut length = 1;
     while length < whole {
@@ -39,19 +43,21 @@ fn spans(now: &mut Vec<f32>, next: &mut Vec<f32>, whole: usize, stride: usize, o
     }
 }
 
-/// The median in windows of `2 r + 1` by `2 r + 1` pixels, `r` 1 or 2; at the border, of those in the picture.
+/// Computes the median in windows of `2 r + 1` by `2 r + 1` pixels, `r` 1 or 2; at the border, of
+/// the pixels inside the image.
 pub(super) fn median(a: &Plane, r: usize) -> Plane {
-    let (w, h) = (a.width, a.height);
+    let w = a.width;
+    let h = a.height;
     let mut out = Vec::with_capacity(a.data.len());
-    let mut seen: Vec<f32> = Vec::with_capacity(25);
+    let mut window: Vec<f32> = Vec::with_capacity(25);
     let mut slow = |x: usize, y: usize| {
-        seen.clear();
+        window.clear();
         for row in y.saturating_sub(r)..(y + r + 1).min(h) {
             let row = &a.data[row * w..(row + 1) * w];
-            seen.extend_from_slice(&row[x.saturating_sub(r)..(x + r + 1).min(w)]);
+            window.extend_from_slice(&row[x.saturating_sub(r)..(x + r + 1).min(w)]);
         }
-        let middle = seen.len() / 2;
-        *seen.select_nth_unstable_by(middle, f32::total_cmp).1
+        let middle = window.len() / 2;
+        *window.select_nth_unstable_by(middle, f32::total_cmp).1
     };
     for y in 0..h {
         if y < r || y + r >= h || w <= 2 * r {
@@ -70,13 +76,14 @@ pub(super) fn median(a: &Plane, r: usize) -> Plane {
     a.like(out)
 }
 
-/// Pixels beside each other whose medians are found at once.
-const BESIDE: usize = 8;
-/// Their values.
-type Lanes = [f32; BESIDE];
+/// Number of adjacent pixels for which the median is computed at once.
+const LANE_COUNT: usize = 8;
+/// One value of each of these pixels.
+type Lanes = [f32; LANE_COUNT];
 
-/// The medians of all whole windows in `N` rows of `w` pixels, at least `N` of them. Columns are sorted once for all windows that they are
-/// in; `middle` finds the median of `N` sorted columns, which it is given as rows.
+/// Computes the medians of all whole windows in `N` rows of `w` pixels, `w` at least `N`. Each
+/// column is sorted once for all windows that contain it; `middle` computes the median of `N`
+/// sorted columns, which it is given as rows.
 fn medians<const N: usize>(rows: &[f32], w: usize, out: &mut Vec<f32>, middle: impl Fn([[Lanes; N]; N]) -> Lanes) {
     let mut columns: [Vec<f32>; N] = std::array::from_fn(|k| rows[k * w..(k + 1) * w].to_vec());
     for j in (1..N).flat_map(|i| (1..=i).rev()) {
@@ -86,15 +93,16 @@ fn medians<const N: usize>(rows: &[f32], w: usize, out: &mut Vec<f32>, middle: i
                 .for_each(|(low, high)| (*low, *high) = (lesser(*low, *high), greater(*low, *high)));
         }
     }
-    let (base, count) = (out.len(), w - (N - 1));
+    let base = out.len();
+    let count = w - (N - 1);
     out.resize(base + count, 0.0);
-    let lanes = BESIDE.min(count);
-    for begin in (0..count).step_by(BESIDE) {
-        // the last ones again, rather than fewer
+    let lanes = LANE_COUNT.min(count);
+    for begin in (0..count).step_by(LANE_COUNT) {
+        // Recompute some of the last ones rather than handle a shorter block.
         let begin = begin.min(count - lanes);
         let lane = |i: usize, j: usize| {
             let from = &columns[i][begin + j..];
-            let mut lane = [0.0; BESIDE];
+            let mut lane = [0.0; LANE_COUNT];
             match from.first_chunk() {
                 Some(whole) => lane = *whole,
                 None => lane[..lanes].copy_from_slice(&from[..lanes]),
@@ -106,29 +114,32 @@ fn medians<const N: usize>(rows: &[f32], w: usize, out: &mut Vec<f32>, middle: i
     }
 }
 
-/// The median of nine: of what is least, in the middle and greatest in the columns the greatest, the middle one and the least are left.
+/// Computes the median of nine as the median of three: the greatest of the columns' minima, the
+/// median of their medians, and the least of their maxima.
 #[inline(always)]
 fn middle_of_nine([mut least, mut middle, mut most]: [[Lanes; 3]; 3]) -> Lanes {
-    keep::<3, 2, 3>(&mut least);
-    keep::<3, 1, 2>(&mut middle);
-    keep::<3, 0, 1>(&mut most);
+    select::<3, 2, 3>(&mut least);
+    select::<3, 1, 2>(&mut middle);
+    select::<3, 0, 1>(&mut most);
     let mut left = [least[2], middle[1], most[0]];
-    keep::<3, 1, 2>(&mut left);
+    select::<3, 1, 2>(&mut left);
     left[1]
 }
 
-/// The median of 25.
+/// Computes the median of 25.
 ///
-/// What is in the `i`th place of its sorted column, and would be in the `j`th of that row, were it sorted too, is at least as great as
-/// `(i + 1) (j + 1)` of them and no greater than `(5 - i) (5 - j)`: twelve of them can't be the median, six below it and six above. Of the
-/// others, eight at a time, the least and the greatest are not it either, and the next takes their place.
+/// A value in the `i`th place of its sorted column that would be in the `j`th place of its row,
+/// were the row sorted too, is at least as great as `(i + 1) (j + 1)` values and not greater than
+/// `(5 - i) (5 - j)`. Twelve values can therefore not be the median, six below it and six above. Of
+/// the others, eight at a time, the minimum and the maximum are not the median either; the next
+/// value replaces them.
 #[inline(always)]
 fn middle_of_25([mut a, mut b, mut c, mut d, mut e]: [[Lanes; 5]; 5]) -> Lanes {
-    keep::<5, 3, 5>(&mut a);
-    keep::<5, 2, 5>(&mut b);
-    keep::<5, 1, 4>(&mut c);
-    keep::<5, 0, 3>(&mut d);
-    keep::<5, 0, 2>(&mut e);
+    select::<5, 3, 5>(&mut a);
+    select::<5, 2, 5>(&mut b);
+    select::<5, 1, 4>(&mut c);
+    select::<5, 0, 3>(&mut d);
+    select::<5, 0, 2>(&mut e);
     let mut left = [a[3], a[4], b[2], b[3], b[4], c[1], c[2], c[3]];
     ends::<8, 0>(&mut left);
     left[7] = d[0];
@@ -144,14 +155,15 @@ fn middle_of_25([mut a, mut b, mut c, mut d, mut e]: [[Lanes; 5]; 5]) -> Lanes {
     left[6]
 }
 
-/// Puts those that would be in the places from `FROM` up to `TO`, were they sorted, there, in any order.
+/// Moves the values that would be in the places `FROM` to `TO` (exclusive), were they sorted, into
+/// these places, in any order.
 #[inline(always)]
-fn keep<const N: usize, const FROM: usize, const TO: usize>(all: &mut [Lanes; N]) {
+fn select<const N: usize, const FROM: usize, const TO: usize>(all: &mut [Lanes; N]) {
     (0..FROM).for_each(|k| (k + 1..N).for_each(|j| sort(all, k, j)));
     (TO..N).rev().for_each(|k| (FROM..k).for_each(|j| sort(all, j, k)));
 }
 
-/// Puts the least from `FROM` on first, and the greatest last.
+/// Moves the minimum of the values from `FROM` on to `FROM`, and the maximum to the end.
 #[inline(always)]
 fn ends<const N: usize, const FROM: usize>(all: &mut [Lanes; N]) {
     let count = N - FROM;
@@ -160,17 +172,20 @@ fn ends<const N: usize, const FROM: usize>(all: &mut [Lanes; N]) {
     (FROM + count / 2..N - 1).for_each(|k| sort(all, k, N - 1));
 }
 
-/// Sorts two of several, in each lane.
+/// Sorts two of the values, in each lane.
 #[inline(always)]
 fn sort<const N: usize>(all: &mut [Lanes; N], low: usize, high: usize) {
-    let (a, b) = (all[low], all[high]);
+    let a = all[low];
+    let b = all[high];
     all[low] = std::array::from_fn(|k| lesser(a[k], b[k]));
     all[high] = std::array::from_fn(|k| greater(a[k], b[k]));
 }
 
-/// Smoothed by what is near in place and in value, both with a standard deviation of 10. Whole steps of value count.
+/// Smooths with a bilateral filter: weights fall with the distance in position and in value, both
+/// with a standard deviation of 10. Differences of value are rounded down to integers.
 pub(super) fn bilateral(a: &Plane, r: usize) -> Plane {
-    let (w, h) = (a.width, a.height);
+    let w = a.width;
+    let h = a.height;
     let mut wide = Vec::new();
     let rows: Vec<Vec<f32>> = a
         .rows()
@@ -180,17 +195,20 @@ pub(super) fn bilateral(a: &Plane, r: usize) -> Plane {
         })
         .collect();
     let row = |y: isize| &rows[y.clamp(0, h as isize - 1) as usize];
-    let (mut sum, mut all) = (a.data.clone(), vec![1.0f32; w * h]);
+    let mut sum = a.data.clone();
+    let mut all = vec![1.0f32; w * h];
     let mut weights = vec![0.0f32; w + 2 * r];
     let reach = r as isize;
-    // two pixels weigh the same for each other: half of the windows is enough
+    // The weight of two pixels for each other is the same: half of each window is enough.
     for (dy, dx) in (0..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dy, dx))).filter(|d| *d > (0, 0)) {
         let place = (dx * dx + dy * dy) as f32;
-        // where one of them is, and where the other: pixels of a padded row
-        let (here, there) = ((-dx).max(0) as usize, dx.max(0) as usize);
+        // Offsets of the two pixels in a padded row.
+        let here = (-dx).max(0) as usize;
+        let there = dx.max(0) as usize;
         let n = w + 2 * r - dx.unsigned_abs();
         for y in -dy..h as isize {
-            let (one, other) = (&row(y)[here..here + n], &row(y + dy)[there..there + n]);
+            let one = &row(y)[here..here + n];
+            let other = &row(y + dy)[there..there + n];
             for ((weight, a), b) in weights.iter_mut().zip(one).zip(other) {
                 let steps = floor(lesser((a - b).abs(), 64.0));
                 *weight = exp_near((steps * steps + place) * (-1.0 / 200.0));
@@ -216,7 +234,7 @@ pub(super) fn bilateral(a: &Plane, r: usize) -> Plane {
     a.like(sum)
 }
 
-/// How far above the window's mean, in standard deviations, as 128 + 64 z.
+/// Computes the difference from the window's mean in standard deviations z, as 128 + 64 z.
 pub(super) fn normalized(a: &Plane, rx: usize, ry: usize) -> Plane {
     let mean = a.box_mean(rx, ry);
     let square = a.map(|v| v * v).box_mean(rx, ry);

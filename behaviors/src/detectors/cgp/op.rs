@@ -11,12 +11,12 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names say it; `apply` has the rest")]
 pub enum Op {
-    // an input channel, and constants
+    // An input channel, and constants.
     Input,
     Blank,
     Const,
     Nop,
-    // two images
+    // Two images.
     Add,
     Sub,
     Mul,
@@ -24,13 +24,13 @@ pub enum Op {
     Avg,
     Min,
     Max,
-    // an image and a number
+    // An image and a number.
     AddC,
     SubC,
     MulC,
     MinC,
     MaxC,
-    // each pixel by itself, and by the whole picture
+    // Each pixel by itself, and with the values of the whole image.
     Log,
     Exp,
     Sqrt,
@@ -80,11 +80,11 @@ pub const ALL_OPS: [Op; 52] = [
     ShiftLeft, ShiftRight, Rescale, Gabor, ResizeGabor,
 ];
 
-/// What is beyond this is cut off; what is no number is 0.
-const LARGEST: f32 = 1e6;
+/// Maximum absolute value of a result; larger ones are clamped, and NaN becomes 0.
+const MAX_VALUE: f32 = 1e6;
 
 impl Op {
-    /// How many images it takes.
+    /// Number of images that it takes.
     pub fn arity(self) -> usize {
         match self {
             Input | Blank | Const => 0,
@@ -93,10 +93,13 @@ impl Op {
         }
     }
 
-    /// Its image of one or two others. Unary functions use `a` alone; the result is finite.
+    /// Applies the function to one or two images. Unary functions use `a` alone; the result is
+    /// finite.
     pub fn apply(self, node: &ImageNode, a: &Plane, b: &Plane) -> Plane {
-        let (p, x, y) = (node.p0, node.p1, node.p2);
-        // an aperture is odd, 3 to 17
+        let p = node.p0;
+        let x = node.p1;
+        let y = node.p2;
+        // Apertures are odd, 3 to 17.
         let aperture = |k: i8| (k.unsigned_abs() as usize | 1).clamp(3, 17);
         let window = |k: i8| (k.unsigned_abs() as usize).clamp(1, 16);
         let times = (x.unsigned_abs() as usize).clamp(1, 8);
@@ -163,23 +166,23 @@ impl Op {
     }
 }
 
-/// The lesser of two numbers, in one instruction: `f32::min` also minds what is none.
+/// Returns the lesser of two numbers, in one instruction: `f32::min` also handles NaN.
 #[inline(always)]
 pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The greater of two numbers.
+/// Returns the greater of two numbers.
 #[inline(always)]
 pub(super) fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// What is beyond [`LARGEST`] is cut off; what is no number is 0.
+/// Clamps to [`MAX_VALUE`]; NaN becomes 0.
 #[inline(always)]
 fn bounded(v: f32) -> f32 {
     let v = if v.is_nan() { 0.0 } else { v };
-    greater(lesser(v, LARGEST), -LARGEST)
+    greater(lesser(v, MAX_VALUE), -MAX_VALUE)
 }
 
 fn finite(mut a: Plane) -> Plane {
@@ -187,12 +190,12 @@ fn finite(mut a: Plane) -> Plane {
     a
 }
 
-/// A function of every pixel, in one pass.
+/// Applies a function to every pixel, in one pass.
 fn each(a: &Plane, f: impl Fn(f32) -> f32) -> Plane {
     a.map(|v| bounded(f(v)))
 }
 
-/// A function of the pixels of two images.
+/// Applies a function to the pixels of two images.
 fn both(a: &Plane, b: &Plane, f: impl Fn(f32, f32) -> f32) -> Plane {
     a.zip(b, |a, b| bounded(f(a, b)))
 }

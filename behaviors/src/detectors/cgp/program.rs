@@ -1,23 +1,24 @@
-//! Programs, and how they run.
+//! Image programs and their execution.
 
 use super::super::plane::Plane;
 use super::op::Op;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// The most nodes that a program may have.
-const LONGEST: usize = 1000;
+/// Maximum number of nodes of a program.
+const MAX_NODES: usize = 1000;
 
-/// The inputs of a program: grey, red, green, blue, hue, saturation, value, all 0 to 255, then what colors and network say.
+/// Inputs of a program: gray, red, green, blue, hue, saturation, value, color likelihood and
+/// network output, all 0 to 255.
 pub type Channels = Vec<Arc<Plane>>;
 
-/// A node: a function, where its images are from, and its parameters.
+/// A node: a function, the sources of its images, and its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ImageNode {
     /// The function.
     pub op: Op,
-    /// How many nodes back the two images are; before the first node there is a blank one.
+    /// Offsets, in nodes back, of the two images; before the first node there is a blank one.
     pub from: [u16; 2],
     /// Constant, threshold, exponent or scale.
     pub p0: f32,
@@ -25,29 +26,30 @@ pub struct ImageNode {
     pub p1: i8,
     /// The second aperture, or shift down.
     pub p2: i8,
-    /// Of a Gabor filter, 0 to 16.
+    /// Frequency of a Gabor filter, 0 to 16.
     pub frequency: u8,
-    /// Of a Gabor filter, eighths of half a turn.
+    /// Orientation of a Gabor filter, multiples of 22.5 degrees.
     pub angle: i8,
 }
 
-/// An image program. Its output is the last node's image.
+/// An image program. Its output is the image of the last node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ImageProgram {
     /// The nodes.
     pub nodes: Vec<ImageNode>,
-    /// Whether the output is low where the object is: it is then taken from 255.
+    /// The output is low for the object and is therefore subtracted from 255.
     pub inverted: bool,
 }
 
-/// The seven channels of a picture, and what colors and network say of it.
+/// Computes the seven channels of an image, and appends color likelihood and network output.
 pub fn channels(rgb: &[Plane; 3], colors: &Plane, learned: &Plane) -> Channels {
     let [r, g, b] = rgb;
     let pixels = r.data.iter().zip(&g.data).zip(&b.data).map(|((r, g), b)| (*r, *g, *b));
     let mut of: [Vec<f32>; 4] = Default::default();
     for (r, g, b) in pixels {
-        let (most, least) = (r.max(g).max(b), r.min(g).min(b));
+        let most = r.max(g).max(b);
+        let least = r.min(g).min(b);
         let span = most - least;
         let sixth = match () {
             () if span <= 0.0 => 0.0,
@@ -65,7 +67,7 @@ pub fn channels(rgb: &[Plane; 3], colors: &Plane, learned: &Plane) -> Channels {
 }
 
 impl ImageProgram {
-    /// Which nodes the output needs.
+    /// Returns, for each node, whether the output depends on it.
     pub fn active(&self) -> Vec<bool> {
         let mut active = vec![false; self.nodes.len()];
         if let Some(last) = active.last_mut() {
@@ -83,14 +85,15 @@ impl ImageProgram {
         active
     }
 
-    /// The output, 255 minus it if inverted. `inputs` are of one size and at least one.
+    /// Computes the output, subtracted from 255 if inverted. `inputs`: at least one plane, all of
+    /// one size.
     pub fn run(&self, inputs: &[Arc<Plane>]) -> Plane {
         let out = self.images(inputs, None).output();
         if self.inverted { out.map(|v| 255.0 - v) } else { Arc::unwrap_or_clone(out) }
     }
 
-    /// The images of all nodes that the output needs. Those that a like node of another program made of the same images, with the same
-    /// inputs, are taken from there.
+    /// Computes the images of all nodes that the output depends on. `like`: another program and its
+    /// images for the same inputs; the image of an equal node with equal inputs is reused.
     pub(super) fn images(&self, inputs: &[Arc<Plane>], like: Option<(&ImageProgram, &Images)>) -> Images {
         let first = &inputs[0];
         let fresh = || Arc::new(Plane::filled(first.width, first.height, 0.0));
@@ -124,10 +127,10 @@ impl ImageProgram {
         Images { of, blank }
     }
 
-    /// What is wrong with it, if anything.
+    /// Returns the first error of the program; `None`: it is valid.
     pub fn wrong(&self) -> Option<String> {
-        if self.nodes.is_empty() || self.nodes.len() > LONGEST {
-            return Some(format!("it has {} nodes, and 1 to {LONGEST} are possible", self.nodes.len()));
+        if self.nodes.is_empty() || self.nodes.len() > MAX_NODES {
+            return Some(format!("it has {} nodes, and 1 to {MAX_NODES} are possible", self.nodes.len()));
         }
         let bad = |n: &ImageNode| !n.p0.is_finite() || n.from.contains(&0) || n.frequency > 16;
         let i = self.nodes.iter().position(bad)?;
@@ -135,7 +138,7 @@ impl ImageProgram {
     }
 }
 
-/// What the nodes of a program made of a picture, as far as the output needs them.
+/// Images of a program's nodes, as far as the output depends on them.
 #[derive(Clone, Debug)]
 pub(super) struct Images {
     of: Vec<Option<Arc<Plane>>>,
@@ -143,19 +146,20 @@ pub(super) struct Images {
 }
 
 impl Images {
-    /// The last one.
+    /// Image of the last node.
     pub fn output(&self) -> Arc<Plane> {
         Arc::clone(self.of.last().and_then(Option::as_ref).unwrap_or(&self.blank))
     }
 }
 
 impl ImageNode {
-    /// A node of a function and its images, with this number of steps or aperture, and a constant.
+    /// Creates a node from a function, its image offsets, a constant, and an integer parameter
+    /// (aperture, iterations or channel).
     pub fn new(op: Op, from: [u16; 2], p0: f32, p1: i8) -> ImageNode {
         ImageNode { op, from, p0, p1, p2: 0, frequency: 0, angle: 0 }
     }
 
-    /// Those of its parameters that its function has.
+    /// Returns those parameters that its function uses.
     pub(super) fn parameters(&self) -> [Option<f32>; 2] {
         use Op::*;
         let [p0, p1, p2] = [self.p0, self.p1.into(), self.p2.into()];
@@ -170,12 +174,13 @@ impl ImageNode {
         }
     }
 
-    /// Whether it makes the same of the same images: parameters that its function does not have make no difference.
+    /// Returns whether it computes the same as another node on the same images: parameters that its
+    /// function does not use are ignored.
     fn does_as(&self, other: &ImageNode) -> bool {
         self.op == other.op && self.parameters() == other.parameters()
     }
 
-    /// The input that it names, of so many.
+    /// Returns the index of its input channel, of `of` channels.
     pub(super) fn channel(&self, of: usize) -> usize {
         i32::from(self.p1).rem_euclid(of as i32) as usize
     }

@@ -1,4 +1,4 @@
-//! Programs for readers.
+//! Text form of image programs.
 
 use super::op::Op;
 use super::program::{ImageNode, ImageProgram};
@@ -6,7 +6,7 @@ use std::fmt;
 
 const CHANNELS: [&str; 9] = ["grey", "red", "green", "blue", "hue", "saturation", "value", "colors", "network"];
 
-/// One line for each image that is used, from the inputs to the output.
+/// Writes one line for each image that is used, from the inputs to the output.
 impl fmt::Display for ImageProgram {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let active = self.active();
@@ -22,7 +22,7 @@ impl fmt::Display for ImageProgram {
     }
 }
 
-/// Its parameters for readers.
+/// Formats the parameters of a node.
 fn words(node: &ImageNode) -> Vec<String> {
     match node.op {
         Op::Input => vec![CHANNELS[node.channel(CHANNELS.len())].into()],

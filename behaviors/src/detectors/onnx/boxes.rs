@@ -1,31 +1,32 @@
-//! A network that tells boxes around what it finds.
+//! Networks with an output of boxes around objects.
 
-use super::network::Told;
+use super::network::NetworkOutput;
 use super::settings::OnnxObject;
 use mobee_contract::Region;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// An output that tells boxes: for each, four numbers of its place, then its scores.
+/// An output of boxes: for each box, four numbers for its place, then its scores.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxOutput {
-    /// The output's name; default: the first one.
+    /// Name of the output; default: the first one.
     #[serde(default)]
     pub name: Option<String>,
-    /// Whether each box is a row or a column of the output.
+    /// Orientation of the table: one box per row or per column.
     #[serde(default)]
     pub along: BoxesAlong,
-    /// What the four numbers are.
+    /// Meaning of the four numbers.
     #[serde(default)]
     pub place: BoxPlace,
-    /// What they count.
+    /// Unit of the four numbers.
     #[serde(default)]
     pub unit: BoxUnit,
-    /// What comes after them.
+    /// Meaning of the numbers after them.
     #[serde(default)]
     pub scores: BoxScores,
-    /// Of two boxes of a class that share more than this of what they cover together, the surer one is kept, 0 to 1.
+    /// Maximum overlap of two boxes of a class (intersection over union), 0 to 1; above it, only
+    /// the box with the higher score is kept.
     #[serde(default = "overlap")]
     pub overlap: f64,
 }
@@ -34,61 +35,61 @@ fn overlap() -> f64 {
     0.5
 }
 
-/// How boxes lie in the output.
+/// Orientation of the table of boxes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BoxesAlong {
-    /// Each is a row.
+    /// One box per row.
     #[default]
     Rows,
-    /// Each is a column.
+    /// One box per column.
     Columns,
 }
 
-/// What tells a box's place.
+/// Meaning of the four numbers of a box's place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BoxPlace {
     /// Left, top, right, bottom.
     #[default]
     Corners,
-    /// Its middle across and down, its width and height.
+    /// Horizontal and vertical center, width, height.
     Middle,
 }
 
-/// In what places are counted.
+/// Unit of the place of a box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BoxUnit {
     /// Pixels of the network's input.
     #[default]
     Pixels,
-    /// Shares of the picture's width and height, 0 to 1.
+    /// Shares of the image's width and height, 0 to 1.
     Shares,
 }
 
-/// What tells how sure a box is, and of what.
+/// Meaning of the scores of a box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BoxScores {
-    /// One score, and then the class's number, if there is more than one class.
+    /// One score, then the number of the class if there is more than one class.
     #[default]
     One,
     /// A score for each class.
     Classes,
-    /// How sure it is that there is anything, then a score for each class.
+    /// The score of any object being in the box, then a score for each class.
     AnythingAndClasses,
 }
 
 impl BoxOutput {
-    /// How many boxes there are, and how many numbers each has.
+    /// Returns the number of boxes, and of numbers per box.
     ///
     /// # Errors
-    /// In words, if they are no boxes.
+    /// A description if the output does not contain boxes.
     pub fn sizes(&self, shape: &[usize]) -> Result<[usize; 2], String> {
         let [rows, columns] = match shape {
             [a, b] | [1, a, b] => [*a, *b],
-            _ => return Err("boxes are a table, or one table for one picture".into()),
+            _ => return Err("boxes are a table, or one table for one image".into()),
         };
         let [count, numbers] = match self.along {
             BoxesAlong::Rows => [rows, columns],
@@ -101,18 +102,19 @@ impl BoxOutput {
         }
     }
 
-    /// The regions of all objects in a picture of this size, the surest first.
+    /// Returns the regions of all objects in an image, by decreasing score.
     ///
     /// # Arguments
-    /// * `input`: the size of what went into the network, pixels.
+    /// * `input`: size of the network's input, pixels.
+    /// * `size`: size of the image, pixels.
     pub fn regions(
         &self,
-        told: &Told,
+        output: &NetworkOutput,
         objects: &[OnnxObject],
         threshold: f64,
         [size, input]: [[usize; 2]; 2],
     ) -> Vec<Region> {
-        let Ok([count, numbers]) = self.sizes(&told.shape) else { return Vec::new() };
+        let Ok([count, numbers]) = self.sizes(&output.shape) else { return Vec::new() };
         let scale: [f64; 2] = std::array::from_fn(|i| match self.unit {
             BoxUnit::Pixels => size[i] as f64 / input[i].max(1) as f64,
             BoxUnit::Shares => size[i] as f64,
@@ -124,11 +126,11 @@ impl BoxOutput {
                     BoxesAlong::Rows => k * numbers + i,
                     BoxesAlong::Columns => i * count + k,
                 };
-                told.numbers.get(at).map_or(f64::NAN, |v| f64::from(*v))
+                output.numbers.get(at).map_or(f64::NAN, |v| f64::from(*v))
             };
             for object in objects {
                 let score = self.score(&number, numbers, object.class);
-                // written so that what is no number is no box
+                // Written so that NaN is not a box.
                 if score >= threshold {
                     let bounds = self.bounds(&number, scale, size);
                     found.extend(bounds.map(|b| (object.class, region(&object.object, b, score.min(1.0), size))));
@@ -140,7 +142,7 @@ impl BoxOutput {
         for (class, region) in found {
             let is_known =
                 |(other, r): &(usize, Region)| *other == class && shared(&r.bounds, &region.bounds) > self.overlap;
-            if kept.len() < MOST && !kept.iter().any(is_known) {
+            if kept.len() < MAX_BOXES && !kept.iter().any(is_known) {
                 kept.push((class, region));
             }
         }
@@ -169,7 +171,7 @@ impl BoxOutput {
         }
     }
 
-    /// Left, top, right and bottom in the picture, pixels; `None` if nothing is between them.
+    /// Returns left, top, right and bottom in the image, pixels; `None` for an empty box.
     fn bounds(
         &self,
         number: &impl Fn(usize) -> f64,
@@ -192,8 +194,8 @@ impl BoxOutput {
     }
 }
 
-/// So many boxes are told of a picture, at most.
-const MOST: usize = 100;
+/// Maximum number of boxes in one image.
+const MAX_BOXES: usize = 100;
 
 fn region(object: &str, bounds: [f64; 4], confidence: f64, [width, height]: [usize; 2]) -> Region {
     let [left, top, right, bottom] = bounds;
@@ -208,7 +210,7 @@ fn region(object: &str, bounds: [f64; 4], confidence: f64, [width, height]: [usi
     }
 }
 
-/// What two boxes share, of what they cover together.
+/// Returns the intersection over union of two boxes.
 fn shared(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let along = |i: usize| (a[i + 2].min(b[i + 2]) - a[i].max(b[i])).max(0.0);
     let area = |r: &[f64; 4]| (r[2] - r[0]) * (r[3] - r[1]);

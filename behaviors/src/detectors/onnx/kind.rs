@@ -1,34 +1,35 @@
-//! The kind `onnx`.
+//! The detector kind `onnx`.
 
-use super::network::{NetworkSetup, Told};
-use super::process::{Runner, Unanswered};
+use super::network::{NetworkOutput, NetworkSetup};
+use super::process::{RunError, Runner};
 use super::settings::{OnnxDetectorSettings, OnnxOutput};
 use crate::detectors::picture::Picture;
 use mobee_contract::*;
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// Finds what a network finds.
+/// Finds objects by an imported network.
 pub struct OnnxDetector {
     settings: OnnxDetectorSettings,
     network: Runner,
-    /// Width and height of what goes into the network, pixels.
+    /// Width and height of the network's input, pixels.
     size: [usize; 2],
-    /// Of the frame that it looked at last.
+    /// Mask of the last frame.
     mask: Option<SeenMask>,
-    /// What is wrong with the network's answers, until it is told.
+    /// First problem with the network's outputs, until it is reported.
     complaint: Option<String>,
     has_complained: bool,
-    /// Regions of that frame that were too many.
+    /// Number of regions of the last frame beyond the maximum.
     omitted: u64,
     failure: Option<String>,
 }
 
 impl OnnxDetector {
-    /// One that looks as the settings say. The network is tried on two pictures first.
+    /// Creates a detector from its settings. The network is tried on two images first.
     ///
     /// # Errors
-    /// Settings that make no sense, a file that is no network, and a network whose output is not what the settings say, or no numbers.
+    /// Invalid settings, a file without a network, and a network with an output that is non-finite
+    /// or disagrees with the settings.
     pub fn new(settings: OnnxDetectorSettings) -> Result<OnnxDetector, KindError> {
         sound(&settings)?;
         let at = settings.file.display();
@@ -58,53 +59,52 @@ impl OnnxDetector {
         Ok(detector)
     }
 
-    /// Whether the output on a picture is what the settings say.
+    /// Checks that the output for a test image agrees with the settings.
     fn rehearse(&mut self, level: u8) -> Result<(), KindError> {
         let [width, height] = self.size;
-        // a ramp over a level, so that no channel is all the same
+        // A ramp added to a level, so that no channel is constant.
         let value = |k: usize| level.wrapping_add((k % 61) as u8);
         let picture = Picture { width, height, rgb: (0..width * height * 3).map(value).collect() };
         let at = self.settings.file.display();
-        let told = self.network.ask(&picture).map_err(|e| match e {
-            Unanswered::Refused(e) => {
-                let help = "give a network that takes one picture, of the size and layout that `input` says";
+        let output = self.network.run(&picture).map_err(|e| match e {
+            RunError::Refused(e) => {
+                let help = "give a network that takes one image, of the size and layout given in `input`";
                 KindError::new("file", format!("{at} can't be run: {e}"), help)
             }
-            Unanswered::Ended(why) => {
+            RunError::Ended(why) => {
                 let help = "export a simpler network, or raise `limits`";
                 KindError::new("file", format!("{at} can't be run: {why}"), help)
             }
         })?;
-        self.check(&told)?;
-        if told.numbers.iter().any(|v| !v.is_finite()) {
-            let what = format!("{at} tells numbers that are none (NaN or infinite)");
+        self.check(&output)?;
+        if output.numbers.iter().any(|v| !v.is_finite()) {
+            let what = format!("the output of {at} contains NaN or infinite numbers");
             return Err(KindError::new("file", what, "check `input.mean` and `input.std`, and the network's weights"));
         }
         Ok(())
     }
 
-    /// Remembers the first thing that is wrong, to be told once.
+    /// Stores the first problem, to be reported once.
     fn complain(&mut self, what: String) {
         if !std::mem::replace(&mut self.has_complained, true) {
             self.complaint = Some(what);
         }
     }
 
-    fn check(&self, told: &Told) -> Result<(), KindError> {
-        let shape = told.shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-        let said = match &self.settings.output {
-            OnnxOutput::Mask(mask) => mask.sizes(&told.shape).map(|[channels, ..]| Some(channels)),
-            OnnxOutput::Boxes(boxes) => boxes.sizes(&told.shape).map(|_| None),
+    fn check(&self, output: &NetworkOutput) -> Result<(), KindError> {
+        let shape = output.shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        let sizes = match &self.settings.output {
+            OnnxOutput::Mask(mask) => mask.sizes(&output.shape).map(|[channels, ..]| Some(channels)),
+            OnnxOutput::Boxes(boxes) => boxes.sizes(&output.shape).map(|_| None),
         };
-        let channels = said.map_err(|e| {
-            let help = "say in `output` what it means, and which one it is by `output.name`";
+        let channels = sizes.map_err(|e| {
+            let help = "describe the meaning of the output in `output`, and select it by `output.name`";
             KindError::new("output", format!("the network's output has the dimensions [{shape}]: {e}"), help)
         })?;
         let beyond = |class: usize| channels.is_some_and(|c| class >= c);
         match self.settings.objects.iter().enumerate().find(|(_, o)| beyond(o.class)) {
             Some((k, o)) => {
-                let what =
-                    format!("the network tells of no class {}: its output has the dimensions [{shape}]", o.class);
+                let what = format!("the network has no class {}: its output has the dimensions [{shape}]", o.class);
                 Err(KindError::new(format!("objects[{k}].class"), what, "classes count from 0"))
             }
             None => Ok(()),
@@ -112,35 +112,35 @@ impl OnnxDetector {
     }
 }
 
-/// Whether the settings' numbers are what they may be.
+/// Checks the numbers of the settings.
 fn sound(settings: &OnnxDetectorSettings) -> Result<(), KindError> {
     let mut checks = Vec::new();
-    let mut say = |path: &str, is_right: bool, what: &str, help: &str| {
+    let mut require = |path: &str, is_right: bool, what: &str, help: &str| {
         checks.push(if is_right { Ok(()) } else { Err(KindError::new(path, what, help)) });
     };
     let share = |v: f64| (0.0..=1.0).contains(&v);
     let range = "give a number from 0 to 1";
-    say(
+    require(
         "threshold",
         share(settings.threshold) && settings.threshold >= 0.001,
-        "it is no threshold",
+        "it is not a valid threshold",
         "give a number from 0.001 to 1",
     );
     let is_mean = settings.input.mean.iter().all(|v| v.is_finite());
-    say("input.mean", is_mean, "a color's mean is a number", "give three numbers from 0 to 255");
+    require("input.mean", is_mean, "a color's mean is a number", "give three numbers from 0 to 255");
     let is_std = settings.input.std.iter().all(|v| v.is_finite() && *v > 0.0);
-    say("input.std", is_std, "nothing can be divided by that", "give three numbers above 0");
-    let known = "say which class is which object: objects = [{ class = 0, object = \"cup\" }]";
-    say("objects", !settings.objects.is_empty(), "without an object there is nothing to find", known);
+    require("input.std", is_std, "nothing can be divided by that", "give three numbers above 0");
+    let known = "give the objects of the classes: objects = [{ class = 0, object = \"cup\" }]";
+    require("objects", !settings.objects.is_empty(), "without an object there is nothing to find", known);
     let is_few = settings.objects.len() <= usize::from(u8::MAX);
-    say("objects", is_few, "these are more than 255 objects", "use several detectors");
+    require("objects", is_few, "these are more than 255 objects", "use several detectors");
     let is_memory = (64..=1_000_000).contains(&settings.limits.memory_mib);
-    say("limits.memory_mib", is_memory, "no network runs with that", "give 64 to 1000000 MiB");
+    require("limits.memory_mib", is_memory, "no network runs with that", "give 64 to 1000000 MiB");
     let is_time = (1..=3600).contains(&settings.limits.seconds);
-    say("limits.seconds", is_time, "no network runs with that", "give 1 to 3600 s");
+    require("limits.seconds", is_time, "no network runs with that", "give 1 to 3600 s");
     match &settings.output {
-        OnnxOutput::Mask(mask) => say("output.keep", share(mask.keep), "it is no share", range),
-        OnnxOutput::Boxes(boxes) => say("output.overlap", share(boxes.overlap), "it is no share", range),
+        OnnxOutput::Mask(mask) => require("output.keep", share(mask.keep), "it is not a share", range),
+        OnnxOutput::Boxes(boxes) => require("output.overlap", share(boxes.overlap), "it is not a share", range),
     }
     KindError::gather(checks).map(drop)
 }
@@ -149,22 +149,23 @@ impl Detector for OnnxDetector {
     fn detect(&mut self, frame: &Frame) -> Vec<Region> {
         let Some(picture) = Picture::of(frame) else { return Vec::new() };
         let size = [picture.width, picture.height];
-        (self.mask, self.omitted) = (None, 0);
-        // it was tried when it was made; what can't be run now shows nothing
-        let told = match self.network.ask(&picture) {
-            Ok(told) => told,
-            Err(Unanswered::Ended(why)) => {
+        self.mask = None;
+        self.omitted = 0;
+        // The network was tried at the start. If it fails on this image, nothing is detected.
+        let output = match self.network.run(&picture) {
+            Ok(output) => output,
+            Err(RunError::Ended(why)) => {
                 self.failure = Some(format!("the network failed on a picture: {why}"));
                 return Vec::new();
             }
-            Err(Unanswered::Refused(why)) => {
-                self.complain(format!("the network can't be run on a picture, which shows nothing then: {why}"));
+            Err(RunError::Refused(why)) => {
+                self.complain(format!("the network can't be run on an image, so nothing is detected in it: {why}"));
                 return Vec::new();
             }
         };
-        let wrong = told.numbers.iter().filter(|v| !v.is_finite()).count();
+        let wrong = output.numbers.iter().filter(|v| !v.is_finite()).count();
         if wrong > 0 {
-            let all = told.numbers.len();
+            let all = output.numbers.len();
             self.complain(format!(
                 "{wrong} of {all} numbers of the network's answer to a picture are none (NaN or infinite): there it sees nothing; check \
                  its weights, and `input.mean` and `input.std`"
@@ -173,12 +174,12 @@ impl Detector for OnnxDetector {
         let OnnxDetectorSettings { objects, threshold, .. } = &self.settings;
         match &self.settings.output {
             OnnxOutput::Mask(mask) => {
-                let seen = mask.regions(&told, objects, *threshold, size);
+                let seen = mask.regions(&output, objects, *threshold, size);
                 self.mask = Some(SeenMask { size: frame.intrinsics.size, objects: seen.pixels.into() });
                 self.omitted = seen.omitted;
                 seen.regions
             }
-            OnnxOutput::Boxes(boxes) => boxes.regions(&told, objects, *threshold, [size, self.size]),
+            OnnxOutput::Boxes(boxes) => boxes.regions(&output, objects, *threshold, [size, self.size]),
         }
     }
 
@@ -210,8 +211,8 @@ impl Detector for OnnxDetector {
 inventory::submit! {
     Registered(&Kind::<dyn Detector> {
         name: "onnx",
-        doc: "Finds objects by a network of your own in ONNX format: one that tells what each pixel is, or boxes. The settings say what goes \
-              in and what comes out.",
+        doc: "Finds objects by a network of your own in ONNX format, with a class for each pixel or boxes \
+              as its output. The settings describe its input and output.",
         schema: || schemars::schema_for!(OnnxDetectorSettings),
         example: |_| Ok(json!({
             "file": "cup.onnx", "objects": [{ "class": 1, "object": "cup" }], "output": { "means": "mask", "values": "logits" },

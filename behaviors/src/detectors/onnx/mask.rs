@@ -1,6 +1,6 @@
-//! A network that tells what each pixel is.
+//! Networks with an output for each pixel.
 
-use super::network::Told;
+use super::network::NetworkOutput;
 use super::settings::{OnnxLayout, OnnxObject};
 use crate::detectors::plane::Plane;
 use crate::detectors::regions::Cut;
@@ -8,23 +8,24 @@ use mobee_contract::Region;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// An output that tells for each pixel, or each block of pixels, what it is: one number for each class.
+/// An output with one number for each class, for each pixel or block of pixels.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MaskOutput {
-    /// The output's name; default: the first one.
+    /// Name of the output; default: the first one.
     #[serde(default)]
     pub name: Option<String>,
-    /// What its numbers are.
+    /// Meaning of its numbers.
     #[serde(default)]
     pub values: MaskValues,
-    /// The order of its dimensions.
+    /// Order of its dimensions.
     #[serde(default)]
     pub layout: OnnxLayout,
-    /// Whether masks are opened by 3x3 pixels, which drops specks.
+    /// Open the masks by 3x3 pixels, which removes specks.
     #[serde(default = "open")]
     pub open: bool,
-    /// Regions with less than this share of the weightiest one's weight are dropped, 0 to 1.
+    /// Minimum weight of a region, as a share of the heaviest region's weight, 0 to 1; lighter ones
+    /// are dropped.
     #[serde(default = "keep")]
     pub keep: f64,
 }
@@ -36,52 +37,52 @@ fn keep() -> f64 {
     0.3
 }
 
-/// What the numbers of a mask are.
+/// Meaning of the numbers of a mask.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MaskValues {
-    /// Logits: of one class by the logistic function, of several by softmax.
+    /// Logits: converted by the logistic function for one class, by softmax for several.
     #[default]
     Logits,
     /// Probabilities, 0 to 1.
     Probabilities,
 }
 
-/// What a mask shows.
+/// Detections in a mask.
 pub struct SeenByMask {
     /// The regions of all objects.
     pub regions: Vec<Region>,
-    /// The number of those that are left out.
+    /// Number of regions beyond the maximum.
     pub omitted: u64,
-    /// The object that each pixel was taken for, counted from 1; 0: none.
+    /// Object of each pixel, counted from 1; 0: none.
     pub pixels: Vec<u8>,
 }
 
 impl MaskOutput {
-    /// Channels, rows, columns of an output.
+    /// Returns channels, rows and columns of an output.
     ///
     /// # Errors
-    /// In words, if it is no mask.
+    /// A description if the output is not a mask.
     pub fn sizes(&self, shape: &[usize]) -> Result<[usize; 3], String> {
         let sizes = match (shape, self.layout) {
             ([h, w], _) | ([1, h, w], _) => [1, *h, *w],
             ([1, c, h, w], OnnxLayout::Nchw) => [*c, *h, *w],
             ([1, h, w, c], OnnxLayout::Nhwc) => [*c, *h, *w],
-            _ => return Err("a mask has the dimensions picture (1), channel, row and column".into()),
+            _ => return Err("a mask has the dimensions image (1), channel, row and column".into()),
         };
         if sizes.contains(&0) { Err("a mask has pixels".into()) } else { Ok(sizes) }
     }
 
-    /// How likely each pixel is of a class, 0 to 255.
-    fn likelihood(&self, told: &Told, class: usize) -> Option<Plane> {
-        let [channels, height, width] = self.sizes(&told.shape).ok()?;
+    /// Returns the likelihood of a class for each pixel, 0 to 255.
+    fn likelihood(&self, output: &NetworkOutput, class: usize) -> Option<Plane> {
+        let [channels, height, width] = self.sizes(&output.shape).ok()?;
         let pixels = width * height;
         let value = |channel: usize, pixel: usize| {
             let at = match self.layout {
                 OnnxLayout::Nchw => channel * pixels + pixel,
                 OnnxLayout::Nhwc => pixel * channels + channel,
             };
-            told.numbers.get(at).copied().unwrap_or(f32::NAN)
+            output.numbers.get(at).copied().unwrap_or(f32::NAN)
         };
         let share = |pixel: usize| {
             let own = value(class, pixel);
@@ -91,17 +92,23 @@ impl MaskOutput {
                 MaskValues::Logits => 1.0 / (0..channels).map(|c| (value(c, pixel) - own).exp()).sum::<f32>(),
             }
         };
-        // what is no number is not the object
+        // NaN and infinity count as background.
         let bounded = |share: f32| if share.is_finite() { 255.0 * share.clamp(0.0, 1.0) } else { 0.0 };
         (class < channels).then(|| Plane { width, height, data: (0..pixels).map(|k| bounded(share(k))).collect() })
     }
 
-    /// What is seen in a picture of this size.
-    pub fn regions(&self, told: &Told, objects: &[OnnxObject], threshold: f64, size: [usize; 2]) -> SeenByMask {
+    /// Returns the detections in an image of this size, pixels.
+    pub fn regions(
+        &self,
+        output: &NetworkOutput,
+        objects: &[OnnxObject],
+        threshold: f64,
+        size: [usize; 2],
+    ) -> SeenByMask {
         let cut = Cut { threshold: (255.0 * threshold) as f32, open: self.open, keep: self.keep as f32 };
         let mut seen = SeenByMask { regions: Vec::new(), omitted: 0, pixels: vec![0; size[0] * size[1]] };
         for (object, number) in objects.iter().zip(1..=u8::MAX) {
-            let Some(likelihood) = self.likelihood(told, object.class) else { continue };
+            let Some(likelihood) = self.likelihood(output, object.class) else { continue };
             let (mask, blobs) = cut.apply(&likelihood.stretched(size));
             for (pixel, _) in seen.pixels.iter_mut().zip(&mask.data).filter(|(_, inside)| **inside) {
                 *pixel = number;

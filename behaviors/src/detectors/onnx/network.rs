@@ -1,4 +1,4 @@
-//! The network itself: what it is, and running it.
+//! Loading and running a network.
 
 use super::settings::{OnnxColors, OnnxInput, OnnxLayout, OnnxLimits};
 use crate::detectors::picture::Picture;
@@ -12,60 +12,63 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How long a network's file may be, bytes.
-const LONGEST_FILE: u64 = 256 * MIB;
-/// The longest edge of what goes in, pixels.
-const LONGEST: usize = 4096;
+/// Maximum size of a network's file, bytes.
+const MAX_FILE_BYTES: u64 = 256 * MIB;
+/// Maximum width and height of a network's input, pixels.
+const MAX_EDGE_PX: usize = 4096;
 
-/// What a network has told.
+/// Output tensor of a network.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Told {
-    /// The sizes of its dimensions.
+pub struct NetworkOutput {
+    /// Sizes of its dimensions.
     pub shape: Vec<usize>,
-    /// Its numbers, the last dimension's beside each other.
+    /// Its numbers in row-major order.
     pub numbers: Vec<f32>,
 }
 
-/// What is needed to load a network.
+/// Parameters for loading a network.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct NetworkSetup {
-    /// Its file.
+    /// File of the network.
     pub file: PathBuf,
-    /// What goes in.
+    /// Format of the input.
     pub input: OnnxInput,
-    /// The output's name; `None`: the first one.
+    /// Name of the output; `None`: the first one.
     pub output: Option<String>,
-    /// How much it may use in its process.
+    /// Resource limits of its process.
     pub limits: OnnxLimits,
 }
 
-/// A network that is ready to be asked.
+/// A network that is ready to run.
 pub struct OnnxNetwork {
     model: Model,
     input: NodeId,
     output: NodeId,
     settings: OnnxInput,
-    /// Width and height of what goes in, pixels.
+    /// Width and height of the input, pixels.
     pub size: [usize; 2],
     options: RunOptions,
 }
 
-/// Whatever a file makes the runtime do, what called it goes on.
+/// Calls the runtime and converts a panic to an error.
 fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
         let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-        format!("the runtime gave up: {}", text.unwrap_or("no reason is told"))
+        format!("the runtime gave up: {}", text.unwrap_or("no reason is given"))
     })
 }
 
 impl OnnxNetwork {
-    /// From its file.
+    /// Loads a network from its file.
     ///
     /// # Errors
-    /// If that is no network, if it has not the input or output that settings name, or if the input is no picture of a known size.
+    /// A file that does not contain a network, a missing input or output, or an input that is not
+    /// an image of a known size.
     pub fn load(setup: &NetworkSetup) -> Result<OnnxNetwork, KindError> {
-        let (settings, output, at) = (&setup.input, setup.output.as_deref(), setup.file.display());
-        let bytes = read(&setup.file, LONGEST_FILE)
+        let settings = &setup.input;
+        let output = setup.output.as_deref();
+        let at = setup.file.display();
+        let bytes = read(&setup.file, MAX_FILE_BYTES)
             .map_err(|e| KindError::new("file", format!("can't read {at}: {e}"), "give a network in ONNX format"))?;
         let help = "give a whole file in ONNX format with its weights in it, exported for inference";
         let model = guarded(|| Model::load(bytes))
@@ -75,29 +78,29 @@ impl OnnxNetwork {
         let output = pick(&model, model.output_ids(), output, "output")?;
         if model.input_ids().len() != 1 {
             let what = format!("the network has {} inputs", model.input_ids().len());
-            return Err(KindError::new("file", what, "export one that asks for nothing but a picture"));
+            return Err(KindError::new("file", what, "export one with an image as its only input"));
         }
-        let says = model.node_info(input).and_then(|info| info.shape());
-        let size = size(says.as_deref(), settings)?;
-        // on the detector's own thread, so that what else runs on the machine keeps its cores
+        let dimensions = model.node_info(input).and_then(|info| info.shape());
+        let size = size(dimensions.as_deref(), settings)?;
+        // Run on the detector's own thread, so that the rest of the program can use the other cores.
         let options = RunOptions::default().with_thread_pool(Some(Arc::new(ThreadPool::with_num_threads(1))));
         Ok(OnnxNetwork { model, input, output, settings: settings.clone(), size, options })
     }
 
-    /// What it makes of a picture.
+    /// Runs the network on an image.
     ///
     /// # Errors
-    /// In words, if it can't be run or tells no floating-point numbers.
-    pub fn ask(&self, picture: &Picture) -> Result<Told, String> {
+    /// A description if it can't be run or its output is not floating-point.
+    pub fn run(&self, picture: &Picture) -> Result<NetworkOutput, String> {
         let input = self.input(picture);
         let options = Some(self.options.clone());
-        let told = guarded(|| self.model.run(vec![(self.input, input.into())], &[self.output], options))?;
-        let value = told.map_err(|e| e.to_string())?.pop().ok_or("it tells nothing")?;
+        let result = guarded(|| self.model.run(vec![(self.input, input.into())], &[self.output], options))?;
+        let value = result.map_err(|e| e.to_string())?.pop().ok_or("it has no output")?;
         let tensor: Tensor<f32> = value.try_into().map_err(|_| "its numbers are not of floating point")?;
-        Ok(Told { shape: tensor.shape().to_vec(), numbers: tensor.to_vec() })
+        Ok(NetworkOutput { shape: tensor.shape().to_vec(), numbers: tensor.to_vec() })
     }
 
-    /// The picture, stretched and scaled.
+    /// Converts an image to the input: stretched and scaled.
     fn input(&self, picture: &Picture) -> NdTensor<f32, 4> {
         let [width, height] = self.size;
         let planes = picture.planes(1).map(|p| p.stretched(self.size));
@@ -109,7 +112,8 @@ impl OnnxNetwork {
             .into_iter()
             .zip(self.settings.mean.iter().zip(&self.settings.std))
             .map(|(k, (mean, std))| {
-                let (mean, scale) = (*mean as f32, (1.0 / std) as f32);
+                let mean = *mean as f32;
+                let scale = (1.0 / std) as f32;
                 planes.get(k).map(|p| p.data.iter().map(|v| (v - mean) * scale).collect()).unwrap_or_default()
             })
             .collect();
@@ -123,7 +127,7 @@ impl OnnxNetwork {
     }
 }
 
-/// The input or output of this name, or the first.
+/// Returns the input or output of this name; without a name, the first one.
 fn pick(model: &Model, ids: &[NodeId], name: Option<&str>, what: &str) -> Result<NodeId, KindError> {
     let names: Vec<String> = ids.iter().map(|id| name_of(model, *id)).collect();
     let found = match name {
@@ -144,8 +148,8 @@ fn name_of(model: &Model, id: NodeId) -> String {
     model.node_info(id).and_then(|info| info.name().map(str::to_owned)).unwrap_or_default()
 }
 
-/// Width and height of what goes in, by what the network says and what settings say.
-fn size(says: Option<&[Dimension]>, settings: &OnnxInput) -> Result<[usize; 2], KindError> {
+/// Determines width and height of the input from the network's dimensions and the settings.
+fn size(dimensions: Option<&[Dimension]>, settings: &OnnxInput) -> Result<[usize; 2], KindError> {
     let shown = |dimensions: &[Dimension]| {
         let each = dimensions.iter().map(|d| match d {
             Dimension::Fixed(n) => n.to_string(),
@@ -153,20 +157,20 @@ fn size(says: Option<&[Dimension]>, settings: &OnnxInput) -> Result<[usize; 2], 
         });
         each.collect::<Vec<_>>().join(", ")
     };
-    let own = match says {
+    let own = match dimensions {
         None => [None, None],
         Some(dimensions) => {
             let [batch, channels, height, width] = match (dimensions, settings.layout) {
                 ([n, c, h, w], OnnxLayout::Nchw) | ([n, h, w, c], OnnxLayout::Nhwc) => [n, c, h, w].map(fixed),
                 _ => {
                     let what = format!("the network's input has the dimensions [{}]", shown(dimensions));
-                    let help = "give one whose input has four: picture, channel, row, column, or with the channel last";
+                    let help = "give one whose input has four: image, channel, row, column, or with the channel last";
                     return Err(KindError::new("input.layout", what, help));
                 }
             };
             if batch.is_some_and(|n| n != 1) || channels.is_some_and(|n| n != 3) {
                 let what = format!("the network's input has the dimensions [{}]", shown(dimensions));
-                let help = "give one that takes one picture of three colors; for the channel last: layout = \"nhwc\"";
+                let help = "give one that takes one image of three colors; for the channel last: layout = \"nhwc\"";
                 return Err(KindError::new("input.layout", what, help));
             }
             [width, height]
@@ -174,9 +178,9 @@ fn size(says: Option<&[Dimension]>, settings: &OnnxInput) -> Result<[usize; 2], 
     };
     let mut size = [0; 2];
     for (k, (to, own)) in size.iter_mut().zip(own).enumerate() {
-        let asked = settings.size.map(|s| s[k]);
-        *to = match (own, asked) {
-            (Some(own), Some(asked)) if own != asked => {
+        let given = settings.size.map(|s| s[k]);
+        *to = match (own, given) {
+            (Some(own), Some(given)) if own != given => {
                 let what = format!("the network's input is {own} pixels {}", ["wide", "high"][k]);
                 return Err(KindError::new("input.size", what, "leave the size out, or give the network's"));
             }
@@ -187,8 +191,8 @@ fn size(says: Option<&[Dimension]>, settings: &OnnxInput) -> Result<[usize; 2], 
             }
         };
     }
-    if size.iter().any(|n| !(1..=LONGEST).contains(n)) {
-        let what = format!("pictures of {}x{} pixels are none", size[0], size[1]);
+    if size.iter().any(|n| !(1..=MAX_EDGE_PX).contains(n)) {
+        let what = format!("images of {}x{} pixels are not supported", size[0], size[1]);
         return Err(KindError::new("input.size", what, "give 1 to 4096 pixels"));
     }
     Ok(size)

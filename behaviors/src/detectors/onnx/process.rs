@@ -1,13 +1,13 @@
-//! A network in a process of its own: whatever its file makes the runtime do (endless recursion, terabytes, loops without end), only that
-//! process ends.
+//! A network in its own process. Whatever its file makes the runtime do (unbounded recursion,
+//! terabytes of memory, endless loops), only that process ends.
 //!
 //! ```text
-//! detector ──setup, pictures──> stdin  ┌ onnx-worker: limits of memory and processor time ┐ stdout ──size, outputs──> detector
-//!                                      └ its death: a failure of this detector alone      ┘
+//! detector ──setup, images────> stdin  ┌ onnx-worker: limits of memory and processor time ┐ stdout ──size, outputs──> detector
+//!                                      └ its end: a failure of this detector alone        ┘
 //! ```
 //! A message is its length (8 bytes, little endian) and its bytes.
 
-use super::network::{NetworkSetup, OnnxNetwork, Told};
+use super::network::{NetworkOutput, NetworkSetup, OnnxNetwork};
 use crate::detectors::picture::Picture;
 use mobee_contract::KindError;
 use std::ffi::OsString;
@@ -16,20 +16,21 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::OnceLock;
 
-/// Greatest length of a message: a picture of 4096x4096 pixels, or 64 million numbers.
+/// Maximum length of a message: an image of 4096x4096 pixels, or 64 million numbers.
 const MAX_MESSAGE_BYTES: u64 = 256 << 20;
-/// The signal of a process that has used up its processor time.
+/// Signal that ends a process once its processor time is used up.
 const SIGXCPU: i32 = 24;
-/// The part of what a dying process writes that is read.
-const MAX_LAST_WORDS_BYTES: u64 = 4096;
+/// Maximum length of the error output of an ended process that is read.
+const MAX_STDERR_BYTES: u64 = 4096;
 
-/// Program and arguments that begin [`serve`].
+/// Program and arguments that start [`serve`].
 static PROGRAM: OnceLock<(OsString, Vec<OsString>)> = OnceLock::new();
 
-/// Has every network run in a process of its own from now on: `program` with these arguments must call [`serve`] at once. Without this,
-/// networks run in the calling process, and one that is broken may end it.
+/// Makes every network run in its own process from now on: `program` with these arguments must call
+/// [`serve`] at once. Without this, networks run in the calling process, and a broken one may end
+/// it.
 pub fn use_process(program: impl Into<OsString>, arguments: &[&str]) {
-    // the first program stays
+    // Only the first call has an effect.
     let _ = PROGRAM.set((program.into(), arguments.iter().map(Into::into).collect()));
 }
 
@@ -38,9 +39,10 @@ pub fn use_process(program: impl Into<OsString>, arguments: &[&str]) {
 /// # Errors
 /// If the connection breaks or the limits can't be set.
 pub fn serve() -> std::io::Result<()> {
-    // a panic is an answer
+    // A panic is reported as an answer.
     std::panic::set_hook(Box::new(|_| {}));
-    let (mut from, mut to) = (BufReader::new(std::io::stdin().lock()), BufWriter::new(std::io::stdout().lock()));
+    let mut from = BufReader::new(std::io::stdin().lock());
+    let mut to = BufWriter::new(std::io::stdout().lock());
     let Some(setup) = receive(&mut from)? else { return Ok(()) };
     let setup: NetworkSetup = serde_json::from_slice(&setup)?;
     let memory = (setup.limits.memory_mib << 20).min(rlimit::getrlimit(rlimit::Resource::AS)?.1);
@@ -59,9 +61,9 @@ pub fn serve() -> std::io::Result<()> {
         let invalid = || Error::from(ErrorKind::InvalidData);
         let (size, rgb) = message.split_at_checked(8).ok_or_else(invalid)?;
         let [width, height] = numbers(size).ok_or_else(invalid)?;
-        match network.ask(&Picture { width, height, rgb: rgb.to_vec() }) {
+        match network.run(&Picture { width, height, rgb: rgb.to_vec() }) {
             Err(why) => send(&mut to, &[&[1], why.as_bytes()])?,
-            Ok(Told { shape, numbers }) => {
+            Ok(NetworkOutput { shape, numbers }) => {
                 let shape: Vec<u8> = shape.iter().flat_map(|n| (*n as u32).to_le_bytes()).collect();
                 let numbers: Vec<u8> = numbers.iter().flat_map(|v| v.to_le_bytes()).collect();
                 if (shape.len() + numbers.len()) as u64 + 2 > MAX_MESSAGE_BYTES || shape.len() > 255 {
@@ -75,7 +77,7 @@ pub fn serve() -> std::io::Result<()> {
     Ok(())
 }
 
-/// Lets this process use the processor for so many seconds from now on, and ends it after that.
+/// Limits the processor time of this process to this many seconds from now on.
 fn allow_seconds(seconds: u64) -> std::io::Result<()> {
     let used = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime).tv_sec.unsigned_abs();
     let most = rlimit::getrlimit(rlimit::Resource::CPU)?.1;
@@ -104,7 +106,7 @@ fn send(to: &mut impl Write, parts: &[&[u8]]) -> std::io::Result<()> {
     to.flush()
 }
 
-/// Two whole numbers of 4 bytes each.
+/// Parses two integers of 4 bytes each.
 fn numbers(bytes: &[u8]) -> Option<[usize; 2]> {
     match bytes {
         [a, b, c, d, e, f, g, h] => {
@@ -114,26 +116,26 @@ fn numbers(bytes: &[u8]) -> Option<[usize; 2]> {
     }
 }
 
-/// Why a picture got no answer.
+/// Reason why a network has no output for an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Unanswered {
-    /// The network can't be run on it.
+pub(super) enum RunError {
+    /// The network can't be run on the image.
     Refused(String),
     /// The network's process has ended.
     Ended(String),
 }
 
-/// A network that is ready, here or in its process.
+/// A network that is ready to run, in this process or its own.
 pub(super) enum Runner {
     Here(Box<OnnxNetwork>),
     Process(NetworkProcess),
 }
 
 impl Runner {
-    /// Loads a network, and answers with the width and height of what goes in.
+    /// Loads a network, and returns it with the width and height of its input, pixels.
     ///
     /// # Errors
-    /// As for [`OnnxNetwork::load`], and if its process can't be started or ends.
+    /// As for [`OnnxNetwork::load`], and a process that can't be started or ends.
     pub(super) fn start(setup: &NetworkSetup) -> Result<(Runner, [usize; 2]), KindError> {
         match PROGRAM.get() {
             None => {
@@ -148,19 +150,19 @@ impl Runner {
         }
     }
 
-    /// The network's output on a picture.
+    /// Runs the network on an image.
     ///
     /// # Errors
-    /// Why there is none.
-    pub(super) fn ask(&mut self, picture: &Picture) -> Result<Told, Unanswered> {
+    /// The reason why there is no output.
+    pub(super) fn run(&mut self, picture: &Picture) -> Result<NetworkOutput, RunError> {
         match self {
-            Runner::Here(network) => network.ask(picture).map_err(Unanswered::Refused),
-            Runner::Process(process) => process.ask(picture),
+            Runner::Here(network) => network.run(picture).map_err(RunError::Refused),
+            Runner::Process(process) => process.run(picture),
         }
     }
 }
 
-/// The process of a network. It ends with this.
+/// The process of a network. It is killed on drop.
 pub(super) struct NetworkProcess {
     child: Child,
     to: BufWriter<ChildStdin>,
@@ -180,12 +182,13 @@ impl NetworkProcess {
         };
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // Ctrl-C is for the run, which ends its parts in order
+        // Ctrl-C is handled by the run, which ends its parts in order.
         let mut child = command.process_group(0).spawn().map_err(no_process)?;
         let (Some(to), Some(from)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(no_process(ErrorKind::BrokenPipe.into()));
         };
-        let (to, from) = (BufWriter::with_capacity(1 << 16, to), BufReader::with_capacity(1 << 16, from));
+        let to = BufWriter::with_capacity(1 << 16, to);
+        let from = BufReader::with_capacity(1 << 16, from);
         let mut process = NetworkProcess { child, to, from, limits: setup.limits };
         let setup = serde_json::to_vec(setup).unwrap_or_default();
         let answer = process.call(&[&setup]).map_err(|why| {
@@ -205,44 +208,44 @@ impl NetworkProcess {
         Ok((process, size))
     }
 
-    fn ask(&mut self, picture: &Picture) -> Result<Told, Unanswered> {
+    fn run(&mut self, picture: &Picture) -> Result<NetworkOutput, RunError> {
         let [width, height] = [picture.width, picture.height].map(|n| (n as u32).to_le_bytes());
-        let answer = self.call(&[&width, &height, &picture.rgb]).map_err(Unanswered::Ended)?;
-        let told = match answer.split_first() {
+        let answer = self.call(&[&width, &height, &picture.rgb]).map_err(RunError::Ended)?;
+        let output = match answer.split_first() {
             Some((0, rest)) => rest.split_first().and_then(|(bytes, rest)| rest.split_at_checked(usize::from(*bytes))),
-            Some((_, why)) => return Err(Unanswered::Refused(String::from_utf8_lossy(why).into_owned())),
+            Some((_, why)) => return Err(RunError::Refused(String::from_utf8_lossy(why).into_owned())),
             None => None,
         };
-        let (shape, values) = told.ok_or_else(|| Unanswered::Ended("its answer is damaged".into()))?;
+        let (shape, values) = output.ok_or_else(|| RunError::Ended("its answer is damaged".into()))?;
         let four = |b: &[u8]| [b[0], b[1], b[2], b[3]];
-        Ok(Told {
+        Ok(NetworkOutput {
             shape: shape.chunks_exact(4).map(|b| u32::from_le_bytes(four(b)) as usize).collect(),
             numbers: values.chunks_exact(4).map(|b| f32::from_le_bytes(four(b))).collect(),
         })
     }
 
-    /// Sends a message and waits for the answer.
+    /// Sends a message and blocks until the answer is received.
     fn call(&mut self, message: &[&[u8]]) -> Result<Vec<u8>, String> {
         let answer = send(&mut self.to, message).and_then(|()| receive(&mut self.from));
-        answer.ok().flatten().ok_or_else(|| self.last_words())
+        answer.ok().flatten().ok_or_else(|| self.failure())
     }
 
-    /// Why the process has ended.
-    fn last_words(&mut self) -> String {
+    /// Ends the process and returns the reason why it failed.
+    fn failure(&mut self) -> String {
         let _ = self.child.kill();
-        let mut said = Vec::new();
+        let mut bytes = Vec::new();
         if let Some(errors) = self.child.stderr.take() {
-            let _ = errors.take(MAX_LAST_WORDS_BYTES).read_to_end(&mut said);
+            let _ = errors.take(MAX_STDERR_BYTES).read_to_end(&mut bytes);
         }
-        let said = String::from_utf8_lossy(&said).into_owned();
+        let stderr = String::from_utf8_lossy(&bytes).into_owned();
         let super::OnnxLimits { memory_mib, seconds } = self.limits;
         match self.child.wait() {
-            _ if said.contains("overflowed its stack") => "its operations are nested too deeply".into(),
-            _ if said.contains("memory allocation of") => format!("it needs more than {memory_mib} MiB of memory"),
+            _ if stderr.contains("overflowed its stack") => "its operations are nested too deeply".into(),
+            _ if stderr.contains("memory allocation of") => format!("it needs more than {memory_mib} MiB of memory"),
             Ok(status) if status.signal() == Some(SIGXCPU) => {
-                format!("it needs more than {seconds} s of processor time for one picture")
+                format!("it needs more than {seconds} s of processor time for one image")
             }
-            Ok(status) => match said.lines().next() {
+            Ok(status) => match stderr.lines().next() {
                 Some(line) => format!("its process ended ({status}): {line}"),
                 None => format!("its process ended ({status})"),
             },
@@ -253,7 +256,7 @@ impl NetworkProcess {
 
 impl Drop for NetworkProcess {
     fn drop(&mut self) {
-        // an error means that it has ended
+        // An error means that the process has already ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,4 +1,4 @@
-//! What a user says of a network: what goes in, and what comes out.
+//! Settings of an imported network: its file, its input and its output.
 
 use super::boxes::BoxOutput;
 use super::mask::MaskOutput;
@@ -10,31 +10,32 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OnnxDetectorSettings {
-    /// The network, in ONNX format, weights and all.
+    /// The network, in ONNX format, including its weights.
     #[schemars(extend("format" = "path"))]
     pub file: PathBuf,
-    /// What goes in.
+    /// Format of the input.
     #[serde(default)]
     pub input: OnnxInput,
-    /// What comes out.
+    /// Meaning of the output.
     pub output: OnnxOutput,
-    /// Which class is which object; others are not told.
+    /// Objects of the classes. Other classes are ignored.
     pub objects: Vec<OnnxObject>,
-    /// How sure the network must be, 0 to 1: of a pixel, or of a box.
+    /// Minimum likelihood of a pixel or score of a box, 0 to 1.
     #[serde(default = "threshold")]
     pub threshold: f64,
-    /// How much the network may use.
+    /// Resource limits of the network.
     #[serde(default)]
     pub limits: OnnxLimits,
 }
 
-/// How much a network may use in its process. One that needs more ends, and its detector fails.
+/// Resource limits of a network's process. A network that exceeds them is ended, and its detector
+/// fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OnnxLimits {
-    /// Memory, MiB, 64 to 1,000,000: the network, what is computed with it, and the program itself.
+    /// Memory, MiB, 64 to 1,000,000: for the network, its computation, and the program itself.
     pub memory_mib: u64,
-    /// Processor time for one picture, s, 1 to 3600.
+    /// Processor time for one image, s, 1 to 3600.
     pub seconds: u64,
 }
 
@@ -44,32 +45,33 @@ impl Default for OnnxLimits {
     }
 }
 
-/// A class that the network knows, and an object.
+/// A class of the network, and its object.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OnnxObject {
-    /// The class's number, from 0 on.
+    /// Number of the class, from 0 on.
     #[serde(default)]
     pub class: usize,
-    /// The object's name in the world.
+    /// Name of the object in the world.
     pub object: String,
 }
 
-/// How a picture goes in: stretched to a size, one number for each color of each pixel.
+/// Conversion of an image to the input: stretched to a size, one number for each color of each
+/// pixel.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OnnxInput {
-    /// The input's name; default: the only one.
+    /// Name of the input; default: the only one.
     pub name: Option<String>,
-    /// Width and height, pixels; default: as the network says.
+    /// Width and height, pixels; default: those of the network.
     pub size: Option<[usize; 2]>,
-    /// The order of its dimensions.
+    /// Order of the dimensions.
     pub layout: OnnxLayout,
-    /// The order of the colors.
+    /// Order of the colors.
     pub colors: OnnxColors,
-    /// Subtracted from each color, which is 0 to 255.
+    /// Mean subtracted from each color, 0 to 255.
     pub mean: [f64; 3],
-    /// What is left is divided by this.
+    /// Standard deviation that each difference is divided by.
     pub std: [f64; 3],
 }
 
@@ -86,40 +88,40 @@ impl Default for OnnxInput {
     }
 }
 
-/// The order of dimensions.
+/// Order of dimensions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnnxLayout {
-    /// Picture, channel, row, column: as PyTorch has it.
+    /// Image, channel, row, column: as in PyTorch.
     #[default]
     Nchw,
-    /// Picture, row, column, channel: as TensorFlow has it.
+    /// Image, row, column, channel: as in TensorFlow.
     Nhwc,
 }
 
-/// The order of colors.
+/// Order of colors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnnxColors {
     /// Red, green, blue.
     #[default]
     Rgb,
-    /// Blue, green, red: as OpenCV has it.
+    /// Blue, green, red: as in OpenCV.
     Bgr,
 }
 
-/// What comes out.
+/// Meaning of the output.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(tag = "means", rename_all = "snake_case")]
 pub enum OnnxOutput {
-    /// What each pixel is.
+    /// A class for each pixel.
     Mask(MaskOutput),
-    /// Boxes around what was found.
+    /// Boxes around objects.
     Boxes(BoxOutput),
 }
 
 impl OnnxOutput {
-    /// The output's name; `None`: the first one.
+    /// Name of the output; `None`: the first one.
     pub fn name(&self) -> Option<&str> {
         match self {
             OnnxOutput::Mask(mask) => mask.name.as_deref(),

@@ -1,31 +1,31 @@
-//! Families of tags, and their pictures.
+//! Families of tags, and the images of their tags.
 
 use super::super::picture::Picture;
 use kornia_apriltag::family::{TagFamily, TagFamilyKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A family of tags: how many bits each has, and by how many any two differ at least.
+/// A family of tags, by the number of bits of a tag and the minimum Hamming distance of two tags.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum TagFamilyName {
-    /// 36 bits, 11 apart, 587 tags: what is hardly ever seen where it is not.
+    /// 36 bits, distance 11, 587 tags: hardly any false detections.
     #[default]
     #[serde(rename = "36h11")]
     Bits36Apart11,
-    /// 25 bits, 9 apart, 35 tags.
+    /// 25 bits, distance 9, 35 tags.
     #[serde(rename = "25h9")]
     Bits25Apart9,
-    /// 16 bits, 5 apart, 30 tags: large bits for small tags, and often seen where none is.
+    /// 16 bits, distance 5, 30 tags: large bits for small tags, but frequent false detections.
     #[serde(rename = "16h5")]
     Bits16Apart5,
 }
 
 impl TagFamilyName {
-    /// All of them.
+    /// All families.
     pub const ALL: [TagFamilyName; 3] =
         [TagFamilyName::Bits36Apart11, TagFamilyName::Bits25Apart9, TagFamilyName::Bits16Apart5];
 
-    /// As settings write it.
+    /// Name in settings.
     pub fn name(self) -> &'static str {
         match self {
             TagFamilyName::Bits36Apart11 => "36h11",
@@ -34,7 +34,7 @@ impl TagFamilyName {
         }
     }
 
-    /// What the detector calls it.
+    /// Family in the detector's library.
     pub(super) fn kind(self) -> TagFamilyKind {
         match self {
             TagFamilyName::Bits36Apart11 => TagFamilyKind::Tag36H11,
@@ -43,7 +43,7 @@ impl TagFamilyName {
         }
     }
 
-    /// How many tags it has: their ids are below this.
+    /// Number of tags: their ids are below this.
     pub fn count(self) -> u16 {
         match self {
             TagFamilyName::Bits36Apart11 => 587,
@@ -52,13 +52,14 @@ impl TagFamilyName {
         }
     }
 
-    /// The edge of a tag's picture, its white margin with it, for one of the black border, which is what a tag's size means.
+    /// Edge of a tag's image including its white margin, relative to the edge of its black border,
+    /// which is the size of a tag.
     pub fn edge_of_picture(self) -> f64 {
         let cells = self.cells_at_border() as f64;
         (cells + 2.0) / cells
     }
 
-    /// The width of the black border, in bits: two more than the code's.
+    /// Width of the black border, in bits: two more than the code's.
     pub(super) fn cells_at_border(self) -> usize {
         match self {
             TagFamilyName::Bits36Apart11 => 8,
@@ -67,11 +68,11 @@ impl TagFamilyName {
         }
     }
 
-    /// The picture of a tag, with a white margin of one bit around it; `None` if the family has no such tag, or the picture would be
-    /// larger than 4096 pixels or empty.
+    /// Draws a tag with a white margin of one bit around it; `None` if the family has no such tag,
+    /// or the image would be empty or larger than 4096 pixels.
     ///
     /// # Arguments
-    /// * `pixels`: the edge of one bit.
+    /// * `pixels`: edge of one bit, pixels.
     pub fn picture(self, id: u16, pixels: usize) -> Option<Picture> {
         let family: TagFamily = self.kind().into();
         let code = *family.code_data.get(usize::from(id))?;
@@ -85,7 +86,8 @@ impl TagFamilyName {
             *is_white.get_mut(y * side + x)? = false;
         }
         for (k, (x, y)) in family.bit_x.iter().zip(&family.bit_y).enumerate() {
-            let (x, y) = (usize::try_from(*x).ok()? + 1, usize::try_from(*y).ok()? + 1);
+            let x = usize::try_from(*x).ok()? + 1;
+            let y = usize::try_from(*y).ok()? + 1;
             let shift = family.nbits.checked_sub(k + 1)?;
             *is_white.get_mut(y * side + x)? = code >> shift & 1 == 1;
         }

@@ -1,4 +1,4 @@
-//! The kind `tag`.
+//! The detector kind `tag`.
 
 use super::family::TagFamilyName;
 use super::pose::pose_of_square;
@@ -15,17 +15,17 @@ use std::time::Duration;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TagDetectorSettings {
-    /// The family of the tags.
+    /// Family of the tags.
     #[serde(default)]
     pub family: TagFamilyName,
-    /// The edge of their black border, m.
+    /// Edge of the black border, m.
     pub size_m: f64,
-    /// Which tag is on which object; others are not told.
+    /// Objects of the tags. Other tags are ignored.
     pub tags: Vec<TagSettings>,
-    /// How many bits of a tag may be read wrong, 0 to 2.
+    /// Maximum number of bits of a tag that may be misread, 0 to 2.
     #[serde(default = "errors")]
     pub errors: u8,
-    /// How far its bits must be from being read otherwise, of 255.
+    /// Minimum decision margin of the bits of a tag, 0 to 255.
     #[serde(default = "margin")]
     pub margin: f64,
 }
@@ -34,11 +34,11 @@ pub struct TagDetectorSettings {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TagSettings {
-    /// Its number in the family.
+    /// Number of the tag in its family.
     pub id: u16,
-    /// The object's name in the world.
+    /// Name of the object in the world.
     pub object: String,
-    /// The edge of its black border, m; default: that of all.
+    /// Edge of its black border, m; default: `size_m` of the detector.
     #[serde(default)]
     pub size_m: Option<f64>,
 }
@@ -50,29 +50,29 @@ fn margin() -> f64 {
     20.0
 }
 
-/// Tags, in meters.
-const SIZES: std::ops::RangeInclusive<f64> = 0.001..=10.0;
-/// A tag with this margin is told with full confidence.
-const SURE: f64 = 100.0;
+/// Range of sizes of tags, meters.
+const SIZES_M: std::ops::RangeInclusive<f64> = 0.001..=10.0;
+/// Decision margin of a tag with full confidence.
+const FULL_CONFIDENCE_MARGIN: f64 = 100.0;
 
-/// Finds the tags that it is told of.
+/// Finds the tags of its settings.
 pub struct TagDetector {
     settings: TagDetectorSettings,
     seeker: TagSeeker,
 }
 
 impl TagDetector {
-    /// One that looks as the settings say.
+    /// Creates a detector from its settings.
     ///
     /// # Errors
-    /// Settings that make no sense, with what would.
+    /// Invalid settings, each with a remedy.
     pub fn new(settings: TagDetectorSettings) -> Result<TagDetector, KindError> {
         let wrong = |path: &str, what: String, help: &str| Err(KindError::new(path, what, help));
         let mut checks = Vec::new();
         let mut size = |path: String, size: f64| {
-            if !SIZES.contains(&size) {
+            if !SIZES_M.contains(&size) {
                 let help = "give the edge of the black border in meters, such as 0.06";
-                checks.push(wrong(&path, format!("a tag of {size} m is none"), help));
+                checks.push(wrong(&path, format!("{size} m is not a valid size of a tag"), help));
             }
         };
         size("size_m".into(), settings.size_m);
@@ -80,10 +80,11 @@ impl TagDetector {
             size(format!("tags[{k}].size_m"), own);
         }
         if settings.tags.is_empty() {
-            let help = "say which tag is on which object: tags = [{ id = 7, object = \"cup\" }]";
+            let help = "give the objects of the tags: tags = [{ id = 7, object = \"cup\" }]";
             checks.push(wrong("tags", "without a tag there is nothing to find".into(), help));
         }
-        let (family, count) = (settings.family.name(), settings.family.count());
+        let family = settings.family.name();
+        let count = settings.family.count();
         for (k, tag) in settings.tags.iter().enumerate() {
             if tag.id >= count {
                 let what = format!("the family {family} has no tag {}", tag.id);
@@ -95,11 +96,15 @@ impl TagDetector {
             }
         }
         if settings.errors > 2 {
-            let what = format!("{} wrong bits are not told apart from another tag", settings.errors);
+            let what = format!("with {} wrong bits, a tag can be confused with another one", settings.errors);
             checks.push(wrong("errors", what, "give 0, 1 or 2"));
         }
         if !(0.0..=255.0).contains(&settings.margin) {
-            checks.push(wrong("margin", format!("{} is no margin", settings.margin), "give a number from 0 to 255"));
+            checks.push(wrong(
+                "margin",
+                format!("{} is not a valid margin", settings.margin),
+                "give a number from 0 to 255",
+            ));
         }
         KindError::gather::<()>(checks)?;
         let seeker = TagSeeker::new(settings.family);
@@ -112,10 +117,8 @@ impl TagDetector {
             return None;
         }
         let [xs, ys] = [0, 1].map(|i| seen.corners.map(|c| c[i]));
-        let (least, most) = (
-            |of: [f64; 4]| of.into_iter().fold(f64::MAX, f64::min),
-            |of: [f64; 4]| of.into_iter().fold(f64::MIN, f64::max),
-        );
+        let least = |of: [f64; 4]| of.into_iter().fold(f64::MAX, f64::min);
+        let most = |of: [f64; 4]| of.into_iter().fold(f64::MIN, f64::max);
         let size = tag.size_m.unwrap_or(self.settings.size_m);
         let doubt = 1.0 - 0.25 * f64::from(seen.errors);
         Some(Region {
@@ -123,15 +126,15 @@ impl TagDetector {
             center: seen.center,
             bounds: [least(xs), least(ys), most(xs), most(ys)],
             area: area(&seen.corners),
-            // one that the border cuts has not four corners, and is not found
+            // A tag that the image border cuts has fewer than four corners and is not found.
             is_clipped: false,
-            confidence: (seen.margin / SURE).clamp(0.0, 1.0) * doubt,
+            confidence: (seen.margin / FULL_CONFIDENCE_MARGIN).clamp(0.0, 1.0) * doubt,
             pose: pose_of_square(&seen.corners, size, &Lens::from(frame.intrinsics)),
         })
     }
 }
 
-/// Of what has these corners.
+/// Returns the area of a quadrilateral, square pixels.
 fn area([a, b, c, d]: &[[f64; 2]; 4]) -> f64 {
     ((c[0] - a[0]) * (d[1] - b[1]) - (c[1] - a[1]) * (d[0] - b[0])).abs() / 2.0
 }
@@ -155,8 +158,8 @@ impl Detector for TagDetector {
 inventory::submit! {
     Registered(&Kind::<dyn Detector> {
         name: "tag",
-        doc: "Finds objects by the AprilTags on them, and tells where each tag is before the camera in all six degrees of freedom. `mobee \
-              detector tag` makes their pictures for a printer.",
+        doc: "Finds objects by the AprilTags on them, and estimates the pose of each tag in the camera \
+              frame, in all six degrees of freedom. `mobee detector tag` draws tags for a printer.",
         schema: || schemars::schema_for!(TagDetectorSettings),
         example: |_| Ok(json!({ "size_m": 0.06, "tags": [{ "id": 7, "object": "cup" }] })),
         build: |value: &Value, _| Ok(Box::new(TagDetector::new(settings(value)?)?)),

@@ -1,22 +1,23 @@
-//! Where a square is before a camera, by the places of its corners in the picture.
+//! Pose of a square in the camera frame from its corners in the image.
 
 use crate::locators::lens::Lens;
 use mobee_contract::SeenPose;
 use nalgebra::{Matrix2x6, Matrix3, Matrix6, SMatrix, SVector, UnitQuaternion, Vector2, Vector3, Vector6};
 
-/// The standard deviation of each coordinate of a corner, pixels: see docs/detectors.md.
-const CORNER: f64 = 0.12;
-/// Steps of Levenberg and Marquardt, at most.
-const STEPS: usize = 30;
+/// Standard deviation of each coordinate of a corner, pixels: see docs/detectors.md.
+const CORNER_SIGMA_PX: f64 = 0.12;
+/// Maximum number of Levenberg-Marquardt steps.
+const MAX_STEPS: usize = 30;
 
-/// A guess: position and turn in the camera's frame.
+/// Estimated pose in the camera frame.
 #[derive(Clone, Copy, Debug)]
 struct Guess {
     at: Vector3<f64>,
     turn: UnitQuaternion<f64>,
 }
 
-/// A guess that was made better: half the squares of the whitened residuals, and what they tell of position and turn.
+/// A refined estimate: half the sum of the squared whitened residuals, and the information matrix
+/// of position and rotation.
 #[derive(Clone, Copy, Debug)]
 struct Fit {
     guess: Guess,
@@ -24,20 +25,22 @@ struct Fit {
     information: Matrix6<f64>,
 }
 
-/// The pose of a square, its x axis to the right and its y axis down as it is printed, its z axis into it; `None` where there is no
-/// such square before the camera.
+/// Returns the pose of a square in the camera frame; `None` if no such square is in front of the
+/// camera. The x axis of the square points to the right and its y axis down, as printed, its z axis
+/// into it.
 ///
-/// What a small or distant square shows can often be explained in two ways, mirrored about the line of sight. The better one is told;
-/// how much worse the other is counts in the covariance.
+/// The image of a small or distant square often has two solutions, mirrored about the line of
+/// sight. The better one is returned; the other one enlarges the covariance according to its
+/// likelihood.
 ///
 /// # Arguments
 /// * `corners`: upper left, upper right, lower right and lower left, pixels.
-/// * `size`: its edge, meters.
+/// * `size`: edge of the square, meters.
 pub fn pose_of_square(corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option<SeenPose> {
     if !lens.is_sound() || size.is_nan() || size <= 0.0 {
         return None;
     }
-    let first = refine(&beginning(corners, size, lens)?, corners, size, lens)?;
+    let first = refine(&initial_pose(corners, size, lens)?, corners, size, lens)?;
     let other = refine(&mirrored(&first.guess), corners, size, lens);
     let (best, other) = match other {
         Some(other) if other.cost < first.cost => (other, Some(first)),
@@ -59,25 +62,28 @@ pub fn pose_of_square(corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option
     })
 }
 
-/// The corners in the square's own frame, meters.
+/// Returns the corners in the square's own frame, meters.
 fn own(size: f64) -> [Vector3<f64>; 4] {
     let half = size / 2.0;
     [[-half, -half], [half, -half], [half, half], [-half, half]].map(|[x, y]| Vector3::new(x, y, 0.0))
 }
 
-/// By the homography from the square to the directions of its corners.
-fn beginning(corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option<Guess> {
+/// Computes an initial estimate from the homography from the square to the directions of its
+/// corners.
+fn initial_pose(corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option<Guess> {
     let mut equations = SMatrix::<f64, 8, 8>::zeros();
     let mut right = SVector::<f64, 8>::zeros();
     for (k, (corner, own)) in corners.iter().zip(own(size)).enumerate() {
         let seen = lens.ray(&Vector2::from(*corner));
-        let (x, y) = (own.x, own.y);
+        let x = own.x;
+        let y = own.y;
         for (i, s) in [seen.x, seen.y].into_iter().enumerate() {
             let row = 2 * k + i;
             for (j, value) in [x, y, 1.0].into_iter().enumerate() {
                 equations[(row, 3 * i + j)] = value;
             }
-            (equations[(row, 6)], equations[(row, 7)]) = (-s * x, -s * y);
+            equations[(row, 6)] = -s * x;
+            equations[(row, 7)] = -s * y;
             right[row] = s;
         }
     }
@@ -85,14 +91,15 @@ fn beginning(corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option<Guess> {
     let columns = [Vector3::new(h[0], h[3], h[6]), Vector3::new(h[1], h[4], h[7]), Vector3::new(h[2], h[5], 1.0)];
     let scale = (columns[0].norm() * columns[1].norm()).sqrt();
     let [right, down, at] = columns.map(|c| c / scale);
-    // the nearest rotation
+    // The nearest rotation.
     let svd = Matrix3::from_columns(&[right, down, right.cross(&down)]).svd(true, true);
     let turn = nalgebra::Rotation3::from_matrix_unchecked(svd.u? * svd.v_t?);
     let guess = Guess { at, turn: UnitQuaternion::from_rotation_matrix(&turn) };
     at.iter().all(|n| n.is_finite()).then_some(guess)
 }
 
-/// The other way to explain about the same picture: the normal mirrored about the line of sight.
+/// Returns the other solution for almost the same image: the normal mirrored about the line of
+/// sight.
 fn mirrored(guess: &Guess) -> Guess {
     let sight = guess.at.normalize();
     let normal = guess.turn * Vector3::z();
@@ -101,23 +108,28 @@ fn mirrored(guess: &Guess) -> Guess {
     Guess { at: guess.at, turn: by * guess.turn }
 }
 
-/// From one guess to another: the way, and the turn about the camera's axes.
+/// Returns the difference of two estimates: translation, and rotation vector about the camera's
+/// axes.
 fn difference(from: &Guess, to: &Guess) -> Vector6<f64> {
-    let (way, turn) = (to.at - from.at, (to.turn * from.turn.inverse()).scaled_axis());
+    let way = to.at - from.at;
+    let turn = (to.turn * from.turn.inverse()).scaled_axis();
     Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z)
 }
 
-/// The gradient and the information of a guess, and half the squares of what is left.
+/// Returns the gradient, the information matrix and the cost (half the sum of the squared whitened
+/// residuals) of an estimate.
 fn look(guess: &Guess, corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option<(Vector6<f64>, Matrix6<f64>, f64)> {
-    let (mut gradient, mut information, mut cost) = (Vector6::zeros(), Matrix6::zeros(), 0.0);
+    let mut gradient = Vector6::zeros();
+    let mut information = Matrix6::zeros();
+    let mut cost = 0.0;
     for (corner, own) in corners.iter().zip(own(size)) {
         let arm = guess.turn * own;
         let (pixel, by) = lens.project(&(guess.at + arm))?;
-        let off = (Vector2::from(*corner) - pixel) / CORNER;
+        let off = (Vector2::from(*corner) - pixel) / CORNER_SIGMA_PX;
         let mut jacobian = Matrix2x6::zeros();
-        jacobian.fixed_columns_mut::<3>(0).copy_from(&(by / CORNER));
-        // a small turn moves the corner by turn x arm
-        jacobian.fixed_columns_mut::<3>(3).copy_from(&(by * -arm.cross_matrix() / CORNER));
+        jacobian.fixed_columns_mut::<3>(0).copy_from(&(by / CORNER_SIGMA_PX));
+        // A small rotation moves the corner by rotation x arm.
+        jacobian.fixed_columns_mut::<3>(3).copy_from(&(by * -arm.cross_matrix() / CORNER_SIGMA_PX));
         gradient += jacobian.transpose() * off;
         information += jacobian.transpose() * jacobian;
         cost += off.norm_squared() / 2.0;
@@ -125,12 +137,12 @@ fn look(guess: &Guess, corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Optio
     Some((gradient, information, cost))
 }
 
-/// The best explanation near a guess.
+/// Refines an estimate by Levenberg-Marquardt.
 fn refine(guess: &Guess, corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option<Fit> {
     let mut guess = *guess;
     let (mut gradient, mut information, mut cost) = look(&guess, corners, size, lens)?;
     let mut damping = 1e-3;
-    for _ in 0..STEPS {
+    for _ in 0..MAX_STEPS {
         let mut damped = information;
         for i in 0..6 {
             damped[(i, i)] *= 1.0 + damping;

@@ -1,4 +1,4 @@
-//! Tags in a picture.
+//! Search for tags in an image.
 
 use super::super::picture::Picture;
 use super::family::TagFamilyName;
@@ -13,46 +13,47 @@ use kornia_apriltag::utils::Pixel;
 use kornia_image::allocator::CpuAllocator;
 use kornia_image::{Image, ImageSize};
 
-/// A tag in a picture.
+/// A tag detected in an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeenTag {
-    /// Which it is.
+    /// Number of the tag.
     pub id: u16,
-    /// Its middle, pixels from the picture's upper left corner.
+    /// Center, pixels from the image's upper left corner.
     pub center: [f64; 2],
-    /// The corners of its black border, pixels: upper left, upper right, lower right, lower left as it is printed.
+    /// Corners of its black border, pixels: upper left, upper right, lower right, lower left as
+    /// printed.
     pub corners: [[f64; 2]; 4],
-    /// How many of its bits were read wrong.
+    /// Number of misread bits.
     pub errors: u8,
-    /// How far its bits were from being read otherwise, of 255.
+    /// Decision margin, 0 to 255.
     pub margin: f64,
 }
 
-/// The sizes of pictures that are looked at, pixels.
-const EDGES: std::ops::RangeInclusive<usize> = 16..=4096;
-/// The search is in tiles of so many pixels, and whole ones.
-const TILE: usize = 4;
-/// A tag's black border is so many pixels wide at least.
-const LEAST: usize = 8;
+/// Range of image widths and heights that are processed, pixels.
+const EDGE_RANGE_PX: std::ops::RangeInclusive<usize> = 16..=4096;
+/// Edge of a tile, pixels. The search uses whole tiles.
+const TILE_PX: usize = 4;
+/// Minimum width of a tag's black border, pixels.
+const MIN_TAG_PX: usize = 8;
 
-/// More bits than this are not taken for misread.
-const MOST_ERRORS: u8 = 2;
+/// Maximum number of misread bits; a quad with more is not a tag.
+const MAX_ERRORS: u8 = 2;
 
-/// Looks for the tags of a family.
+/// Detects the tags of a family.
 ///
-/// Edges and corners are found by `kornia-apriltag`; what is within them is read here, since its own reading of a quad depends on those that
-/// it has read before, in an order that is never the same.
+/// Edges and corners are found by `kornia-apriltag`. The bits are decoded here: the library's
+/// decoding of a quad depends on the quads decoded before it, which come in a varying order.
 pub struct TagSeeker {
     codes: Codes,
-    /// What is used again while pictures are of one size.
+    /// Buffers that are reused while the image size is constant.
     work: Option<Work>,
 }
 
 struct Work {
     size: ImageSize,
-    /// Without a family: it reads nothing.
+    /// Without a family: decodes nothing.
     config: DecodeTagsConfig,
-    /// Which pixels are black or white.
+    /// Binarized image.
     pixels: Image<Pixel, 1, CpuAllocator>,
     tiles: TileMinMax,
     parts: UnionFind,
@@ -61,13 +62,13 @@ struct Work {
 impl Work {
     fn new(size: ImageSize) -> Option<Work> {
         let mut config = DecodeTagsConfig::new(Vec::new());
-        (config.downscale_factor, config.min_tag_width, config.normal_border) = (1, LEAST, true);
+        (config.downscale_factor, config.min_tag_width, config.normal_border) = (1, MIN_TAG_PX, true);
         let pixels = Image::from_size_val(size, Pixel::Skip, CpuAllocator).ok()?;
         let parts = UnionFind::new(size.width * size.height);
-        Some(Work { size, config, pixels, tiles: TileMinMax::new(size, TILE), parts })
+        Some(Work { size, config, pixels, tiles: TileMinMax::new(size, TILE_PX), parts })
     }
 
-    /// What has four straight edges, black within white.
+    /// Finds quadrilaterals that are black within white.
     fn quads(&mut self, image: &Image<u8, 1, CpuAllocator>) -> Option<Vec<Quad>> {
         let least = self.config.min_white_black_difference;
         adaptive_threshold(image, &mut self.pixels, &mut self.tiles, least).ok()?;
@@ -76,20 +77,20 @@ impl Work {
         let mut clusters = Default::default();
         find_gradient_clusters(&self.pixels, &mut self.parts, &mut clusters);
         let mut quads = fit_quads(&self.pixels, &mut clusters, &self.config);
-        // without a family nothing is read, but edges are moved to where the picture's are
+        // Without a family nothing is decoded, but edges are refined to those of the image.
         decode_tags(image, &mut quads, &mut self.config, &mut GrayModelPair::new());
         Some(quads)
     }
 }
 
 impl TagSeeker {
-    /// One for this family.
+    /// Creates a detector for this family.
     pub fn new(family: TagFamilyName) -> TagSeeker {
         TagSeeker { codes: Codes::new(family), work: None }
     }
 
-    /// All tags of a picture, each id once, in the order of their ids. A picture that is smaller than 16 or larger than 4096 pixels
-    /// shows none.
+    /// Returns all tags of an image, each id once, ordered by id; none in an image with an edge
+    /// below 16 or above 4096 pixels.
     pub fn seek(&mut self, picture: &Picture) -> Vec<SeenTag> {
         self.look(picture).unwrap_or_default()
     }
@@ -97,10 +98,10 @@ impl TagSeeker {
     fn look(&mut self, picture: &Picture) -> Option<Vec<SeenTag>> {
         let size = [picture.width, picture.height];
         let is_whole = picture.rgb.len() == picture.width.saturating_mul(picture.height).saturating_mul(3);
-        if !is_whole || !size.iter().all(|n| EDGES.contains(n)) {
+        if !is_whole || !size.iter().all(|n| EDGE_RANGE_PX.contains(n)) {
             return None;
         }
-        let [width, height] = size.map(|n| n.next_multiple_of(TILE));
+        let [width, height] = size.map(|n| n.next_multiple_of(TILE_PX));
         let size = ImageSize { width, height };
         let image = Image::<u8, 1, CpuAllocator>::new(size, gray(picture, width, height), CpuAllocator).ok()?;
         if self.work.as_ref().is_none_or(|w| w.size != size) {
@@ -109,7 +110,8 @@ impl TagSeeker {
         let quads = self.work.as_mut()?.quads(&image)?;
         let gray = Gray { width, height, data: image.as_slice() };
         let mut tags: Vec<SeenTag> = quads.iter().filter_map(|quad| self.tag(&gray, quad)).collect();
-        // quads come in no order, and the inner and the outer edge of one border may both be among them
+        // Quads come in a varying order, and may include both the inner and the outer edge of one
+        // border.
         let order = |a: &SeenTag, b: &SeenTag| {
             let surer = a.errors.cmp(&b.errors).then(b.margin.total_cmp(&a.margin));
             let left = a.center[0].total_cmp(&b.center[0]).then(a.center[1].total_cmp(&b.center[1]));
@@ -133,12 +135,12 @@ impl TagSeeker {
         let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
         let center = place(0.0, 0.0);
         let is_finite = corners.iter().chain([&center]).flatten().all(|n| n.is_finite());
-        let is_tag = is_finite && read.errors <= MOST_ERRORS;
+        let is_tag = is_finite && read.errors <= MAX_ERRORS;
         is_tag.then_some(SeenTag { id: read.id, center, corners, errors: read.errors, margin: read.margin })
     }
 }
 
-/// The brightness of each pixel; what is beyond the right and the lower border is as the border.
+/// Converts an image to gray and extends it to the right and downward by its border pixels.
 fn gray(picture: &Picture, width: usize, height: usize) -> Vec<u8> {
     let mut gray = Vec::with_capacity(width * height);
     for row in picture.rgb.chunks_exact(picture.width * 3) {

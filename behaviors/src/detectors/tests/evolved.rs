@@ -1,10 +1,11 @@
-//! Evolved filters that ran on the robot (icVision): each finds, in the interpreter, what it was evolved for.
+//! Evolved filters that ran on the robot (icVision): each detects, in the interpreter, the object
+//! that it was evolved for.
 
 use crate::detectors::cgp::{Channels, ImageNode, ImageProgram, Op, channels};
 use crate::detectors::picture::Mask;
 use crate::detectors::plane::Plane;
 
-/// What an evolved filter that ran on the robot is to find: columns and rows of a thing of one color before another, 96x72 pixels.
+/// An object of one color on a background, in an image of 96x72 pixels.
 struct Thing {
     columns: (usize, usize),
     rows: (usize, usize),
@@ -13,7 +14,8 @@ struct Thing {
 }
 
 impl Thing {
-    /// Whether it is there, with so many pixels more on each side, or fewer, and moved down by so many.
+    /// Returns whether pixel `i` is inside the object, enlarged by `more` pixels on each side and
+    /// moved down by `down`.
     fn is_at(&self, i: usize, more: isize, down: isize) -> bool {
         let within = |(from, to): (usize, usize), k: usize, by: isize| {
             (from as isize - more + by..to as isize + more + by).contains(&(k as isize))
@@ -30,7 +32,8 @@ impl Thing {
         channels(&[plane(0), plane(1), plane(2)], &says_nothing, &says_nothing)
     }
 
-    /// Whether these nodes tell all of it but for so many pixels at its edge, and nothing that is so many beside it.
+    /// Returns whether these nodes detect the object except for at most `all_but` pixels at its
+    /// edge, and nothing more than `none_beside` pixels outside.
     fn is_found(
         &self,
         nodes: &[ImageNode],
@@ -47,7 +50,7 @@ impl Thing {
     }
 }
 
-/// A node of a filter: where its images are from is counted back.
+/// Creates a node of a filter; the sources of its images are counted back.
 fn node(op: Op, from: [u16; 2], p0: f32, p1: i8) -> ImageNode {
     ImageNode::new(op, from, p0, p1)
 }
@@ -127,7 +130,7 @@ fn the_filter_that_saw_a_hand_finds_what_has_color_six_pixels_higher() {
         node(Op::Dilate, [1, 1], 0.0, 7),
         node(Op::Threshold, [1, 1], 145.4, 0),
     ];
-    // smaller by three, larger by seven
+    // Smaller by three, larger by seven.
     assert!(thing.is_found(&nodes, 128.0, (-4, 4), -6));
     assert!(!thing.is_found(&nodes, 128.0, (-4, 4), 0));
 }

@@ -1,4 +1,4 @@
-//! The kd-tree, for few dimensions.
+//! A kd-tree for few dimensions.
 
 use super::{Flat, Neighbors, nearest};
 use crate::short_way::JointMetric;
@@ -7,15 +7,16 @@ use std::num::NonZero;
 
 /// A kd-tree over the same points.
 ///
-/// kiddo's mutable tree can't split a leaf whose points share a coordinate (locked motors, repeated poses, grids), so
-/// the tree sees every coordinate shifted by up to [`JITTER`]; answers are taken from the unshifted points. Should it refuse a
-/// point all the same, the tree is given up for the scan: no point is ever lost.
+/// kiddo's mutable tree can't split a leaf of points that share a coordinate (locked motors,
+/// repeated configurations, grids). Therefore the tree contains every coordinate shifted by up to
+/// [`JITTER`]; results use the unshifted points. If the tree still rejects a point, it is replaced
+/// by the scan, so no point is ever lost.
 pub(super) struct Tree<const N: usize> {
     flat: Flat,
     pub(super) tree: Option<MutableKdTree<f64, N>>,
 }
 
-/// How far the tree's copy of a point may lie from the point, per coordinate.
+/// Maximum shift of each coordinate in the tree's copy of a point.
 const JITTER: f64 = 1e-9;
 
 impl<const N: usize> Default for Tree<N> {
@@ -50,7 +51,8 @@ impl<const N: usize> Neighbors for Tree<N> {
         if k >= self.len() || q.iter().any(|c| !c.is_finite()) {
             return self.flat.knn(&q, k);
         }
-        // The shift may have swapped near-equal points, so take everything within the k-th distance and sort it anew.
+        // The shift may have swapped points at almost equal distances, so take all points within
+        // the k-th distance and sort them again.
         let found = tree.query(&q).nearest_n::<SquaredEuclidean<f64>>(wanted).execute();
         let reach = found.iter().map(|f| f.distance).fold(0.0, f64::max).sqrt() + 4.0 * JITTER * (N as f64).sqrt();
         let near = tree.query(&q).within::<SquaredEuclidean<f64>>(reach * reach).unsorted().execute();
@@ -72,11 +74,12 @@ fn fixed<const N: usize>(q: &[f64]) -> [f64; N] {
     out
 }
 
-/// The tree's copy of a point: a fixed function of id and coordinate, so that it can be found again for removal.
+/// Returns the tree's copy of a point: a fixed function of id and coordinate, so that it can be
+/// found again for removal.
 fn shifted<const N: usize>(id: u32, q: &[f64; N]) -> [f64; N] {
     let mut out = *q;
     for (i, c) in out.iter_mut().enumerate() {
-        // splitmix64: neighboring ids get unrelated shifts
+        // splitmix64: consecutive ids get unrelated shifts.
         let mut z = (u64::from(id) << 8 | i as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

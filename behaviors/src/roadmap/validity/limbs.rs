@@ -1,19 +1,23 @@
-//! The robot as its roadmap moves it: few limbs on the frames that the map's motors move, and the boxes that they sweep along an edge.
+//! Simplified geometry of the robot for a roadmap: a few limbs on the frames that the map's motors
+//! move, and the boxes that they sweep along an edge.
 //!
-//! All motors that the map does not move rest, so whatever hangs between two of its motors is one rigid body. Its shapes are
-//! gathered into *limbs* of a hand's size, each with one box in that body's frame.
+//! Motors that the map does not move are at rest, so everything between two of its motors is one
+//! rigid body. The shapes of a body are grouped into *limbs* of about a hand's size, each with one
+//! box in the body's frame.
 //!
-//! # Boxes that hold the whole way
-//! Along an edge all positions are linear in `s`, 0 to 1. A point `x(s)` stays near the chord of a piece of length `h`: in each
-//! coordinate within `A h^2 / 8`, where `A` bounds `|x''|`. A turn `i` by `angle_i` moves the point with a speed of at most
-//! `v_i = angle_i * reach_i`, and a motor that it carries also changes its direction at that rate, so
+//! # Boxes that contain the whole motion
+//! Along an edge all positions are linear in `s`, 0 to 1. On a piece of length `h`, a point `x(s)`
+//! stays near its chord: in each coordinate within `A h^2 / 8`, where `A` bounds `|x''|`. A
+//! rotation `i` by `angle_i` moves the point with a speed of at most `v_i = angle_i * reach_i`, and
+//! a joint that it carries also changes its direction at that rate, so
 //!
 //! ```text
-//! A = sum over turns i of angle_i * (v_i + 2 * sum over motors j farther out of v_j)
+//! A = sum over rotations i of angle_i * (v_i + 2 * sum over joints j farther out of v_j)
 //! ```
 //!
-//! (Differentiate `x' = sum of angle_i * axis_i x (x - p_i)` once more.) So the box around a limb at the ends of all pieces, widened by
-//! that, holds every point of it at every pose between. `reach` is [`Scene::levers`], which holds at every pose.
+//! (Differentiate `x' = sum of angle_i * axis_i x (x - p_i)` again.) Therefore the box around a
+//! limb at the ends of all pieces, enlarged by that, contains all of its points at every
+//! configuration in between. `reach` is [`Scene::levers`], which holds for every configuration.
 
 #[cfg(test)]
 mod tests;
@@ -21,26 +25,26 @@ mod tests;
 use mobee_model::{Collider, Engine, Hinge, JointMotion, Scene, Shape, Skeleton};
 use nalgebra::{Isometry3, Vector3};
 
-/// Longest edge of a limb's box, unless one shape is longer, meters.
-const LIMB: f64 = 0.2;
-/// How much a box may be widened before the edge is cut into more pieces, meters.
-const SAG: f64 = 0.004;
-/// Most pieces of an edge; beyond that boxes just get wider.
-const MOST_PIECES: f64 = 64.0;
-/// What rounding, and poses a millionth of a radian beyond a limit, can make of a box, meters.
-const ROUNDING: f64 = 1e-5;
+/// Maximum edge of a limb's box, unless a single shape is longer, meters.
+const MAX_LIMB_M: f64 = 0.2;
+/// Maximum enlargement of a box; beyond it the edge is cut into more pieces, meters.
+const MAX_ENLARGEMENT_M: f64 = 0.004;
+/// Maximum number of pieces of an edge; beyond it the boxes are enlarged further.
+const MAX_PIECES: f64 = 64.0;
+/// Enlargement of a box for rounding, and for configurations up to 1e-6 rad beyond a limit, meters.
+const ROUNDING_M: f64 = 1e-5;
 
-/// A box along the axes of the world, meters: three lower, then three upper bounds, rounded outward.
+/// An axis-aligned box in the world, meters: three lower, then three upper bounds, rounded outward.
 pub(super) type WorldBox = [f32; 6];
 
-/// A robot whose other motors rest.
+/// A robot of which only the map's motors move.
 #[derive(Clone, Debug)]
 pub(super) struct Limbs {
     base: Isometry3<f64>,
-    /// The hinges that the map moves; hinge `i` carries body `i + 1`, and body 0 stands still.
+    /// Joints that the map moves; joint `i` carries body `i + 1`, and body 0 is fixed.
     hinges: Vec<Carrier>,
     limbs: Vec<Limb>,
-    /// Per frame of the robot: its body.
+    /// Body of each frame of the robot.
     body: Vec<usize>,
     /// Index of the robot's first frame in the scene.
     first_frame: usize,
@@ -51,30 +55,35 @@ struct Carrier {
     parent: usize,
     /// `parent_from_hinge` at position zero.
     at: Isometry3<f64>,
-    /// Its motor is numbered among those of the map.
+    /// The joint, with its motor numbered among those of the map.
     hinge: Hinge,
 }
 
 #[derive(Clone, Debug)]
 struct Limb {
     body: usize,
-    /// Its box in the body's frame.
+    /// Lower corner of its box, in the body's frame.
     low: Vector3<f64>,
+    /// Upper corner of its box, in the body's frame.
     high: Vector3<f64>,
-    /// Per hinge between it and the base, from the outermost in: (hinge, meters per radian of its motor).
+    /// Joints between it and the base, from the outermost in: (joint, meters per radian of its
+    /// motor).
     reach: Vec<(usize, f64)>,
 }
 
 impl Limbs {
-    /// The robot with these motors to be moved (indices into its motors), and all others at `rest`.
+    /// Creates the geometry of a robot with these moving motors (indices into its motors), and all
+    /// others at `rest`.
     pub fn new<E: Engine>(scene: &Scene<E>, robot: usize, motors: &[usize], rest: &[f64]) -> Limbs {
         let first_frame = scene.skeletons().iter().take(robot).map(Skeleton::frames).sum();
         let Some(skeleton) = scene.skeletons().get(robot) else {
-            let (base, body) = (Isometry3::identity(), Vec::new());
+            let base = Isometry3::identity();
+            let body = Vec::new();
             return Limbs { base, hinges: Vec::new(), limbs: Vec::new(), body, first_frame };
         };
         let mut hinges: Vec<Carrier> = Vec::new();
-        // per frame: its body, `body_from_frame`, and the hinge that carries it if the map moves that
+        // For each frame: its body, `body_from_frame`, and the joint that carries it if the map
+        // moves that.
         let mut bodies = vec![(0, Isometry3::identity())];
         let mut carriers = vec![None];
         for hinge in &skeleton.joints {
@@ -107,25 +116,26 @@ impl Limbs {
         Limbs { base: skeleton.base, hinges, limbs, body, first_frame }
     }
 
-    /// How many boxes an edge has.
+    /// Number of boxes of an edge.
     pub fn len(&self) -> usize {
         self.limbs.len()
     }
 
-    /// Per collider of the scene the body that carries it, 0 for whatever the map's motors do not move: two shapes of one body are
-    /// nothing that an edge could be blamed for.
+    /// Returns the body of each collider of the scene, 0 if the map's motors do not move it. Two
+    /// shapes of one body can't block an edge.
     pub fn carried<E: Engine>(&self, scene: &Scene<E>) -> Vec<usize> {
         let local = |c: &Collider| c.frame.checked_sub(self.first_frame).and_then(|f| self.body.get(f));
         scene.colliders().map(|c| local(c).copied().unwrap_or(0)).collect()
     }
 
-    /// Appends the box that each limb sweeps on the straight way between two poses of the map's motors (rad of encoder).
+    /// Appends the box that each limb sweeps on the straight line between two configurations of the
+    /// map's motors (rad at the encoder).
     pub fn sweep(&self, from: &[f64], to: &[f64], boxes: &mut Vec<WorldBox>) {
         let way = |c: &Carrier| (to.get(c.hinge.motor).unwrap_or(&0.0) - from.get(c.hinge.motor).unwrap_or(&0.0)).abs();
         let ways: Vec<f64> = self.hinges.iter().map(way).collect();
         let bends: Vec<f64> = self.limbs.iter().map(|limb| self.bend(limb, &ways)).collect();
         let most = bends.iter().copied().fold(0.0, f64::max);
-        let pieces = (most / (8.0 * SAG)).sqrt().ceil().clamp(1.0, MOST_PIECES);
+        let pieces = (most / (8.0 * MAX_ENLARGEMENT_M)).sqrt().ceil().clamp(1.0, MAX_PIECES);
         let first = boxes.len();
         boxes.extend(self.limbs.iter().map(|_| {
             [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY]
@@ -138,7 +148,7 @@ impl Limbs {
             self.place(&q, &mut bodies);
             for ((limb, bend), swept) in self.limbs.iter().zip(&bends).zip(boxes.iter_mut().skip(first)) {
                 let Some(body) = bodies.get(limb.body) else { continue };
-                let around = bend / (8.0 * pieces * pieces) + ROUNDING;
+                let around = bend / (8.0 * pieces * pieces) + ROUNDING_M;
                 let (low, high) = moved(limb.low, limb.high, body);
                 for (axis, (low, high)) in low.iter().zip(high.iter()).enumerate() {
                     swept[axis] = swept[axis].min(((low - around) as f32).next_down());
@@ -148,9 +158,10 @@ impl Limbs {
         }
     }
 
-    /// The bound `A` of this file's head: how much the way of a limb's points bends, meters.
+    /// Returns the bound `A` of the module documentation for the points of a limb, meters.
     fn bend(&self, limb: &Limb, ways: &[f64]) -> f64 {
-        let (mut sum, mut outer) = (0.0, 0.0);
+        let mut sum = 0.0;
+        let mut outer = 0.0;
         for (hinge, reach) in &limb.reach {
             let (Some(carrier), Some(way)) = (self.hinges.get(*hinge), ways.get(*hinge)) else { continue };
             let speed = way * reach;
@@ -162,7 +173,7 @@ impl Limbs {
         sum
     }
 
-    /// `world_from_body` of all bodies at a pose.
+    /// Computes `world_from_body` of all bodies at a configuration.
     fn place(&self, q: &[f64], bodies: &mut Vec<Isometry3<f64>>) {
         bodies.clear();
         bodies.push(self.base);
@@ -174,13 +185,14 @@ impl Limbs {
 }
 
 impl Limb {
-    /// Whether another one of the same body is near enough to be held by one box.
+    /// Returns whether another limb of the same body is close enough for a common box.
     fn takes(&self, other: &Limb) -> bool {
-        self.body == other.body && (self.high.sup(&other.high) - self.low.inf(&other.low)).max() <= LIMB
+        self.body == other.body && (self.high.sup(&other.high) - self.low.inf(&other.low)).max() <= MAX_LIMB_M
     }
 
     fn take(&mut self, other: &Limb) {
-        (self.low, self.high) = (self.low.inf(&other.low), self.high.sup(&other.high));
+        self.low = self.low.inf(&other.low);
+        self.high = self.high.sup(&other.high);
         for (hinge, reach) in &mut self.reach {
             let theirs = other.reach.iter().find(|(h, _)| h == hinge).map_or(0.0, |(_, r)| *r);
             *reach = reach.max(theirs);
@@ -188,7 +200,7 @@ impl Limb {
     }
 }
 
-/// The box around a shape at a pose.
+/// Returns the box around a shape at a pose.
 pub(super) fn bounds(shape: Shape, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let axes = pose.rotation.to_rotation_matrix().into_inner();
     let y = axes.column(1);
@@ -203,7 +215,7 @@ pub(super) fn bounds(shape: Shape, pose: &Isometry3<f64>) -> (Vector3<f64>, Vect
     (pose.translation.vector - half, pose.translation.vector + half)
 }
 
-/// The box around a box that is moved.
+/// Returns the box around a transformed box.
 fn moved(low: Vector3<f64>, high: Vector3<f64>, by: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let axes = by.rotation.to_rotation_matrix().into_inner();
     let middle = by.translation.vector + axes * (low + high) / 2.0;

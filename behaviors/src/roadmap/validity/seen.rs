@@ -1,4 +1,5 @@
-//! The world in which edges were certified: what of it has changed, and who judges the robot against each thing in it.
+//! The world in which edges were certified: detection of changes, and a compiled checker for the
+//! robot with each object.
 
 use super::limbs::{Limbs, WorldBox, bounds};
 use mobee_contract::View;
@@ -7,32 +8,33 @@ use mobee_model::{Object, ObjectClass, Primitive, Scene, ShapeId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// How far a motor that the map does not move may leave its place before everything is looked at anew, rad: what that moves at the
-/// end of a stretched arm is less than what plans keep beyond the reflex's margin, or a millimeter more.
-const RESTING: f64 = 0.25 * std::f64::consts::PI / 180.0;
-/// How much farther than the clearance an object's region reaches, meters: rounding.
-const ROUNDING: f64 = 1e-5;
-/// Edges that are handed to the judge at once.
+/// Maximum displacement of a motor that the map does not move, beyond which everything is certified
+/// again, rad. The displacement that it causes at the end of a stretched arm is less than the
+/// difference between the plans' clearance and the reflex's margin, or a millimeter more.
+const REST_TOLERANCE_RAD: f64 = 0.25 * std::f64::consts::PI / 180.0;
+/// Enlargement of an object's region beyond the clearance, for rounding, meters.
+const ROUNDING_M: f64 = 1e-5;
+/// Number of edges certified in one call.
 const BATCH: usize = 1024;
 
-/// The world that everything known was found out in.
+/// The world for which all verdicts hold.
 pub(super) struct SeenWorld {
     pub scene: Arc<Scene>,
     pub robot: usize,
     clearance: f64,
-    /// The pose of the robot at which its other motors rest.
+    /// Rest configuration of the robot's other motors.
     rest: Vec<f64>,
     pub limbs: Limbs,
     poses: ScenePoses,
-    /// The robot with itself.
-    own: Judge,
+    /// Checker of the robot with itself.
+    own: Checker,
     objects: BTreeMap<u32, SeenObject>,
 }
 
-/// An object, and who judges the robot against it alone, once that was asked.
+/// An object, and the checker of the robot with it alone, created when needed.
 struct SeenObject {
     object: Arc<Object>,
-    judge: Option<Judge>,
+    checker: Option<Checker>,
 }
 
 impl SeenWorld {
@@ -41,22 +43,25 @@ impl SeenWorld {
         let limbs = Limbs::new(&scene, view.robot, motors, view.pose());
         let carried = limbs.carried(&scene);
         let owner = |i: u32| scene.shape_id(i).and_then(ShapeId::robot);
-        let own = Judge::new(&scene, view.clearance, |i, j| {
+        let own = Checker::new(&scene, view.clearance, |i, j| {
             let apart = carried.get(i as usize) != carried.get(j as usize);
             apart && owner(i) == Some(view.robot) && owner(j) == Some(view.robot)
         });
-        let seen = |o: &Arc<Object>| SeenObject { object: o.clone(), judge: None };
+        let seen = |o: &Arc<Object>| SeenObject { object: o.clone(), checker: None };
         let objects = scene.objects().map(|(id, o)| (id, seen(o))).collect();
         let poses = ScenePoses::new(&scene, view, motors);
-        let (robot, clearance, rest) = (view.robot, view.clearance, view.pose().to_vec());
+        let robot = view.robot;
+        let clearance = view.clearance;
+        let rest = view.pose().to_vec();
         SeenWorld { scene, robot, clearance, rest, limbs, poses, own, objects }
     }
 
-    /// Whether the view shows the same robots at rest in the same places, so that only objects can have changed.
+    /// Returns whether the view has the same robots with the same rest configuration and base, so
+    /// that only objects can have changed.
     pub fn is_of(&self, view: &View, motors: &[usize]) -> bool {
         let same =
             |(r, (a, b)): (usize, (&Arc<_>, &Arc<_>))| Arc::ptr_eq(a, b) && self.scene.base(r) == view.scene.base(r);
-        let rests = |(m, (a, b)): (usize, (&f64, &f64))| motors.contains(&m) || (a - b).abs() <= RESTING;
+        let rests = |(m, (a, b)): (usize, (&f64, &f64))| motors.contains(&m) || (a - b).abs() <= REST_TOLERANCE_RAD;
         self.robot == view.robot
             && self.clearance == view.clearance
             && self.scene.robots().len() == view.scene.robots().len()
@@ -65,7 +70,7 @@ impl SeenWorld {
             && self.rest.iter().zip(view.pose()).enumerate().all(rests)
     }
 
-    /// Takes over the objects of another scene; answers which of them are not as they were.
+    /// Takes over the objects of another scene; returns those that changed.
     pub fn update(&mut self, scene: &Arc<Scene>) -> BTreeSet<u32> {
         let mut changed = BTreeSet::new();
         let mut objects = BTreeMap::new();
@@ -74,22 +79,24 @@ impl SeenWorld {
             if known.is_none() {
                 changed.insert(id);
             }
-            objects.insert(id, known.unwrap_or_else(|| SeenObject { object: object.clone(), judge: None }));
+            objects.insert(id, known.unwrap_or_else(|| SeenObject { object: object.clone(), checker: None }));
         }
         changed.extend(self.objects.keys());
-        (self.objects, self.scene) = (objects, scene.clone());
+        self.objects = objects;
+        self.scene = scene.clone();
         changed
     }
 
-    /// The objects, whatever they are to the robots.
+    /// Returns the objects of all classes.
     pub fn objects(&self) -> Vec<u32> {
         self.objects.keys().copied().collect()
     }
 
-    /// Where an object's shapes are, and the clearance around them: nothing if it is no obstacle.
+    /// Returns boxes around an object's shapes, enlarged by the clearance; empty if it is not an
+    /// obstacle.
     pub fn region(&self, object: u32) -> Vec<WorldBox> {
         let Some(SeenObject { object, .. }) = self.objects.get(&object) else { return Vec::new() };
-        let around = self.clearance + ROUNDING;
+        let around = self.clearance + ROUNDING_M;
         let shapes = object.shapes.iter().filter(|_| object.class == ObjectClass::Obstacle);
         let region = |shape: &Primitive| {
             let (low, high) = bounds(shape.shape, &(object.pose * shape.pose));
@@ -108,28 +115,29 @@ impl SeenWorld {
     /// Certifies edges against one object.
     pub fn certify_object<'a>(&mut self, object: u32, ways: impl Iterator<Item = &'a [f64]>) -> Vec<EdgeVerdict> {
         let Some(seen) = self.objects.get_mut(&object) else { return Vec::new() };
-        let judge = seen.judge.get_or_insert_with(|| {
+        let checker = seen.checker.get_or_insert_with(|| {
             let carried = self.limbs.carried(&self.scene);
             let moves = |i: u32| carried.get(i as usize).is_some_and(|body| *body > 0);
             let is_it =
                 |i: u32| matches!(self.scene.shape_id(i), Some(ShapeId::Object { object: o, .. }) if o == object);
-            Judge::new(&self.scene, self.clearance, |i, j| (moves(i) && is_it(j)) || (moves(j) && is_it(i)))
+            Checker::new(&self.scene, self.clearance, |i, j| (moves(i) && is_it(j)) || (moves(j) && is_it(i)))
         });
-        judge.certify(&mut self.poses, ways)
+        checker.certify(&mut self.poses, ways)
     }
 }
 
-/// Whether an object is to the robots what it was.
+/// Returns whether an object is unchanged for the robots.
 fn is_same(a: &Arc<Object>, b: &Arc<Object>) -> bool {
     Arc::ptr_eq(a, b) || (a.pose == b.pose && a.class == b.class && a.shapes == b.shapes)
 }
 
-/// Poses of all robots of a scene, of which only the map's motors change; other robots are at home, where nobody asks about them.
+/// Configurations of all robots of a scene, of which only the map's motors change. Other robots are
+/// at home, because no pairs with them are checked.
 struct ScenePoses {
     rest: Vec<f64>,
-    /// Where the map's motors are in it.
+    /// Columns of the map's motors.
     motors: Vec<usize>,
-    /// Starts and ends, as the judge takes them.
+    /// Starts and ends of edges, in the checker's format.
     edges: Vec<f64>,
 }
 
@@ -139,7 +147,7 @@ impl ScenePoses {
         let home = scene.home();
         let of = |(r, home): (usize, &Arc<[f64]>)| if r == view.robot { view.pose().to_vec() } else { home.to_vec() };
         let mut rest: Vec<f64> = home.iter().enumerate().flat_map(of).collect();
-        // a motor that rests at its limit may read a little more: nothing that an edge could be blamed for
+        // A motor at rest at its limit may read slightly more; no edge is to blame for that.
         let limits = scene.robots().iter().flat_map(|r| &r.motors);
         rest.iter_mut().zip(limits).for_each(|(q, m)| *q = q.max(m.min).min(m.max));
         ScenePoses { rest, motors: motors.iter().map(|m| first + m).collect(), edges: Vec::new() }
@@ -156,17 +164,20 @@ impl ScenePoses {
     }
 }
 
-/// The pairs that may be to blame for one thing, compiled. Without them (a clearance that is none) nothing is certified.
-struct Judge(Option<FastScene>);
+/// The pairs relevant to one object, compiled. `None` (an invalid clearance): nothing can be
+/// certified.
+struct Checker(Option<FastScene>);
 
-impl Judge {
-    fn new(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> Judge {
-        Judge(FastScene::of_pairs(scene, clearance, keep).ok())
+impl Checker {
+    fn new(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> Checker {
+        Checker(FastScene::of_pairs(scene, clearance, keep).ok())
     }
 
-    /// Certifies edges, each given by the map's motors at its start and then at its end.
+    /// Certifies edges, each given by the positions of the map's motors at its start and then at
+    /// its end.
     fn certify<'a>(&mut self, poses: &mut ScenePoses, ways: impl Iterator<Item = &'a [f64]>) -> Vec<EdgeVerdict> {
-        let (mut all, mut verdicts) = (Vec::new(), Vec::new());
+        let mut all = Vec::new();
+        let mut verdicts = Vec::new();
         let mut ways = ways.peekable();
         while ways.peek().is_some() {
             poses.edges.clear();

@@ -1,23 +1,25 @@
-//! Far along: vertices of a plan that are left out where a straight line will do, and motions that are led elsewhere on the way.
+//! Long motions: vertices of a path are skipped if a straight line is free, and motions are
+//! redirected on the way.
 //!
-//! A map of poses a centimeter apart would be driven a centimeter at a time, and come to rest at each. So the line to the plan's end is
-//! tried first, then to three quarters of the way, and so on: certified if edges are, and otherwise by driving it. It becomes an edge
-//! of the map, and is learned of like any other.
+//! On a map of poses a centimeter apart, the robot would move a centimeter at a time and stop at
+//! each. Therefore the line to the end of the path is tried first, then to three quarters of it,
+//! and so on: certified if edges are, and otherwise by driving it. The line becomes an edge of the
+//! map like any other.
 
 use super::{Doing, Walker};
 use mobee_contract::{EdgeState, Intent, MotionEnd, View};
 
-/// The shares of a plan's vertices, in quarters, that are tried to be left out.
+/// Shares of a path's vertices, in quarters, that are tried to be skipped.
 const QUARTERS: [usize; 4] = [4, 3, 2, 1];
 
 impl Walker {
-    /// The same, leaving out vertices on the way where it can.
+    /// Makes it skip vertices of a path where possible.
     pub fn with_leaps(mut self) -> Walker {
         self.leaps = true;
         self
     }
 
-    /// The plan without its first vertices as far as one line leads past them.
+    /// Returns the path without its first vertices, as far as one line passes them.
     pub(super) fn leap(&mut self, path: Vec<u32>, view: &View) -> Vec<u32> {
         let Some(at) = path.first().copied() else { return path };
         for quarters in QUARTERS {
@@ -33,8 +35,8 @@ impl Walker {
         path
     }
 
-    /// Leads the motion under way to a vertex, from where the robot is by now: whoever asks for it knows that the line is free.
-    /// `None`: there is no such vertex.
+    /// Redirects the motion in progress to a vertex, from the robot's current configuration. The
+    /// caller ensures that the line is free. `None`: there is no such vertex.
     pub fn turn_to(&mut self, to: u32, view: &View) -> Option<Intent> {
         let target = self.target(to, view)?;
         self.progress.doing = Doing::Turned;
@@ -43,12 +45,12 @@ impl Walker {
         Some(Intent::MoveTo(target))
     }
 
-    /// The motion that ended is learned from; what is next is asked for later.
+    /// Evaluates the motion that ended, without choosing the next one.
     pub fn learn(&mut self, last: Option<MotionEnd>, view: &View) {
         self.settle(last, view);
     }
 
-    /// Gives the motion under way up: it is taken back, and its edge is not to blame.
+    /// Aborts the motion in progress: it is rolled back, and its edge does not count as failed.
     pub fn give_up(&mut self) -> Intent {
         self.progress.doing = Doing::Turned;
         Intent::Stop

@@ -1,4 +1,4 @@
-//! Locator files: what is written is read again, and nothing else is.
+//! Locator files: a written file can be read again; anything else is rejected.
 
 use super::simulated_head::SimulatedHead;
 use mobee_behaviors::locators::beginning::Beginning;
@@ -20,7 +20,7 @@ fn what_is_written_is_read_again() {
         let (a, b) = (file.ready(), again.ready());
         for known in views(40) {
             let [a, b] = [&a, &b].map(|l| l.locate(&known.view).map(|e| e.place));
-            // the last bit of a number may get lost in a file
+            // The last bit of a number may be lost in a file.
             assert_eq!(a.is_some(), b.is_some());
             assert!(a.zip(b).is_none_or(|(a, b)| (a - b).norm() < 1e-6), "{a:?} {b:?}");
         }

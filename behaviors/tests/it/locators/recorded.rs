@@ -1,4 +1,4 @@
-//! The recorded views of a block and a dot that an arm held: what is promised at places that were not learned.
+//! Recorded views of a block and a dot held by an arm: accuracy at held-out positions.
 
 use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::calibrated::Calibrated;
@@ -29,7 +29,7 @@ fn at_places_that_were_not_learned_a_calibrated_head_is_as_good_as_promised() {
             }
         }
         let mut places: Vec<_> = test.iter().map(|k| k.place).collect();
-        // the rows of a place are together in the table
+        // The rows of a position are contiguous in the table.
         places.dedup();
         for place in places {
             let views: Vec<_> = test.iter().filter(|k| k.place == place).map(|k| k.view).collect();

@@ -1,4 +1,4 @@
-//! Tables: taken whole, or refused with line, column and remedy.
+//! Tables: accepted completely, or rejected with line, column and remedy.
 
 use mobee_behaviors::locators::rows::{parse, table as written};
 use mobee_behaviors::locators::view::{Glimpse, KnownView, StereoView};
@@ -64,7 +64,7 @@ fn whatever_is_wrong_is_refused_with_its_place() {
 }
 
 proptest! {
-    /// What is written is read again, but for what was rounded.
+    /// A written table is read again, except for rounding.
     #[test]
     fn a_table_that_was_written_is_read(
         rows in prop::collection::vec((prop::array::uniform8(20.0..400.0f64), prop::array::uniform9(-1.5..1.5f64), prop::array::uniform3(-2.0..2.0f64)), 1..20),

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// The same seen by a camera whose pictures are half as large.
+/// The same, seen by a camera with images half as large.
 fn sighting(camera: &str, center: [f64; 2], at_s: f64, eye: usize) -> Sighting {
     let lens = Lens::icub()[eye];
     let half = |v: [f64; 2]| v.map(|n| n / 2.0);
@@ -48,7 +48,7 @@ fn ask(locator: &mut LearnedLocator, known: &KnownView, times_s: [f64; 2]) -> Ve
     eyes.into_iter().map(ask).collect()
 }
 
-/// A head, and a locator that learned from 150 views of it.
+/// Creates a head, and a locator trained on 150 views of it.
 fn trained(kind: LocatorKind) -> (SimulatedHead, LocatorFile) {
     let mut head = SimulatedHead::new(21);
     let seen: Vec<KnownView> = (0..150).map(|_| head.view(true)).collect();
@@ -76,7 +76,7 @@ fn eyes_are_paired_if_they_saw_it_at_about_the_same_time_whatever_the_size_of_th
     assert!(told[1].is_empty() && told[2].len() == 1, "settings name the eyes: {told:?}");
 }
 
-/// The same with a border that cuts off what both eyes see.
+/// The same with both images clipped by the border.
 fn clipped(locator: &mut LearnedLocator, known: &KnownView, at_s: f64) -> Vec<Located> {
     let mut q = vec![0.0; 12];
     q[3..].copy_from_slice(&known.view.encoders);
@@ -108,7 +108,7 @@ fn what_stands_on_a_table_is_at_its_height_and_what_the_border_cuts_off_is_hardl
     let behind = place(&mut at(free.z, 20.0)).expect("located");
     assert!((behind - free).norm() > 0.005, "what is seen is the near side");
     assert_eq!(place(&mut at(free.z + 2.0, 0.0)), None, "nothing stands there");
-    // the border: a hint, and no view that counts
+    // The border: the position is reported, but the view does not count.
     let mut locator = at(free.z, 0.0);
     let widest = |l: &Located| (0..3).map(|i| l.covariance[i][i]).fold(0.0, f64::max).sqrt();
     for i in 0..50 {
@@ -117,7 +117,7 @@ fn what_stands_on_a_table_is_at_its_height_and_what_the_border_cuts_off_is_hardl
     }
 }
 
-/// The same with so large a box in each eye, pixels; none: that eye sees nothing of it.
+/// The same with a box of this size in each eye, pixels; `None`: no detection.
 fn looks(locator: &mut LearnedLocator, known: &KnownView, at_s: f64, boxes: [Option<f64>; 2]) -> Vec<Located> {
     let mut q = vec![0.0; 12];
     q[3..].copy_from_slice(&known.view.encoders);
@@ -141,19 +141,19 @@ fn one_eye_is_enough_for_what_stands_if_something_hides_it_from_the_other() {
         let known = head.view(false);
         let stands = Some(Standing { z_m: known.place.z, sd_mm: 5.0, behind_mm: 0.0 });
         let off = |told: &[Located]| told.iter().map(|l| (Vector3::from(l.position) - known.place).norm()).next_back();
-        // both have seen for a while how large it is
+        // Both eyes have seen the object's size for a while.
         let seen = |mut locator: LearnedLocator| {
             let told = (0..10).map(|i| looks(&mut locator, &known, 0.1 * f64::from(i), [Some(20.0); 2]));
             let last = told.last();
             (locator, off(&last.unwrap_or_default()))
         };
-        // nothing of it in the other eye: the next picture of this one says so
+        // The other eye does not detect it: the next image of this one shows that.
         let mut hidden = [Some(20.0); 2];
         hidden[1 - eye] = None;
         let (mut alone, with_both) = seen(locator().standing(stands));
         assert!(looks(&mut alone, &known, 1.0, hidden).is_empty());
         let told = looks(&mut alone, &known, 1.1, hidden);
-        // a ray along the table tells nothing
+        // A ray parallel to the table does not determine the position.
         let Some(found) = off(&told) else { continue };
         by_one.push(found);
         by_both.extend(with_both);
@@ -162,7 +162,7 @@ fn one_eye_is_enough_for_what_stands_if_something_hides_it_from_the_other() {
         hidden[eye] = Some(20.0);
         let (mut plain, _) = seen(locator());
         assert!((0..5).all(|i| looks(&mut plain, &known, 2.0 + 0.1 * f64::from(i), hidden).is_empty()));
-        // a sliver of it in the other eye, whose middle is elsewhere
+        // A small part of it in the other eye, with its center elsewhere.
         let mut sliver = known;
         sliver.view.eyes[1 - eye].center[0] += 20.0;
         hidden[1 - eye] = Some(6.0);
@@ -199,7 +199,7 @@ fn a_tracker_gets_surer_ignores_what_is_far_off_and_notices_a_move() {
         times += told.len();
         found = told.last().copied().or(found);
     }
-    // a view in twenty is outside its region of 95 %
+    // One view in twenty is outside its 95 % region.
     assert!(times >= 20, "{times} of 26");
     let found = found.expect("seen");
     assert!((found.place - here).norm() < 0.02 && found.covariance.trace() < 0.1 * covariance.trace());
@@ -211,7 +211,7 @@ fn a_tracker_gets_surer_ignores_what_is_far_off_and_notices_a_move() {
 
 #[test]
 fn a_small_step_is_taken_as_soon_as_a_large_one() {
-    // regions that hold what all views have in common are far wider than the step
+    // Regions that include the error shared by all views are much wider than the step.
     let covariance = Matrix3::identity() * 0.03f64.powi(2);
     let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
     let mut rng = ChaCha8Rng::seed_from_u64(7);
@@ -225,7 +225,8 @@ fn a_small_step_is_taken_as_soon_as_a_large_one() {
     assert!(after[2..].iter().all(|x| (x - 0.34).abs() < 0.003), "4 cm: {after:?}");
 }
 
-/// Places a thing that was seen at `(0.3, y, 0)`, as large as `size`, in regions that hold what all views have in common, too.
+/// Tracks a thing that was seen at `(0.3, y, 0)`, with size `size`, in regions that include the
+/// error shared by all views.
 fn see(tracker: &mut Tracker, y: f64, size: f64) -> Option<f64> {
     let place = Vector3::new(0.3, y, 0.0);
     let estimate = Estimate { place, covariance: Matrix3::identity() * 0.03f64.powi(2) };
@@ -237,7 +238,7 @@ fn what_is_half_hidden_stays_where_it_was_until_it_is_so_for_long() {
     let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
     let mut see = |y: f64, size: f64| see(&mut tracker, y, size).expect("told");
     assert!((0..20).all(|_| see(0.0, 100.0).abs() < 1e-9));
-    // a hand comes before it: the middle of what is left to see is beside its own
+    // A hand occludes it partly: the center of the visible part is beside its own.
     assert!((0..15).all(|_| see(0.02, 50.0).abs() < 1e-9), "it stays");
     assert!(see(0.0, 95.0).abs() < 1e-9, "and is there again");
     let last = (0..40).map(|_| see(0.04, 50.0)).last().expect("told");
@@ -253,7 +254,7 @@ fn specks_are_not_the_object_even_if_nothing_else_is_seen_for_a_while() {
     assert!((0..5).map(|_| see(0.4, 60.0)).sum::<usize>() == 3, "half of it elsewhere");
     let told = (0..300).map(|i| {
         if i % 100 == 50 {
-            // a picture without anything in between speaks against nothing
+            // An image without a detection contradicts nothing.
             tracker.see(&[]);
         }
         usize::from(self::see(&mut tracker, 0.8, 5.0).is_some())
@@ -261,7 +262,8 @@ fn specks_are_not_the_object_even_if_nothing_else_is_seen_for_a_while() {
     assert!(told.sum::<usize>() > 0, "in the end it was taken for something larger than it is");
 }
 
-/// A wall taken for the object in the first pictures, before the eyes turn to the table, must not make a speck of the object.
+/// A wall detected as the object in the first images, before the eyes turn to the table, must not
+/// make a speck of the object.
 #[test]
 fn what_is_far_away_does_not_tell_how_large_the_object_is() {
     let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
@@ -279,7 +281,7 @@ fn a_tracker_keeps_two_things_of_the_same_looks_apart() {
     let at = |y: f64| Sight { estimate: Estimate { place: Vector3::new(0.3, y, 0.0), covariance }, size: None };
     let mut tracker = Tracker::new(Matrix3::identity() * 1e-6);
     for i in 0..20 {
-        // told in any order
+        // Reported in any order.
         let views = if i % 2 == 0 { [at(0.1), at(0.3)] } else { [at(0.3), at(0.1)] };
         let told = tracker.see(&views);
         let expected = if i < 2 { 1 } else { 2 };

@@ -1,4 +1,4 @@
-//! Heads whose truth is known.
+//! Simulated heads with a known true model.
 
 use super::simulated_head::{SimulatedHead, learn, mean_square};
 use mobee_behaviors::locators::beginning::Beginning;
@@ -72,6 +72,6 @@ fn a_model_that_was_fitted_beats_the_drawings() {
     let off = |k: &KnownView| drawn.locate(&k.view).map(|e| (e.place - k.place).norm_squared());
     let drawn = test.iter().filter_map(off).sum::<f64>() / test.len() as f64;
     assert!(fitted < 0.25 * drawn, "{fitted} {drawn}");
-    // the published network knows other limits: places far outside of them teach it nothing
+    // The published network has fixed input limits: positions far outside of them can't train it.
     assert!(PublishedNetwork::train(&seen[..10], 0, &mut |_| ()).is_err());
 }

@@ -1,6 +1,6 @@
-//! Networks in ONNX format, written byte by byte as the format's protocol buffers have it.
+//! Networks in ONNX format, written byte by byte as protocol buffers.
 
-/// A network: its operations, weights, and what goes in and comes out.
+/// A network: its operations, weights, inputs and outputs.
 #[derive(Clone)]
 pub struct Graph {
     pub nodes: Vec<Vec<u8>>,
@@ -9,7 +9,7 @@ pub struct Graph {
     pub outputs: Vec<String>,
 }
 
-/// A tensor of weights, as a message.
+/// Encodes a tensor of weights as a message.
 #[derive(Clone)]
 pub struct Tensor(Vec<u8>);
 
@@ -23,18 +23,18 @@ fn varint(mut n: u64) -> Vec<u8> {
     out
 }
 
-/// A field that is a number.
+/// Encodes a numeric field.
 fn number(field: u64, n: u64) -> Vec<u8> {
     [varint(field << 3), varint(n)].concat()
 }
 
-/// A field that is text, bytes or a message.
+/// Encodes a field of text, bytes or a message.
 fn bytes(field: u64, of: impl AsRef<[u8]>) -> Vec<u8> {
     let of = of.as_ref();
     [&varint(field << 3 | 2), &varint(of.len() as u64), of].concat()
 }
 
-/// An operation; its attributes are lists of whole numbers, or one number.
+/// Encodes an operation; its attributes are lists of integers, or one number.
 pub fn node(kind: &str, inputs: &[&str], outputs: &[&str], attributes: &[(&str, &[u64])]) -> Vec<u8> {
     let mut out = Vec::new();
     inputs.iter().for_each(|name| out.extend(bytes(1, name)));
@@ -55,14 +55,14 @@ pub fn node(kind: &str, inputs: &[&str], outputs: &[&str], attributes: &[(&str, 
     out
 }
 
-/// An operation with a graph for its body, such as `Loop`.
+/// Encodes an operation with a graph as its body, such as `Loop`.
 #[allow(dead_code, reason = "not every test has such operations")]
 pub fn node_with_body(kind: &str, inputs: &[&str], outputs: &[&str], body: &Graph) -> Vec<u8> {
     let attribute = [bytes(1, "body"), bytes(6, body.graph()), number(20, 5)].concat();
     [node(kind, inputs, outputs, &[]), bytes(5, attribute)].concat()
 }
 
-/// A whole number of 64 bits.
+/// Encodes a 64-bit integer.
 #[allow(dead_code, reason = "not every test has such numbers")]
 pub fn whole(name: &str, shape: &[u64], values: &[i64]) -> Tensor {
     let raw: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -70,14 +70,14 @@ pub fn whole(name: &str, shape: &[u64], values: &[i64]) -> Tensor {
     Tensor([sizes, number(2, 7), bytes(8, name), bytes(9, raw)].concat())
 }
 
-/// Weights of single precision.
+/// Encodes weights of single precision.
 pub fn constant(name: &str, shape: &[u64], values: &[f32]) -> Tensor {
     let raw: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     let sizes: Vec<u8> = shape.iter().flat_map(|n| number(1, *n)).collect();
     Tensor([sizes, number(2, 1), bytes(8, name), bytes(9, raw)].concat())
 }
 
-/// What goes in; `None`: a dimension that is left open.
+/// Encodes an input; `None`: a dimension that is left open.
 pub fn input(name: &str, shape: &[Option<u64>]) -> Vec<u8> {
     let dimension = |n: &Option<u64>| bytes(1, n.map_or_else(|| bytes(2, "open"), |n| number(1, n)));
     let sizes: Vec<u8> = shape.iter().flat_map(dimension).collect();
@@ -85,7 +85,7 @@ pub fn input(name: &str, shape: &[Option<u64>]) -> Vec<u8> {
 }
 
 impl Graph {
-    /// The graph as a message.
+    /// Encodes the graph as a message.
     fn graph(&self) -> Vec<u8> {
         let mut graph = Vec::new();
         self.nodes.iter().for_each(|n| graph.extend(bytes(1, n)));
@@ -97,7 +97,7 @@ impl Graph {
         graph
     }
 
-    /// The whole file.
+    /// Encodes the whole file.
     pub fn bytes(&self) -> Vec<u8> {
         let opset = [bytes(1, ""), number(2, 13)].concat();
         [number(1, 8), bytes(7, self.graph()), bytes(8, opset)].concat()

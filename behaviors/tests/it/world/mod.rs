@@ -1,4 +1,5 @@
-//! A tiny world for agents: a planar arm of a few joints, and a loop that drives an agent and says how its motions end.
+//! A tiny world for agents: a planar arm of a few joints, and a loop that drives an agent and
+//! reports the end of its motions.
 
 use mobee_contract::*;
 use mobee_model::*;
@@ -7,7 +8,8 @@ use serde_json::{Value, json};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// An arm in the x-y plane: joints about z, links of 0.3 m along x, a ball of 4 cm at the end of each link.
+/// Creates an arm in the x-y plane: joints about z, links of 0.3 m along x, a ball of 4 cm at the
+/// end of each link.
 pub fn arm(joints: usize) -> Arc<Robot> {
     let node = |parent, kind, solids| Node {
         name: None,
@@ -60,7 +62,7 @@ pub fn arm(joints: usize) -> Arc<Robot> {
     })
 }
 
-/// The same arm with joints that turn without end, and encoders that count a hundred turns either way.
+/// Creates the same arm with continuous joints, and encoders that count a hundred turns either way.
 pub fn endless_arm(joints: usize) -> Arc<Robot> {
     let mut robot = arm(joints);
     let of = Arc::make_mut(&mut robot);
@@ -75,7 +77,7 @@ pub fn endless_arm(joints: usize) -> Arc<Robot> {
     robot
 }
 
-/// A ball in the world.
+/// Creates a ball in the world.
 pub fn ball(name: &str, x: f64, y: f64, radius: f64, class: ObjectClass) -> Object {
     Object {
         name: name.into(),
@@ -132,20 +134,20 @@ pub fn try_kind(
     (kind.build)(&settings, &context(robot, seed))
 }
 
-/// What came of driving an agent.
+/// Result of driving an agent.
 #[derive(Debug, Default)]
 pub struct Run {
-    /// Every motion: from, to, whether it was reached.
+    /// Every motion: from, to, and its success.
     pub motions: Vec<(Vec<f64>, Vec<f64>, bool)>,
     pub notes: Vec<Note>,
     pub done: Option<Summary>,
     pub waits: u32,
-    /// Where the robot is at last.
+    /// Final position of the robot.
     pub q: Vec<f64>,
 }
 
-/// Drives an agent until it is done, or `most` intents were given. A motion ends at its target if the oracle says so, else
-/// where it began, as after a rollback.
+/// Drives an agent until it is done, or until it has given `most` intents. A motion ends at its
+/// target if the oracle allows it, otherwise at its start, as after a rollback.
 pub fn drive(
     agent: &mut dyn Agent,
     view: &mut View,
@@ -180,19 +182,20 @@ pub fn drive(
     run
 }
 
-/// What a motion meets first, as a view tells it once the motion was taken back.
+/// Returns the first contacts of a motion, as a view reports them after its rollback.
 fn met(view: &View, from: &[f64], to: &[f64]) -> Arc<[Contact]> {
     let at = |s: f64| from.iter().zip(to).map(|(a, b)| a + s * (b - a)).collect::<Vec<f64>>();
     let mut steps = (0..=100).map(|i| view.scene.contacts(&[at(f64::from(i) / 100.0)], view.clearance));
     steps.find(|found| !found.is_empty()).unwrap_or_default().into()
 }
 
-/// The oracle of the real thing: the line is free at the reflex's margin.
+/// The realistic oracle: the line is free at the reflex's margin.
 pub fn by_scene(view: &View, from: &[f64], to: &[f64]) -> bool {
     view.scene.line_free(0, &view.poses, from, to, 0.001, view.clearance - 0.002)
 }
 
-/// Settings of a tour between a and b with two ways: the short one straight through (0.6, 0), the long one with the arm folded.
+/// Settings of a tour between a and b with two paths: the short one straight through (0.6, 0), the
+/// long one with the arm folded.
 pub fn two_ways(extra: Value) -> Value {
     let mut all = json!({
         "poses": [

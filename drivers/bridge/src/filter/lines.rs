@@ -1,4 +1,4 @@
-//! The clients' connections: who takes part in which motion, and who still has to learn that it failed.
+//! Connections of the clients: their shares in motions, and the failures that they have not been informed of.
 
 use super::{Client, Seen};
 use mobee_contract::{CommitId, MotionEnd, SILENCE, Time};
@@ -9,26 +9,26 @@ pub(super) struct Lines(BTreeMap<u64, Line>);
 
 #[derive(Default)]
 struct Line {
-    /// The client's name, if connections of it can be told to belong together.
+    /// Client's name, if its connections can be recognized as related.
     family: Option<String>,
-    /// The motion that it takes part in, and the motors that it moved in it.
+    /// Present motion, and the motors that the client moved in it.
     open: Option<(CommitId, BTreeSet<usize>)>,
-    /// Whether that motion failed, and the client does not know yet.
+    /// True if that motion failed and the client has not been informed.
     failed: bool,
-    /// Whether what it moved had no part in that.
+    /// True if its motors had no part in that failure.
     innocent: bool,
     heard: Option<Time>,
 }
 
-/// What connections of one client have in common: those that call themselves `/local/rpc:o` and `/local/command:o` belong to `/local`.
+/// Common prefix of a client's connections: `/local/rpc:o` and `/local/command:o` belong to `/local`.
 fn family(from: &str) -> Option<String> {
     let (head, tail) = from.rsplit_once('/')?;
     (matches!(tail, "rpc:o" | "command:o") && !head.is_empty()).then(|| head.to_owned())
 }
 
 impl Lines {
-    /// Something came on a connection: it and its motion are brought up to date.
-    pub(super) fn hear(&mut self, client: &Client, seen: &Seen) {
+    /// Updates a connection and its motion when something arrives on it.
+    pub(super) fn update(&mut self, client: &Client, seen: &Seen) {
         let line = self.0.entry(client.connection).or_default();
         if line.family.is_none() {
             line.family = family(client.from);
@@ -45,12 +45,13 @@ impl Lines {
         }
     }
 
-    /// Whether the client has yet to learn of a failure.
+    /// True if the client has not been informed of a failure.
     pub(super) fn failed(&self, client: &Client) -> bool {
         self.0.get(&client.connection).is_some_and(|l| l.failed)
     }
 
-    /// Whether a stream is not to be heard: it failed, had a part in that, and has not been silent since. Counts as hearing it.
+    /// True if a stream has to be ignored, because it took part in a failure and has not been silent since.
+    /// Counts as receiving a command.
     pub(super) fn deaf(&mut self, client: &Client, now: Time) -> bool {
         let Some(line) = self.0.get_mut(&client.connection) else { return false };
         let silent = line.heard.replace(now).is_some_and(|heard| now.since(heard) >= SILENCE);
@@ -60,8 +61,9 @@ impl Lines {
         line.failed
     }
 
-    /// The client was refused: it knows, on this connection and on those that get no replies.
-    pub(super) fn told(&mut self, client: &Client) {
+    /// Records that the client was informed by a refusal, on this connection and on related ones without
+    /// replies.
+    pub(super) fn inform_family(&mut self, client: &Client) {
         let Some(line) = self.0.get_mut(&client.connection) else { return };
         (line.open, line.failed) = (None, false);
         let Some(family) = line.family.clone() else { return };
@@ -70,7 +72,8 @@ impl Lines {
         }
     }
 
-    /// The client moves these motors as part of this motion; so does its RPC connection, if this one has no replies.
+    /// Records that the client moves these motors in this motion, and so does its RPC connection if this one
+    /// has no replies.
     pub(super) fn moves(&mut self, client: &Client, id: CommitId, motors: &[usize]) {
         let Some(line) = self.0.get(&client.connection) else { return };
         let family = line.family.clone().filter(|_| !client.listens);
@@ -81,20 +84,21 @@ impl Lines {
             }
             match &mut line.open {
                 Some((open, all)) if *open == id => all.extend(motors),
-                // another motion of this client that ended unheard is judged first
+                // an earlier motion of this client whose end was not processed yet is evaluated first
                 Some(_) if !own => {}
                 slot => *slot = Some((id, motors.iter().copied().collect())),
             }
         }
     }
 
-    /// The motors that clients move in motions under way.
+    /// Motors that clients move in present motions.
     pub(super) fn moving(&self, seen: &Seen) -> BTreeSet<usize> {
         let under_way = |line: &&Line| line.open.as_ref().is_some_and(|(id, _)| (seen.end_of)(*id).is_none());
         self.0.values().filter(under_way).filter_map(|l| l.open.as_ref()).flat_map(|(_, m)| m.iter().copied()).collect()
     }
 
-    /// The same without those of clients whose motors have all arrived, while other clients' go on in the same motion.
+    /// Same as [`Lines::moving`], without clients whose motors have all arrived while other clients continue
+    /// in the same motion.
     pub(super) fn under_way(&self, seen: &Seen, arrived: impl Fn(usize) -> bool) -> BTreeSet<usize> {
         let open = |(connection, line): (&u64, &'_ Line)| {
             let (id, motors) = line.open.clone().filter(|(id, _)| (seen.end_of)(*id).is_none())?;
@@ -111,7 +115,8 @@ impl Lines {
         all.iter().filter(waits).flat_map(|(.., motors)| motors.iter().copied()).collect()
     }
 
-    /// A client stopped the motions under way: that they then end short of their target is no failure.
+    /// Records that a client stopped all present motions, so that ending short of the target is not a
+    /// failure.
     pub(super) fn stopped(&mut self, seen: &Seen) {
         for line in self.0.values_mut() {
             if line.open.as_ref().is_some_and(|(id, _)| (seen.end_of)(*id).is_none()) {

@@ -3,38 +3,39 @@
 use super::{BoardAxis, BoardReply, Client, FilterCore, Seen, Step};
 use mobee_contract::{Commit, Setpoints, Target, Values};
 
-/// A target this near beyond a limit is taken for the limit, deg.
+/// Tolerance of a target beyond a limit, deg, for rounding; such a target is set to the limit.
 const ROUNDING: f64 = 1e-3;
-/// A slower reference speed is no motion, deg/s.
+/// Least reference speed of a move, deg/s.
 const SLOWEST: f64 = 1e-3;
-/// A joint that stands beyond a limit and is asked for what is this near to where it reads is asked to stay, deg: its reading may
-/// have changed since the client saw it.
+/// Greatest distance between target and reading, deg, at which a joint beyond a limit counts as commanded to
+/// stay: its reading may have changed since the client read it.
 const STAYS: f64 = 0.5;
 
-/// Where a joint is asked to go.
+/// Interpretation of a joint's target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Goal {
-    /// There, deg, within its limits.
+    /// Move to this position, deg, within limits.
     To(f64),
-    /// Nowhere: it stands beyond a limit, and may stay.
+    /// Stay beyond the limit.
     Stay,
-    /// It can't go there.
+    /// Out of reach.
     Beyond,
 }
 
 impl Goal {
-    /// Of a joint that is asked for `value`, deg. One that stands beyond a limit, by a sag or its encoder's offset, need not
-    /// keep its part from moving: what repeats its place is taken, and what is beyond the limit on that side means the limit, as
-    /// on boards.
+    /// Interprets the target `value`, deg. A joint beyond a limit, by sag or an encoder offset, must not
+    /// block its part: a target at its position is accepted, and one beyond the limit on that side means the
+    /// limit, as on real boards.
     fn of(axis: &BoardAxis, value: f64) -> Goal {
         let within = value.clamp(axis.min, axis.max);
-        let (beyond, stands) = (value - within, axis.q - axis.q.clamp(axis.min, axis.max));
+        let beyond = value - within;
+        let stands = axis.q - axis.q.clamp(axis.min, axis.max);
         if beyond.abs() <= ROUNDING {
             Goal::To(within)
         } else if beyond * stands > 0.0 {
             if (value - axis.q).abs() <= STAYS { Goal::Stay } else { Goal::To(within) }
         } else {
-            // not-a-number, too
+            // includes NaN
             Goal::Beyond
         }
     }
@@ -43,7 +44,9 @@ impl Goal {
 impl FilterCore {
     pub(super) fn moves(&mut self, client: &Client, joints: &[usize], values: &[f64]) -> Option<Step> {
         let part = self.parts.get(client.part)?;
-        let (mut motors, mut q, mut speeds) = (Vec::new(), Vec::new(), Vec::new());
+        let mut motors = Vec::new();
+        let mut q = Vec::new();
+        let mut speeds = Vec::new();
         for (joint, value) in joints.iter().zip(values) {
             let axis = part.axes.get(*joint)?;
             let to = match Goal::of(axis, *value) {
@@ -87,7 +90,8 @@ impl FilterCore {
         goal: impl Fn(&BoardAxis, f64) -> Goal,
     ) -> Option<(Vec<usize>, Vec<f64>)> {
         let part = self.parts.get(client.part)?;
-        let (mut motors, mut all) = (Vec::new(), Vec::new());
+        let mut motors = Vec::new();
+        let mut all = Vec::new();
         for (joint, value) in joints.iter().zip(values) {
             match goal(part.axes.get(*joint)?, *value) {
                 Goal::To(value) => {
@@ -101,19 +105,20 @@ impl FilterCore {
         (!motors.is_empty()).then_some((motors, all))
     }
 
-    /// Stops some joints. When no other joint moves the motion is given up; else these joints hold where they are.
+    /// Stops some joints. If no other joint moves the motion is aborted; otherwise these joints hold their
+    /// positions.
     pub(super) fn stop(&mut self, client: &Client, joints: &[usize], seen: &Seen) -> Option<Step> {
         let part = self.parts.get(client.part)?;
-        let asked: Vec<usize> = joints.iter().map(|j| part.motors.start + j).collect();
+        let requested: Vec<usize> = joints.iter().map(|j| part.motors.start + j).collect();
         let moving = self.lines.moving(seen);
-        if moving.iter().all(|m| !asked.contains(m)) {
+        if moving.iter().all(|m| !requested.contains(m)) {
             return Some(Step::Reply(BoardReply::Accepted));
         }
-        if moving.iter().all(|m| asked.contains(m)) {
+        if moving.iter().all(|m| requested.contains(m)) {
             self.lines.stopped(seen);
             return Some(Step::Stop);
         }
-        let motors: Vec<usize> = asked.into_iter().filter(|m| moving.contains(m)).collect();
+        let motors: Vec<usize> = requested.into_iter().filter(|m| moving.contains(m)).collect();
         let axis = |m: &usize| part.axes.get(m - part.motors.start);
         let q: Option<Vec<f64>> = motors
             .iter()
@@ -124,7 +129,7 @@ impl FilterCore {
         Some(Step::Commit(Commit { agent: self.agent(), target, speeds: Some(speeds?) }))
     }
 
-    /// Shows a motion's set-points as the board's own.
+    /// Reports a motion's setpoints as the board's own.
     pub(super) fn show(&mut self, part: usize, step: &Step) {
         let Some(part) = self.parts.get_mut(part) else { return };
         let start = part.motors.start;

@@ -1,8 +1,8 @@
-//! What a part's board can be asked through the filter, and what it answers.
+//! Requests to a part's board through the filter, and its replies.
 //!
-//! Joints count from 0 in the part's own order. Positions are in degrees here, as clients say them: what they have set is shown to them
-//! again to the last bit. Where a joint slides they are in millimeters, whatever a protocol counts in: its bridge converts, and so every
-//! "deg" below is "mm" for such a joint.
+//! Joints are numbered from 0 in the part's own order. Positions are in degrees, as clients send them, so
+//! that the values set can be reported to the last bit. For prismatic joints they are in millimeters,
+//! independent of the protocol, whose bridge converts: every "deg" below is "mm" for such a joint.
 
 use mobee_model::JointMotion;
 use std::collections::BTreeSet;
@@ -10,66 +10,66 @@ use std::collections::BTreeSet;
 /// A request to a part's board. Lists of values have one for each of the joints.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BoardRequest {
-    /// A question that changes nothing: the board answers it, in its own protocol.
+    /// A query, which changes nothing: the board answers it, in its own protocol.
     Question(Question),
     /// A position move at the joints' reference speeds.
     Move {
-        /// Which joints.
+        /// Joints.
         joints: Vec<usize>,
-        /// Where to, deg; distances if `relative`.
+        /// Targets, deg; distances if `relative`.
         values: Vec<f64>,
-        /// Whether the values count from where the joints are.
+        /// True if the values are relative to the present positions.
         relative: bool,
     },
-    /// Velocities to go at until others come, deg/s.
+    /// Velocities to hold until the next ones, deg/s.
     Velocity {
-        /// Which joints.
+        /// Joints.
         joints: Vec<usize>,
-        /// How fast, deg/s.
+        /// Velocities, deg/s.
         values: Vec<f64>,
     },
-    /// Positions to be at, followed as they come, deg.
+    /// Position setpoints to follow, deg.
     Direct {
-        /// Which joints.
+        /// Joints.
         joints: Vec<usize>,
-        /// Where, deg.
+        /// Positions, deg.
         values: Vec<f64>,
     },
     /// Stop these joints.
     Stop(Vec<usize>),
     /// Reference speeds of position moves.
     Speed {
-        /// Which joints.
+        /// Joints.
         joints: Vec<usize>,
-        /// How fast, deg/s.
+        /// Speeds, deg/s.
         values: Vec<f64>,
     },
     /// Reference accelerations of position moves.
     Acceleration {
-        /// Which joints.
+        /// Joints.
         joints: Vec<usize>,
-        /// How much, deg/s^2.
+        /// Accelerations, deg/s^2.
         values: Vec<f64>,
     },
     /// Control modes.
     Mode {
-        /// Which joints.
+        /// Joints.
         joints: Vec<usize>,
-        /// Which modes.
+        /// Modes.
         modes: Vec<ClientMode>,
     },
-    /// Be stiff, as all joints are.
+    /// Be stiff, which all joints are.
     BeStiff,
-    /// Less than a request.
+    /// An incomplete request.
     Incomplete,
-    /// All else: what could move or reconfigure the robot in a way that nobody watches, and what nobody knows.
+    /// Any other request: one that could move or reconfigure the robot unsupervised, or an unknown one.
     Unknown,
 }
 
-/// A question, as far as the filter may know better than the board.
+/// A query, as far as the filter may have better information than the board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Question {
-    /// Whether these joints have done their motion.
+    /// Motion done.
     Done(Vec<usize>),
     /// Their control modes.
     Modes(Vec<usize>),
@@ -77,54 +77,54 @@ pub enum Question {
     Speeds(Vec<usize>),
     /// Their reference accelerations.
     Accelerations(Vec<usize>),
-    /// Anything else that is known to change nothing.
+    /// Any other query that is known to change nothing.
     Other,
 }
 
 /// A control mode that clients may set. The driver sets the real ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClientMode {
-    /// Position moves along a trajectory of the board's own.
+    /// Position moves along a trajectory of the board.
     Position,
-    /// Position set-points followed directly.
+    /// Position setpoints, followed directly.
     PositionDirect,
-    /// Velocity set-points.
+    /// Velocity setpoints.
     Velocity,
-    /// Positions and velocities by turns.
+    /// Positions and velocities in turn.
     Mixed,
 }
 
 /// A board's short answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardReply {
-    /// It is done, or begun.
+    /// It is done, or has begun.
     Accepted,
     /// It is not done, or the filter is closed.
     Refused,
-    /// This is no request.
+    /// The request is malformed.
     Malformed,
 }
 
-/// What the filter knows better than the board's answer to a [`Question`].
+/// Correction of the board's answer to a [`Question`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum KnownBetter {
-    /// Nothing: the answer is right as it is.
+    /// None: the answer is right.
     Nothing,
-    /// The joints are not done, whatever the board thinks: the outcome of their motion is open.
+    /// The joints are not done, because the outcome of their motion is open.
     NotDone,
-    /// The modes that clients have set, of the joints asked about. One that the board is in for reasons of its own (idle, fault,
-    /// calibration) is shown as it is.
+    /// Modes that clients have set for these joints. A mode that the board is in for reasons of its own
+    /// (idle, fault, calibration) is reported unchanged.
     Modes(Vec<Option<ClientMode>>),
-    /// The references that clients have set, of the joints asked about, deg/s or deg/s^2, and how each joint moves.
+    /// References that clients have set for these joints, deg/s or deg/s^2, and the joint kinds.
     References(Vec<Option<(f64, JointMotion)>>),
 }
 
-/// A joint of a part's board as the filter keeps and shows it: deg, deg/s, deg/s^2.
+/// A joint of a part's board as the filter stores and reports it: deg, deg/s, deg/s^2.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardAxis {
-    /// The joint's name.
+    /// Name of the joint.
     pub name: String,
-    /// How it moves, and so what it counts.
+    /// Joint kind, which determines the unit.
     pub motion: JointMotion,
     /// Lower limit.
     pub min: f64,
@@ -132,15 +132,15 @@ pub struct BoardAxis {
     pub max: f64,
     /// Greatest speed.
     pub max_speed: f64,
-    /// Where it is.
+    /// Position.
     pub q: f64,
-    /// How fast it is.
+    /// Speed.
     pub speed: f64,
     /// Target of the last position move.
     pub target: f64,
     /// Last commanded velocity.
     pub velocity: f64,
-    /// Last position set-point.
+    /// Last position setpoint.
     pub direct: f64,
     /// Reference speed of position moves.
     pub ref_speed: f64,
@@ -150,11 +150,11 @@ pub struct BoardAxis {
     pub mode: ClientMode,
     /// Motion done.
     pub done: bool,
-    /// Which of these clients have set.
+    /// Settings that clients have set.
     pub set: ClientSet,
 }
 
-/// Which settings of a joint clients have set.
+/// Flags of the settings of a joint that clients have set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ClientSet {
     /// Its mode.
@@ -166,7 +166,8 @@ pub struct ClientSet {
 }
 
 impl BoardRequest {
-    /// Whether joints and lists fit a board with so many joints: each is one of its, named once, and has its value.
+    /// True if joints and lists fit a board with this number of joints: each joint exists, is named once, and
+    /// has a value.
     pub fn fits(&self, axes: usize) -> bool {
         let (joints, values) = match self {
             BoardRequest::Move { joints, values, .. }
@@ -186,9 +187,10 @@ impl BoardRequest {
 }
 
 impl BoardAxis {
-    /// A joint at rest in position mode, with a tenth of its greatest speed as reference.
+    /// Creates a joint at rest in position mode, with a tenth of its greatest speed as reference.
     pub(super) fn at_rest(axis: &mobee_contract::Axis, motion: JointMotion, q: f64) -> BoardAxis {
-        let (q, max_speed) = (q.to_degrees(), axis.max_speed.to_degrees());
+        let q = q.to_degrees();
+        let max_speed = axis.max_speed.to_degrees();
         BoardAxis {
             name: axis.name.clone(),
             motion,

@@ -40,7 +40,7 @@ fn what_does_not_fit_the_board_is_refused() {
         go(&[0, 1], &[0.0]),
         go(&[0], &[f64::NAN]),
         go(&[0], &[91.0]),
-        // the third motor is another part's
+        // the third motor belongs to another part
         BoardRequest::Stop(vec![2]),
         BoardRequest::Speed { joints: vec![0], values: vec![f64::INFINITY] },
         BoardRequest::Mode { joints: vec![0, 1], modes: vec![ClientMode::Mixed] },
@@ -94,7 +94,8 @@ fn any_request() -> impl Strategy<Value = BoardRequest> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever is asked: no motion names a motor of another part or leaves the limits, none is faster than allowed.
+    /// For all requests: no motion names a motor of another part, leaves the limits, or exceeds the greatest
+    /// speed.
     #[test]
     fn no_motion_leaves_its_part_or_its_limits(requests in prop::collection::vec((any_request(), any::<bool>()), 1..40)) {
         let mut b = Bench::new();

@@ -1,12 +1,12 @@
-//! The force-field controller's settings: what the original kept in `P.ini`.
+//! Settings of the force-field controller, which the original stores in `P.ini`.
 
 use mobee_contract::{Axis, KindError};
 use mobee_model::JointLaw;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Settings of a part's force-field controller, as in the original's `.ini` files: lists with one number per joint, in
-/// the order of the part's board; accelerations in deg/s^2, the others per degree or second.
+/// Settings of a part's force-field controller, as in the original's `.ini` files: lists with one number per
+/// joint, in the order of the part's board; accelerations in deg/s^2, other quantities per degree or second.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ForceFieldSettings {
@@ -14,21 +14,21 @@ pub struct ForceFieldSettings {
     pub weight: Vec<f64>,
     /// Strength of the attractor near it, 1/s^2.
     pub spring_const: Vec<f64>,
-    /// Damping while something pushes, 1/s.
+    /// Damping while a force acts, 1/s.
     pub damping_const: Vec<f64>,
-    /// How far from a limit its push begins, deg.
+    /// Distance from a limit at which its repulsion begins, deg.
     pub limit_const: Vec<f64>,
-    /// How quickly a force over the network reaches its greatest effect.
+    /// Rate at which a force over the network reaches its greatest effect.
     pub rpc_force_const: Vec<f64>,
-    /// The greatest pull of the attractor.
+    /// Greatest attraction of the attractor.
     pub max_spring_force: Vec<f64>,
-    /// The push at a limit.
+    /// Repulsion at a limit.
     pub max_limit_force: Vec<f64>,
-    /// The greatest push of the constraints.
+    /// Greatest repulsion of the constraints.
     pub max_constraint_force: Vec<f64>,
-    /// The greatest effect of a force over the network.
+    /// Greatest effect of a force over the network.
     pub max_rpc_force: Vec<f64>,
-    /// The value of a constraint at which its push begins; at least 20.
+    /// Value of a constraint at which its repulsion begins; at least 20.
     #[serde(default)]
     pub constraint_len: f64,
 }
@@ -48,10 +48,10 @@ impl ForceFieldSettings {
         ]
     }
 
-    /// Checks every number; `path` is where the settings stand.
+    /// Checks every number; `path` is the location of the settings.
     ///
     /// # Errors
-    /// The first that makes no sense, with what would.
+    /// The first invalid number, with the valid range.
     pub fn validate(&self, path: &str) -> Result<(), KindError> {
         let n = self.weight.len();
         for (name, list) in self.lists() {
@@ -79,7 +79,7 @@ impl ForceFieldSettings {
         Ok(())
     }
 
-    /// The law of each joint, for lists that were checked against these axes.
+    /// Law of each joint, for lists that were checked against these axes.
     pub(super) fn joints(&self, axes: &[Axis]) -> Vec<JointLaw> {
         let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or_default();
         let joint = |(i, axis): (usize, &Axis)| JointLaw {
@@ -98,7 +98,7 @@ impl ForceFieldSettings {
         axes.iter().enumerate().map(joint).collect()
     }
 
-    /// Whether every list has one number per joint.
+    /// Checks that every list has one number per joint.
     pub(crate) fn check_joints(&self, n: usize) -> Result<(), String> {
         match self.lists().iter().find(|(_, list)| list.len() != n) {
             Some((name, list)) => Err(format!("`{name}` has {} numbers for {n} joints", list.len())),

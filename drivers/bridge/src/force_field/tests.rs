@@ -86,7 +86,7 @@ fn joints_of_no_weight_rest() {
 
 #[test]
 fn a_force_at_a_marker_does_the_work_of_its_joints() {
-    // virtual work: force times the marker's motion equals joint force times joint motion
+    // virtual work: the force times the marker's motion equals the joint force times the joint's motion
     let robot = robot();
     let q = robot.home();
     for (i, marker) in robot.markers.iter().enumerate() {
@@ -105,7 +105,7 @@ fn a_force_at_a_marker_does_the_work_of_its_joints() {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever is asked of it, the controller stays finite, and each cycle adds no more than its bounded forces.
+    /// For all inputs the controller's output is finite, and each cycle adds no more than its bounded forces.
     #[test]
     fn commands_stay_bounded(
         steps in prop::collection::vec((any::<f64>(), -1e3..1e3_f64, -95.0..95.0_f64, -95.0..95.0_f64), 1..30)

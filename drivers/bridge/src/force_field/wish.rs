@@ -1,18 +1,18 @@
-//! What a force field can be told, and forces at a marker as forces of joints.
+//! Requests to a force field, and the conversion of forces at a marker to joint forces.
 
 use mobee_model::{JointMotion, NodeKind, Robot};
 use nalgebra::Vector3;
 
-/// What a part's force field is told.
+/// A request to a part's force field.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Wish {
-    /// Be drawn there: shares of each joint's range, 0 to 1. What is missing keeps its value.
+    /// Attractor, as shares of each joint's range, 0 to 1. Missing values are unchanged.
     Attractor(Vec<f64>),
-    /// A force per joint, until it is replaced.
+    /// Force per joint, until it is replaced.
     Force(Vec<f64>),
-    /// A force and a torque at a marker, world frame.
+    /// Force and torque at a marker, world frame.
     Wrench {
-        /// The marker's name.
+        /// Name of the marker.
         marker: String,
         /// The force.
         force: [f64; 3],
@@ -21,9 +21,10 @@ pub enum Wish {
     },
 }
 
-/// The transposed Jacobian at a marker times a force and a torque: a force for each motor of the part (`q`: the robot's
-/// whole pose, rad). The chain ends at the part's root motor; a motor of several joints gets each one's share. (The
-/// original took the k-th joint of the chain for the k-th motor, which is wrong for the torso.)
+/// Multiplies the transposed Jacobian at a marker by a force and a torque, which gives a force for each motor
+/// of the part (`q`: configuration of the robot, rad). The chain ends at the part's root motor; a motor of
+/// several joints gets each joint's share. (The original used the k-th joint of the chain for the k-th motor,
+/// which is wrong for the torso.)
 pub(super) fn joint_forces(
     robot: &Robot,
     part: usize,

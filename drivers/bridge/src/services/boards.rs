@@ -1,4 +1,4 @@
-//! The filter's shell: a control board in front of each part of a robot.
+//! Service of the filter: a control board in front of each part of a robot.
 
 use super::YarpSettings;
 use crate::filter::{BoardReply, Client, FilterCore, Question, Seen, Step, closed};
@@ -12,14 +12,15 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-/// How often, and after which pauses, a motion is tried again while the robot is about to be ready.
-const PATIENCE: (usize, Duration) = (30, Duration::from_millis(10));
-/// How often, with the same pauses, a robot that is still starting is asked again: a program may connect as soon as it finds the port.
+/// Number of retries of a motion while the robot is about to be ready, and the pause between them.
+const RETRIES: (usize, Duration) = (30, Duration::from_millis(10));
+/// Number of retries, with the same pauses, for a robot that is still starting: a program may connect as soon
+/// as it finds the port.
 const STARTING: usize = 200;
-/// How many streamed commands may wait; more are dropped, since each one replaces the one before.
+/// Number of streamed commands that may wait; more are dropped, since each one replaces the one before.
 const WAITING: usize = 64;
 
-/// The filtered boards of one robot, open until closed or dropped.
+/// Filtered boards of one robot, open until closed or dropped.
 pub(crate) struct Boards {
     servers: Vec<BoardServer>,
     tasks: Vec<JoinHandle<()>>,
@@ -51,7 +52,8 @@ impl Boards {
             let Some(prefix) = prefix else { continue };
             let (jobs, waiting) = mpsc::channel(WAITING);
             let units = robot.with(|core, _| yarp::board::units(core.board(index)));
-            let (robot, name) = (robot.clone(), part.name.clone());
+            let robot = robot.clone();
+            let name = part.name.clone();
             let part = Arc::new(PartFilter { robot, index, name, units, answers: Mutex::default() });
             let device = Arc::new(PartDevice { part: part.clone(), jobs, published: Mutex::default() });
             match BoardServer::open(network, prefix, device, period).await {
@@ -78,7 +80,7 @@ impl Boards {
     }
 }
 
-/// One robot's filter: the core, and what it needs to know of the run.
+/// Filter of one robot: the core, and its access to the run.
 struct RobotFilter {
     filtered: Arc<dyn Filtered>,
     running: Arc<dyn Running>,
@@ -87,7 +89,7 @@ struct RobotFilter {
 }
 
 impl RobotFilter {
-    /// Asks the core, with what is known of the robot now.
+    /// Calls the core with the present state of the robot.
     fn with<T>(&self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
         let latest = self.filtered.latest();
         let end_of = |id: CommitId| self.filtered.end_of(id);
@@ -100,14 +102,14 @@ impl RobotFilter {
     }
 }
 
-/// One part of it.
+/// Filter of one part.
 struct PartFilter {
     robot: Arc<RobotFilter>,
     index: usize,
     name: String,
-    /// What its joints count on the wire.
+    /// Units of its joints on the wire.
     units: Units,
-    /// The stamp of the last answer given on the board's behalf.
+    /// Stamp of the last answer given on behalf of the board.
     answers: Mutex<Stamp>,
 }
 
@@ -121,14 +123,14 @@ impl PartFilter {
             from: &message.from,
             listens: message.wants_reply,
         };
-        // what is no bottle is answered as what is unknown
+        // a message that is not a bottle is answered like an unknown request
         let request = message.payload.bottle(dialect).unwrap_or_else(|_| Bottle::of(["", ""]));
-        let asked = yarp::board::parse(&request, &self.units);
+        let parsed = yarp::board::parse(&request, &self.units);
         let (failed, step) =
-            self.robot.with(|core, seen| (core.has_failed(&client, seen), core.request(&client, &asked, seen)));
+            self.robot.with(|core, seen| (core.has_failed(&client, seen), core.request(&client, &parsed, seen)));
         match &step {
             Step::Reply(reply) => self.explained(*reply, failed, None).into(),
-            Step::Question(question) => self.ask(&client, question, &message, &request).await,
+            Step::Question(question) => self.query(&client, question, &message, &request).await,
             Step::Commit(_) | Step::Stream(_) | Step::Stop => {
                 let (reply, refusal) = self.act(&client, &step).await;
                 self.explained(reply, false, refusal).into()
@@ -136,8 +138,8 @@ impl PartFilter {
         }
     }
 
-    /// A reply, which says why if it is a refusal that the client could not foresee. What no board takes is refused as a board
-    /// does it.
+    /// Encodes a reply. A refusal that the client could not foresee includes the reason; a request that no
+    /// board accepts is refused without one, as boards do.
     fn explained(&self, reply: BoardReply, failed: bool, refusal: Option<Refusal>) -> Bottle {
         let bottle = yarp::board::reply(reply);
         if reply != BoardReply::Refused {
@@ -152,18 +154,18 @@ impl PartFilter {
         }
     }
 
-    /// Waits a while for a robot that is still starting; after that its filter counts as closed.
+    /// Waits for a robot that is still starting, for a limited time; after that its filter counts as closed.
     async fn started(&self) {
         for _ in 0..STARTING {
             if self.robot.filtered.latest().status != Status::Starting {
                 return;
             }
-            tokio::time::sleep(PATIENCE.1).await;
+            tokio::time::sleep(RETRIES.1).await;
         }
     }
 
-    /// Passes a question on, and its answer back.
-    async fn ask(&self, client: &Client<'_>, question: &Question, message: &Message, request: &Bottle) -> Payload {
+    /// Passes a query on to the board, and its answer back.
+    async fn query(&self, client: &Client<'_>, question: &Question, message: &Message, request: &Bottle) -> Payload {
         let dialect = self.robot.network.dialect();
         let words = message.payload.binary(dialect).map(|b| b.to_vec()).unwrap_or_default();
         let Some(answer) = self.robot.filtered.passthrough(&self.name, NativeMessage(words)) else {
@@ -174,7 +176,7 @@ impl PartFilter {
             Ok(known) => known,
             Err(reply) => return self.explained(reply, true, None).into(),
         };
-        // what is no bottle is no answer
+        // an answer that is not a bottle is discarded
         let answer = replied.ok().and_then(Result::ok).map(|answer| answer.0);
         match answer.and_then(|bytes| Some((Bottle::decode(&bytes, dialect).ok()?, bytes))) {
             Some((bottle, bytes)) => {
@@ -184,7 +186,7 @@ impl PartFilter {
         }
     }
 
-    /// Answers a question on behalf of a board that has no protocol of its own.
+    /// Answers a query on behalf of a board that has no protocol of its own.
     fn answer(&self, client: &Client<'_>, question: &Question, request: &Bottle) -> Bottle {
         let known = self.robot.with(|core, seen| match core.knows_better(client, question, seen) {
             Ok(known) => {
@@ -197,7 +199,7 @@ impl PartFilter {
         known.unwrap_or_else(|reply| self.explained(reply, true, None))
     }
 
-    /// Moves or stops the robot: the reply, and why it is none.
+    /// Moves or stops the robot. Returns the reply, and the reason of a refusal.
     async fn act(&self, client: &Client<'_>, step: &Step) -> (BoardReply, Option<Refusal>) {
         let filtered = &self.robot.filtered;
         let agent = self.robot.with(|core, _| core.agent());
@@ -216,15 +218,15 @@ impl PartFilter {
         (self.robot.with(|core, seen| core.accepted(client, step, &verdict, seen)), verdict.err())
     }
 
-    /// Tries again for a moment while the robot is not ready: it may only just have come to rest.
+    /// Retries for a moment while the robot is not ready, because it may have only just come to rest.
     async fn patiently(&self, mut attempt: impl FnMut() -> mobee_contract::Answer<Verdict>) -> Verdict {
         let mut verdict = attempt().await;
-        for _ in 0..PATIENCE.0 {
+        for _ in 0..RETRIES.0 {
             let soon = matches!(verdict, Err(Refusal::NotReady { .. }));
             if !soon || closed(self.robot.filtered.latest().status) {
                 break;
             }
-            tokio::time::sleep(PATIENCE.1).await;
+            tokio::time::sleep(RETRIES.1).await;
             verdict = attempt().await;
         }
         verdict
@@ -238,7 +240,7 @@ impl PartFilter {
         }
     }
 
-    /// Reads the reference speeds that the real board has, as soon as it answers.
+    /// Reads the reference speeds of the real board, as soon as it answers.
     async fn learn(self: Arc<Self>) {
         let dialect = self.robot.network.dialect();
         let read = |code: &'static str| {
@@ -249,7 +251,8 @@ impl PartFilter {
             let (Some(speeds), Some(accelerations)) = (read("vels"), read("accs")) else { return };
             if let (Ok(speeds), Ok(accelerations)) = (speeds.await, accelerations.await) {
                 let values = |bytes: &[u8]| yarp::board::references(&Bottle::decode(bytes, dialect).ok()?, &self.units);
-                let (speeds, accelerations) = (values(&speeds.0), values(&accelerations.0));
+                let speeds = values(&speeds.0);
+                let accelerations = values(&accelerations.0);
                 self.robot.with(|core, _| {
                     core.learn(self.index, &speeds.unwrap_or_default(), &accelerations.unwrap_or_default());
                 });
@@ -260,8 +263,9 @@ impl PartFilter {
     }
 }
 
-/// Why a robot in this state refuses a request, if that is not the request's own fault: what its last motion met, whether the
-/// client has yet to learn that its motion failed, and what was said to a motion.
+/// Reason why a robot in this state refuses a request, unless the request itself is at fault. `met` is the
+/// contact of its last motion, `failed` is true if the client has not been informed that its motion failed,
+/// and `refusal` is the verdict on a motion.
 fn in_words(status: Status, met: Option<[String; 2]>, failed: bool, refusal: Option<Refusal>) -> Option<String> {
     let met = || met.as_ref().map_or_else(|| "the motion was stopped".into(), |[a, b]| format!("{a} touched {b}"));
     Some(match status {
@@ -277,14 +281,14 @@ fn in_words(status: Status, met: Option<[String; 2]>, failed: bool, refusal: Opt
     })
 }
 
-/// A streamed command on its way.
+/// A streamed command in transit.
 struct Job {
     connection: u64,
     from: String,
     step: Step,
 }
 
-/// What stands behind a part's four ports.
+/// Device behind a part's four ports.
 struct PartDevice {
     part: Arc<PartFilter>,
     jobs: mpsc::Sender<Job>,
@@ -298,8 +302,8 @@ impl Device for PartDevice {
 
     fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>) {
         let client = Client { part: self.part.index, connection, from, listens: false };
-        let asked = yarp::board::streamed(&head, &body, &self.part.units);
-        let step = self.part.robot.with(|core, seen| core.streamed(&client, &asked, seen));
+        let parsed = yarp::board::streamed(&head, &body, &self.part.units);
+        let step = self.part.robot.with(|core, seen| core.streamed(&client, &parsed, seen));
         if let Some(step) = step
             && self.jobs.try_send(Job { connection, from: from.to_owned(), step }).is_err()
         {
@@ -308,21 +312,22 @@ impl Device for PartDevice {
     }
 
     fn state(&self) -> Option<(Stamp, JointData)> {
-        let (robot, index) = (&self.part.robot, self.part.index);
-        let told = robot.filtered.native_state(&self.part.name);
+        let robot = &self.part.robot;
+        let index = self.part.index;
+        let native = robot.filtered.native_state(&self.part.name);
         let at = robot.filtered.latest().at;
-        let seq = told.as_ref().map_or(at.0, |told| told.seq);
+        let seq = native.as_ref().map_or(at.0, |native| native.seq);
         let mut published = self.published.lock().unwrap_or_else(PoisonError::into_inner);
-        // no new reading, no message: a client then sees that the robot is silent
+        // without a new reading nothing is published, so that a client detects a silent robot
         if published.1.replace(seq) == Some(seq) {
             return None;
         }
-        published.0 = match told.as_ref().and_then(|told| told.stamp) {
+        published.0 = match native.as_ref().and_then(|native| native.stamp) {
             Some((count, time)) => Stamp { count, time },
             None => published.0.next(robot.running.time_of_day(at)),
         };
-        let told = told.and_then(|told| JointData::decode(&told.message.0, Dialect::V3).ok());
-        let state = robot.with(|core, _| yarp::board::state(core.board(index), told));
+        let native = native.and_then(|native| JointData::decode(&native.message.0, Dialect::V3).ok());
+        let state = robot.with(|core, _| yarp::board::state(core.board(index), native));
         Some((published.0, state))
     }
 

@@ -1,14 +1,14 @@
-//! Whether the names of our ports are ours: before they are opened, and as long as they are served.
+//! Ownership of our port names: before they are opened, and while they are served.
 
 use mobee_yarp::remote::{Holder, holder};
 use mobee_yarp::{Contact, Network, PortError};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Time between two looks at the name server.
-const LOOK: Duration = Duration::from_secs(2);
+/// Period of queries to the name server.
+const CHECK_PERIOD: Duration = Duration::from_secs(2);
 
-/// Why a run can't have a port name, with the remedy.
+/// Reason why a run can't have a port name, with the remedy.
 pub(super) fn refusal(error: &PortError) -> String {
     match error {
         PortError::Taken(_) | PortError::Silent(_) => {
@@ -18,8 +18,9 @@ pub(super) fn refusal(error: &PortError) -> String {
     }
 }
 
-/// Waits until the name server gives one of our names to another port that answers to it, which the original does for any
-/// program that requests it; says which one. A name server that does not answer shows nothing.
+/// Waits until the name server assigns one of our names to another port that answers to it, which the
+/// original does for any program that requests it. Returns the message. A name server that does not answer is
+/// ignored.
 pub(super) async fn lost(network: &Network, names: &[String]) -> String {
     let names: Vec<String> = names.iter().map(|name| network.full_name(name)).collect();
     let listed = async || {
@@ -36,6 +37,6 @@ pub(super) async fn lost(network: &Network, names: &[String]) -> String {
                 return refusal(&PortError::Taken(contact));
             }
         }
-        tokio::time::sleep(LOOK).await;
+        tokio::time::sleep(CHECK_PERIOD).await;
     }
 }

@@ -1,4 +1,4 @@
-//! Finding the YARP network, or making one.
+//! Finds the YARP network, or starts one.
 
 use super::YarpSettings;
 use mobee_yarp::config::{self, Env};
@@ -6,16 +6,17 @@ use mobee_yarp::{Dialect, NameServer, Network};
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
 
-/// How long to wait for an answer of the name server.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// Time limit of an answer of the name server.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The network that the settings and YARP's own configuration name, and the name server of our own if it needed one.
+/// Opens the network of the settings and of YARP's own configuration, with a name server of our own if it
+/// needed one.
 ///
 /// # Errors
-/// A sentence with the remedy.
+/// A message with the remedy.
 pub(super) async fn open(settings: &YarpSettings) -> Result<(Network, Option<NameServer>), String> {
     let network = find(settings)?;
-    let probe = network.clone().with_timeout(PATIENCE);
+    let probe = network.clone().with_timeout(ANSWER_TIMEOUT);
     let Err(error) = probe.query(network.namespace()).await else { return Ok((network, None)) };
     let (host, port) = network.server();
     if !settings.start_name_server {

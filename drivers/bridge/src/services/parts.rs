@@ -1,7 +1,7 @@
-//! The ports of a robot's parts and of the robot itself, and the force-field controllers behind them.
+//! Ports of a robot's parts and of the robot itself, and the force-field controllers behind them.
 //!
-//! Collisions and observations go out at `/MoBeE/<robot>/collisions:o` and `observation:o`: they are the robot's, like its
-//! filtered boards, and the original had no names for them.
+//! Collisions and observations are published at `/MoBeE/<robot>/collisions:o` and `observation:o`: they
+//! belong to the robot, like its filtered boards, and the original had no names for them.
 
 use super::YarpSettings;
 use super::steering::Steering;
@@ -22,7 +22,7 @@ use std::time::Duration;
 /// Time between two messages, and between two cycles of the force field.
 const PERIOD: Duration = Duration::from_millis(20);
 
-/// One robot's ports.
+/// Ports of one robot.
 pub(super) struct RobotPorts {
     robot: Arc<Known>,
     servers: Vec<RpcServer>,
@@ -31,7 +31,7 @@ pub(super) struct RobotPorts {
     observation: OutputPort,
 }
 
-/// What all ports of a part share.
+/// State shared by all ports of a robot.
 pub(super) struct Known {
     pub running: Arc<dyn Running>,
     pub filtered: Arc<dyn Filtered>,
@@ -48,10 +48,10 @@ pub(super) struct PartPorts {
 }
 
 impl RobotPorts {
-    /// Opens them all. `taken` are the names of parts that an earlier robot has.
+    /// Opens all ports. `taken` contains the names of parts of earlier robots.
     ///
     /// # Errors
-    /// A sentence with the remedy.
+    /// A message with the remedy.
     pub(super) async fn open(
         network: &Network,
         running: &Arc<dyn Running>,
@@ -69,7 +69,7 @@ impl RobotPorts {
             commanded: Mutex::new(vec![0.0; model.motors.len()]),
         });
         let own = format!("{}/{}", settings.prefix, filtered.name());
-        let handler = Arc::new(Asked(robot.clone(), Whom::Robot));
+        let handler = Arc::new(RpcHandler(robot.clone(), RpcReceiver::Robot));
         let mut servers = vec![RpcServer::open(network, &format!("{own}/rpc"), handler).await.map_err(wrong)?];
         let writer = async |name: String| OutputPort::open(network, &name, Delivery::Newest).await.map_err(wrong);
         let (collisions, observed) =
@@ -79,7 +79,7 @@ impl RobotPorts {
             let first = taken.insert(part.name.clone());
             let robots = running.robots();
             let prefix = settings.part_prefix(model, &part.name, first, robots.iter().map(|robot| robot.name()));
-            let handler = Arc::new(Asked(robot.clone(), Whom::Part(index)));
+            let handler = Arc::new(RpcHandler(robot.clone(), RpcReceiver::Part(index)));
             servers.push(RpcServer::open(network, &format!("{prefix}/rpc"), handler).await.map_err(wrong)?);
             let state = writer(format!("{prefix}/state:o")).await?;
             let control = match settings.force_field.get(&part.name).filter(|_| settings.steers(&part.name, first)) {
@@ -98,25 +98,25 @@ impl RobotPorts {
         Ok(RobotPorts { robot, servers, parts, collisions, observation: observed })
     }
 
-    /// Publishes to whoever is connected.
+    /// Publishes to the connected ports.
     fn publish(&self, latest: &Latest, envelope: &str) {
-        let heard = |writer: &OutputPort| !writer.peers().is_empty();
+        let is_read = |writer: &OutputPort| !writer.peers().is_empty();
         let envelope = || Some(envelope.to_owned());
-        for ports in self.parts.iter().filter(|p| heard(&p.state)) {
+        for ports in self.parts.iter().filter(|p| is_read(&p.state)) {
             let shares = self.robot.view(ports.part, &latest.q, &[], part_rpc::shares);
             ports.state.write(yarp::part::floats(&shares), envelope());
         }
-        if heard(&self.collisions) {
+        if is_read(&self.collisions) {
             let scene = self.robot.running.scene();
             let contacts = observation::collisions(self.robot.filtered.index(), &latest.contacts, &scene);
             self.collisions.write(yarp::observation::collisions(&contacts), envelope());
         }
-        if heard(&self.observation) {
+        if is_read(&self.observation) {
             self.observation.write(yarp::observation::observation(&self.robot.model, latest), envelope());
         }
     }
 
-    /// Publishes and steers until it is told to end, then closes the ports.
+    /// Publishes and steers until `leave` is set, then closes the ports.
     pub(super) async fn serve(mut self, mut leave: tokio::sync::watch::Receiver<bool>) {
         let mut ticks = tokio::time::interval(PERIOD);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
@@ -146,22 +146,22 @@ impl RobotPorts {
     }
 }
 
-/// Whose RPC it is.
-enum Whom {
+/// Receiver of an RPC.
+enum RpcReceiver {
     Robot,
     Part(usize),
 }
 
-struct Asked(Arc<Known>, Whom);
+struct RpcHandler(Arc<Known>, RpcReceiver);
 
-impl Handler for Asked {
+impl Handler for RpcHandler {
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
         let robot = &self.0;
         let request = request.payload.bottle(robot.network.dialect()).unwrap_or_default();
         let latest = robot.filtered.latest();
         let reply = match self.1 {
-            Whom::Robot => yarp::robot::answer(&request, robot.filtered.as_ref()),
-            Whom::Part(part) => {
+            RpcReceiver::Robot => yarp::robot::answer(&request, robot.filtered.as_ref()),
+            RpcReceiver::Part(part) => {
                 let commanded = robot.commanded.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 robot.view(part, &latest.q, &commanded, |view| yarp::part::answer(&request, view))
             }

@@ -1,4 +1,4 @@
-//! The settings of MoBeE's YARP ports: table `[yarp]` of a configuration.
+//! Settings of MoBeE's YARP ports: table `[yarp]` of a configuration.
 
 use crate::force_field::ForceFieldSettings;
 use mobee_contract::{KindError, suggestion};
@@ -20,44 +20,46 @@ pub struct YarpSettings {
     /// Address of the name server, such as `127.0.0.1:10000`. Default: from YARP's own files and environment, or
     /// `127.0.0.1:10000` if they give none.
     pub name_server: Option<SocketAddr>,
-    /// Whether to start a name server in this process, at that address, if none answers there.
+    /// True to start a name server in this process, at that address, if none answers there.
     pub start_name_server: bool,
-    /// Whether ports may be reached from other computers. YARP has neither passwords nor encryption: anyone who can reach a port
-    /// can move the robot.
+    /// True if ports may be reached from other computers. YARP has neither passwords nor encryption: anyone
+    /// who can reach a port can move the robot.
     pub allow_open_network: bool,
-    /// Whether an open network may do without the key of `auth.conf`, with which programs authenticate each connection:
-    /// then anyone who can reach the ports can move the robot.
+    /// True if an open network may do without the key of `auth.conf`, with which programs authenticate each
+    /// connection: then anyone who can reach the ports can move the robot.
     pub without_auth: bool,
-    /// The YARP dialect: `3` or `4`. The two can't be distinguished on the wire.
+    /// YARP dialect: `3` or `4`. The two can't be distinguished on the wire.
     pub dialect: u8,
-    /// Whether to open the port filter: a board for each part, through which any YARP program moves the robot safely.
+    /// True to open the port filter: a board for each part, through which any YARP program moves the robot
+    /// safely.
     pub filter: bool,
-    /// The share of each motor's maximum speed that programs may use through the filter. Slower than requested is safe;
-    /// too fast to stop within the margin is not. Position-direct set-points are followed as they arrive.
+    /// Share of each motor's maximum speed that programs may use through the filter. Slower than requested is
+    /// safe; too fast to stop within the margin is not. Position-direct setpoints are followed as they
+    /// arrive.
     pub speed: f64,
     /// Time between two messages of the state ports, ms.
     pub period_ms: f64,
     /// Robots whose boards have other names, or only some of the parts; keyed by the robot's name in the run.
     pub robots: BTreeMap<String, RobotPorts>,
-    /// Whether to open the world RPC, `/MoBeE/world`.
+    /// True to open the world RPC, `/MoBeE/world`.
     pub world: bool,
-    /// The folder for the world RPC's `save` and `load`. Without it both are refused.
+    /// Folder for the world RPC's `save` and `load`. Without it both are refused.
     #[schemars(extend("format" = "folder"))]
     pub save_folder: Option<PathBuf>,
-    /// Whether to open the ports of the parts (`/MoBeE/right_arm/rpc` and so on) and of the robots.
+    /// True to open the ports of the parts (`/MoBeE/right_arm/rpc` and so on) and of the robots.
     pub parts: bool,
-    /// The force-field controller of a part, by the part's name. A part without it serves no `cmd:i`.
+    /// Force-field controllers, by the name of the part. A part without one serves no `cmd:i`.
     pub force_field: BTreeMap<String, ForceFieldSettings>,
 }
 
-/// How one robot's filtered boards are named.
+/// Names of one robot's filtered boards.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobotPorts {
     /// Prefix of the part's name: `/icub` serves the boards under the robot's own names (the real boards must
     /// then have others). Default: `prefix` and the robot's name, `/MoBeE/icub`.
     pub prefix: Option<String>,
-    /// The parts to serve; default: all.
+    /// Parts to serve; default: all.
     pub parts: Option<Vec<String>>,
 }
 
@@ -86,7 +88,7 @@ impl YarpSettings {
     /// Checks every setting.
     ///
     /// # Errors
-    /// The first invalid setting, and what would be valid.
+    /// The first invalid setting, with the valid values.
     pub fn validate(&self) -> Result<(), KindError> {
         let check = |good: bool, path: &str, what: String, help: &str| {
             if good { Ok(()) } else { Err(KindError::new(path, what, help)) }
@@ -140,10 +142,11 @@ impl YarpSettings {
         Ok(())
     }
 
-    /// Checks the robots, parts and joints that are named against the robots there are.
+    /// Checks the robots, parts and joints that are named in the settings against the existing ones.
     ///
     /// # Errors
-    /// Every unknown name, every list whose length is not the number of joints, and every port that two robots would open.
+    /// Every unknown name, every list whose length is not the number of joints, and every port that two
+    /// robots would open.
     pub fn check_robots(&self, robots: &[Arc<Robot>]) -> Result<(), KindError> {
         let names: Vec<&str> = robots.iter().map(|r| r.name.as_str()).collect();
         let parts_of = |r: &Robot| r.parts.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
@@ -185,15 +188,16 @@ impl YarpSettings {
         Ok(())
     }
 
-    /// Whether anyone who reaches the ports could use them without the settings saying that this is intended.
+    /// True if anyone who reaches the ports could use them although the settings do not state that this is
+    /// intended.
     pub fn is_unguarded(&self) -> bool {
         self.allow_open_network && !self.without_auth && self.network().is_ok_and(|n| n.auth().is_none())
     }
 
-    /// The network that these settings and YARP's own configuration name.
+    /// Network of these settings and of YARP's own configuration.
     ///
     /// # Errors
-    /// A sentence with the remedy.
+    /// A message with the remedy.
     pub fn network(&self) -> Result<mobee_yarp::Network, String> {
         super::network::find(self)
     }
@@ -203,18 +207,19 @@ impl YarpSettings {
         Duration::try_from_secs_f64(self.period_ms * 1e-3).unwrap_or(Duration::from_millis(10))
     }
 
-    /// The beginning of the names of a robot's filtered boards.
+    /// Prefix of the names of a robot's filtered boards.
     pub fn robot_prefix(&self, robot: &str) -> String {
         let own = self.robots.get(robot).and_then(|r| r.prefix.clone());
         own.unwrap_or_else(|| format!("{}/{robot}", self.prefix))
     }
 
-    /// The names of all ports that are opened for these robots.
+    /// Names of all ports that are opened for these robots.
     pub fn port_names(&self, robots: &[Arc<Robot>]) -> Vec<String> {
         let mut names = Vec::new();
         let mut taken = BTreeSet::new();
         for robot in robots {
-            let (name, own) = (&robot.name, format!("{}/{}", self.prefix, robot.name));
+            let name = &robot.name;
+            let own = format!("{}/{}", self.prefix, robot.name);
             for part in robot.parts.iter().filter(|part| self.serves(name, &part.name)) {
                 let board = format!("{}/{}", self.robot_prefix(name), part.name);
                 names.extend(["rpc:i", "command:i", "state:o", "stateExt:o"].map(|port| format!("{board}/{port}")));
@@ -234,7 +239,8 @@ impl YarpSettings {
         names
     }
 
-    /// The beginning of the names of a part's own ports. `first`: no earlier robot has a part of this name.
+    /// Prefix of the names of a part's own ports. `first` is true if no earlier robot has a part of this
+    /// name.
     pub(crate) fn part_prefix<'a>(
         &self,
         robot: &Robot,
@@ -242,17 +248,17 @@ impl YarpSettings {
         first: bool,
         mut robots: impl Iterator<Item = &'a str>,
     ) -> String {
-        // the robot's own ports bear its name, and the filtered board is at ROBOT/PART
+        // the robot's own ports have its name, and the filtered board is at ROBOT/PART
         let is_free = first && robots.all(|name| name != part);
         if is_free { format!("{}/{part}", self.prefix) } else { format!("{}/{}/parts/{part}", self.prefix, robot.name) }
     }
 
-    /// Whether a part has a force-field controller.
+    /// True if a part has a force-field controller.
     pub(crate) fn steers(&self, part: &str, first: bool) -> bool {
         first && self.force_field.contains_key(part)
     }
 
-    /// Whether a part of a robot has a filtered board.
+    /// True if a part of a robot has a filtered board.
     pub(crate) fn serves(&self, robot: &str, part: &str) -> bool {
         let chosen = self.robots.get(robot).and_then(|r| r.parts.as_ref());
         self.filter && chosen.is_none_or(|parts| parts.iter().any(|p| p == part))

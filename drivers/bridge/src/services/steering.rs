@@ -1,11 +1,11 @@
-//! The force fields of a robot's parts as one agent that streams velocities.
+//! Runs the force fields of a robot's parts as one agent that streams velocities.
 
 use super::parts::{Known, PartPorts, degrees};
 use crate::yarp;
 use mobee_contract::{CommitId, MotionEnd, Refusal, Setpoints, Time, Values};
 use std::sync::{Arc, PoisonError};
 
-/// The force fields of a robot as one agent.
+/// Force fields of a robot as one agent.
 pub(super) struct Steering {
     agent: Arc<str>,
     last: Option<Time>,
@@ -17,7 +17,7 @@ impl Steering {
         Steering { agent: format!("{}/force_field", robot.filtered.name()).into(), last: None, open: None }
     }
 
-    /// One cycle: takes in the newest wishes, and streams the velocities that the law makes of them.
+    /// Runs one cycle: applies the newest requests, and streams the resulting velocities.
     pub(super) async fn cycle(&mut self, robot: &Known, parts: &mut [PartPorts]) {
         let latest = robot.filtered.latest();
         let secs = self.last.map(|last| latest.at.since(last).as_secs_f64());
@@ -69,7 +69,7 @@ impl Steering {
         let setpoints = Setpoints { motors: setpoints.0, values: Values::Velocity(setpoints.1) };
         match robot.filtered.stream(self.agent.clone(), setpoints).await {
             Ok(id) => self.open = Some(id),
-            // another agent moves the robot: the attractor is kept for later
+            // another agent moves the robot: the attractor is retained for later
             Err(Refusal::Busy | Refusal::NotReady { .. }) => {}
             Err(_) => {
                 for ports in parts {

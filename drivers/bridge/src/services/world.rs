@@ -1,4 +1,4 @@
-//! The shell of the world's RPC: one request at a time, edits made before the reply.
+//! Service of the world's RPC: one request at a time, edits made before the reply.
 
 use crate::world_rpc::{Answered, Changed, Errand, WorldRefusal, WorldReply, WorldRequest, WorldRpc, WorldView};
 use crate::yarp;
@@ -11,39 +11,39 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Mutex;
 
-/// How often grabbed objects are moved after their markers.
+/// Period at which grabbed objects are moved with their markers.
 const PERIOD: Duration = Duration::from_millis(20);
-/// How long a request waits for another one's edits.
-const PATIENCE: Duration = Duration::from_secs(5);
-/// Changes of the world in a second, for all programs together: the model makes each on the thread that watches over the robots,
-/// and each is a line in the journal.
+/// Time limit of an edit.
+const EDIT_TIMEOUT: Duration = Duration::from_secs(5);
+/// Changes of the world per second, for all programs together: the model makes each on the thread that
+/// supervises the robots, and each is a line in the journal.
 const PER_SECOND: f64 = 200.0;
-/// The most changes at once.
-const MOST: f64 = 400.0;
-/// The shortest time between two reports of refused changes.
+/// Largest number of changes at once.
+const MAX_CHANGES: f64 = 400.0;
+/// Shortest time between two reports of refused changes.
 const SUM_UP: Duration = Duration::from_secs(1);
 
-/// The world's RPC in a running system.
+/// World RPC of a running system.
 pub struct WorldService {
     running: Arc<dyn Running>,
     folder: Option<PathBuf>,
     core: Mutex<Core>,
 }
 
-/// What only one request at a time may use.
+/// State that only one request at a time may use.
 struct Core {
     rpc: WorldRpc,
-    /// How many changes may still be made.
+    /// Budget of changes.
     credit: Credit,
     /// Changes refused since the last report, and the time of that report.
     refused: (u64, Time),
 }
 
 impl WorldService {
-    /// For this system; `folder` is where worlds are saved and loaded, if anywhere.
+    /// Creates the service for this system; `folder` is the location of saved worlds, if any.
     pub fn new(running: Arc<dyn Running>, folder: Option<PathBuf>) -> WorldService {
         let now = running.now();
-        let credit = Credit::full(now, PER_SECOND, MOST);
+        let credit = Credit::full(now, PER_SECOND, MAX_CHANGES);
         let core = Core { rpc: WorldRpc::default(), credit, refused: (0, now) };
         WorldService { running, folder, core: Mutex::new(core) }
     }
@@ -63,7 +63,7 @@ impl WorldService {
         Ok((service, server))
     }
 
-    /// Moves grabbed objects after their markers; never returns.
+    /// Moves grabbed objects with their markers; never returns.
     pub async fn follow(self: Arc<Self>) {
         let mut ticks = tokio::time::interval(PERIOD);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -73,14 +73,14 @@ impl WorldService {
             self.sum_up(&mut core.refused);
             if core.rpc.holds_anything() {
                 let edits = self.view(|view| core.rpc.follow(view));
-                // an object that lags behind is moved at the next look
+                // an object that lags behind is moved in the next cycle
                 if edits.is_empty() || !core.credit.take(self.running.now()) {
                     continue;
                 }
                 core.credit.owe(edits.len() - 1);
                 for edit in edits {
-                    // an object that somebody else has just removed is let go at the next look
-                    let _ = tokio::time::timeout(PATIENCE, self.running.edit(edit)).await;
+                    // an object that has just been removed is released in the next cycle
+                    let _ = tokio::time::timeout(EDIT_TIMEOUT, self.running.edit(edit)).await;
                 }
             }
         }
@@ -109,7 +109,7 @@ impl WorldService {
     /// Answers one request; edits are made before the reply.
     ///
     /// # Errors
-    /// Why it was not done.
+    /// The reason why it was not executed.
     pub async fn answer(&self, request: WorldRequest) -> Result<WorldReply, WorldRefusal> {
         let core = &mut *self.core.lock().await;
         if request.is_change() && !core.credit.take(self.running.now()) {
@@ -130,7 +130,7 @@ impl WorldService {
 
     async fn make(&self, edits: Vec<Edit>) -> Result<(), WorldRefusal> {
         for edit in edits {
-            match tokio::time::timeout(PATIENCE, self.running.edit(edit)).await {
+            match tokio::time::timeout(EDIT_TIMEOUT, self.running.edit(edit)).await {
                 Ok(done) => done.map_err(WorldRefusal::Model)?,
                 Err(_) => return Err(WorldRefusal::ModelSilent),
             }
@@ -159,7 +159,7 @@ enum Done {
     Loaded(String, Vec<Object>),
 }
 
-/// Writes a file whole or not at all.
+/// Writes a file completely or not at all.
 fn save(folder: &Path, file: &str, text: &str) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
     let new = folder.join(format!(".{file}.new"));
@@ -167,14 +167,15 @@ fn save(folder: &Path, file: &str, text: &str) -> std::io::Result<()> {
     std::fs::rename(&new, folder.join(file))
 }
 
-/// What the port calls.
+/// Handler of the port.
 struct Port(Arc<WorldService>, Dialect);
 
 impl Handler for Port {
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
-        let (world, dialect) = (self.0.clone(), self.1);
+        let world = self.0.clone();
+        let dialect = self.1;
         Box::pin(async move {
-            // what is no bottle is answered as what is unknown
+            // a message that is not a bottle is answered like an unknown request
             let request = request.payload.bottle(dialect).unwrap_or_default();
             Some(yarp::world::answer(&world, &request).await.into())
         })
@@ -189,7 +190,7 @@ mod tests {
     use mobee_yarp::Bottle;
     use std::sync::{Mutex as Cell, PoisonError};
 
-    /// A world without robots in which a second passes when it is said.
+    /// A world without robots, whose clock the test sets.
     struct Still {
         scene: Cell<Arc<Scene>>,
         now: Cell<Time>,
@@ -244,7 +245,7 @@ mod tests {
         }
         assert_eq!((busy, still.scene().objects().count()), (100, 400));
         assert!(say(&world, "ls").await.contains("ssph400"));
-        // edits that belong together are made as a whole, and paid for: two seconds for 400 objects
+        // edits that belong together are made together and are charged together: two seconds for 400 objects
         *still.now.lock().unwrap() = Time(10_000_000);
         assert!(say(&world, "clr").await.contains("Removed"));
         assert!(say(&world, "undo").await.contains("Undone"));

@@ -4,19 +4,20 @@ use super::{WorldRefusal, WorldView};
 use mobee_model::{Edit, Object, Scene, write_world};
 use std::collections::BTreeSet;
 
-/// A file to be written or read. Names are bare: letters, digits, `_`, `-` and `.`, not beginning with a dot, at most 100.
+/// A file to be written or read. Names are bare: letters, digits, `_`, `-` and `.`, not beginning with a dot,
+/// at most 100 characters.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Errand {
-    /// Write the text to the file, all or nothing.
+    /// Write the text to the file, completely or not at all.
     Save {
-        /// Its bare name.
+        /// Bare name of the file.
         file: String,
-        /// What to write.
+        /// Text to write.
         text: String,
     },
-    /// Read the file as a world and give it to [`super::WorldRpc::loaded`].
+    /// Read the file as a world and pass it to [`super::WorldRpc::loaded`].
     Load {
-        /// Its bare name.
+        /// Bare name of the file.
         file: String,
     },
 }
@@ -30,7 +31,7 @@ pub(super) fn load(name: &str) -> Result<Errand, WorldRefusal> {
     bare(name).map(|file| Errand::Load { file })
 }
 
-/// A name without a way out of its folder; `.xml` is added where it is missing.
+/// Checks that a name can't leave its folder, and adds `.xml` if it is missing.
 fn bare(name: &str) -> Result<String, WorldRefusal> {
     let fine = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     let good = !name.is_empty() && name.len() <= 100 && !name.starts_with('.') && name.chars().all(fine);
@@ -40,8 +41,8 @@ fn bare(name: &str) -> Result<String, WorldRefusal> {
     Ok(if name.ends_with(".xml") { name.to_owned() } else { format!("{name}.xml") })
 }
 
-/// The edits that make a world of these objects: all others go, but persistent ones stay where they are, unless the file
-/// names them too: then they go to where it says.
+/// Edits that make a world of these objects. All others are removed, except for persistent ones. Those are
+/// moved if the file contains them.
 pub(super) fn replace(objects: Vec<Object>, scene: &Scene) -> Vec<Edit> {
     let stays: BTreeSet<&str> = scene.objects().filter(|(_, o)| o.persistent).map(|(_, o)| o.name.as_str()).collect();
     let mut edits = vec![Edit::Clear];

@@ -1,16 +1,17 @@
 //! `grab`: objects that follow a marker until they are released.
 //!
-//! An obstacle in the hand touches the hand: make it a target or a ghost (`def`) before it is grabbed, or the reflex acts.
+//! An obstacle in the hand touches the hand: change it to a target or a ghost (`def`) before grabbing it, or
+//! the reflex acts.
 
 use super::{ObjectReply, WorldRefusal, WorldView};
 use mobee_model::{Edit, Object};
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 
-/// An object nearer to its place than this (m, rad) is left there, so that a robot at rest makes no edits.
-const NEAR: (f64, f64) = (0.000_5, 0.005);
+/// Distance and angle (m, rad) below which an object is not moved, so that a robot at rest makes no edits.
+const MOVE_THRESHOLD: (f64, f64) = (0.000_5, 0.005);
 
-/// What is grabbed, by object.
+/// Grabbed objects, by name.
 #[derive(Default)]
 pub(super) struct Grabs(BTreeMap<String, Grab>);
 
@@ -52,7 +53,7 @@ impl Grabs {
         }
     }
 
-    /// Grabbed objects that were put elsewhere follow from there.
+    /// Updates grabs of objects that were moved: they follow from their new pose.
     pub(super) fn regrip(&mut self, edits: &[Edit], view: &WorldView) {
         for edit in edits {
             if let Edit::Move { name, pose } = edit
@@ -71,14 +72,14 @@ impl Grabs {
             let pose = world_from_node(grab.robot, grab.node, view)? * grab.node_from_object;
             let off = (pose.translation.vector - object.pose.translation.vector).norm();
             let turned = pose.rotation.angle_to(&object.pose.rotation);
-            // not-a-number moves nothing
-            (off > NEAR.0 || turned > NEAR.1).then(|| Edit::Move { name: name.clone(), pose })
+            // NaN moves nothing
+            (off > MOVE_THRESHOLD.0 || turned > MOVE_THRESHOLD.1).then(|| Edit::Move { name: name.clone(), pose })
         };
         self.0.iter().filter_map(edit).collect()
     }
 }
 
-/// The frame of a robot's node in the world; `None` if there is no such robot or node.
+/// Frame of a robot's node in the world; `None` if there is no such robot or node.
 fn world_from_node(robot: usize, node: usize, view: &WorldView) -> Option<Isometry3<f64>> {
     let model = view.scene.robots().get(robot)?;
     let mut frames = Vec::with_capacity(model.nodes.len());

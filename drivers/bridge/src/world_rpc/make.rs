@@ -4,14 +4,14 @@ use super::{Change, Changed, Geometry, WorldRefusal, WorldReply, WorldRpc, World
 use mobee_model::{Edit, Object, ObjectClass, Primitive};
 use nalgebra::Isometry3;
 
-/// What the names of made objects begin with: free to fall and fixed, of each geometry.
+/// Prefixes of the names of made objects: free to fall and fixed, of each geometry.
 const SERIES: [[&str; 2]; 3] = [["sph", "ssph"], ["cyl", "scyl"], ["box", "sbox"]];
 
-/// How many of each series were named since the last `clr`.
+/// Number of names used of each series since the last `clr`.
 #[derive(Default)]
 pub(super) struct Counters([u32; 2 * SERIES.len()]);
 
-/// Whether the names of made objects begin with this word, and a number follows.
+/// True if this word, followed by a number, is the name of a made object.
 pub(crate) fn is_series(word: &str) -> bool {
     SERIES.as_flattened().contains(&word)
 }
@@ -32,7 +32,7 @@ impl WorldRpc {
         };
         let series = 2 * kind + usize::from(fixed);
         let word = SERIES.as_flattened().get(series).copied().unwrap_or_default();
-        // a number whose name is in use, by a file's object for one, is passed over
+        // skips numbers whose name is in use, for example by an object of a file
         let used = self.counters.0.get(series).copied().unwrap_or_default();
         let free = (used.saturating_add(1)..=u32::MAX).find(|n| view.scene.object(&format!("{word}{n}")).is_none());
         let number = free.ok_or(WorldRefusal::NoNumberLeft)?;
@@ -46,7 +46,7 @@ impl WorldRpc {
             color: None,
         };
         let changed = self.change(Change::Made(name.clone()), vec![Edit::Add(object)], view, WorldReply::Made(name))?;
-        // what was refused takes no number
+        // a refused object uses no number
         if let Some(counter) = self.counters.0.get_mut(series) {
             *counter = number;
         }

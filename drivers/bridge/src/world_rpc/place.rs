@@ -1,13 +1,13 @@
-//! Poses as the RPC's numbers say them.
+//! Conversion of the RPC's numbers to poses.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-/// The pose moved to a position, its rotation kept.
+/// Pose with this position and the same rotation.
 pub(super) fn at(pose: &Isometry3<f64>, [x, y, z]: [f64; 3]) -> Isometry3<f64> {
     Isometry3::from_parts(Vector3::new(x, y, z).into(), pose.rotation)
 }
 
-/// The pose with the rotation Rx Ry Rz of three angles in degrees.
+/// Pose with the rotation Rx Ry Rz of three angles in degrees.
 pub(super) fn turned(pose: &Isometry3<f64>, degrees: [f64; 3]) -> Isometry3<f64> {
     let [rx, ry, rz] = degrees.map(f64::to_radians);
     let turn = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
@@ -15,11 +15,11 @@ pub(super) fn turned(pose: &Isometry3<f64>, degrees: [f64; 3]) -> Isometry3<f64>
     Isometry3::from_parts(pose.translation, rotation)
 }
 
-/// The pose with this rotation matrix, given row by row; `None` if it is no rotation.
+/// Pose with this rotation matrix, given row by row; `None` if it is not a rotation.
 pub(super) fn with_matrix(pose: &Isometry3<f64>, rows: [f64; 9]) -> Option<Isometry3<f64>> {
     let matrix = Matrix3::from_row_slice(&rows);
     let skew = (matrix * matrix.transpose() - Matrix3::identity()).abs().max();
-    // written so that not-a-number fails; people type three digits
+    // written so that NaN fails; tolerant, because people type three digits
     let rotates = skew < 0.01 && matrix.determinant() > 0.0;
     rotates.then(|| {
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&matrix));
@@ -27,7 +27,7 @@ pub(super) fn with_matrix(pose: &Isometry3<f64>, rows: [f64; 9]) -> Option<Isome
     })
 }
 
-/// A pose from the iCub simulator's numbers: position in its frame, and angles in degrees about fixed axes. The
+/// Pose from the iCub simulator's numbers: position in its frame, and angles in degrees about fixed axes. The
 /// simulator's cylinders lie along another axis than ours.
 pub(super) fn from_simulator(name: &str, [px, py, pz, rx, ry, rz]: [f64; 6]) -> Isometry3<f64> {
     let turn = |axis, degrees: f64| UnitQuaternion::from_axis_angle(&axis, degrees.to_radians());

@@ -1,46 +1,47 @@
-//! What the world can be asked, and what it answers.
+//! Requests to the world, and its replies.
 
 use mobee_model::{ObjectClass, SceneError, Shape};
 use nalgebra::{Isometry3, Vector3};
 
-/// A request to the world. Lengths in m; angles in degrees, since people say them; all in the world's frame.
+/// A request to the world. Lengths in m; angles in degrees, because people type them; all in the world frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum WorldRequest {
-    /// What can be asked.
+    /// List of the requests.
     Help,
-    /// The names of all objects.
+    /// Names of all objects.
     List,
     /// Make an obstacle, named by its geometry and a number.
     Make {
-        /// What it is like.
+        /// Shape and size.
         geometry: Geometry,
-        /// Whether its name begins with `s`: the original's simulator did not let such a one fall. Nothing else comes of it.
+        /// True if its name begins with `s`, which in the original's simulator kept it from falling. No other
+        /// effect.
         fixed: bool,
-        /// Where its center is to be.
+        /// Position of its center.
         at: [f64; 3],
     },
-    /// Something about one object.
+    /// A request about one object.
     Object {
-        /// Its name.
+        /// Name of the object.
         name: String,
-        /// What.
+        /// Request.
         ask: ObjectRequest,
     },
     /// Remove all objects that are not persistent.
     Clear,
-    /// Keep in step with a simulator; taken for the original's sake, as there is none.
+    /// Synchronize with a simulator; accepted for compatibility with the original, without effect.
     Synchronize,
-    /// Take back the last change.
+    /// Undo the last change.
     Undo,
     /// Write the world to a file of this bare name.
     Save(String),
-    /// Replace the world by such a file's.
+    /// Replace the world by that of a file.
     Load(String),
-    /// A request that a bridge could make nothing of.
+    /// A request that a bridge could not parse.
     Malformed {
-        /// The object that it was about. If there is none of that name, this is what is said.
+        /// Object that it concerns. If there is none of that name, this is reported instead.
         object: Option<String>,
-        /// What is wrong with the request.
+        /// Error in the request.
         why: WorldRefusal,
     },
 }
@@ -50,28 +51,28 @@ pub enum WorldRequest {
 pub enum ObjectRequest {
     /// Its pose.
     Get,
-    /// Put it there; its rotation stays.
+    /// Set its position; the rotation is unchanged.
     Put([f64; 3]),
-    /// Turn it to Rx Ry Rz of these angles; its position stays.
+    /// Set its rotation to Rx Ry Rz of these angles; the position is unchanged.
     Turn([f64; 3]),
-    /// Turn it to this rotation matrix, row by row; its position stays.
+    /// Set its rotation to this matrix, row by row; the position is unchanged.
     TurnTo([f64; 9]),
-    /// Set its pose as the iCub simulator gives it: a position in the simulator's frame, and angles.
+    /// Set its pose from the iCub simulator's numbers: a position in the simulator's frame, and angles.
     FromSimulator([f64; 6]),
-    /// Make it one of these.
+    /// Set its class.
     Class(ObjectClass),
     /// Remove it.
     Remove,
     /// Let it follow a robot's marker; release it if the robot has no such marker.
     Grab {
-        /// The robot's name.
+        /// Name of the robot.
         robot: String,
-        /// The marker's.
+        /// Name of the marker.
         marker: String,
     },
 }
 
-/// What an object can be made as; its sizes, m.
+/// Geometry of a new object; sizes in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Geometry {
     /// A ball.
@@ -79,7 +80,7 @@ pub enum Geometry {
         /// Radius.
         radius: f64,
     },
-    /// A cylinder along its y.
+    /// A cylinder along its y axis.
     Cylinder {
         /// Radius.
         radius: f64,
@@ -113,24 +114,24 @@ pub enum Size {
 /// An answer of the world.
 #[derive(Clone, Debug, PartialEq)]
 pub enum WorldReply {
-    /// What can be asked, in the bridge's own words.
+    /// List of the requests, in the bridge's own words.
     Help,
-    /// The names of all objects.
+    /// Names of all objects.
     Names(Vec<String>),
     /// An object of this name was made.
     Made(String),
-    /// The object was found, and what then came of the request.
+    /// The object was found, with the outcome of the request.
     Found {
-        /// Its name.
+        /// Name of the object.
         name: String,
-        /// What came of it.
+        /// Outcome.
         outcome: Result<ObjectReply, WorldRefusal>,
     },
-    /// All objects that are not persistent are gone.
+    /// All objects that are not persistent were removed.
     Cleared,
-    /// There is no simulator to keep in step with.
+    /// There is no simulator to synchronize with.
     Synchronized,
-    /// This change was taken back.
+    /// This change was undone.
     Undone(Change),
     /// The world was written to this file.
     Saved(String),
@@ -138,7 +139,7 @@ pub enum WorldReply {
     Loaded {
         /// The file.
         file: String,
-        /// How many objects it holds.
+        /// Number of objects in it.
         objects: usize,
     },
 }
@@ -148,30 +149,30 @@ pub enum WorldReply {
 pub enum ObjectReply {
     /// Its `world_from_object`.
     Pose(Isometry3<f64>),
-    /// It was put elsewhere.
+    /// It was moved.
     Put,
-    /// It was turned to angles.
+    /// Its rotation was set by angles.
     Turned,
-    /// It was turned to a rotation matrix.
+    /// Its rotation was set by a matrix.
     TurnedTo,
     /// Its pose is the simulator's.
     AsSimulated,
-    /// It is one of these now.
+    /// Its class is this one now.
     Class(ObjectClass),
-    /// It is gone.
+    /// It was removed.
     Removed,
     /// It follows the marker.
     Grabbed,
-    /// The robot has no such marker: nothing holds the object any longer.
+    /// The robot has no such marker: the object was released.
     Released,
 }
 
-/// A change that can be taken back.
+/// A change that can be undone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Change {
     /// This object was made.
     Made(String),
-    /// This object was moved, turned, removed, or made of another class.
+    /// This object was moved, rotated, removed, or changed in class.
     Changed(String),
     /// All objects were removed.
     Cleared,
@@ -179,7 +180,7 @@ pub enum Change {
     Loaded(String),
 }
 
-/// Why the world does not do what it was asked.
+/// Reason why the world does not execute a request.
 #[derive(Clone, Debug, PartialEq)]
 pub enum WorldRefusal {
     /// There is no such request.
@@ -188,45 +189,45 @@ pub enum WorldRefusal {
     UnknownGeometry,
     /// A size is not above zero.
     NotPositive(Size),
-    /// A new object needs so many sizes and a position, and nothing else.
+    /// A new object needs this number of sizes and a position, and nothing else.
     NewObject {
-        /// How many sizes its geometry has.
+        /// Number of sizes of its geometry.
         sizes: usize,
     },
-    /// No number is left to name an object by.
+    /// All numbers for names of objects are used.
     NoNumberLeft,
-    /// A position is three numbers.
+    /// A position must be three numbers.
     Position,
-    /// A rotation is three angles, or a matrix that is one.
+    /// A rotation must be three angles, or a rotation matrix.
     Rotation,
-    /// The simulator's pose is six numbers.
+    /// The simulator's pose must be six numbers.
     SimulatorPose,
     /// There is no such class of objects.
     UnknownClass,
-    /// The period of a synchronization is a number.
+    /// The period of a synchronization must be a number.
     Period,
-    /// A file is a bare name.
+    /// A file name must be bare.
     FileName,
     /// There is no object of this name.
     NoObject(String),
-    /// The object is persistent and stays.
+    /// The object is persistent and can't be removed.
     Persistent,
     /// There is no such robot.
     NoRobot,
-    /// The scene does not take the change.
+    /// The scene rejects the change.
     Scene(SceneError),
-    /// There are as many objects as there may be.
+    /// The world is full.
     Full {
-        /// How many.
+        /// Largest number of objects.
         most: usize,
     },
-    /// There is no change to take back.
+    /// There is no change to undo.
     NothingToUndo,
-    /// The last change can't be taken back now.
+    /// The last change can't be undone now.
     NotUndone(Box<WorldRefusal>),
-    /// Changes come too quickly.
+    /// Changes arrive too quickly.
     Busy {
-        /// How many may come in a second.
+        /// Largest number per second.
         per_second: f64,
     },
     /// The model did not make the change, for this reason.
@@ -239,16 +240,16 @@ pub enum WorldRefusal {
     NotSaved(String),
     /// The file could not be read, for this reason.
     NotLoaded(String),
-    /// Writing or reading broke off, for this reason.
+    /// Writing or reading was aborted, for this reason.
     NotDone(String),
 }
 
 impl WorldRequest {
-    /// Whether it may change something, the world or a file; what is malformed counts as what it was meant to be.
+    /// True if it may change the world or a file. A malformed request counts as its intended kind.
     pub fn is_change(&self) -> bool {
         match self {
             WorldRequest::Help | WorldRequest::List | WorldRequest::Synchronize => false,
-            // what is grabbed is brought after its marker later, and counted then
+            // a grabbed object moves later, and its moves are counted then
             WorldRequest::Object { ask, .. } => !matches!(ask, ObjectRequest::Get | ObjectRequest::Grab { .. }),
             WorldRequest::Malformed { why, .. } => !matches!(why, WorldRefusal::Unknown | WorldRefusal::Period),
             WorldRequest::Make { .. }
@@ -261,7 +262,7 @@ impl WorldRequest {
 }
 
 impl Geometry {
-    /// The shape in the model.
+    /// Shape in the model.
     ///
     /// # Errors
     /// The first size that is not above zero.

@@ -2,7 +2,7 @@ use super::*;
 use mobee_model::{ObjectClass, load_robot, parse_world};
 use proptest::prelude::*;
 
-/// A system without a network: the core, and the scene that its edits make.
+/// The core and the scene of its edits, without a network.
 pub(crate) struct Bench {
     core: WorldRpc,
     pub(crate) scene: Scene,
@@ -93,7 +93,7 @@ fn objects_are_made_changed_and_taken_back() {
 }
 
 #[test]
-fn a_missing_object_is_told_of_before_what_else_is_wrong() {
+fn a_missing_object_is_reported_before_other_errors() {
     let mut b = Bench::new();
     let wrong =
         |object: Option<&str>| WorldRequest::Malformed { object: object.map(Into::into), why: WorldRefusal::Position };
@@ -119,7 +119,7 @@ fn names_of_files_lead_nowhere_else() {
     assert_eq!(file, "a-b.xml");
 }
 
-/// Any well-formed request.
+/// Arbitrary well-formed request.
 pub(crate) fn any_request() -> impl Strategy<Value = WorldRequest> {
     let name = || prop::sample::select(vec!["sph1", "ssph2", "cyl1", "table", "nobody"]).prop_map(String::from);
     let number = || prop_oneof![8 => -2.0..2.0_f64, 1 => -1e300..1e300_f64];
@@ -162,7 +162,7 @@ pub(crate) fn any_request() -> impl Strategy<Value = WorldRequest> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Any requests in any order: no panic, and only edits that the scene takes.
+    /// For all requests in any order: no panic, and only edits that the scene accepts.
     #[test]
     fn no_request_harms(requests in prop::collection::vec(any_request(), 1..20)) {
         let mut b = Bench::new();

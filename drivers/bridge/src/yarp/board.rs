@@ -1,18 +1,18 @@
-//! A part's board as YARP programs know it: the words of its ports to the filter's requests, and back.
+//! A part's board as seen by YARP programs: conversion of port messages to the filter's requests, and back.
 //!
 //! | words | request |
 //! |---|---|
-//! | `[get] X ...` of the list in `reads.rs` | question |
+//! | `[get] X ...` of the list in `reads.rs` | query |
 //! | `[set]` `pos* rel*`, `command:i` with `poss` | move |
 //! | `[set] [vmos]`, `command:i` with `vmo*`; with `dpo*` | velocities; direct positions |
 //! | `[set]` `sto*` | stop |
 //! | `[set]` `vel*`; `acc*` | reference speeds; accelerations |
-//! | `[set] [icmd]` with `pos posd vel mix`; `[set] [intm]` with `stif` | control modes; to be stiff |
-//! | fewer than two words | less than a request |
-//! | all else | unknown |
+//! | `[set] [icmd]` with `pos posd vel mix`; `[set] [intm]` with `stif` | control modes; stiffness |
+//! | fewer than two words | incomplete |
+//! | all others | unknown |
 //!
-//! Boards count meters where a joint slides, the filter millimeters: requests are converted as they are read, answers and states as they are
-//! written. What a board itself says passes as it is.
+//! Boards use meters for prismatic joints, the filter millimeters: requests are converted when they are
+//! parsed, answers and states when they are encoded. A real board's own answers pass unchanged.
 //!
 //! Accepted is `[ok]`, refused `[fail]`, malformed `[nak]`; joints that are not done are `[don]` 0.
 
@@ -28,26 +28,26 @@ use mobee_yarp::board::{
 };
 use mobee_yarp::{Bottle, JointData, JointField, Stamp, Value, Vocab};
 
-/// What a board's joints count.
+/// Units of a board's joints.
 pub(crate) fn units(axes: &[BoardAxis]) -> Units {
     Units::new(axes.iter().map(|axis| kind(axis.motion)))
 }
 
-/// Reads a request of `rpc:i` to a board with these joints.
+/// Parses a request of `rpc:i` to a board with these joints.
 pub(crate) fn parse(request: &Bottle, units: &Units) -> BoardRequest {
     if request.0.len() < 2 {
         return BoardRequest::Incomplete;
     }
     let axes = units.axes();
-    let asked = Ask::parse(request).filter(|asked| asked.fits(axes)).map(|asked| units.ask_from_wire(asked));
+    let parsed = Ask::parse(request).filter(|parsed| parsed.fits(axes)).map(|parsed| units.ask_from_wire(parsed));
     if reads::allowed(request) {
-        let question = match asked {
+        let question = match parsed {
             Some(Ask::Get(get)) => question(&get, axes),
             _ => None,
         };
         return BoardRequest::Question(question.unwrap_or(Question::Other));
     }
-    let order = match asked {
+    let order = match parsed {
         Some(Ask::Set(set)) => order(set, axes),
         _ => None,
     };
@@ -82,7 +82,7 @@ fn order(set: Set, axes: usize) -> Option<BoardRequest> {
     })
 }
 
-/// Reads a message of `command:i`.
+/// Parses a message of `command:i`.
 pub(crate) fn streamed(head: &Bottle, body: &[f64], units: &Units) -> BoardRequest {
     let axes = units.axes();
     let request = Streamed::parse(head, body, axes).and_then(|streamed| {
@@ -95,7 +95,7 @@ pub(crate) fn streamed(head: &Bottle, body: &[f64], units: &Units) -> BoardReque
     request.unwrap_or(BoardRequest::Unknown)
 }
 
-/// The bottle of a short reply.
+/// Bottle of a short reply.
 pub(crate) fn reply(reply: BoardReply) -> Bottle {
     match reply {
         BoardReply::Accepted => words::ok(),
@@ -104,27 +104,28 @@ pub(crate) fn reply(reply: BoardReply) -> Bottle {
     }
 }
 
-/// Answers a question for a board that has no protocol of its own, from what is known of its joints.
+/// Answers a query for a board that has no protocol of its own, from the state of its joints.
 pub(crate) fn answer(axes: &[BoardAxis], known: &KnownBetter, request: &Bottle, stamp: Stamp) -> Bottle {
     let Some(answer) = shadow(axes).answer(request, stamp) else { return words::fail() };
     corrected(known, &answer).unwrap_or(answer)
 }
 
-/// A board's own answer, corrected where the filter knows better; `None` if it is right as it is.
+/// Corrects a board's own answer; `None` if it is right.
 pub(crate) fn corrected(known: &KnownBetter, answer: &Bottle) -> Option<Bottle> {
     patch::corrected(known, answer)
 }
 
-/// The references that a board answers, in our units.
+/// References in a board's answer, in our units.
 pub(crate) fn references(answer: &Bottle, units: &Units) -> Option<Vec<f64>> {
     let read = answer.get(2).and_then(Value::as_list).and_then(Bottle::numbers)?;
     Some(read.into_iter().enumerate().map(|(j, v)| units.kind(j).from_wire(v)).collect())
 }
 
-/// The state that a part's board publishes: whatever the board behind it told, or for a simulated robot what is known; with the
-/// modes that clients have set.
+/// State that a part's board publishes: that of the real board, or for a simulated robot the one known; with
+/// the modes that clients have set.
 pub(crate) fn state(axes: &[BoardAxis], told: Option<JointData>) -> JointData {
-    // a reading has positions only: velocities are their differences, and nothing finer can be told from them
+    // a reading has positions only, and velocities are their differences: accelerations can't be derived from
+    // them
     let own = JointData { acceleration: JointField::unknown(axes.len()), ..shadow(axes).joint_data() };
     match told {
         None => own,
@@ -151,7 +152,7 @@ fn shadow(axes: &[BoardAxis]) -> Shadow {
     Shadow { axes: axes.iter().map(axis).collect() }
 }
 
-/// What a board calls a joint that moves like this.
+/// Joint kind of a board for a joint motion of the model.
 fn kind(motion: JointMotion) -> JointKind {
     match motion {
         JointMotion::Turn => JointKind::Revolute,
@@ -166,7 +167,7 @@ const MODES: [(ClientMode, Vocab); 4] = [
     (ClientMode::Mixed, mode::MIXED),
 ];
 
-/// The mode of a word; `None`: clients may not set it.
+/// Mode of a vocab; `None` if clients may not set it.
 fn client_mode(word: Vocab) -> Option<ClientMode> {
     MODES.iter().find(|(_, vocab)| *vocab == word).map(|(mode, _)| *mode)
 }

@@ -1,4 +1,5 @@
-//! What a robot's collision and observation ports publish: its present contacts, in the original's form, and its state.
+//! Messages of a robot's collision and observation ports: its present contacts, in the original's form, and
+//! its state.
 
 use super::words::string;
 use crate::observation::{Collision, Touch, Touched};
@@ -6,8 +7,9 @@ use mobee_contract::Latest;
 use mobee_model::Robot;
 use mobee_yarp::{Bottle, Value};
 
-/// The contacts of a robot: `((i x y z) (j x y z))` with itself, `(i x y z "ROBOT")` (or `"OBSTACLE"`, `"TARGET"`) with
-/// others; a single 0 if there is none. i is the shape's number, x y z its point of contact, world frame.
+/// Contacts of a robot: `((i x y z) (j x y z))` with itself, `(i x y z "ROBOT")` (or `"OBSTACLE"`,
+/// `"TARGET"`) with others; a single 0 if there are none. i is the number of the shape, x y z its point of
+/// contact, world frame.
 pub(crate) fn collisions(all: &[Collision]) -> Bottle {
     if all.is_empty() {
         return Bottle(vec![Value::Int32(0)]);
@@ -36,8 +38,8 @@ fn touch(touch: &Touch) -> Vec<Value> {
     list
 }
 
-/// A robot's state: `(time SECONDS) (state WORD) (contacts N) (part NAME (q ...)) ...` with positions in degrees, millimeters where a motor
-/// slides.
+/// State of a robot: `(time SECONDS) (state WORD) (contacts N) (part NAME (q ...)) ...` with positions in
+/// degrees, or in millimeters for prismatic joints.
 pub(crate) fn observation(robot: &Robot, latest: &Latest) -> Bottle {
     let entry = |key: &str, value: Value| Value::List(Bottle(vec![string(key), value]));
     let count = i32::try_from(latest.contacts.len()).unwrap_or(i32::MAX);
@@ -60,11 +62,11 @@ mod tests {
     use nalgebra::Point3;
 
     #[test]
-    fn contacts_are_told_in_the_originals_form() {
+    fn contacts_are_reported_in_the_originals_form() {
         assert_eq!(collisions(&[]).to_string(), "0");
         let one = Touch { shape: 7, at: Point3::new(1.0, 2.0, 3.0) };
         let other = Touch { shape: 9, at: Point3::new(4.0, 5.0, 6.0) };
-        let told = collisions(&[Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
-        assert_eq!(told.to_string(), "(7 1.0 2.0 3.0 OBSTACLE) ((7 1.0 2.0 3.0) (9 4.0 5.0 6.0))");
+        let reported = collisions(&[Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
+        assert_eq!(reported.to_string(), "(7 1.0 2.0 3.0 OBSTACLE) ((7 1.0 2.0 3.0) (9 4.0 5.0 6.0))");
     }
 }

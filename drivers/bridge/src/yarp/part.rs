@@ -1,4 +1,4 @@
-//! A part's RPC as YARP programs write it, with the original's words and replies.
+//! YARP encoding of a part's RPC, with the original's words and replies.
 //!
 //! ```text
 //! list          the part's markers                     stpd [limit]  1 if nothing is commanded to go faster (deg/s), else 0
@@ -11,7 +11,7 @@ use super::words::{self, line, string};
 use crate::part_rpc::{self, PartRefusal, PartReply, PartRequest, PartView};
 use mobee_yarp::{Bottle, Value};
 
-/// Answers a request; what is wrong with it is said in the reply.
+/// Answers a request; errors are reported in the reply.
 pub(crate) fn answer(request: &Bottle, view: &PartView) -> Bottle {
     match parse(request).and_then(|asked| part_rpc::answer(&asked, view)) {
         Ok(answer) => reply(&answer),
@@ -49,7 +49,7 @@ fn reply(reply: &PartReply) -> Bottle {
     }
 }
 
-/// A bottle of numbers.
+/// Bottle of numbers.
 pub(crate) fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> Bottle {
     Bottle(values.into_iter().map(|x| Value::Float64(*x)).collect())
 }
@@ -65,7 +65,7 @@ mod tests {
         load_robot(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/robots/icub.xml")).unwrap().value
     }
 
-    fn ask(robot: &Robot, part: usize, text: &str) -> Bottle {
+    fn reply_to(robot: &Robot, part: usize, text: &str) -> Bottle {
         let q = robot.home();
         let base = Isometry3::translation(0.0, 0.0, 1.0);
         let view = PartView { robot, part, base, q: &q, commanded: &[0.5, -2.0] };
@@ -76,38 +76,38 @@ mod tests {
     fn markers_are_listed_and_found() {
         let robot = icub();
         let marker = robot.markers.first().unwrap();
-        assert!(ask(&robot, marker.part, "list").to_string().contains(&marker.name));
+        assert!(reply_to(&robot, marker.part, "list").to_string().contains(&marker.name));
         let at = robot.markers_at(&robot.home())[0].clone();
-        let numbers = ask(&robot, marker.part, &format!("get {}", marker.name)).numbers().unwrap();
+        let numbers = reply_to(&robot, marker.part, &format!("get {}", marker.name)).numbers().unwrap();
         assert_eq!(numbers.len(), 6);
         assert!((numbers[2] - at.position().z - 1.0).abs() < 1e-12, "in the world's frame");
         let other = (marker.part + 1) % robot.parts.len();
         let trouble = line("Handler encountered a problem :-(");
-        assert_eq!(ask(&robot, other, &format!("get {}", marker.name)), trouble);
-        assert_eq!(ask(&robot, marker.part, &format!("clrt {}", marker.name)), Bottle::new());
+        assert_eq!(reply_to(&robot, other, &format!("get {}", marker.name)), trouble);
+        assert_eq!(reply_to(&robot, marker.part, &format!("clrt {}", marker.name)), Bottle::new());
     }
 
     #[test]
-    fn joints_standstill_and_frames_are_told() {
+    fn joints_standstill_and_frames_are_reported() {
         let robot = icub();
         let part = robot.parts.iter().position(|p| p.name == "right_arm").unwrap();
-        assert_eq!(ask(&robot, part, "getn").to_string(), robot.parts[part].motors.len().to_string());
-        assert_eq!(ask(&robot, part, "stpd").to_string(), "0");
-        assert_eq!(ask(&robot, part, "stpd 2.0").to_string(), "1");
-        let local = ask(&robot, part, "tolo 0.1 0.2 0.3");
-        let back = ask(&robot, part, &format!("togl {local}")).numbers().unwrap();
+        assert_eq!(reply_to(&robot, part, "getn").to_string(), robot.parts[part].motors.len().to_string());
+        assert_eq!(reply_to(&robot, part, "stpd").to_string(), "0");
+        assert_eq!(reply_to(&robot, part, "stpd 2.0").to_string(), "1");
+        let local = reply_to(&robot, part, "tolo 0.1 0.2 0.3");
+        let back = reply_to(&robot, part, &format!("togl {local}")).numbers().unwrap();
         assert!(back.iter().zip([0.1, 0.2, 0.3]).all(|(a, b)| (a - b).abs() < 1e-9));
-        assert_eq!(ask(&robot, part, "jump high").to_string(), "\"Unknown RPC command: \" \"jump high\"");
+        assert_eq!(reply_to(&robot, part, "jump high").to_string(), "\"Unknown RPC command: \" \"jump high\"");
     }
 
     proptest! {
         #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// Any text is answered.
+        /// Every text gets a reply.
         #[test]
         fn no_request_harms(part in 0..9_usize, text in "(list|get|getn|stpd|tolo|togl|clrt|[a-z]{1,5})( (-?[0-9]{1,3}|nan|[a-z]+|\\(1 2\\)))*") {
             let robot = icub();
-            ask(&robot, part, &text);
+            reply_to(&robot, part, &text);
         }
     }
 }

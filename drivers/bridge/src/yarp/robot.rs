@@ -1,9 +1,9 @@
-//! A robot's own RPC (`/MoBeE/<robot>/rpc`) as YARP programs write it.
+//! YARP encoding of a robot's own RPC (`/MoBeE/<robot>/rpc`).
 //!
 //! ```text
-//! status        the filter's state in one word, and the reason of a hold
-//! agent on|off  lets the built-in agent make motions, or pauses it (at the end of its present one) so that another may
-//! recover       tries a failed retreat again
+//! status        state of the filter in one word, and the reason of a hold
+//! agent on|off  lets the built-in agent act, or pauses it (at the end of its present motion) in favor of another
+//! recover       retries a failed retreat
 //! ```
 
 use super::words::{self, line, string};
@@ -11,7 +11,7 @@ use crate::robot_rpc::{self, RobotRefusal, RobotReply, RobotRequest};
 use mobee_contract::{Filtered, Status};
 use mobee_yarp::{Bottle, Value, Vocab};
 
-/// Answers a request; `[ok]`, or a sentence.
+/// Answers a request with `[ok]`, or a message.
 pub(crate) fn answer(request: &Bottle, robot: &dyn Filtered) -> Bottle {
     reply(parse(request).and_then(|asked| robot_rpc::answer(asked, robot)))
 }
@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn requests_are_understood_and_refusals_say_what_would_be() {
+    fn requests_are_parsed_and_refusals_name_the_valid_ones() {
         let parsed = |text: &str| parse(&Bottle::parse(text, Default::default()).unwrap());
         assert_eq!(parsed("status"), Ok(RobotRequest::Status));
         assert_eq!(parsed("agent on"), Ok(RobotRequest::LetAgentAct(true)));

@@ -1,34 +1,34 @@
-//! What a detector saw in one picture, as a bottle: for a locator in another process, and for any YARP program.
+//! Detections in one image as a bottle: for a locator in another process, and for any YARP program.
 //!
 //! ```text
 //! (size W H) (focal FX FY) (center CX CY) (distortion K1 K2 P1 P2) (regions REGION ...)
 //! REGION = (NAME (center U V) (bounds LEFT TOP RIGHT BOTTOM) (area A) (clipped 0|1) (confidence C) [POSE])
 //! POSE   = (position X Y Z) (rotation W X Y Z) (covariance 36 numbers, row by row)
 //! ```
-//! Lengths on pictures in pixels from the upper left corner, those before the camera in meters (x right, y down, z forward). The envelope
-//! is a stamp: the number of the message, and the time of day at which the picture was exposed, s since 1970. Lists may come in any order,
-//! and those that are not known are left unread.
+//! Lengths in images are in pixels from the upper left corner, those in space in meters (x right, y down, z
+//! forward). The envelope is a stamp: the number of the message, and the time of day at which the image was
+//! exposed, s since 1970. Lists may come in any order, and unknown ones are ignored.
 
 use super::words::{exactly, integer, name, number, string};
 use mobee_contract::{Intrinsics, Region, SeenPose};
 use mobee_yarp::{Bottle, Value};
 
-/// The most regions of one picture.
-const MOST: usize = 256;
-/// The longest side of a picture, pixels.
-const LONGEST: i64 = 16_384;
+/// Largest number of regions in one image.
+const MAX_REGIONS: usize = 256;
+/// Greatest width and height of an image, pixels.
+const MAX_SIDE_PX: i64 = 16_384;
 
-/// What was seen in one picture.
+/// Detections in one image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeenRegions {
-    /// How the camera projects.
+    /// Projection of the camera.
     pub intrinsics: Intrinsics,
-    /// What its detector found.
+    /// Regions that the detector found.
     pub regions: Vec<Region>,
 }
 
 impl SeenRegions {
-    /// As a bottle.
+    /// Converts to a bottle.
     pub fn bottle(&self) -> Bottle {
         let Intrinsics { size, focal, center, distortion } = self.intrinsics;
         let size = size.map(|n| Value::Int32(i32::try_from(n).unwrap_or(i32::MAX)));
@@ -42,10 +42,10 @@ impl SeenRegions {
         ])
     }
 
-    /// From a bottle.
+    /// Parses a bottle.
     ///
     /// # Errors
-    /// What is missing, or not what it should be: nothing of it is taken then.
+    /// A list that is missing or invalid; the whole bottle is rejected then.
     pub fn parse(bottle: &Bottle) -> Result<SeenRegions, String> {
         let size = find(bottle, "size").and_then(|rest| match rest {
             [w, h] => Some([side(w)?, side(h)?]),
@@ -61,8 +61,8 @@ impl SeenRegions {
             return Err(misses("focal", "two lengths above zero"));
         }
         let regions = find(bottle, "regions").ok_or_else(|| misses("regions", "a list for each region"))?;
-        if regions.len() > MOST {
-            return Err(format!("{} regions in one picture are more than {MOST}", regions.len()));
+        if regions.len() > MAX_REGIONS {
+            return Err(format!("{} regions in one picture are more than {MAX_REGIONS}", regions.len()));
         }
         let read = |(k, value): (usize, &Value)| {
             let region = value.as_list().ok_or_else(|| "it is no list".to_owned()).and_then(region);
@@ -101,7 +101,8 @@ fn region(bottle: &Bottle) -> Result<Region, String> {
             let covariance: [f64; 36] = numbers(bottle, "covariance")?;
             let mut rows = [[0.0; 6]; 6];
             rows.iter_mut().flatten().zip(covariance).for_each(|(to, from)| *to = from);
-            let (position, rotation) = (numbers(bottle, "position")?, numbers(bottle, "rotation")?);
+            let position = numbers(bottle, "position")?;
+            let rotation = numbers(bottle, "rotation")?;
             Some(SeenPose { position, rotation, covariance: rows })
         }
     };
@@ -124,7 +125,7 @@ fn floats(numbers: impl IntoIterator<Item = f64>) -> impl Iterator<Item = Value>
     numbers.into_iter().map(Value::Float64)
 }
 
-/// What follows a key in the list that begins with it.
+/// Rest of the list that begins with a key.
 fn find<'a>(bottle: &'a Bottle, key: &str) -> Option<&'a [Value]> {
     let mut lists = bottle.0.iter().filter_map(Value::as_list);
     lists.find(|list| name(list.get(0)).is_some_and(|found| found == key)).and_then(|list| list.0.get(1..))
@@ -138,10 +139,10 @@ fn misses(key: &str, what: &str) -> String {
     format!("the list ({key} ...) with {what} is missing")
 }
 
-/// A side of a picture, pixels.
+/// Width or height of an image, pixels.
 fn side(value: &Value) -> Option<u32> {
     let whole = number(Some(value)).filter(|n| n.fract() == 0.0)?;
-    (1..=LONGEST).contains(&(whole as i64)).then_some(whole as u32)
+    (1..=MAX_SIDE_PX).contains(&(whole as i64)).then_some(whole as u32)
 }
 
 #[cfg(test)]
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_whole_is_refused_as_a_whole_and_says_what_is_missing() {
+    fn incomplete_regions_are_refused_and_the_error_names_the_missing_part() {
         let text = String::from_utf8(seen().bottle().to_text()).unwrap();
         for (from, to, what) in [
             ("size 320 240", "size 320 0", "size"),
@@ -203,7 +204,7 @@ mod tests {
             assert!(refused.contains(what), "{from} -> {to}: {refused}");
         }
         assert!(SeenRegions::parse(&Bottle::new()).is_err());
-        let many = SeenRegions { regions: vec![seen().regions[0].clone(); MOST + 1], ..seen() };
+        let many = SeenRegions { regions: vec![seen().regions[0].clone(); MAX_REGIONS + 1], ..seen() };
         assert!(SeenRegions::parse(&many.bottle()).unwrap_err().contains("more than"));
     }
 }

@@ -1,16 +1,16 @@
-//! The messages of a part's `cmd:i`, as the original wrote them.
+//! Messages of a part's `cmd:i`, as in the original.
 //!
 //! ```text
-//! qatt (n0 n1 ...)                    be drawn there; shares of each joint's range
+//! qatt (n0 n1 ...)                    attractor; shares of each joint's range
 //! qfor (f0 f1 ...)                    a force per joint
-//! opsp MARKER (Fx Fy Fz Tx Ty Tz)     a force and a torque at a marker, world frame; what is left out is 0
+//! opsp MARKER (Fx Fy Fz Tx Ty Tz)     a force and a torque at a marker, world frame; missing values are 0
 //! ```
 
 use super::words;
 use crate::force_field::Wish;
 use mobee_yarp::{Bottle, Value};
 
-/// Reads a message; `None` if it is none of these, or if one of its numbers is malformed.
+/// Parses a message; `None` if it is not one of these, or if one of its numbers is malformed.
 pub(crate) fn parse(message: &Bottle) -> Option<Wish> {
     let list = |value: Option<&Value>| match value {
         Some(Value::List(list)) => words::numbers(&list.0),

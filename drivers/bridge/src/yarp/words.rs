@@ -1,4 +1,5 @@
-//! Words and numbers of a bottle, read as YARP's own programs read them: a vocab may come as a string, an integer as a float.
+//! Words and numbers of a bottle, parsed as by YARP's own programs: a vocab may come as a string, an integer
+//! as a float.
 
 use mobee_yarp::{Bottle, Text, Value};
 
@@ -26,7 +27,7 @@ pub(crate) fn number(value: Option<&Value>) -> Option<f64> {
     Some(number).filter(|x| x.is_finite())
 }
 
-/// A whole number written as one.
+/// An integer value.
 pub(crate) fn integer(value: Option<&Value>) -> Option<i64> {
     match value? {
         Value::Int8(i) => Some(i64::from(*i)),
@@ -42,7 +43,7 @@ pub(crate) fn numbers(values: &[Value]) -> Option<Vec<f64>> {
     values.iter().map(|v| number(Some(v))).collect()
 }
 
-/// Exactly so many finite numbers.
+/// Exactly `N` finite numbers.
 pub(crate) fn exactly<const N: usize>(values: &[Value]) -> Option<[f64; N]> {
     numbers(values)?.try_into().ok()
 }

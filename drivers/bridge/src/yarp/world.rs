@@ -1,4 +1,4 @@
-//! The world's RPC as YARP programs write it, in the original's words.
+//! YARP encoding of the world's RPC, in the original's words.
 //!
 //! ```text
 //! OBJ = sph1 | sph 1
@@ -19,15 +19,15 @@ use crate::world_rpc::{
 use mobee_model::ObjectClass;
 use mobee_yarp::{Bottle, Value, Vocab};
 
-/// Answers one request in YARP's words; edits are made before the reply.
+/// Answers one request; edits are made before the reply.
 pub async fn answer(world: &WorldService, request: &Bottle) -> Bottle {
     judged(world, request).await.unwrap_or_else(|refused| refused)
 }
 
-/// The same for who must know whether it was done.
+/// Same as [`answer`], for callers that depend on the outcome.
 ///
 /// # Errors
-/// What a program would be answered, if the request was refused.
+/// The reply to a request that was refused.
 pub async fn judged(world: &WorldService, request: &Bottle) -> Result<Bottle, Bottle> {
     let answered = world.answer(parse(request)).await;
     let refused = matches!(&answered, Err(_) | Ok(WorldReply::Found { outcome: Err(_), .. }));
@@ -35,7 +35,7 @@ pub async fn judged(world: &WorldService, request: &Bottle) -> Result<Bottle, Bo
     if refused { Err(bottle) } else { Ok(bottle) }
 }
 
-/// Reads a request. Never fails: what is wrong becomes part of the request, and the world's core answers it.
+/// Parses a request. Never fails: an error becomes part of the request, and the world's core answers it.
 pub fn parse(request: &Bottle) -> WorldRequest {
     let malformed = |why| WorldRequest::Malformed { object: None, why };
     let Some(verb) = words::name(request.0.first()) else { return malformed(WorldRefusal::Unknown) };
@@ -72,7 +72,7 @@ pub fn parse(request: &Bottle) -> WorldRequest {
     }
 }
 
-/// A request about the object that the arguments begin with, in one of its name's two forms.
+/// Request about the object that the arguments begin with, whose name has two forms.
 fn on_object(arguments: &[Value], ask: impl FnOnce(&[Value]) -> Result<ObjectRequest, WorldRefusal>) -> WorldRequest {
     let first = words::name(arguments.first()).unwrap_or_default();
     let number = words::integer(arguments.get(1)).filter(|_| is_series(&first));
@@ -89,7 +89,7 @@ fn on_object(arguments: &[Value], ask: impl FnOnce(&[Value]) -> Result<ObjectReq
 fn make(arguments: &[Value]) -> Result<WorldRequest, WorldRefusal> {
     let word = words::name(arguments.first()).unwrap_or_default();
     let arguments = arguments.get(1..).unwrap_or_default();
-    // a number that is missing or malformed counts as 0, as in the original
+    // a missing or malformed number counts as 0, as in the original
     let size = |i: usize| words::number(arguments.get(i)).unwrap_or_default();
     let (geometry, sizes) = match word.as_str() {
         "sph" | "ssph" => (Geometry::Sphere { radius: size(0) }, 1),
@@ -110,7 +110,7 @@ fn class(rest: &[Value]) -> Result<ObjectClass, WorldRefusal> {
     word.as_deref().and_then(ObjectClass::of_word).ok_or(WorldRefusal::UnknownClass)
 }
 
-/// The reply as the original writes it.
+/// Encodes a reply as the original does.
 pub fn reply(reply: &Result<WorldReply, WorldRefusal>) -> Bottle {
     match reply {
         Err(why) => line(sentence(why)),

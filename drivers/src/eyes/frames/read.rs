@@ -1,6 +1,7 @@
-//! Reading kept frames again, one after the other. A record that is not whole is left out and named, and the next whole one is searched for.
+//! Reader of recorded frames. A damaged record is skipped and reported, and the next valid one is searched
+//! for.
 
-use super::{HEAD, LONGEST, MAGIC, START, VERSION, file};
+use super::{HEAD_BYTES, MAGIC, MAX_SIDE_PX, START, VERSION, file};
 use mobee_contract::{Frame, Intrinsics, KindError, Time, picture, suggestion};
 use mobee_model::file::find_record;
 use std::fs::File;
@@ -8,50 +9,52 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The longest record, bytes: noise does not shrink.
-const LONGEST_RECORD: u64 = HEAD as u64 + 4 * LONGEST as u64 * LONGEST as u64;
-/// No run is longer.
-const LONGEST_RUN: Duration = Duration::from_secs(100 * 366 * 86_400);
-/// Cameras that are told at most, and damaged places of a file.
-const TOLD: usize = 100;
-/// Bytes whose sums are taken at most in search of the records of one file.
-const SEARCH: u64 = 8 << 30;
+/// Greatest length of a record, bytes: noise is incompressible.
+const MAX_RECORD_BYTES: u64 = HEAD_BYTES as u64 + 4 * MAX_SIDE_PX as u64 * MAX_SIDE_PX as u64;
+/// Greatest plausible duration of a run.
+const MAX_RUN_TIME: Duration = Duration::from_secs(100 * 366 * 86_400);
+/// Largest number of cameras, and of damaged places of a file, that are reported.
+const MAX_REPORTED: usize = 100;
+/// Limit of the bytes that are checksummed in search of the records of one file.
+const MAX_SEARCHED_BYTES: u64 = 8 << 30;
 
-/// What is wrong, and what to do about it.
+/// Description of an error, and its remedy.
 type Wrong = (String, String);
 
-/// The file of a camera's frames. Holds none of them in memory.
+/// Reader of the file of a camera's frames. Holds no frame in memory.
 #[derive(Debug)]
 pub struct FrameReader {
     path: PathBuf,
     file: File,
-    /// Where the next record begins.
+    /// Start of the next record.
     at: u64,
-    /// The parts that hold no frame: where each begins and ends, bytes.
+    /// Damaged parts: start and end of each, bytes.
     damage: Vec<(u64, u64)>,
-    /// The end of the file, if no whole frame is there: as a crash leaves it, or while it is written.
+    /// Rest of the file without a valid frame: after a crash, or while it is written.
     tail: Option<(u64, u64)>,
-    /// Bytes whose sums may still be taken in search of records.
+    /// Number of bytes that may still be checksummed in search of records.
     search: u64,
 }
 
-/// A frame in a file, its pixels not read yet.
+/// A frame in a file, without its pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeptFrame {
-    /// When it was exposed, by the clock of its run.
+    /// Exposure time, by the clock of its run.
     pub exposed: Time,
-    /// How it was projected.
+    /// Projection of the camera.
     pub intrinsics: Intrinsics,
-    /// Where its record begins, and the length of head and PNG.
+    /// Start of its record, and the length of head and PNG.
     at: u64,
     length: u64,
 }
 
 impl FrameReader {
-    /// The frames that the run in this folder kept of a camera, which is called as there: `SENSOR/CAMERA`.
+    /// Opens the frames that the run in this folder recorded of a camera, given its name there:
+    /// `SENSOR/CAMERA`.
     ///
     /// # Errors
-    /// A folder that kept none, a camera that is not among them, or a file that is something else, as settings `run` and `camera`.
+    /// A folder without frames, a camera that is not among them, or a file of another kind, as errors of the
+    /// settings `run` and `camera`.
     pub fn open(run: &Path, camera: &str) -> Result<FrameReader, KindError> {
         let path = file(run, camera);
         if !path.exists() {
@@ -62,7 +65,7 @@ impl FrameReader {
         reader.ok_or_else(|| wrong((format!("{} has no frame", path.display()), again())))
     }
 
-    /// The frames in a file; none if it ends before they begin, as a crash leaves it.
+    /// Opens a file of frames; `None` if it ends before the first frame, as after a crash.
     pub(super) fn of(path: &Path) -> Result<Option<FrameReader>, Wrong> {
         let at = path.display();
         let io =
@@ -75,8 +78,15 @@ impl FrameReader {
         file.read_exact_at(&mut start, 0).map_err(io)?;
         match start.strip_prefix(MAGIC) {
             Some(version) if version == VERSION => {
-                let (path, damage) = (path.into(), Vec::new());
-                Ok(Some(FrameReader { path, file, at: START, damage, tail: None, search: SEARCH }))
+                let path = path.into();
+                Ok(Some(FrameReader {
+                    path,
+                    file,
+                    at: START,
+                    damage: Vec::new(),
+                    tail: None,
+                    search: MAX_SEARCHED_BYTES,
+                }))
             }
             Some(_) => Err((
                 format!("{at} is of another version"),
@@ -86,17 +96,17 @@ impl FrameReader {
         }
     }
 
-    /// The next frame; `None` at the end, or if the rest is the part of one that a crash leaves. What is damaged on the way is left out,
-    /// see [`FrameReader::damage`].
+    /// Next frame; `None` at the end, or if only a partial frame is left, as after a crash. Damaged parts on
+    /// the way are skipped, see [`FrameReader::damage`].
     ///
     /// # Errors
-    /// If the file can't be read.
+    /// The file can't be read.
     pub fn next_frame(&mut self) -> Result<Option<KeptFrame>, String> {
         let unreadable = |e: std::io::Error| format!("{} can't be read: {e}", self.path.display());
         let len = self.file.metadata().map_err(unreadable)?.len();
         let begins = self.at;
         let frame = match self.head(begins, len).map_err(unreadable)? {
-            // its length and time are only believed if a later record follows, or its sum is right
+            // its length and time are accepted only if a later record follows or the checksum is right
             Some(frame) if self.is_followed(&frame, len).map_err(unreadable)? || self.png(&frame).is_ok() => {
                 Some(frame)
             }
@@ -111,14 +121,14 @@ impl FrameReader {
         Ok(Some(frame))
     }
 
-    /// The parts of what was read so far that hold no whole frame, in words.
+    /// Messages about the parts read so far that contain no valid frame.
     pub fn damage(&self) -> Vec<String> {
         let path = self.path.display();
         let tail = self.tail.map(|(from, _)| format!("{path} ends with a part of a frame, from byte {from} on"));
         self.left_out().into_iter().chain(tail).collect()
     }
 
-    /// The damaged parts that whole frames follow, in words.
+    /// Messages about the damaged parts that are followed by valid frames.
     fn left_out(&self) -> Vec<String> {
         let path = self.path.display();
         let words = |(from, to): &(u64, u64)| {
@@ -129,20 +139,20 @@ impl FrameReader {
         self.damage.iter().map(words).collect()
     }
 
-    /// From the first frame again.
+    /// Restarts at the first frame.
     pub fn rewind(&mut self) {
         self.at = START;
     }
 
-    /// The end of the last whole frame, and what is damaged before it, in words.
+    /// End of the last valid frame, and messages about the damage before it.
     pub(super) fn whole(mut self) -> (u64, Vec<String>) {
         while let Ok(Some(_)) = self.next_frame() {}
         (self.at, self.left_out())
     }
 
-    /// The frame whose record begins here, if it makes sense and lies within the file.
+    /// Frame whose record starts here, if it is plausible and lies within the file.
     fn head(&self, at: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
-        let mut start = [0; 4 + HEAD];
+        let mut start = [0; 4 + HEAD_BYTES];
         if len < at + start.len() as u64 {
             return Ok(None);
         }
@@ -150,9 +160,9 @@ impl FrameReader {
         Ok(parse(&start, at).filter(|frame| frame.end() <= len))
     }
 
-    /// Whether another record follows, of a later frame.
+    /// True if another record follows, of a later frame.
     fn is_followed(&self, frame: &KeptFrame, len: u64) -> std::io::Result<bool> {
-        let mut start = [0; 4 + HEAD];
+        let mut start = [0; 4 + HEAD_BYTES];
         if len < frame.end() + start.len() as u64 {
             return Ok(false);
         }
@@ -160,10 +170,11 @@ impl FrameReader {
         Ok(parse(&start, frame.end()).is_some_and(|next| next.exposed >= frame.exposed))
     }
 
-    /// The first frame from this place on whose record is whole.
+    /// First frame from this position on with a valid record.
     fn find(&mut self, from: u64, len: u64) -> std::io::Result<Option<KeptFrame>> {
-        let (mut left, mut found) = (self.search, None);
-        find_record(&self.file, from, |at, start: &[u8; 4 + HEAD]| {
+        let mut left = self.search;
+        let mut found = None;
+        find_record(&self.file, from, |at, start: &[u8; 4 + HEAD_BYTES]| {
             let frame = parse(start, at).filter(|frame| frame.end() <= len && frame.length <= left);
             left -= frame.map_or(0, |frame| frame.length);
             found = frame.filter(|frame| self.png(frame).is_ok());
@@ -173,28 +184,28 @@ impl FrameReader {
         Ok(found)
     }
 
-    /// Notes a part that holds no frame, once.
+    /// Records a damaged part, once.
     fn leave_out(&mut self, from: u64, to: u64) {
-        if self.damage.len() < TOLD && self.damage.last().is_none_or(|(last, _)| *last < from) {
+        if self.damage.len() < MAX_REPORTED && self.damage.last().is_none_or(|(last, _)| *last < from) {
             self.damage.push((from, to));
         }
     }
 
-    /// The picture of one of its frames, as a PNG file has it.
+    /// Image of a frame, as a PNG file.
     ///
     /// # Errors
-    /// If it is not as it was written, with its place and what to do.
+    /// A damaged record, with its place and the remedy.
     pub fn png(&self, frame: &KeptFrame) -> Result<Vec<u8>, String> {
         let bytes = usize::try_from(frame.length + 8).map_err(|_| self.damaged(frame.at))?;
         let mut record = vec![0; bytes];
         self.file.read_exact_at(&mut record, frame.at).map_err(|e| self.unreadable(&e))?;
         let whole =
             record.split_last_chunk::<4>().filter(|(rest, sum)| crc32fast::hash(rest) == u32::from_le_bytes(**sum));
-        let png = whole.and_then(|(rest, _)| rest.get(4 + HEAD..));
+        let png = whole.and_then(|(rest, _)| rest.get(4 + HEAD_BYTES..));
         png.map(<[u8]>::to_vec).ok_or_else(|| self.damaged(frame.at))
     }
 
-    /// One of its frames, whole.
+    /// Decodes a frame.
     ///
     /// # Errors
     /// As for [`FrameReader::png`].
@@ -218,12 +229,12 @@ impl FrameReader {
 }
 
 impl KeptFrame {
-    /// The same, exposed so much later.
+    /// Same frame, exposed later by `by`.
     pub(in crate::eyes) fn later(self, by: Duration) -> KeptFrame {
         KeptFrame { exposed: self.exposed + by, ..self }
     }
 
-    /// Where the next record begins.
+    /// Start of the next record.
     fn end(&self) -> u64 {
         self.at + 4 + self.length + 4
     }
@@ -233,7 +244,7 @@ fn again() -> String {
     "set keep_frames = true in the [[sensor]] of that run, and run it again".into()
 }
 
-/// Why there are no frames of a camera.
+/// Explains why there are no frames of a camera.
 fn missing(run: &Path, camera: &str) -> KindError {
     let at = run.display();
     let entries = match std::fs::read_dir(run) {
@@ -242,7 +253,7 @@ fn missing(run: &Path, camera: &str) -> KindError {
     };
     let names = entries.flatten().filter_map(|e| e.file_name().into_string().ok());
     let mut known: Vec<String> =
-        names.filter_map(|n| Some(n.strip_suffix(".frames")?.replace('.', "/"))).take(TOLD).collect();
+        names.filter_map(|n| Some(n.strip_suffix(".frames")?.replace('.', "/"))).take(MAX_REPORTED).collect();
     known.sort();
     if known.is_empty() {
         return KindError::new("run", format!("the run {at} kept no frames"), again());
@@ -252,8 +263,8 @@ fn missing(run: &Path, camera: &str) -> KindError {
     KindError::new("camera", what, suggestion(camera, "camera", &known))
 }
 
-/// The frame whose record begins with these bytes at `at`, if they make sense.
-fn parse(start: &[u8; 4 + HEAD], at: u64) -> Option<KeptFrame> {
+/// Frame whose record starts with these bytes at `at`, if they are plausible.
+fn parse(start: &[u8; 4 + HEAD_BYTES], at: u64) -> Option<KeptFrame> {
     let (length, rest) = start.split_first_chunk()?;
     let (exposed, rest) = rest.split_first_chunk()?;
     let (width, rest) = rest.split_first_chunk()?;
@@ -263,12 +274,13 @@ fn parse(start: &[u8; 4 + HEAD], at: u64) -> Option<KeptFrame> {
         *number = f64::from_le_bytes(*bytes);
     }
     let [fx, fy, cx, cy, k1, k2, p1, p2] = numbers;
-    let (length, exposed) = (u64::from(u32::from_le_bytes(*length)), Time(u64::from_le_bytes(*exposed)));
+    let length = u64::from(u32::from_le_bytes(*length));
+    let exposed = Time(u64::from_le_bytes(*exposed));
     let size = [u32::from_le_bytes(*width), u32::from_le_bytes(*height)];
     let intrinsics = Intrinsics { size, focal: [fx, fy], center: [cx, cy], distortion: [k1, k2, p1, p2] };
-    let is_sound = (HEAD as u64 + 1..=LONGEST_RECORD).contains(&length)
-        && exposed.since(Time::ZERO) <= LONGEST_RUN
-        && size.iter().all(|n| (1..=LONGEST).contains(n))
+    let is_sound = (HEAD_BYTES as u64 + 1..=MAX_RECORD_BYTES).contains(&length)
+        && exposed.since(Time::ZERO) <= MAX_RUN_TIME
+        && size.iter().all(|n| (1..=MAX_SIDE_PX).contains(n))
         && numbers.iter().all(|x| x.is_finite());
     is_sound.then_some(KeptFrame { exposed, intrinsics, at, length })
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::eyes::{RecordedCamera, RecordedCameraSettings};
 
-/// A folder of its own that is gone afterwards.
+/// Temporary folder, removed when dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -28,7 +28,7 @@ impl Drop for Folder {
     }
 }
 
-/// A frame of what looks like noise, exposed after so many milliseconds.
+/// Frame of noise-like pixels, exposed at this time, ms.
 fn frame(ms: u64) -> Frame {
     let size = [5, 3 + ms as u32 % 2];
     let bytes = size[0] * size[1] * 3;
@@ -53,7 +53,7 @@ fn put(sink: &mut dyn Sink, times: &[u64]) {
     times.iter().for_each(|ms| write(sink, "eyes/left", &frame(*ms)).unwrap());
 }
 
-/// The times of the frames that are there, each compared with what was kept.
+/// Exposure times of the frames in the file, ms. Each frame is compared with the one written.
 fn kept(dir: &Folder) -> Result<Vec<u64>, String> {
     let mut reader = FrameReader::open(&dir.0, "eyes/left").map_err(|e| e.what)?;
     let mut times = Vec::new();
@@ -72,7 +72,7 @@ fn what_was_kept_is_the_same_to_the_byte_with_time_and_lens() {
     let mut sink = dir.keep().unwrap().sink();
     put(sink.as_mut(), &[100, 201, 300]);
     write(sink.as_mut(), "eyes/right", &frame(5)).unwrap();
-    // while it is still being written
+    // readable before the writer has closed the file
     assert_eq!(kept(&dir), Ok(vec![100, 201, 300]));
 }
 
@@ -92,7 +92,7 @@ fn a_crash_at_any_byte_costs_the_last_frame_at_most_and_the_file_goes_on() {
         put(dir.keep().unwrap().sink().as_mut(), &[9]);
         assert_eq!(kept(&dir).unwrap()[count..], [9], "{len}");
     }
-    // what was never on the disk, though the file is as long
+    // a block that never reached the disk, although the file has its full length
     let mut zeros = whole.clone();
     zeros[two.len() + 90..].fill(0);
     std::fs::write(dir.left(), &zeros).unwrap();
@@ -100,7 +100,8 @@ fn a_crash_at_any_byte_costs_the_last_frame_at_most_and_the_file_goes_on() {
     assert_eq!(kept(&dir), Ok(vec![1, 2, 4]));
 }
 
-/// The times of the frames that can be read, each compared with what was kept, and what is said of the others.
+/// Exposure times of the readable frames, ms, each compared with the one written, and the reports about damaged
+/// ones.
 fn readable(dir: &Folder) -> (Vec<u64>, Vec<String>) {
     let mut reader = FrameReader::open(&dir.0, "eyes/left").unwrap();
     let (mut times, mut damage) = (Vec::new(), Vec::new());
@@ -133,7 +134,8 @@ fn damage_anywhere_costs_its_frame_alone_and_is_noticed_with_its_place() {
             let (times, damage) = readable(&dir);
             assert_eq!((times.len(), damage.len()), (2, 1), "byte {at}: {times:?} {damage:?}");
             assert!(damage[0].contains("eyes.left.frames") && damage[0].contains(" byte "), "{damage:?}");
-            // who goes on in the file cuts nothing off but what a crash may have left at its end
+            // a writer that continues the file truncates only the incomplete record that a crash may have left
+            // at its end
             let kept = dir.keep().unwrap();
             put(kept.sink().as_mut(), &[9]);
             let (after, named) = readable(&dir);
@@ -175,7 +177,7 @@ fn a_camera_of_one_frame_at_time_zero_repeats_it_once_a_second() {
 }
 
 #[test]
-fn what_holds_no_frames_of_this_version_is_refused_by_readers_and_by_those_who_would_write_on() {
+fn files_of_other_versions_are_refused_by_readers_and_writers() {
     let dir = Folder::new("foreign");
     let refused = |camera: &str| FrameReader::open(&dir.0, camera).err().map(|e| (e.path, e.what, e.help)).unwrap();
     let (path, what, help) = refused("eyes/left");
@@ -208,7 +210,7 @@ fn frames_that_are_none_are_not_kept() {
         let frame = frame(1);
         Frame { intrinsics: Intrinsics { size, ..frame.intrinsics }, pixels: vec![0; bytes].into(), ..frame }
     };
-    for wrong in [with([5, 3], 44), with([0, 3], 0), with([LONGEST + 1, 1], 3 * (LONGEST as usize + 1))] {
+    for wrong in [with([5, 3], 44), with([0, 3], 0), with([MAX_SIDE_PX + 1, 1], 3 * (MAX_SIDE_PX as usize + 1))] {
         let told = write(sink.as_mut(), "eyes/left", &wrong).unwrap_err();
         assert!(told.contains("can't be kept"), "{told}");
     }
@@ -217,7 +219,7 @@ fn frames_that_are_none_are_not_kept() {
 }
 
 #[test]
-fn a_recorded_camera_gives_each_frame_when_it_was_exposed_and_who_is_late_misses_some() {
+fn a_recorded_camera_delivers_each_frame_at_its_exposure_time_and_late_readers_miss_some() {
     let dir = Folder::new("again");
     put(dir.keep().unwrap().sink().as_mut(), &[100, 250, 300]);
     let looks = |repeat: bool, times: &[u64]| {
@@ -235,7 +237,7 @@ fn a_recorded_camera_gives_each_frame_when_it_was_exposed_and_who_is_late_misses
         [(None, 50), (Some(100), 150), (None, 10), (Some(250), 50), (Some(300), 1000), end]
     );
     assert_eq!(looks(false, &[5000, 6000]), [(Some(300), 1000), end], "the newest of all");
-    // 50 ms after the last one the run begins anew, 350 ms later
+    // the recording is repeated from 50 ms after its last frame, with frames shifted by 350 ms
     assert_eq!(
         looks(true, &[250, 300, 449, 450, 600, 650, 800, 35_120]),
         [

@@ -1,4 +1,4 @@
-//! What acts on an arm from outside: its weight, and what it touches.
+//! External torques on an arm: weight and contacts.
 
 use mobee_model::{Object, ObjectClass, Scene, SceneError, ShapeId, Watch};
 use nalgebra::{Isometry3, Vector3};
@@ -6,17 +6,17 @@ use std::sync::Arc;
 
 /// Gravity, m/s^2.
 const GRAVITY: f64 = 9.81;
-/// Pairs nearer than this are followed between two looks, m.
-const NEAR: f64 = 0.03;
+/// Distance below which a pair is tracked between two evaluations, m.
+const TRACKING_DISTANCE_M: f64 = 0.03;
 
-/// Where an arm stands, and what is there.
+/// Surroundings of an arm, and its physical parameters.
 #[derive(Clone, Debug)]
 pub struct ArmPhysics {
-    /// The arm and the objects around it, those that only physics has among them.
+    /// The arm and the objects around it, including objects known to the physics only.
     pub scene: Arc<Scene>,
-    /// The arm's mass, kg, spread over its shapes by their volume; a share of its weight that is not compensated.
+    /// Mass of the arm, kg, distributed over its shapes by volume.
     pub mass: f64,
-    /// The share of its weight that no controller of its own compensates, 0 to 1.
+    /// Share of its weight that no controller of its own compensates, 0 to 1.
     pub felt: f64,
     /// Stiffness of a contact, N/m.
     pub stiffness: f64,
@@ -25,7 +25,8 @@ pub struct ArmPhysics {
 }
 
 impl ArmPhysics {
-    /// A robot alone in a scene with these objects. Targets and ghosts are nothing that it could touch.
+    /// Scene with this robot alone and these objects. Targets and ghosts are omitted, because nothing can
+    /// touch them.
     ///
     /// # Errors
     /// Two objects of one name.
@@ -47,27 +48,27 @@ struct Weight {
     newtons: f64,
 }
 
-/// A pair that may touch before the next look: its distance as a linear function of the joints.
+/// A pair that may touch before the next evaluation: its distance as a linear function of the joints.
 #[derive(Clone, Debug)]
 struct Gap {
     distance: f64,
     gradient: Vec<f64>,
 }
 
-/// An arm's weight and contacts.
+/// Weight and contacts of an arm.
 #[derive(Clone, Debug)]
 pub struct ExternalTorques {
     physics: ArmPhysics,
     watch: Watch,
     weights: Vec<Weight>,
-    /// As of the last look: the joints, their torques from weight, and what is near.
+    /// Last evaluation: joint positions, their torques by weight, and the close pairs.
     seen: Vec<f64>,
     weight: Vec<f64>,
     gaps: Vec<Gap>,
 }
 
 impl ExternalTorques {
-    /// Nothing, if the scene has no robot.
+    /// Creates the torques; `None` if the scene has no robot.
     pub fn new(physics: ArmPhysics) -> Option<ExternalTorques> {
         let robot = physics.scene.robots().first()?;
         let moved = robot.nodes.iter().enumerate().filter(|(n, _)| robot.body(*n).is_some());
@@ -79,7 +80,7 @@ impl ExternalTorques {
         let weight = |(node, at, volume)| Weight { node, at, newtons: volume * per_volume };
         let motors = robot.motors.len();
         Some(ExternalTorques {
-            watch: Watch::new(physics.scene.clone(), NEAR),
+            watch: Watch::new(physics.scene.clone(), TRACKING_DISTANCE_M),
             weights: shapes.into_iter().map(weight).filter(|w| w.newtons > 0.0).collect(),
             seen: vec![0.0; motors],
             weight: vec![0.0; motors],
@@ -109,7 +110,7 @@ impl ExternalTorques {
             touches.map(|c| Gap { distance: c.distance, gradient: scene.distance_gradient(0, c, &frames) }).collect();
     }
 
-    /// Adds the torques of weight and contacts, N m per joint; the greatest force of a contact, N.
+    /// Adds the torques of weight and contacts, N m per joint. Returns the greatest contact force, N.
     pub fn torques(&self, q: &[f64], v: &[f64], out: &mut [f64]) -> f64 {
         for (out, weight) in out.iter_mut().zip(&self.weight) {
             *out += weight;

@@ -1,95 +1,97 @@
-//! Arms as they are: servos, weight, encoders and boards of robots that people own, and numbers of one's own.
+//! Profiles of real arms: servos, weight, encoders and boards; and user-defined values.
 
 use mobee_contract::KindError;
 use mobee_model::{JointMotion, Robot};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The servo of one joint, per radian of encoder.
+/// Servo of one joint, per radian of encoder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
-    /// N m/rad.
+    /// Stiffness, N m/rad.
     pub stiffness: f64,
-    /// N m s/rad.
+    /// Damping, N m s/rad.
     pub damping: f64,
-    /// Its greatest torque, N m.
+    /// Greatest torque, N m.
     pub torque: f64,
-    /// kg m^2, the arm's part included.
+    /// Inertia, kg m^2, including the arm's share.
     pub inertia: f64,
-    /// The part of the inertia that is its rotor's, kg m^2.
+    /// Share of the inertia that is the rotor's, kg m^2.
     pub rotor: f64,
     /// Dry friction, N m.
     pub friction: f64,
-    /// The share of the commanded speed that it feeds forward, 0 to 1: without, it lags by damping / stiffness seconds.
+    /// Share of the commanded speed that is fed forward, 0 to 1. Without it, the servo lags by damping /
+    /// stiffness seconds.
     pub lead: f64,
-    /// What one radian of encoder is in the joint's own unit: 1 where it turns, meters where it slides.
+    /// Value of one radian of encoder in the joint's own unit: 1 for revolute, in meters for prismatic
+    /// joints.
     pub unit: f64,
-    /// Its mechanical end stops, rad of encoder.
+    /// Mechanical end stops, rad of encoder.
     pub stops: (f64, f64),
 }
 
-/// A joint moves more than its own inertia where others move beside it.
+/// Factor on the inertia of a joint when other joints move with it.
 const COUPLED: f64 = 2.0;
 
 impl Servo {
-    /// By how much it goes beyond its commanded path while that brakes like this, rad/s^2; rad.
+    /// Distance by which it overshoots its commanded path if that brakes at `acceleration`, rad/s^2; rad.
     pub fn overshoot(&self, acceleration: f64) -> f64 {
         COUPLED * self.inertia * acceleration / self.stiffness.max(1e-6)
     }
 }
 
-/// A kind of arm.
+/// Model of an arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ArmProfile {
-    /// Kinematic joints: they are where the board commands them, without weight, lag or force.
+    /// Kinematic joints: always at the commanded position, without weight, lag or force.
     #[default]
     Ideal,
-    /// An arm of no particular make: weight compensated, servos of 5 to 6 Hz that lag a little, a 16-bit encoder.
+    /// Generic arm: weight compensated, servos of 5 to 6 Hz that lag a little, a 16-bit encoder.
     Arm,
-    /// An iCub's arms: stiff position loops of a board that compensates the weight by its integral term.
+    /// Arms of an iCub: stiff position loops of a board that compensates the weight by its integral term.
     Icub,
     /// Franka Panda: weight compensated, servo gains and torques of its MuJoCo Menagerie model.
     Panda,
     /// Universal Robots UR5: weight compensated, gains and torques of the UR5e of the MuJoCo Menagerie.
     Ur5,
-    /// SO-101, six STS3215 hobby servos: 4,096 counts a turn, no weight compensated.
+    /// SO-101, six STS3215 hobby servos: 4,096 counts per turn, no weight compensation.
     So101,
 }
 
-/// Where a stop leaves a board's commanded position.
+/// Commanded position of a board after a stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum StopRule {
-    /// The board brakes along its commanded way, and holds the end of it.
+    /// The board brakes along its commanded path and holds its end.
     #[default]
     Commanded,
     /// The board holds the position that its encoder reads.
     Measured,
 }
 
-/// When a board reports a move as done.
+/// Condition on which a board reports a move as done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum DoneRule {
-    /// When its commanded trajectory is over.
+    /// The commanded trajectory has ended.
     #[default]
     Trajectory,
-    /// When the joint is within half a degree of its target, too.
+    /// The joint is also within half a degree of its target.
     Arrived,
 }
 
-/// Which torque a board reports.
+/// Kind of torque that a board reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EffortReport {
-    /// The torque from outside, by torque sensors and a model of the arm.
+    /// The external torque, by torque sensors and a model of the arm.
     External,
     /// The servo's load: its own torque.
     Load,
 }
 
-/// Servos, weight and board of a simulated arm. What is not given is the profile's. Lists are from the base on; the last number counts for
-/// all joints that follow.
+/// Servos, weight and board of a simulated arm. Values that are not given are the profile's. Lists start at
+/// the base; the last number applies to all joints that follow.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServoSettings {
@@ -102,16 +104,17 @@ pub struct ServoSettings {
     /// Greatest torque, N m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub torque_nm: Option<Vec<f64>>,
-    /// Inertia that a joint moves, kg m^2.
+    /// Inertia moved by a joint, kg m^2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inertia_kgm2: Option<Vec<f64>>,
     /// Dry friction, N m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction_nm: Option<Vec<f64>>,
-    /// Share of the commanded speed that the servo feeds forward, 0 to 1; without, it lags by damping / stiffness seconds.
+    /// Share of the commanded speed that the servo feeds forward, 0 to 1; without it, the servo lags by
+    /// damping / stiffness seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lead: Option<f64>,
-    /// Mass of all links that move, kg, spread over their shapes by volume.
+    /// Mass of all moving links, kg, distributed over their shapes by volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass_kg: Option<f64>,
     /// Share of the weight that the arm's own controller compensates, 0 to 1.
@@ -120,13 +123,13 @@ pub struct ServoSettings {
     /// Stiffness of contacts, N/m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact_n_per_m: Option<f64>,
-    /// Where a stop leaves the commanded position: `commanded` or `measured`.
+    /// Commanded position after a stop: `commanded` or `measured`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stop: Option<StopRule>,
-    /// When a move is reported as done: `trajectory` or `arrived`.
+    /// Condition on which a move is reported as done: `trajectory` or `arrived`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub done: Option<DoneRule>,
-    /// Whether the board takes reference accelerations over; otherwise it accepts them and keeps its own.
+    /// True if the board applies reference accelerations; otherwise it accepts them but keeps its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub honors_acceleration: Option<bool>,
 }
@@ -143,30 +146,32 @@ pub struct ArmNumbers {
     lead: f64,
     mass: f64,
     compensated: f64,
-    /// Encoder resolution and noise, deg.
+    /// Encoder resolution, deg.
     pub resolution_deg: f64,
-    /// See above.
+    /// Encoder noise, deg.
     pub noise_deg: f64,
     stop: StopRule,
-    /// Which torque it reports.
+    /// Kind of torque that it reports.
     pub reports: EffortReport,
 }
 
-/// Sliding joints (fingers) of every profile: N/m, N s/m, N, kg.
+/// Prismatic joints (fingers) of every profile: N/m, N s/m, N, kg.
 const SLIDE: [f64; 4] = [2_000.0, 60.0, 40.0, 0.1];
-/// What an arm sags by at most under its own weight, rad: more is a load that the arm is not made for.
+/// Greatest sag of an arm under its own weight, rad; more indicates an overload.
 const MOST_SAG: f64 = 6.0 * std::f64::consts::PI / 180.0;
-/// The share of a joint's greatest torque from which on a torque from outside is a contact, by the kind of report: load has the weight in it.
+/// Share of a joint's greatest torque above which a reported torque indicates a contact, by kind of report:
+/// load includes the weight.
 const CONTACT_EFFORT: (f64, f64) = (0.1, 0.6);
-/// A contact of links of metal or hard plastic, N/m.
+/// Stiffness of a contact between links of metal or hard plastic, N/m.
 const CONTACT: f64 = 30_000.0;
 
 impl ArmProfile {
-    /// Its numbers; `None`: kinematic joints.
+    /// Its numbers; `None` for kinematic joints.
     pub fn numbers(self) -> Option<ArmNumbers> {
         Some(match self {
             ArmProfile::Ideal => return None,
-            // no arm's data: critically damped servos of 35 rad/s, between an iCub's and a UR5's; inertia and torque of an arm of 8 kg
+            // not a real arm: critically damped servos of 35 rad/s, between an iCub's and a UR5's; inertia
+            // and torque of an arm of 8 kg
             ArmProfile::Arm => ArmNumbers {
                 stiffness: &[1200.0, 1200.0, 750.0, 370.0, 120.0],
                 damping: &[70.0, 70.0, 43.0, 21.0, 7.0],
@@ -250,19 +255,19 @@ impl ArmProfile {
     }
 }
 
-/// What a board does that moves such an arm.
+/// Behavior of the board that moves such an arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BoardRules {
-    /// Where a stop leaves the commanded position.
+    /// Commanded position after a stop.
     pub stop: StopRule,
-    /// When it reports a move as done.
+    /// Condition on which it reports a move as done.
     pub done: DoneRule,
-    /// Whether it accepts reference accelerations and ignores them.
+    /// True if it accepts reference accelerations but ignores them.
     pub ignores_acceleration: bool,
 }
 
 impl ServoSettings {
-    /// The board's rules under these settings.
+    /// Rules of the board under these settings.
     pub fn rules(&self, numbers: &ArmNumbers) -> BoardRules {
         BoardRules {
             stop: self.stop.unwrap_or(numbers.stop),
@@ -271,7 +276,7 @@ impl ServoSettings {
         }
     }
 
-    /// The servos of a robot's motors.
+    /// Servos of a robot's motors.
     pub fn servos(&self, numbers: &ArmNumbers, robot: &Robot) -> Vec<Servo> {
         let [stiffness, damping, torque, inertia, friction] = [
             (&self.stiffness_nm_per_rad, numbers.stiffness),
@@ -284,7 +289,8 @@ impl ServoSettings {
         let nth = |list: &[f64], i: usize| list.get(i).or(list.last()).copied().unwrap_or_default();
         let first = |part: usize| robot.parts.get(part).map_or(0, |p| p.motors.start);
         let servo = |(m, motor): (usize, &mobee_model::Motor)| {
-            let (i, lead) = (m.saturating_sub(first(motor.part)), self.lead.unwrap_or(numbers.lead));
+            let i = m.saturating_sub(first(motor.part));
+            let lead = self.lead.unwrap_or(numbers.lead);
             match motor.motion {
                 JointMotion::Turn => Servo {
                     stiffness: nth(stiffness, i),
@@ -318,14 +324,15 @@ impl ServoSettings {
         robot.motors.iter().enumerate().map(servo).collect()
     }
 
-    /// By how much weight may move a joint from its commanded position, rad; zero where the arm's own controller compensates it.
+    /// Greatest displacement of a joint from its commanded position by weight, rad; zero if the arm's own
+    /// controller compensates the weight.
     pub fn hold_error(&self, numbers: &ArmNumbers) -> f64 {
         let [_, felt, _] = self.body(numbers);
         if felt > 0.0 { MOST_SAG } else { 0.0 }
     }
 
-    /// By how much a push moves a joint before its torque gives way, rad, and the reported torque from which on something pushes it, N m
-    /// (N where it slides).
+    /// Displacement of a joint by a push at which the servo reaches its torque limit, rad, and the reported
+    /// torque above which something pushes the joint, N m (N for prismatic joints).
     pub fn contact(&self, numbers: &ArmNumbers, servo: &Servo) -> (f64, f64) {
         let share = match numbers.reports {
             EffortReport::External => CONTACT_EFFORT.0,
@@ -334,13 +341,13 @@ impl ServoSettings {
         (servo.torque / servo.stiffness.max(1e-6), share * servo.torque / servo.unit)
     }
 
-    /// Mass, kg, share of the weight that the arm feels, and stiffness of contacts, N/m.
+    /// Mass, kg, share of the weight that is not compensated, and stiffness of contacts, N/m.
     pub fn body(&self, numbers: &ArmNumbers) -> [f64; 3] {
         let compensated = self.compensated.unwrap_or(numbers.compensated);
         [self.mass_kg.unwrap_or(numbers.mass), 1.0 - compensated, self.contact_n_per_m.unwrap_or(CONTACT)]
     }
 
-    /// The numbers per joint, each list with its name and the range of its numbers.
+    /// Lists of numbers per joint, each with its name and valid range.
     fn lists(&self) -> [(&'static str, Option<&[f64]>, f64, f64); 5] {
         [
             ("stiffness_nm_per_rad", self.stiffness_nm_per_rad.as_deref(), 0.1, 1e6),
@@ -351,12 +358,12 @@ impl ServoSettings {
         ]
     }
 
-    /// Whether it gives a number under this key.
+    /// True if it gives a number under this key.
     pub fn has(&self, key: &str) -> bool {
         serde_json::to_value(self).is_ok_and(|all| all.get(key).is_some())
     }
 
-    /// The lists that have no number.
+    /// Names of the lists without a number.
     pub fn empty_lists(&self) -> impl Iterator<Item = String> {
         let empty = self.lists().into_iter().filter(|(_, list, ..)| list.is_some_and(<[f64]>::is_empty));
         empty.map(|(name, ..)| format!("servo.{name}"))
@@ -379,7 +386,7 @@ impl ServoSettings {
         KindError::gather(self.lists().map(long)).map(|_| ())
     }
 
-    /// Each number with its name and the range that it must be in.
+    /// All numbers with their names and valid ranges.
     pub fn ranges(&self) -> Vec<(String, f64, f64, f64)> {
         let of_list = |(name, list, least, most): (&'static str, Option<&[f64]>, f64, f64)| {
             let list = list.unwrap_or_default().to_vec().into_iter().enumerate();

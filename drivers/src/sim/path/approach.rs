@@ -1,34 +1,37 @@
-//! A move as a gain makes it: the speed is in proportion to the way that is left.
+//! Move of a gain: the speed is in proportion to the remaining distance.
 
 use super::State;
 
-/// The speed per way and reference speed, as measured on iCub_SIM, 1/rad: at a reference of 10 deg/s a way of 33 degrees begins at 35.
+/// Speed by distance and reference speed, as measured on iCub_SIM, 1/rad: at a reference of 10 deg/s a move
+/// of 33 degrees starts at 35 deg/s.
 const GAIN: f64 = 6.0;
-/// What brakes it a little, s: the gain of the derivative.
+/// Gain of the derivative, which brakes a little, s.
 const DERIVATIVE: f64 = 0.3;
-/// The way at which it is at rest, rad.
-const THERE: f64 = 1e-6;
-/// The way at which it says that it is done, rad.
+/// Remaining distance at which the motor rests, rad.
+const REST_DISTANCE_RAD: f64 = 1e-6;
+/// Remaining distance at which the board reports done, rad.
 const DONE: f64 = std::f64::consts::PI / 180.0;
 
-/// A move to `to`, at first at the greatest speed where the gain asks for more. It begins at once, whatever the motor did.
+/// A move to `to`, which starts at the greatest speed where the gain commands more. It starts at once,
+/// whatever the motor did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Approach {
     from: f64,
     to: f64,
-    /// 1/s.
+    /// Rate of the approach, 1/s.
     rate: f64,
-    /// For how long it goes at the greatest speed, s, and what that is, rad/s.
+    /// Duration of the phase at the greatest speed, s, and that speed, rad/s.
     full: f64,
     greatest: f64,
 }
 
 impl Approach {
-    /// From rest or in mid-motion, with this reference speed and at no more than the greatest one, rad/s.
+    /// Creates a move from rest or in mid-motion, with this reference speed and at no more than the greatest
+    /// one, rad/s.
     pub fn to(from: State, to: f64, reference: f64, greatest: f64) -> Approach {
         let rate = GAIN * reference / (1.0 + DERIVATIVE * reference);
         let way = (to - from.q).abs();
-        // where the gain asks for no more than the greatest speed
+        // distance at which the gain commands the greatest speed
         let near = greatest / rate;
         Approach { from: from.q, to, rate, full: ((way - near) / greatest).max(0.0), greatest }
     }
@@ -48,15 +51,15 @@ impl Approach {
 
     /// Seconds until it rests.
     pub fn duration(&self) -> f64 {
-        self.until(THERE)
+        self.until(REST_DISTANCE_RAD)
     }
 
-    /// Seconds until it says that it is done.
+    /// Seconds until the board reports done.
     pub fn done(&self) -> f64 {
         self.until(DONE)
     }
 
-    /// Where it comes to rest.
+    /// Final position, rad.
     pub fn end(&self) -> f64 {
         self.to
     }
@@ -71,7 +74,8 @@ impl Approach {
 mod tests {
     use super::*;
 
-    /// The figures that were measured on iCub_SIM: 35 deg/s at once when asked for 10, a time constant of 0.95 s, done within a degree.
+    /// Figures measured on iCub_SIM: an initial speed of 35 deg/s for a commanded 10 deg/s, a time constant of
+    /// 0.95 s, and done within 1 deg of the target.
     #[test]
     fn a_gain_is_as_fast_as_the_way_is_far() {
         let rad = f64::to_radians;
@@ -83,7 +87,8 @@ mod tests {
         let done = move_.at(move_.done()).q.to_degrees();
         assert!((done - 32.0).abs() < 1e-6 && move_.duration() > 3.0 * move_.done() / 2.0, "{done}");
         assert_eq!(move_.at(1e3), State::rest(rad(33.0)));
-        // far ways begin at the greatest speed, and nothing jumps where the gain takes over
+        // long moves start at the greatest speed, and position and speed are continuous at the switch to the
+        // proportional law
         let far = Approach::to(State::rest(0.0), rad(-200.0), rad(40.0), rad(100.0));
         assert_eq!(far.at(0.0).v.to_degrees(), -100.0);
         let there = |t: f64| far.at(far.full + t);

@@ -1,12 +1,13 @@
-//! Going at a velocity (velocity move).
+//! Motion at a velocity (velocity move).
 
 use super::{Bounds, Pieces, State};
 
-/// Halvings of the time until a limit forces to brake: a millionth of a watchdog's time.
+/// Halvings of the time until braking for a limit: a millionth of a watchdog's time.
 const HALVINGS: u32 = 20;
 
-/// Accelerates to the velocity `v`, keeps it until `seconds` have passed, then brakes to a rest: as far as this stays
-/// within `limits`, else it brakes as late as it may to rest there. Who is on the way out of the limits already brakes at once.
+/// Accelerates to the velocity `v`, holds it until `seconds` have passed, then brakes to a rest. If this
+/// would leave `limits`, it brakes at the last moment that still stops inside. A motion that already leaves
+/// the limits brakes at once.
 pub fn cruise(from: State, v: f64, seconds: f64, limits: [f64; 2], greatest: Bounds) -> Pieces {
     let v = v.clamp(-greatest.speed, greatest.speed);
     let [min, max] = limits;

@@ -2,10 +2,10 @@
 
 use super::{Bounds, State};
 
-/// Most pieces any path needs: four to catch up with a set-point and four to stop on it.
-const MOST: usize = 9;
+/// Largest number of pieces of a path: four to catch up with a setpoint and four to stop on it.
+const MAX_PIECES: usize = 9;
 
-/// A piece of constant acceleration: the state at its beginning, and when that is.
+/// A piece of constant acceleration: its start state and time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Piece {
     t: f64,
@@ -15,9 +15,9 @@ struct Piece {
 /// A motion in pieces of constant acceleration that ends at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pieces {
-    pieces: [Piece; MOST],
+    pieces: [Piece; MAX_PIECES],
     len: usize,
-    /// State after the last piece, and when.
+    /// State after the last piece, and its time.
     last: Piece,
 }
 
@@ -25,10 +25,10 @@ impl Pieces {
     /// A motion without pieces, at `state`.
     pub fn new(state: State) -> Pieces {
         let state = State { a: 0.0, ..state };
-        Pieces { pieces: [Piece::default(); MOST], len: 0, last: Piece { t: 0.0, state } }
+        Pieces { pieces: [Piece::default(); MAX_PIECES], len: 0, last: Piece { t: 0.0, state } }
     }
 
-    /// Adds `seconds` at acceleration `a`. Pieces without a duration are left out.
+    /// Adds `seconds` at acceleration `a`. Pieces without a duration are omitted.
     pub fn push(&mut self, a: f64, seconds: f64) {
         if seconds > 0.0
             && let Some(slot) = self.pieces.get_mut(self.len)
@@ -40,12 +40,12 @@ impl Pieces {
         }
     }
 
-    /// Says exactly where and how fast it is after the last piece, against rounding.
+    /// Sets the exact state after the last piece, to remove rounding errors.
     pub fn finish(&mut self, q: f64, v: f64) {
         self.last.state = State { q, v, a: 0.0 };
     }
 
-    /// The state after `t` seconds; after the last piece it rests.
+    /// State after `t` seconds; at rest after the last piece.
     pub fn at(&self, t: f64) -> State {
         if t >= self.last.t {
             return self.last.state;
@@ -57,12 +57,12 @@ impl Pieces {
         }
     }
 
-    /// The states where pieces meet, and their times, from the beginning to the end.
+    /// States at which pieces meet, with their times, from the beginning to the end.
     pub fn joints(&self) -> impl Iterator<Item = (f64, State)> + '_ {
         self.pieces.iter().take(self.len).chain([&self.last]).map(|p| (p.t, p.state))
     }
 
-    /// The same, seen from a frame that moves with `speed`; the two agree at the beginning.
+    /// Same motion in a frame that moves with `speed`; the two frames agree at the beginning.
     pub(super) fn in_moving_frame(mut self, speed: f64) -> Pieces {
         for p in self.pieces.iter_mut().take(self.len).chain([&mut self.last]) {
             p.state.q += speed * p.t;
@@ -71,13 +71,13 @@ impl Pieces {
         self
     }
 
-    /// Cut off after `t` seconds, then goes on as `rest` does.
+    /// Motion that is cut off after `t` seconds and continues as `rest`.
     pub(super) fn then(&self, t: f64, rest: &Pieces) -> Pieces {
         let mut all = Pieces::new(self.at(0.0));
         for p in self.pieces.iter().take(self.len).filter(|p| p.t < t) {
             all.add(*p);
         }
-        // what lies between the last piece and the cut is a piece of its own, at constant speed
+        // the time between the last piece and the cut is a piece of its own, at constant speed
         if self.last.t < t {
             all.add(self.last);
         }
@@ -100,7 +100,7 @@ impl Pieces {
         self.last.t
     }
 
-    /// The state after the last piece.
+    /// State after the last piece.
     pub(super) fn last(&self) -> State {
         self.last.state
     }
@@ -112,12 +112,12 @@ impl Pieces {
 }
 
 impl State {
-    /// After `t` seconds at constant acceleration.
+    /// State after `t` seconds at constant acceleration.
     fn after(self, t: f64) -> State {
         State { q: self.q + (self.v + 0.5 * self.a * t) * t, v: self.v + self.a * t, a: self.a }
     }
 
-    /// Where it would come to rest if it braked now with `deceleration`.
+    /// Position of rest after braking now with `deceleration`.
     pub fn stopping_point(self, deceleration: f64) -> f64 {
         self.q + self.v * self.v.abs() / (2.0 * deceleration)
     }
@@ -135,8 +135,9 @@ pub fn brake(from: State, deceleration: f64) -> Pieces {
 
 /// From any state to a rest at `to`: accelerate, cruise, decelerate.
 ///
-/// The reference acceleration is kept where it suffices. Braking is harder, up to `greatest`, where the motor runs the
-/// wrong way or too fast to stop in time; it overshoots only if even that does not stop it in time, and then no farther than it must.
+/// Uses the reference acceleration where it suffices. Brakes harder, up to `greatest`, if the motor moves in
+/// the wrong direction or too fast to stop in time. It overshoots only if even that is insufficient, and then
+/// by the least distance possible.
 pub fn trapezoid(from: State, to: f64, reference: Bounds, greatest: f64) -> Pieces {
     let way = to - from.q;
     let wrong_way = from.v * way < 0.0;
@@ -150,12 +151,14 @@ pub fn trapezoid(from: State, to: f64, reference: Bounds, greatest: f64) -> Piec
         return p;
     }
     let State { q, v, .. } = p.last.state;
-    let (way, direction, v) = ((to - q).abs(), (to - q).signum(), v.abs());
+    let way = (to - q).abs();
+    let direction = (to - q).signum();
+    let v = v.abs();
     if way > 0.0 {
         let a = reference.acceleration;
         // the peak of a motion without cruising: v_peak^2 = a way + v^2 / 2
         let peak = (a * way + 0.5 * v * v).sqrt().min(reference.speed);
-        // from above the reference speed it decelerates first
+        // above the reference speed it decelerates first
         let turn = a.copysign(peak - v) * direction;
         let covered = (peak * peak - v * v).abs() / (2.0 * a) + peak * peak / (2.0 * a);
         p.push(turn, (peak - v).abs() / a);

@@ -10,14 +10,15 @@ const PEAK_ACCELERATION: f64 = 5.773_502_691_896_258;
 /// A polynomial of degree five over time, at rest at its end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quintic {
-    /// Coefficients of the share of time passed, lowest degree first.
+    /// Coefficients over normalized time, lowest degree first.
     c: [f64; 6],
     seconds: f64,
     end: f64,
 }
 
 impl Quintic {
-    /// From `from` to a rest at `to`; `None` if in mid-motion no polynomial was found that neither turns back nor leaves the bounds.
+    /// Motion from `from` to a rest at `to`; `None` if in mid-motion no polynomial was found that neither
+    /// turns back nor violates the bounds.
     pub fn to(from: State, to: f64, bounds: Bounds) -> Option<Quintic> {
         let way = (to - from.q).abs();
         let at_rest = (PEAK_SPEED * way / bounds.speed).max((PEAK_ACCELERATION * way / bounds.acceleration).sqrt());
@@ -27,17 +28,17 @@ impl Quintic {
         if from.v == 0.0 {
             return Some(Quintic::through(State { a: 0.0, ..from }, to, at_rest));
         }
-        // one that is faster than it may be has to slow down first, whatever its way is
+        // above the speed limit the motor has to slow down first, for any distance
         if from.v.abs() > bounds.speed {
             return None;
         }
         let acceleration = bounds.acceleration.max(from.a.abs());
         (0..28)
             .map(|i| Quintic::through(from, to, 0.4 * at_rest * 1.12f64.powi(i)))
-            .find(|p| p.keeps_within(from.q, bounds.speed, acceleration))
+            .find(|p| p.stays_within(from.q, bounds.speed, acceleration))
     }
 
-    /// The polynomial through both ends that takes this long.
+    /// Polynomial of this duration through both end states.
     fn through(from: State, to: f64, seconds: f64) -> Quintic {
         let (c0, c1, c2) = (from.q, from.v * seconds, 0.5 * from.a * seconds * seconds);
         let (d, v, a) = (to - c0 - c1 - c2, -c1 - 2.0 * c2, -2.0 * c2);
@@ -45,15 +46,16 @@ impl Quintic {
         Quintic { c, seconds, end: to }
     }
 
-    /// Whether it stays between its ends and within speed and acceleration (with a little room for rounding).
-    fn keeps_within(&self, start: f64, speed: f64, acceleration: f64) -> bool {
+    /// True if it stays between its ends and within the bounds, with a tolerance for rounding.
+    fn stays_within(&self, start: f64, speed: f64, acceleration: f64) -> bool {
         let room = 1.0 + 1e-12;
         let v = derivative(&self.c);
         let a = derivative(&v);
         let (low, high) = range(&self.c);
         let (slowest, fastest) = range(&v);
         let (least, most) = range(&a);
-        let (speed, acceleration) = (speed * self.seconds * room, acceleration * self.seconds * self.seconds * room);
+        let speed = speed * self.seconds * room;
+        let acceleration = acceleration * self.seconds * self.seconds * room;
         low >= start.min(self.end) - 1e-12
             && high <= start.max(self.end) + 1e-12
             && -slowest <= speed
@@ -62,7 +64,7 @@ impl Quintic {
             && most <= acceleration
     }
 
-    /// The state after `t` seconds; after its duration it rests.
+    /// State after `t` seconds; at rest after its duration.
     pub fn at(&self, t: f64) -> State {
         if t >= self.seconds {
             return State::rest(self.end);
@@ -105,7 +107,8 @@ fn range(c: &[f64]) -> (f64, f64) {
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
 }
 
-/// The sign changes of a polynomial within [0, 1]: between the roots of its derivative it is monotone, so bisection finds each.
+/// Sign changes of a polynomial within [0, 1]: between the roots of its derivative it is monotone, so that
+/// bisection finds each.
 fn roots(c: &[f64]) -> Vec<f64> {
     if c.len() < 2 {
         return Vec::new();

@@ -1,15 +1,15 @@
-//! Commands, checked against the board before any of them is believed.
+//! Checks commands against the board before any part of them is accepted.
 
 use super::Plant;
 use crate::fit::{ENCODER_NOISE, ROUNDING, follows, named, named_or_all, references, same_length, velocities, within};
 use mobee_contract::{Command, ControlMode, Move};
 
-/// Where one motor is to go.
+/// Target of one motor.
 #[derive(Clone, Copy, Debug)]
 pub struct Destination {
-    /// Its index.
+    /// Index of the motor.
     pub motor: usize,
-    /// Where to, rad, within limits.
+    /// Target position, rad, within limits.
     pub to: f64,
     /// Reference speed to set first, rad/s.
     pub speed: Option<f64>,
@@ -22,25 +22,25 @@ pub struct Destination {
 pub enum PlantCommand {
     /// Position moves to absolute targets.
     Move(Vec<Destination>),
-    /// Set-points of these.
+    /// Setpoints of these motors.
     Direct(Vec<(usize, f64)>),
-    /// Velocities of these.
+    /// Velocities of these motors.
     Velocity(Vec<(usize, f64)>),
-    /// Brake these.
+    /// Brake these motors.
     Stop(Vec<usize>),
-    /// Reference speed and acceleration of these.
+    /// Reference speed and acceleration of these motors.
     Reference(Vec<(usize, f64, f64)>),
-    /// Control mode of these.
+    /// Control mode of these motors.
     Mode(Vec<usize>, ControlMode),
 }
 
 impl PlantCommand {
-    /// Whether it starts a motion.
+    /// True if it starts a motion.
     pub fn moves(&self) -> bool {
         matches!(self, PlantCommand::Move(_) | PlantCommand::Direct(_) | PlantCommand::Velocity(_))
     }
 
-    /// The motors whose motion it changes.
+    /// Motors whose motion it changes.
     pub fn disturbs(&self) -> Vec<usize> {
         match self {
             PlantCommand::Move(ways) => ways.iter().map(|w| w.motor).collect(),
@@ -51,7 +51,7 @@ impl PlantCommand {
     }
 }
 
-/// Checks all of a command.
+/// Checks a command completely.
 pub fn check(plant: &Plant, command: &Command) -> Result<PlantCommand, String> {
     match command {
         Command::Move(m) => check_move(plant, m).map(PlantCommand::Move),
@@ -93,7 +93,7 @@ fn check_move(plant: &Plant, m: &Move) -> Result<Vec<Destination>, String> {
 fn check_direct(plant: &Plant, motors: &[usize], q: &[f64]) -> Result<Vec<(usize, f64)>, String> {
     let axes = named(&plant.axes, motors)?;
     same_length(motors.len(), q.len(), "positions")?;
-    // the modes that will be in force when it takes effect
+    // modes in force when the command takes effect
     let mut modes = plant.modes();
     for (_, command) in &plant.in_flight {
         let (motors, mode) = match command {

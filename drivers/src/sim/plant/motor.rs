@@ -1,46 +1,47 @@
-//! One motor: its control mode, its references, and the path it is on.
+//! One motor: its control mode, its references, and its present path.
 
 use crate::sim::path::{Bounds, Leg, Path, Profile, State, brake, cruise, follow};
 use mobee_contract::{Axis, ControlMode, Time};
 
-/// The least reference a motor takes, as a share of its greatest. Lower ones are raised to it: a motor that has next to nothing to do in a move of
-/// many would otherwise creep on long after the others, over the difference between an encoder's reading and where it really was.
+/// Lowest reference of a motor, as a share of its greatest. Lower ones are raised to it: in a move of many
+/// motors, one with almost no distance to cover, such as the error of an encoder reading, would otherwise
+/// creep on long after the others.
 const LEAST_REFERENCE: f64 = 1.0 / 5000.0;
-/// Set-points farther apart than this (s) are single ones, not a stream.
+/// Interval between setpoints beyond which they are single ones, not a stream, s.
 const STREAM_GAP: f64 = 0.1;
-/// Shortest interval (s) between set-points of a stream that is believed.
+/// Shortest plausible interval between setpoints of a stream, s.
 const SHORTEST_INTERVAL: f64 = 1e-3;
 
-/// How long (s) a motor goes on at a velocity that is not given again; then it brakes, as real boards do.
+/// Time for which a motor continues at a velocity that is not renewed, s; then it brakes, as on real boards.
 const WATCHDOG: f64 = 0.1;
 
 /// One motor of the plant.
 #[derive(Clone, Debug)]
 pub struct PlantMotor {
-    /// Its control mode, as now in force.
+    /// Present control mode.
     pub mode: ControlMode,
     reference: Bounds,
     path: Path,
     began: Time,
-    /// The leg to the newest set-point, and when that came.
+    /// Leg to the newest setpoint, and the arrival time of that setpoint.
     leg: Option<(Time, Leg)>,
-    /// What holds it, if anything does.
+    /// Block of the motor, if any.
     stop: Option<PlantStop>,
 }
 
-/// Something that a motor goes no farther than, though its path does.
+/// Obstacle beyond which a motor does not go, although its path does.
 #[derive(Clone, Copy, Debug)]
 pub struct PlantStop {
-    /// Where, rad.
+    /// Position of the obstacle, rad.
     q: f64,
-    /// In which direction it is held: 1 or -1.
+    /// Direction in which the motor is blocked: 1 or -1.
     direction: f64,
-    /// Since when.
+    /// Time since when.
     since: Time,
 }
 
 impl PlantMotor {
-    /// At rest at `q`, with the references that hold until others are set.
+    /// Creates a motor at rest at `q`, with the initial references.
     pub fn at_rest(q: f64, axis: &Axis) -> PlantMotor {
         PlantMotor {
             mode: ControlMode::Position,
@@ -52,7 +53,7 @@ impl PlantMotor {
         }
     }
 
-    /// Where it is, and how fast.
+    /// State of the motor.
     pub fn state(&self, now: Time) -> State {
         let state = self.wants(now);
         match self.stop {
@@ -61,7 +62,7 @@ impl PlantMotor {
         }
     }
 
-    /// Where it would be if nothing held it.
+    /// State without the block.
     fn wants(&self, now: Time) -> State {
         match &self.path {
             Path::Rest(q) => State::rest(*q),
@@ -69,19 +70,19 @@ impl PlantMotor {
         }
     }
 
-    /// Holds it where it is, in the direction in which it goes.
+    /// Blocks it at its position, in its direction of motion.
     pub fn hold(&mut self, at: Time) {
         let State { q, v, .. } = self.state(at);
         self.stop.get_or_insert(PlantStop { q, direction: v.signum(), since: at });
     }
 
-    /// Since when it has been held, and how far its board wants it beyond, rad.
+    /// Time since when it has been blocked, and the distance to the position that its board commands, rad.
     pub fn held(&self, now: Time) -> Option<(Time, f64)> {
         let stop = self.stop?;
         Some((stop.since, ((self.wants(now).q - stop.q) * stop.direction).max(0.0)))
     }
 
-    /// Nothing holds it any more: it goes where its board wants it, from where it is.
+    /// Unblocks it: from its position it moves to the one that its board commands.
     pub fn release(&mut self, at: Time, profile: Profile, greatest: Bounds) {
         let pushes = self.held(at).is_some_and(|(_, ahead)| ahead > 0.0);
         let state = self.state(at);
@@ -91,7 +92,7 @@ impl PlantMotor {
         }
     }
 
-    /// Whether it has come to rest.
+    /// True if it has come to rest.
     pub fn rests(&self, now: Time) -> bool {
         match &self.path {
             Path::Rest(_) => true,
@@ -99,12 +100,12 @@ impl PlantMotor {
         }
     }
 
-    /// Whether it says that it has nothing left to do.
+    /// True if it reports that its motion is done.
     pub fn is_done(&self, now: Time) -> bool {
         self.passed(now) >= self.path.done()
     }
 
-    /// Sets references; what exceeds the axis is lowered to what it can do.
+    /// Sets references, limited to what the axis can do.
     pub fn refer(&mut self, speed: Option<f64>, acceleration: Option<f64>, axis: &Axis) {
         if let Some(v) = speed {
             self.reference.speed = v.clamp(LEAST_REFERENCE * axis.max_speed, axis.max_speed);
@@ -114,14 +115,14 @@ impl PlantMotor {
         }
     }
 
-    /// Starts a position move at `at`, from wherever it is.
+    /// Starts a position move at `at`, from the present state.
     pub fn go(&mut self, at: Time, to: f64, profile: Profile, greatest: Bounds) {
         self.mode = ControlMode::Position;
         self.leg = None;
         self.take(at, Path::to(profile, self.state(at), to, self.reference, greatest));
     }
 
-    /// Follows a set-point that came at `at`; other modes ignore it.
+    /// Follows a setpoint that arrived at `at`; ignored in other modes.
     pub fn set_point(&mut self, at: Time, to: f64, axis: &Axis) {
         if self.mode != ControlMode::PositionDirect {
             return;
@@ -133,7 +134,7 @@ impl PlantMotor {
             Some((came, leg)) if interval(came) <= STREAM_GAP => {
                 Leg::new(leg.at(interval(came)), to, interval(came).max(SHORTEST_INTERVAL), greatest)
             }
-            // the first of a stream is a position to go to
+            // the first setpoint of a stream is a position to go to
             _ => Leg { from: to, to, seconds: SHORTEST_INTERVAL },
         };
         self.leg = Some((at, leg));
@@ -144,7 +145,8 @@ impl PlantMotor {
         }
     }
 
-    /// Goes at a velocity that came at `at`, until the next command or the watchdog, and never into a limit.
+    /// Moves at a velocity that arrived at `at`, until the next command or the watchdog, and never into a
+    /// limit.
     pub fn run(&mut self, at: Time, v: f64, axis: &Axis) {
         let greatest = super::greatest(axis);
         self.switch(at, ControlMode::Velocity, greatest);
@@ -157,7 +159,7 @@ impl PlantMotor {
         }
     }
 
-    /// Brakes as hard as it can, unless it does already.
+    /// Brakes as hard as it can.
     pub fn brake(&mut self, at: Time, greatest: Bounds) {
         self.leg = None;
         let state = self.state(at);
@@ -168,19 +170,19 @@ impl PlantMotor {
         }
     }
 
-    /// Rests at once at this commanded position, rad.
+    /// Rests immediately at this commanded position, rad.
     pub fn hold_at(&mut self, at: Time, q: f64) {
         self.leg = None;
         self.take(at, Path::Rest(q));
     }
 
-    /// Is elsewhere at once, and rests there.
+    /// Displaces it immediately by `by`, rad, to a rest.
     pub fn push(&mut self, at: Time, by: f64, axis: &Axis) {
         let q = self.state(at).q;
         self.take(at, Path::Rest((q + by).clamp(axis.min.min(q), axis.max.max(q))));
     }
 
-    /// Switches the control mode; a motor whose mode changes in mid-motion brakes.
+    /// Switches the control mode; a motor in motion brakes if its mode changes.
     pub fn switch(&mut self, at: Time, mode: ControlMode, greatest: Bounds) {
         if self.mode != mode {
             self.mode = mode;

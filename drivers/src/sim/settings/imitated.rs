@@ -1,23 +1,24 @@
-//! Robots that a simulated one can be told to behave like, as measured on them.
+//! Measured behavior of real boards that a simulated robot can imitate.
 
 use mobee_contract::Axis;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A robot to behave like.
+/// A robot to imitate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Imitated {
-    /// The simulator iCub_SIM of icub-main 2: position moves are as fast as they are far, done within a degree, some limits are others
-    /// than the robot's, joints have no names, accelerations can't be set, and 48 states come a second.
+    /// The simulator iCub_SIM of icub-main 2: the speed of position moves grows with their distance, moves
+    /// are done within a degree, some limits differ from the robot's, joints have no names, accelerations
+    /// can't be set, and 48 states arrive per second.
     #[serde(rename = "iCub_SIM")]
     ICubSim,
 }
 
-/// Time between two states of iCub_SIM: 48 a second.
+/// Time between two states of iCub_SIM, at 48 per second.
 const PUBLISHES: Duration = Duration::from_micros(20_833);
 
-/// Limits of iCub_SIM where they are others than the model's, deg: motors whose names end so.
+/// Limits of iCub_SIM that differ from the model's, deg, by the end of the motor's name.
 const LIMITS: [(&str, f64, f64); 12] = [
     ("torso_pitch", -10.0, 70.0),
     ("neck_pitch", -40.0, 30.0),
@@ -41,7 +42,7 @@ impl Imitated {
         }
     }
 
-    /// An axis as it is there.
+    /// Axis with the limits of the imitated robot.
     pub fn axis(self, axis: Axis) -> Axis {
         match LIMITS.iter().find(|(name, ..)| axis.name.ends_with(name)) {
             Some((_, min, max)) => Axis { min: min.to_radians(), max: max.to_radians(), ..axis },
@@ -49,7 +50,7 @@ impl Imitated {
         }
     }
 
-    /// What the board calls its joint of this number.
+    /// Name of the board's joint with this index.
     pub fn joint(self, number: usize) -> String {
         match self {
             Imitated::ICubSim => format!("JOINT{number}"),

@@ -1,10 +1,10 @@
-//! What is shared: who may use the robot, how old a board's clock makes an answer, and who is woken.
+//! Shared state: availability of the robot, bounds on the offset between the clocks, and wake-ups.
 
 use super::super::layout::Patch;
 use super::*;
 use mobee_yarp::Dialect;
 
-/// Two boards of a motor each.
+/// Two boards with one motor each.
 fn layout() -> Layout {
     let patch =
         |part: &str, motors| Patch { part: part.into(), port: format!("/{part}"), motors, units: Default::default() };
@@ -18,7 +18,7 @@ fn layout() -> Layout {
     }
 }
 
-/// Everything is there: both boards can be used, and have been read.
+/// Both boards are available and have been read.
 fn ready() -> SharedBoards {
     let cell = SharedBoards::new(&layout());
     cell.take();
@@ -49,9 +49,9 @@ fn a_robot_is_ready_once_all_of_it_is() {
     }
 }
 
-/// What no pause mends is told before what one may; a board that can't be stopped comes last.
+/// Permanent trouble is reported before temporary trouble; a missing stop connection comes last.
 #[test]
-fn the_worst_trouble_is_told() {
+fn the_worst_trouble_is_reported() {
     let cell = ready();
     let mut inner = cell.lock();
     assert_eq!(inner.trouble(), None);
@@ -66,7 +66,7 @@ fn the_worst_trouble_is_told() {
     assert_eq!(inner.trouble(), Some(forbidden("axes")));
 }
 
-/// There is no reading of a board that is in trouble, however new its state is.
+/// No sample is made while a board is in trouble, however new its state is.
 #[test]
 fn a_reading_is_of_boards_that_can_be_used() {
     let cell = ready();
@@ -82,16 +82,16 @@ fn a_reading_is_of_boards_that_can_be_used() {
     assert!(joins(None));
 }
 
-/// Whoever waits for the robot is woken when it is ready, and does not wait for one that is.
+/// A waiting thread is woken when the robot is ready; if the robot is ready already, there is no wait.
 #[test]
-fn who_waits_is_woken() {
+fn a_waiting_thread_is_woken() {
     let (cell, patience) = (ready(), Duration::from_secs(20));
     assert!(cell.wait(patience).is_ready());
     let mut inner = cell.lock();
     inner.boards[0].brake = Some("no line".into());
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            // not before the other one waits, and lets go of the lock
+            // not before the other thread waits and releases the lock
             cell.lock().boards[0].brake = None;
             cell.ring();
         });
@@ -102,7 +102,7 @@ fn who_waits_is_woken() {
     assert!(!cell.wait(Duration::ZERO).is_ready(), "its patience is over");
 }
 
-/// An answer's stamp bounds how far our clock is ahead of the board's; what is no time says nothing.
+/// The stamp of an answer bounds the offset between our clock and the board's; invalid stamps are ignored.
 #[test]
 fn only_a_time_is_taken_for_a_stamp() {
     let ahead = |words: &str| {
@@ -126,11 +126,11 @@ fn only_a_time_is_taken_for_a_stamp() {
     assert_eq!([1.5, 0.0, -1.5, f64::INFINITY, f64::NAN].map(stamp), [Some(1.5), None, None, None, None]);
 }
 
-/// What an earlier process found is owed by the boards of which it names every motor.
+/// Findings of an earlier process are restored on those boards of which they contain every motor.
 #[test]
 fn findings_of_before_are_owed_where_they_are_complete() {
     let layout = layout();
-    let found = |motor: usize| Finding { speed: Some(3.0), ..Finding::default() }.told(motor);
+    let found = |motor: usize| Finding { speed: Some(3.0), ..Finding::default() }.to_contract(motor);
     let cell = ready();
     let mut inner = cell.lock();
     inner.inherit(&layout, &[found(1)]);

@@ -1,4 +1,5 @@
-//! What a driver sends to which board, when it looks for readings, and what is known of two boards: in virtual time, without a network.
+//! Orders of a driver to its boards, times of its readings, and state of two boards. Runs in virtual time,
+//! without a network.
 
 use super::super::YarpDriverSettings;
 use super::super::cell::describe;
@@ -11,7 +12,7 @@ use mobee_yarp::{JointData, JointField};
 
 const FIVE: [&str; 5] = ["pitch", "roll", "alone", "yaw", "elbow"];
 
-/// Two boards of two joints each, and a motor between them that has none.
+/// Two boards of two joints each, and between them a motor without a board.
 fn layout() -> Arc<Layout> {
     let patch =
         |part: &str, motors| Patch { part: part.into(), port: format!("/{part}"), motors, units: Default::default() };
@@ -30,7 +31,7 @@ fn settings() -> YarpDriverSettings {
     YarpDriverSettings { max_speed_deg_per_s: 50.0, ..YarpDriverSettings::of([("arm", "/arm"), ("trunk", "/trunk")]) }
 }
 
-/// Joints with these limits and greatest speeds, degrees.
+/// Facts of joints with these limits, deg, and greatest speeds, deg/s.
 fn facts(joints: &[((f64, f64), Option<f64>)]) -> Arc<[AxisFacts]> {
     let fact = |(limits, max_speed): &((f64, f64), Option<f64>)| AxisFacts {
         name: "JOINT0".into(),
@@ -44,12 +45,12 @@ fn facts(joints: &[((f64, f64), Option<f64>)]) -> Arc<[AxisFacts]> {
 struct Rig {
     driver: YarpDriver,
     cell: Arc<SharedBoards>,
-    /// What was queued for each board.
+    /// Queued orders of each board.
     orders: Vec<mpsc::Receiver<Order>>,
     lease: watch::Receiver<Option<Instant>>,
 }
 
-/// Both boards are there, and were read once.
+/// Both boards are available and were read once.
 fn rig() -> Rig {
     rig_of(settings().moves)
 }
@@ -75,13 +76,13 @@ fn rig_of(moves: Moves) -> Rig {
 }
 
 impl Rig {
-    /// A motor is told to move to 0.2 rad.
+    /// Commands a motor to move to 0.2 rad.
     fn moves(&mut self, now: Time, motor: usize) -> Result<(), DriverFault> {
         let to = Move { motors: vec![motor], q: vec![0.2], relative: false, speed: None, acceleration: None };
         self.driver.command(now, &Command::Move(to))
     }
 
-    /// The boards send new states: the next reading.
+    /// Sends new states of both boards and returns the next sample.
     fn read(&mut self, now: Time) -> Sample {
         let layout = layout();
         let mut inner = self.cell.lock();
@@ -91,7 +92,7 @@ impl Rig {
         self.driver.sample(now).unwrap().unwrap()
     }
 
-    /// What was queued for the first board, as set-points or modes.
+    /// Orders queued for the first board.
     fn queued(&mut self) -> Vec<Do> {
         std::iter::from_fn(|| self.orders[0].try_recv().ok()).map(|order| order.what).collect()
     }
@@ -119,7 +120,8 @@ async fn a_lease_ends_by_either_clock() {
     assert!(!go(&mut rig, 1.4), "it ends on the dot");
 }
 
-/// Boards that are lost, must not be used, can't be stopped or have a fault are neither commanded nor read.
+/// Boards that are lost, belong to another program, can't be stopped or have a fault are neither commanded nor
+/// read.
 #[tokio::test(start_paused = true)]
 async fn a_robot_in_trouble_is_not_used() {
     use super::super::cell::BoardFacts;
@@ -147,7 +149,7 @@ async fn a_robot_in_trouble_is_not_used() {
     }
 }
 
-/// A motion expects the mode that it needs, of its own motors, from when it is told.
+/// A motion expects the mode that it needs, for its own motors only, from the command on.
 #[tokio::test(start_paused = true)]
 async fn a_motion_expects_its_mode() {
     let mut rig = rig();
@@ -162,7 +164,7 @@ async fn a_motion_expects_its_mode() {
     assert_eq!(inner.switching, [None, Some(1), None, Some(1), None]);
 }
 
-/// A move that is made of set-points ends with its lease, and with a stop, whether or not a new lease has come since.
+/// A move made of setpoints ends with its lease and with a stop, even if a new lease has come since.
 #[tokio::test(start_paused = true)]
 async fn set_points_end_with_the_lease_and_with_a_stop() {
     for stopped in [false, true] {
@@ -187,7 +189,8 @@ async fn set_points_end_with_the_lease_and_with_a_stop() {
     }
 }
 
-/// No reading is as old as the one before, whatever the boards' clocks say, and none is of a time to come.
+/// The times of readings increase strictly, whatever the clocks of the boards show, and are never in the
+/// future.
 #[tokio::test(start_paused = true)]
 async fn readings_follow_each_other() {
     let mut rig = rig();
@@ -201,9 +204,9 @@ async fn readings_follow_each_other() {
     assert_eq!(rig.read(then).at, then);
 }
 
-/// How long the slowest board takes to answer.
+/// Answer time of the slowest board.
 #[tokio::test(start_paused = true)]
-async fn the_slowest_board_tells_how_long_answers_take() {
+async fn the_answer_time_is_that_of_the_slowest_board() {
     let rig = rig();
     assert_eq!(rig.driver.answer_time(), None);
     for (board, took) in [(0, 0.004), (1, 0.03)] {
@@ -212,9 +215,10 @@ async fn the_slowest_board_tells_how_long_answers_take() {
     assert_eq!(rig.driver.answer_time().map(|answers| answers.most), Some(Duration::from_millis(30)));
 }
 
-/// Until a mode was set, the board's reports of the mode before don't count: of the motors that were told, and of no others.
+/// The mode of a commanded motor comes from the command until the mode was set; the board's reports before that
+/// do not count. Other motors are not affected.
 #[tokio::test(start_paused = true)]
-async fn a_mode_counts_from_when_it_was_told() {
+async fn a_mode_counts_from_its_command_on() {
     let mut rig = rig();
     let told = Command::Mode { motors: vec![1, 4], mode: ControlMode::Velocity };
     rig.driver.command(Time::ZERO, &told).unwrap();
@@ -240,7 +244,8 @@ async fn a_mode_counts_from_when_it_was_told() {
     assert_eq!(report(&mut inner), [ControlMode::Velocity, ControlMode::Position], "the second board did not do it");
 }
 
-/// A reading is looked for when it is due: a period after the last, and a tenth more; then five times a period.
+/// A reading is due one period after the last one, with a margin of a tenth; after that it is polled five times
+/// per period.
 #[tokio::test(start_paused = true)]
 async fn readings_are_looked_for_when_they_are_due() {
     let mut rig = rig();
@@ -257,7 +262,7 @@ async fn readings_are_looked_for_when_they_are_due() {
     assert_eq!(rig.driver.next_sample(late), late + period / 5);
 }
 
-/// All boards are read before there is a reading: as old as the oldest of them, and counted with those that were lost.
+/// A sample needs readings of all boards. Its time is that of the oldest one, and lost states are counted.
 #[tokio::test(start_paused = true)]
 async fn a_reading_is_joined_of_all_boards() {
     let rig = rig();
@@ -270,7 +275,7 @@ async fn a_reading_is_joined_of_all_boards() {
     inner.boards[0].fresh = true;
     inner.join(&layout);
     assert!(!inner.unread, "the other board said nothing");
-    let ticket = inner.boards[1].motions.order(&[1], End::Told);
+    let ticket = inner.boards[1].motions.order(&[1], End::Reported);
     (inner.boards[1].fresh, inner.boards[1].lost.0, inner.boards[0].lost.0, inner.boards[0].read_at) =
         (true, 3, 2, 0.5);
     inner.join(&layout);
@@ -289,13 +294,14 @@ async fn a_reading_is_joined_of_all_boards() {
     assert_eq!(inner.fault(&layout).unwrap(), "motor elbow (joint 1 of /trunk) has a hardware fault");
 }
 
-/// What a board's newest state reports of torques.
+/// Sets the torques that a board's newest state reports.
 fn reports(known: &mut super::super::cell::BoardFacts, torque: JointField) {
     let joints = JointData { position: JointField::known(vec![0.0; 2]), torque, ..JointData::default() };
-    known.told = Some(Arc::new(RemoteState { seq: 0, stamp: None, arrived: instant(), joints }));
+    known.received = Some(Arc::new(RemoteState { seq: 0, stamp: None, arrived: instant(), joints }));
 }
 
-/// The joint of a board pushes against what pushes it. What a board does not vouch for, and what is no number, is no torque.
+/// External torque is the negative of the joint torque. Torques that the board marks invalid, and those that
+/// are not finite, are omitted.
 #[tokio::test(start_paused = true)]
 async fn torques_that_a_board_vouches_for_are_what_pushes_its_motors() {
     let cases = [
@@ -312,7 +318,7 @@ async fn torques_that_a_board_vouches_for_are_what_pushes_its_motors() {
     }
 }
 
-/// The force guard looks at the motors whose board reports torques, by a threshold of the settings alone.
+/// The force guard uses the motors whose boards report torques, with thresholds from the settings only.
 #[tokio::test(start_paused = true)]
 async fn what_a_torque_means_is_for_the_settings_to_state() {
     let rig = rig();
@@ -323,7 +329,7 @@ async fn what_a_torque_means_is_for_the_settings_to_state() {
     assert_eq!(stated, [0.0, 0.0, 0.0, Axis::UNRATED, Axis::UNRATED]);
 }
 
-/// The narrower limits and the lower speeds count; what has nothing in common is said.
+/// The narrower limits and the lower speeds apply; limits without a common range are an error.
 #[tokio::test(start_paused = true)]
 async fn boards_are_described_by_what_both_sides_know() {
     let rig = rig();

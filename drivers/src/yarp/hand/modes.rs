@@ -1,4 +1,4 @@
-//! Switching modes: told, then read back until it is so.
+//! Switches modes: sends the mode, then reads it back until the board reports it.
 
 use super::super::cell::word;
 use super::super::found::Restored;
@@ -9,12 +9,12 @@ use mobee_yarp::{Bottle, Value, Vocab};
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// How long a switch may take, and how often it is looked whether it has happened.
-const PATIENCE: Duration = Duration::from_secs(2);
-const LOOK: Duration = Duration::from_millis(5);
+/// Time limit of a switch, and the period at which it is checked.
+const SWITCH_TIMEOUT: Duration = Duration::from_secs(2);
+const CHECK_PERIOD: Duration = Duration::from_millis(5);
 
 impl Hand {
-    /// Whether these joints report this mode.
+    /// True if these joints report this mode.
     pub(super) fn are_in(&self, joints: &[usize], mode: ControlMode) -> bool {
         self.not_in(joints, word(mode)).is_empty()
     }
@@ -33,8 +33,9 @@ impl Hand {
         joints.iter().copied().filter(soft).collect()
     }
 
-    /// Brings joints into a mode and waits until the board reports it. Joints that are to be moved to positions are made stiff first: a
-    /// compliant one does not go where it is told. A halt in the meantime is obeyed; with an `epoch` it ends the attempt.
+    /// Switches joints to a mode and waits until the board reports it. Joints that are to move to positions
+    /// are made stiff first, because a compliant joint does not reach its target. A halt that comes in
+    /// between is executed; with an `epoch` it ends the attempt.
     pub(super) async fn bring(&mut self, joints: &[usize], to: ControlMode, epoch: Option<u64>) -> Result<(), String> {
         if matches!(to, ControlMode::Position | ControlMode::PositionDirect) {
             let soft = self.compliant(joints);
@@ -55,38 +56,38 @@ impl Hand {
         self.until(epoch, "takes its mode", |hand| hand.not_in(&others, word)).await
     }
 
-    /// Waits until no joint is left.
+    /// Waits until `left` returns no joint.
     pub(super) async fn until(
         &mut self,
         epoch: Option<u64>,
         what: &str,
         left: impl Fn(&Hand) -> Vec<usize>,
     ) -> Result<(), String> {
-        let rounds = PATIENCE.as_millis() / LOOK.as_millis();
+        let rounds = SWITCH_TIMEOUT.as_millis() / CHECK_PERIOD.as_millis();
         for round in 0..rounds {
             match epoch {
                 Some(epoch) => self.interrupted(epoch).await?,
-                None => self.halt_if_told().await,
+                None => self.handle_halt().await,
             }
             if left(self).is_empty() {
                 return Ok(());
             }
-            // a board whose states say nothing of modes is asked
+            // queries a board whose states don't contain modes
             if round % 4 == 3 {
                 self.learn_modes().await;
             }
-            sleep(LOOK).await;
+            sleep(CHECK_PERIOD).await;
         }
-        Err(format!("no sign within {PATIENCE:?} that joint {:?} {what}", left(self)))
+        Err(format!("no sign within {SWITCH_TIMEOUT:?} that joint {:?} {what}", left(self)))
     }
 
-    /// Reads all modes by asking for them.
+    /// Queries all modes.
     pub(super) async fn learn_modes(&self) {
         let vocabs = |answer: &Bottle, nth: usize| -> Option<Vec<Vocab>> {
             answer.get(nth)?.as_list()?.0.iter().map(Value::as_vocab).collect()
         };
-        let modes = self.say(&Ask::Get(Get::Modes(Joints::All))).await;
-        let interactions = self.say(&Ask::Get(Get::Interactions(Joints::All))).await;
+        let modes = self.send(&Ask::Get(Get::Modes(Joints::All))).await;
+        let interactions = self.send(&Ask::Get(Get::Interactions(Joints::All))).await;
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         if let Some(modes) = modes.ok().and_then(|a| vocabs(&a, 2)) {

@@ -1,4 +1,4 @@
-//! Giving a board back as it was found: a word at a time, so that no order waits long behind it.
+//! Restores the settings of a board, one request at a time so that no order is delayed.
 
 use super::super::cell::{from_word, holds, instant};
 use super::super::found::{Due, Finding, Restored};
@@ -10,15 +10,15 @@ use mobee_yarp::{CallError, Value};
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// How long a board may take to come to rest and be given back at the end, beside its answers.
+/// Time within which a board has to settle and be restored at the end, in addition to its answer times.
 pub const ENDING: Duration = Duration::from_secs(1);
-/// How often that is looked for.
-const LOOK: Duration = Duration::from_millis(10);
-/// The ticket of modes that are retreating; no order has it.
+/// Period of that check.
+const CHECK_PERIOD: Duration = Duration::from_millis(10);
+/// Ticket of modes that are being restored; no order has it.
 const BACK: u64 = u64::MAX;
 
 impl Hand {
-    /// Asks how the joints are before anything is changed in them, unless that is known from before.
+    /// Reads the settings of the joints before the first change, unless they are known.
     pub(super) async fn learn_findings(&self) -> Result<(), CallError> {
         if self.cell.lock().boards.get(self.index).is_none_or(|known| known.owed.is_known()) {
             return Ok(());
@@ -27,10 +27,10 @@ impl Hand {
         let accelerations = self.references(Quantity::ReferenceAcceleration).await?;
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return Ok(()) };
-        let told = |word: Option<&mobee_yarp::Vocab>| word.copied().filter(|word| *word != mode::UNKNOWN);
+        let known_word = |word: Option<&mobee_yarp::Vocab>| word.copied().filter(|word| *word != mode::UNKNOWN);
         let finding = |j: usize| Finding {
-            mode: told(known.modes.get(j)),
-            interaction: told(known.interactions.get(j)),
+            mode: known_word(known.modes.get(j)),
+            interaction: known_word(known.interactions.get(j)),
             speed: speeds.get(j).copied(),
             acceleration: accelerations.get(j).copied(),
         };
@@ -39,30 +39,30 @@ impl Hand {
         Ok(())
     }
 
-    /// The references of all joints; none if the board does not tell them.
+    /// References of all joints; empty if the board does not report them.
     pub(super) async fn references(&self, what: Quantity) -> Result<Vec<f64>, CallError> {
-        let answer = self.say(&Ask::Get(Get::Values(what, Joints::All))).await?;
+        let answer = self.send(&Ask::Get(Get::Values(what, Joints::All))).await?;
         let read = answer.get(2).and_then(Value::as_list).and_then(mobee_yarp::Bottle::numbers).unwrap_or_default();
         Ok(if read.iter().all(|v| v.is_finite()) { read } else { Vec::new() })
     }
 
-    /// Something of these joints is about to be changed.
+    /// Marks a setting of these joints as about to be changed.
     pub(super) fn changes(&self, kind: Restored, joints: &[usize]) {
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
             known.owed.changes(kind, joints);
         }
     }
 
-    /// Says what is due next, if anything is.
+    /// Sends the next command that restores settings, if one is due.
     pub(super) async fn put_back(&mut self, at_end: bool) {
         if self.link.as_ref() != Some(&*self.board.link().borrow()) {
             return; // it begins with a stop
         }
         let Some(due) = self.due(at_end) else { return };
-        let answer = self.say(&Ask::Set(due.say.clone())).await;
+        let answer = self.send(&Ask::Set(due.set.clone())).await;
         let done = matches!(&answer, Ok(answer) if reply::is_ok(answer));
         if done {
-            // whoever switches modes next goes by what is reported
+            // the next switch of modes relies on the reported ones
             if let Err(why) = self.until(None, "is as it was found", |hand| hand.not_as_found(&due)).await {
                 tracing::warn!(board = self.board.port(), why, "a joint is not as it was found");
             }
@@ -75,17 +75,18 @@ impl Hand {
         if done {
             known.owed.paid(&due);
         } else if answer.is_ok() && known.owed.refused(&due, now) {
-            let asked = self.units().ask_to_wire(&Ask::Set(due.say.clone())).bottle().to_string();
+            let request = self.units().ask_to_wire(&Ask::Set(due.set.clone())).bottle().to_string();
             tracing::warn!(
                 board = self.board.port(),
-                asked,
+                asked = request,
                 "a joint is not as it was found: the board answers [fail]"
             );
         }
-        // without an answer nobody knows whether it was done: it is said again
+        // without an answer the outcome is unknown, so the command is sent again
     }
 
-    /// What is to be said next. Motors that are about to change their mode are expected to have, by whoever commands them next.
+    /// Next command to send. Motors whose mode is about to change are marked with the new mode, for the next
+    /// command.
     fn due(&self, at_end: bool) -> Option<Due> {
         let is_leased = !at_end && holds(*self.lease.borrow());
         if !self.cell.is_ours(self.index) {
@@ -115,23 +116,23 @@ impl Hand {
         Some(due)
     }
 
-    /// The joints whose modes are not reported as they were found.
+    /// Joints whose reported modes differ from those found.
     fn not_as_found(&self, due: &Due) -> Vec<usize> {
         let inner = self.cell.lock();
         let Some(known) = inner.boards.get(self.index) else { return Vec::new() };
-        let told = match due.kind {
+        let reported = match due.kind {
             Restored::Mode => &known.modes,
             Restored::Interaction => &known.interactions,
             Restored::Speed | Restored::Acceleration => return Vec::new(),
         };
-        due.joints.iter().copied().filter(|j| told.get(*j).copied() != known.owed.word(due.kind, *j)).collect()
+        due.joints.iter().copied().filter(|j| reported.get(*j).copied() != known.owed.word(due.kind, *j)).collect()
     }
 
-    /// The end: everything is given back as soon as the joints rest, if they do within a while.
+    /// Ends the work: restores all settings as soon as the joints rest, within a time limit.
     pub(super) async fn leave(&mut self) {
         let now = self.cell.secs(instant());
         let until = now + ENDING.as_secs_f64();
-        // what was under way ends by the stop before
+        // the preceding stop ends all motions
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
             let all: Vec<usize> = (0..known.q.len()).collect();
             let ticket = known.motions.order(&all, End::Seen);
@@ -142,7 +143,7 @@ impl Hand {
         };
         while owes(self) && self.cell.is_ours(self.index) && self.cell.secs(instant()) < until {
             self.put_back(true).await;
-            sleep(LOOK).await;
+            sleep(CHECK_PERIOD).await;
         }
     }
 }

@@ -1,7 +1,8 @@
-//! References of speed and acceleration: told, then read back before the move that goes by them.
+//! Reference speeds and accelerations: sent, then read back before the move that uses them.
 //!
-//! Nobody of ours writes references but the hand, one order after the other. What another program on the robot's network
-//! writes in between is seen when they are read back, or as the speed of the motor (`pace.rs`).
+//! Within this program only this worker writes references, one order after the other. A value that another
+//! program on the robot's network writes in between is detected by reading back, or by the speed of the motor
+//! (`pace.rs`).
 
 use super::super::found::Restored;
 use super::{Hand, SLOWEST};
@@ -9,42 +10,43 @@ use mobee_contract::DriverFault;
 use mobee_yarp::Value;
 use mobee_yarp::board::{Ask, Get, Joints, Quantity, Set};
 
-/// How often references are told before the move is given up.
+/// Number of times that references are sent before the move is aborted.
 const ATTEMPTS: usize = 3;
-/// A reference that is read back as this much more is another one.
+/// Ratio beyond which a reference read back differs from the one sent.
 const ROUNDING: f64 = 1.01;
 
-/// Which references a board goes by.
+/// References that a board uses.
 enum InForce {
-    /// Those that were sent.
+    /// Those sent.
     Ours,
-    /// The speeds that were sent, and the accelerations that it was found with: it keeps its own.
+    /// The speeds sent, and the accelerations it was found with, because the board does not change them.
     Found,
-    /// Greater ones that somebody else set.
+    /// Greater ones, set by another program.
     Others,
 }
 
 impl Hand {
-    /// Sets references, and sees that they are in force.
+    /// Sets references and verifies that they are in force.
     pub(super) async fn refer(
         &self,
         joints: &[usize],
         speed: Option<&[f64]>,
         acc: Option<&[f64]>,
     ) -> Result<(), String> {
-        let told = |v: &[f64]| v.iter().map(|v| v.max(SLOWEST)).collect::<Vec<f64>>();
-        let keeps_its_own = self.cell.lock().boards.get(self.index).is_some_and(|known| known.own_acceleration);
-        let (speed, acc) = (speed.map(told), acc.filter(|_| !keeps_its_own).map(told));
-        let mut keeps_its_own = true;
+        let commanded = |v: &[f64]| v.iter().map(|v| v.max(SLOWEST)).collect::<Vec<f64>>();
+        let has_own_accelerations = self.cell.lock().boards.get(self.index).is_some_and(|known| known.own_acceleration);
+        let speed = speed.map(commanded);
+        let acc = acc.filter(|_| !has_own_accelerations).map(commanded);
+        let mut has_own_accelerations = true;
         for _ in 0..ATTEMPTS {
-            match self.tell_references(joints, speed.as_deref(), acc.as_deref()).await? {
+            match self.send_references(joints, speed.as_deref(), acc.as_deref()).await? {
                 InForce::Ours => return Ok(()),
                 InForce::Found => {}
-                InForce::Others => keeps_its_own = false,
+                InForce::Others => has_own_accelerations = false,
             }
         }
         let port = self.board.port();
-        if keeps_its_own {
+        if has_own_accelerations {
             let mut inner = self.cell.lock();
             if let Some(known) = inner.boards.get_mut(self.index) {
                 known.own_acceleration = true;
@@ -63,9 +65,9 @@ impl Hand {
         Err(why)
     }
 
-    /// Reads references back under which joints were timed.
+    /// Reads back the references under which joints were timed.
     pub(super) async fn confirm(&self) {
-        if !self.cell.lock().boards.get(self.index).is_some_and(|known| known.gauge.asks()) {
+        if !self.cell.lock().boards.get(self.index).is_some_and(|known| known.gauge.needs_references()) {
             return;
         }
         let Ok(read) = self.references(Quantity::ReferenceSpeed).await else { return };
@@ -75,9 +77,9 @@ impl Hand {
         }
     }
 
-    /// Tells the references once; by which the board then goes. A board without accelerations to set, or that
-    /// does not tell what it has, is no reason not to move.
-    async fn tell_references(
+    /// Sends the references once and returns which ones are in force afterwards. A board that has no
+    /// accelerations to set, or does not report its references, may still move.
+    async fn send_references(
         &self,
         joints: &[usize],
         speed: Option<&[f64]>,
@@ -118,24 +120,24 @@ impl Hand {
         })
     }
 
-    /// The joints of which the board reads back a greater reference than this, each with that reference.
+    /// Joints for which the board reads back a greater reference than `commanded`, each with that reference.
     async fn greater(
         &self,
         what: Quantity,
         joints: &[usize],
-        told: Option<&[f64]>,
+        commanded: Option<&[f64]>,
     ) -> Result<Vec<(usize, f64)>, String> {
-        let Some(told) = told else { return Ok(Vec::new()) };
-        let asked = Ask::Get(Get::Values(what, Joints::Group(joints.to_vec())));
-        let answer = self.say(&asked).await.map_err(|e| e.to_string())?;
+        let Some(commanded) = commanded else { return Ok(Vec::new()) };
+        let request = Ask::Get(Get::Values(what, Joints::Group(joints.to_vec())));
+        let answer = self.send(&request).await.map_err(|e| e.to_string())?;
         let Some(read) = answer.get(2).and_then(Value::as_list).and_then(mobee_yarp::Bottle::numbers) else {
             return Ok(Vec::new());
         };
-        if read.len() != told.len() {
+        if read.len() != commanded.len() {
             return Ok(Vec::new());
         }
-        let all = joints.iter().zip(read.iter().zip(told));
-        let greater = all.filter(|(_, (read, told))| read.abs() > **told * ROUNDING);
+        let all = joints.iter().zip(read.iter().zip(commanded));
+        let greater = all.filter(|(_, (read, commanded))| read.abs() > **commanded * ROUNDING);
         Ok(greater.map(|(j, (read, _))| (*j, read.abs())).collect())
     }
 }

@@ -1,14 +1,14 @@
-//! Velocities that are being said again and again while they are wanted, lowered where a limit of position is near.
+//! Velocities that are sent repeatedly while they are wanted, lowered near position limits.
 
 use std::collections::BTreeMap;
 
-/// How hard joints are believed to brake, deg/s^2: only for keeping clear of limits.
+/// Deceleration assumed for the distance to limits, deg/s^2.
 const BRAKING: f64 = 100.0;
-/// A velocity that was not given anew for this long is over, s: as on the boards themselves, whose own watchdog does not see
-/// it because we refresh what they were told.
+/// Time after which a velocity that has not been renewed expires, s. Boards do the same, but their watchdog
+/// is defeated by our repetition.
 const WATCHDOG: f64 = 0.1;
 
-/// The velocities of one board, deg/s by joint, and until when each holds.
+/// Velocities of one board, deg/s by joint, with the time until which each is valid.
 #[derive(Clone, Debug, Default)]
 pub struct JointVelocities(BTreeMap<usize, (f64, f64)>);
 
@@ -27,9 +27,9 @@ impl JointVelocities {
         self.0.extend(joints.iter().copied().zip(speeds.iter().map(|v| (*v, now + WATCHDOG))));
     }
 
-    /// What to say now to a board at `q` that acts within `latency` seconds; `None` if nothing. What has gone quiet is said to
-    /// be zero, once.
-    pub fn say(&mut self, q: &[f64], limits: &[(f64, f64)], latency: f64, now: f64) -> Option<(Vec<usize>, Vec<f64>)> {
+    /// Velocities to send now to a board at `q` that acts within `latency` seconds; `None` if there are none.
+    /// An expired velocity is sent as zero, once.
+    pub fn due(&mut self, q: &[f64], limits: &[(f64, f64)], latency: f64, now: f64) -> Option<(Vec<usize>, Vec<f64>)> {
         if self.0.is_empty() {
             return None;
         }
@@ -37,13 +37,14 @@ impl JointVelocities {
             (Some(q), Some((min, max))) if now <= *until => (*j, lowered(*v, *q, *min, *max, latency)),
             _ => (*j, 0.0),
         };
-        let said = self.0.iter().map(one).unzip();
+        let due = self.0.iter().map(one).unzip();
         self.0.retain(|_, (_, until)| now <= *until);
-        Some(said)
+        Some(due)
     }
 }
 
-/// The speed from which the joint still comes to rest before its limit, though every word reaches it a latency late.
+/// Greatest speed from which the joint still stops before its limit, if each command takes effect a latency
+/// late.
 fn lowered(v: f64, q: f64, min: f64, max: f64, latency: f64) -> f64 {
     let room = if v > 0.0 { max - q } else { q - min };
     // v * e * latency + v^2 / (2 a) <= room: a loop with a delay does not overshoot while its gain is below 1 / (e * delay)
@@ -61,12 +62,14 @@ mod tests {
         for sign in [1.0, -1.0] {
             let mut speeds = JointVelocities::default();
             speeds.set(&[0], &[sign * 60.0], 0.0);
-            let (mut q, mut v, dt) = (0.0, 0.0f64, 0.001);
-            let mut told = std::collections::VecDeque::from(vec![0.0; 60]);
+            let mut q = 0.0;
+            let mut v = 0.0f64;
+            let dt = 0.001;
+            let mut sent_before = std::collections::VecDeque::from(vec![0.0; 60]);
             for _ in 0..3_000 {
-                let (_, say) = speeds.say(&[sign * q], &[(-10.0, 10.0)], 0.06, 0.0).unwrap();
-                told.push_back(sign * say[0]);
-                let want = told.pop_front().unwrap();
+                let (_, sent) = speeds.due(&[sign * q], &[(-10.0, 10.0)], 0.06, 0.0).unwrap();
+                sent_before.push_back(sign * sent[0]);
+                let want = sent_before.pop_front().unwrap();
                 v += (want - v).clamp(-200.0 * dt, 200.0 * dt);
                 q += v * dt;
                 assert!(q <= 10.01, "{q}");
@@ -76,17 +79,17 @@ mod tests {
         let mut speeds = JointVelocities::default();
         speeds.set(&[0], &[60.0], 0.0);
         speeds.set(&[1], &[-5.0], 0.0);
-        let (joints, say) = speeds.say(&[10.0, -20.0], &[(-10.0, 10.0), (-10.0, 10.0)], 0.06, 0.0).unwrap();
-        assert_eq!((joints, say), (vec![0, 1], vec![0.0, 0.0]), "beyond its limit it does not go farther");
+        let (joints, sent) = speeds.due(&[10.0, -20.0], &[(-10.0, 10.0), (-10.0, 10.0)], 0.06, 0.0).unwrap();
+        assert_eq!((joints, sent), (vec![0, 1], vec![0.0, 0.0]), "beyond its limit it does not go farther");
         speeds.forget(&[0, 1]);
-        assert!(speeds.say(&[], &[], 0.0, 0.0).is_none());
+        assert!(speeds.due(&[], &[], 0.0, 0.0).is_none());
     }
 
     #[test]
-    fn a_velocity_that_goes_quiet_is_said_to_be_zero_once() {
+    fn an_expired_velocity_is_sent_as_zero_once() {
         let mut speeds = JointVelocities::default();
         speeds.set(&[0], &[5.0], 1.0);
-        let mut at = |now: f64| speeds.say(&[0.0], &[(-10.0, 10.0)], 0.0, now);
+        let mut at = |now: f64| speeds.due(&[0.0], &[(-10.0, 10.0)], 0.0, now);
         assert_eq!(at(1.09), Some((vec![0], vec![5.0])));
         assert_eq!(at(1.2), Some((vec![0], vec![0.0])));
         assert_eq!(at(1.3), None);

@@ -1,8 +1,8 @@
-//! The client of a simulated board, as [`mobee_yarp::board::RemoteBoard`] is one of a real board.
+//! Client of a simulated board, the counterpart of [`mobee_yarp::board::RemoteBoard`].
 
 use super::super::fan::Fan;
 use super::super::remote::{Later, Remote, StopLine};
-use super::far::{Far, Kept};
+use super::far::{Far, KeptConnection};
 use super::faults::Who;
 use super::judge::Line;
 use mobee_yarp::board::{Ask, AxisFacts, Get, LinkState, RemoteState, Streamed};
@@ -15,14 +15,14 @@ use tokio::sync::{Mutex, Notify, mpsc, watch};
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep, sleep_until};
 
-/// Streamed commands that may wait to be sent.
+/// Number of streamed commands that may wait to be sent.
 const WAITING: usize = 32;
 /// Shortest and longest pause between two attempts to reach a board.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
-/// Largest gap between two counts that is taken for lost states.
+/// Largest gap between two counts that counts as lost states.
 const GREATEST_GAP: u32 = 100_000;
 
-/// The client of one simulated board.
+/// Client of one simulated board.
 pub(super) struct Client {
     shared: Arc<Shared>,
     tasks: Mutex<JoinSet<()>>,
@@ -32,7 +32,7 @@ pub(super) struct Client {
 struct Shared {
     far: Arc<Far>,
     patience: Duration,
-    control: Mutex<Kept>,
+    control: Mutex<KeptConnection>,
     link: Fan<LinkState>,
     facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
     state: watch::Sender<Option<Arc<RemoteState>>>,
@@ -42,12 +42,12 @@ struct Shared {
 }
 
 impl Client {
-    /// A client that begins to connect.
+    /// Creates a client, which starts to connect.
     pub fn new(far: Arc<Far>, patience: Duration) -> Client {
         let shared = Arc::new(Shared {
             far,
             patience,
-            control: Mutex::new(Kept::new()),
+            control: Mutex::new(KeptConnection::new()),
             link: Fan::new(LinkState::Down("not connected yet".into())),
             facts: watch::Sender::new(None),
             state: watch::Sender::new(None),
@@ -111,20 +111,20 @@ impl Remote for Client {
 
 impl Shared {
     async fn ask(&self, request: &Ask) -> Result<Bottle, CallError> {
-        let answer = self.control.lock().await.say(&self.far, Line::Orders, request, self.patience).await;
+        let answer = self.control.lock().await.send(&self.far, Line::Orders, request, self.patience).await;
         if answer.is_err() {
             self.trouble.notify_one();
         }
         answer
     }
 
-    /// Waits until the line may be tried, and asks for what is asked of a board that was reached.
+    /// Waits until the connection may be tried, and sends the queries that a new connection starts with.
     async fn reach(&self) -> Result<(), String> {
         let until = self.control.lock().await.until();
         sleep(until.since(self.far.now())).await;
-        let asked = Ask::Get(Get::Axes);
+        let probe = Ask::Get(Get::Axes);
         let mut control = self.control.lock().await;
-        let answer = control.say(&self.far, Line::Orders, &asked, self.patience).await;
+        let answer = control.send(&self.far, Line::Orders, &probe, self.patience).await;
         answer.map_err(|e| e.to_string())?;
         self.facts.send_if_modified(|facts| {
             let is_new = facts.is_none();
@@ -134,11 +134,12 @@ impl Shared {
         Ok(())
     }
 
-    /// Takes the states until the connection is lost; says why.
+    /// Receives states until the connection is lost, and returns the reason.
     async fn watch(&self) -> String {
         let mut ticks = interval(self.far.board.publishes());
         let mut flying: BTreeMap<(Instant, u64), (Stamp, JointData)> = BTreeMap::new();
-        let (mut sent, mut count) = (0, Counting::default());
+        let mut sent = 0;
+        let mut count = Counting::default();
         loop {
             let next = flying.keys().next().map(|(at, _)| *at);
             tokio::select! {
@@ -171,7 +172,7 @@ impl Shared {
     }
 }
 
-/// Counts states by their stamps.
+/// Numbers states by their stamps.
 #[derive(Default)]
 struct Counting {
     last: Option<Stamp>,
@@ -179,7 +180,7 @@ struct Counting {
 }
 
 impl Counting {
-    /// The number of a state, and how many were lost before it.
+    /// Number of a state, and the number of states lost before it.
     fn next(&mut self, stamp: Stamp) -> (u64, u64) {
         let gap = self.last.map_or(0, |before| stamp.count.wrapping_sub(before.count).wrapping_sub(1));
         let lost = if gap < GREATEST_GAP { u64::from(gap) } else { 0 };
@@ -195,15 +196,16 @@ async fn until(at: Option<Instant>) {
     }
 }
 
-/// Reaches the board, watches it, and begins anew when it is lost; ends only as a task that dies does.
+/// Reaches the board, watches it, and starts again when it is lost. Ends only if this task is to die.
 async fn session(shared: Arc<Shared>) {
-    let (mut pause, mut generation) = (BACK_OFF.0, 0);
+    let mut pause = BACK_OFF.0;
+    let mut generation = 0;
     loop {
         let why = match shared.reach().await {
             Ok(()) => {
                 (pause, generation) = (BACK_OFF.0, generation + 1);
                 super::far::lock(&shared.far.judge).linked(shared.far.index);
-                shared.link.tell(|_| LinkState::Up(generation));
+                shared.link.update(|_| LinkState::Up(generation));
                 let dies = async {
                     while !shared.far.dies(Who::Connection) {
                         sleep(shared.far.board.publishes()).await;
@@ -217,10 +219,10 @@ async fn session(shared: Arc<Shared>) {
             }
             Err(why) => why,
         };
-        shared.link.tell(|_| LinkState::Down(why));
+        shared.link.update(|_| LinkState::Down(why));
         sleep(pause).await;
         pause = (pause * 2).min(BACK_OFF.1);
-        // what rang while nobody was connected says nothing about the next connection
+        // trouble notified while disconnected does not concern the next connection
         let _ = tokio::time::timeout(Duration::ZERO, shared.trouble.notified()).await;
     }
 }
@@ -233,16 +235,16 @@ async fn send_all(shared: Arc<Shared>, mut queue: mpsc::Receiver<(u64, Streamed)
     }
 }
 
-/// The line for stops of one simulated board.
+/// Stop connection of one simulated board.
 pub(super) struct Stops {
     pub far: Arc<Far>,
-    pub kept: Kept,
+    pub connection: KeptConnection,
     pub patience: Duration,
 }
 
 impl StopLine for Stops {
-    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+    fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         self.far.may_kill(Who::Brake);
-        Box::pin(self.kept.say(&self.far, Line::Stops, request, self.patience))
+        Box::pin(self.connection.send(&self.far, Line::Stops, request, self.patience))
     }
 }

@@ -1,4 +1,4 @@
-//! A simulated board and the way to it.
+//! A simulated board and the simulated connection to it.
 
 use super::faults::{Faults, Who, WireFault};
 use super::judge::{Judge, Line};
@@ -17,22 +17,23 @@ const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_
 
 /// One board at the far end of its wire.
 pub(super) struct Far {
-    /// The board's index.
+    /// Index of the board.
     pub index: usize,
-    /// First part of its port names.
+    /// Prefix of its port names.
     pub port: String,
-    /// The board, as YARP sees it.
+    /// The board's YARP interface.
     pub board: SimBoard,
-    /// The board itself.
+    /// The simulated hardware.
     pub hardware: SimHardware,
-    /// What its joints move like.
+    /// Units of its joints.
     pub units: Units,
     pub clock: SimClock,
     pub faults: Arc<Mutex<Faults>>,
     pub judge: Arc<Mutex<Judge>>,
 }
 
-/// Hardware does not break because a program crashed while it talked to it.
+/// Locks a value. A poisoned lock is used anyway, because hardware is intact when a program crashed
+/// while holding it.
 pub(super) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -42,24 +43,24 @@ impl Far {
         self.clock.now()
     }
 
-    /// Whether this is wrong now.
+    /// True if a fault that matches is active now.
     pub fn suffers(&self, which: impl Fn(&WireFault) -> bool) -> bool {
         lock(&self.faults).on(self.now()).any(|f| which(&f))
     }
 
-    /// Whether connections break now.
+    /// True if connections break now.
     pub fn is_cut(&self) -> bool {
         self.suffers(|f| *f == WireFault::Cut)
     }
 
-    /// Panics, without a word on the terminal, if this task is to die now.
+    /// Panics, without output on the terminal, if this task is to die now.
     pub fn may_kill(&self, who: Who) {
         if self.dies(who) {
             std::panic::resume_unwind(Box::new("planted"));
         }
     }
 
-    /// Whether this task is to die now.
+    /// True if this task is to die now.
     pub fn dies(&self, who: Who) -> bool {
         let now = self.now();
         let dies = lock(&self.faults).take(now, |f| *f == WireFault::Dies(who));
@@ -69,30 +70,33 @@ impl Far {
         dies
     }
 
-    /// Says something on one of the lines and waits for the answer. What was said arrives even if nobody waits any more.
+    /// Sends a request on one of the connections and waits for the answer. The request arrives even if the
+    /// caller no longer waits.
     pub async fn exchange(self: &Arc<Far>, line: Line, ask: &Ask, patience: Duration) -> Result<Bottle, CallError> {
         let now = self.now();
-        lock(&self.judge).said(self.index, line, ask, now);
+        lock(&self.judge).sent(self.index, line, ask, now);
         let fate = lock(&self.faults).fate(now);
-        let (tell, answer) = oneshot::channel();
-        let (far, request) = (self.clone(), ask.clone());
+        let (reply_to, answer) = oneshot::channel();
+        let far = self.clone();
+        let request = ask.clone();
         tokio::spawn(async move {
             if !fate.there.is_zero() {
                 sleep(fate.there).await;
             }
             if fate.lost || far.is_cut() {
-                return far.keep_silent(tell).await;
+                return far.withhold_answer(reply_to).await;
             }
             let answer = far.carry_out(&request, fate.nack);
             sleep(fate.back).await;
             if fate.unanswered || far.is_cut() {
-                return far.keep_silent(tell).await;
+                return far.withhold_answer(reply_to).await;
             }
-            let _ = tell.send(answer);
+            let _ = reply_to.send(answer);
         });
         let ended = timeout(patience, answer).await;
-        let (to, now) = (self.port.clone(), self.now());
-        lock(&self.judge).heard(self.index, line, now, matches!(ended, Ok(Ok(_))));
+        let to = self.port.clone();
+        let now = self.now();
+        lock(&self.judge).exchange_ended(self.index, line, now, matches!(ended, Ok(Ok(_))));
         match ended {
             Ok(Ok(answer)) => Ok(answer),
             Ok(Err(_)) => Err(CallError::Broken { to, why: "the wire was cut".into() }),
@@ -100,9 +104,9 @@ impl Far {
         }
     }
 
-    /// No answer comes; a connection that is cut breaks.
-    async fn keep_silent(&self, tell: oneshot::Sender<Bottle>) {
-        while !tell.is_closed() && !self.is_cut() {
+    /// Withholds the answer; a connection that is cut breaks.
+    async fn withhold_answer(&self, reply_to: oneshot::Sender<Bottle>) {
+        while !reply_to.is_closed() && !self.is_cut() {
             sleep(Duration::from_millis(10)).await;
         }
     }
@@ -132,7 +136,7 @@ impl Far {
         answer
     }
 
-    /// Another program may set the references to the greatest.
+    /// Lets another program set the references to their maximum, if such a fault is active.
     fn may_meddle(&self, now: Time) {
         if lock(&self.faults).meddles(now) {
             lock(&self.judge).meddled(self.index, true);
@@ -141,7 +145,7 @@ impl Far {
         }
     }
 
-    /// Sends set-points; ready once they have arrived or got lost.
+    /// Sends setpoints; ready once they have arrived or are lost.
     pub async fn stream(&self, command: &Streamed) {
         let now = self.now();
         let fate = lock(&self.faults).fate(now);
@@ -155,39 +159,40 @@ impl Far {
         }
     }
 
-    /// The state now, with the times that it takes; `None`: nothing is published.
+    /// State now, with the transit times of its copies; `None` if nothing is published.
     pub fn state(&self) -> Option<(Vec<Duration>, Stamp, JointData)> {
         let now = self.now();
         let (mut stamp, joints) = self.board.state()?;
         let (ways, off) = lock(&self.faults).states(now);
         stamp.time += off;
-        // as the client of a board does, what is no position is not taken for one
+        // rejects invalid positions, as the client of a real board does
         let q = &joints.position.values;
         let fits = q.len() == self.facts().len() && q.iter().all(|q| q.is_finite());
         (fits && !ways.is_empty()).then_some((ways, stamp, joints))
     }
 
-    /// A look at the motors as they really are.
+    /// Reports the true state of the motors to the judge.
     pub fn look(&self) {
         let now = self.now();
-        let (q, speeds) = (self.hardware.positions(now), self.hardware.speeds(now));
+        let q = self.hardware.positions(now);
+        let speeds = self.hardware.speeds(now);
         let settings = self.board.joint_settings();
         let faults = lock(&self.faults);
         let mut judge = lock(&self.judge);
         judge.see(self.index, now, (&q, &speeds), &faults);
-        // what is held on its way stands still, and is not at its end
+        // a delayed motor stands still without having reached its end
         let held = self.hardware.held(now).into_iter().flatten().any(|(_, ahead)| ahead > 0.0);
         let rests = !held && speeds.iter().all(|v| *v == 0.0);
         judge.see_settings(self.index, now, (settings, rests), &faults);
     }
 
-    /// What the board says of its axes.
+    /// Facts of the board's axes.
     pub fn facts(&self) -> Arc<[AxisFacts]> {
         facts(&self.hardware, &self.units)
     }
 }
 
-/// What a simulated board says of its axes.
+/// Facts of a simulated board's axes.
 pub(super) fn facts(hardware: &SimHardware, units: &Units) -> Arc<[AxisFacts]> {
     let axis = |(j, a): (usize, &mobee_contract::Axis)| {
         let wire = |rad: f64| units.kind(j).to_wire(rad.to_degrees());
@@ -201,26 +206,26 @@ pub(super) fn facts(hardware: &SimHardware, units: &Units) -> Arc<[AxisFacts]> {
     hardware.axes().iter().enumerate().map(axis).collect()
 }
 
-/// A connection that is made anew after every loss, with pauses that grow.
+/// A connection that is re-established after every loss, with growing pauses.
 #[derive(Debug)]
-pub(super) struct Kept {
+pub(super) struct KeptConnection {
     is_up: bool,
     until: Time,
     pause: Duration,
 }
 
-impl Kept {
-    pub fn new() -> Kept {
-        Kept { is_up: false, until: Time::ZERO, pause: PAUSES.0 }
+impl KeptConnection {
+    pub fn new() -> KeptConnection {
+        KeptConnection { is_up: false, until: Time::ZERO, pause: PAUSES.0 }
     }
 
-    /// When it may be tried again.
+    /// Time of the next attempt.
     pub fn until(&self) -> Time {
         if self.is_up { Time::ZERO } else { self.until }
     }
 
-    /// Says something, if there is a connection or one can be made now.
-    pub async fn say(
+    /// Sends a request, if there is a connection or one can be made now.
+    pub async fn send(
         &mut self,
         far: &Arc<Far>,
         line: Line,
@@ -239,7 +244,7 @@ impl Kept {
             }
             self.is_up = true;
         }
-        // work given up in the middle leaves no connection
+        // a canceled exchange leaves no connection
         self.is_up = false;
         let answer = far.exchange(line, ask, patience).await;
         self.is_up = answer.is_ok();

@@ -1,4 +1,4 @@
-//! What can go wrong between the driver and a board.
+//! Faults between the driver and a board.
 
 use mobee_contract::Time;
 use rand::Rng;
@@ -6,32 +6,32 @@ use rand_chacha::ChaCha8Rng;
 use std::fmt;
 use std::time::Duration;
 
-/// What is wrong with the wire to a board, or with whoever sits at its ends.
+/// Fault of the wire to a board, or of a task at one of its ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WireFault {
-    /// Answers take up to so long, half of it on the way there.
+    /// Answers take up to this time, half of it on the way there.
     Late(Duration),
-    /// Of so many words one gets lost, there or back.
+    /// Of this number of messages one is lost, there or back.
     Lossy(u32),
     /// All connections break, and none can be made.
     Cut,
-    /// Nothing gets through, and nobody is told.
+    /// Nothing gets through, and no error is reported.
     Hole,
     /// No states come.
     Silent,
-    /// Each state takes so long.
+    /// Each state takes this time.
     Behind(Duration),
-    /// Each state takes up to so long: they overtake each other.
+    /// Each state takes up to this time, so that states overtake each other.
     Shuffled(Duration),
-    /// Each state comes twice.
+    /// Each state arrives twice.
     Doubled,
-    /// States are stamped so many seconds too late.
+    /// States are stamped this number of seconds too late.
     Stamps(f64),
-    /// Of so many orders one is answered `[fail]` and not carried out.
+    /// Of this number of orders one is answered `[fail]` and not executed.
     Nack(u32),
-    /// The next stops, so many, are answered `[ok]` and have no effect.
+    /// This number of stops are answered `[ok]` and have no effect.
     Deaf(u32),
-    /// After one of so many of our words another program sets the board's references to its greatest.
+    /// After one of this number of our messages another program sets the board's references to their maximum.
     Meddled(u32),
     /// A task of the driver panics.
     Dies(Who),
@@ -40,13 +40,13 @@ pub enum WireFault {
 /// A task of the driver at one board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Who {
-    /// Its hand.
+    /// The board worker.
     Hand,
-    /// Its brake.
+    /// The brake.
     Brake,
-    /// The reader of its states.
+    /// The reader of states.
     Reader,
-    /// Its connection.
+    /// The connection.
     Connection,
 }
 
@@ -72,36 +72,36 @@ impl fmt::Display for WireFault {
 }
 
 impl WireFault {
-    /// Whether a stop may not get to the board while it lasts, whatever the driver does.
-    pub(super) fn keeps_stops_away(&self) -> bool {
+    /// True if the fault may prevent a stop from reaching the board, whatever the driver does.
+    pub(super) fn blocks_stops(&self) -> bool {
         matches!(self, WireFault::Lossy(_) | WireFault::Cut | WireFault::Hole | WireFault::Nack(_) | WireFault::Dies(_))
     }
 }
 
-/// A fault and its span of time.
+/// A fault and its interval.
 #[derive(Clone, Copy, Debug)]
 struct Span {
     fault: WireFault,
     from: Time,
     until: Time,
-    /// What is left of those that are used up.
+    /// Remaining number of effects, for faults with a limited number.
     left: u32,
 }
 
-/// What becomes of a word on its way to a board and back.
+/// Fate of a message on its way to a board and back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fate {
     pub there: Duration,
     pub back: Duration,
-    /// It does not arrive.
+    /// The message does not arrive.
     pub lost: bool,
-    /// Its answer does not.
+    /// The answer does not arrive.
     pub unanswered: bool,
-    /// It fails.
+    /// The board answers `[fail]`.
     pub nack: bool,
 }
 
-/// The faults of one wire, and the dice they are thrown with.
+/// Faults of one wire, and the random numbers they depend on.
 #[derive(Debug)]
 pub(super) struct Faults {
     spans: Vec<Span>,
@@ -109,12 +109,12 @@ pub(super) struct Faults {
 }
 
 impl Faults {
-    /// A sound wire.
+    /// Creates a wire without faults.
     pub fn new(dice: ChaCha8Rng) -> Faults {
         Faults { spans: Vec::new(), dice }
     }
 
-    /// A fault known beforehand.
+    /// Plans a fault.
     pub fn plan(&mut self, fault: WireFault, from: Time, until: Time) {
         let left = match fault {
             WireFault::Deaf(stops) => stops,
@@ -123,23 +123,23 @@ impl Faults {
         self.spans.push(Span { fault, from, until, left });
     }
 
-    /// What is wrong now.
+    /// Faults active now.
     pub fn on(&self, now: Time) -> impl Iterator<Item = WireFault> + '_ {
         self.spans.iter().filter(move |s| s.from <= now && now < s.until).map(|s| s.fault)
     }
 
-    /// When the last fault that keeps stops away ended, or will have ended, of those that have begun.
+    /// End of the last fault, among those that have begun, that may prevent stops.
     pub fn disturbed_until(&self, now: Time) -> Time {
-        let hinders = self.spans.iter().filter(|s| s.from <= now && s.fault.keeps_stops_away());
+        let hinders = self.spans.iter().filter(|s| s.from <= now && s.fault.blocks_stops());
         hinders.map(|s| s.until).max().unwrap_or(Time::ZERO)
     }
 
-    /// Whether one of these was on since then.
+    /// True if a matching fault was active since then.
     pub fn any_since(&self, since: Time, now: Time, which: impl Fn(&WireFault) -> bool) -> bool {
         self.spans.iter().any(|s| s.from <= now && s.until > since && which(&s.fault))
     }
 
-    /// Uses up one of a fault that comes by the piece.
+    /// Uses up one effect of a fault with a limited number.
     pub fn take(&mut self, now: Time, which: impl Fn(&WireFault) -> bool) -> bool {
         let due = |s: &&mut Span| s.from <= now && now < s.until && s.left > 0 && which(&s.fault);
         self.spans.iter_mut().find(due).is_some_and(|s| {
@@ -148,7 +148,7 @@ impl Faults {
         })
     }
 
-    /// Throws the dice for a word.
+    /// Draws the fate of a message.
     pub fn fate(&mut self, now: Time) -> Fate {
         let sound = Duration::from_millis(1);
         let mut fate = Fate { there: Duration::ZERO, back: sound, lost: false, unanswered: false, nack: false };
@@ -171,15 +171,16 @@ impl Faults {
         fate
     }
 
-    /// Whether another program meddles after this word.
+    /// True if another program sets references after this message.
     pub fn meddles(&mut self, now: Time) -> bool {
         let of = self.on(now).find_map(|f| if let WireFault::Meddled(of) = f { Some(of) } else { None });
         of.is_some_and(|of| self.one_of(of))
     }
 
-    /// After what times a state that is sent now comes, and by how much its stamp is off, s.
+    /// Transit times of the copies of a state sent now, and the error of its stamp, s.
     pub fn states(&mut self, now: Time) -> (Vec<Duration>, f64) {
-        let (mut ways, mut off) = (vec![Duration::ZERO], 0.0);
+        let mut ways = vec![Duration::ZERO];
+        let mut off = 0.0;
         let on: Vec<WireFault> = self.on(now).collect();
         for fault in on {
             match fault {

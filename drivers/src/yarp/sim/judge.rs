@@ -1,7 +1,8 @@
-//! What the driver owes its boards, judged by what really happens there.
+//! Judge of the driver's obligations towards its boards, with access to the ground truth.
 //!
-//! The judge stands where no program stands: it hears what supervise tells the driver, what the driver says on each line, and sees
-//! how the motors really move. What can't be helped is excused: a stop does not get through a wire that is cut.
+//! The judge sees more than any program can: the commands that supervise gives the driver, the messages that
+//! the driver sends on each connection, and the true motion of the motors. Violations that can't be avoided
+//! are excused: a stop does not get through a wire that is cut.
 
 use super::faults::{Faults, WireFault};
 use super::watched::Watched;
@@ -12,36 +13,40 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::time::Duration;
 
-/// How soon a stop is said.
+/// Time within which a stop has to be sent.
 const AT_ONCE: Duration = Duration::from_millis(45);
-/// How soon a stop without effect is said again: one look at its effect may find a motor that was slowing down anyway.
-const AGAIN: Duration = Duration::from_millis(400);
-/// How long set-points that wait may go out after a stop: the hand hushes them once its question is answered.
+/// Time within which a stop without effect has to be repeated: one check of its effect may find a motor that
+/// was slowing down anyway.
+const REPEAT_WITHIN: Duration = Duration::from_millis(400);
+/// Time after a stop during which waiting setpoints may still go out: the hand discards them once its request
+/// has been answered.
 const HUSHED: Duration = Duration::from_millis(700);
-/// How soon after a stop motors rest: words on their way, two stops without effect, braking.
+/// Time after a stop within which motors have to rest: messages in transit, two stops without effect,
+/// braking.
 const RESTS: Duration = Duration::from_millis(2000);
-/// What counts as rest, deg/s.
+/// Speed below which a motor rests, deg/s.
 const REST: f64 = 2.0;
-/// How long the driver takes to be back at a board after a disturbance: its pauses grow to 2 s.
+/// Time that the driver needs to recover a board after a disturbance: its pauses grow to 2 s.
 const BACK: Duration = Duration::from_millis(2600);
-/// A driver that has given no reading for so long sees nothing.
+/// Time without a reading after which the driver counts as blind.
 const UNHEARD: Duration = Duration::from_millis(200);
-/// By how much a timer may be late: a lease that is renewed so soon after its end has not ended.
+/// Lateness of timers: a lease renewed this soon after its end has not ended.
 const TIMER: Duration = Duration::from_millis(2);
-/// For how long an order that names a motor lets the driver tell that motor something.
+/// Time for which a command to a motor allows the driver to send orders to that motor.
 const NAMED: Duration = Duration::from_secs(5);
-/// For how long a move does where it is made of set-points: longer than any in these behaviors.
+/// The same for a move made of setpoints: longer than any move in these behaviors.
 const MOVED: Duration = Duration::from_secs(60);
-/// How long a motor may outrun what it was told before the driver has said so.
+/// Time for which a motor may exceed its commanded speed before the driver has to report it.
 const TOO_FAST: Duration = Duration::from_millis(800);
-/// After the death of a task nobody uses the boards for as long as this, at least.
+/// Least time after the death of a task during which the boards must not be used.
 const MOURNS: Duration = Duration::from_millis(180);
-/// How long a board that rests, and is not driven, may be otherwise than it was found: words one after the other, each of which may be lost.
+/// Time for which a resting board that is not driven may differ from the settings found: several messages in
+/// a row, each of which may be lost.
 const GIVEN_BACK: Duration = Duration::from_millis(1500);
-/// A longer time between two looks is a process that was suspended.
+/// Time between two checks beyond which the process was suspended.
 const SUSPENDED: Duration = Duration::from_millis(60);
 
-/// Which line something is said on.
+/// Connection that a message is sent on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Orders,
@@ -53,23 +58,24 @@ pub(super) enum Line {
 pub(super) struct Judge {
     boards: Vec<Watched>,
     units: MotorUnits,
-    /// What was seen to be broken.
+    /// Violations found.
     pub found: Vec<String>,
     looked: Time,
     lease: Option<Time>,
-    /// Until when each command names its motors.
+    /// Motors of each command, with the time until which it covers them.
     named: VecDeque<(Time, Vec<usize>)>,
-    /// For how long a move does.
+    /// Time for which a move covers its motors.
     move_names: Duration,
-    /// Per motor the speeds it was told of late, deg/s.
-    told: Vec<VecDeque<(Time, f64)>>,
+    /// Recent speed limits per motor, deg/s.
+    limits: Vec<VecDeque<(Time, f64)>>,
     died: Option<Time>,
-    /// When the driver gave its last reading: without any it does not know that a board rests.
-    heard_of: Time,
+    /// Time of the driver's last reading. Without readings the driver can't detect that a board rests.
+    last_reading: Time,
 }
 
 impl Judge {
-    /// A judge of these boards: port and motors of each. A command names its motors for longer where moves are `led` by set-points.
+    /// Creates a judge of these boards, given by port and motors. A command covers its motors for longer
+    /// where moves are `led` by setpoints.
     pub fn new(
         boards: impl IntoIterator<Item = (String, Range<usize>)>,
         units: MotorUnits,
@@ -84,13 +90,13 @@ impl Judge {
             lease: None,
             named: VecDeque::new(),
             move_names: if led { MOVED } else { NAMED },
-            told: vec![VecDeque::new(); motors],
+            limits: vec![VecDeque::new(); motors],
             died: None,
-            heard_of: Time::ZERO,
+            last_reading: Time::ZERO,
         }
     }
 
-    /// The driver has taken a command.
+    /// Records a command that the driver has accepted.
     pub fn commanded(&mut self, now: Time, command: &Command) {
         let (motors, speeds) = match command {
             Command::Stop { motors } if motors.is_empty() => return self.stop(now),
@@ -109,15 +115,15 @@ impl Judge {
         }
         for (i, motor) in motors.iter().enumerate() {
             let most = speeds.as_ref().and_then(|s| s.get(i)).map_or(f64::INFINITY, |v| v.to_degrees());
-            if let Some(told) = self.told.get_mut(*motor) {
-                told.push_back((now, most));
-                while told.get(1).is_some_and(|(at, _)| now.since(*at) > TOO_FAST * 2) {
-                    told.pop_front();
+            if let Some(limits) = self.limits.get_mut(*motor) {
+                limits.push_back((now, most));
+                while limits.get(1).is_some_and(|(at, _)| now.since(*at) > TOO_FAST * 2) {
+                    limits.pop_front();
                 }
             }
         }
         for board in self.boards.iter_mut().filter(|b| motors.iter().any(|m| b.motors.contains(m))) {
-            // one that was being said when it was owed has done what it should
+            // a stop being sent when it became due is sufficient
             if board.is_being_stopped() {
                 board.owed = None;
             }
@@ -125,18 +131,18 @@ impl Judge {
         }
     }
 
-    /// Everything is to stop since then.
+    /// Records that everything has to stop from then on.
     fn stop(&mut self, since: Time) {
         for board in &mut self.boards {
-            // the end of a lease is heard of later than it is answered
-            if board.said.is_none_or(|said| said + TIMER < since) {
+            // the end of a lease is recorded later than it is acted on
+            if board.stop_sent.is_none_or(|sent| sent + TIMER < since) {
                 board.owed.get_or_insert(since);
             }
             board.stopped.get_or_insert(since);
         }
     }
 
-    /// The driver has a new lease.
+    /// Records a new lease of the driver.
     pub fn leased(&mut self, now: Time, until: Time) {
         self.look_at_the_lease(now);
         if until > now {
@@ -153,33 +159,33 @@ impl Judge {
         }
     }
 
-    /// A task of the driver dies.
+    /// Records the death of a task of the driver.
     pub fn died(&mut self, now: Time) {
         self.died = Some(now);
     }
 
-    /// There is a new connection to a board.
+    /// Records a new connection to a board.
     pub fn linked(&mut self, board: usize) {
         if let Some(board) = self.boards.get_mut(board) {
             board.fresh = true;
         }
     }
 
-    /// A board does not heed a stop.
+    /// Records that a board ignores a stop.
     pub fn ignored(&mut self, board: usize, now: Time) {
         if let Some(board) = self.boards.get_mut(board) {
             board.ignored = Some(now);
         }
     }
 
-    /// A board's references were set by another program, or were told or read by ours.
+    /// Records that a board's references were set by another program, or sent or read by ours.
     pub fn meddled(&mut self, board: usize, by_another: bool) {
         if let Some(board) = self.boards.get_mut(board) {
             board.meddled = by_another;
         }
     }
 
-    /// The driver's move arrives at a board.
+    /// Checks a move of the driver that arrives at a board.
     pub fn moves(&mut self, board: usize, now: Time) {
         if let Some(board) = self.boards.get(board).filter(|b| b.meddled) {
             self.found.push(format!(
@@ -189,15 +195,15 @@ impl Judge {
         }
     }
 
-    /// The driver says something on a line.
-    pub fn said(&mut self, board: usize, line: Line, ask: &Ask, now: Time) {
+    /// Checks a message that the driver sends.
+    pub fn sent(&mut self, board: usize, line: Line, ask: &Ask, now: Time) {
         let touched = touched(ask).map(|joints| self.strangers(board, joints, now));
         let Some(watched) = self.boards.get_mut(board) else { return };
         let is_stop = matches!(ask, Ask::Set(Set::Stop(_)));
         if is_stop {
-            (watched.owed, watched.said, watched.ignored) = (None, Some(now), None);
+            (watched.owed, watched.stop_sent, watched.ignored) = (None, Some(now), None);
         }
-        if let Some(slot) = watched.saying.get_mut(line as usize) {
+        if let Some(slot) = watched.in_transit.get_mut(line as usize) {
             *slot = Some((now, is_stop));
         }
         let port = watched.port.clone();
@@ -218,7 +224,7 @@ impl Judge {
         }
     }
 
-    /// The driver streams set-points.
+    /// Checks setpoints that the driver streams.
     pub fn streamed(&mut self, board: usize, command: &Streamed, now: Time) {
         let joints = match command {
             Streamed::Velocity(joints, _) | Streamed::Direct(joints, _) => joints,
@@ -235,10 +241,11 @@ impl Judge {
         }
     }
 
-    /// Those of a board's joints that no command names.
+    /// Joints of a board that no present command covers.
     fn strangers(&self, board: usize, joints: &Joints, now: Time) -> Vec<usize> {
         let Some(watched) = self.boards.get(board) else { return Vec::new() };
-        let (first, n) = (watched.motors.start, watched.motors.len());
+        let first = watched.motors.start;
+        let n = watched.motors.len();
         let named = |j: &usize| {
             let of_late = self.named.iter().filter(|(until, _)| now <= *until);
             of_late.into_iter().any(|(_, motors)| motors.contains(&(first + j)))
@@ -246,11 +253,11 @@ impl Judge {
         joints.on(n).unwrap_or_default().into_iter().filter(|j| !named(j)).collect()
     }
 
-    /// What was said on a line is answered, or is given up.
-    pub fn heard(&mut self, board: usize, line: Line, now: Time, answered: bool) {
+    /// Records that a message has been answered, or that its sender has stopped waiting.
+    pub fn exchange_ended(&mut self, board: usize, line: Line, now: Time, answered: bool) {
         let Some(watched) = self.boards.get_mut(board) else { return };
-        let said = watched.saying.get_mut(line as usize).and_then(Option::take);
-        if let Some((since, _)) = said.filter(|_| answered) {
+        let sent = watched.in_transit.get_mut(line as usize).and_then(Option::take);
+        if let Some((since, _)) = sent.filter(|_| answered) {
             watched.answers.push_back((now, now.since(since).as_secs_f64()));
             while watched.answers.len() > 128 {
                 watched.answers.pop_front();
@@ -258,7 +265,7 @@ impl Judge {
         }
     }
 
-    /// A look at the lease and at the clock; to be called before the boards are looked at.
+    /// Checks the lease and the clock; to be called before the boards are checked.
     pub fn look(&mut self, now: Time) {
         self.look_at_the_lease(now);
         if now.since(self.looked) > SUSPENDED {
@@ -270,7 +277,7 @@ impl Judge {
         self.looked = now;
     }
 
-    /// A look at a board: where its motors really are, rad, and how fast, rad/s.
+    /// Checks a board, given the true positions of its motors, rad, and their speeds, rad/s.
     pub fn see(&mut self, board: usize, now: Time, (q, v): (&[f64], &[f64]), faults: &Faults) {
         let died = self.died.is_some_and(|at| now.since(at) < BACK);
         let Some(watched) = self.boards.get_mut(board) else { return };
@@ -281,14 +288,14 @@ impl Judge {
         }
         let excused = died || now < watched.excused + BACK;
         let mut found = Vec::new();
-        let saying_one = watched.is_being_stopped();
+        let stop_in_transit = watched.is_being_stopped();
         let fastest = v.iter().map(|v| v.abs().to_degrees()).fold(0.0, f64::max);
         if let Some(since) = watched.owed.filter(|since| now.since(*since) > AT_ONCE) {
-            // a board that rests is sent none
-            if !excused && !saying_one && fastest > REST {
+            // a resting board is sent no stop
+            if !excused && !stop_in_transit && fastest > REST {
                 found.push(format!("{}: a stop of {since} was not said until {now}", watched.port));
             }
-            if !saying_one {
+            if !stop_in_transit {
                 watched.owed = None;
             }
         }
@@ -302,7 +309,7 @@ impl Judge {
                 ));
             }
         }
-        if let Some(since) = watched.ignored.filter(|since| now.since(*since) > AGAIN) {
+        if let Some(since) = watched.ignored.filter(|since| now.since(*since) > REPEAT_WITHIN) {
             watched.ignored = None;
             if !excused && watched.stopped.is_some() && fastest > 2.5 * REST {
                 found.push(format!(
@@ -314,9 +321,9 @@ impl Judge {
         let blind = faults.any_since(Time(now.0.saturating_sub(1_500_000_000)), now, |f| {
             matches!(f, WireFault::Silent | WireFault::Behind(_) | WireFault::Shuffled(_) | WireFault::Stamps(_))
         });
-        let told = self.told.get(watched.motors.clone()).unwrap_or_default();
-        for (joint, (slot, (v, told))) in watched.fast.iter_mut().zip(v.iter().zip(told)).enumerate() {
-            let most = told.iter().map(|(_, most)| *most).fold(f64::NEG_INFINITY, f64::max);
+        let limits = self.limits.get(watched.motors.clone()).unwrap_or_default();
+        for (joint, (slot, (v, limits))) in watched.fast.iter_mut().zip(v.iter().zip(limits)).enumerate() {
+            let most = limits.iter().map(|(_, most)| *most).fold(f64::NEG_INFINITY, f64::max);
             let is_fast = most.is_finite() && v.abs().to_degrees() > 2.0 * most + 6.0;
             if !is_fast || excused || blind || watched.stopped.is_some() {
                 *slot = None;
@@ -329,8 +336,8 @@ impl Judge {
         self.found.extend(found);
     }
 
-    /// A look at what is set in a board's joints: as it was found, once they have rested and were not told to move for a while. Modes
-    /// are a program's own as long as it drives.
+    /// Checks that the settings of a board's joints equal those found, once they have rested without a
+    /// command to move for a while. The driver may change modes as long as it drives.
     pub fn see_settings(
         &mut self,
         board: usize,
@@ -346,9 +353,9 @@ impl Judge {
             return;
         }
         let since = Time(now.0.saturating_sub(GIVEN_BACK.as_nanos() as u64));
-        // what another program sets is its own
+        // settings by another program are not the driver's fault
         let meddled = faults.any_since(Time::ZERO, now, |f| matches!(f, WireFault::Meddled(_)));
-        let is_blind = now.since(self.heard_of) > UNHEARD;
+        let is_blind = now.since(self.last_reading) > UNHEARD;
         let disturbed =
             died || meddled || is_blind || now < watched.excused + BACK || faults.any_since(since, now, |_| true);
         let is_left = |(found, left): (&JointSettings, &JointSettings)| {
@@ -362,7 +369,8 @@ impl Judge {
         } else if now.since((*watched.still.get_or_insert(now)).max(watched.moved)) > GIVEN_BACK {
             watched.still = None;
             let joint = left.unwrap_or_default();
-            let (found, left) = (watched.found.get(joint), settings.get(joint));
+            let found = watched.found.get(joint);
+            let left = settings.get(joint);
             self.found.push(format!(
                 "{}: joint {joint} was found as {found:?} and is left as {left:?} at {now}",
                 watched.port
@@ -370,15 +378,17 @@ impl Judge {
         }
     }
 
-    /// The driver gives a reading, and tells how long its boards take to answer. `lies`: encoders lie.
+    /// Checks a reading and the answer times that the driver reports. `lies` is true for boards with faulty
+    /// encoders.
     pub fn read(&mut self, now: Time, sample: &Sample, answers: Option<AnswerTime>, lies: impl Fn(usize) -> bool) {
-        self.heard_of = now;
+        self.last_reading = now;
         if let Some(died) = self.died.filter(|at| now > *at + AT_ONCE && now.since(*at) < MOURNS) {
             self.found.push(format!("a task died at {died}, and the boards are read as ever at {now}"));
         }
         for (board, watched) in self.boards.iter().enumerate() {
             if !lies(board) && watched.is_older(sample) {
-                let (port, at) = (&watched.port, sample.at);
+                let port = &watched.port;
+                let at = sample.at;
                 self.found.push(format!("{port}: a reading that is told to be of {at} is older, at {now}"));
             }
         }
@@ -389,14 +399,14 @@ impl Judge {
         }
     }
 
-    /// Whether a stop would get to this board, and would have for a while.
+    /// True if a stop would reach this board, and would have for a while.
     pub fn is_in_reach(&self, board: usize, now: Time) -> bool {
         let died = self.died.is_some_and(|at| now.since(at) < BACK + RESTS);
         !died && self.boards.get(board).is_some_and(|b| now > b.excused + BACK + RESTS)
     }
 }
 
-/// The joints that an order does something to, but for stops.
+/// Joints that an order affects, except for stops.
 fn touched(ask: &Ask) -> Option<&Joints> {
     match ask {
         Ask::Set(

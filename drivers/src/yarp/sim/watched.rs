@@ -1,4 +1,4 @@
-//! What the judge knows of one board.
+//! State of one board, as the judge tracks it.
 
 use crate::sim::JointSettings;
 use mobee_contract::{Sample, Time};
@@ -7,58 +7,58 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::time::Duration;
 
-/// How much older than it is told to be a reading may really be.
+/// Tolerated age of a reading beyond its stated age.
 const OLDER: Duration = Duration::from_millis(250);
 
-/// What the judge knows of one board.
+/// State of one board, as the judge tracks it.
 #[derive(Debug)]
 pub(super) struct Watched {
     pub port: String,
     pub motors: Range<usize>,
-    /// Since when a stop is to be said.
+    /// Time since which a stop is due.
     pub owed: Option<Time>,
-    /// When it was told to stop last.
-    pub said: Option<Time>,
-    /// When it did not heed a stop, until it is told another.
+    /// Time of the last stop sent.
+    pub stop_sent: Option<Time>,
+    /// Time of a stop that the board ignored, until the next one is sent.
     pub ignored: Option<Time>,
-    /// Whether another program has set its references since they were told or read.
+    /// True if another program has set its references since they were sent or read.
     pub meddled: bool,
-    /// When it was told to move last.
+    /// Time of the last move commanded.
     pub moved: Time,
-    /// Since when it is to rest.
+    /// Time since which it has to rest.
     pub stopped: Option<Time>,
-    /// Whether nothing was ordered on this connection yet.
+    /// True if no order was sent on this connection yet.
     pub fresh: bool,
-    /// What is being said on either line since when, and whether it is a stop.
-    pub saying: [Option<(Time, bool)>; 2],
-    /// Where its motors really were, rad.
+    /// Start of the message in transit on each connection, and whether it is a stop.
+    pub in_transit: [Option<(Time, bool)>; 2],
+    /// True positions of its motors, rad.
     pub truth: VecDeque<(Time, Vec<f64>)>,
-    /// Since when each motor outruns what it was told.
+    /// Time since which each motor exceeds its commanded speed.
     pub fast: Vec<Option<Time>>,
-    /// When answers came, and how long they took, s.
+    /// Arrival times of answers, and their durations, s.
     pub answers: VecDeque<(Time, f64)>,
-    /// What was found in its joints, and since when none of them has moved or changed.
+    /// Settings found in its joints, and the time since which none of them has moved or changed.
     pub found: Vec<JointSettings>,
     pub still: Option<Time>,
-    /// Until when it can't be helped that no stop gets there.
+    /// Time until which missing stops are excused.
     pub excused: Time,
 }
 
 impl Watched {
-    /// A board of which nothing is known yet.
+    /// Creates the initial state of a board.
     pub fn new(port: String, motors: Range<usize>) -> Watched {
         Watched {
             port,
             fast: vec![None; motors.len()],
             motors,
             owed: None,
-            said: None,
+            stop_sent: None,
             ignored: None,
             meddled: false,
             moved: Time::ZERO,
             stopped: None,
             fresh: false,
-            saying: [None; 2],
+            in_transit: [None; 2],
             truth: VecDeque::new(),
             answers: VecDeque::new(),
             found: Vec::new(),
@@ -67,12 +67,12 @@ impl Watched {
         }
     }
 
-    /// Whether a stop is on its way that was said after the last move.
+    /// True if a stop is in transit that was sent after the last move.
     pub fn is_being_stopped(&self) -> bool {
-        self.saying.iter().flatten().any(|(since, is_stop)| *is_stop && *since > self.moved)
+        self.in_transit.iter().flatten().any(|(since, is_stop)| *is_stop && *since > self.moved)
     }
 
-    /// Whether its part of a reading is of a time before the one that is told, by more than is allowed.
+    /// True if its part of a reading is older than stated, by more than is tolerated.
     pub fn is_older(&self, sample: &Sample) -> bool {
         let since = Time(sample.at.0.saturating_sub(OLDER.as_nanos() as u64));
         let window: Vec<&Vec<f64>> = self.truth.iter().filter(|(at, _)| *at >= since).map(|(_, q)| q).collect();
@@ -84,19 +84,19 @@ impl Watched {
         read.iter().enumerate().any(|(j, q)| {
             let all = || window.iter().filter_map(|w| w.get(j));
             let (least, most) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), q| (a.min(*q), b.max(*q)));
-            // a fast motor goes on after the last look at it
+            // a fast motor moves on after the last check
             let step = all().zip(all().skip(1)).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
             *q < least - step - noise || *q > most + step + noise
         })
     }
 
-    /// Whether these orders say nothing but what was found.
+    /// True if an order only restores settings as found.
     pub fn is_as_found(&self, ask: &Ask) -> bool {
         let all = |joints: &Joints, says: &dyn Fn(usize, &JointSettings) -> bool| {
             let joints = joints.on(self.found.len()).unwrap_or_default();
             joints.iter().enumerate().all(|(i, j)| self.found.get(*j).is_some_and(|kept| says(i, kept)))
         };
-        let near = |said: Option<&f64>, found: f64| said.is_some_and(|said| (said - found).abs() < 1e-6);
+        let near = |sent: Option<&f64>, found: f64| sent.is_some_and(|sent| (sent - found).abs() < 1e-6);
         match ask {
             Ask::Set(Set::Speed(joints, said)) => all(joints, &|i, kept| near(said.get(i), kept.speed)),
             Ask::Set(Set::Acceleration(joints, said)) => all(joints, &|i, kept| near(said.get(i), kept.acceleration)),
@@ -105,7 +105,7 @@ impl Watched {
         }
     }
 
-    /// What half of the answers of the last seconds took at least, s, if there were many.
+    /// Median answer time of the last seconds, s, if there were enough answers.
     pub fn median(&self, now: Time) -> Option<f64> {
         let of_late = self.answers.iter().filter(|(at, _)| now.since(*at) < Duration::from_secs(4));
         let mut all: Vec<f64> = of_late.map(|(_, took)| *took).collect();

@@ -1,4 +1,4 @@
-//! Who stops the boards when, and what the end of each task and thread does: in virtual time.
+//! Stops by the lease watch, and the consequences when a task or a thread ends. Runs in virtual time.
 
 use super::super::cell::instant;
 use super::super::crew::poison;
@@ -8,10 +8,10 @@ use super::*;
 use mobee_yarp::board::{Ask, AxisFacts, LinkState, RemoteState, Streamed, reply};
 use mobee_yarp::{Bottle, CallError};
 
-/// How long the driver waits for an answer.
+/// Time limit of the driver for an answer.
 const TIMEOUT: Duration = Duration::from_millis(300);
 
-/// A wire to boards that answer everything, or nothing at all.
+/// A connection to boards that answer everything or nothing.
 struct FakeWire {
     answers: bool,
 }
@@ -45,7 +45,7 @@ impl Wire for FakeWire {
 }
 
 impl StopLine for FakeWire {
-    fn say<'a>(&'a mut self, _request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+    fn send<'a>(&'a mut self, _request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         Box::pin(answer(self.answers))
     }
 }
@@ -81,7 +81,7 @@ impl Remote for FakeBoard {
     }
 }
 
-/// Both threads of a robot of this name, whose only board goes by it, too: as tasks.
+/// Starts both threads, as tasks, for a robot of this name whose only board has the same name.
 fn started(robot: &str, answers: bool) -> super::super::Started {
     let port = format!("/{robot}");
     let settings = YarpDriverSettings { timeout_ms: 300.0, ..YarpDriverSettings::of([("arm", port.as_str())]) };
@@ -104,7 +104,7 @@ async fn after(ms: u64) {
     tokio::time::sleep(Duration::from_millis(ms)).await;
 }
 
-/// What can't be used of the only board: it, and its line for stops.
+/// Trouble of the only board, and of its stop connection.
 fn trouble(reach: &Reach) -> (Option<Trouble>, Option<String>) {
     let inner = reach.cell.lock();
     (inner.boards[0].trouble.clone(), inner.boards[0].brake.clone())
@@ -114,7 +114,8 @@ fn halts(reach: &Reach) -> u64 {
     reach.halt.newest().epoch
 }
 
-/// At the end threads wait for what they owe a board, but not for ever: as long as that may take, and three answers.
+/// At the end, the threads wait until the settings are restored, but no longer than that may take, plus three
+/// answers.
 #[tokio::test(start_paused = true)]
 async fn threads_end_though_a_board_does_not_answer() {
     for (answers, most) in [(true, 0.1), (false, (ENDING + 3 * TIMEOUT).as_secs_f64())] {
@@ -134,9 +135,9 @@ async fn threads_end_though_a_board_does_not_answer() {
     }
 }
 
-/// Threads that are told to end do, and leave nobody behind.
+/// Threads end on request, and no subscriber remains.
 #[tokio::test(start_paused = true)]
-async fn threads_end_when_they_are_told_to() {
+async fn threads_end_on_request() {
     let running = started("told", true);
     after(100).await;
     assert_eq!(running.reach.lease.receiver_count(), 2, "the hand, and who watches the lease");
@@ -145,7 +146,8 @@ async fn threads_end_when_they_are_told_to() {
     assert_eq!((running.reach.lease.receiver_count(), halts(&running.reach)), (0, 0));
 }
 
-/// The end of a task stops the boards, which nobody uses before all tasks of its thread have begun anew.
+/// The end of a task stops the boards, which are not available before all tasks of its thread have been
+/// restarted.
 #[tokio::test(start_paused = true)]
 async fn the_end_of_a_task_stops_the_boards() {
     let all = [
@@ -173,7 +175,7 @@ async fn the_end_of_a_task_stops_the_boards() {
     }
     after(300).await;
     assert_eq!(trouble(reach), (None, None));
-    // a board that another program drives stays that one's
+    // a board that another program drives is left alone
     let taken = Some(Trouble::Forbidden("taken".into()));
     reach.cell.lock().boards[0].trouble = taken.clone();
     poison::kill("hand at /mortal");
@@ -181,7 +183,7 @@ async fn the_end_of_a_task_stops_the_boards() {
     assert_eq!(trouble(reach).0, taken);
 }
 
-/// The end of a whole thread stops the boards, too, and is seen by whoever connects next.
+/// The end of a whole thread stops the boards, too, and the next connection attempt detects it.
 #[tokio::test(start_paused = true)]
 async fn the_end_of_a_thread_stops_the_boards() {
     for name in ["yarp fatal", "yarp stop fatal"] {
@@ -198,7 +200,7 @@ async fn the_end_of_a_thread_stops_the_boards() {
     }
 }
 
-/// A lease that is not renewed stops everything, once, when it ends.
+/// The end of a lease that is not renewed stops everything, once.
 #[tokio::test(start_paused = true)]
 async fn the_end_of_a_lease_stops_everything() {
     let running = started("leased", true);
@@ -223,7 +225,7 @@ async fn the_end_of_a_lease_stops_everything() {
     reach.lease.send_replace(None);
     after(5).await;
     assert_eq!(halts(reach), 2, "it was given up");
-    // who takes over the watch does not know whether the other one has seen the end
+    // the next lease watch does not know whether the previous one has seen the end
     lease(100);
     after(10).await;
     poison::kill("watch over the lease of /MoBeE/leased/driver");

@@ -1,40 +1,40 @@
-//! A request to a board's `rpc:i`, understood (spec section 12.2).
+//! A parsed request to a board's `rpc:i` (spec section 12.2).
 
 use super::joints::{Joints, Shape, floats, index, int, numbers, vocab_list, vocabs};
 use super::words;
 use crate::{Bottle, Value, Vocab};
 
-/// The part of the RPC that a board for arms needs: what it can be asked and told.
+/// Part of the RPC that a board for arms needs: its queries and orders.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ask {
-    /// A question; it changes nothing.
+    /// A query; it changes nothing.
     Get(Get),
     /// An order.
     Set(Set),
 }
 
-/// Questions.
+/// Queries.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Get {
-    /// The version of the protocol.
+    /// Version of the protocol.
     Version,
-    /// The number of axes.
+    /// Number of axes.
     Axes,
-    /// The number of motors (`mtnm`).
+    /// Number of motors (`mtnm`).
     Motors,
-    /// The number of motor encoders (`mnum`).
+    /// Number of motor encoders (`mnum`).
     MotorEncoders,
-    /// A joint's name.
+    /// Name of a joint.
     Name(usize),
-    /// A joint's kind.
+    /// Kind of a joint.
     Kind(usize),
-    /// A joint's limits of position.
+    /// Position limits of a joint.
     Limits(usize),
-    /// A joint's limits of speed.
+    /// Speed limits of a joint.
     SpeedLimits(usize),
     /// One number per joint.
     Values(Quantity, Joints),
-    /// Whether all of these have done their motion.
+    /// True if all these joints have done their motion.
     Done(Joints),
     /// Control modes.
     Modes(Joints),
@@ -42,7 +42,7 @@ pub enum Get {
     Interactions(Joints),
 }
 
-/// What there is one number of per joint: degrees here, meters where a joint slides.
+/// Quantity with one number per joint: in degrees here, in meters for prismatic joints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// Encoder, deg.
@@ -59,20 +59,21 @@ pub enum Quantity {
     ReferenceAcceleration,
     /// Commanded velocity, deg/s.
     Velocity,
-    /// Position-direct set-point, deg.
+    /// Position-direct setpoint, deg.
     Direct,
 }
 
-/// Orders. Degrees, meters where a joint slides. Lists of values have the joints' length where that is known without the board ([`Ask::fits`] for the rest).
+/// Orders. Degrees, or meters for prismatic joints. Lists of values have the joints' length where that is
+/// known without the board ([`Ask::fits`] checks the rest).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Set {
     /// A position move, deg.
     Move {
-        /// Which joints.
+        /// Joints.
         joints: Joints,
         /// Targets, or distances if `relative`.
         values: Vec<f64>,
-        /// Whether the values count from where the joint is.
+        /// True if the values are relative to the present positions.
         relative: bool,
     },
     /// A velocity move of all joints, deg/s. (Over RPC only all exist.)
@@ -87,9 +88,9 @@ pub enum Set {
     Mode(Joints, Vec<Vocab>),
     /// Interaction modes.
     Interaction(Joints, Vec<Vocab>),
-    /// A joint's limits of position, deg.
+    /// Position limits of a joint, deg.
     Limits(usize, f64, f64),
-    /// A joint's limits of speed, deg/s.
+    /// Speed limits of a joint, deg/s.
     SpeedLimits(usize, f64, f64),
     /// Sets encoders to zero.
     ResetEncoders(Joints),
@@ -120,14 +121,17 @@ const MODES: [Vocab; 3] = [Vocab::new("cmod"), Vocab::new("cmds"), Vocab::new("c
 const INTERACTIONS: [Vocab; 3] = [Vocab::new("mode"), Vocab::new("mods"), Vocab::new("modg")];
 
 impl Ask {
-    /// Understands a request. `None`: unknown, or malformed where that can be told without the board; the answer is then
-    /// [`super::reply::unknown`], or another's matter (amplifiers, torques, PIDs, calibration).
+    /// Parses a request. `None` if it is unknown, or if it can be recognized as malformed without the board;
+    /// the answer is then [`super::reply::unknown`], or that of another layer (amplifiers, torques, PIDs,
+    /// calibration).
     ///
-    /// Vocabs may be strings of up to four letters, numbers of any kind. What follows a complete request is ignored.
+    /// Vocabs may be strings of up to four letters, numbers of any kind. Anything after a complete request is
+    /// ignored.
     pub fn parse(request: &Bottle) -> Option<Ask> {
         let (verb, words) = request.0.split_first()?;
         let (code, words) = words.split_first()?;
-        let (verb, code) = (verb.as_vocab()?, code.as_vocab()?);
+        let verb = verb.as_vocab()?;
+        let code = code.as_vocab()?;
         if verb == words::GET {
             Get::parse(code, words).map(Ask::Get)
         } else if verb == words::SET {
@@ -137,8 +141,8 @@ impl Ask {
         }
     }
 
-    /// Whether joints and lists fit a board with so many axes: every index is one of its, and "all" lists have
-    /// exactly its length.
+    /// True if joints and lists fit a board with this number of axes: every index exists, and "all" lists
+    /// have exactly its length.
     pub fn fits(&self, axes: usize) -> bool {
         let known = |joints: &Joints| joints.on(axes).is_some();
         let filled = |joints: &Joints, n: usize| joints.on(axes).is_some_and(|j| j.len() == n);
@@ -163,7 +167,7 @@ impl Ask {
         }
     }
 
-    /// The request as the real client writes it.
+    /// The request as the original client writes it.
     pub fn bottle(&self) -> Bottle {
         let mut to = Vec::new();
         match self {
@@ -242,7 +246,9 @@ impl Set {
             }
             words::LIMITS | words::SPEED_LIMITS => {
                 let [joint, min, max, ..] = words else { return None };
-                let (joint, min, max) = (index(joint)?, min.as_f64()?, max.as_f64()?);
+                let joint = index(joint)?;
+                let min = min.as_f64()?;
+                let max = max.as_f64()?;
                 let limits = if code == words::LIMITS { Set::Limits } else { Set::SpeedLimits };
                 return Some(limits(joint, min, max));
             }
@@ -298,7 +304,7 @@ fn nested(codes: [Vocab; 3], words: &[Value]) -> Option<(Joints, &[Value])> {
     Joints::read(Shape::among(code.as_vocab()?, codes)?, rest)
 }
 
-/// The values that go with these joints: a number for one, else a list.
+/// Values of these joints: a number for one, otherwise a list.
 fn values(joints: &Joints, words: &[Value]) -> Option<Vec<f64>> {
     let first = words.first()?;
     let values = if joints.shape() == Shape::One { vec![first.as_f64()?] } else { numbers(first)? };

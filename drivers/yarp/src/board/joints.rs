@@ -1,11 +1,11 @@
-//! Which joints a request is about, as its code and its first arguments say.
+//! Joints of a request, given by its code and its first arguments.
 
 use crate::{Bottle, Value, Vocab};
 
-/// Most joints a board may have; longer lists are refused before anything is done with them.
+/// Greatest number of joints of a board; longer lists are refused before any processing.
 pub(super) const MOST_JOINTS: usize = 1024;
 
-/// One joint, all or some, counted from 0.
+/// One joint, all or some, numbered from 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Joints {
     /// One joint.
@@ -17,7 +17,8 @@ pub enum Joints {
 }
 
 impl Joints {
-    /// The joints of a board with so many axes; `None` if one is not among them, or the group names one twice.
+    /// Joints of a board with this number of axes; `None` if one does not exist, or if the group names one
+    /// twice.
     pub fn on(&self, axes: usize) -> Option<Vec<usize>> {
         match self {
             Joints::One(j) => (*j < axes).then(|| vec![*j]),
@@ -35,7 +36,7 @@ impl Joints {
         }
     }
 
-    /// How the arguments of these joints begin: nothing, `j`, or `n (J)`.
+    /// Writes the first arguments of these joints: nothing, `j`, or `n (J)`.
     pub(super) fn write(&self, to: &mut Vec<Value>) {
         match self {
             Joints::One(j) => to.push(int(*j)),
@@ -47,7 +48,7 @@ impl Joints {
         }
     }
 
-    /// Reads `j`, nothing, or `n (J)`, and what follows it.
+    /// Parses `j`, nothing, or `n (J)`, and returns the rest.
     pub(super) fn read(shape: Shape, words: &[Value]) -> Option<(Joints, &[Value])> {
         match shape {
             Shape::All => Some((Joints::All, words)),
@@ -67,7 +68,7 @@ impl Joints {
         }
     }
 
-    /// How many values go with them; `None` if that is the board's matter.
+    /// Number of their values; `None` if it depends on the board.
     pub(super) fn count(&self) -> Option<usize> {
         match self {
             Joints::One(_) => Some(1),
@@ -85,7 +86,7 @@ impl Joints {
     }
 }
 
-/// What the last letter of a code says.
+/// Meaning of the last letter of a code.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shape {
     One,
@@ -94,7 +95,7 @@ pub(super) enum Shape {
 }
 
 impl Shape {
-    /// The three-letter family of a code and whom it is for: `pos`, `poss`, `posg`.
+    /// Three-letter family of a code, and its shape: `pos`, `poss`, `posg`.
     pub(super) fn of(code: Vocab) -> Option<(Vocab, Shape)> {
         let [a, b, c, last] = code.0.to_le_bytes();
         let family = Vocab(u32::from_le_bytes([a, b, c, 0]));
@@ -107,7 +108,7 @@ impl Shape {
         }
     }
 
-    /// The code of a family for this shape.
+    /// Code of a family for this shape.
     pub(super) fn code(self, family: Vocab) -> Vocab {
         let last = match self {
             Shape::One => 0,
@@ -117,13 +118,13 @@ impl Shape {
         Vocab(family.0 | u32::from(last) << 24)
     }
 
-    /// The shape by position in a table of codes (one, all, group).
+    /// Shape by position in a table of codes (one, all, group).
     pub(super) fn among(code: Vocab, codes: [Vocab; 3]) -> Option<Shape> {
         let shapes = [Shape::One, Shape::All, Shape::Group];
         codes.iter().zip(shapes).find(|(c, _)| **c == code).map(|(_, s)| s)
     }
 
-    /// The code of this shape in such a table.
+    /// Code of this shape in such a table.
     pub(super) fn pick(self, [one, all, group]: [Vocab; 3]) -> Vocab {
         match self {
             Shape::One => one,
@@ -133,7 +134,8 @@ impl Shape {
     }
 }
 
-/// A joint number or count. Floats are taken when they are whole; a vocab is none, though it could be read as one.
+/// A joint index or count. Floats are accepted if they are whole; a vocab is not, although it could be read
+/// as a number.
 pub(super) fn index(value: &Value) -> Option<usize> {
     if matches!(value, Value::Vocab(_)) {
         return None;
@@ -141,12 +143,12 @@ pub(super) fn index(value: &Value) -> Option<usize> {
     usize::try_from(value.as_i64()?).ok()
 }
 
-/// An index as the wire has it.
+/// An index as an integer of the wire.
 pub(super) fn int(n: usize) -> Value {
     Value::Int32(i32::try_from(n).unwrap_or(i32::MAX))
 }
 
-/// The numbers of a list.
+/// Numbers of a list.
 pub(super) fn numbers(value: &Value) -> Option<Vec<f64>> {
     let list = &value.as_list()?.0;
     if list.len() > MOST_JOINTS {
@@ -155,7 +157,7 @@ pub(super) fn numbers(value: &Value) -> Option<Vec<f64>> {
     list.iter().map(Value::as_f64).collect()
 }
 
-/// The vocabs of a list.
+/// Vocabs of a list.
 pub(super) fn vocabs(value: &Value) -> Option<Vec<Vocab>> {
     let list = &value.as_list()?.0;
     if list.len() > MOST_JOINTS {

@@ -1,8 +1,8 @@
-//! A real board, seen from afar: its facts, its state, and what it is told (spec sections 12, 13, 14 and 19).
+//! Client of a real board: its facts, its state, and its commands (spec sections 12, 13, 14 and 19).
 //!
 //! ```text
-//! LOCAL/rpc:o     ──> PREFIX/rpc:i       orders and readings of our own, one after the other
-//! LOCAL/command:o ──> PREFIX/command:i   streamed set-points
+//! LOCAL/rpc:o     ──> PREFIX/rpc:i       our own orders and queries, one after the other
+//! LOCAL/command:o ──> PREFIX/command:i   streamed setpoints
 //! LOCAL/state:i   <── PREFIX/stateExt:o  or state:o where there is none
 //! ```
 
@@ -21,54 +21,55 @@ use tokio::sync::{Mutex, Notify, mpsc, watch};
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-/// Streamed commands that may wait to be sent; more are refused.
+/// Number of streamed commands that may wait to be sent; more are refused.
 const WAITING: usize = 32;
 
-/// How a board is spoken to.
+/// Options of the connections to a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RemoteOptions {
-    /// First part of our own port names, such as `/MoBeE/icub/driver/torso`.
+    /// Prefix of our own port names, such as `/MoBeE/icub/driver/torso`.
     pub local: String,
-    /// How states and streamed commands travel.
+    /// Carrier of states and streamed commands.
     pub carrier: Carrier,
-    /// Time to wait for an answer.
+    /// Time limit of an answer.
     pub timeout: Duration,
-    /// Age at which a state is stale: the stream is then asked for again.
+    /// Age at which a state is stale, and the stream is requested again.
     pub stale: Duration,
 }
 
-/// Whether there is a connection.
+/// State of the connection.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LinkState {
-    /// None, and why. It is tried again, for ever, with pauses that grow up to 2 s.
+    /// No connection, with the reason. It is retried without end, with pauses that grow up to 2 s.
     Down(String),
-    /// There is one, the `n`-th. Whatever the board was told before this one began counts no more.
+    /// Connected, for the `n`-th time. Commands sent before this connection are void.
     Up(u64),
-    /// Another program has our port names: two would be writing to one robot. Nothing is written until it has gone.
+    /// Another program holds our port names, so that two would write to one robot. Nothing is written until
+    /// it has gone.
     Taken(String),
 }
 
-/// A state as it came.
+/// A state as received.
 #[derive(Clone, Debug)]
 pub struct RemoteState {
-    /// Counts the states that the board published, as far as their stamps tell: a gap means lost ones.
+    /// Number of states that the board published, as far as their stamps show: a gap means lost ones.
     pub seq: u64,
-    /// The board's own stamp.
+    /// Stamp of the board.
     pub stamp: Option<Stamp>,
-    /// When it came.
+    /// Arrival time.
     pub arrived: Instant,
-    /// What it says; only positions if it came by `state:o`.
+    /// Content; only positions if it was received from `state:o`.
     pub joints: JointData,
 }
 
-/// The client of one real board. It connects in the background and for ever again; dropping it ends that.
+/// Client of one real board. It connects and reconnects in the background until it is dropped.
 pub struct RemoteBoard {
     shared: Arc<Shared>,
     tasks: Mutex<JoinSet<()>>,
     commands: mpsc::Sender<(u64, Streamed)>,
 }
 
-/// What the tasks of one board share.
+/// State shared by the tasks of one board.
 struct Shared {
     network: Network,
     port: String,
@@ -77,21 +78,23 @@ struct Shared {
     link: watch::Sender<LinkState>,
     facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
     state: watch::Sender<Option<Arc<RemoteState>>>,
-    /// Rung when something went wrong that the session should look at.
+    /// Notified after an error that the session has to handle.
     trouble: Notify,
     lost: AtomicU64,
     unsent: AtomicU64,
-    /// Whether the client is to end in order.
+    /// True if the client has to end in order.
     leave: watch::Sender<bool>,
-    /// Streamed commands of an earlier age are thrown away instead of sent.
+    /// Age of the stream; commands of an earlier age are discarded.
     age: AtomicU64,
 }
 
 impl RemoteBoard {
-    /// The client of the board whose ports begin with `port`, such as `/icub/torso`. Must be called within a tokio runtime; waits for nothing.
+    /// Creates the client of the board whose ports begin with `port`, such as `/icub/torso`. Must be called
+    /// within a tokio runtime; does not block.
     pub fn new(network: &Network, port: &str, options: RemoteOptions) -> RemoteBoard {
         let network = network.clone().with_timeout(options.timeout);
-        let (own, to) = (format!("{}/rpc:o", options.local), format!("{port}/rpc:i"));
+        let own = format!("{}/rpc:o", options.local);
+        let to = format!("{port}/rpc:i");
         let control = RpcClient::keep(&network, &own, &to, Carrier::Tcp);
         let sender = Sender::keep(
             &network,
@@ -120,28 +123,28 @@ impl RemoteBoard {
         RemoteBoard { shared, tasks: Mutex::new(tasks), commands }
     }
 
-    /// Ready when a task of this client has died: it is of no use any more, and another one is to be made.
+    /// Ready when a task of this client has died: it can't be used any more, and has to be replaced.
     pub async fn died(&self) {
         let _ = self.tasks.lock().await.join_next().await;
     }
 
-    /// Ends in order: nothing comes any more, and the name of the port for states is free again.
+    /// Ends in order: no more states arrive, and the name of the state port is free again.
     pub async fn close(&self) {
         self.shared.leave.send_replace(true);
         self.died().await;
     }
 
-    /// First part of the board's port names.
+    /// Prefix of the board's port names.
     pub fn port(&self) -> &str {
         &self.shared.port
     }
 
-    /// Whether there is a connection, as it changes.
+    /// State of the connection, as it changes.
     pub fn link(&self) -> watch::Receiver<LinkState> {
         self.shared.link.subscribe()
     }
 
-    /// What is known of the board's axes since it was first reached; they stay the same for the life of this client.
+    /// Facts of the board's axes since it was first reached; constant for the life of this client.
     pub fn facts(&self) -> watch::Receiver<Option<Arc<[AxisFacts]>>> {
         self.shared.facts.subscribe()
     }
@@ -151,25 +154,25 @@ impl RemoteBoard {
         self.shared.state.subscribe()
     }
 
-    /// How many states were lost on the way, as far as their stamps tell.
+    /// Number of states lost in transit, as far as their stamps show.
     pub fn lost(&self) -> u64 {
         self.shared.lost.load(Ordering::Relaxed)
     }
 
-    /// How many streamed commands could not be sent.
+    /// Number of streamed commands that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.shared.unsent.load(Ordering::Relaxed)
     }
 
-    /// Asks the board, one request after the other.
+    /// Sends requests to the board, one after the other.
     ///
     /// # Errors
-    /// No connection, or no answer in time; whether an order was done is not known then.
+    /// No connection, or no answer in time; the outcome of an order is unknown then.
     pub async fn ask(&self, request: &Ask) -> Result<Bottle, CallError> {
         self.shared.ask(&request.bottle()).await
     }
 
-    /// Gives an order; whether the board did it.
+    /// Sends an order. Returns true if the board executed it.
     ///
     /// # Errors
     /// As for [`RemoteBoard::ask`].
@@ -177,7 +180,8 @@ impl RemoteBoard {
         self.ask(request).await.map(|answer| reply::is_ok(&answer))
     }
 
-    /// Sends set-points that expect no answer. Never waits; `false` if too many wait already, and they are dropped.
+    /// Sends setpoints, which have no answer. Never blocks; returns `false` and drops them if too many are
+    /// waiting.
     pub fn stream(&self, command: Streamed) -> bool {
         let age = self.shared.age.load(Ordering::SeqCst);
         let sent = self.commands.try_send((age, command)).is_ok();
@@ -187,7 +191,7 @@ impl RemoteBoard {
         sent
     }
 
-    /// Throws away the set-points that still wait to be sent.
+    /// Discards the setpoints that still wait to be sent.
     pub fn hush(&self) {
         self.shared.age.fetch_add(1, Ordering::SeqCst);
     }
@@ -220,7 +224,7 @@ async fn send_all(shared: Arc<Shared>, mut sender: Sender, mut queue: mpsc::Rece
     }
 }
 
-/// Why a port could not be opened or reached, in one line.
+/// Message about a port that could not be opened or reached, in one line.
 fn in_words(error: &PortError) -> String {
     error.to_string()
 }

@@ -17,7 +17,7 @@ pub fn fail() -> Bottle {
     word(words::FAIL)
 }
 
-/// Whether a reply is a failure. The reason may follow the word.
+/// True if a reply is a failure. The reason may follow the word.
 pub fn is_fail(reply: &Bottle) -> bool {
     reply.get(0).and_then(Value::as_vocab) == Some(words::FAIL)
 }
@@ -27,12 +27,12 @@ pub fn nak() -> Bottle {
     word(words::NAK)
 }
 
-/// What is said to a request that nobody knows: `[nak]` if it has fewer than two elements, else `[fail]`.
+/// Reply to an unknown request: `[nak]` if it has fewer than two elements, otherwise `[fail]`.
 pub fn unknown(request: &Bottle) -> Bottle {
     if request.0.len() < 2 { nak() } else { fail() }
 }
 
-/// Whether a reply is the `([ok])` of a successful `[set]`.
+/// True if a reply is the `([ok])` of a successful `[set]`.
 pub fn is_ok(reply: &Bottle) -> bool {
     *reply == ok()
 }

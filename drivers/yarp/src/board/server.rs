@@ -1,4 +1,4 @@
-//! The four ports of a control board, before any device (spec sections 12 to 14).
+//! The four ports of a control board, in front of any device (spec sections 12 to 14).
 
 use super::words;
 use crate::payload::{pair, vector};
@@ -12,26 +12,27 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::MissedTickBehavior;
 
-/// An answer that comes later.
+/// A future answer.
 pub type Reply = Pin<Box<dyn Future<Output = Payload> + Send>>;
 
-/// What stands behind the ports: a robot, a simulation, a filter.
+/// Device behind the ports: a robot, a simulation, a filter.
 pub trait Device: Send + Sync + 'static {
     /// Answers a request. There is always an answer; `[fail]` if unsure.
     fn rpc(&self, request: Message) -> Reply;
 
-    /// One streaming command: head and body as they came, nothing checked but their being a head and numbers
-    /// ([`super::Streamed::parse`] does the rest). Expects no answer and must not wait.
+    /// Handles a streamed command: head and body as received, checked only for being a head and numbers
+    /// ([`super::Streamed::parse`] checks the rest). There is no answer, and it must not block.
     fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>);
 
-    /// The state now, in degrees (meters where a joint slides), with its stamp; `None`: publish nothing this period.
+    /// Present state, in degrees (meters for prismatic joints), with its stamp; `None` to publish nothing
+    /// this period.
     fn state(&self) -> Option<(Stamp, JointData)>;
 
-    /// A connection of a client ended.
+    /// Reports the end of a client's connection.
     fn gone(&self, _connection: u64) {}
 }
 
-/// A control board that others see: `PREFIX/rpc:i`, `command:i`, `state:o` and `stateExt:o`.
+/// Server of a control board: `PREFIX/rpc:i`, `command:i`, `state:o` and `stateExt:o`.
 pub struct BoardServer {
     rpc: RpcServer,
     command: RpcServer,
@@ -41,8 +42,8 @@ pub struct BoardServer {
 }
 
 impl BoardServer {
-    /// Opens the four ports and publishes the device's state every period, as long as anybody is connected. `rpc:i` is the last,
-    /// so that a program that finds it finds all of them.
+    /// Opens the four ports and publishes the device's state every period, as long as a client is connected.
+    /// `rpc:i` is the last, so that a program that finds it finds all of them.
     ///
     /// # Errors
     /// A port that can't be opened; those opened before are closed again.
@@ -53,21 +54,22 @@ impl BoardServer {
         period: Duration,
     ) -> Result<BoardServer, PortError> {
         let name = |port: &str| format!("{prefix}/{port}");
-        let (asking, streaming) = (Arc::new(Asking(device.clone())), Streaming(device.clone(), network.clone()));
+        let handler = Arc::new(RequestHandler(device.clone()));
+        let streaming = Streaming(device.clone(), network.clone());
         let command = RpcServer::open(network, &name("command:i"), Arc::new(streaming)).await?;
         let state = Arc::new(OutputPort::open(network, &name("state:o"), Delivery::Newest).await?);
         let extended = Arc::new(OutputPort::open(network, &name("stateExt:o"), Delivery::Newest).await?);
-        let rpc = RpcServer::open(network, &name("rpc:i"), asking).await?;
+        let rpc = RpcServer::open(network, &name("rpc:i"), handler).await?;
         let publishing = tokio::spawn(publish(network.clone(), device, state.clone(), extended.clone(), period));
         Ok(BoardServer { rpc, command, state, extended, publishing })
     }
 
-    /// The name of its RPC port.
+    /// Name of its RPC port.
     pub fn name(&self) -> &str {
         self.rpc.name()
     }
 
-    /// Who is connected to its RPC and streaming ports.
+    /// Names of the clients connected to its RPC and streaming ports.
     pub fn clients(&self) -> Vec<String> {
         let mut all = self.rpc.peers();
         all.extend(self.command.peers());
@@ -88,9 +90,9 @@ impl BoardServer {
     }
 }
 
-struct Asking(Arc<dyn Device>);
+struct RequestHandler(Arc<dyn Device>);
 
-impl Handler for Asking {
+impl Handler for RequestHandler {
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
         let answer = self.0.rpc(request);
         Box::pin(async move { Some(answer.await) })
@@ -129,7 +131,8 @@ async fn publish(
     ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
     loop {
         ticks.tick().await;
-        let (plain, rich) = (!state.peers().is_empty(), !extended.peers().is_empty());
+        let plain = !state.peers().is_empty();
+        let rich = !extended.peers().is_empty();
         if !(plain || rich) {
             continue;
         }
@@ -145,7 +148,7 @@ async fn publish(
 }
 
 impl super::Shadow {
-    /// The shadow as a board publishes it.
+    /// Converts the shadow to the state that a board publishes.
     pub fn joint_data(&self) -> JointData {
         use crate::JointField;
         let known = |of: fn(&super::ShadowAxis) -> f64| JointField::known(self.axes.iter().map(of).collect());
@@ -153,7 +156,7 @@ impl super::Shadow {
             JointField::known(self.axes.iter().map(|a| i32::from_le_bytes(of(a).0.to_le_bytes())).collect())
         };
         let none = || JointField::unknown(self.axes.len());
-        // one flag vouches for all joints
+        // one validity flag applies to all joints
         let torque: Option<Vec<f64>> = self.axes.iter().map(|a| a.torque).collect();
         JointData {
             position: known(|a| a.q),
@@ -172,7 +175,7 @@ impl super::Shadow {
     }
 }
 
-/// Whether a reply ends with `[ok]`, as every reply with values does.
+/// True if a reply ends with `[ok]`, as every reply with values does.
 pub(super) fn ends_well(reply: &Bottle) -> bool {
     reply.0.last() == Some(&Value::Vocab(words::OK))
 }

@@ -1,4 +1,4 @@
-//! What a board is known to be, and every answer that follows from it (spec section 12.2).
+//! State of a board, and every answer that follows from it (spec section 12.2).
 
 use super::JointKind;
 use super::ask::{Ask, Get, Quantity};
@@ -6,12 +6,13 @@ use super::joints::{Joints, floats, int, vocab_list};
 use super::{mode, reply, words};
 use crate::{Bottle, Stamp, Value, Vocab};
 
-/// One joint of a [`Shadow`] as the wire has it: deg, deg/s, deg/s^2; m, m/s, m/s^2 where it slides.
+/// One joint of a [`Shadow`] in the units of the wire: deg, deg/s, deg/s^2; m, m/s, m/s^2 for prismatic
+/// joints.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowAxis {
-    /// The joint's name.
+    /// Name of the joint.
     pub name: String,
-    /// What it moves like.
+    /// Kind of the joint.
     pub kind: JointKind,
     /// Lower limit.
     pub min: f64,
@@ -39,9 +40,9 @@ pub struct ShadowAxis {
     pub done: bool,
     /// Last commanded velocity.
     pub vel_ref: f64,
-    /// Last position-direct set-point.
+    /// Last position-direct setpoint.
     pub direct_ref: f64,
-    /// Torque that the joint exerts, N m (N where it slides); `None`: the board does not measure it.
+    /// Torque that the joint exerts, N m (N for prismatic joints); `None` if the board does not measure it.
     pub torque: Option<f64>,
 }
 
@@ -69,7 +70,7 @@ impl ShadowAxis {
         }
     }
 
-    /// The same joint as one of another kind: its numbers, which are ours until then, become the wire's.
+    /// Changes the kind of the joint, and converts its numbers from our units to the wire's.
     pub fn count_as(&mut self, kind: JointKind) {
         self.kind = kind;
         let numbers = [&mut self.min, &mut self.max, &mut self.max_speed, &mut self.q, &mut self.speed, &mut self.acc];
@@ -93,18 +94,18 @@ impl ShadowAxis {
     }
 }
 
-/// The state of a board, in degrees (meters where a joint slides) and its joint order.
+/// State of a board, in degrees (meters for prismatic joints) and its joint order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shadow {
-    /// Its joints.
+    /// Joints of the board.
     pub axes: Vec<ShadowAxis>,
 }
 
 impl Shadow {
-    /// The answer to a question that a board can answer from its state; `[fail]` for a joint it does not have, `[nak]`
-    /// for fewer than two words. `None`: not a question we know (or none at all).
+    /// Answer to a query that can be answered from the state; `[fail]` for a joint that does not exist,
+    /// `[nak]` for fewer than two words. `None` if it is not a known query.
     ///
-    /// `stamp` is that of this answer; a board counts its answers.
+    /// `stamp` belongs to this answer; a board counts its answers.
     pub fn answer(&self, request: &Bottle, stamp: Stamp) -> Option<Bottle> {
         if request.0.len() < 2 {
             return Some(reply::nak());
@@ -115,7 +116,7 @@ impl Shadow {
         }
         let Ask::Get(get) = ask else { return None };
         let mut to = Vec::with_capacity(8);
-        // codes are echoed as they came: a string stays a string
+        // codes are echoed as received: a string stays a string
         let echo = |to: &mut Vec<Value>, nth: usize| {
             to.push(Value::Vocab(words::IS));
             to.extend(request.0.get(nth).cloned());
@@ -126,7 +127,8 @@ impl Shadow {
                 let code = request.0.get(1).cloned();
                 return Some(Bottle(code.into_iter().chain(version).chain([Value::Vocab(words::OK)]).collect()));
             }
-            // the reply to one joint's mode has its number in place of the code, those to interaction modes have none
+            // the reply for one joint's mode has its number instead of the code, and those for interaction
+            // modes have neither
             Get::Modes(Joints::One(_)) => echo(&mut to, 3),
             Get::Modes(_) => echo(&mut to, 2),
             Get::Interactions(_) => {}

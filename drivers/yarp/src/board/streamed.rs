@@ -1,14 +1,14 @@
-//! A command of the streaming port `command:i`, understood (spec section 13).
+//! A parsed command of the streaming port `command:i` (spec section 13).
 
 use super::joints::{Joints, Shape};
 use crate::{Bottle, Value, Vocab};
 
-/// Set-points that expect no answer. Values are finite; degrees, meters where a joint slides.
+/// Setpoints, which have no answer. Values are finite; in degrees, or meters for prismatic joints.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Streamed {
     /// Velocities, deg/s.
     Velocity(Joints, Vec<f64>),
-    /// Position-direct set-points, deg.
+    /// Position-direct setpoints, deg.
     Direct(Joints, Vec<f64>),
     /// A position move of all joints, deg.
     Move(Vec<f64>),
@@ -19,9 +19,9 @@ const DIRECT: Vocab = Vocab::new("dpo");
 const MOVE: Vocab = Vocab::new("poss");
 
 impl Streamed {
-    /// Understands a command for a board with so many axes. `None`: unknown (torque, current and PWM included), a joint
-    /// that is not there, a body of the wrong length (the real server takes short ones and does not know what it then
-    /// does), or a number that is not finite.
+    /// Parses a command for a board with this number of axes. `None` for an unknown command (torque, current
+    /// and PWM included), a joint that does not exist, a body of the wrong length (the original server
+    /// accepts short ones, with undefined effect), or a number that is not finite.
     pub fn parse(head: &Bottle, body: &[f64], axes: usize) -> Option<Streamed> {
         let (code, rest) = head.0.split_first()?;
         let code = code.as_vocab()?;
@@ -41,7 +41,7 @@ impl Streamed {
         }
     }
 
-    /// Head and body as the real client writes them.
+    /// Head and body as the original client writes them.
     pub fn pair(&self) -> (Bottle, Vec<f64>) {
         let mut head = Vec::new();
         let mut word = |code: Vocab, joints: &Joints| {

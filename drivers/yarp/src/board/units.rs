@@ -1,31 +1,32 @@
-//! Joints that slide: boards count meters there, and programs that count in degrees and millimeters convert here and nowhere else.
+//! Units of prismatic joints: boards use meters, and programs that use degrees and millimeters convert only
+//! here.
 //!
 //! ```text
 //! ours: deg, deg/s, deg/s^2; mm, mm/s, mm/s^2   ──to_wire──>     the wire: deg ...; m, m/s, m/s^2
 //!                                               <──from_wire──
 //! ```
-//! Positions, speeds, accelerations, targets, references and limits are converted alike, for all of them are lengths of the same joint. Torques,
-//! currents, duty cycles and whatever else a board says pass as they are.
+//! Positions, speeds, accelerations, targets, references and limits are converted alike, because all of them
+//! are lengths of the same joint. Torques, currents, duty cycles and all other values pass unchanged.
 
 use super::ask::{Ask, Get, Set};
 use super::{AxisFacts, Joints, Streamed};
 use crate::{Bottle, Value, Vocab};
 use std::sync::Arc;
 
-/// What a joint moves like.
+/// Kind of a joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum JointKind {
-    /// Turns: degrees on both sides.
+    /// Revolute: degrees on both sides.
     #[default]
     Revolute,
-    /// Slides: meters on the wire, millimeters with us.
+    /// Prismatic: meters on the wire, millimeters in our units.
     Prismatic,
-    /// Not known: taken for one that turns.
+    /// Unknown: treated as revolute.
     Unknown,
 }
 
 impl JointKind {
-    /// The number that boards send: four letters as an integer.
+    /// Number that boards send: four letters as an integer.
     pub fn code(self) -> i32 {
         let letters = match self {
             JointKind::Revolute => "atrv",
@@ -35,17 +36,17 @@ impl JointKind {
         Vocab::new(letters).0 as i32
     }
 
-    /// From the number that boards send.
+    /// Kind of a number that boards send.
     pub fn from_code(code: i32) -> JointKind {
         [JointKind::Revolute, JointKind::Prismatic].into_iter().find(|k| k.code() == code).unwrap_or(JointKind::Unknown)
     }
 
-    /// Our number as the wire has it: millimeters become meters.
+    /// Converts our number to the wire's: millimeters become meters.
     pub fn to_wire(self, ours: f64) -> f64 {
         if self == JointKind::Prismatic { ours / MILLI } else { ours }
     }
 
-    /// The wire's number as we have it: meters become millimeters.
+    /// Converts the wire's number to ours: meters become millimeters.
     pub fn from_wire(self, theirs: f64) -> f64 {
         if self == JointKind::Prismatic { theirs * MILLI } else { theirs }
     }
@@ -57,47 +58,48 @@ const MILLI: f64 = 1000.0;
 /// A conversion of one number.
 type Convert = fn(JointKind, f64) -> f64;
 
-/// The kinds of a board's joints, and so how its numbers are converted.
+/// Kinds of a board's joints, which determine the conversion of its numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Units(Arc<[JointKind]>);
 
 impl Units {
-    /// Of joints of these kinds, in the board's order. Those beyond them are taken for joints that turn.
+    /// Units of joints of these kinds, in the board's order. Joints beyond them are treated as revolute.
     pub fn new(kinds: impl IntoIterator<Item = JointKind>) -> Units {
         Units(kinds.into_iter().collect())
     }
 
-    /// How many joints are known.
+    /// Number of joints.
     pub fn axes(&self) -> usize {
         self.0.len()
     }
 
-    /// What a joint moves like.
+    /// Kind of a joint.
     pub fn kind(&self, joint: usize) -> JointKind {
         self.0.get(joint).copied().unwrap_or_default()
     }
 
-    /// A request of ours, as the wire has it.
+    /// Converts a request to the wire's units.
     pub fn ask_to_wire(&self, ask: &Ask) -> Ask {
-        self.ask(ask.clone(), JointKind::to_wire)
+        self.convert_all(ask.clone(), JointKind::to_wire)
     }
 
-    /// A request as it came, in our units.
+    /// Converts a request to our units.
     pub fn ask_from_wire(&self, ask: Ask) -> Ask {
-        self.ask(ask, JointKind::from_wire)
+        self.convert_all(ask, JointKind::from_wire)
     }
 
-    /// Set-points of ours, as the wire has them.
+    /// Converts setpoints to the wire's units.
     pub fn streamed_to_wire(&self, command: Streamed) -> Streamed {
         self.streamed(command, JointKind::to_wire)
     }
 
-    /// Set-points as they came, in our units.
+    /// Converts setpoints to our units.
     pub fn streamed_from_wire(&self, command: Streamed) -> Streamed {
         self.streamed(command, JointKind::from_wire)
     }
 
-    /// The answer to a question, with its numbers in our units. What is no number of a joint's motion stays as it is.
+    /// Converts the answer to a query to our units. Values that are not numbers of a joint's motion are
+    /// unchanged.
     pub fn answer_from_wire(&self, ask: &Ask, answer: Bottle) -> Bottle {
         let (joints, places) = match ask {
             Ask::Get(Get::Values(_, joints)) => (joints.clone(), 2..3),
@@ -120,7 +122,7 @@ impl Units {
         answer
     }
 
-    /// What a board says of a joint, in our units.
+    /// Converts facts of a joint to our units.
     pub fn facts_from_wire(&self, joint: usize, facts: &AxisFacts) -> AxisFacts {
         let ours = |v: f64| self.kind(joint).from_wire(v);
         AxisFacts {
@@ -131,7 +133,7 @@ impl Units {
         }
     }
 
-    fn ask(&self, mut ask: Ask, convert: Convert) -> Ask {
+    fn convert_all(&self, mut ask: Ask, convert: Convert) -> Ask {
         let Ask::Set(set) = &mut ask else { return ask };
         match set {
             Set::Move { joints, values, .. }
@@ -164,7 +166,7 @@ impl Units {
         }
     }
 
-    /// The kinds of these joints, as their values stand in a list.
+    /// Kinds of these joints, in the order of their values.
     fn of(&self, joints: &Joints) -> Vec<JointKind> {
         match joints {
             Joints::One(joint) => vec![self.kind(*joint)],
@@ -183,7 +185,8 @@ mod tests {
         Units::new([JointKind::Revolute, JointKind::Prismatic, JointKind::Unknown])
     }
 
-    /// Every order that carries numbers: what slides is a thousandth on the wire, what turns is the same, and it comes back.
+    /// All orders with numbers: prismatic joints use meters on the wire, revolute joints are unchanged, and
+    /// converting back gives the original.
     #[test]
     fn orders_count_meters_where_a_joint_slides() {
         let group = || Joints::Group(vec![1, 0]);
@@ -221,11 +224,11 @@ mod tests {
         assert_eq!(units().streamed_to_wire(all), Streamed::Move(vec![7.0, 0.125, 7.0]));
     }
 
-    /// Answers have their numbers in several places; modes, names and stamps are none of them.
+    /// Answers have their numbers in several places; modes, names and stamps are not converted.
     #[test]
     fn answers_count_millimeters_where_a_joint_slides() {
-        let read = |get: Get, said: &str| {
-            let answer = Bottle::parse(said, crate::Dialect::V3).unwrap();
+        let read = |get: Get, wire: &str| {
+            let answer = Bottle::parse(wire, crate::Dialect::V3).unwrap();
             units().answer_from_wire(&Ask::Get(get), answer).to_string()
         };
         let quantities = [Quantity::Encoder, Quantity::EncoderSpeed, Quantity::EncoderAcceleration, Quantity::Target]
@@ -233,8 +236,8 @@ mod tests {
             .chain([Quantity::ReferenceSpeed, Quantity::ReferenceAcceleration, Quantity::Velocity, Quantity::Direct]);
         for quantity in quantities {
             let all = Get::Values(quantity, Joints::All);
-            let said = "[is] [x] (0.5 0.5 0.5) [tsta] 1 2.0 [ok]";
-            assert_eq!(read(all, said), "[is] [x] (0.5 500.0 0.5) [tsta] 1 2.0 [ok]");
+            let wire = "[is] [x] (0.5 0.5 0.5) [tsta] 1 2.0 [ok]";
+            assert_eq!(read(all, wire), "[is] [x] (0.5 500.0 0.5) [tsta] 1 2.0 [ok]");
             let one = Get::Values(quantity, Joints::One(1));
             assert_eq!(read(one, "[is] [x] 0.25 [tsta] 1 2.0 [ok]"), "[is] [x] 250.0 [tsta] 1 2.0 [ok]");
         }

@@ -20,17 +20,17 @@ pub const MOTOR_ENCODERS: Vocab = Vocab::new("mnum");
 pub const CONTROL_MODE: Vocab = Vocab::new("icmd");
 pub const INTERACTION: Vocab = Vocab::new("intm");
 
-/// What a joint can be set to and report (spec section 12.2): control modes and interaction modes.
+/// Modes that a joint can be set to and report (spec section 12.2): control modes and interaction modes.
 pub mod mode {
     use crate::Vocab;
 
-    /// Idle: takes no command.
+    /// Idle: accepts no command.
     pub const IDLE: Vocab = Vocab::new("idl");
     /// Force idle: set only; clears a fault.
     pub const FORCE_IDLE: Vocab = Vocab::new("fidl");
-    /// Position moves along a trajectory of the board's own.
+    /// Position moves along a trajectory of the board.
     pub const POSITION: Vocab = Vocab::new("pos");
-    /// Position direct: set-points followed at once.
+    /// Position direct: setpoints followed immediately.
     pub const DIRECT: Vocab = Vocab::new("posd");
     /// Velocity.
     pub const VELOCITY: Vocab = Vocab::new("vel");
@@ -48,13 +48,13 @@ pub mod mode {
     pub const CALIBRATING: Vocab = Vocab::new("cal");
     /// Not configured; read only.
     pub const NOT_CONFIGURED: Vocab = Vocab::new("cfgn");
-    /// Not known; read only.
+    /// Unknown; read only.
     pub const UNKNOWN: Vocab = Vocab::new("unkw");
     /// Interaction mode: stiff.
     pub const STIFF: Vocab = Vocab::new("stif");
     /// Interaction mode: compliant.
     pub const COMPLIANT: Vocab = Vocab::new("comp");
 
-    /// The control modes that may be set.
+    /// Control modes that may be set.
     pub const SETTABLE: [Vocab; 9] = [IDLE, FORCE_IDLE, POSITION, DIRECT, VELOCITY, MIXED, TORQUE, CURRENT, PWM];
 }

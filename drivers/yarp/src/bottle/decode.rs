@@ -1,85 +1,86 @@
-//! From bytes to a bottle. The bytes may come from anyone: every length is checked before memory is taken for it.
+//! Decoding of bottles from bytes. The bytes are hostile: every length is checked before memory is allocated
+//! for it.
 
 use super::DecodeLimits;
 use super::tag::{DICT, LIST, ScalarType};
 use crate::{Bottle, Dialect, Text, Value, Vocab};
 
-/// Bytes that are no bottle.
+/// Error in the bytes of a bottle.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// They end too early.
+    /// The bytes end too early.
     #[error("the message ends at byte {at}, where {needed} more bytes belong; was it cut off?")]
     Short {
-        /// Where the bytes run out.
+        /// Position of the end.
         at: usize,
-        /// How many more belong there at least.
+        /// Least number of missing bytes.
         needed: usize,
     },
     /// The first word is not that of a list.
     #[error("no bottle: word {word} at byte {at} where a list begins (256 and the tag of its elements)")]
     NoList {
-        /// What stands there.
+        /// Word found.
         word: i32,
-        /// Where.
+        /// Its position.
         at: usize,
     },
-    /// An element of no known type.
+    /// An element of unknown type.
     #[error("unknown tag {tag} at byte {at}; if the other side is of the other YARP (3 or 4), set the dialect")]
     UnknownTag {
-        /// What stands there.
+        /// Tag found.
         tag: i32,
-        /// Where.
+        /// Its position.
         at: usize,
     },
-    /// A length or a count that can't be.
+    /// An invalid length or count.
     #[error("length {length} at byte {at} is not between 0 and {limit}")]
     Length {
-        /// What stands there.
+        /// Length found.
         length: i64,
-        /// Where.
+        /// Its position.
         at: usize,
-        /// The most that is taken.
+        /// Upper limit.
         limit: usize,
     },
-    /// Too many lists in lists.
+    /// Too many nested lists.
     #[error("more than {limit} lists in lists at byte {at}")]
     TooDeep {
-        /// Where.
+        /// Position.
         at: usize,
-        /// The most that is taken.
+        /// Upper limit.
         limit: usize,
     },
     /// The bottle ends before the bytes do.
     #[error("{extra} bytes behind the end of the message at byte {at}")]
     Trailing {
-        /// Where the bottle ends.
+        /// End of the bottle.
         at: usize,
-        /// How many follow.
+        /// Number of bytes that follow.
         extra: usize,
     },
-    /// A bottle, but not of the shape asked for.
+    /// A bottle of an unexpected shape.
     #[error("not {what}: {why}")]
     Shape {
-        /// What was asked for.
+        /// Expected content.
         what: &'static str,
-        /// What is wrong.
+        /// Description of the error.
         why: String,
     },
 }
 
 impl Bottle {
-    /// The bottle that these bytes are, all of them.
+    /// Decodes a bottle from all of these bytes.
     ///
     /// # Errors
-    /// If they are no bottle, or one beyond [`DecodeLimits::DEFAULT`].
+    /// The bytes are not a bottle, or one beyond [`DecodeLimits::DEFAULT`].
     pub fn decode(bytes: &[u8], dialect: Dialect) -> Result<Bottle, DecodeError> {
         Bottle::decode_within(bytes, dialect, DecodeLimits::DEFAULT)
     }
 
-    /// As [`Bottle::decode`], with limits of one's own.
+    /// As [`Bottle::decode`], with custom limits.
     ///
     /// # Errors
-    /// If they are no bottle, or one beyond the limits.
+    /// The bytes are not a bottle, or one beyond the limits.
     pub fn decode_within(bytes: &[u8], dialect: Dialect, limits: DecodeLimits) -> Result<Bottle, DecodeError> {
         let mut input = Input::new(bytes, dialect, limits)?;
         let bottle = input.bottle()?;
@@ -87,19 +88,19 @@ impl Bottle {
         Ok(bottle)
     }
 
-    /// The bottle that these bytes begin with and its length in bytes, or `None` if more bytes are needed (a reply comes
-    /// without its length, spec section 6).
+    /// Decodes a bottle at the start of these bytes, and returns it with its length in bytes, or `None` if
+    /// more bytes are needed (a reply has no length prefix, spec section 6).
     ///
     /// # Errors
-    /// If no bytes to come can make it a bottle within [`DecodeLimits::DEFAULT`].
+    /// No further bytes can make it a bottle within [`DecodeLimits::DEFAULT`].
     pub fn decode_prefix(bytes: &[u8], dialect: Dialect) -> Result<Option<(Bottle, usize)>, DecodeError> {
         Bottle::decode_prefix_within(bytes, dialect, DecodeLimits::DEFAULT)
     }
 
-    /// As [`Bottle::decode_prefix`], with limits of one's own.
+    /// As [`Bottle::decode_prefix`], with custom limits.
     ///
     /// # Errors
-    /// If no bytes to come can make it a bottle within the limits.
+    /// No further bytes can make it a bottle within the limits.
     pub fn decode_prefix_within(
         bytes: &[u8],
         dialect: Dialect,
@@ -115,10 +116,10 @@ impl Bottle {
     }
 }
 
-/// A place in bytes being read.
+/// Reader of bytes.
 pub(crate) struct Input<'a> {
     bytes: &'a [u8],
-    /// How far they are read.
+    /// Position of the next byte.
     pub at: usize,
     dialect: Dialect,
     limits: DecodeLimits,
@@ -170,7 +171,7 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// A list that stands by itself: its word, its count, its elements.
+    /// A top-level list: its word, its count, its elements.
     pub fn bottle(&mut self) -> Result<Bottle, DecodeError> {
         let at = self.at;
         match self.word()? {
@@ -190,7 +191,7 @@ impl<'a> Input<'a> {
         };
         let count = self.length(self.limits.max_elements - self.elements)?;
         self.elements += count;
-        // the bytes that so many take at least must be there before memory is taken for them
+        // the least number of bytes of the elements must be present before memory is allocated for them
         let least = count.saturating_mul(shared.map_or(4, ScalarType::least));
         let rest = self.bytes.len() - self.at;
         if least > rest {
@@ -212,7 +213,7 @@ impl<'a> Input<'a> {
         let at = self.at;
         let tag = self.word()?;
         if tag == DICT {
-            // what follows stands by itself again, with a word of its own
+            // a dictionary contains another top-level list, with a word of its own
             if self.depth > self.limits.max_depth {
                 return Err(DecodeError::TooDeep { at, limit: self.limits.max_depth });
             }

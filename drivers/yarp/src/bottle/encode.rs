@@ -1,17 +1,18 @@
-//! From a bottle to bytes.
+//! Encoding of bottles to bytes.
 
 use super::tag::{DICT, LIST, ScalarType};
 use crate::{Bottle, Dialect, Value};
 
 impl Bottle {
-    /// Its binary form, the same bytes that YARP writes: a list of one kind of scalar says the kind once.
+    /// Binary form, with the same bytes that YARP writes: a list of one kind of scalar contains the kind
+    /// once.
     pub fn encode(&self, dialect: Dialect) -> Vec<u8> {
         let mut out = Vec::new();
         self.encode_into(dialect, &mut out);
         out
     }
 
-    /// As [`Bottle::encode`], behind what `out` has.
+    /// As [`Bottle::encode`], appended to `out`.
     pub fn encode_into(&self, dialect: Dialect, out: &mut Vec<u8>) {
         let shared = self.shared_tag(dialect);
         put(out, LIST + shared);
@@ -28,7 +29,7 @@ impl Bottle {
         }
     }
 
-    /// The tag that all elements share, 0 if they don't.
+    /// Tag that all elements share, or 0.
     fn shared_tag(&self, dialect: Dialect) -> i32 {
         let mut tags = self.0.iter().map(|value| ScalarType::of(value).map_or(0, |kind| kind.tag(dialect)));
         let Some(first) = tags.next() else { return 0 };
@@ -64,7 +65,7 @@ fn put(out: &mut Vec<u8>, word: i32) {
     out.extend(word.to_le_bytes());
 }
 
-/// A count. The wire has no room for more than 2^31, and no reader takes that many.
+/// Writes a count. The wire is limited to 2^31, which no reader accepts.
 fn put_len(out: &mut Vec<u8>, len: usize) {
     put(out, i32::try_from(len).unwrap_or(i32::MAX));
 }

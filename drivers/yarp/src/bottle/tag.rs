@@ -1,13 +1,13 @@
-//! The tags of values on the wire (spec section 9).
+//! Tags of values on the wire (spec section 9).
 
 use crate::{Dialect, Value};
 
-/// The bit that every list has; what is below it is the tag its elements share.
+/// Bit of every list; the bits below it are the tag that its elements share.
 pub const LIST: i32 = 256;
 /// A dictionary.
 pub const DICT: i32 = 768;
 
-/// The type of one scalar.
+/// Type of one scalar.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScalarType {
     Int8,
@@ -36,7 +36,7 @@ impl ScalarType {
         ScalarType::Blob,
     ];
 
-    /// Its number on the wire. A long vocab has none in 3.x, where it is cut to a short one.
+    /// Its number on the wire. A long vocab has none in 3.x, where it is truncated to a short one.
     pub const fn tag(self, dialect: Dialect) -> i32 {
         match (self, dialect) {
             (ScalarType::Int8, _) => 32,
@@ -54,12 +54,12 @@ impl ScalarType {
         }
     }
 
-    /// The type of a number on the wire.
+    /// Type of a number on the wire.
     pub fn of_tag(tag: i32, dialect: Dialect) -> Option<ScalarType> {
         ScalarType::ALL.into_iter().find(|kind| kind.tag(dialect) == tag)
     }
 
-    /// The type of a value; a list has none.
+    /// Type of a value; a list has none.
     pub fn of(value: &Value) -> Option<ScalarType> {
         Some(match value {
             Value::Int8(_) => ScalarType::Int8,
@@ -76,7 +76,7 @@ impl ScalarType {
         })
     }
 
-    /// The fewest bytes that one takes, its tag not counted.
+    /// Least number of bytes of a value, without its tag.
     pub const fn least(self) -> usize {
         match self {
             ScalarType::Int8 => 1,

@@ -40,7 +40,7 @@ fn bottle() -> impl Strategy<Value = Bottle> {
     prop::collection::vec(value, 0..8).prop_map(Bottle)
 }
 
-/// The memory that a bottle holds.
+/// Allocated memory of a bottle, bytes.
 fn weight(bottle: &Bottle) -> usize {
     let inner = bottle.iter().map(|value| match value {
         Value::String(text) => text.0.capacity(),
@@ -66,7 +66,7 @@ proptest! {
 
     #[test]
     fn the_text_of_any_bottle_prints_as_it_was_read(bottle in bottle(), dialect in dialect()) {
-        // letters that a vocab may hold by its number, but that no text can say
+        // a vocab may hold characters by its number that can't be written as text
         fn sayable(bottle: &Bottle) -> bool {
             bottle.iter().all(|value| match value {
                 Value::Vocab(vocab) => *vocab == Vocab(0) || vocab.letters().iter().all(u8::is_ascii_alphabetic),
@@ -101,7 +101,7 @@ proptest! {
         }
         if let Ok(bottle) = Bottle::decode(&bytes, dialect) {
             prop_assert!(weight(&bottle) <= 40 * bytes.len());
-            // what was taken is written so that it is taken as the same
+            // encoding a decoded bottle gives the same bottle
             let again = Bottle::decode(&bottle.encode(dialect), dialect).unwrap();
             prop_assert_eq!(format!("{again:?}"), format!("{bottle:?}"));
         }
@@ -117,9 +117,9 @@ fn stated_lengths_are_not_believed() {
     assert!(matches!(decode(&[266, 1 << 20, 0]), Err(DecodeError::Short { .. })));
     assert!(matches!(decode(&[260, 1, i32::MAX]), Err(DecodeError::Length { at: 8, .. })));
     assert!(matches!(decode(&[260, 1, 1 << 20]), Err(DecodeError::Short { .. })));
-    // a prefix that can't become a bottle is refused at once, not waited for
+    // a prefix that can't become a bottle is refused at once, without waiting for more bytes
     assert!(Bottle::decode_prefix(&words(&[260, 1, i32::MAX]), Dialect::V3).is_err());
-    // the values of all lists count
+    // the limit counts the values of all lists
     let limits = DecodeLimits { max_elements: 3, ..DecodeLimits::DEFAULT };
     let two = Bottle::of([Bottle::of([1]), Bottle::of([2])]).encode(Dialect::V3);
     assert!(matches!(Bottle::decode_within(&two, Dialect::V3, limits), Err(DecodeError::Length { limit: 0, .. })));
@@ -142,7 +142,7 @@ fn lists_in_lists_are_bounded() {
         assert!(Bottle::decode(&nested(word, 64), Dialect::V3).is_ok());
         let deep = Bottle::decode(&nested(word, 65), Dialect::V3);
         assert!(matches!(deep, Err(DecodeError::TooDeep { limit: 64, .. })), "{deep:?}");
-        // no matter how deep: the stack is not the limit
+        // the depth limit applies before the stack overflows
         assert!(Bottle::decode(&nested(word, 100_000), Dialect::V3).is_err());
     }
 }

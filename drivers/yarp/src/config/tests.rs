@@ -2,7 +2,7 @@ use super::*;
 use std::net::Ipv4Addr;
 use tempfile::TempDir;
 
-/// A configuration folder with these files.
+/// Configuration folder with these files.
 fn home(files: &[(&str, &str)]) -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     files.iter().for_each(|(name, text)| std::fs::write(dir.path().join(name), text).unwrap());

@@ -1,4 +1,4 @@
-//! The name client: one short connection per request, every answer bounded in time and length (spec section 3).
+//! Name client: one short connection per request, every answer limited in time and length (spec section 3).
 
 use super::text::{self, LONGEST_LINE};
 use crate::{Contact, Network};
@@ -7,16 +7,16 @@ use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
-/// The most bytes in an answer: more than the registrations of any name server.
+/// Greatest size of an answer, bytes: more than the registrations of any name server.
 const LONGEST_ANSWER: u64 = 16 * 1024 * 1024;
 
-/// Why a name server could not be asked, or did not do what it was asked.
+/// Reason why a request to a name server failed.
 #[derive(Debug, thiserror::Error)]
 pub enum NameError {
     /// No connection, or it broke.
     #[error("the YARP name server at {server} can't be reached ({why}): is it running? (`mobee yarp server`)")]
     Unreachable {
-        /// Its address.
+        /// Address of the server.
         server: String,
         /// The system's reason.
         why: String,
@@ -24,12 +24,12 @@ pub enum NameError {
     /// It answered, but not as a name server does.
     #[error("{server} does not answer as a YARP name server does ({got}): does yarp.conf give its port number?")]
     NotUnderstood {
-        /// Its address.
+        /// Address of the server.
         server: String,
-        /// What it said instead.
+        /// Answer received.
         got: String,
     },
-    /// It can't be said in the protocol.
+    /// A word that the protocol can't express.
     #[error("\"{0}\" can't be a YARP name: it is empty, longer than 1000 bytes, or has blanks or quotes in it")]
     BadName(String),
 }
@@ -38,35 +38,37 @@ impl Network {
     /// Looks up a port; `None` if its name is not registered.
     ///
     /// # Errors
-    /// The name server can't be reached, or the name can't be said.
+    /// The name server can't be reached, or the name is invalid.
     pub async fn query(&self, name: &str) -> Result<Option<Contact>, NameError> {
         let lines = self.ask(&["query", name]).await?;
         Ok(lines.iter().find_map(|l| text::extract(l)))
     }
 
-    /// Registers a port that listens on this host and number; returns the registration as the server made it. A host of
-    /// `...` means "as you see me". An earlier registration of the name is replaced (spec section 3.3).
+    /// Registers a port that listens on this host and number; returns the registration of the server. The
+    /// host `...` stands for the address that the server sees. Replaces an earlier registration of the name
+    /// (spec section 3.3).
     ///
     /// # Errors
-    /// The name server can't be reached, the name can't be said, or the server is full.
+    /// The name server can't be reached, the name is invalid, or the server is full.
     pub async fn register(&self, name: &str, host: &str, port: u16) -> Result<Contact, NameError> {
         let lines = self.ask(&["register", name, "tcp", host, &port.to_string()]).await?;
         let found = lines.iter().find_map(|l| text::extract(l));
         found.ok_or_else(|| self.not_understood(lines.first().map_or("no registration", |l| l)))
     }
 
-    /// Forgets a port; also right if it is not registered.
+    /// Removes the registration of a port, if there is one.
     ///
     /// # Errors
-    /// The name server can't be reached, or the name can't be said.
+    /// The name server can't be reached, or the name is invalid.
     pub async fn unregister(&self, name: &str) -> Result<(), NameError> {
         self.ask(&["unregister", name]).await.map(drop)
     }
 
-    /// All ports whose names begin with this prefix (whole components), in the order of their names; "" for all.
+    /// All ports whose names begin with this prefix (whole components), in the order of their names; "" for
+    /// all.
     ///
     /// # Errors
-    /// The name server can't be reached, or the prefix can't be said.
+    /// The name server can't be reached, or the prefix is invalid.
     pub async fn list(&self, prefix: &str) -> Result<Vec<Contact>, NameError> {
         let lines = if prefix.is_empty() { self.ask(&["list"]).await? } else { self.ask(&["list", prefix]).await? };
         Ok(lines.iter().filter_map(|l| text::extract(l)).collect())
@@ -75,7 +77,7 @@ impl Network {
     /// Sets a property of a registered port; several values are a list.
     ///
     /// # Errors
-    /// The name server can't be reached, or a word can't be said.
+    /// The name server can't be reached, or a word is invalid.
     pub async fn set(&self, name: &str, key: &str, values: &[&str]) -> Result<(), NameError> {
         let mut words = vec!["set", name, key];
         words.extend(values);
@@ -85,25 +87,25 @@ impl Network {
     /// A property of a port, as text; `None` if the port or the property is unknown.
     ///
     /// # Errors
-    /// The name server can't be reached, or a word can't be said.
+    /// The name server can't be reached, or a word is invalid.
     pub async fn get(&self, name: &str, key: &str) -> Result<Option<String>, NameError> {
         let lines = self.ask(&["get", name, key]).await?;
         let value = lines.first().and_then(|l| l.split_once(" = ")).map(|(_, value)| value.trim().to_string());
         Ok(value.filter(|v| !v.is_empty()))
     }
 
-    /// Says that a port listens now, so that the server makes the persistent connections that wait for it.
+    /// Reports that a port listens now, so that the server makes its pending persistent connections.
     ///
     /// # Errors
-    /// The name server can't be reached, or the name can't be said.
+    /// The name server can't be reached, or the name is invalid.
     pub async fn announce(&self, name: &str) -> Result<(), NameError> {
         self.ask(&["announce", name]).await.map(drop)
     }
 
-    /// Says one request to the name server; the lines of its answer, without the terminator.
+    /// Sends one request to the name server. Returns the lines of its answer, without the terminator.
     ///
     /// # Errors
-    /// The name server can't be reached, a word can't be said, or the answer is no answer.
+    /// The name server can't be reached, a word is invalid, or the answer is not understood.
     pub async fn ask(&self, words: &[&str]) -> Result<Vec<String>, NameError> {
         if let Some(word) = words.iter().find(|w| !text::sayable(w)) {
             return Err(NameError::BadName((*word).into()));
@@ -133,12 +135,12 @@ impl Network {
     }
 }
 
-/// Whether the answer is one line without a terminator.
+/// True if the answer is one line without a terminator.
 fn one_line(words: &[&str]) -> bool {
     matches!(words, ["bot", ..] | ["subscribe" | "topic"] | ["subscribe", _])
 }
 
-/// The lines up to the one that ends an answer; that one is left out if it is the terminator.
+/// Reads lines up to the end of an answer, and omits the terminator.
 async fn answer(stream: &mut TcpStream, one_line: bool) -> io::Result<Vec<String>> {
     let mut reader = BufReader::new(stream.take(LONGEST_ANSWER));
     let mut lines = Vec::new();

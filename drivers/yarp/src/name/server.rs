@@ -1,11 +1,11 @@
-//! The embedded name server: the table behind a socket (spec section 3).
+//! Embedded name server: the table behind a socket (spec section 3).
 
 mod persist;
 mod session;
 
 use super::table::{NameCounts, NameTable};
 use crate::auth::Key;
-use crate::guests::{Guests, Heard};
+use crate::guests::{Guests, LastMessage};
 use crate::{Contact, Dialect, Network, TIMEOUT, network};
 use std::io;
 use std::net::SocketAddr;
@@ -15,26 +15,27 @@ use tokio::net::{TcpListener, TcpStream, lookup_host};
 use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinHandle, JoinSet};
 
-/// How a name server behaves; the defaults are the original's, on loopback only.
+/// Options of a name server; the defaults are the original's, on loopback only.
 #[derive(Clone, Debug)]
 pub struct ServerOptions {
-    /// Its own port name.
+    /// Port name of the server.
     pub namespace: String,
-    /// Whether it may listen on other addresses than loopback. Whoever reaches it can take over any port's name.
+    /// True if it may listen on other addresses than loopback. Any program that can reach it can take over
+    /// any port's name.
     pub public: bool,
-    /// The host that it registers itself under, if not the one it listens on.
+    /// Host that it registers itself under, if not the one it listens on.
     pub host: Option<String>,
-    /// The most ports registered at a time.
+    /// Greatest number of registered ports.
     pub max_ports: usize,
-    /// The most connections at a time; one more takes the place of the one that has been silent for longest.
+    /// Greatest number of connections; a further one replaces the one that has been silent for longest.
     pub max_connections: usize,
-    /// How long a handshake may take, and every step of making a persistent connection.
+    /// Time limit of a handshake, and of every step of making a persistent connection.
     pub timeout: Duration,
-    /// How long a connection may say nothing before it is closed.
+    /// Time after which a silent connection is closed.
     pub idle: Duration,
-    /// The dialect of bottles on binary carriers; it matters only for floats, which name servers don't use.
+    /// Dialect of bottles on binary carriers; relevant only for floats, which name servers don't use.
     pub dialect: Dialect,
-    /// The handshake of `auth.conf` on every connection.
+    /// Key of the handshake of `auth.conf`, used on every connection.
     pub auth: Option<Key>,
 }
 
@@ -63,19 +64,20 @@ pub struct NameServer {
     task: JoinHandle<()>,
 }
 
-/// What all connections have in common.
+/// State shared by all connections.
 #[derive(Debug)]
 struct Shared {
     table: Mutex<NameTable>,
     contact: Contact,
     options: ServerOptions,
     links: mpsc::Sender<super::PendingConnection>,
-    /// The server's own network, to see whether a port that has a name is still there.
+    /// Network of the server, to check whether the owner of a name still exists.
     network: Network,
 }
 
 impl Shared {
-    /// The table; a panic elsewhere can't have left it half changed in a way that matters.
+    /// Locks the table. A poisoned lock is used anyway, because no panic can leave the table
+    /// inconsistent.
     fn table(&self) -> MutexGuard<'_, NameTable> {
         self.table.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
@@ -85,7 +87,7 @@ impl NameServer {
     /// Listens on this address (number 0: any free one) and serves in the background of the current runtime.
     ///
     /// # Errors
-    /// The address can't be had, or is not loopback and [`ServerOptions::public`] was not said.
+    /// The address can't be used, or is not loopback and [`ServerOptions::public`] is not set.
     pub async fn bind(address: SocketAddr, options: ServerOptions) -> io::Result<NameServer> {
         if !address.ip().is_loopback() && !options.public {
             let why = format!(
@@ -114,7 +116,7 @@ impl NameServer {
         Ok(NameServer { shared, address, stop, task })
     }
 
-    /// A name server of our own for a network whose name server does not answer, at the address where that should be.
+    /// Starts our own name server for a network whose name server does not answer, at its address.
     ///
     /// # Errors
     /// As [`NameServer::bind`]; or the network's host has no address.
@@ -132,17 +134,17 @@ impl NameServer {
         NameServer::bind(address, options).await
     }
 
-    /// The address that it listens on.
+    /// Address that it listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Where it is registered in its own table.
+    /// Its contact in its own table.
     pub fn contact(&self) -> &Contact {
         &self.shared.contact
     }
 
-    /// The handle of its network, as seen from this computer.
+    /// Network of this server, as seen from this computer.
     pub fn network(&self) -> Network {
         let ip = if self.address.ip().is_unspecified() { network::LOOPBACK } else { self.address.ip() };
         let options = &self.shared.options;
@@ -157,7 +159,7 @@ impl NameServer {
         self.shared.table().ports().cloned().collect()
     }
 
-    /// What happened since it began.
+    /// Counters since the start.
     pub fn counts(&self) -> NameCounts {
         self.shared.table().counts()
     }
@@ -175,7 +177,7 @@ impl Drop for NameServer {
     }
 }
 
-/// Accepts connections until told to stop; leaving this function ends them all.
+/// Accepts connections until `stopped` changes; returning ends them all.
 async fn serve(
     listener: TcpListener,
     shared: Arc<Shared>,
@@ -185,18 +187,18 @@ async fn serve(
 ) {
     let mut sessions = Guests::new(shared.options.max_connections);
     let mut persistent = JoinSet::new();
-    persistent.spawn(persist::keep(network, wanted));
+    persistent.spawn(persist::connect_all(network, wanted));
     loop {
         tokio::select! {
             _ = stopped.changed() => return,
             Some(()) = sessions.ended() => {}
             accepted = listener.accept() => match accepted {
                 Ok((stream, peer)) => {
-                    if !sessions.admit(|heard| session(stream, peer, shared.clone(), heard)) {
+                    if !sessions.admit(|activity| session(stream, peer, shared.clone(), activity)) {
                         tracing::warn!("name server: too many connections, so {peer} was closed at once");
                     }
                 }
-                // out of file descriptors, or the peer was gone at once: nothing to do but to try again
+                // out of file descriptors, or the peer disconnected at once: retries
                 Err(e) => {
                     tracing::warn!("name server: {e}");
                     tokio::time::sleep(Duration::from_millis(10)).await;
@@ -206,8 +208,8 @@ async fn serve(
     }
 }
 
-async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<Shared>, heard: Arc<Heard>) {
-    if let Err(e) = session::run(stream, peer, &shared, &heard).await {
+async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<Shared>, activity: Arc<LastMessage>) {
+    if let Err(e) = session::run(stream, peer, &shared, &activity).await {
         tracing::debug!("name server: connection of {peer}: {e}");
     }
 }

@@ -1,4 +1,4 @@
-//! What a name server knows and how it answers: pure, with no socket and no clock (spec sections 3.1 and 3.3).
+//! State and answers of a name server: pure, without socket and clock (spec sections 3.1 and 3.3).
 
 mod answer;
 mod numbers;
@@ -13,33 +13,33 @@ use numbers::Numbers;
 use std::collections::BTreeMap;
 use subscriptions::Subscriptions;
 
-/// The most properties of one port, and the most bytes that all its properties have together.
+/// Greatest number of properties of one port, and greatest size of all its properties together, bytes.
 const MOST_PROPERTIES: (usize, usize) = (32, 8192);
-/// The most topics.
+/// Greatest number of topics.
 const MOST_TOPICS: usize = 256;
 
-/// What happened since the server began.
+/// Counters since the start of the server.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NameCounts {
     /// Registrations made.
     pub registered: u64,
-    /// Registrations that took a name from another address. YARP allows this silently; it is how two programs get to
-    /// fight over one port, or how a restarted one takes its place back.
+    /// Registrations that took a name from another address. YARP allows this silently: two programs may
+    /// compete for one port in this way, or a restarted one may reclaim its name.
     pub replaced: u64,
-    /// Requests refused because something was full or could not be said.
+    /// Requests refused because of a limit or an invalid word.
     pub refused: u64,
 }
 
-/// The answer to one request, and the persistent connections to look after now.
+/// The answer to one request, and the persistent connections that are due.
 #[derive(Debug)]
 pub struct Handled {
-    /// What to answer.
+    /// Answer to send.
     pub answer: NameReply,
     /// Connections whose ends are both registered, to be made if they are not there.
     pub links: Vec<PendingConnection>,
 }
 
-/// The ports of a network, their properties, and the persistent connections.
+/// Ports of a network, their properties, and the persistent connections.
 #[derive(Debug)]
 pub struct NameTable {
     ports: BTreeMap<String, Entry>,
@@ -54,13 +54,13 @@ pub struct NameTable {
 struct Entry {
     contact: Contact,
     properties: BTreeMap<String, Vec<String>>,
-    /// Listed, but not to be changed by anybody: the server itself.
+    /// True for entries that are listed but can't be changed: the server itself.
     fixed: bool,
 }
 
 impl NameTable {
-    /// A table in which only the server stands (its name is the namespace), for at most `most` ports. Port numbers are
-    /// given from the server's own plus 2.
+    /// Creates a table that contains only the server (its name is the namespace), for at most `most` ports.
+    /// Port numbers are assigned from the server's own plus 2.
     pub fn new(server: Contact, most: usize) -> NameTable {
         let mut table = NameTable {
             numbers: Numbers::new(server.port),
@@ -76,12 +76,12 @@ impl NameTable {
         table
     }
 
-    /// What happened so far.
+    /// Counters so far.
     pub fn counts(&self) -> NameCounts {
         self.counts
     }
 
-    /// The port of this name.
+    /// Port of this name.
     pub fn query(&self, name: &str) -> Option<&Contact> {
         self.ports.get(&bare(name)).map(|e| &e.contact)
     }
@@ -91,7 +91,7 @@ impl NameTable {
         self.ports.values().map(|e| &e.contact)
     }
 
-    /// Answers one request, said as words by a peer at this host (an address).
+    /// Answers one request of a peer at this host (an address), given as words.
     pub fn answer(&mut self, words: &[String], peer: &str) -> Handled {
         let words: Vec<&str> = words.iter().map(String::as_str).collect();
         let mut links = Vec::new();
@@ -145,7 +145,7 @@ impl NameTable {
                 let added = self.subscriptions.add(src, dest, rest.first().copied().unwrap_or_default());
                 let src = bare(src);
                 *links = self.due(&src).into_iter().filter(|l| l.is(&src, &bare(dest))).collect();
-                // one that goes with its end does not wait for it either
+                // a subscription that ends with its port does not wait for an unregistered one
                 for end in [src, bare(dest)] {
                     if self.query(&end).is_none() {
                         self.subscriptions.gone(&end);
@@ -178,13 +178,14 @@ impl NameTable {
         }
     }
 
-    /// Registers a port; `None` if that can't be. The words are carrier, host and number, any of them `...`.
+    /// Registers a port; `None` if that is refused. The words are carrier, host and number, any of them
+    /// `...`.
     fn register(&mut self, name: &str, words: &[&str], peer: &str) -> Option<Contact> {
         let choose = |i: usize| words.get(i).copied().filter(|w| *w != "...");
         let carrier = choose(0).unwrap_or("tcp");
         let host = choose(1).unwrap_or(peer);
         let given = match choose(2).and_then(|w| w.parse::<i64>().ok()).unwrap_or(0) {
-            // ports with a type say -1 for the number that they leave to us
+            // ports with a type send -1 for a number that the server has to choose
             -1 => 0,
             number @ 0..=65535 => number as u16,
             _ => return self.refuse(),
@@ -227,7 +228,7 @@ impl NameTable {
         }
     }
 
-    /// The ports whose names begin with these whole components.
+    /// Ports whose names begin with these whole components.
     fn list(&self, prefix: Option<&str>) -> Vec<&Contact> {
         let within = |name: &str, prefix: &str| {
             name.strip_prefix(prefix)
@@ -236,7 +237,7 @@ impl NameTable {
         self.ports().filter(|c| prefix.is_none_or(|p| within(&c.name, p))).collect()
     }
 
-    /// Replaces a property; nothing happens to an unknown port, or beyond the limits.
+    /// Replaces a property; no-op for an unknown port, or beyond the limits.
     fn set(&mut self, name: &str, key: &str, values: &[&str]) {
         let Some(entry) = self.ports.get_mut(&bare(name)) else { return };
         let size = |k: &String, v: &Vec<String>| k.len() + v.iter().map(|v| v.len() + 1).sum::<usize>();
@@ -278,13 +279,13 @@ impl NameTable {
         NameReply::Lines(vec![format!("port {} property {key} value {value} present {present}", bare(name))])
     }
 
-    /// The persistent connections of a port whose both ends are registered now.
+    /// Persistent connections of a port whose ends are both registered now.
     fn due(&self, name: &str) -> Vec<PendingConnection> {
         self.subscriptions.of(name).filter(|l| [&l.src, &l.dest].iter().all(|end| self.query(end).is_some())).collect()
     }
 }
 
-/// A name without carrier and network choice: `/x` of `tcp://x` and `/net=127/x`.
+/// Name without carrier and network choice: `/x` of `tcp://x` and `/net=127/x`.
 fn bare(name: &str) -> String {
     let name = if name.starts_with('/') { name.to_string() } else { Contact::parse(name).name };
     match name

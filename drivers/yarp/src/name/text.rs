@@ -1,21 +1,21 @@
-//! The plain-text form of the name server protocol, the same for both ends (spec section 3.1).
+//! Plain-text form of the name server protocol, shared by both ends (spec section 3.1).
 
 use crate::Contact;
 
-/// What every request line begins with.
+/// Start of every request line.
 pub const REQUEST: &str = "NAME_SERVER ";
-/// The last line of most replies.
+/// Last line of most replies.
 pub const END: &str = "*** end of message";
-/// The longest line that either end accepts, in bytes.
+/// Greatest length of a line that either end accepts, bytes.
 pub const LONGEST_LINE: usize = 16 * 1024;
 
-/// The registration line of a port, without its line end.
+/// Registration line of a port, without its line end.
 pub fn registration(contact: &Contact) -> String {
     let Contact { name, carrier, host, port } = contact;
     format!("registration name {name} ip {host} port {port} type {carrier}")
 }
 
-/// The port that a registration line tells of; `None` for every other line.
+/// Port of a registration line; `None` for every other line.
 pub fn extract(line: &str) -> Option<Contact> {
     let words: Vec<&str> = line.split_whitespace().collect();
     match words.as_slice() {
@@ -26,12 +26,12 @@ pub fn extract(line: &str) -> Option<Contact> {
     }
 }
 
-/// Whether a reply ends with this line: the terminator, or a vocab such as `[ok]`.
+/// True if a reply ends with this line: the terminator, or a vocab such as `[ok]`.
 pub fn ends(line: &str) -> bool {
     line.starts_with('*') || line.starts_with('[')
 }
 
-/// Whether a word can be said in the plain-text form, where arguments are not quoted.
+/// True if a word is valid in the plain-text form, where arguments are not quoted.
 pub fn sayable(word: &str) -> bool {
     !word.is_empty() && word.len() <= 1000 && !word.contains(|c: char| c.is_whitespace() || c.is_control() || c == '"')
 }

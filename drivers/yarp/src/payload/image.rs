@@ -3,7 +3,7 @@
 use super::shape;
 use crate::{Bottle, DecodeError, Dialect, Value, Vocab};
 
-/// What a pixel is made of.
+/// Pixel format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelCode(pub Vocab);
 
@@ -25,7 +25,7 @@ impl PixelCode {
     /// A float of 32 bits, such as a depth.
     pub const FLOAT: PixelCode = PixelCode(Vocab::new("dec"));
 
-    /// Every code that YARP knows, with its bytes per pixel.
+    /// All codes of YARP, with their bytes per pixel.
     pub const ALL: [(PixelCode, usize); 22] = {
         const fn code(letters: &str, size: usize) -> (PixelCode, usize) {
             (PixelCode(Vocab::new(letters)), size)
@@ -49,7 +49,7 @@ impl PixelCode {
             code("bggr", 1),
             code("gbrg", 1),
             code("rggb", 1),
-            // the Bayer patterns of 16 bits
+            // Bayer patterns of 16 bits
             code("gr16", 2),
             code("bg16", 2),
             code("gb16", 2),
@@ -57,7 +57,7 @@ impl PixelCode {
         ]
     };
 
-    /// Bytes per pixel; `None` for a code that is not known.
+    /// Bytes per pixel; `None` for an unknown code.
     pub fn bytes(self) -> Option<usize> {
         if self == PixelCode::NONE {
             return Some(0);
@@ -69,31 +69,32 @@ impl PixelCode {
 /// An image. Row 0 is the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
-    /// What a pixel is.
+    /// Pixel format.
     pub pixel: PixelCode,
-    /// Pixels of a row.
+    /// Pixels per row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// Every row takes a multiple of so many bytes; 0 only for an empty image.
+    /// Alignment of rows, bytes; 0 only for an empty image.
     pub quantum: u16,
-    /// The flag of the first row being the top. It differs among versions of YARP for the same orientation: ignore it.
+    /// Flag that the first row is the top. It differs among versions of YARP for the same orientation and
+    /// must be ignored.
     pub top: u16,
-    /// The rows, each padded. What the padding holds has no meaning.
+    /// Rows, each padded. The padding is meaningless.
     pub rows: Vec<u8>,
 }
 
 const WHAT: &str = "an image";
 
 impl Image {
-    /// The image of no pixels.
+    /// Image without pixels.
     pub const EMPTY: Image =
         Image { pixel: PixelCode::NONE, width: 0, height: 0, quantum: 0, top: 0, rows: Vec::new() };
 
-    /// An image of these pixels, row by row without gaps; it gets YARP's usual quantum of 8.
+    /// Creates an image from pixels, row by row without gaps; it gets YARP's usual quantum of 8.
     ///
     /// # Errors
-    /// If the pixel is not known, or the pixels are not `width` times `height`.
+    /// The pixel format is unknown, or the number of pixels is not `width` times `height`.
     pub fn new(pixel: PixelCode, width: u32, height: u32, pixels: &[u8]) -> Result<Image, DecodeError> {
         let mut image = Image { pixel, width, height, quantum: 8, top: 0, rows: Vec::new() };
         let (used, row) = image.layout()?;
@@ -110,7 +111,7 @@ impl Image {
         Ok(image)
     }
 
-    /// The bytes of a row's pixels and of a row.
+    /// Bytes of a row's pixels, and of a padded row.
     fn layout(&self) -> Result<(usize, usize), DecodeError> {
         let bytes = self.pixel.bytes();
         let bytes = bytes.ok_or_else(|| shape(WHAT, format!("unknown pixel code {:?}", self.pixel.0)))?;
@@ -125,29 +126,29 @@ impl Image {
         Ok((used, row.ok_or_else(|| shape(WHAT, "its rows are too long"))?))
     }
 
-    /// The pixels of row `y`, without the padding; `None` below the image.
+    /// Pixels of row `y`, without the padding; `None` below the image.
     pub fn row(&self, y: u32) -> Option<&[u8]> {
         let (used, row) = self.layout().ok()?;
         let start = wide(y).checked_mul(row).filter(|_| used > 0 && y < self.height)?;
         self.rows.get(start..start.checked_add(used)?)
     }
 
-    /// All pixels without the padding, row by row.
+    /// All pixels, row by row, without the padding.
     pub fn pixels(&self) -> Vec<u8> {
         (0..self.height).map_while(|y| self.row(y)).flatten().copied().collect()
     }
 
-    /// The bytes of the message, the same in both dialects.
+    /// Bytes of the message, the same in both dialects.
     pub fn encode(&self) -> Vec<u8> {
         let mut out = self.header(Vec::new()).encode(Dialect::V3);
-        out.truncate(out.len().saturating_sub(4)); // the length of no pixels
+        out.truncate(out.len().saturating_sub(4)); // removes the length of the empty pixels
         out.reserve_exact(4 + self.rows.len());
         out.extend(i32::try_from(self.rows.len()).unwrap_or(i32::MAX).to_le_bytes());
         out.extend_from_slice(&self.rows);
         out
     }
 
-    /// As a bottle, for its text: `[mat] [rgb] (3 32 65544 3 2) {bytes}`.
+    /// Converts to a bottle, for its text: `[mat] [rgb] (3 32 65544 3 2) {bytes}`.
     pub fn to_bottle(&self) -> Bottle {
         self.header(self.rows.clone())
     }
@@ -168,15 +169,15 @@ impl Image {
             .with(rows)
     }
 
-    /// The image that these bytes are.
+    /// Decodes an image.
     ///
     /// # Errors
-    /// If they are none, or the sizes it states do not agree.
+    /// The bytes are not an image, or its sizes are inconsistent.
     pub fn decode(bytes: &[u8], dialect: Dialect) -> Result<Image, DecodeError> {
         Image::from_bottle(Bottle::decode(bytes, dialect)?)
     }
 
-    /// The image that a bottle means.
+    /// Converts a bottle to an image.
     ///
     /// # Errors
     /// As [`Image::decode`].
@@ -193,7 +194,8 @@ impl Image {
             return Err(shape(WHAT, format!("it is {width}x{height} pixels")));
         };
         let [q0, q1, t0, t1] = quantum.to_le_bytes();
-        let (quantum, top) = (u16::from_le_bytes([q0, q1]), u16::from_le_bytes([t0, t1]));
+        let quantum = u16::from_le_bytes([q0, q1]);
+        let top = u16::from_le_bytes([t0, t1]);
         let image = Image { pixel: PixelCode(pixel), width, height, quantum, top, rows };
         let (_, row) = image.layout()?;
         let expected = row.checked_mul(wide(height));

@@ -1,25 +1,25 @@
-//! The extended state of a board, which the port `stateExt:o` sends (spec section 14).
+//! Extended state of a board, as sent by the port `stateExt:o` (spec section 14).
 
 use super::{shape, vector};
 use crate::bottle::tag::ScalarType;
 use crate::{Bottle, DecodeError, Dialect, Value, Vocab};
 
-/// One thing known of all joints, in the board's order, and whether it is really known.
+/// One quantity of all joints, in the board's order, with its validity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointField<T = f64> {
-    /// One value for each joint, also where the board does not know it.
+    /// One value per joint, also if the board does not know it.
     pub values: Vec<T>,
-    /// Does the board vouch for them?
+    /// True if the board marks the values as valid.
     pub valid: bool,
 }
 
 impl<T> JointField<T> {
-    /// Values that are known.
+    /// Valid values.
     pub fn known(values: Vec<T>) -> JointField<T> {
         JointField { values, valid: true }
     }
 
-    /// So many values that are not known.
+    /// This number of invalid values.
     pub fn unknown(axes: usize) -> JointField<T>
     where
         T: Clone + Default,
@@ -27,7 +27,7 @@ impl<T> JointField<T> {
         JointField { values: vec![T::default(); axes], valid: false }
     }
 
-    /// The values, if they are known.
+    /// The values, if they are valid.
     pub fn valid(&self) -> Option<&[T]> {
         self.valid.then_some(self.values.as_slice())
     }
@@ -39,7 +39,8 @@ impl<T> Default for JointField<T> {
     }
 }
 
-/// All that a board says of its joints. Units are the board's: degrees (meters where a joint slides) and seconds.
+/// State that a board reports of its joints, in the board's units: degrees (meters for prismatic joints) and
+/// seconds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct JointData {
     /// Joint positions.
@@ -73,7 +74,7 @@ const OK: Vocab = Vocab::new("ok");
 const FAIL: Vocab = Vocab::new("fail");
 
 impl JointData {
-    /// How many joints.
+    /// Number of joints.
     pub fn axes(&self) -> usize {
         self.position.values.len()
     }
@@ -92,7 +93,7 @@ impl JointData {
         ]
     }
 
-    /// The bytes of the message: 22 elements in 3.x, 24 in 4.x.
+    /// Bytes of the message: 22 elements in 3.x, 24 in 4.x.
     pub fn encode(&self, dialect: Dialect) -> Vec<u8> {
         let v4 = dialect == Dialect::V4;
         let mut out = Vec::with_capacity(400 + 100 * self.axes());
@@ -115,15 +116,15 @@ impl JointData {
         out
     }
 
-    /// The state that these bytes are.
+    /// Decodes a state.
     ///
     /// # Errors
-    /// If they are no bottle of so many fields, each with its flag.
+    /// The bytes are not a bottle of this number of fields, each with its flag.
     pub fn decode(bytes: &[u8], dialect: Dialect) -> Result<JointData, DecodeError> {
         JointData::from_bottle(&Bottle::decode(bytes, dialect)?)
     }
 
-    /// The state that a bottle means; its length says of which YARP it is.
+    /// Converts a bottle to a state; its length gives the YARP version.
     ///
     /// # Errors
     /// As [`JointData::decode`].
@@ -161,10 +162,10 @@ impl JointData {
         Ok(data)
     }
 
-    /// As a bottle, for its text.
+    /// Converts to a bottle, for its text.
     ///
     /// # Errors
-    /// If there are more joints than a message may have.
+    /// There are more joints than a message may have.
     pub fn to_bottle(&self, dialect: Dialect) -> Result<Bottle, DecodeError> {
         Bottle::decode(&self.encode(dialect), dialect)
     }

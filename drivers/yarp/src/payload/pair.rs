@@ -1,9 +1,9 @@
-//! A head and a body: what the port `command:i` of a board takes (spec section 13).
+//! A pair of head and body, as received by the port `command:i` of a board (spec section 13).
 
 use super::{shape, vector};
 use crate::{Bottle, DecodeError, Dialect, Value};
 
-/// The bytes of a pair.
+/// Encodes a pair.
 pub fn encode(head: &Bottle, body: &[f64], dialect: Dialect) -> Vec<u8> {
     let mut out = Vec::new();
     vector::put_head(0, 2, &mut out);
@@ -12,18 +12,18 @@ pub fn encode(head: &Bottle, body: &[f64], dialect: Dialect) -> Vec<u8> {
     out
 }
 
-/// The head and the body of a pair.
+/// Decodes a pair to head and body.
 ///
 /// # Errors
-/// If the bytes are no bottle of two lists, the second of numbers.
+/// The bytes are not a bottle of two lists, the second of numbers.
 pub fn decode(bytes: &[u8], dialect: Dialect) -> Result<(Bottle, Vec<f64>), DecodeError> {
     from_bottle(&Bottle::decode(bytes, dialect)?)
 }
 
-/// The head and the body of a pair that came as text: `(head) (body)`.
+/// Head and body of a pair that was received as text: `(head) (body)`.
 ///
 /// # Errors
-/// If it is not two lists, the second of numbers.
+/// It is not two lists, the second of numbers.
 pub fn from_bottle(bottle: &Bottle) -> Result<(Bottle, Vec<f64>), DecodeError> {
     let [Value::List(head), Value::List(body)] = bottle.0.as_slice() else {
         return Err(shape("a pair", "it is not a list of two lists, the head and the body"));
@@ -31,7 +31,7 @@ pub fn from_bottle(bottle: &Bottle) -> Result<(Bottle, Vec<f64>), DecodeError> {
     Ok((head.clone(), vector::from_bottle(body)?))
 }
 
-/// A pair as a bottle, for its text.
+/// Converts a pair to a bottle, for its text.
 pub fn to_bottle(head: &Bottle, body: &[f64]) -> Bottle {
     Bottle::of([head.clone(), Bottle::of(body.iter().copied())])
 }

@@ -24,7 +24,7 @@ fn what_is_no_pair_is_refused() {
     for text in ["", "(a)", "(a) (b)", "(a) 1", "(a) (1) (2)"] {
         assert!(pair::from_bottle(&Bottle::parse(text, Dialect::V3).unwrap()).is_err(), "{text}");
     }
-    // an empty body keeps its kind
+    // an empty body keeps its type
     let bytes = pair::encode(&Bottle::new(), &[], Dialect::V3);
     assert_eq!(bytes[16..20], 266i32.to_le_bytes());
     assert_eq!(pair::decode(&bytes, Dialect::V3), Ok((Bottle::new(), vec![])));

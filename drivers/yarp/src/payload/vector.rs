@@ -1,52 +1,52 @@
-//! Vectors of numbers: lists of one kind, which say their kind even when empty.
+//! Vectors of numbers: lists of one kind, which contain their kind even when empty.
 
 use super::shape;
 use crate::bottle::tag::{LIST, ScalarType};
 use crate::{Bottle, DecodeError, Dialect};
 
-/// A vector of floats.
+/// Encodes a vector of floats.
 pub fn encode(values: &[f64], dialect: Dialect) -> Vec<u8> {
     let mut out = Vec::with_capacity(8 + 8 * values.len());
     put_f64(values, dialect, &mut out);
     out
 }
 
-/// A vector of integers.
+/// Encodes a vector of integers.
 pub fn encode_i32(values: &[i32]) -> Vec<u8> {
     let mut out = Vec::with_capacity(8 + 4 * values.len());
     put_i32(values, &mut out);
     out
 }
 
-/// The numbers of a vector. Integers and narrow floats are taken for floats too, as text gives them; an empty one is
-/// taken, which YARP's own readers refuse.
+/// Decodes a vector of floats. Integers and narrow floats, which text contains, are converted; an empty
+/// vector is accepted, unlike by YARP's own readers.
 ///
 /// # Errors
-/// If the bytes are no bottle, or it has anything but numbers.
+/// The bytes are not a bottle, or it contains anything but numbers.
 pub fn decode(bytes: &[u8], dialect: Dialect) -> Result<Vec<f64>, DecodeError> {
     from_bottle(&Bottle::decode(bytes, dialect)?)
 }
 
-/// The numbers of a vector of integers.
+/// Decodes a vector of integers.
 ///
 /// # Errors
-/// If the bytes are no bottle, or it has anything but integers of 32 bits.
+/// The bytes are not a bottle, or it contains anything but integers of 32 bits.
 pub fn decode_i32(bytes: &[u8], dialect: Dialect) -> Result<Vec<i32>, DecodeError> {
     i32_from_bottle(&Bottle::decode(bytes, dialect)?)
 }
 
-/// The numbers of a bottle (which a text carrier brings instead of a vector).
+/// Numbers of a bottle, which a text carrier transports instead of a vector.
 ///
 /// # Errors
-/// If it has anything but numbers.
+/// It contains anything but numbers.
 pub fn from_bottle(bottle: &Bottle) -> Result<Vec<f64>, DecodeError> {
     bottle.numbers().ok_or_else(|| shape("a vector", "it has an element that is no number"))
 }
 
-/// The integers of a bottle.
+/// Integers of a bottle.
 ///
 /// # Errors
-/// If it has anything but integers of 32 bits.
+/// It contains anything but integers of 32 bits.
 pub fn i32_from_bottle(bottle: &Bottle) -> Result<Vec<i32>, DecodeError> {
     let integer = |value: &crate::Value| value.as_i64().and_then(|x| i32::try_from(x).ok());
     let all: Option<_> = bottle.iter().map(integer).collect();
@@ -64,12 +64,12 @@ pub(super) fn put_f32(values: &[f64], dialect: Dialect, out: &mut Vec<u8>) {
 }
 
 pub(super) fn put_i32(values: &[i32], out: &mut Vec<u8>) {
-    // integers have one tag in both
+    // integers have the same tag in both dialects
     put_head(ScalarType::Int32.tag(Dialect::V3), values.len(), out);
     out.extend(values.iter().flat_map(|x| x.to_le_bytes()));
 }
 
-/// The word of a list and its count.
+/// Writes the word of a list and its count.
 pub(super) fn put_head(shared: i32, len: usize, out: &mut Vec<u8>) {
     out.extend((LIST + shared).to_le_bytes());
     out.extend(i32::try_from(len).unwrap_or(i32::MAX).to_le_bytes());

@@ -1,4 +1,4 @@
-//! Asking other ports: requests to their owners, and administrative commands.
+//! Requests to other ports: to their owners, and administrative commands.
 
 use super::dial::TextMessage;
 use super::keeper::Keeper;
@@ -10,37 +10,37 @@ use crate::{Bottle, Carrier, Contact, Dialect, Network};
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// Why a request got no reply.
+/// Reason why a request got no reply.
 #[derive(Debug, thiserror::Error)]
 pub enum CallError {
     /// No connection, and none could be made.
     #[error(transparent)]
     Port(#[from] PortError),
-    /// The connection broke; whether the request was done is not known.
+    /// The connection broke; the outcome of the request is unknown.
     #[error("the connection to {to} broke before a reply: {why}")]
     Broken {
         /// The port.
         to: String,
-        /// What went wrong.
+        /// Description of the error.
         why: String,
     },
-    /// No reply in time; the connection is given up, since a late reply would be taken for the next one.
+    /// No reply in time; the connection is closed, since a late reply would be mistaken for the next one.
     #[error("no reply from {to} within {after:?}")]
     Late {
         /// The port.
         to: String,
-        /// How long was waited.
+        /// Time waited.
         after: Duration,
     },
-    /// The other side acknowledged and replied nothing.
+    /// The other side sent an acknowledgment without a reply.
     #[error("{0} acknowledged without a reply; it is no RPC port, or does not know the request")]
     NoReply(String),
-    /// Reply or request that is no bottle.
+    /// A reply or request that is not a bottle.
     #[error(transparent)]
     Payload(#[from] PayloadError),
 }
 
-/// A client of one RPC port, without a port of its own. One request at a time.
+/// Client of one RPC port, without a port of its own. One request at a time.
 pub struct RpcClient {
     keeper: Keeper,
     limit: Duration,
@@ -50,7 +50,7 @@ impl RpcClient {
     /// Connects to a port by its name or URI, as `own_name`.
     ///
     /// # Errors
-    /// It is unknown or not reachable.
+    /// The port is unknown or not reachable.
     pub async fn connect(
         network: &Network,
         own_name: &str,
@@ -60,10 +60,10 @@ impl RpcClient {
         RpcClient::connect_to(network, own_name, Contact::parse(to), carrier, PortOptions::default()).await
     }
 
-    /// Connects to a port whose address may be known already, with options.
+    /// Connects to a port, possibly by its address, with options.
     ///
     /// # Errors
-    /// It is unknown or not reachable, or the carrier has no replies.
+    /// The port is unknown or not reachable, or the carrier has no replies.
     pub async fn connect_to(
         network: &Network,
         own_name: &str,
@@ -79,33 +79,34 @@ impl RpcClient {
         Ok(RpcClient { keeper: Keeper::connect(network, own_name, to, carrier, options).await?, limit })
     }
 
-    /// A client that need not be connected yet and connects anew after every loss: with pauses between attempts that
-    /// grow up to 2 s. While it pauses, calls fail at once. No request is sent twice.
+    /// Creates a client that is not connected yet and reconnects after every loss, with pauses between
+    /// attempts that grow up to 2 s. During a pause, calls fail at once. No request is sent twice.
     pub fn keep(network: &Network, own_name: &str, to: &str, carrier: Carrier) -> RpcClient {
         let mut keeper = Keeper::idle(network, own_name, Contact::parse(to), carrier, PortOptions::default());
         keeper.keep();
         RpcClient { keeper, limit: network.timeout() }
     }
 
-    /// One that, where the name server does not tell where the other side is (it may be down, or have just been started anew), connects to
-    /// where that was last. Another port may be there by now: only for what does no harm to it, such as a stop.
+    /// Falls back to the last address of the other side if the name server does not return one (it may be
+    /// down, or have just been restarted). Another port may use that address by now: suitable only for
+    /// harmless requests, such as a stop.
     #[must_use]
     pub fn remembering(mut self) -> RpcClient {
         self.keeper.remember();
         self
     }
 
-    /// With this limit for every reply; the default is the network's.
+    /// Sets the time limit of every reply; the default is the network's.
     pub fn with_timeout(self, limit: Duration) -> RpcClient {
         RpcClient { limit, ..self }
     }
 
-    /// Whether there is a connection, as far as is known without calling.
+    /// True if there is a connection, as far as can be determined without a call.
     pub fn is_connected(&self) -> bool {
         self.keeper.is_connected()
     }
 
-    /// Waits until a lost connection may be tried again; at once if there is one.
+    /// Waits until a lost connection may be retried; returns at once if connected.
     pub async fn pause(&mut self) {
         self.keeper.pause().await;
     }
@@ -113,19 +114,20 @@ impl RpcClient {
     /// Sends a request and waits for the reply.
     ///
     /// # Errors
-    /// See [`CallError`]; after a broken or late one the connection is gone.
+    /// See [`CallError`]; after a broken or late reply the connection is closed.
     pub async fn call(&mut self, request: &Bottle) -> Result<Bottle, CallError> {
         self.ask(b'd', request).await
     }
 
-    /// Sends a request that needs no reply, and waits for its acknowledgement, if the carrier has one.
+    /// Sends a request that needs no reply, and waits for its acknowledgment, if the carrier has one.
     ///
     /// # Errors
     /// See [`CallError`].
     pub async fn tell(&mut self, request: impl Into<Payload>) -> Result<(), CallError> {
         let packet = Packet::new(request.into(), None);
         let mut line = self.keeper.take().await?;
-        let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
+        let carrier = self.keeper.carrier;
+        let dialect = self.keeper.network.dialect();
         let work = output::send(&mut line, carrier, b'D', &packet, dialect, &self.keeper.options);
         let ended = timeout(self.limit, work).await;
         self.judged(ended)?;
@@ -141,7 +143,7 @@ impl RpcClient {
         self.ask(b'a', command).await
     }
 
-    /// Sends a request given as the bytes of a bottle, and gives the reply's bytes as they came.
+    /// Sends a request given as the bytes of a bottle, and returns the reply's bytes as received.
     ///
     /// # Errors
     /// See [`CallError`].
@@ -154,7 +156,7 @@ impl RpcClient {
         Ok(self.exchange(b'd', request).await?.0)
     }
 
-    /// Asks the port to describe itself (`*`); the answer is text for people. Text carriers only.
+    /// Requests the port's description (`*`), a text for people. Text carriers only.
     ///
     /// # Errors
     /// See [`CallError`].
@@ -192,10 +194,11 @@ impl RpcClient {
         }
     }
 
-    /// Sends a payload and gives the reply's bytes, with the bottle on binary carriers.
+    /// Sends a payload and returns the reply's bytes, with the bottle on binary carriers.
     async fn exchange(&mut self, key: u8, payload: &[u8]) -> Result<(Vec<u8>, Option<Bottle>), CallError> {
         let mut line = self.keeper.take().await?;
-        let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
+        let carrier = self.keeper.carrier;
+        let dialect = self.keeper.network.dialect();
         let work = async {
             let TextMessage::Stream(link) = &mut line else { return Err(LinkError::Closed) };
             if carrier.is_text() {
@@ -235,7 +238,8 @@ impl RpcClient {
     }
 }
 
-/// Reads a reply, which has no length: bottles end by themselves. `None`: an acknowledgement came in its place.
+/// Reads a reply, which has no length prefix: bottles are self-delimiting. `None` if an acknowledgment
+/// arrived instead.
 async fn reply(
     link: &mut Link,
     carrier: Carrier,

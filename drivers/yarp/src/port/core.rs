@@ -1,4 +1,4 @@
-//! What all ports have in common: lists of connections, and what administrative commands do to them.
+//! Common state of all ports: lists of connections, and the effects of administrative commands.
 
 use super::dial::TextMessage;
 use super::inbox::Inbox;
@@ -15,11 +15,11 @@ use tokio::sync::{Notify, Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::timeout;
 
-/// What happens with data that comes in.
+/// Receiver of incoming data.
 pub(crate) enum Sink {
     Inbox(Arc<Inbox>),
     Handler(Arc<dyn Handler>),
-    /// Acknowledged and forgotten.
+    /// Data is acknowledged and discarded.
     Nothing,
 }
 
@@ -28,15 +28,15 @@ pub(crate) struct Core {
     pub contact: Contact,
     pub network: Network,
     pub options: PortOptions,
-    /// Room for messages that have arrived in part, KiB.
+    /// Memory for partial messages, KiB.
     pub budget: Arc<Semaphore>,
     pub sink: Sink,
-    /// How outputs are served; `None`: this port has none.
+    /// Delivery to outputs; `None` if this port has none.
     delivery: Option<Delivery>,
     state: Mutex<State>,
     pub dropped: Arc<AtomicU64>,
     closing: watch::Sender<bool>,
-    /// Who has our name, if the name server gives another port for it.
+    /// Holder of our name, if the name server returns another port for it.
     taken: watch::Sender<Option<Contact>>,
 }
 
@@ -85,8 +85,9 @@ impl Core {
         }
     }
 
-    /// Asks the name server for the port's own name, and registers it again if a restarted server has forgotten it, or if
-    /// another port that got it does not answer. One that does keeps it, and is returned (spec section 17).
+    /// Looks up the port's own name at the name server, and registers it again if a restarted server has lost
+    /// it, or if another port that holds it does not answer. One that answers keeps it, and is returned (spec
+    /// section 17).
     pub async fn roll_call(&self) -> Option<Contact> {
         let ours = &self.contact;
         let taken = match self.network.query(&self.name).await {
@@ -102,7 +103,7 @@ impl Core {
                 }
                 None
             }
-            // who does not answer says nothing new
+            // without an answer, the last result remains valid
             Err(_) => return self.taken.borrow().clone(),
         };
         let news = self.taken.send_replace(taken.clone()) != taken;
@@ -123,7 +124,7 @@ impl Core {
         }
     }
 
-    /// The port as administrative commands see it.
+    /// View of the port for administrative commands.
     pub fn view(&self) -> PortView {
         let state = lock(&self.state);
         PortView {
@@ -138,7 +139,7 @@ impl Core {
         }
     }
 
-    /// Does an administrative command.
+    /// Executes an administrative command.
     pub async fn admin(self: &Arc<Self>, command: &Bottle) -> Bottle {
         match admin::answer(&self.view(), command) {
             AdminReply::Reply(reply) => reply,
@@ -171,7 +172,7 @@ impl Core {
         }
     }
 
-    /// Connects an output; one to the same port is removed before.
+    /// Connects an output, after removing an earlier one to the same port.
     pub async fn add(self: &Arc<Self>, contact: &Contact) -> Result<(), PortError> {
         let delivery = self.delivery.unwrap_or(Delivery::Newest);
         let refused = |why: String| PortError::Connect { to: contact.to_string(), why };
@@ -183,7 +184,8 @@ impl Core {
         let name = if to.name.is_empty() { format!("{}:{}", to.host, to.port) } else { to.name.clone() };
         self.remove_output(&name).await;
         let line = dial::dial(&self.network, &self.options, &to, carrier, &self.name).await?;
-        let (id, slot) = (NEXT.fetch_add(1, Ordering::Relaxed), Arc::new(Slot::new(delivery, self.dropped.clone())));
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        let slot = Arc::new(Slot::new(delivery, self.dropped.clone()));
         let job = output::Job { core: self.clone(), id, to: Contact { name: name.clone(), ..to }, carrier, slot };
         let peer = Peer { name, carrier };
         self.start(job, peer, line);
@@ -196,7 +198,8 @@ impl Core {
         if *self.closing.borrow() || state.outputs.len() >= self.options.connections {
             return;
         }
-        let (id, slot) = (job.id, job.slot.clone());
+        let id = job.id;
+        let slot = job.slot.clone();
         // Two may have connected to the same port at the same time: the later one stays.
         state.outputs.retain(|output| {
             let same = output.peer.name == peer.name;
@@ -209,7 +212,7 @@ impl Core {
         state.outputs.push(Out { id, peer, slot, task });
     }
 
-    /// Ends the output to `name`, or else the input from there.
+    /// Ends the output to `name`, or otherwise the input from there.
     pub async fn remove(&self, name: &str) -> Removed {
         if self.remove_output(name).await {
             Removed::Output
@@ -220,7 +223,7 @@ impl Core {
         }
     }
 
-    /// Sends what waits, quits and waits for the acknowledgement, all within limits.
+    /// Sends what is queued, quits and waits for the acknowledgment, all within time limits.
     pub async fn remove_output(&self, name: &str) -> bool {
         let found = {
             let mut state = lock(&self.state);
@@ -252,7 +255,8 @@ impl Core {
 
     /// Lists an input; others of the same rooted name are ended.
     pub fn admit(self: &Arc<Self>, peer: Peer) -> Admitted {
-        let (id, end) = (NEXT.fetch_add(1, Ordering::Relaxed), Arc::new(Notify::new()));
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        let end = Arc::new(Notify::new());
         if peer.name.starts_with('/') {
             self.remove_input(&peer.name);
         }
@@ -260,14 +264,14 @@ impl Core {
         Admitted { core: self.clone(), id, end }
     }
 
-    /// Gives a packet to every output.
+    /// Passes a packet to every output.
     pub fn publish(&self, packet: Arc<Packet>) {
         for output in &lock(&self.state).outputs {
             output.slot.put(packet.clone());
         }
     }
 
-    /// Waits until all outputs have sent what they have.
+    /// Waits until all outputs have sent their packets.
     pub async fn drained(&self) {
         let slots: Vec<_> = lock(&self.state).outputs.iter().map(|output| output.slot.clone()).collect();
         for slot in slots {
@@ -275,12 +279,12 @@ impl Core {
         }
     }
 
-    /// An output ended by itself.
+    /// Removes an output that ended by itself.
     pub fn forget_output(&self, id: u64) {
         lock(&self.state).outputs.retain(|output| output.id != id);
     }
 
-    /// Ends all outputs, each in order and within limits.
+    /// Ends all outputs, each in order and within time limits.
     pub async fn end_outputs(self: &Arc<Self>) {
         let outputs = std::mem::take(&mut lock(&self.state).outputs);
         let mut ends = JoinSet::new();
@@ -291,7 +295,7 @@ impl Core {
         while ends.join_next().await.is_some() {}
     }
 
-    /// Tells everybody that the port ends.
+    /// Notifies all tasks that the port ends.
     pub fn begin_closing(&self) {
         self.closing.send_replace(true);
     }
@@ -302,7 +306,7 @@ impl Core {
     }
 }
 
-/// An input's place in the list; gives it up when dropped.
+/// Entry of an input in the list; removed when dropped.
 pub(crate) struct Admitted {
     core: Arc<Core>,
     pub id: u64,

@@ -1,4 +1,4 @@
-//! Connecting to other ports: finding them, and saying who we are.
+//! Connecting to other ports: lookup and handshake.
 
 use super::link::Link;
 use super::{PortError, PortOptions};
@@ -11,11 +11,11 @@ use tokio::time::timeout;
 /// A connection after its handshake.
 pub(crate) enum TextMessage {
     Stream(Link),
-    /// The socket is connected to the reader's. The address is that of the reader's TCP listener.
+    /// The socket is connected to the reader's. The contact is that of the reader's TCP listener.
     Datagrams(UdpSocket, Contact),
 }
 
-/// Completes a contact that is known by name only.
+/// Completes a contact that has only a name.
 pub(crate) async fn find(network: &Network, contact: &Contact) -> Result<Contact, PortError> {
     if contact.port != 0 && !contact.host.is_empty() {
         return Ok(contact.clone());
@@ -23,7 +23,7 @@ pub(crate) async fn find(network: &Network, contact: &Contact) -> Result<Contact
     network.query(&contact.name).await?.ok_or_else(|| PortError::Unknown(contact.name.clone()))
 }
 
-/// Connects to a port that was found and says who we are.
+/// Connects to a port and identifies itself.
 pub(crate) async fn dial(
     network: &Network,
     options: &PortOptions,
@@ -44,8 +44,9 @@ pub(crate) async fn dial(
     if carrier != Carrier::Udp {
         return Ok(TextMessage::Stream(link));
     }
-    // The reader may expect datagrams from the number that the TCP connection had (spec section 18). But 3.5 built
-    // without ACE, on the same computer, has taken just that number for its own socket, and takes any.
+    // The reader may expect datagrams from the number that the TCP connection had (spec section 18). But 3.5
+    // built without ACE, on the same computer, uses that number for its own socket, and accepts datagrams
+    // from any number.
     drop(link);
     let socket = async {
         let (local, peer) = addresses?;
@@ -61,7 +62,7 @@ pub(crate) async fn dial(
     Ok(TextMessage::Datagrams(socket, to.clone()))
 }
 
-/// The name if known, else the address.
+/// Name of a contact if it has one, otherwise its address.
 fn label(to: &Contact) -> String {
     if to.name.is_empty() { to.to_string() } else { format!("{} at {}:{}", to.name, to.host, to.port) }
 }

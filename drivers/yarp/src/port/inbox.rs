@@ -6,22 +6,22 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::sync::Notify;
 
-/// What a reader keeps of what comes faster than it is taken.
+/// Policy for messages that arrive faster than they are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Queue {
     /// The newest message only; older ones are dropped and counted.
     Newest,
-    /// Up to so many (at least 1), then senders wait: their acknowledgements come late. Datagrams can't wait and are
-    /// dropped and counted.
+    /// Up to this number (at least 1); then senders wait, and their acknowledgments are delayed. Datagrams
+    /// can't wait and are dropped and counted.
     Bounded(usize),
 }
 
 pub(crate) struct Inbox {
     queue: Queue,
     state: Mutex<State>,
-    /// Rings for the reader.
+    /// Notifies the reader.
     bell: Notify,
-    /// Rings for senders that wait for room.
+    /// Notifies senders that wait for room.
     room: Notify,
     dropped: AtomicU64,
 }
@@ -34,11 +34,10 @@ struct State {
 
 impl Inbox {
     pub fn new(queue: Queue) -> Inbox {
-        let (state, bell, room) = (Mutex::default(), Notify::new(), Notify::new());
-        Inbox { queue, state, bell, room, dropped: AtomicU64::new(0) }
+        Inbox { queue, state: Mutex::default(), bell: Notify::new(), room: Notify::new(), dropped: AtomicU64::new(0) }
     }
 
-    /// Puts a message in; gives it back if there is no room now.
+    /// Adds a message; returns it if there is no room now.
     fn put(&self, message: Message) -> Option<Message> {
         let mut state = lock(&self.state);
         match self.queue {
@@ -57,7 +56,7 @@ impl Inbox {
         None
     }
 
-    /// Puts a message in, waiting for room.
+    /// Adds a message, waiting for room.
     pub async fn push(&self, message: Message) {
         let mut back = self.put(message);
         while let Some(message) = back {
@@ -66,14 +65,14 @@ impl Inbox {
         }
     }
 
-    /// Puts a message in, or drops it.
+    /// Adds a message, or drops it.
     pub fn offer(&self, message: Message) {
         if self.put(message).is_some() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
 
-    /// Takes the oldest message; `None` when closed and empty.
+    /// Removes and returns the oldest message; `None` when closed and empty.
     pub async fn take(&self) -> Option<Message> {
         loop {
             let rings = self.bell.notified();
@@ -84,7 +83,7 @@ impl Inbox {
         }
     }
 
-    /// Takes the oldest message if there is one (`Some(None)`: closed and empty).
+    /// Removes and returns the oldest message if there is one (`Some(None)`: closed and empty).
     pub fn try_take(&self) -> Option<Option<Message>> {
         let mut state = lock(&self.state);
         match state.messages.pop_front() {
@@ -97,7 +96,7 @@ impl Inbox {
         }
     }
 
-    /// Takes no more messages; wakes everybody.
+    /// Accepts no more messages; wakes all waiters.
     pub fn close(&self) {
         lock(&self.state).closed = true;
         self.bell.notify_one();

@@ -3,7 +3,7 @@
 use super::core::{Core, Sink};
 use super::link::{Incoming, Link, LinkError};
 use super::{Message, Payload};
-use crate::guests::Heard;
+use crate::guests::LastMessage;
 use crate::wire::admin::{self, Peer, Removed};
 use crate::wire::datagram::{Assembler, MAX_DATAGRAM};
 use crate::wire::handshake::{self, HandshakeError, Hello};
@@ -15,10 +15,10 @@ use std::sync::Arc;
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
 
-/// Serves a connection until it ends. Nothing that the other side does ends more than this.
-pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, heard: Arc<Heard>) {
+/// Serves a connection until it ends. Misbehavior of the other side ends only this connection.
+pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, activity: Arc<LastMessage>) {
     let served = async {
-        if let Err(error) = connection(&core, stream, &heard).await
+        if let Err(error) = connection(&core, stream, &activity).await
             && !matches!(error, LinkError::Closed)
         {
             tracing::debug!(port = core.name, %error, "connection ended");
@@ -30,7 +30,7 @@ pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, heard: Arc<Heard>)
     }
 }
 
-async fn connection(core: &Arc<Core>, stream: TcpStream, heard: &Heard) -> Result<(), LinkError> {
+async fn connection(core: &Arc<Core>, stream: TcpStream, activity: &LastMessage) -> Result<(), LinkError> {
     stream.set_nodelay(true)?;
     let mut link = Link::new(stream, &core.options).within(&core.budget);
     if let Some(key) = core.network.auth() {
@@ -44,14 +44,14 @@ async fn connection(core: &Arc<Core>, stream: TcpStream, heard: &Heard) -> Resul
     };
     let peer = Peer { name: hello.bare().to_owned(), carrier: hello.carrier };
     if hello.carrier == Carrier::Udp {
-        return datagrams(core, link, &hello, peer, heard).await;
+        return datagrams(core, link, &hello, peer, activity).await;
     }
     let admitted = core.admit(peer);
     link.write(&[&handshake::reply(&hello, core.contact.port)]).await?;
     let conversation = async {
         loop {
             let incoming = link.message(hello.carrier, core.options.max_message, core.options.message).await?;
-            heard.now();
+            activity.now();
             if respond(core, &mut link, &hello, admitted.id, incoming).await? {
                 return Ok(());
             }
@@ -65,7 +65,8 @@ async fn connection(core: &Arc<Core>, stream: TcpStream, heard: &Heard) -> Resul
     link.write(&[hello.carrier.ack()]).await
 }
 
-/// Tells a stranger how to begin. Reads what it still sends, since closing on unread bytes would lose the text.
+/// Answers an invalid handshake with instructions. Reads the rest that is sent, since closing on unread bytes
+/// would lose the text.
 async fn not_found(core: &Core, mut link: Link) -> Result<(), LinkError> {
     link.write(&[handshake::NOT_FOUND.as_bytes()]).await?;
     link.shutdown().await;
@@ -73,7 +74,7 @@ async fn not_found(core: &Core, mut link: Link) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// Does what a message asks; `true`: the connection ends.
+/// Executes a message; returns `true` if the connection ends.
 async fn respond(
     core: &Arc<Core>,
     link: &mut Link,
@@ -82,7 +83,8 @@ async fn respond(
     incoming: Incoming,
 ) -> Result<bool, LinkError> {
     let Incoming { command, payload } = incoming;
-    let (text, dialect) = (hello.carrier.is_text(), core.network.dialect());
+    let text = hello.carrier.is_text();
+    let dialect = core.network.dialect();
     let payload = if text { Payload::Text(payload.into()) } else { Payload::Binary(payload) };
     let mut reply: Option<Payload> = None;
     let mut lines = String::new();
@@ -97,7 +99,7 @@ async fn respond(
                 Sink::Nothing => {}
             }
         }
-        // What can't be read is an unknown command.
+        // An unreadable command counts as an unknown one.
         Verb::Admin => reply = Some(core.admin(&payload.bottle(dialect).unwrap_or_default()).await.into()),
         Verb::Quit => quits = true,
         Verb::Describe => lines = admin::describe(&core.view()),
@@ -105,15 +107,15 @@ async fn respond(
         Verb::Unknown => lines = admin::NOT_UNDERSTOOD.to_owned(),
         Verb::AddOutput(name) => {
             let how = core.try_add(&Contact::parse(&name)).await;
-            lines = said(&admin::added(&core.name, &name, how));
+            lines = reply_text(&admin::added(&core.name, &name, how));
         }
         Verb::RemoveOutput(name) => {
             let how = if core.remove_output(&name).await { Removed::Output } else { Removed::None };
-            lines = said(&admin::removed(&core.name, &name, how));
+            lines = reply_text(&admin::removed(&core.name, &name, how));
         }
         Verb::RemoveInput(name) => {
             let how = if core.remove_input(&name) { Removed::Input } else { Removed::None };
-            lines = said(&admin::removed(&core.name, &name, how));
+            lines = reply_text(&admin::removed(&core.name, &name, how));
         }
     }
     let ack = hello.carrier.ack();
@@ -135,31 +137,32 @@ async fn respond(
     Ok(quits)
 }
 
-/// A handler's reply that can't be written on this carrier.
+/// Logs a handler's reply that can't be written on this carrier.
 fn unreadable(core: &Core, error: &super::PayloadError) -> &'static [u8] {
     tracing::warn!(port = core.name, %error, "the reply has no form for this carrier");
     b""
 }
 
-/// The sentence of an administrative reply.
-fn said(reply: &crate::Bottle) -> String {
+/// Text of an administrative reply.
+fn reply_text(reply: &crate::Bottle) -> String {
     reply.0.get(1).and_then(|value| value.as_text()).map(|text| text.into_owned()).unwrap_or_default()
 }
 
-/// The longest message in datagrams, bytes; much shorter ones get lost already.
+/// Greatest size of a message in datagrams, bytes; much shorter ones are already lost often.
 const LONGEST_BY_DATAGRAMS: usize = 8 << 20;
 
-/// A sender of datagrams (spec section 18). It comes from the host where its TCP connection came from: from the same
-/// port number, says the specification, but 3.5 built without ACE takes any. So the first good datagram from that host
-/// tells the number, and from then on nobody else is heard.
+/// Receives from a sender of datagrams (spec section 18). It sends from the host of its TCP connection. The
+/// specification requires the same port number, but 3.5 built without ACE uses any. The first valid datagram
+/// from that host therefore determines the number, and other senders are ignored from then on.
 async fn datagrams(
     core: &Arc<Core>,
     mut link: Link,
     hello: &Hello,
     peer: Peer,
-    heard: &Heard,
+    activity: &LastMessage,
 ) -> Result<(), LinkError> {
-    let (local, remote) = (link.stream().local_addr()?, link.stream().peer_addr()?);
+    let local = link.stream().local_addr()?;
+    let remote = link.stream().peer_addr()?;
     let socket = UdpSocket::bind(SocketAddr::new(local.ip(), 0)).await?;
     let admitted = core.admit(peer);
     link.write(&[&handshake::reply(hello, socket.local_addr()?.port())]).await?;
@@ -181,7 +184,7 @@ async fn datagrams(
         let Some(bytes) = assembler.take(datagram, longest) else { continue };
         let Ok(Some(found)) = frame::parse(&bytes, core.options.max_message) else { continue };
         sender = Some(from);
-        heard.now();
+        activity.now();
         let Verb::Data(_) = found.command.verb else { continue };
         let payload = Payload::Binary(Bytes::from(bytes).split_off(found.payload));
         let from = hello.bare().to_owned();

@@ -1,4 +1,4 @@
-//! A connection to one known port without a port of our own, reconnected when asked.
+//! A connection to one given port without a port of our own, reconnected on demand.
 
 use super::dial::{self, TextMessage};
 use super::{PortError, PortOptions, output};
@@ -8,11 +8,11 @@ use std::task::Poll;
 use std::time::Duration;
 use tokio::time::{Sleep, sleep};
 
-const FIRST: Duration = Duration::from_millis(50);
-const LONGEST: Duration = Duration::from_secs(2);
+const MIN_PAUSE: Duration = Duration::from_millis(50);
+const MAX_PAUSE: Duration = Duration::from_secs(2);
 
-/// Holds the connection. Who uses it takes it out and puts it back when all went well, so that work given up in the
-/// middle never leaves a connection out of step.
+/// Holds the connection. A user takes it out and puts it back after success, so that a canceled exchange
+/// never leaves a connection out of step.
 pub(crate) struct Keeper {
     pub network: Network,
     pub options: PortOptions,
@@ -20,7 +20,7 @@ pub(crate) struct Keeper {
     to: Contact,
     own_name: String,
     keep: bool,
-    /// Whether the other side may be tried where it was last.
+    /// True if the last address of the other side may be tried.
     remembers: bool,
     last: Option<Contact>,
     line: Option<TextMessage>,
@@ -41,19 +41,28 @@ impl Keeper {
         Ok(keeper)
     }
 
-    /// Without a connection yet.
+    /// Creates a keeper without a connection.
     pub fn idle(network: &Network, own_name: &str, to: Contact, carrier: Carrier, options: PortOptions) -> Keeper {
-        let own_name = network.full_name(own_name);
-        let (network, keep, remembers, delay) = (network.clone(), false, false, FIRST);
-        let (last, line, pause) = (None, None, None);
-        Keeper { network, options, carrier, to, own_name, keep, remembers, last, line, delay, pause }
+        Keeper {
+            network: network.clone(),
+            options,
+            carrier,
+            to,
+            own_name: network.full_name(own_name),
+            keep: false,
+            remembers: false,
+            last: None,
+            line: None,
+            delay: MIN_PAUSE,
+            pause: None,
+        }
     }
 
     pub fn keep(&mut self) {
         self.keep = true;
     }
 
-    /// Whoever answers where the other side was last is good enough, if the name server does not tell where it is.
+    /// Allows the last address of the other side as a fallback if the name server does not return one.
     pub fn remember(&mut self) {
         self.remembers = true;
     }
@@ -77,8 +86,8 @@ impl Keeper {
         Ok(line)
     }
 
-    /// The connection. A lost one is made anew if asked to [`keep`](Keeper::keep) it, but not before a pause that grows
-    /// from failure to failure.
+    /// Takes the connection. A lost one is re-established if [`keep`](Keeper::keep) was called, but not
+    /// before a pause that grows from failure to failure.
     pub async fn take(&mut self) -> Result<TextMessage, PortError> {
         if let Some(line) = self.line.take() {
             return Ok(line);
@@ -90,27 +99,28 @@ impl Keeper {
             return Err(self.lost("the connection was lost; waiting before the next attempt"));
         }
         self.pause = Some(Box::pin(sleep(self.delay)));
-        self.delay = (self.delay * 2).min(LONGEST);
+        self.delay = (self.delay * 2).min(MAX_PAUSE);
         self.dial().await
     }
 
-    /// Whether it is too early for another attempt. A sleep that nobody polls never ends, so it is polled.
+    /// True if it is too early for another attempt. An unpolled sleep never ends, so it is polled here.
     async fn is_pausing(&mut self) -> bool {
         let Some(pause) = &mut self.pause else { return false };
         std::future::poll_fn(|cx| Poll::Ready(pause.as_mut().poll(cx).is_pending())).await
     }
 
-    /// Waits until it is time to try again, if there is need.
+    /// Waits until the next attempt is allowed, if there is no connection.
     pub async fn pause(&mut self) {
         if let (None, Some(pause)) = (&self.line, &mut self.pause) {
             pause.as_mut().await;
         }
     }
 
-    /// Gives the connection back after success: if it is lost, or given up, the first new attempt is made at once.
+    /// Puts the connection back after success: if it is lost or canceled later, the first new attempt is made
+    /// at once.
     pub fn put(&mut self, line: TextMessage) {
         self.line = Some(line);
-        (self.delay, self.pause) = (FIRST, None);
+        (self.delay, self.pause) = (MIN_PAUSE, None);
     }
 
     /// Ends the connection in order.

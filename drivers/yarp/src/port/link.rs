@@ -1,4 +1,4 @@
-//! A TCP connection with what has arrived of the next message, and limits on everything.
+//! A TCP connection with a buffer of the next message, and limits on all resources.
 
 use super::PortOptions;
 use crate::wire::{Carrier, FrameError, LineError, TextCommand, frame, line};
@@ -10,7 +10,7 @@ use tokio::net::TcpStream;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
-/// Why a connection ended.
+/// Reason why a connection ended.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum LinkError {
     #[error("{0}")]
@@ -31,7 +31,7 @@ pub(crate) enum LinkError {
     Reply(crate::DecodeError),
 }
 
-/// A message as it came over a link.
+/// A message as received.
 #[derive(Debug)]
 pub(crate) struct Incoming {
     pub command: TextCommand,
@@ -43,30 +43,36 @@ pub(crate) struct Link {
     buffer: BytesMut,
     scanner: line::Scanner,
     write_limit: Duration,
-    /// Room for long messages, shared with other connections of the port, and what of it is taken.
+    /// Memory for long messages, shared with other connections of the port, and the part in use.
     budget: Option<Arc<Semaphore>>,
     taken: Option<OwnedSemaphorePermit>,
 }
 
-/// How much of a message is not counted against the budget, KiB.
+/// Part of a message that is not counted against the budget, KiB.
 const FREE: usize = 1024;
 
-/// The longest reply as text, bytes.
+/// Greatest size of a text reply, bytes.
 const MAX_LINE: usize = 4 << 20;
 
-/// The least that is read at a time.
+/// Least number of bytes reserved for a read.
 const STEP: usize = 4096;
 
-/// The most room that is made for what a peer only announced.
+/// Greatest number of bytes reserved for a message that a peer has only announced.
 const CREDIT: usize = 256 << 10;
 
 impl Link {
     pub fn new(stream: TcpStream, options: &PortOptions) -> Link {
-        let (buffer, scanner, write_limit) = (BytesMut::new(), line::Scanner::default(), options.write);
-        Link { stream, buffer, scanner, write_limit, budget: None, taken: None }
+        Link {
+            stream,
+            buffer: BytesMut::new(),
+            scanner: line::Scanner::default(),
+            write_limit: options.write,
+            budget: None,
+            taken: None,
+        }
     }
 
-    /// With this room (KiB) for long messages, shared with others.
+    /// Sets the memory (KiB) for long messages, shared with others.
     pub fn within(self, budget: &Arc<Semaphore>) -> Link {
         Link { budget: Some(budget.clone()), ..self }
     }
@@ -79,13 +85,13 @@ impl Link {
         &mut self.stream
     }
 
-    /// Reads on; the buffer at most doubles, whatever the peer claims to send. Cancel safe.
+    /// Reads more bytes. The buffer at most doubles, independent of the length announced. Cancel safe.
     pub async fn fill(&mut self) -> Result<(), LinkError> {
         self.fill_for(0).await
     }
 
-    /// As [`Link::fill`], for so many bytes still to come: room for them is made at once, if they are no more than
-    /// [`CREDIT`], so that a picture is read without moving what there is.
+    /// As [`Link::fill`], for this number of missing bytes. Up to [`CREDIT`] they are reserved at once, so
+    /// that an image is read without moving the buffer.
     async fn fill_for(&mut self, missing: usize) -> Result<(), LinkError> {
         self.buffer.reserve(STEP.max(self.buffer.len()).max(missing.min(CREDIT)));
         match self.stream.read_buf(&mut self.buffer).await? {
@@ -94,14 +100,15 @@ impl Link {
         }
     }
 
-    /// Takes room for what has arrived beyond the free part.
+    /// Acquires memory for bytes beyond the free part.
     fn account(&mut self) -> Result<(), LinkError> {
         let Some(budget) = &self.budget else { return Ok(()) };
-        let (size, taken) = (self.buffer.len() >> 10, self.taken.as_ref().map_or(0, OwnedSemaphorePermit::num_permits));
+        let size = self.buffer.len() >> 10;
+        let taken = self.taken.as_ref().map_or(0, OwnedSemaphorePermit::num_permits);
         if size <= FREE + taken {
             return Ok(());
         }
-        // Twice what is needed, like the buffer itself; so this is done seldom.
+        // Acquires twice what is needed, like the buffer itself, so that this is rare.
         let more = u32::try_from(size).map_err(|_| LinkError::Crowded)?;
         let more = budget.clone().try_acquire_many_owned(more).map_err(|_| LinkError::Crowded)?;
         match &mut self.taken {
@@ -111,7 +118,7 @@ impl Link {
         Ok(())
     }
 
-    /// Reads until `parse` has an item. Cancel safe: what has arrived stays.
+    /// Reads until `parse` returns an item. Cancel safe: received bytes are retained.
     pub async fn take<T, E: Into<LinkError>>(
         &mut self,
         mut parse: impl FnMut(&[u8]) -> Result<Option<(T, usize)>, E>,
@@ -125,7 +132,8 @@ impl Link {
         }
     }
 
-    /// The next message, which must be whole `limit` after its first byte; it may begin any time. Cancel safe.
+    /// Receives the next message, which must be complete `limit` after its first byte but may begin at any
+    /// time. Cancel safe.
     pub async fn message(&mut self, carrier: Carrier, max: usize, limit: Duration) -> Result<Incoming, LinkError> {
         if self.buffer.is_empty() {
             self.buffer = BytesMut::new();
@@ -157,7 +165,7 @@ impl Link {
         }
     }
 
-    /// Reads lines until one is `<ACK>`; others are thrown away.
+    /// Reads and discards lines until one is `<ACK>`.
     pub async fn ack_line(&mut self) -> Result<(), LinkError> {
         while self.line().await? != b"<ACK>" {}
         Ok(())
@@ -174,7 +182,7 @@ impl Link {
         .await
     }
 
-    /// Reads and throws away what comes, until the peer closes. Cancel safe.
+    /// Reads and discards bytes until the peer closes. Cancel safe.
     pub async fn until_closed(&mut self) -> LinkError {
         loop {
             self.buffer.clear();
@@ -184,9 +192,9 @@ impl Link {
         }
     }
 
-    /// Writes pieces one after the other; a peer that reads nothing for a while is given up.
+    /// Writes pieces one after the other; fails if the peer reads nothing for too long.
     pub async fn write(&mut self, pieces: &[&[u8]]) -> Result<(), LinkError> {
-        // Short ones go together, so that they leave in one packet.
+        // Short pieces are joined, so that they leave in one packet.
         let joined: Vec<u8>;
         let together;
         let pieces = if pieces.iter().map(|piece| piece.len()).sum::<usize>() <= 1 << 14 {
@@ -209,7 +217,7 @@ impl Link {
         Ok(())
     }
 
-    /// Says that nothing more is written.
+    /// Closes the sending side.
     pub async fn shutdown(&mut self) {
         let _ = timeout(self.write_limit, self.stream.shutdown()).await;
     }

@@ -1,4 +1,4 @@
-//! The life of a port: it listens, registers, accepts, and ends in order.
+//! Life cycle of a port: it listens, registers, accepts, and ends in order.
 
 use super::core::{Core, Sink};
 use super::slot::Delivery;
@@ -13,7 +13,7 @@ use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
 
-/// How long a port that has the name may take to close, in looks and their distance.
+/// Time that another port with the name may take to close, as a number of checks and their interval.
 const CLOSES: (u32, Duration) = (5, Duration::from_millis(100));
 
 /// An open port. Dropping it closes it in the background.
@@ -43,7 +43,7 @@ impl Handle {
         let contact = match network.register(&name, &network.host(), number).await {
             Ok(contact) => contact,
             Err(error) => {
-                // a name server of ours refuses a name that another port got since it was free
+                // our name server refuses a name that another port has registered since the check
                 check_free(network, &name).await?;
                 return Err(error.into());
             }
@@ -51,7 +51,7 @@ impl Handle {
         let core = Arc::new(Core::new(network, contact, sink, delivery, options));
         let listener = Some(tokio::spawn(listen_loop(core.clone(), listener)));
         let handle = Handle { core, listener };
-        // Persistent connections are a courtesy of the name server; without them the port is open all the same.
+        // Persistent connections are optional; without them the port is open nevertheless.
         if let Err(error) = network.announce(&handle.core.name).await {
             tracing::debug!(port = handle.core.name, %error, "not announced");
         }
@@ -67,11 +67,11 @@ impl Handle {
     }
 }
 
-/// Checks that no other port has this name: the original's name server gives any name to the last that requests it. A port
-/// that is closing gets a moment.
+/// Checks that no other port has this name, because the original's name server gives any name to the last
+/// port that requests it. A port that is closing gets some time.
 ///
 /// # Errors
-/// The port that has it; or the name server can't be queried.
+/// Another port has the name; or the name server can't be queried.
 pub async fn check_free(network: &Network, name: &str) -> Result<(), PortError> {
     for look in 1.. {
         let Some(other) = network.query(name).await? else { break };
@@ -116,13 +116,13 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
     drop(listener);
     renewal.abort();
     core.end_outputs().await;
-    // Inputs end by themselves when they see the port closing.
+    // Inputs end by themselves when they detect that the port closes.
     let _ = timeout(core.options.write, async { while inputs.ended().await.is_some() {} }).await;
     inputs.shutdown().await;
     if let Sink::Inbox(inbox) = &core.sink {
         inbox.close();
     }
-    // Who has taken the name in the meantime keeps it.
+    // a port that has taken the name since then keeps it
     let unregistered = match core.network.query(&core.name).await {
         Ok(Some(found)) if (&found.host, found.port) == (&core.contact.host, core.contact.port) => {
             core.network.unregister(&core.name).await
@@ -135,7 +135,7 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
     }
 }
 
-/// Calls the roll from time to time, so that the port stays known.
+/// Renews the registration periodically.
 async fn renew(core: Arc<Core>) {
     loop {
         sleep(core.options.renew).await;

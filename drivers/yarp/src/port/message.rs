@@ -1,20 +1,20 @@
-//! A message as owners of ports see it.
+//! Messages, as owners of ports handle them.
 
 use crate::{Bottle, DecodeError, Dialect, Stamp, TextError};
 use bytes::Bytes;
 
-/// The content of a message. Connections carry it in binary or as text; which one decides only how it is written.
+/// Content of a message. A connection transports it in binary or as text, which only determines its encoding.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Payload {
     /// Bytes of a binary carrier: a bottle or another object (spec section 11), in some dialect.
     Binary(Bytes),
     /// Bottle text of a text carrier.
     Text(Vec<u8>),
-    /// A bottle not yet written.
+    /// A bottle that is not encoded yet.
     Bottle(Bottle),
 }
 
-/// A payload that is no bottle.
+/// A payload that is not a bottle.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PayloadError {
     /// Malformed bytes.
@@ -26,10 +26,10 @@ pub enum PayloadError {
 }
 
 impl Payload {
-    /// The content as a bottle.
+    /// Decodes the content as a bottle.
     ///
     /// # Errors
-    /// The content is no bottle; the error says where.
+    /// The content is not a bottle; the error gives the position.
     pub fn bottle(&self, dialect: Dialect) -> Result<Bottle, PayloadError> {
         Ok(match self {
             Payload::Binary(bytes) => Bottle::decode(bytes, dialect)?,
@@ -38,10 +38,10 @@ impl Payload {
         })
     }
 
-    /// The bytes for a binary carrier.
+    /// Bytes for a binary carrier.
     ///
     /// # Errors
-    /// The content is text that is no bottle.
+    /// The content is text that is not a bottle.
     pub fn binary(&self, dialect: Dialect) -> Result<Bytes, PayloadError> {
         Ok(match self {
             Payload::Binary(bytes) => bytes.clone(),
@@ -50,10 +50,10 @@ impl Payload {
         })
     }
 
-    /// The line for a text carrier.
+    /// Line for a text carrier.
     ///
     /// # Errors
-    /// The content is bytes that are no bottle.
+    /// The content is bytes that are not a bottle.
     pub fn text(&self, dialect: Dialect) -> Result<Vec<u8>, PayloadError> {
         Ok(match self {
             Payload::Binary(bytes) => Bottle::decode(bytes, dialect)?.to_text(),
@@ -87,18 +87,18 @@ impl From<Vec<u8>> for Payload {
     }
 }
 
-/// A message as it came.
+/// A message as received.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Message {
     /// The content.
     pub payload: Payload,
     /// The envelope, usually a [`Stamp`] as text.
     pub envelope: Option<String>,
-    /// The sender's name without modifiers.
+    /// Name of the sender without modifiers.
     pub from: String,
-    /// Which connection it came on: unique within the process.
+    /// Number of the connection, unique within the process.
     pub connection: u64,
-    /// Whether the sender waits for a reply (`d` instead of `D`).
+    /// True if the sender waits for a reply (`d` instead of `D`).
     pub wants_reply: bool,
 }
 

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use tokio::time::timeout;
 
-/// What an output needs to work.
+/// Parameters of an output.
 pub(crate) struct Job {
     pub core: Arc<Core>,
     pub id: u64,
@@ -20,8 +20,8 @@ pub(crate) struct Job {
     pub slot: Arc<Slot>,
 }
 
-/// Sends what the slot holds until it is told to quit or the other side is gone. After a stuck acknowledgement it
-/// connects anew once; a second one without success between ends it.
+/// Sends the packets of the slot until it has to quit or the other side is gone. After a missing
+/// acknowledgment it reconnects once; a second one without success in between ends it.
 pub(crate) async fn run(job: Job, mut line: TextMessage) {
     let Job { core, to, carrier, slot, .. } = &job;
     let mut retry = true;
@@ -55,7 +55,7 @@ pub(crate) async fn run(job: Job, mut line: TextMessage) {
     core.forget_output(job.id);
 }
 
-/// Sends until told to quit.
+/// Sends until the slot has to quit.
 async fn serve(
     core: &Core,
     carrier: Carrier,
@@ -80,7 +80,7 @@ async fn serve(
     }
 }
 
-/// Sends one message and waits for its acknowledgement; `false`: it has no form for this carrier.
+/// Sends one message and waits for its acknowledgment; `false` if it has no form for this carrier.
 pub(crate) async fn send(
     line: &mut TextMessage,
     carrier: Carrier,
@@ -105,7 +105,8 @@ pub(crate) async fn send(
             let Some(bytes) = packet.binary(dialect) else { return Ok(false) };
             let message = [&frame::encode(key, envelope, bytes.len()), bytes].concat();
             for piece in datagram::split(&message) {
-                // Nobody listening shows as an error of a later send: datagrams get lost, that is their nature.
+                // A missing listener shows as an error of a later send; it is ignored, because datagrams may
+                // get lost anyway.
                 let _ = timeout(options.write, socket.send(&piece)).await;
                 tokio::task::yield_now().await;
             }
@@ -114,7 +115,7 @@ pub(crate) async fn send(
     Ok(true)
 }
 
-/// Waits for an acknowledgement, if the carrier has them.
+/// Waits for an acknowledgment, if the carrier has them.
 pub(crate) async fn acknowledged(link: &mut Link, carrier: Carrier, options: &PortOptions) -> Result<(), LinkError> {
     let late = |_| LinkError::Late(options.ack, "an acknowledgement");
     match carrier {
@@ -141,7 +142,7 @@ pub(crate) async fn leave(
     }
 }
 
-/// Says quit and waits for the acknowledgement.
+/// Sends quit and waits for the acknowledgment.
 async fn leave_stream(link: &mut Link, carrier: Carrier, options: &PortOptions) -> Result<(), LinkError> {
     let quit = if carrier.is_text() { b"q\r\n".to_vec() } else { frame::quit() };
     link.write(&[&quit]).await?;
@@ -150,7 +151,7 @@ async fn leave_stream(link: &mut Link, carrier: Carrier, options: &PortOptions) 
     Ok(())
 }
 
-/// Tells a reader of datagrams out of band that no more will come.
+/// Notifies a reader of datagrams out of band that no more will follow.
 async fn leave_datagrams(
     network: &Network,
     options: &PortOptions,

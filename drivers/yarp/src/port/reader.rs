@@ -1,4 +1,4 @@
-//! Ports that take data.
+//! Ports that receive data.
 
 use super::core::{Core, Sink};
 use super::inbox::{Inbox, Queue};
@@ -7,7 +7,7 @@ use super::{Message, PortError, PortOptions};
 use crate::{Carrier, Contact, Network, remote};
 use std::sync::Arc;
 
-/// A port that takes data from whoever connects to it.
+/// A port that receives data from any port that connects to it.
 pub struct InputPort {
     handle: Handle,
     inbox: Arc<Inbox>,
@@ -37,17 +37,17 @@ impl InputPort {
         Ok(InputPort { handle, inbox })
     }
 
-    /// The next message; `None` when the port is closed. Cancel safe.
+    /// Receives the next message; `None` when the port is closed. Cancel safe.
     pub async fn recv(&mut self) -> Option<Message> {
         self.inbox.take().await
     }
 
-    /// The next message if there is one now.
+    /// Next message if there is one now.
     pub fn try_recv(&mut self) -> Option<Message> {
         self.inbox.try_take().flatten()
     }
 
-    /// Asks the port `source` to send its data here (`[add]`, spec section 8).
+    /// Requests the port `source` to send its data here (`[add]`, spec section 8).
     ///
     /// # Errors
     /// The other port is unknown or not reachable, or it refuses.
@@ -56,12 +56,12 @@ impl InputPort {
         Ok(())
     }
 
-    /// The port's name, as registered.
+    /// Name of the port, as registered.
     pub fn name(&self) -> &str {
         &self.handle.core.name
     }
 
-    /// Where the port listens.
+    /// Address of the port.
     pub fn contact(&self) -> &Contact {
         &self.handle.core.contact
     }
@@ -71,12 +71,12 @@ impl InputPort {
         &self.handle.core
     }
 
-    /// Who is connected to this port.
+    /// Names of the ports connected to this one.
     pub fn peers(&self) -> Vec<String> {
         self.handle.core.view().inputs.into_iter().map(|peer| peer.name).collect()
     }
 
-    /// How many messages were dropped because newer ones came before they were taken.
+    /// Number of messages dropped because newer ones arrived before they were read.
     pub fn dropped(&self) -> u64 {
         self.inbox.dropped()
     }

@@ -1,4 +1,4 @@
-//! Ports that both take and publish data, under one name.
+//! Ports that both receive and publish data, under one name.
 
 use super::core::Sink;
 use super::inbox::{Inbox, Queue};
@@ -8,7 +8,7 @@ use super::{Message, Payload, PortError, PortOptions};
 use crate::{Carrier, Contact, Network, remote};
 use std::sync::Arc;
 
-/// A port that passes on what it is given, changed or not, to whoever it is connected to.
+/// A port that passes on messages, changed or not, to the ports it is connected to.
 pub struct Relay {
     handle: Handle,
     inbox: Arc<Inbox>,
@@ -26,17 +26,17 @@ impl Relay {
         Ok(Relay { handle, inbox })
     }
 
-    /// The next message; `None` when the port is closed. Cancel safe.
+    /// Receives the next message; `None` when the port is closed. Cancel safe.
     pub async fn recv(&mut self) -> Option<Message> {
         self.inbox.take().await
     }
 
-    /// Publishes a message. Never waits: every connection has its own queue and task.
+    /// Publishes a message. Never blocks: every connection has its own queue and task.
     pub fn write(&self, payload: impl Into<Payload>, envelope: Option<String>) {
         self.handle.core.publish(Arc::new(Packet::new(payload.into(), envelope)));
     }
 
-    /// Asks the port `source` to send its data here (`[add]`, spec section 8).
+    /// Requests the port `source` to send its data here (`[add]`, spec section 8).
     ///
     /// # Errors
     /// The other port is unknown or not reachable, or it refuses.
@@ -45,7 +45,7 @@ impl Relay {
         Ok(())
     }
 
-    /// Where the port listens.
+    /// Address of the port.
     pub fn contact(&self) -> &Contact {
         &self.handle.core.contact
     }

@@ -7,12 +7,12 @@ use crate::{Contact, Network};
 use std::pin::Pin;
 use std::sync::Arc;
 
-/// Who answers the requests that come to an [`RpcServer`]. Each connection's requests come one after the other;
-/// different connections come at the same time.
+/// Handler of the requests to an [`RpcServer`]. Requests of one connection are sequential; those of different
+/// connections are concurrent.
 pub trait Handler: Send + Sync + 'static {
-    /// Answers a request. `None` acknowledges without a reply, which leaves an RPC client without one: answer always.
-    /// Data whose sender wants no reply comes here too. The future is dropped when the port closes or the connection is
-    /// removed, and runs to its end if the other side merely goes away.
+    /// Answers a request. `None` acknowledges without a reply, which an RPC client treats as an error: always
+    /// answer. Data whose sender wants no reply is passed here too. The future is dropped when the port
+    /// closes or the connection is removed, and runs to its end if the other side merely disconnects.
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>>;
 
     /// A connection ended.
@@ -46,17 +46,17 @@ impl RpcServer {
         Ok(RpcServer { handle: Handle::open(network, name, Sink::Handler(handler), None, options).await? })
     }
 
-    /// The port's name, as registered.
+    /// Name of the port, as registered.
     pub fn name(&self) -> &str {
         &self.handle.core.name
     }
 
-    /// Where the port listens.
+    /// Address of the port.
     pub fn contact(&self) -> &Contact {
         &self.handle.core.contact
     }
 
-    /// Who is connected.
+    /// Names of the connected ports.
     pub fn peers(&self) -> Vec<String> {
         self.handle.core.view().inputs.into_iter().map(|peer| peer.name).collect()
     }

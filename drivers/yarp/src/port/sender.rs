@@ -1,11 +1,11 @@
-//! One-way output to a known port.
+//! One-way output to a given port.
 
 use super::keeper::Keeper;
 use super::slot::Packet;
 use super::{Payload, PortError, PortOptions, output};
 use crate::{Carrier, Contact, Network};
 
-/// Why a message was not sent.
+/// Reason why a message was not sent.
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
     /// No connection, and none could be made.
@@ -16,7 +16,7 @@ pub enum SendError {
     Broken {
         /// The port.
         to: String,
-        /// What went wrong.
+        /// Description of the error.
         why: String,
     },
     /// The payload has no form for the carrier.
@@ -24,7 +24,7 @@ pub enum SendError {
     Form(Carrier),
 }
 
-/// A one-way output to a known port, without a port of its own.
+/// One-way output to a given port, without a port of its own.
 pub struct Sender {
     keeper: Keeper,
 }
@@ -33,7 +33,7 @@ impl Sender {
     /// Connects to a port by its name or URI, as `own_name`.
     ///
     /// # Errors
-    /// It is unknown or not reachable.
+    /// The port is unknown or not reachable.
     pub async fn connect(network: &Network, own_name: &str, to: &str, carrier: Carrier) -> Result<Sender, PortError> {
         Sender::connect_with(network, own_name, to, carrier, PortOptions::default()).await
     }
@@ -41,7 +41,7 @@ impl Sender {
     /// Connects with options.
     ///
     /// # Errors
-    /// It is unknown or not reachable.
+    /// The port is unknown or not reachable.
     pub async fn connect_with(
         network: &Network,
         own_name: &str,
@@ -53,22 +53,23 @@ impl Sender {
         Ok(Sender { keeper })
     }
 
-    /// A sender that need not be connected yet and connects anew after every loss: with pauses between attempts that
-    /// grow up to 2 s. While it pauses, [`send`](Sender::send) fails at once.
+    /// Creates a sender that is not connected yet and reconnects after every loss, with pauses between
+    /// attempts that grow up to 2 s. During a pause, [`send`](Sender::send) fails at once.
     pub fn keep(network: &Network, own_name: &str, to: &str, carrier: Carrier) -> Sender {
         let mut keeper = Keeper::idle(network, own_name, Contact::parse(to), carrier, PortOptions::default());
         keeper.keep();
         Sender { keeper }
     }
 
-    /// Sends a message and waits for its acknowledgement, if the carrier has one.
+    /// Sends a message and waits for its acknowledgment, if the carrier has one.
     ///
     /// # Errors
     /// No connection, a connection that broke, or a payload without a form for the carrier.
     pub async fn send(&mut self, payload: impl Into<Payload>, envelope: Option<String>) -> Result<(), SendError> {
         let packet = Packet::new(payload.into(), envelope);
         let mut line = self.keeper.take().await?;
-        let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
+        let carrier = self.keeper.carrier;
+        let dialect = self.keeper.network.dialect();
         match output::send(&mut line, carrier, b'D', &packet, dialect, &self.keeper.options).await {
             Ok(formed) => {
                 self.keeper.put(line);
@@ -78,12 +79,12 @@ impl Sender {
         }
     }
 
-    /// Waits until a lost connection may be tried again; at once if there is one.
+    /// Waits until a lost connection may be retried; returns at once if connected.
     pub async fn pause(&mut self) {
         self.keeper.pause().await;
     }
 
-    /// Whether there is a connection, as far as is known without sending.
+    /// True if there is a connection, as far as can be determined without sending.
     pub fn is_connected(&self) -> bool {
         self.keeper.is_connected()
     }

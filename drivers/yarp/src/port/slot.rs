@@ -1,4 +1,4 @@
-//! What an output has yet to send.
+//! Queue of an output's unsent messages.
 
 use super::{Payload, lock};
 use crate::Dialect;
@@ -11,22 +11,24 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-/// How long a message may wait before a newer one replaces it: a process that the machine held up for some milliseconds loses nothing of
-/// a stream at 1 kHz, as the real library loses nothing by letting its writer wait.
+/// Time that a message may wait before a newer one replaces it: a process that the machine delays for some
+/// milliseconds loses nothing of a stream at 1 kHz, like the real library, which blocks its writer.
 const HICCUP: Duration = Duration::from_millis(20);
-/// How many may wait so.
-const MOST: usize = 32;
+/// Largest number of messages that wait in this way.
+const MAX_WAITING: usize = 32;
 
-/// What a writer does about connections that are slower than it writes.
+/// Policy for connections that are slower than the writer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// The newest unsent message replaces those that have waited for more than 20 ms; they are dropped and counted.
+    /// The newest unsent message replaces those that have waited for more than 20 ms; they are dropped and
+    /// counted.
     Newest,
-    /// Up to so many (at least 1) wait per connection, in order; what comes beyond is dropped and counted.
+    /// Up to this number (at least 1) wait per connection, in order; further messages are dropped and
+    /// counted.
     Strict(usize),
 }
 
-/// A message to be sent, written at most once in each form however many connections there are.
+/// A message to be sent, encoded at most once in each form for all connections.
 pub(crate) struct Packet {
     pub payload: Payload,
     pub envelope: Option<String>,
@@ -39,18 +41,18 @@ impl Packet {
         Packet { payload, envelope, binary: OnceLock::new(), text: OnceLock::new() }
     }
 
-    /// The payload for binary carriers; `None` if it has no such form.
+    /// Payload for binary carriers; `None` if it has no such form.
     pub fn binary(&self, dialect: Dialect) -> Option<&[u8]> {
         self.binary.get_or_init(|| self.payload.binary(dialect).ok()).as_deref()
     }
 
-    /// The payload for text carriers; `None` if it has no such form.
+    /// Payload for text carriers; `None` if it has no such form.
     pub fn text(&self, dialect: Dialect) -> Option<&[u8]> {
         self.text.get_or_init(|| self.payload.text(dialect).ok()).as_deref()
     }
 }
 
-/// The queue between a writer and one of its connections.
+/// Queue between a writer and one of its connections.
 pub(crate) struct Slot {
     delivery: Delivery,
     state: Mutex<State>,
@@ -61,9 +63,9 @@ pub(crate) struct Slot {
 
 #[derive(Default)]
 struct State {
-    /// Each with when it was put in.
+    /// Packets, each with the time at which it was added.
     packets: VecDeque<(Instant, Arc<Packet>)>,
-    /// A packet was taken and is not yet sent and acknowledged.
+    /// True if a packet was taken that is not sent and acknowledged yet.
     busy: bool,
     quit: bool,
     closed: bool,
@@ -74,17 +76,18 @@ impl Slot {
         Slot { delivery, state: Mutex::default(), bell: Notify::new(), idle: Notify::new(), dropped }
     }
 
-    /// Puts a packet in; never waits.
+    /// Adds a packet; never blocks.
     pub fn put(&self, packet: Arc<Packet>) {
         let mut state = lock(&self.state);
         if state.quit || state.closed {
             return;
         }
-        let (now, before) = (clock::now(), state.packets.len());
+        let now = clock::now();
+        let before = state.packets.len();
         match self.delivery {
             Delivery::Newest => {
                 let old = |since: &Instant| now.duration_since(*since) > HICCUP;
-                while state.packets.front().is_some_and(|(since, _)| old(since)) || state.packets.len() >= MOST {
+                while state.packets.front().is_some_and(|(since, _)| old(since)) || state.packets.len() >= MAX_WAITING {
                     state.packets.pop_front();
                 }
                 let dropped = before - state.packets.len();
@@ -100,8 +103,8 @@ impl Slot {
         self.bell.notify_one();
     }
 
-    /// The next packet; `None` when the connection shall quit and all is sent. What was taken before counts as sent.
-    /// Cancel safe.
+    /// Takes the next packet; `None` when the connection has to quit and all packets are sent. The packet
+    /// taken before counts as sent. Cancel safe.
     pub async fn take(&self) -> Option<Arc<Packet>> {
         loop {
             let rings = self.bell.notified();
@@ -119,13 +122,13 @@ impl Slot {
         }
     }
 
-    /// Asks the connection to send what waits and then to quit.
+    /// Requests the connection to send its queue and then to quit.
     pub fn quit(&self) {
         lock(&self.state).quit = true;
         self.bell.notify_one();
     }
 
-    /// The connection is gone: forget what waits.
+    /// Discards the queue, because the connection is gone.
     pub fn close(&self) {
         let mut state = lock(&self.state);
         state.closed = true;
@@ -156,8 +159,8 @@ mod tests {
     use super::*;
     use crate::Bottle;
 
-    /// Which of the messages of a stream at 1 kHz are sent after a connection was held up for so many milliseconds, and how many
-    /// were dropped.
+    /// Messages of a stream at 1 kHz that are sent after the connection was blocked for this time, ms, and the
+    /// number of dropped ones.
     async fn held_up(ms: i32) -> (Vec<i32>, u64) {
         let dropped = Arc::new(AtomicU64::new(0));
         let slot = Slot::new(Delivery::Newest, dropped.clone());

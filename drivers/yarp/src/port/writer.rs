@@ -8,7 +8,8 @@ use crate::{Carrier, Contact, Network};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// A port that publishes data to whoever it is connected to. It listens too, since others connect it by asking it.
+/// A port that publishes data to the ports it is connected to. It also listens, since others request
+/// connections from it.
 pub struct OutputPort {
     handle: Handle,
 }
@@ -35,12 +36,12 @@ impl OutputPort {
         Ok(OutputPort { handle: Handle::open(network, name, Sink::Nothing, Some(delivery), options).await? })
     }
 
-    /// Publishes a message. Never waits: every connection has its own queue and task.
+    /// Publishes a message. Never blocks: every connection has its own queue and task.
     pub fn write(&self, payload: impl Into<Payload>, envelope: Option<String>) {
         self.handle.core.publish(Arc::new(Packet::new(payload.into(), envelope)));
     }
 
-    /// Waits until every connection has sent (and had acknowledged) what was written before.
+    /// Waits until every connection has sent all earlier messages and received their acknowledgments.
     pub async fn drained(&self) {
         self.handle.core.drained().await;
     }
@@ -48,7 +49,7 @@ impl OutputPort {
     /// Connects to a port by its name or URI.
     ///
     /// # Errors
-    /// It is unknown or not reachable.
+    /// The port is unknown or not reachable.
     pub async fn connect(&self, to: &str, carrier: Carrier) -> Result<(), PortError> {
         let contact = Contact { carrier: carrier.name().into(), ..Contact::parse(to) };
         self.handle.core.add(&contact).await
@@ -59,23 +60,23 @@ impl OutputPort {
         self.handle.core.remove_output(to).await
     }
 
-    /// The port's name, as registered.
+    /// Name of the port, as registered.
     pub fn name(&self) -> &str {
         &self.handle.core.name
     }
 
-    /// Where the port listens.
+    /// Address of the port.
     pub fn contact(&self) -> &Contact {
         &self.handle.core.contact
     }
 
-    /// Who this port is connected to.
+    /// Names of the ports that this one is connected to.
     pub fn peers(&self) -> Vec<String> {
         self.handle.core.view().outputs.into_iter().map(|peer| peer.name).collect()
     }
 
-    /// How many messages were dropped for single connections because newer ones came first, or because they can't be
-    /// written on the connection's carrier.
+    /// Number of messages dropped for single connections, because newer ones came first, or because they
+    /// can't be encoded for the connection's carrier.
     pub fn dropped(&self) -> u64 {
         self.handle.core.dropped.load(Ordering::Relaxed)
     }

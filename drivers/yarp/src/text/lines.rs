@@ -1,8 +1,9 @@
-//! Messages of several lines: a line that ends in a backslash, or in an open quote, parenthesis or brace, goes on.
+//! Messages of several lines: a line that ends in a backslash, or in an open quote, parenthesis or brace, is
+//! continued.
 
 use super::TextError;
 
-/// Where the reading of a text stands: what is open.
+/// Parser state of a text: open quotes and brackets.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Open {
     quoted: bool,
@@ -12,7 +13,7 @@ pub(super) struct Open {
 }
 
 impl Open {
-    /// Takes the next byte; true if it stands for itself, being escaped.
+    /// Processes the next byte; true if it is literal, because it is escaped.
     pub fn take(&mut self, byte: u8) -> bool {
         if self.escaped {
             self.escaped = false;
@@ -31,18 +32,18 @@ impl Open {
         false
     }
 
-    /// Does the next byte stand for itself?
+    /// True if the next byte is literal.
     pub fn escaped(&self) -> bool {
         self.escaped
     }
 
-    /// Is nothing open?
+    /// True if nothing is open.
     pub fn closed(&self) -> bool {
         !self.quoted && self.round == 0 && self.curly == 0
     }
 }
 
-/// Is the message over at the end of this line?
+/// True if the message ends with this line.
 pub fn is_complete(line: &[u8]) -> bool {
     let mut open = Open::default();
     for byte in line {
@@ -51,7 +52,7 @@ pub fn is_complete(line: &[u8]) -> bool {
     open.closed() && line.last() != Some(&b'\\')
 }
 
-/// Joins lines to messages, without reading any byte twice.
+/// Joins lines to messages, without processing any byte twice.
 #[derive(Clone, Debug, Default)]
 pub struct LineJoiner {
     text: Vec<u8>,
@@ -60,10 +61,10 @@ pub struct LineJoiner {
 }
 
 impl LineJoiner {
-    /// Takes a line, without its line end. Gives the message when it is complete.
+    /// Adds a line, without its line end. Returns the message when it is complete.
     ///
     /// # Errors
-    /// If the message gets longer than `limit` bytes; what there was is dropped.
+    /// The message gets longer than `limit` bytes; it is discarded.
     pub fn push(&mut self, line: &[u8], limit: usize) -> Result<Option<Vec<u8>>, TextError> {
         if self.text.len() + line.len() >= limit {
             *self = LineJoiner::default();
@@ -88,7 +89,7 @@ impl LineJoiner {
         Ok(None)
     }
 
-    /// Has a message begun that is not complete?
+    /// True if a message has begun that is not complete.
     pub fn is_open(&self) -> bool {
         self.going_on || !self.text.is_empty()
     }

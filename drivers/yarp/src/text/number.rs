@@ -1,8 +1,8 @@
-//! Numbers as C prints and reads them.
+//! Printing and parsing of numbers as in C.
 
 use crate::Value;
 
-/// A float as bottles print it: `%.21g`, with `.0` behind what would look like an integer.
+/// Prints a float as bottles do: `%.21g`, with `.0` appended to numbers that look like integers.
 pub fn print_float(x: f64) -> String {
     if x.is_nan() {
         return "nan".into();
@@ -14,7 +14,7 @@ pub fn print_float(x: f64) -> String {
     text
 }
 
-/// A float as C prints it by `%.{digits}g`: so many significant digits, without the zeros at the end.
+/// Prints a float as C's `%.{digits}g` does: with this number of significant digits, without trailing zeros.
 pub fn general(x: f64, digits: usize) -> String {
     if !x.is_finite() {
         return if x.is_nan() {
@@ -49,7 +49,7 @@ pub fn general(x: f64, digits: usize) -> String {
     format!("{sign}{whole}{point}{rest}")
 }
 
-/// What a token is as a number; `None` if it is none but a string.
+/// Parses a token as a number; `None` if it is a string.
 pub(super) fn parse(token: &[u8]) -> Option<Value> {
     let text = std::str::from_utf8(token).ok()?;
     match text {
@@ -69,8 +69,8 @@ pub(super) fn parse(token: &[u8]) -> Option<Value> {
     Some(i32::try_from(integer).map_or(Value::Int64(integer), Value::Int32))
 }
 
-/// Does it look like a float, or like an integer? `None` if it does not look like a number. YARP looks at the letters
-/// only, so that `1-2`, `-` and `1e5e` are numbers too.
+/// True if a token looks like a float, false if like an integer; `None` if it does not look like a number.
+/// YARP checks the letters only, so that `1-2`, `-` and `1e5e` are numbers too.
 fn is_float(token: &[u8]) -> Option<bool> {
     let mut hex_at = None;
     let mut float = false;
@@ -109,8 +109,8 @@ fn is_float(token: &[u8]) -> Option<bool> {
     (points <= 1 && signs <= 1 && !long).then_some(float)
 }
 
-/// An integer as C's `strtoll` reads it with base 0: hexadecimal after `0x`, octal after `0`, up to the first letter that
-/// does not belong to it, held within 64 bits.
+/// Parses an integer as C's `strtoll` does with base 0: hexadecimal after `0x`, octal after `0`, up to the
+/// first other letter, saturated to 64 bits.
 fn integer(token: &[u8]) -> i64 {
     let (negative, rest) = match token {
         [b'-', rest @ ..] => (true, rest),
@@ -125,13 +125,13 @@ fn integer(token: &[u8]) -> i64 {
     let mut value: i64 = 0;
     for digit in digits.iter().map_while(|b| char::from(*b).to_digit(base)) {
         let digit = i64::from(digit);
-        // built downward, since the least integer has no positive twin
+        // built downward, since the least integer has no positive counterpart
         value = value.saturating_mul(i64::from(base)).saturating_sub(digit);
     }
     if negative { value } else { value.checked_neg().unwrap_or(i64::MAX) }
 }
 
-/// A float as C's `strtod` reads it if it takes the whole token, else 0. One beyond all floats is infinite.
+/// Parses a float as C's `strtod` does if it accepts the whole token, else 0. Overflow gives infinity.
 fn float(text: &str) -> f64 {
     let (negative, rest) = match text.strip_prefix('-') {
         Some(rest) => (true, rest),
@@ -149,7 +149,7 @@ fn float(text: &str) -> f64 {
     }
 }
 
-/// At most eight hexadecimal digits with a point among them.
+/// Parses at most eight hexadecimal digits with an optional point.
 fn hexadecimal(digits: &str) -> Option<f64> {
     let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
     if whole.is_empty() && fraction.is_empty() {

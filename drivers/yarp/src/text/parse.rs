@@ -1,23 +1,23 @@
-//! From text to a bottle.
+//! Parsing of text to bottles.
 
 use super::lines::Open;
 use super::{TextError, number};
 use crate::{Bottle, DecodeLimits, Dialect, Text, Value, Vocab};
 
 impl Bottle {
-    /// The bottle that a text means. Nearly every text means one: what is left open at its end is dropped, as YARP does
+    /// Parses a text as a bottle. Almost every text is valid: an open part at its end is dropped, as by YARP
     /// (see [`crate::text::is_complete`] to refuse it).
     ///
     /// # Errors
-    /// If it is beyond [`DecodeLimits::DEFAULT`].
+    /// The text is beyond [`DecodeLimits::DEFAULT`].
     pub fn parse(text: impl AsRef<[u8]>, dialect: Dialect) -> Result<Bottle, TextError> {
         Bottle::parse_within(text, dialect, DecodeLimits::DEFAULT)
     }
 
-    /// As [`Bottle::parse`], with limits of one's own.
+    /// As [`Bottle::parse`], with custom limits.
     ///
     /// # Errors
-    /// If it is beyond the limits.
+    /// The text is beyond the limits.
     pub fn parse_within(text: impl AsRef<[u8]>, dialect: Dialect, limits: DecodeLimits) -> Result<Bottle, TextError> {
         let text = text.as_ref();
         if text.len() > limits.max_bytes {
@@ -81,7 +81,7 @@ impl Parser {
     }
 }
 
-/// A token without its first and its last letter.
+/// A token without its first and its last character.
 fn inner(token: &[u8]) -> &[u8] {
     match token {
         [_, inner @ .., _] => inner,
@@ -89,7 +89,7 @@ fn inner(token: &[u8]) -> &[u8] {
     }
 }
 
-/// One byte of a blob: the low bits of a number, 0 for what is none.
+/// One byte of a blob: the low bits of a number, or 0 for other tokens.
 fn byte(token: &[u8]) -> u8 {
     match number::parse(token) {
         Some(Value::Int32(x)) => x as u8,
@@ -117,7 +117,7 @@ fn unescape(text: &[u8]) -> Vec<u8> {
     out
 }
 
-/// The pieces of a text between its separators. A piece still open at the end is not given.
+/// Parts of a text between its separators, without a part that is open at the end.
 struct Tokens<'a> {
     text: &'a [u8],
 }

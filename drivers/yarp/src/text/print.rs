@@ -1,4 +1,4 @@
-//! From a bottle to text.
+//! Printing of bottles as text.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use super::print_float;
 use crate::{Bottle, Value, Vocab};
 
 impl Bottle {
-    /// Its text form, the same bytes that YARP prints.
+    /// Text form, with the same bytes that YARP prints.
     pub fn to_text(&self) -> Vec<u8> {
         let mut out = Vec::new();
         list(self, &mut out);
@@ -15,7 +15,7 @@ impl Bottle {
 }
 
 impl Value {
-    /// Its text form as an element of a bottle.
+    /// Text form as an element of a bottle.
     pub fn to_text(&self) -> Vec<u8> {
         let mut out = Vec::new();
         value(self, &mut out);
@@ -23,7 +23,7 @@ impl Value {
     }
 }
 
-/// The text form; bytes that are no UTF-8 are replaced (for the exact bytes see [`Bottle::to_text`]).
+/// The text form; bytes that are not UTF-8 are replaced (for the exact bytes see [`Bottle::to_text`]).
 impl fmt::Display for Bottle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&String::from_utf8_lossy(&self.to_text()))
@@ -94,7 +94,7 @@ fn vocab(code: u64, out: &mut Vec<u8>) {
     }
 }
 
-/// A string: bare if it can't be taken for anything else, otherwise in quotes.
+/// Prints a string: bare if it is unambiguous, otherwise in quotes.
 fn print_string(text: &[u8], out: &mut Vec<u8>) {
     let bare = |(i, b): (usize, &u8)| {
         b.is_ascii_alphabetic() || *b == b'_' || i > 0 && (b.is_ascii_digit() || matches!(b, b'.' | b'-'))

@@ -14,7 +14,7 @@ fn floats_print_as_c_prints_them() {
         (1e21, "1e+21"),
         (0.0001, "0.000100000000000000004792"),
         (0.00001, "1.00000000000000008180e-05"),
-        // a tie: half to even
+        // rounds half to even
         (2f64.powi(-31), "4.65661287307739257812e-10"),
         (f64::NAN, "nan"),
     ];
@@ -78,8 +78,8 @@ proptest! {
     #[test]
     fn any_bytes_are_read(text: Vec<u8>) {
         let read = |text: &[u8]| Bottle::parse(text, Dialect::V3).unwrap().to_text();
-        // what was read prints to something that reads the same, but for vocabs of signs: cut to four letters they may
-        // open what they don't close
+        // what was read is printed to text that reads the same, except for vocabs of special characters:
+        // truncated to four letters they may open a bracket without closing it
         let printed = read(&text);
         if !text.contains(&b'[') {
             prop_assert_eq!(read(&printed), printed);

@@ -1,5 +1,5 @@
-//! Administrative commands (spec section 7): from a command and a look at the port to the reply, or to what the port
-//! has to do before it can reply.
+//! Administrative commands (spec section 7): from a command and a view of the port to the reply, or to the
+//! action that the port has to take before it can reply.
 
 use super::Carrier;
 use crate::{Bottle, Contact, Text, Value, Vocab};
@@ -7,26 +7,26 @@ use crate::{Bottle, Contact, Text, Value, Vocab};
 /// One connection as the commands report it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Peer {
-    /// The name of the other side.
+    /// Name of the other side.
     pub name: String,
-    /// How it is talked to.
+    /// Carrier of the connection.
     pub carrier: Carrier,
 }
 
-/// What the commands see of a port.
+/// View of a port for the commands.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PortView {
-    /// The port's own name.
+    /// Name of the port.
     pub name: String,
-    /// Its address as a URI.
+    /// Address of the port as a URI.
     pub address: String,
-    /// Whether it takes data.
+    /// True if it receives data.
     pub is_input: bool,
-    /// Whether it may have outputs.
+    /// True if it may have outputs.
     pub is_output: bool,
-    /// Whether it answers requests.
+    /// True if it answers requests.
     pub is_rpc: bool,
-    /// Connections from others, the asking one included.
+    /// Connections from others, including the one that carries the command.
     pub inputs: Vec<Peer>,
     /// Connections to others.
     pub outputs: Vec<Peer>,
@@ -34,49 +34,49 @@ pub struct PortView {
     pub properties: Vec<(Text, Value)>,
 }
 
-/// What to do about a command.
+/// Action required by a command.
 #[derive(Clone, Debug, PartialEq)]
 pub enum AdminReply {
     /// Reply at once.
     Reply(Bottle),
-    /// Add an output, then reply [`added`] or why not.
+    /// Add an output, then reply [`added`] or the reason of the failure.
     Add {
         /// The other side as given (with the carrier of the two-argument form), for the reply.
         given: String,
-        /// Who it is.
+        /// Contact of the other side.
         contact: Contact,
     },
-    /// Remove the output to, or else the input from this name, then reply [`removed`].
+    /// Remove the output to this name, or else the input from it, then reply [`removed`].
     Remove(String),
-    /// Set (or with `None` forget) a user property, then reply `[ok]`.
+    /// Set (or with `None` remove) a user property, then reply `[ok]`.
     Set(Text, Option<Value>),
 }
 
-/// How adding an output ended.
+/// Outcome of adding an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Added {
     /// Connected.
     Yes,
-    /// The name server does not know the name, or there is none.
+    /// The name server has no such name, or there is no name server.
     Unknown,
-    /// Nobody there, refused, or a carrier that is not supported.
+    /// Not reachable, refused, or a carrier that is not supported.
     Refused,
     /// This port has no outputs.
     NoOutputs,
 }
 
-/// Which connection was removed.
+/// Connection that was removed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Removed {
     /// One to the name.
     Output,
     /// One from the name.
     Input,
-    /// There is none.
+    /// No such connection.
     None,
 }
 
-/// Finds out what to do about `command`.
+/// Determines the action required by `command`.
 pub fn answer(view: &PortView, command: &Bottle) -> AdminReply {
     let word = |i: usize| command.0.get(i).and_then(Value::as_vocab);
     let text = |i: usize| command.0.get(i).and_then(Value::as_text).map(|t| t.into_owned());
@@ -124,7 +124,8 @@ pub fn answer(view: &PortView, command: &Bottle) -> AdminReply {
         return property(view, command);
     }
     if is(0, "set") || is(0, "get") {
-        let (set, out) = (is(0, "set"), is(1, "out"));
+        let set = is(0, "set");
+        let out = is(1, "out");
         let (Some(name), true) = (text(2), out || is(1, "in")) else { return unknown() };
         let peers = if out { &view.outputs } else { &view.inputs };
         if peers.iter().any(|peer| peer.name == name) {
@@ -167,7 +168,7 @@ fn property(view: &PortView, command: &Bottle) -> AdminReply {
     }
 }
 
-/// What `[prop] [get]` tells about the process; scheduling is the default of the system.
+/// Reply of `[prop] [get]` about the process; scheduling is the default of the system.
 fn process(view: &PortView) -> Bottle {
     let number = |key: &str, n: i64| list(vec![string(key), i32::try_from(n).map_or(Value::Int64(n), Value::Int32)]);
     let pid = i64::from(std::process::id());

@@ -1,14 +1,14 @@
-//! The ways of talking over a connection (spec section 4).
+//! Carriers: protocols of messages over a connection (spec section 4).
 
 use std::{fmt, str::FromStr};
 
-/// How two ports talk over a connection.
+/// Protocol of messages over a connection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Carrier {
     /// Binary messages, each acknowledged.
     #[default]
     Tcp,
-    /// Binary messages without acknowledgements.
+    /// Binary messages without acknowledgments.
     FastTcp,
     /// Lines of text.
     Text,
@@ -18,16 +18,16 @@ pub enum Carrier {
     Udp,
 }
 
-/// A carrier that is not spoken here.
+/// A carrier that is not supported.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the carrier \"{0}\" is not supported; use tcp, fast_tcp, text, text_ack or udp")]
 pub struct UnknownCarrier(pub String);
 
 impl Carrier {
-    /// All of them.
+    /// All carriers.
     pub const ALL: [Carrier; 5] = [Carrier::Tcp, Carrier::FastTcp, Carrier::Text, Carrier::TextAck, Carrier::Udp];
 
-    /// The name as it stands in contacts.
+    /// Name in contacts.
     pub const fn name(self) -> &'static str {
         match self {
             Carrier::Tcp => "tcp",
@@ -38,17 +38,17 @@ impl Carrier {
         }
     }
 
-    /// Whether the listener acknowledges every message.
+    /// True if the listener acknowledges every message.
     pub const fn acknowledges(self) -> bool {
         matches!(self, Carrier::Tcp | Carrier::TextAck)
     }
 
-    /// Whether messages are lines of text.
+    /// True if messages are lines of text.
     pub const fn is_text(self) -> bool {
         matches!(self, Carrier::Text | Carrier::TextAck)
     }
 
-    /// The bytes of an acknowledgement; empty if there is none (spec section 6).
+    /// Bytes of an acknowledgment; empty if there is none (spec section 6).
     pub const fn ack(self) -> &'static [u8] {
         match self {
             Carrier::Tcp => b"YA\0\0\0\0RP",
@@ -67,7 +67,7 @@ impl fmt::Display for Carrier {
 impl FromStr for Carrier {
     type Err = UnknownCarrier;
 
-    /// Reads a carrier's name. Modifiers (`tcp+send.x`) are plug-ins of the original and are refused.
+    /// Parses a carrier's name. Modifiers (`tcp+send.x`) are plug-ins of the original and are refused.
     fn from_str(name: &str) -> Result<Carrier, UnknownCarrier> {
         Carrier::ALL.into_iter().find(|carrier| carrier.name() == name).ok_or_else(|| UnknownCarrier(name.to_owned()))
     }

@@ -1,14 +1,14 @@
-//! What a message asks of a port, the same on all carriers (spec section 5).
+//! Commands of messages to a port, the same on all carriers (spec section 5).
 
 use super::names::is_rooted;
 
-/// The longest envelope that is kept, bytes.
+/// Greatest length of an envelope, bytes; longer ones are dropped.
 pub const MAX_ENVELOPE: usize = 4096;
 
-/// What a message asks of the port.
+/// Command of a message to the port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verb {
-    /// Data for the port's owner; `true`: a reply is allowed.
+    /// Data for the port's owner; `true` if a reply is allowed.
     Data(bool),
     /// An administrative command follows as a bottle.
     Admin,
@@ -16,7 +16,7 @@ pub enum Verb {
     Quit,
     /// Describe the port.
     Describe,
-    /// Tell the commands.
+    /// List the commands.
     Help,
     /// Add an output to this port.
     AddOutput(String),
@@ -28,17 +28,17 @@ pub enum Verb {
     Unknown,
 }
 
-/// A verb with what belongs to it.
+/// A verb with its envelope.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextCommand {
-    /// What is asked.
+    /// Verb of the command.
     pub verb: Verb,
     /// The envelope of a data message.
     pub envelope: Option<String>,
 }
 
 impl TextCommand {
-    /// Reads the text of a command: the first character is the key.
+    /// Parses the text of a command: the first character is the key.
     pub fn parse(text: &[u8]) -> TextCommand {
         let text = text.strip_suffix(b"\0").unwrap_or(text);
         let name = |skip: usize| {
@@ -66,7 +66,7 @@ impl TextCommand {
         TextCommand { verb, envelope }
     }
 
-    /// Whether a payload follows on text carriers.
+    /// True if a payload follows on text carriers.
     pub fn has_payload(&self) -> bool {
         matches!(self.verb, Verb::Data(_) | Verb::Admin)
     }

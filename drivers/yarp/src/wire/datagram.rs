@@ -2,12 +2,12 @@
 
 use super::frame;
 
-/// The most that one datagram holds, header included.
+/// Greatest size of one datagram, header included.
 pub const MAX_DATAGRAM: usize = 65_499;
 
 const HEADER: usize = 8;
 
-/// Cuts a message into datagrams.
+/// Splits a message into datagrams.
 pub fn split(message: &[u8]) -> impl Iterator<Item = Vec<u8>> + '_ {
     message.chunks(MAX_DATAGRAM - HEADER).enumerate().map(|(counter, piece)| {
         let mut out = crc32fast::hash(piece).to_le_bytes().to_vec();
@@ -17,7 +17,7 @@ pub fn split(message: &[u8]) -> impl Iterator<Item = Vec<u8>> + '_ {
     })
 }
 
-/// Puts messages together again. A datagram with a wrong check sum or counter discards the message it belongs to.
+/// Reassembles messages. A datagram with a wrong checksum or counter discards the message it belongs to.
 #[derive(Debug, Default)]
 pub struct Assembler {
     message: Vec<u8>,
@@ -26,7 +26,7 @@ pub struct Assembler {
 }
 
 impl Assembler {
-    /// Takes a datagram; gives the message that it completes.
+    /// Adds a datagram; returns the message that it completes.
     pub fn take(&mut self, datagram: &[u8], max: usize) -> Option<Vec<u8>> {
         let (crc, rest) = datagram.split_first_chunk::<4>()?;
         let (counter, piece) = rest.split_first_chunk::<4>()?;
@@ -58,7 +58,7 @@ impl Assembler {
         }
     }
 
-    /// How many messages were discarded.
+    /// Number of discarded messages.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -89,7 +89,7 @@ mod tests {
         assert_eq!(pieces.len(), 4);
         let whole: Vec<_> = pieces.iter().filter_map(|p| assembler.take(p, 1 << 20)).collect();
         assert_eq!(whole, std::slice::from_ref(&long));
-        // A lost piece costs its message only.
+        // a lost datagram loses only its message
         for piece in pieces.iter().skip(1) {
             assert_eq!(assembler.take(piece, 1 << 20), None);
         }

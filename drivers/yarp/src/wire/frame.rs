@@ -2,10 +2,10 @@
 
 use super::command::TextCommand;
 
-/// How much a peer may claim before it is cut off.
+/// Error in the frame of a message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
-    /// No index where one must stand.
+    /// There is no index at the start of a message.
     #[error("the peer sent no message index (expected YARP number 10); the connection can't be followed any more")]
     Index,
     /// A message longer than allowed.
@@ -13,15 +13,15 @@ pub enum FrameError {
         "the peer announced a message of {0} bytes, more than the limit of {1}; raise PortOptions::max_message if that is meant"
     )]
     TooLong(u64, usize),
-    /// The blocks don't hold a command.
+    /// The blocks don't contain a command.
     #[error("the message's command is malformed")]
     TextCommand,
 }
 
-/// Where the parts of a message lie in the bytes it was read from.
+/// Positions of the parts of a message in the bytes it was read from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WireFrame {
-    /// What is asked.
+    /// Command of the message.
     pub command: TextCommand,
     /// First byte of the payload.
     pub payload: usize,
@@ -29,7 +29,7 @@ pub struct WireFrame {
     pub end: usize,
 }
 
-/// The number in a `YA....RP` group; `None` if it is no such group.
+/// Number in a `YA....RP` group; `None` if it is not such a group.
 pub fn number(bytes: &[u8; 8]) -> Option<i32> {
     match bytes {
         [b'Y', b'A', a, b, c, d, b'R', b'P'] => Some(i32::from_le_bytes([*a, *b, *c, *d])),
@@ -43,7 +43,7 @@ pub fn numbered(number: i32) -> [u8; 8] {
     [b'Y', b'A', a, b, c, d, b'R', b'P']
 }
 
-/// How many bytes the message at the start of `bytes` takes in all, once its index has arrived.
+/// Total number of bytes of the message at the start of `bytes`, once its index has arrived.
 pub fn length(bytes: &[u8], max: usize) -> Result<Option<usize>, FrameError> {
     let Some((first, rest)) = bytes.split_first_chunk::<8>() else {
         return if b"YA".starts_with(bytes.get(..2.min(bytes.len())).unwrap_or_default()) {
@@ -69,7 +69,8 @@ pub fn length(bytes: &[u8], max: usize) -> Result<Option<usize>, FrameError> {
     Ok(Some(18 + 4 * (inputs + outputs) + total as usize))
 }
 
-/// Reads the message at the start of `bytes`, with at most `max` bytes after the index. `None`: needs more bytes.
+/// Parses the message at the start of `bytes`, with at most `max` bytes after the index. `None` if more bytes
+/// are needed.
 pub fn parse(bytes: &[u8], max: usize) -> Result<Option<WireFrame>, FrameError> {
     let Some(end) = length(bytes, max)? else { return Ok(None) };
     let Some(message) = bytes.get(..end) else { return Ok(None) };
@@ -92,7 +93,7 @@ pub fn parse(bytes: &[u8], max: usize) -> Result<Option<WireFrame>, FrameError> 
     Ok(Some(WireFrame { command: TextCommand::parse(text_bytes), payload: blocks + 8 + text, end }))
 }
 
-/// Everything of a data (`d`, `D`) or administrative (`a`) message up to its payload of `length` bytes.
+/// Encodes a data (`d`, `D`) or administrative (`a`) message up to its payload of `length` bytes.
 pub fn encode(key: u8, envelope: Option<&str>, length: usize) -> Vec<u8> {
     let text = envelope.map(|envelope| [&[key, b' '], envelope.as_bytes(), &[0]].concat());
     let command = command(key, text.as_deref());
@@ -127,7 +128,7 @@ fn command(key: u8, text: Option<&[u8]>) -> Vec<u8> {
     out
 }
 
-/// How many bytes the acknowledgement at the start of `bytes` takes (it may carry some to be thrown away).
+/// Number of bytes of the acknowledgment at the start of `bytes` (it may contain some that are discarded).
 pub fn parse_ack(bytes: &[u8]) -> Result<Option<usize>, FrameError> {
     let Some(first) = bytes.first_chunk::<8>() else { return Ok(None) };
     match number(first).map(usize::try_from) {

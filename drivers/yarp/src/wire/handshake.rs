@@ -1,16 +1,16 @@
-//! The first bytes of a connection (spec section 4): which carrier, and who speaks.
+//! First bytes of a connection (spec section 4): the carrier, and the name of the initiator.
 
 use super::{carrier::Carrier, frame, names::MAX_NAME};
 
-/// The number of the binary carriers' family.
+/// Base number of the binary carriers.
 const FAMILY: i32 = 7777;
 
-/// What the initiator says first.
+/// First message of the initiator.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hello {
-    /// The carrier it wants.
+    /// Requested carrier.
     pub carrier: Carrier,
-    /// Its name as sent; may carry modifiers after a blank.
+    /// Name as sent; may contain modifiers after a blank.
     pub name: String,
 }
 
@@ -26,22 +26,22 @@ pub fn bare(name: &str) -> &str {
     name.split(' ').next().unwrap_or_default()
 }
 
-/// Why a handshake was refused.
+/// Reason why a handshake was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HandshakeError {
     /// The first 8 bytes select nothing known.
     #[error("the first 8 bytes {0:02x?} select no carrier; the peer does not speak YARP")]
     Unknown([u8; 8]),
-    /// A carrier of YARP that is not spoken here.
+    /// A carrier of YARP that is not supported.
     #[error("the peer wants the carrier number {0} (mcast, shmem, ...), which is not supported; use tcp")]
     Unsupported(i32),
     /// The name is empty, too long or contains control characters.
     #[error("the peer's name is empty, longer than {MAX_NAME} bytes or contains control characters")]
     Name,
-    /// The peer's data would pass a plug-in here.
+    /// The peer requests a plug-in for its data.
     #[error("the peer asks for a port monitor, which is not supported; connect without \"portmonitor\"")]
     PortMonitor,
-    /// The reply is none.
+    /// The reply is invalid.
     #[error("the peer's reply to the handshake is none of YARP")]
     Reply,
 }
@@ -49,7 +49,7 @@ pub enum HandshakeError {
 /// The first 8 bytes of a name server's own text protocol (spec section 3.1), which ordinary ports refuse.
 pub const NAME_SERVER: &[u8; 8] = b"NAME_SER";
 
-/// Reads the initiator's hello; the number is how many bytes it took. `None`: needs more bytes.
+/// Parses the initiator's hello; returns it with its number of bytes. `None` if more bytes are needed.
 pub fn parse(bytes: &[u8]) -> Result<Option<(Hello, usize)>, HandshakeError> {
     let Some((first, rest)) = bytes.split_first_chunk::<8>() else { return Ok(None) };
     let (carrier, name, used) = match first {
@@ -89,7 +89,7 @@ pub fn parse(bytes: &[u8]) -> Result<Option<(Hello, usize)>, HandshakeError> {
     Ok(Some((Hello { carrier, name: name.to_owned() }, used)))
 }
 
-/// The initiator's hello.
+/// Encodes the initiator's hello.
 pub fn encode(carrier: Carrier, name: &str) -> Vec<u8> {
     let number = match carrier {
         Carrier::Text => return format!("CONNECT {name}\r\n").into_bytes(),
@@ -105,7 +105,8 @@ pub fn encode(carrier: Carrier, name: &str) -> Vec<u8> {
     out
 }
 
-/// The listener's reply: its own port number (for udp the number of the new UDP socket), or a welcome.
+/// Encodes the listener's reply: its own port number (for udp the number of the new UDP socket), or a
+/// welcome.
 pub fn reply(hello: &Hello, port: u16) -> Vec<u8> {
     match hello.carrier {
         Carrier::Text | Carrier::TextAck => format!("Welcome {}\r\n", hello.name).into_bytes(),
@@ -113,7 +114,7 @@ pub fn reply(hello: &Hello, port: u16) -> Vec<u8> {
     }
 }
 
-/// Reads the listener's reply: the number it told (0 on text carriers), and how many bytes it took.
+/// Parses the listener's reply; returns its port number (0 on text carriers), and its number of bytes.
 pub fn parse_reply(carrier: Carrier, bytes: &[u8]) -> Result<Option<(i32, usize)>, HandshakeError> {
     if carrier.is_text() {
         return match bytes.iter().position(|b| *b == b'\n') {
@@ -126,7 +127,7 @@ pub fn parse_reply(carrier: Carrier, bytes: &[u8]) -> Result<Option<(i32, usize)
     frame::number(first).map(|number| Some((number, 8))).ok_or(HandshakeError::Reply)
 }
 
-/// What a listener says to bytes that select no carrier, before it closes.
+/// Answer of a listener to bytes that select no carrier, before it closes.
 pub const NOT_FOUND: &str = "* Error. Protocol not found.\r\n\
     * Hello. You appear to be trying to communicate with a YARP Port.\r\n\
     * The first 8 bytes sent to a YARP Port are critical for identifying the\r\n\
@@ -141,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_said_is_understood() {
+    fn messages_written_are_read_back() {
         for carrier in Carrier::ALL {
             let bytes = encode(carrier, "/foo");
             for cut in 0..bytes.len() {

@@ -1,5 +1,5 @@
-//! Messages on text carriers (spec section 5.2): a line with the key, and a line of bottle text that goes on while a
-//! quote or bracket is open or a line ends in a backslash.
+//! Messages on text carriers (spec section 5.2): a line with the key, and a line of bottle text that
+//! continues while a quote or bracket is open or a line ends in a backslash.
 
 use super::command::TextCommand;
 
@@ -13,15 +13,15 @@ pub struct LineError(pub usize);
 /// A message as text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextMessage {
-    /// What is asked.
+    /// Command of the message.
     pub command: TextCommand,
     /// The payload without its end of line; empty if the command has none.
     pub payload: Vec<u8>,
-    /// How many bytes the message took.
+    /// Number of bytes of the message.
     pub end: usize,
 }
 
-/// Looks for the end of a message in bytes that arrive bit by bit; each byte is looked at once.
+/// Finds the end of a message in bytes that arrive gradually; each byte is processed once.
 #[derive(Clone, Debug, Default)]
 pub struct Scanner {
     seen: usize,
@@ -29,7 +29,7 @@ pub struct Scanner {
     body: Body,
 }
 
-/// What is open in a line of bottle text.
+/// Open quotes and brackets in a line of bottle text.
 #[derive(Clone, Copy, Debug, Default)]
 struct Body {
     depth: u32,
@@ -38,7 +38,7 @@ struct Body {
 }
 
 impl Body {
-    /// Takes one byte; `true` if the text ends with it.
+    /// Processes one byte; `true` if the text ends with it.
     fn step(&mut self, byte: u8) -> bool {
         match byte {
             b'\n' if self.escaped || self.quoted || self.depth > 0 => self.escaped = false,
@@ -56,8 +56,8 @@ impl Body {
 }
 
 impl Scanner {
-    /// Reads the message at the start of `bytes`, which must begin with what was given before. After a message the
-    /// scanner begins anew.
+    /// Parses the message at the start of `bytes`, which must begin with the bytes passed before. After a
+    /// message the scanner is reset.
     pub fn parse(&mut self, bytes: &[u8], max: usize) -> Result<Option<TextMessage>, LineError> {
         while let Some(byte) = bytes.get(self.seen) {
             self.seen += 1;
@@ -91,13 +91,13 @@ impl Scanner {
     }
 }
 
-/// Finds the end of one line of bottle text (a reply): how many bytes it takes, end of line included.
+/// Number of bytes of one line of bottle text (a reply), end of line included.
 pub fn reply_end(bytes: &[u8]) -> Option<usize> {
     let mut body = Body::default();
     bytes.iter().position(|byte| body.step(*byte)).map(|end| end + 1)
 }
 
-/// A message with the key `d`, `D` or `a`.
+/// Encodes a message with the key `d`, `D` or `a`.
 pub fn encode(key: u8, envelope: Option<&str>, text: &[u8]) -> Vec<u8> {
     let mut out = vec![key];
     if let Some(envelope) = envelope {
@@ -116,7 +116,7 @@ pub fn trimmed(line: &[u8]) -> &[u8] {
     line.strip_suffix(b"\r").unwrap_or(line)
 }
 
-/// Lines joined by single line feeds; one that ends in a backslash is joined without both.
+/// Joins lines by single line feeds; after a trailing backslash the backslash and the line feed are removed.
 fn joined(text: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(text.len());
     let mut lines = text.split(|b| *b == b'\n').peekable();
@@ -141,7 +141,8 @@ mod tests {
     use crate::wire::Verb;
 
     fn read(text: &str) -> Option<TextMessage> {
-        let (mut scanner, mut last) = (Scanner::default(), None);
+        let mut scanner = Scanner::default();
+        let mut last = None;
         for cut in 0..=text.len() {
             last = scanner.parse(&text.as_bytes()[..cut], 1000).unwrap();
             if last.is_some() {

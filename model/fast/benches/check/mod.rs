@@ -1,4 +1,5 @@
-//! Verdicts beside samples at 0.1 mm: what the tests do with hundreds of edges, with twenty-one thousand of each robot.
+//! Comparison of verdicts with samples at 0.1 mm: the tests' check of hundreds of edges, for twenty-one thousand per
+//! robot.
 
 use crate::map::{Dice, Map};
 use mobee_fast::{EdgeVerdict, FastScene};
@@ -7,7 +8,7 @@ use nalgebra::Isometry3;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Short edges, on which a hand goes about 23 mm, and long ones.
+/// Number of short edges, on which a hand moves about 23 mm, and of long ones.
 const SHORT: usize = 20_000;
 const LONG: usize = 1_000;
 
@@ -28,7 +29,7 @@ pub fn all(map: &Map, objects: &[Object]) {
     }
 }
 
-/// From free poses toward other random poses: all the way, or until the hand has gone about so many meters.
+/// Edges from free poses toward other random poses: complete, or until the hand has moved about `hand_path` meters.
 fn random_edges(robot: &Robot, scene: &Scene, count: usize, hand_path: Option<f64>) -> Vec<f64> {
     let mut free = random_poses(robot, 3).filter(|pose| scene.free(&[pose], 0.0));
     let mut others = random_poses(robot, 4);
@@ -43,7 +44,7 @@ fn random_edges(robot: &Robot, scene: &Scene, count: usize, hand_path: Option<f6
     edges
 }
 
-/// How far any link goes, meters.
+/// Maximum displacement of any link along an edge, meters.
 fn longest_way(scene: &Scene, from: &[f64], to: &[f64]) -> f64 {
     let places = |k: usize| {
         let pose: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * k as f64 / 16.0).collect();
@@ -61,9 +62,13 @@ fn longest_way(scene: &Scene, from: &[f64], to: &[f64]) -> f64 {
 fn check(name: &str, scene: &Scene, edges: &[f64]) {
     let mut fast = FastScene::new(scene, 0.0).expect("it compiles");
     let length = 2 * fast.motors();
-    let (mut verdicts, mut free) = (Vec::new(), Vec::new());
+    let mut verdicts = Vec::new();
+    let mut free = Vec::new();
     fast.certify(edges, &mut verdicts).expect("whole edges");
-    let (mut missed, mut invented, mut samples, mut grazed) = (0, 0, 0, 0);
+    let mut missed = 0;
+    let mut invented = 0;
+    let mut samples = 0;
+    let mut grazed = 0;
     for (edge, verdict) in edges.chunks_exact(length).zip(&verdicts) {
         let (from, to) = edge.split_at(length / 2);
         let at = |share: f64| from.iter().zip(to).map(move |(a, b)| a + (b - a) * share);

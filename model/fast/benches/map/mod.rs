@@ -1,5 +1,5 @@
-//! A map like the paper's: poses of torso and right arm of the iCub whose hand is over a table, every square centimeter
-//! of it, each joined with its nearest neighbors.
+//! A map like the paper's: poses of torso and right arm of the iCub with the hand over a table, covering every square
+//! centimeter, each connected with its nearest neighbors.
 
 use mobee_fast::FastScene;
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, ShapeId};
@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Point3, UnitQuaternion, Vector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// Equal seeds give equal numbers, 0 to 1.
+/// Random numbers from 0 to 1; equal seeds give equal sequences.
 pub struct Dice(pub u64);
 
 impl Dice {
@@ -26,22 +26,22 @@ pub struct Map {
     /// Indices of the motors of torso and right arm.
     pub motors: Vec<usize>,
     pub poses: Vec<Vec<f64>>,
-    /// Where the hand is at each pose.
+    /// Position of the hand at each pose.
     pub hands: Vec<Point3<f64>>,
-    /// Undirected, each once.
+    /// Undirected edges, each once.
     pub edges: Vec<(usize, usize)>,
 }
 
-/// Where the hand may be, frame of the robot (x backward, y to its right, z up), meters.
+/// Region of the hand, frame of the robot (x backward, y to its right, z up), meters.
 const OVER_THE_TABLE: [(f64, f64); 2] = [(-0.5, -0.1), (-0.35, 0.65)];
 const HEIGHT: f64 = 0.08;
-/// How far motors are put off before each reach, rad.
+/// Random displacement of motors before each reach, rad.
 const SPREAD: f64 = 0.08;
-/// Neighbors of each pose.
+/// Number of neighbors of each pose.
 const NEIGHBORS: usize = 8;
 
 impl Map {
-    /// As many poses as are asked for, grown from one another so that neighbors are alike, as the paper's search does it.
+    /// Creates `count` poses, grown from one another so that neighbors are similar, as in the paper's search.
     pub fn new(robot: Arc<Robot>, count: usize) -> Self {
         let parts = ["torso", "right_arm"];
         let of_part = |name: &&str| robot.part(name).map(|p| p.motors.clone()).unwrap_or_default();
@@ -53,14 +53,14 @@ impl Map {
             let target = OVER_THE_TABLE.map(|(low, high)| dice.between(low, high));
             let target = Point3::new(target[0], target[1], HEIGHT);
             let near = (0..map.poses.len()).min_by(|a, b| {
-                let way = |i: &usize| (map.hands[*i] - target).norm();
-                way(a).total_cmp(&way(b))
+                let distance = |i: &usize| (map.hands[*i] - target).norm();
+                distance(a).total_cmp(&distance(b))
             });
-            // Evenly spread, so none on another.
+            // Evenly distributed, so not too close to another one.
             if near.is_some_and(|i| (map.hands[i] - target).norm() < 0.0055) {
                 continue;
             }
-            // Not quite alike: the paper's search leaves the arm free to reach a place in many ways.
+            // Slightly different: the paper's search lets the arm reach a point in many configurations.
             let mut start = near.map_or_else(|| map.robot.home(), |i| map.poses[i].clone());
             for m in &map.motors {
                 let motor = &map.robot.motors[*m];
@@ -82,7 +82,7 @@ impl Map {
         self.robot.markers_at(pose)[index].position()
     }
 
-    /// Damped least squares.
+    /// Inverse kinematics by damped least squares.
     fn reach(&self, mut pose: Vec<f64>, target: Point3<f64>) -> Option<Vec<f64>> {
         for _ in 0..30 {
             let hand = self.hand(&pose);
@@ -110,28 +110,29 @@ impl Map {
     fn join(&mut self) {
         let mut edges = BTreeSet::new();
         for (i, pose) in self.poses.iter().enumerate() {
-            let way = |j: usize| self.motors.iter().map(|m| (pose[*m] - self.poses[j][*m]).powi(2)).sum::<f64>();
-            let mut others: Vec<(f64, usize)> = (0..self.poses.len()).map(|j| (way(j), j)).collect();
+            let distance = |j: usize| self.motors.iter().map(|m| (pose[*m] - self.poses[j][*m]).powi(2)).sum::<f64>();
+            let mut others: Vec<(f64, usize)> = (0..self.poses.len()).map(|j| (distance(j), j)).collect();
             others.select_nth_unstable_by(NEIGHBORS, |a, b| a.0.total_cmp(&b.0));
             edges.extend(others[..=NEIGHBORS].iter().filter(|(_, j)| *j != i).map(|(_, j)| (i.min(*j), i.max(*j))));
         }
         self.edges = edges.into_iter().collect();
     }
 
-    /// All edges, as [`FastScene::certify`] takes them.
+    /// All edges, in the format of [`FastScene::certify`].
     pub fn lines(&self) -> Vec<f64> {
         self.edges.iter().flat_map(|(i, j)| [&self.poses[*i], &self.poses[*j]]).flatten().copied().collect()
     }
 
-    /// How far the hand goes on an edge, meters.
+    /// Distance of the hand between the ends of an edge, meters.
     pub fn hand_path(&self, edge: usize) -> f64 {
         let (i, j) = self.edges[edge];
         (self.hands[i] - self.hands[j]).norm()
     }
 
-    /// Ten balls and ten rods over the table, each of which blocks some poses, but at most a twenty-fifth.
+    /// Ten balls and ten rods over the table, each of which blocks some poses, but at most 1 in 25.
     pub fn obstacles(&self) -> Vec<Object> {
-        let (mut dice, mut objects) = (Dice(20), Vec::new());
+        let mut dice = Dice(20);
+        let mut objects = Vec::new();
         let poses: Vec<f64> = self.poses.iter().flatten().copied().collect();
         while objects.len() < 20 {
             let shape = match objects.len() % 2 {
@@ -159,7 +160,7 @@ impl Map {
     }
 }
 
-/// Whether a collider is a shape of an object, given the object's number.
+/// True if a collider is a shape of the object with this number.
 pub fn is_object(scene: &Scene, collider: u32, number: u32) -> bool {
     matches!(scene.shape_id(collider), Some(ShapeId::Object { object, .. }) if object == number)
 }

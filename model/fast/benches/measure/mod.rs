@@ -1,9 +1,8 @@
-//! Processor time, and what is made of it.
+//! Processor time, and evaluation of measured values.
 
 use std::time::Instant;
 
-/// Processor time of this thread in seconds: what others do on the machine counts less. Wall clock where there is no
-/// such file.
+/// Processor time of this thread in seconds, which other processes affect less. Wall clock if the file does not exist.
 pub fn processor_time(start: Instant) -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = text.and_then(|t| t.split(' ').next()?.parse::<f64>().ok());

@@ -1,11 +1,12 @@
-//! How many are done in a second.
+//! Measurement of a rate per second.
 
 use crate::measure::processor_time;
 use std::time::Instant;
 
-/// Of processor time, measured over a tenth of a second at least.
+/// Items per second of processor time, measured over at least a tenth of a second.
 pub fn rate(count: usize, mut run: impl FnMut()) -> f64 {
-    let (start, mut runs) = (Instant::now(), 0);
+    let start = Instant::now();
+    let mut runs = 0;
     let begin = processor_time(start);
     loop {
         run();

@@ -1,4 +1,4 @@
-//! Promise: what is certified free is free at every pose; what is blocked is blocked where it says.
+//! Promise: an edge that is certified free is free at every pose; a blocked edge is blocked at the reported position.
 
 use crate::scenes::{Dice, alone, hulled, made_up, obstacles, shipped, two_shapes};
 use mobee_fast::{EdgeVerdict, FastError, FastScene, InstructionSet};
@@ -6,16 +6,16 @@ use mobee_model::{Robot, Scene, ShapeId, random_poses};
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
-/// How close samples of short edges are, meters: no point of a robot moves farther between two.
+/// Distance of samples of short edges, meters: no point of a robot moves farther between two.
 const STEP: f64 = 1e-4;
-/// How well the place of a contact is known, meters.
+/// Precision of the position of a contact, meters.
 const PLACE: f64 = 1e-3;
-/// No point of any robot here is farther than this from any axis, meters.
+/// Maximum distance of any point of the robots here from any axis, meters.
 const REACH: f64 = 1.3;
-/// The same of a body that slides 1 mm with a degree.
+/// As `REACH`, for a body that translates 1 mm per degree.
 const BODY: f64 = 0.12;
 
-/// The poses of all robots, of one list of numbers.
+/// Splits one list of numbers into the poses of all robots.
 fn split<'a>(scene: &Scene, pose: &'a [f64]) -> Vec<&'a [f64]> {
     let mut rest = pose;
     let own = |robot: &Arc<Robot>| {
@@ -30,8 +30,8 @@ fn between(from: &[f64], to: &[f64], at: f64) -> Vec<f64> {
     from.iter().zip(to).map(|(a, b)| a + (b - a) * at).collect()
 }
 
-/// Edges from random poses, every second one from a pose that is free if one is found: short ones, whose motors go
-/// less than `step` of their range, or long ones to other random poses.
+/// Edges from random poses, every second one from a free pose if one is found: short ones, whose motors move less than
+/// `step` of their range, or long ones to other random poses.
 fn edges(scene: &Scene, seed: u64, count: usize, step: f64) -> Vec<f64> {
     let mut dice = Dice(seed);
     let mut robots: Vec<_> = scene.robots().iter().map(|r| random_poses(r, seed)).collect();
@@ -46,7 +46,7 @@ fn edges(scene: &Scene, seed: u64, count: usize, step: f64) -> Vec<f64> {
             from = pose();
         }
         let to = pose();
-        // A way toward another random pose stays within the limits.
+        // A line toward another random pose stays within the limits.
         let share = if step >= 1.0 { 1.0 } else { step * (0.2 + dice.roll()) };
         all.extend_from_slice(&from);
         all.extend(between(&from, &to, share));
@@ -54,8 +54,8 @@ fn edges(scene: &Scene, seed: u64, count: usize, step: f64) -> Vec<f64> {
     all
 }
 
-/// Holds verdicts to dense samples; gives the share of each kind: free, blocked, uncertified.
-fn hold(name: &str, scene: &Scene, edges: &[f64], clearance: f64, (step, reach): (f64, f64)) -> [f64; 3] {
+/// Compares verdicts with dense samples; returns the share of each kind: free, blocked, uncertified.
+fn compare(name: &str, scene: &Scene, edges: &[f64], clearance: f64, (step, reach): (f64, f64)) -> [f64; 3] {
     let mut fast = FastScene::new(scene, clearance).expect("it compiles");
     let length = 2 * fast.motors();
     let (mut verdicts, mut free, mut counts) = (Vec::new(), Vec::new(), [0; 3]);
@@ -73,7 +73,10 @@ fn hold(name: &str, scene: &Scene, edges: &[f64], clearance: f64, (step, reach):
                 counts[0] += 1;
                 assert_eq!(first, None, "{name}, edge {e}: a missed contact");
                 let some = between(from, to, 0.37);
-                assert!(scene.free(&split(scene, &some), clearance), "{name}, edge {e}: so says the scalar engine");
+                assert!(
+                    scene.free(&split(scene, &some), clearance),
+                    "{name}, edge {e}: blocked according to the scalar engine"
+                );
             }
             EdgeVerdict::Blocked(found) => {
                 counts[1] += 1;
@@ -85,10 +88,11 @@ fn hold(name: &str, scene: &Scene, edges: &[f64], clearance: f64, (step, reach):
                     Some(pair) => assert!(contacts.iter().any(|c| c.pair == pair), "{name}, edge {e}: {pair:?}"),
                     None => assert!((0..poses.len()).any(|r| !scene.satisfies_constraints(r, poses[r]))),
                 }
-                // A contact of less than the resolution may be seen by a sample and not by an interval's middle.
+                // A sample may detect a contact of less than the resolution that an interval's midpoint misses.
                 let places = |at: f64| scene.node_transforms(&split(scene, &between(from, to, at)));
                 let moved = |first: f64| {
-                    let (then, now) = (places(first).concat(), places(found.at).concat());
+                    let then = places(first).concat();
+                    let now = places(found.at).concat();
                     let ways = then.iter().zip(&now).map(|(a, b)| (a.translation.vector - b.translation.vector).norm());
                     ways.fold(0.0, f64::max)
                 };
@@ -123,7 +127,7 @@ fn short_edges_of_shipped_robots_among_obstacles() {
             (3..200).map(among).find(|scene| scene.free(&scene.home(), 0.0)).expect("obstacles beside the base");
         for clearance in [0.0, 0.012] {
             let edges = edges(&scene, 5, 120, 0.02);
-            let [free, blocked, _] = hold(name, &scene, &edges, clearance, (STEP, REACH));
+            let [free, blocked, _] = compare(name, &scene, &edges, clearance, (STEP, REACH));
             assert!(clearance > 0.0 || free > 0.02 && blocked > 0.02, "both kinds: {free}, {blocked}");
         }
     }
@@ -133,11 +137,11 @@ fn short_edges_of_shipped_robots_among_obstacles() {
 fn long_edges_of_shipped_robots() {
     for name in ["icub", "katana", "panda", "ur5"] {
         let scene = alone(shipped(name));
-        hold(name, &scene, &edges(&scene, 6, 40, 1.0), 0.0, (20.0 * STEP, REACH));
+        compare(name, &scene, &edges(&scene, 6, 40, 1.0), 0.0, (20.0 * STEP, REACH));
     }
 }
 
-/// A body of each shape that slides and turns past an obstacle of each shape.
+/// A body of each shape that translates and rotates past an obstacle of each shape.
 #[test]
 fn edges_of_all_shapes() {
     let mut dice = Dice(4);
@@ -147,14 +151,15 @@ fn edges_of_all_shapes() {
             let scene = two_shapes(&mut dice, (kinds / 4, kinds % 4));
             let mut at = |i: usize| (dice.roll() - 0.5) * if i % 6 < 3 { 800f64.to_radians() } else { 6.0 };
             let edges: Vec<f64> = (0..20 * 12).map(&mut at).collect();
-            let shares = hold(&format!("kinds {} and {}", kinds / 4, kinds % 4), &scene, &edges, 0.012, (STEP, BODY));
+            let shares =
+                compare(&format!("kinds {} and {}", kinds / 4, kinds % 4), &scene, &edges, 0.012, (STEP, BODY));
             (0..3).for_each(|i| all[i] += shares[i] / 48.0);
         }
     }
     assert!(all[0] > 0.2 && all[1] > 0.2, "both kinds: {all:?}");
 }
 
-/// Slides, motors with several joints, shapes of all kinds, three robots in one world.
+/// Prismatic joints, motors with several joints, shapes of all kinds, three robots in one world.
 #[test]
 fn edges_of_all_joints() {
     for seed in [1, 4, 5] {
@@ -163,17 +168,17 @@ fn edges_of_all_joints() {
             (shipped("katana"), Isometry3::translation(0.7, 0.5, 0.1)),
         ];
         let scene = Scene::new(robots, obstacles(seed, 3)).expect("a scene");
-        hold(&format!("made up {seed}"), &scene, &edges(&scene, seed, 60, 0.03), 0.0, (STEP, REACH));
+        compare(&format!("made up {seed}"), &scene, &edges(&scene, seed, 60, 0.03), 0.0, (STEP, REACH));
     }
 }
 
-/// Where only hulls within the shapes are solid, the scalar engine tells what the lanes can't.
+/// If only hulls within the shapes are solid, the scalar engine decides what the lanes can't.
 #[test]
 fn edges_of_robots_with_hulls() {
     for seed in [1, 4] {
         let scene = Scene::new(vec![(hulled(&made_up("one", seed), seed), Isometry3::identity())], obstacles(seed, 3));
         let scene = scene.expect("a scene");
-        hold(&format!("hulled {seed}"), &scene, &edges(&scene, seed, 60, 0.03), 0.0, (STEP, REACH));
+        compare(&format!("hulled {seed}"), &scene, &edges(&scene, seed, 60, 0.03), 0.0, (STEP, REACH));
     }
 }
 
@@ -196,7 +201,7 @@ fn verdicts_do_not_depend_on_company() {
     assert!(free.iter().zip(&together).all(|(free, verdict)| *free == (*verdict == EdgeVerdict::Free)));
 }
 
-/// Where instructions round otherwise, what is too near to tell may differ, but no proof is contradicted.
+/// Instruction sets with different rounding may differ in uncertified edges, but do not contradict each other's proofs.
 #[test]
 fn no_instructions_contradict_others() {
     let scene = Scene::new(vec![(shipped("icub"), Isometry3::identity())], obstacles(3, 20)).expect("a scene");
@@ -219,7 +224,7 @@ fn no_instructions_contradict_others() {
     }
 }
 
-/// Self and world, each alone, make up the whole.
+/// The results for the robot itself and for the world combine to the result for both.
 #[test]
 fn pairs_can_be_certified_apart() {
     let scene = Scene::new(vec![(shipped("icub"), Isometry3::identity())], obstacles(3, 20)).expect("a scene");
@@ -246,7 +251,7 @@ fn pairs_can_be_certified_apart() {
     }
 }
 
-/// A motor at its limit is free, beyond it is not, and neither is what is not a number.
+/// A motor at its limit is free; beyond it, and for NaN, it is not.
 #[test]
 fn edges_that_leave_the_limits() {
     let robot = shipped("katana");
@@ -275,7 +280,7 @@ fn edges_that_leave_the_limits() {
     assert_eq!(refused, Err(FastError::Edges { given: 3 * motors, motors }));
 }
 
-/// A contact that only the scalar engine can tell ends its edge where it is found, and is not halved down to the resolution.
+/// A contact that only the scalar engine can detect ends its edge at once, without bisection down to the resolution.
 #[test]
 fn a_deep_contact_of_hulls_ends_its_edge_soon() {
     for seed in [1, 4] {
@@ -292,13 +297,14 @@ fn a_deep_contact_of_hulls_ends_its_edge_soon() {
         }
         intervals.sort_unstable();
         assert!(intervals.len() > 50, "only {} are blocked", intervals.len());
-        let (median, most) = (intervals[intervals.len() / 2], intervals[intervals.len() * 9 / 10]);
+        let median = intervals[intervals.len() / 2];
+        let most = intervals[intervals.len() * 9 / 10];
         eprintln!("seed {seed}: {median} intervals in the median, {most} for one in ten");
         assert!(median <= 256 && most <= 256, "{median} intervals in the median, {most} for one in ten");
     }
 }
 
-/// A sample is what the pose is, hulls and constraints included, and an edge that is certified has free samples.
+/// Samples agree with the poses, with hulls and constraints, and a certified edge has free samples.
 #[test]
 fn samples_of_an_edge_are_its_poses() {
     let scenes = [
@@ -327,10 +333,11 @@ fn samples_of_an_edge_are_its_poses() {
     assert!(all.iter().all(|count| *count > 100), "{all:?} blocked and free");
 }
 
-/// What is known of a robot is true whatever stands about it.
+/// Facts about a robot hold among any obstacles.
 #[test]
 fn a_robot_among_other_obstacles_has_the_verdicts_of_a_new_scene() {
-    let (robot, other) = (shipped("icub"), shipped("icub"));
+    let robot = shipped("icub");
+    let other = shipped("icub");
     let place = Isometry3::translation(0.1, 0.2, 0.3);
     let alone = Scene::new(vec![(robot.clone(), place)], Vec::new()).expect("a scene");
     let mut fast = FastScene::new(&alone, 0.005).expect("it compiles");

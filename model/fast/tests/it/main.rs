@@ -1,5 +1,5 @@
-//! Promise: the verdicts of many poses at once are the scalar engine's, pose for pose; and what is said of an edge holds
-//! for every pose on it.
+//! Promise: the verdicts on many poses at once equal those of the scalar engine, pose by pose; and a verdict on an edge
+//! holds for every pose on it.
 
 mod edges;
 mod scenes;

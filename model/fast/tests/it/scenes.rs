@@ -1,11 +1,11 @@
-//! Scenes to judge: the shipped robots, and robots made up of everything that a file can say.
+//! Scenes for tests: the shipped robots, and generated robots with everything that a file can contain.
 
 use mobee_model::{Hull, Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot, parse_robot};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Equal seeds give equal numbers, 0 to 1.
+/// Random numbers from 0 to 1; equal seeds give equal sequences.
 pub struct Dice(pub u64);
 
 impl Dice {
@@ -47,8 +47,8 @@ pub fn alone(robot: Arc<Robot>) -> Scene {
     Scene::new(vec![(robot, Isometry3::identity())], Vec::new()).expect("a scene")
 }
 
-/// Three arms on a base: hinges about any axis, slides, motors with several joints, and on each link shapes of all
-/// kinds.
+/// A robot of three arms on a base: revolute joints about any axis, prismatic joints, motors with several joints, and
+/// on each link shapes of all kinds.
 pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
     let mut dice = Dice(seed);
     let mut text = format!("<ZeroPositionKinematicTree robotName=\"{name}\">");
@@ -56,8 +56,9 @@ pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
         text += &format!("<bodypart name=\"arm{arm}\">");
         let mut end = String::from("</bodypart>");
         for joint in 0..5 {
-            let (way, axis) = (dice.direction() * dice.between(0.05, 0.3), dice.direction());
-            // Right angles, as most robots have them, and any others.
+            let offset = dice.direction() * dice.between(0.05, 0.3);
+            let axis = dice.direction();
+            // Right angles, as in most robots, and arbitrary ones.
             let axis = if dice.roll() < 0.5 { Vector3::ith(joint % 3, 1.0) } else { axis };
             // The last joint of an arm follows the motor of the one before.
             let motor = if joint == 4 { 3 } else { joint };
@@ -69,7 +70,8 @@ pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
                 _ => ("minPos=\"-110\" maxPos=\"170\"", ""),
             };
             let shape = |dice: &mut Dice, kind: usize| {
-                let (p, h) = (dice.direction() * 0.05, dice.direction());
+                let p = dice.direction() * 0.05;
+                let h = dice.direction();
                 let place = format!(
                     "px=\"{}\" py=\"{}\" pz=\"{}\" hx=\"{}\" hy=\"{}\" hz=\"{}\"",
                     p.x, p.y, p.z, h.x, h.y, h.z
@@ -81,7 +83,7 @@ pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
                 "<link x=\"{}\" y=\"{}\" z=\"{}\"><motor name=\"m{arm}{motor}\" {limits} {kind}>\
                  <joint x=\"{}\" y=\"{}\" z=\"{}\" {own} {kind}>\
                  <link x=\"{}\" y=\"{}\" z=\"{}\" radius=\"0.02\">{shapes}",
-                way.x, way.y, way.z, axis.x, axis.y, axis.z, way.y, way.z, way.x
+                offset.x, offset.y, offset.z, axis.x, axis.y, axis.z, offset.y, offset.z, offset.x
             );
             end = format!("</link></joint></motor></link>{end}");
         }
@@ -91,10 +93,11 @@ pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
     Arc::new(parse_robot("made_up.xml", &text).expect("a robot").value)
 }
 
-/// The same robot, of most of whose shapes only a hull within is solid.
+/// The same robot with hulls inside most of its shapes, which are then the only solid parts.
 pub fn hulled(robot: &Robot, seed: u64) -> Arc<Robot> {
     const RADIUS: f64 = 0.002;
-    let (mut dice, mut robot) = (Dice(seed), robot.clone());
+    let mut dice = Dice(seed);
+    let mut robot = robot.clone();
     for node in &mut robot.nodes {
         for (i, solid) in node.solids.iter().enumerate().filter(|(i, _)| i % 3 < 2) {
             let far = solid.shape.bounding_radius();
@@ -107,7 +110,7 @@ pub fn hulled(robot: &Robot, seed: u64) -> Arc<Robot> {
     Arc::new(robot)
 }
 
-/// A body that moves freely, three slides and three hinges, and is one shape; beside an obstacle that is another.
+/// A free body of one shape, moved by three prismatic and three revolute joints, beside an obstacle of another shape.
 pub fn two_shapes(dice: &mut Dice, kinds: (usize, usize)) -> Scene {
     let slide = "minPos=\"-2000\" maxPos=\"2000\" type=\"prismatic\"";
     let turn = "minPos=\"-180\" maxPos=\"180\"";
@@ -126,7 +129,7 @@ pub fn two_shapes(dice: &mut Dice, kinds: (usize, usize)) -> Scene {
     Scene::new(vec![(robot, Isometry3::identity())], vec![other]).expect("a scene")
 }
 
-/// A shape as robot files have it, with the attributes of its place.
+/// The element of a shape in a robot file, with the attributes of its pose.
 fn written(shape: &Shape, place: &str) -> String {
     match *shape {
         Shape::Sphere { radius } => format!("<sphere radius=\"{radius}\" {place}/>"),

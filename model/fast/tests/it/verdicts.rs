@@ -5,13 +5,13 @@ use mobee_fast::{FastError, FastScene, InstructionSet};
 use mobee_model::{Scene, random_poses};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// Random poses of all robots of a scene, one after the other.
+/// Random poses of all robots of a scene, concatenated robot by robot.
 fn poses(scene: &Scene, seed: u64, count: usize) -> Vec<f64> {
     let mut robots: Vec<_> = scene.robots().iter().map(|r| random_poses(r, seed)).collect();
     (0..count).flat_map(|_| robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<_>>()).collect()
 }
 
-/// What the scalar engine says, pose by pose.
+/// Verdicts of the scalar engine, pose by pose.
 fn expected(scene: &Scene, poses: &[f64], clearance: f64) -> Vec<bool> {
     let motors: usize = scene.robots().iter().map(|r| r.motors.len()).sum();
     let free = |pose: &[f64]| {
@@ -26,7 +26,7 @@ fn expected(scene: &Scene, poses: &[f64], clearance: f64) -> Vec<bool> {
     poses.chunks_exact(motors).map(free).collect()
 }
 
-/// Holds every set of instructions to the scalar engine, at two clearances.
+/// Compares every instruction set with the scalar engine, at two clearances.
 fn agree(name: &str, scene: &Scene, count: usize) {
     for clearance in [0.0, 0.012] {
         let poses = poses(scene, 7, count);
@@ -53,25 +53,27 @@ fn shipped_robots() {
     }
 }
 
-/// Where only hulls within the shapes are solid, the lanes say the same, and tell most contacts by themselves.
+/// If only hulls within the shapes are solid, the lanes agree with the scalar engine and decide most contacts
+/// themselves.
 #[test]
 fn robots_with_hulls() {
     for (seed, clearance) in [(1, 0.0), (4, 0.0), (5, 0.0), (5, 0.012)] {
         let bare = made_up("one", seed);
         let scene = alone(hulled(&bare, seed));
         let poses = poses(&scene, 7, 1000);
-        let told = expected(&scene, &poses, clearance);
+        let verdicts = expected(&scene, &poses, clearance);
         let by_shapes = expected(&alone(bare), &poses, clearance);
-        let freed = told.iter().zip(&by_shapes).filter(|(with, without)| **with && !**without).count();
+        let freed = verdicts.iter().zip(&by_shapes).filter(|(with, without)| **with && !**without).count();
         assert!(freed > 20, "hulls make a difference");
         for set in InstructionSet::available() {
             let mut free = Vec::new();
             let mut fast = FastScene::with_instructions(&scene, clearance, set).expect("it compiles");
             fast.free(&poses, &mut free).expect("whole poses");
-            assert_eq!(free, told, "seed {seed}, {set:?}");
-            let (asked, blocked) = (fast.figures().doubtful as usize, by_shapes.iter().filter(|free| !**free).count());
-            // half of what is not free, and all that is
-            assert!(2 * asked < blocked + freed, "seed {seed}: {asked} asked of {blocked}, {freed} free");
+            assert_eq!(free, verdicts, "seed {seed}, {set:?}");
+            let doubtful = fast.figures().doubtful as usize;
+            let blocked = by_shapes.iter().filter(|free| !**free).count();
+            // Poses in doubt: about half of the blocked poses, and all poses that only the hulls free.
+            assert!(2 * doubtful < blocked + freed, "seed {seed}: {doubtful} doubtful of {blocked}, {freed} freed");
         }
     }
 }
@@ -91,17 +93,18 @@ fn robots_of_all_shapes_and_joints() {
     }
 }
 
-/// Two shapes of each kind pushed together until they touch, and then looked at a little before and after: from a
+/// Two shapes of each kind are pushed together until they touch, and then tested slightly before and after that: from a
 /// centimeter to a tenth of a micrometer, flat on flat and corner on rim.
 #[test]
 fn shapes_at_the_verge_of_contact() {
     let mut dice = Dice(1);
-    let (mut doubtful, mut judged) = (0, 0);
+    let mut doubtful = 0;
+    let mut judged = 0;
     for kinds in 0..16 {
         for turned in 0..48 {
             let scene = two_shapes(&mut dice, (kinds / 4, kinds % 4));
             let clearance = [0.0, 0.012][turned % 2];
-            // Every fourth stands with its axes along the world's.
+            // Every fourth has its axes along those of the world.
             let angle = |dice: &mut Dice| if turned % 4 == 3 { 0.0 } else { (dice.roll() - 0.5) * 6.0 };
             let start: Vec<f64> =
                 (0..6).map(|i| if i < 3 { (dice.roll() - 0.5) * 5.0 } else { angle(&mut dice) }).collect();
@@ -110,7 +113,7 @@ fn shapes_at_the_verge_of_contact() {
                 pose[turned % 3] = (way * 1000.0).to_radians();
                 pose
             };
-            // From far outside to the place where they first touch, if they do: halving, by the scalar engine.
+            // From far outside to the first contact, if there is one: bisection with the scalar engine.
             let free = |way: f64| scene.free(&[at(way)], clearance);
             let Some(mut inside) = (0..200).map(|i| 1.0 - f64::from(i) * 0.01).find(|way| !free(*way)) else {
                 continue;
@@ -136,8 +139,7 @@ fn shapes_at_the_verge_of_contact() {
     eprintln!("{doubtful} of {judged} in doubt");
     let sets = InstructionSet::available().len();
     assert!(judged > 4_000 * sets as u64, "they touch: {judged}, by {sets} instruction sets");
-    // All are that are nearer than the errors: two distances of seven, and those of a micrometer or ten for the most
-    // part.
+    // In doubt are all distances below the error bounds: two of the seven, and most of those of 1 to 10 micrometers.
     assert!((judged / 4..judged * 3 / 4).contains(&doubtful), "{doubtful} of {judged}");
 }
 
@@ -157,8 +159,8 @@ fn several_robots_in_one_world() {
     }
 }
 
-/// A motor beyond its limits counts as at the limit, and so does one that is not a number, unless a constraint asks
-/// about it.
+/// A motor position beyond its limits counts as the limit. So does one that is not a number, unless a constraint reads
+/// that motor.
 #[test]
 fn poses_that_nothing_has() {
     let scene = alone(shipped("icub"));

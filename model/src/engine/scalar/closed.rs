@@ -1,12 +1,13 @@
-//! Closed forms: segments, and a point against a box or a cylinder.
+//! Closed forms: two segments, and a point against a box or a cylinder.
 
 use super::exact::Separation;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-/// A segment by its middle, so that a point is one of no length and a capsule's axis needs no ends.
+/// A segment given by its midpoint and half axis. A zero half axis makes it a point, and a capsule's axis needs no
+/// ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Segment {
-    /// In the frame of whoever asks: the world, or the other shape.
+    /// Midpoint, in the caller's frame: the world, or the other shape.
     pub middle: Point3<f64>,
     /// From the middle to one end, meters.
     pub half_axis: Vector3<f64>,
@@ -24,9 +25,11 @@ impl Segment {
 /// After Ericson, *Real-Time Collision Detection*, 5.1.9, with centered parameters.
 pub(super) fn nearest_parameters(a: &Segment, b: &Segment) -> (f64, f64) {
     let r = a.middle - b.middle;
-    let (aa, bb) = (a.half_axis.norm_squared(), b.half_axis.norm_squared());
-    let (ar, br) = (a.half_axis.dot(&r), b.half_axis.dot(&r));
-    /// Squared length, m^2, below which a half axis is none: a picometre.
+    let aa = a.half_axis.norm_squared();
+    let bb = b.half_axis.norm_squared();
+    let ar = a.half_axis.dot(&r);
+    let br = b.half_axis.dot(&r);
+    /// Squared length, m^2, below which a half axis counts as zero: (1 pm)^2.
     const TINY: f64 = 1e-24;
     if aa <= TINY && bb <= TINY {
         return (0.0, 0.0);
@@ -39,7 +42,7 @@ pub(super) fn nearest_parameters(a: &Segment, b: &Segment) -> (f64, f64) {
     }
     let ab = a.half_axis.dot(&b.half_axis);
     let det = aa * bb - ab * ab;
-    // Nearly parallel: any starting point on the first segment will do, its middle is the most stable.
+    // If the segments are nearly parallel, any starting point on the first will do; its midpoint is the most stable.
     let s = if det > 1e-12 * aa * bb { ((ab * br - bb * ar) / det).clamp(-1.0, 1.0) } else { 0.0 };
     let t = (ab * s + br) / bb;
     if t < -1.0 {
@@ -57,13 +60,13 @@ pub(super) fn segments_squared(a: &Segment, b: &Segment) -> f64 {
     (a.at(s) - b.at(t)).norm_squared()
 }
 
-/// Two segments, or points where a half axis is zero. Where they cross, the normal is across both.
+/// Separation of two segments, or of points if a half axis is zero. If they cross, the normal is perpendicular to both.
 pub(super) fn segments(a: Segment, b: Segment) -> Separation {
     let (s, t) = nearest_parameters(&a, &b);
     let points = [a.at(s), b.at(t)];
     let apart = points[1] - points[0];
     let distance = apart.norm();
-    // Nearer, the direction between the points is rounding.
+    // Below this distance, meters, the direction between the points is rounding noise.
     if distance > 1e-12 {
         return Separation { distance, normal: apart / distance, points };
     }
@@ -76,7 +79,7 @@ pub(super) fn segments(a: Segment, b: Segment) -> Separation {
     Separation { distance: 0.0, normal, points: [points[0], points[0]] }
 }
 
-/// A point against a box with half edge lengths `half`; inside, the nearest face counts.
+/// Separation of a point and a box with half edge lengths `half`; for a point inside, from the nearest face.
 pub(super) fn point_box(point: Point3<f64>, half: &Vector3<f64>, world_from_box: &Isometry3<f64>) -> Separation {
     let p = world_from_box.inverse_transform_point(&point).coords;
     let nearest = Vector3::new(p.x.clamp(-half.x, half.x), p.y.clamp(-half.y, half.y), p.z.clamp(-half.z, half.z));
@@ -92,7 +95,7 @@ pub(super) fn point_box(point: Point3<f64>, half: &Vector3<f64>, world_from_box:
     place(point, -outward, -room[face], world_from_box)
 }
 
-/// A point against a cylinder along y; inside, the nearer of mantle and end counts.
+/// Separation of a point and a cylinder along y; for a point inside, from the nearer of mantle and end.
 pub(super) fn point_cylinder(
     point: Point3<f64>,
     half: f64,
@@ -103,7 +106,8 @@ pub(super) fn point_cylinder(
     let rho = p.x.hypot(p.z);
     let radial = if rho > 0.0 { Vector3::new(p.x / rho, 0.0, p.z / rho) } else { Vector3::x() };
     let end = Vector3::y() * if p.y < 0.0 { -1.0 } else { 1.0 };
-    let (out_radial, out_axial) = (rho - radius, p.y.abs() - half);
+    let out_radial = rho - radius;
+    let out_axial = p.y.abs() - half;
     let (outward, distance) = if out_radial > 0.0 && out_axial > 0.0 {
         let distance = out_radial.hypot(out_axial);
         ((radial * out_radial + end * out_axial) / distance, distance)
@@ -115,13 +119,13 @@ pub(super) fn point_cylinder(
     place(point, -outward, distance, world_from_cylinder)
 }
 
-/// From the frame of the second core to the world.
+/// Transforms a separation from the frame of the second core to the world.
 fn place(point: Point3<f64>, local_normal: Vector3<f64>, distance: f64, world: &Isometry3<f64>) -> Separation {
     let normal = world.rotation * local_normal;
     Separation { distance, normal, points: [point, point + normal * distance] }
 }
 
-/// Any unit vector across `axis`.
+/// An arbitrary unit vector perpendicular to `axis`.
 fn across(axis: &Vector3<f64>) -> Vector3<f64> {
     let least = axis.iamin();
     let mut e = Vector3::zeros();

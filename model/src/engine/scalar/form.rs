@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use parry3d_f64::math::Vector;
 use std::sync::Arc;
 
-/// A convex set without its radius, centered at the origin. Meters.
+/// A convex set without its radius, centered at the origin, meters.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Core {
     /// The origin.
@@ -18,29 +18,29 @@ pub(super) enum Core {
     Box { half: Vector3<f64> },
     /// A flat-ended cylinder along y.
     Cylinder { half: f64, radius: f64 },
-    /// The convex hull of points, wherever they are.
+    /// The convex hull of points at arbitrary positions.
     Hull { points: Arc<[Vector]> },
 }
 
-/// A shape prepared for queries: its core, and simpler shapes that hold it or that it holds. Meters, in the shape's frame.
+/// A shape prepared for queries: its core, with bounding and inscribed shapes. Meters, in the shape's frame.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Form {
-    /// What is left of the shape without its radius.
+    /// The shape without its radius.
     pub core: Core,
-    /// What the core is blown up by.
+    /// Radius by which the core is dilated.
     pub radius: f64,
-    /// Radius of the ball about the origin that holds the shape.
+    /// Radius of the bounding ball about the origin.
     pub ball: f64,
-    /// A capsule that holds the shape.
+    /// Bounding capsule of the shape.
     pub outer: BoundingCapsule,
-    /// A capsule inside the shape.
+    /// Capsule inside the shape.
     pub inner: InnerCapsule,
-    /// Half the edges of the shape, if it is a box.
+    /// Half edge lengths if the shape is a box.
     pub boxed: Option<Vector3<f64>>,
 }
 
 impl Form {
-    /// Prepares a shape: everything that no pose changes.
+    /// Computes all that does not depend on the pose.
     pub fn new(shape: &Shape) -> Self {
         let (core, radius) = match *shape {
             Shape::Sphere { radius } => (Core::Point, radius),
@@ -59,19 +59,20 @@ impl Form {
         }
     }
 
-    /// Of the shape only its hull is solid, with this capsule within; all that holds the shape still holds it.
+    /// Restricts the solid part to a hull within the shape, with `inner` inside that hull. The bounds of the whole
+    /// shape stay valid.
     pub fn hollowed(self, hull: &Hull, shape_from_hull: &Isometry3<f64>, inner: InnerCapsule) -> Self {
         let local = |p: &nalgebra::Point3<f64>| Vector::from((shape_from_hull * p).coords);
         let core = Core::Hull { points: hull.points().iter().map(local).collect() };
         Form { core, radius: hull.radius(), inner, ..self }
     }
 
-    /// Whether the outer capsule is the shape itself.
+    /// True if the outer capsule is the shape itself.
     pub fn is_capsule(&self) -> bool {
         matches!(self.core, Core::Point | Core::Segment { .. })
     }
 
-    /// The axis of the inner capsule, given that of the outer one.
+    /// The axis of the inner capsule, given that of the outer one in any frame.
     pub fn inner(&self, outer: &Segment) -> Segment {
         Segment { middle: outer.middle, half_axis: outer.half_axis * self.inner.share }
     }

@@ -1,15 +1,15 @@
-//! Cores with no closed form: parry's GJK where they are apart, separating axes or EPA where they overlap, each
-//! answer checked from the other side.
+//! Cores without a closed form: parry's GJK if they are apart, separating axes or EPA if they overlap. Each result is
+//! checked from the other side.
 //!
 //! ```text
 //! GJK ── farther than the cap ──> None
-//!     ── apart ──> nearest points, projected to and fro until the slab between them is empty
+//!     ── apart ──> nearest points, projected alternately until the slab between them is empty
 //!     ── overlapping ──> boxes and segments: separating axes (exact)
-//!                        round ones: EPA's direction and our own, the best of all by the lower bound
+//!                        round cores: EPA's direction and fixed candidates, the best lower bound of all
 //! ```
-//! Neither iteration is trusted: GJK may stop early where sides are nearly parallel, EPA where its first simplex is flat. Nearest
-//! points bound the distance from above and any direction bounds it from below, so that an answer whose two bounds meet is right
-//! whoever found it.
+//! Neither iteration is trusted: GJK may stop early at nearly parallel sides, EPA if its first simplex is flat. Nearest
+//! points bound the distance from above and any direction bounds it from below, so a result whose two bounds meet is
+//! right, whichever method found it.
 
 use super::exact::Separation;
 use super::form::Core;
@@ -20,10 +20,10 @@ use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query::epa::EPA;
 use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
 
-/// Nearer than this, meters, the direction between two points is noise.
+/// Distance, meters, below which the direction between two points is noise.
 const TOUCHING: f64 = 1e-10;
 
-/// The signed separation of two cores, or `None` once they are surely farther apart than `cap`.
+/// The signed separation of two cores, or `None` if they are certainly farther apart than `cap`.
 pub(super) fn separation(
     a: &Core,
     world_from_a: &Isometry3<f64>,
@@ -31,13 +31,14 @@ pub(super) fn separation(
     world_from_b: &Isometry3<f64>,
     cap: f64,
 ) -> Option<Separation> {
-    // In the frame of the first shape: far from the world's origin GJK would lose digits, and so would the checks.
+    // Computed in the frame of the first shape: far from the world's origin GJK and the checks would lose digits.
     let a_from_b = world_from_a.inv_mul(world_from_b);
     let here = Pose::from_parts(a_from_b.translation.vector.into(), a_from_b.rotation.into());
     let mut simplex = VoronoiSimplex::new();
     let start = Vector::from(-a_from_b.translation.vector);
     let start = if start.length_squared() > 1e-24 { start.normalize() } else { Vector::X };
-    // GJK begins with the direction between the centers, which is right for balls; where the centers coincide any will do.
+    // GJK starts from the direction between the centers, which is exact for balls; if the centers coincide, any
+    // direction will do.
     simplex.reset(CsoPoint::from_shapes(&here, a, b, start));
     let local_placed = || (Placed { core: a, pose: Isometry3::identity() }, Placed { core: b, pose: a_from_b });
     let world = |s: Separation| Separation {
@@ -48,7 +49,8 @@ pub(super) fn separation(
     match gjk::closest_points(&here, a, b, cap, true, &mut simplex) {
         GJKResult::NoIntersection(_) => None,
         GJKResult::ClosestPoints(p, q, _) => {
-            let (p, q) = (Point3::new(p.x, p.y, p.z), Point3::new(q.x, q.y, q.z));
+            let p = Point3::new(p.x, p.y, p.z);
+            let q = Point3::new(q.x, q.y, q.z);
             let apart = q - p;
             let distance = apart.norm();
             let (a, b) = local_placed();
@@ -66,13 +68,15 @@ pub(super) fn separation(
     }
 }
 
-/// GJK's nearest points, projected to and fro until the slab between them is empty: where a rounded and a nearly parallel
-/// side meet, GJK may stop some micrometers early. `None` if they turn out to touch.
+/// Refines GJK's nearest points by alternating projection until the slab between them is empty: where a rounded side
+/// meets a nearly parallel one, GJK may stop some micrometers early. `None` if the cores turn out to touch.
 fn polished(a: &Placed, b: &Placed, mut p: Point3<f64>, mut q: Point3<f64>) -> Option<Separation> {
-    /// An empty slab within this, meters, is empty: far below what anybody asks of a distance, far above rounding.
-    const GOOD: f64 = 1e-8;
-    /// Projecting to and fro converges slowly where sides are nearly parallel; the points are then good to a micrometer.
-    const ROUNDS: usize = 50;
+    /// Gap, meters, within which the slab counts as empty: far below any accuracy that callers need, far above
+    /// rounding.
+    const SLAB_TOLERANCE_M: f64 = 1e-8;
+    /// Iteration limit. Alternating projection converges slowly at nearly parallel sides; the points are then accurate
+    /// to a micrometer.
+    const MAX_ROUNDS: usize = 50;
     let mut rounds = 0;
     loop {
         let apart = q - p;
@@ -82,7 +86,7 @@ fn polished(a: &Placed, b: &Placed, mut p: Point3<f64>, mut q: Point3<f64>) -> O
         }
         let normal = apart / distance;
         rounds += 1;
-        if distance < GOOD || rounds > ROUNDS || distance - along(a, b, &normal) < GOOD {
+        if distance < SLAB_TOLERANCE_M || rounds > MAX_ROUNDS || distance - along(a, b, &normal) < SLAB_TOLERANCE_M {
             return Some(Separation { distance, normal, points: [p, q] });
         }
         p = project(a, &q);
@@ -90,10 +94,10 @@ fn polished(a: &Placed, b: &Placed, mut p: Point3<f64>, mut q: Point3<f64>) -> O
     }
 }
 
-/// The depth of overlapping cores: the best of what EPA finds and a few directions of our own. `here` is `a_from_b`, `simplex`
-/// what GJK ended with.
+/// The depth of overlapping cores: the best of EPA's result and a few fixed candidate directions. `here` is `a_from_b`,
+/// `simplex` GJK's final simplex.
 fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Separation {
-    // Separating axes are exact for them and need no iteration; EPA is for round sides only.
+    // For flat cores separating axes are exact and need no iteration; EPA is only for round sides.
     let flat = |c: &Core| matches!(c, Core::Box { .. } | Core::Segment { .. });
     if flat(a.core) && flat(b.core) {
         return overlap::by_axes(a, b);
@@ -111,8 +115,8 @@ fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Sep
         let n = Vector3::new(n.x, n.y, n.z);
         n.try_normalize(1e-12).into_iter().for_each(&mut consider);
     }
-    // EPA expands a polytope and stops near the best face, or at a wrong one in a degenerate simplex. Each candidate costs two
-    // support points and can only make the answer better, since every direction is a lower bound.
+    // EPA expands a polytope and stops near the best face, or at a wrong one if its simplex is degenerate. Each
+    // candidate costs two support points and can only improve the result, since every direction gives a lower bound.
     candidates(a, b).iter().filter_map(|n| n.try_normalize(1e-9)).for_each(&mut consider);
     match best {
         Some((distance, normal)) => Separation { distance, normal, points: pressed(a, b, &normal, distance) },
@@ -120,27 +124,28 @@ fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Sep
     }
 }
 
-/// Where two cores touch once they have been parted by `-distance` along `n`, as points of both. The farthest points of a face,
-/// an edge or a mantle line are many: those are meant where the other core presses on it.
+/// Contact points on both cores after a separating translation of `-distance` along `n`. A face, an edge or a mantle
+/// line has many farthest points; chosen are those that the other core presses on.
 fn pressed(a: &Placed, b: &Placed, n: &Vector3<f64>, distance: f64) -> [Point3<f64>; 2] {
-    /// Points that move less than this in a round, meters, have arrived.
-    const GOOD: f64 = 1e-10;
-    /// Where a round side presses on a flat one the points creep; after so many rounds they are good to a micrometer.
-    const ROUNDS: usize = 100;
-    let way = n * distance;
+    /// Step length, meters, below which the points have converged.
+    const CONVERGED_M: f64 = 1e-10;
+    /// Iteration limit. If a round side presses on a flat one, convergence is slow; the points are then accurate to a
+    /// micrometer.
+    const MAX_ROUNDS: usize = 100;
+    let shift = n * distance;
     let mut p = support_point(a, n);
-    for _ in 0..ROUNDS {
-        let next = farthest_near(a, n, &(farthest_near(b, &-n, &(p + way)) - way));
+    for _ in 0..MAX_ROUNDS {
+        let next = farthest_near(a, n, &(farthest_near(b, &-n, &(p + shift)) - shift));
         let step = (next - p).norm();
         p = next;
-        if step < GOOD {
+        if step < CONVERGED_M {
             break;
         }
     }
-    [p, p + way]
+    [p, p + shift]
 }
 
-/// Directions in which two overlapping shapes often part most easily.
+/// Candidate directions in which two overlapping shapes often separate most easily.
 fn candidates(a: &Placed, b: &Placed) -> [Vector3<f64>; 18] {
     let axis = |p: &Placed, i: usize| {
         let mut e = Vector3::zeros();

@@ -1,8 +1,8 @@
-//! How deep two boxes, or a segment and a box, lie in each other: separating axes.
+//! Penetration depth of two boxes, or of a segment and a box, by separating axes.
 //!
-//! Their Minkowski difference is a zonotope; its faces' normals are the boxes' axes and the cross products of one edge
-//! of each, so that trying these is exact: 3 + 3 + 9 directions for two boxes, 3 + 3 for a box and a segment. The one that parts
-//! the two by the shortest way is the answer.
+//! Their Minkowski difference is a zonotope. The normals of its faces are the boxes' axes and the cross products of one
+//! edge of each, so trying these is exact: 3 + 3 + 9 directions for two boxes, 3 + 3 for a box and a segment. The
+//! result is the direction with the shortest separating translation.
 
 use super::closed::{self, Segment};
 use super::exact::Separation;
@@ -12,16 +12,17 @@ use nalgebra::{Point3, Vector3};
 
 /// The signed separation along the best separating axis: exact if the cores overlap, else a lower bound.
 pub(super) fn by_axes(a: &Placed, b: &Placed) -> Separation {
-    let (edges_a, edges_b) = (edges(a), edges(b));
+    let edges_a = edges(a);
+    let edges_b = edges(b);
     let between = b.center() - a.center();
     let mut best: Option<(f64, Vector3<f64>, Kind)> = None;
     let mut consider = |axis: Vector3<f64>, kind: Kind| {
         let Some(n) = axis.try_normalize(1e-300) else { return };
         let n = if n.dot(&between) < 0.0 { -n } else { n };
         let apart = n.dot(&between) - reach(&edges_a, &n) - reach(&edges_b, &n);
-        // Edge pairs must be better by a hair, so that faces win ties: their witness points are steadier.
-        let hair = if matches!(kind, Kind::Edges(..)) { 1e-12 } else { 0.0 };
-        if best.is_none_or(|(d, ..)| apart > d + hair) {
+        // Edge pairs must be better by a small tolerance, so that faces win ties: their witness points are more stable.
+        let tie_margin = if matches!(kind, Kind::Edges(..)) { 1e-12 } else { 0.0 };
+        if best.is_none_or(|(d, ..)| apart > d + tie_margin) {
             best = Some((apart, n, kind));
         }
     };
@@ -33,7 +34,7 @@ pub(super) fn by_axes(a: &Placed, b: &Placed) -> Separation {
     }
     for ea in edges_a {
         for eb in edges_b {
-            // Unit vectors first: a thin plate's short edge is as good a direction as its long one.
+            // Normalized first: a thin plate's short edge is as good a direction as its long one.
             let (Some(ua), Some(ub)) = (ea.try_normalize(1e-300), eb.try_normalize(1e-300)) else { continue };
             let axis = ua.cross(&ub);
             consider(axis, Kind::Edges(ea, eb));
@@ -57,7 +58,8 @@ pub(super) fn by_axes(a: &Placed, b: &Placed) -> Separation {
                     .fold(placed.center(), |p, e| if e.dot(&n) < 0.0 { p - e } else { p + e });
                 Segment { middle, half_axis: edge }
             };
-            let (a, b) = (edge(a, ea, normal), edge(b, eb, -normal));
+            let a = edge(a, ea, normal);
+            let b = edge(b, eb, -normal);
             let (s, t) = closed::nearest_parameters(&a, &b);
             let p: Point3<f64> = nalgebra::center(&a.at(s), &b.at(t));
             [p - normal * (distance / 2.0), p + normal * (distance / 2.0)]
@@ -66,7 +68,7 @@ pub(super) fn by_axes(a: &Placed, b: &Placed) -> Separation {
     Separation { distance, normal, points }
 }
 
-/// Which features an axis comes from: that tells where the witness points are.
+/// The features that an axis comes from; they determine the witness points.
 #[derive(Clone, Copy)]
 enum Kind {
     FaceOfA,
@@ -74,7 +76,7 @@ enum Kind {
     Edges(Vector3<f64>, Vector3<f64>),
 }
 
-/// Half edges in the world: three of a box, one of a segment; zeros where there is none.
+/// Half edges in the world frame: three of a box, one of a segment; unused entries are zero.
 fn edges(placed: &Placed) -> [Vector3<f64>; 3] {
     let rotation = placed.pose.rotation.to_rotation_matrix();
     let m = rotation.matrix();
@@ -86,7 +88,7 @@ fn edges(placed: &Placed) -> [Vector3<f64>; 3] {
     }
 }
 
-/// How far a core with these half edges reaches from its center along unit `n`, meters.
+/// Extent of a core with these half edges from its center along unit `n`, meters.
 fn reach(edges: &[Vector3<f64>; 3], n: &Vector3<f64>) -> f64 {
     edges.iter().map(|e| e.dot(n).abs()).sum()
 }

@@ -1,7 +1,8 @@
-//! Cores by their support points: what GJK, EPA and the checks of both know a core by.
+//! Support points of cores: the only access that GJK, EPA and the checks of both have to a core.
 //!
-//! The support point in a direction is the point of a convex set that lies farthest along it. Two of them bound the distance of
-//! two sets from below in that direction ([`along`]), whoever proposed the direction; that is how answers are checked here.
+//! The support point in a direction is the point of a convex set that lies farthest along it. Two support points bound
+//! the distance of two sets from below in that direction ([`along`]), whatever method proposed the direction. The
+//! results of GJK and EPA are checked this way.
 
 use super::form::Core;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -9,12 +10,12 @@ use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::SupportMap;
 
-/// A core and where it is: `world_from_core`, or whatever frame both of a pair are in.
+/// A core and its pose: `world_from_core`, or from another frame common to both cores of a pair.
 #[derive(Clone, Copy)]
 pub(super) struct Placed<'a> {
-    /// What.
+    /// The core.
     pub core: &'a Core,
-    /// Where.
+    /// Its pose.
     pub pose: Isometry3<f64>,
 }
 
@@ -26,8 +27,8 @@ impl Placed<'_> {
 }
 
 impl SupportMap for Core {
-    /// The farthest point along `dir`, in the core's frame. `copysign` and not a comparison: a zero has a sign, too, and so two
-    /// equal directions always have one and the same corner.
+    /// The farthest point along `dir`, in the core's frame. `copysign` instead of a comparison, because zero has a
+    /// sign, too: equal directions always give the same corner.
     fn local_support_point(&self, dir: Vector) -> Vector {
         match *self {
             Core::Point => Vector::ZERO,
@@ -56,7 +57,7 @@ pub(super) fn support_point(placed: &Placed, direction: &Vector3<f64>) -> Point3
     placed.pose * Point3::new(p.x, p.y, p.z)
 }
 
-/// How far the cores are apart along unit `n`: never more than their signed distance.
+/// Separation of the cores along unit `n`, meters: a lower bound of their signed distance.
 pub(super) fn along(a: &Placed, b: &Placed, n: &Vector3<f64>) -> f64 {
     (support_point(b, &-n) - support_point(a, n)).dot(n)
 }
@@ -79,10 +80,10 @@ pub(super) fn project(placed: &Placed, point: &Point3<f64>) -> Point3<f64> {
         }
 }
 
-/// How far each of these places is from the hull of points, meters; zero within.
-pub(crate) fn distances_from_hull(points: &[Vector3<f64>], places: &[Vector3<f64>]) -> impl Iterator<Item = f64> {
+/// Distances of points from the hull of `points`, meters; zero inside.
+pub(crate) fn distances_from_hull(points: &[Vector3<f64>], queries: &[Vector3<f64>]) -> impl Iterator<Item = f64> {
     let core = Core::Hull { points: points.iter().map(|p| Vector::from(*p)).collect() };
-    places.iter().map(move |place| (nearest_of_hull(&core, &Point3::from(*place)).coords - place).norm())
+    queries.iter().map(move |query| (nearest_of_hull(&core, &Point3::from(*query)).coords - query).norm())
 }
 
 /// The point of a hull nearest to a point, both in the hull's frame.
@@ -93,18 +94,19 @@ fn nearest_of_hull(hull: &Core, p: &Point3<f64>) -> Point3<f64> {
     simplex.reset(CsoPoint::from_shapes(&there, hull, &Core::Point, start));
     match gjk::closest_points(&there, hull, &Core::Point, f64::MAX, true, &mut simplex) {
         GJKResult::ClosestPoints(on_hull, _, _) => Point3::new(on_hull.x, on_hull.y, on_hull.z),
-        // within
+        // Inside the hull.
         _ => *p,
     }
 }
 
 /// Of the points of a placed core that lie farthest along unit `n`, the one nearest to `point`.
 pub(super) fn farthest_near(placed: &Placed, n: &Vector3<f64>, point: &Point3<f64>) -> Point3<f64> {
-    /// How far a side may be from square to `n` and still count as a whole, rad.
-    const SQUARE: f64 = 1e-6;
+    /// Deviation of a side from perpendicular to `n`, rad, up to which all of the side counts as farthest.
+    const PERPENDICULAR_RAD: f64 = 1e-6;
     let n = placed.pose.rotation.inverse_transform_vector(n);
     let p = placed.pose.inverse_transform_point(point);
-    let end = |n: f64, half: f64, p: f64| if n.abs() > SQUARE { half.copysign(n) } else { p.clamp(-half, half) };
+    let end =
+        |n: f64, half: f64, p: f64| if n.abs() > PERPENDICULAR_RAD { half.copysign(n) } else { p.clamp(-half, half) };
     placed.pose
         * match *placed.core {
             Core::Point => Point3::origin(),
@@ -112,7 +114,7 @@ pub(super) fn farthest_near(placed: &Placed, n: &Vector3<f64>, point: &Point3<f6
             Core::Box { half } => Point3::new(end(n.x, half.x, p.x), end(n.y, half.y, p.y), end(n.z, half.z, p.z)),
             Core::Cylinder { half, radius } => {
                 let slant = n.x.hypot(n.z);
-                let (x, z) = if slant > SQUARE {
+                let (x, z) = if slant > PERPENDICULAR_RAD {
                     (n.x * radius / slant, n.z * radius / slant)
                 } else {
                     let k = (radius / p.x.hypot(p.z)).min(1.0);
@@ -120,7 +122,7 @@ pub(super) fn farthest_near(placed: &Placed, n: &Vector3<f64>, point: &Point3<f6
                 };
                 Point3::new(x, end(n.y, half, p.y), z)
             }
-            // any of them will do: the faces of a hull are small
+            // Any of the farthest points will do: the faces of a hull are small.
             Core::Hull { .. } => {
                 let p = placed.core.local_support_point(Vector::new(n.x, n.y, n.z));
                 Point3::new(p.x, p.y, p.z)

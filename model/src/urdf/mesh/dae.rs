@@ -1,9 +1,10 @@
-//! COLLADA: the surfaces that its scene shows, each where the scene's nodes put it.
+//! COLLADA: the surfaces in its scene, transformed by the scene's nodes.
 //!
-//! The file's unit counts, its `up_axis` as a rule does not. So it is in what people look at and check URDF with: RViz, MoveIt and
-//! coal take a file's unit and the transforms of its nodes, and undo the turn that their common reader makes for `up_axis`. Files are
-//! therefore drawn in the link's axes whatever they declare; a third of the COLLADA files of known robots say `Y_UP`, and
-//! turning those would break most of the robots. For the others see `upright`.
+//! The file's unit is applied; its `up_axis` usually is not. This agrees with the programs in which URDF files are
+//! displayed and checked: RViz, MoveIt and coal apply a file's unit and the transforms of its nodes, and undo the
+//! rotation that their common reader applies for `up_axis`. Files are therefore drawn in the link's axes regardless of
+//! their declaration: a third of the COLLADA files of known robots declare `Y_UP`, and rotating these would break most
+//! of the robots. For the exceptions see `upright`.
 
 use super::{MAX_TRIANGLES, Parsed, add_polygon, add_triangle, decoded};
 use crate::Mesh;
@@ -14,23 +15,24 @@ use percent_encoding::percent_decode_str;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// More instances of nodes and geometries are refused: a few nodes that show each other twice make any number.
+/// Maximum number of instances of nodes and geometries: a few nodes that instantiate each other twice can create any
+/// number.
 const MAX_INSTANCES: usize = 10_000;
-/// Nodes may be nested so deep, by instances as well.
+/// Maximum nesting depth of nodes, including instances.
 const MAX_DEPTH: usize = 50;
-/// More vertices of all instances together are refused.
+/// Maximum number of vertices of all instances together.
 const MAX_VERTICES: usize = 3 * MAX_TRIANGLES;
-/// How much text of geometries, and of the lists in them, may be read, counted again what is shown again, bytes.
+/// Maximum amount of text of geometries and of their lists, in bytes, with repeated instances counted again.
 const MAX_SHOWN: usize = 512 << 20;
-/// More elements are refused: a file may have one for each polygon, and names may hold what they like.
+/// Limits of the XML parser: a file may have one element per polygon, and names may contain hidden characters.
 const LIMITS: XmlLimits = XmlLimits { elements: 2 * MAX_TRIANGLES, visible_only: false };
-/// The kinds of elements that others refer to, each with names of its own.
+/// The kinds of elements that others refer to, each with its own ids.
 const REFERRED_TO: [&str; 6] = ["visual_scene", "node", "geometry", "vertices", "source", "float_array"];
 
 /// Reads a COLLADA file.
 ///
 /// # Errors
-/// What is wrong with it, as the end of a sentence.
+/// The reason, as the end of a sentence.
 pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     let source = Source::new("mesh", &decoded(bytes));
     let root = xml::parse_within(&source, &LIMITS).map_err(|e| {
@@ -59,16 +61,16 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     Ok(Parsed { mesh: scene.mesh, y_up: up == Some("Y_UP"), notes: Vec::new() })
 }
 
-/// Elements by kind and `id`; none where several of a kind have the same.
+/// Elements by kind and `id`; `None` if several of a kind have the same id.
 type Ids<'d> = BTreeMap<(&'d str, &'d str), Option<&'d XmlElement>>;
 
-/// All elements that others may refer to.
+/// Collects all elements that others may refer to.
 fn collect_ids<'d>(element: &'d XmlElement, ids: &mut Ids<'d>) {
     collect_id(element, ids);
     element.children.iter().for_each(|c| collect_ids(c, ids));
 }
 
-/// An element, if others may refer to it.
+/// Adds an element, if others may refer to it.
 fn collect_id<'d>(element: &'d XmlElement, ids: &mut Ids<'d>) {
     if let Some(id) = element.get("id")
         && REFERRED_TO.contains(&element.name.as_str())
@@ -77,17 +79,17 @@ fn collect_id<'d>(element: &'d XmlElement, ids: &mut Ids<'d>) {
     }
 }
 
-/// What is shown so far, and where the rest is found.
+/// State of the reader.
 struct Scene<'d> {
     /// The file.
     text: &'d str,
-    /// Its elements that others refer to.
+    /// The elements that others refer to.
     ids: Ids<'d>,
-    /// What is shown so far, meters.
+    /// The surface so far, meters.
     mesh: Mesh,
-    /// How many instances were made.
+    /// Number of instances so far.
     instances: usize,
-    /// How much text may still be read, bytes.
+    /// Remaining amount of text that may be read, bytes.
     left: usize,
 }
 
@@ -99,7 +101,7 @@ impl<'d> Scene<'d> {
         [id, &decoded].into_iter().find_map(|id| self.ids.get(&(kind, id)).copied().flatten())
     }
 
-    /// As [`Self::target`], for what must be there.
+    /// As [`Self::target`], for a mandatory reference.
     fn refer(&self, element: &XmlElement, attribute: &str, kind: &str) -> Result<&'d XmlElement, String> {
         self.target(element, attribute, kind).ok_or_else(|| {
             let what = element.get(attribute).unwrap_or_default();
@@ -113,7 +115,7 @@ impl<'d> Scene<'d> {
         format!("<{}> in line {}", element.name, before.matches('\n').count() + 1)
     }
 
-    /// The scene that is shown, if the file has any.
+    /// The scene to show, if the file has any.
     fn shown(&self, root: &'d XmlElement) -> Result<Option<&'d XmlElement>, String> {
         let scenes: Vec<_> = root.all("library_visual_scenes").flat_map(|l| l.all("visual_scene")).collect();
         let instance = root.child("scene").and_then(|s| s.child("instance_visual_scene"));
@@ -125,14 +127,14 @@ impl<'d> Scene<'d> {
         }
     }
 
-    /// From the file's unit to meters.
+    /// The transform from the file's unit to meters.
     fn unit(&self, root: &XmlElement) -> Result<Matrix4<f64>, String> {
         let unit = root.child("asset").and_then(|a| a.child("unit")).and_then(|u| u.get("meter"));
         let meter = unit.map_or(Some(1.0), |u| u.parse::<f64>().ok()).filter(|m| m.is_finite() && *m > 0.0);
         meter.map(Matrix4::new_scaling).ok_or_else(|| "has a unit that is not a number above zero".to_owned())
     }
 
-    /// Shows all nodes within an element. `to_meters` leads from its frame to the mesh's.
+    /// Adds all nodes within an element. `to_meters` is the transform from its frame to the mesh's.
     fn nodes(&mut self, parent: &'d XmlElement, to_meters: &Matrix4<f64>, depth: usize) -> Result<(), String> {
         if depth > MAX_DEPTH {
             return Err(format!("has nodes nested more than {MAX_DEPTH} deep"));
@@ -170,7 +172,7 @@ impl<'d> Scene<'d> {
         Ok(())
     }
 
-    /// A node's transforms, in their order: the last one acts first.
+    /// A node's transforms, in order: the last one is applied first.
     fn transform(&mut self, node: &XmlElement) -> Result<Matrix4<f64>, String> {
         let mut transform = Matrix4::identity();
         for child in &node.children {
@@ -199,14 +201,14 @@ impl<'d> Scene<'d> {
         Ok(transform)
     }
 
-    /// Counts the text of an element as read.
+    /// Subtracts the text of an element from the remaining amount.
     fn charge(&mut self, element: &XmlElement) -> Result<(), String> {
         let left = self.left.checked_sub(element.inner.len());
         self.left = left.ok_or("shows too much: the same large lists again and again")?;
         Ok(())
     }
 
-    /// The text that an element contains, without comments.
+    /// The text of an element, without comments.
     fn content(&mut self, element: &XmlElement) -> Result<Cow<'d, str>, String> {
         self.charge(element)?;
         let text = self.text.get(element.inner.clone()).unwrap_or_default();
@@ -217,25 +219,25 @@ impl<'d> Scene<'d> {
         content.ok_or_else(|| format!("has a {} of other things than text", self.tag(element)))
     }
 
-    /// The numbers that an element contains.
+    /// The numbers of an element.
     fn numbers<T: std::str::FromStr>(&mut self, element: &XmlElement) -> Result<Vec<T>, String> {
         let numbers: Option<Vec<T>> = self.content(element)?.split_ascii_whitespace().map(|w| w.parse().ok()).collect();
         numbers.ok_or_else(|| format!("has a {} of other things than numbers", self.tag(element)))
     }
 
-    /// A count that an element states; none if it states none.
+    /// A count that an element declares; `None` if there is none.
     fn stated(&self, element: &XmlElement, name: &str) -> Result<Option<usize>, String> {
         let number =
             |text: &str| text.parse().map_err(|_| format!("has an unreadable {name} of {}", self.tag(element)));
         element.get(name).map(number).transpose()
     }
 
-    /// Adds a geometry's surfaces. Lines and curves have none.
+    /// Adds a geometry's surfaces; lines and curves have none.
     fn geometry(&mut self, geometry: &'d XmlElement, to_meters: &Matrix4<f64>) -> Result<(), String> {
         if let Some(other) = geometry.child("convex_mesh").or_else(|| geometry.child("brep")) {
             return Err(format!("has a {}, which is not a mesh of polygons", self.tag(other)));
         }
-        // Several surfaces of a geometry mostly share one list of positions.
+        // The surfaces of a geometry usually share one list of positions.
         let mut placed: Option<(&XmlElement, u32, u32)> = None;
         let Some(mesh) = geometry.child("mesh") else { return Ok(()) };
         self.charge(mesh)?;
@@ -269,7 +271,7 @@ impl<'d> Scene<'d> {
         Ok(())
     }
 
-    /// Where a surface finds its positions: among the sources of its mesh first.
+    /// The layout of a surface's lists. References are searched among the sources of its own mesh first.
     fn layout(&self, own: &Ids<'d>, surface: &XmlElement) -> Result<Layout<'d>, String> {
         let offset = |input: &XmlElement| input.get("offset").unwrap_or("0").parse::<usize>().ok().filter(|o| *o < 64);
         let bad = || format!("has a {} without readable inputs", self.tag(surface));
@@ -300,7 +302,8 @@ impl<'d> Scene<'d> {
         let array = source.child("float_array").or(of_other).ok_or("has positions that are not a list of numbers")?;
         let numbers: Vec<f64> = self.numbers(array)?;
         let stated = |name| accessor.map_or(Ok(None), |a| self.stated(a, name));
-        let (offset, stride) = (stated("offset")?.unwrap_or(0), stated("stride")?.unwrap_or(3));
+        let offset = stated("offset")?.unwrap_or(0);
+        let stride = stated("stride")?.unwrap_or(3);
         if !(3..64).contains(&stride) {
             return Err("has positions that are not three numbers each".to_owned());
         }
@@ -308,7 +311,8 @@ impl<'d> Scene<'d> {
         let reach = places.saturating_sub(1).saturating_mul(stride).saturating_add(offset).saturating_add(3);
         let claimed = self.stated(array, "count")?.unwrap_or(0).max(if places > 0 { reach } else { 0 });
         if numbers.len() < claimed {
-            let (list, there) = (self.tag(array), numbers.len());
+            let list = self.tag(array);
+            let there = numbers.len();
             return Err(format!("is cut off: {list} should have {claimed} numbers and has {there}"));
         }
         let named = |name| accessor?.all("param").position(|p| p.get("name") == Some(name));
@@ -326,7 +330,7 @@ impl<'d> Scene<'d> {
         Ok(())
     }
 
-    /// The corners in a list of a surface, whose positions are `count` vertices from `first`.
+    /// The corners in a list of a surface, whose positions are the `count` vertices starting at `first`.
     fn corners(&mut self, list: &XmlElement, layout: &Layout<'_>, first: u32, count: u32) -> Result<Vec<u32>, String> {
         let content = self.content(list)?;
         let mut words = 0_usize;
@@ -346,7 +350,7 @@ impl<'d> Scene<'d> {
         Ok(corners)
     }
 
-    /// Adds the triangles of a surface, of the corners of each of its lists.
+    /// Adds the triangles of a surface, from the corners in each of its lists.
     fn surface(&mut self, surface: &XmlElement, lists: Vec<Vec<u32>>) -> Result<(), String> {
         let before = self.mesh.triangles.len();
         let wrong = |this: &Self, what: &str| Err(format!("is cut off: {} {what}", this.tag(surface)));
@@ -380,10 +384,10 @@ impl<'d> Scene<'d> {
                     list.windows(3).try_for_each(|t| add_triangle(mesh, [t[0], t[1], t[2]]))
                 };
                 lists.iter().try_for_each(|list| strip(&mut self.mesh, list))?;
-                // some programs count strips, and some triangles
+                // Some programs count strips, and some triangles.
                 lists.len().max(self.mesh.triangles.len() - before)
             }
-            // polygons and fans are one list each
+            // Polygons and fans are one list each.
             _ => {
                 lists.iter().try_for_each(|list| add_polygon(&mut self.mesh, list))?;
                 lists.len().max(if surface.name == "trifans" { self.mesh.triangles.len() - before } else { 0 })
@@ -396,8 +400,8 @@ impl<'d> Scene<'d> {
     }
 }
 
-/// The place of something at `eye` that looks at `target` along its -z, with its y towards `up`. Not finite if these say nothing:
-/// cameras often have such, and show no surface.
+/// Transform of an object at `eye` that looks at `target` along its -z axis, with its y axis toward `up`. Not finite
+/// for degenerate input, which is frequent for cameras; they have no surface.
 fn look_at(eye: &Vector3<f64>, target: &Vector3<f64>, up: &Vector3<f64>) -> Matrix4<f64> {
     let back = (eye - target).normalize();
     let right = up.cross(&back).normalize();
@@ -405,12 +409,12 @@ fn look_at(eye: &Vector3<f64>, target: &Vector3<f64>, up: &Vector3<f64>) -> Matr
     Translation3::from(*eye).to_homogeneous() * turn.to_homogeneous()
 }
 
-/// How a surface's list of numbers is read.
+/// Layout of a surface's lists of numbers.
 struct Layout<'d> {
-    /// Which number of each corner is its position.
+    /// Index of the position within the numbers of a corner.
     offset: usize,
-    /// How many numbers each corner has.
+    /// Count of numbers per corner.
     stride: usize,
-    /// Where the positions are.
+    /// The source of the positions.
     source: &'d XmlElement,
 }

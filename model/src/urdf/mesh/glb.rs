@@ -1,7 +1,7 @@
-//! glTF 2.0 in one file (`.glb`): the triangles that its scene shows, each where the scene's nodes put it.
+//! glTF 2.0 in one file (`.glb`): the triangles in its scene, transformed by the scene's nodes.
 //!
-//! glTF is in meters, and y is up in it. As with COLLADA, the numbers are taken as they are, for so they are in what people look at
-//! URDF with; whether a mesh is turned all the same, see `upright`.
+//! glTF is in meters, with y up. As with COLLADA, coordinates are used unchanged, as in the programs in which URDF
+//! files are displayed; for the exceptions see `upright`.
 
 use super::{MAX_TRIANGLES, Parsed, add_triangle};
 use crate::Mesh;
@@ -10,22 +10,22 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
 
-/// The type of a chunk of JSON, and of one of binary data.
+/// Types of chunks: JSON and binary data.
 const JSON: u32 = 0x4E4F_534A;
 const BINARY: u32 = 0x004E_4942;
-/// Nodes may be nested so deep: a circle of them has no end.
+/// Maximum nesting depth of nodes: a cycle would not end.
 const MAX_DEPTH: usize = 50;
-/// More nodes and meshes are refused, those counted again that are shown again.
+/// Maximum number of instances of nodes and meshes, with repeated instances counted again.
 const MAX_INSTANCES: usize = 10_000;
-/// More vertices of all of them together are refused.
+/// Maximum number of vertices of all instances together.
 const MAX_VERTICES: usize = 3 * MAX_TRIANGLES;
-/// Types of numbers: `u8`, `u16`, `u32`, `f32`.
+/// Component types with their size in bytes: `u8`, `u16`, `u32`, `f32`.
 const NUMBERS: [(u32, usize); 4] = [(5121, 1), (5123, 2), (5125, 4), (5126, 4)];
 const FLOAT: u32 = 5126;
-/// An element that nothing gives a value.
+/// The value of elements of a sparse accessor without a view.
 static ZEROS: [u8; 12] = [0; 12];
 
-/// What matters of the JSON.
+/// The parts of the JSON that are used.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 struct Document {
@@ -51,7 +51,7 @@ struct Node {
     children: Vec<usize>,
     mesh: Option<usize>,
     skin: Option<usize>,
-    /// Column by column.
+    /// Column-major.
     matrix: Option<[f64; 16]>,
     translation: [f64; 3],
     /// x, y, z, w.
@@ -92,14 +92,14 @@ struct Accessor {
     sparse: Option<Sparse>,
 }
 
-/// The elements of an accessor that are others than its view has.
+/// The elements of an accessor that differ from its view.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Sparse {
     count: usize,
-    /// Which they are.
+    /// Their indices.
     indices: Part,
-    /// What they are.
+    /// Their values.
     values: Part,
 }
 
@@ -114,7 +114,7 @@ struct Part {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Buffer {
-    /// Where it is, if not in this file.
+    /// Location of its data, if it is not in this file.
     uri: Option<IgnoredAny>,
 }
 
@@ -127,10 +127,10 @@ struct View {
     byte_stride: Option<usize>,
 }
 
-/// Reads a glTF file that holds its buffer itself.
+/// Reads a glTF file with an embedded buffer.
 ///
 /// # Errors
-/// What is wrong with it, as the end of a sentence.
+/// The reason, as the end of a sentence.
 pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     let word = |at: usize| bytes.get(at..at + 4).and_then(|w| Some(u32::from_le_bytes(w.try_into().ok()?)));
     if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) {
@@ -139,7 +139,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     if word(8).is_some_and(|claimed| claimed as usize > bytes.len()) {
         return Err(format!("is cut off: it claims {} bytes and has {}", word(8).unwrap_or_default(), bytes.len()));
     }
-    let (mut at, mut json, mut binary) = (12, None, &[][..]);
+    let mut at = 12;
+    let mut json = None;
+    let mut binary = &[][..];
     while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
         let end = (at + 8).checked_add(length as usize).filter(|end| *end <= bytes.len());
         let end = end.ok_or_else(|| format!("is cut off: the chunk at byte {at} claims {length} bytes"))?;
@@ -152,7 +154,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     }
     let document: Document = serde_json::from_slice(json.ok_or("has no JSON in it")?)
         .map_err(|e| format!("has JSON that is no glTF: {}", crate::printable(&e.to_string())))?;
-    // materials and textures may be as they like
+    // Extensions for materials and textures are irrelevant.
     document.extensions_required.iter().try_for_each(|e| refuse_extension(e))?;
     let mut scene = Scene { document: &document, binary, mesh: Mesh::default(), instances: 0 };
     let origin = Matrix4::identity();
@@ -170,11 +172,11 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
             roots.into_iter().try_for_each(|node| scene.node(node, &origin, 0))?;
         }
     }
-    // y is up in all of them
+    // glTF defines y as up.
     Ok(Parsed { mesh: scene.mesh, y_up: true, notes: Vec::new() })
 }
 
-/// Refuses an extension that changes where triangles are: compressed, quantized, or shown several times.
+/// Rejects extensions that change the positions of triangles: compression, quantization and instancing.
 fn refuse_extension(name: &str) -> Result<(), String> {
     if !name.contains("mesh") {
         return Ok(());
@@ -196,12 +198,12 @@ impl Node {
     }
 }
 
-/// What is shown so far.
+/// State of the reader.
 struct Scene<'d> {
     document: &'d Document,
     /// The buffer of the file.
     binary: &'d [u8],
-    /// Meters.
+    /// The surface so far, meters.
     mesh: Mesh,
     instances: usize,
 }
@@ -215,7 +217,7 @@ impl Scene<'_> {
         Ok(())
     }
 
-    /// Shows a node and all below it. `above` leads from its parent's frame to the mesh's.
+    /// Adds a node and all nodes below it. `above` is the transform from its parent's frame to the mesh's.
     fn node(&mut self, index: usize, above: &Matrix4<f64>, depth: usize) -> Result<(), String> {
         self.count()?;
         if depth > MAX_DEPTH {
@@ -233,7 +235,7 @@ impl Scene<'_> {
         node.children.iter().try_for_each(|child| self.node(*child, &here, depth + 1))
     }
 
-    /// Adds the triangles of a mesh. Points and lines are passed over.
+    /// Adds the triangles of a mesh. Points and lines are skipped.
     fn show(&mut self, index: usize, place: &Matrix4<f64>) -> Result<(), String> {
         self.count()?;
         let mesh = self.document.meshes.get(index).ok_or_else(|| format!("shows mesh {index}, which is not there"))?;
@@ -296,7 +298,7 @@ impl Scene<'_> {
         Ok(())
     }
 
-    /// The type of an accessor's numbers, and the bytes of each of its elements.
+    /// The component type of an accessor, and the bytes of each of its elements.
     fn elements(&self, index: usize, kind: &str) -> Result<(u32, Vec<&[u8]>), String> {
         let wrong = |what: &str| format!("has an accessor {index} {what}");
         let accessor = self.document.accessors.get(index).ok_or_else(|| wrong("that is not there"))?;
@@ -348,7 +350,7 @@ impl Scene<'_> {
     }
 }
 
-/// A whole number of one to four bytes.
+/// Decodes a little-endian unsigned integer of one to four bytes.
 fn whole(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |all, byte| (all << 8) | u32::from(*byte))
 }

@@ -1,11 +1,11 @@
-//! OBJ: its vertices and faces. Lines, points, curves, groups and materials are passed over.
+//! OBJ: vertices and faces. Lines, points, curves, groups and materials are skipped.
 
 use super::{MAX_TRIANGLES, Parsed, add_polygon, decoded, lines, point};
 use crate::Mesh;
 use std::borrow::Cow;
 
-/// Statements that add nothing to the surface.
-const PASSED_OVER: [&str; 39] = [
+/// Statements that do not contribute to the surface.
+const IGNORED_STATEMENTS: [&str; 39] = [
     "vt",
     "vn",
     "vp",
@@ -50,12 +50,13 @@ const PASSED_OVER: [&str; 39] = [
 /// Reads an OBJ file.
 ///
 /// # Errors
-/// What is wrong with it, as the end of a sentence.
+/// The reason, as the end of a sentence.
 pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     let text = decoded(bytes);
     let mut mesh = Mesh::default();
-    // by corner, as an index from 0 that no vertex may have; by face, its line and its end in the corners
-    let (mut corners, mut faces) = (Vec::new(), Vec::new());
+    // `corners`: indices from 0, not yet checked; `faces`: for each face its line and its end in `corners`.
+    let mut corners = Vec::new();
+    let mut faces = Vec::new();
     let mut unknown = None;
     let mut wrapped = false;
     for (line, statement) in statements(&text) {
@@ -66,7 +67,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
             "v" => {
                 let place =
                     point(&mut words).ok_or_else(|| format!("has no three numbers after `v` in line {line}"))?;
-                // a single number more is a weight, three are a color
+                // One additional number is a weight, three are a color.
                 let weight = match (words.next().and_then(|w| w.parse::<f64>().ok()), words.next()) {
                     (Some(weight), None) => weight,
                     _ => 1.0,
@@ -88,7 +89,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
                 return Err(format!("has a surface that is not made of faces, by `{keyword}` in line {line}"));
             }
             "" => {}
-            other if was_wrapped || PASSED_OVER.contains(&other) => {}
+            other if was_wrapped || IGNORED_STATEMENTS.contains(&other) => {}
             other => _ = unknown.get_or_insert((line, other.chars().take(20).collect::<String>())),
         }
     }
@@ -107,15 +108,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     Ok(Parsed { mesh, y_up: false, notes: unknown.map(note).into_iter().collect() })
 }
 
-/// The index of a corner's vertex, from 0. A negative one in the file counts backwards from the vertex before the face.
+/// The index of a corner's vertex, from 0. A negative one in the file counts backward from the last vertex before the
+/// face.
 fn corner(word: &str, before: usize) -> Option<i64> {
     let index: i64 = word.split('/').next()?.parse().ok()?;
     if index < 0 { (before as i64).checked_add(index) } else { Some(index - 1) }
 }
 
-/// The statements of the text, each with its line: lines without comments, joined where a backslash ends one.
+/// The statements of the text, each with its line number: lines without comments, joined if one ends with a backslash.
 ///
-/// Only vertices and faces are joined: a comment or the name of a folder that ends in a backslash must not swallow what follows.
+/// Only vertices and faces are joined: a comment or the name of a folder that ends with a backslash must not absorb the
+/// next line.
 fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let mut lines = lines(text).map(|(number, line)| (number, line.split('#').next().unwrap_or_default()));
     std::iter::from_fn(move || {

@@ -1,4 +1,4 @@
-//! What each element of a robot file adds to the robot, and what it sets until it ends.
+//! The effect of each element of a robot file on the robot and on the state of the reader.
 
 use super::{Open, PartBuilder, ROOT, RobotReader};
 use crate::error::FileError;
@@ -11,20 +11,20 @@ use crate::{Marker, Motor, Node, NodeKind};
 use nalgebra::{Unit, Vector3};
 use std::sync::Arc;
 
-/// More nodes are refused: the pair tables grow with the square.
+/// Maximum number of nodes: the pair tables grow quadratically.
 const MAX_NODES: usize = 2048;
-/// More shapes of all nodes together are refused.
+/// Maximum number of shapes of all nodes together.
 const MAX_SHAPES: usize = 4096;
-/// More parts, motors or markers are refused, of each kind.
+/// Maximum number of parts, of motors, of markers and of links without shapes, each.
 const MAX_NAMES: usize = 4096;
-/// Motor slots per part.
+/// Maximum number of motor slots per part.
 const MAX_SLOTS: i64 = 4096;
 
-/// What `link` and `joint` have in common: name, direction, length, the radii of their own shapes, and flags.
+/// Common attributes of `link` and `joint`: name, direction, length, the radii of their own shapes, and flags.
 const NODE: &[&str] = &["name", "x", "y", "z", "length", "radius", "field", "noSelfCollision", "capsule"];
 
 impl RobotReader {
-    /// Makes a part current, a new one or one that is known by its name.
+    /// Makes a part current: a new one, or the existing one of that name.
     pub(super) fn bodypart(&mut self, element: Element) -> Result<Open, FileError> {
         element.warn_unknown(&[&["name"]], &mut self.warnings);
         let name = element.name_attr()?;
@@ -57,9 +57,10 @@ impl RobotReader {
         })
     }
 
-    /// Makes a motor current, a new one or one that is known by its name. Only its first mention has limits that count.
+    /// Makes a motor current: a new one, or the existing one of that name. Only the limits at its first occurrence
+    /// count.
     ///
-    /// Its limits are encoder units in the file and rad from here on; without any it goes from -1 to 1 unit.
+    /// Its limits are encoder units in the file and converted to rad of encoder; the default is -1 to 1 unit.
     pub(super) fn motor(&mut self, e: &Element) -> Result<Open, FileError> {
         e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home", "maxSpeed"], motion::MOTOR], &mut self.warnings);
         let part = self.current_part(e)?;
@@ -78,8 +79,8 @@ impl RobotReader {
         }
         let index = self.motors.len();
         let builder = &mut self.parts[part];
-        // The index is the motor's place in its part, not in the file: motors may be written in any order, and a board that
-        // is asked for motor 3 must mean the same joint whoever wrote the file.
+        // The index is the motor's position in its part, not in the file: motors may be written in any order, and motor
+        // 3 of a control board must be the same joint in each case.
         let slot = e.integer("idx")?.unwrap_or(-1);
         if slot < -1 {
             let message = format!("motor index {slot} is below 0");
@@ -111,7 +112,7 @@ impl RobotReader {
         }
         let motion = MotorMotion::read(e, &mut self.warnings)?;
         let max_speed = motion::speed_of_motor(e)?;
-        // The first in the file, not the one of index 0: chains of the Jacobian end at it, as in the original.
+        // The first motor in the file, not that of index 0: Jacobian chains end there, as in the original.
         let is_part_root = builder.first_motor.is_none();
         builder.first_motor.get_or_insert(index);
         self.motors.push(Motor {
@@ -131,7 +132,7 @@ impl RobotReader {
         Ok(Open::Motor { before })
     }
 
-    /// A link or a joint: a node below the current one, with the shapes that its `radius` and `field` stand for.
+    /// Adds a link or a joint: a node below the current one, with the shapes defined by `radius` and `field`.
     pub(super) fn tree_node(&mut self, e: &Element) -> Result<Open, FileError> {
         let is_joint = e.name == "joint";
         let own: &[&str] = if is_joint { &["type", "minPos", "maxPos"] } else { &[] };
@@ -149,8 +150,8 @@ impl RobotReader {
                 "give at least one of x, y, z; leave the node out if it does nothing",
             ));
         };
-        // `length` overrules the direction's own, and a negative one turns the direction round. One that is zero is as good
-        // as none, or the node would have no axis.
+        // `length` overrides that of the direction, and a negative one reverses the direction. Zero counts as missing,
+        // since the node would have no axis.
         let length = e.number("length")?.filter(|h| h.abs() > geometry::ZERO);
         let height = length.map_or(direction.norm(), f64::abs);
         let axis: Vector3<f64> = length.map_or(direction, |h| *unit * h);
@@ -159,7 +160,7 @@ impl RobotReader {
         } else {
             NodeKind::Link { offset: axis }
         };
-        // The own cylinder of a link reaches from its start to its end; that of a joint lies about its origin.
+        // The cylinder of a link extends from its start to its end; that of a joint is centered at its origin.
         let center = if is_joint { Vector3::zeros() } else { axis / 2.0 };
         let name = self.node_name(e)?;
         let capsule = e.flag("capsule", &mut self.warnings);
@@ -194,8 +195,8 @@ impl RobotReader {
         Ok(Some(name))
     }
 
-    /// What a joint moves about or along and how far: `axis` in its own frame, limits in degrees or meters, which are positions at
-    /// the motor's limits and not limits of their own.
+    /// The motion of a joint: `axis` in its own frame; limits in degrees or meters, which are the positions at the
+    /// motor's limits, not independent limits.
     pub(super) fn joint(&mut self, e: &Element, axis: Unit<Vector3<f64>>, length: f64) -> Result<NodeKind, FileError> {
         let motion = motion::of_joint(e)?;
         let Some(index) = self.motor else {
@@ -208,7 +209,7 @@ impl RobotReader {
         Ok(NodeKind::Joint { motion, axis, motor: index, min, max, length })
     }
 
-    /// A shape on the current node: solid, or part of the force field.
+    /// Adds a shape to the current node: solid, or part of the force field.
     pub(super) fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<Open, FileError> {
         e.warn_unknown(&[sizes, geometry::POSE, geometry::HULL, &["field"]], &mut self.warnings);
         let Some(node) = self.node else {
@@ -236,7 +237,8 @@ impl RobotReader {
         Ok(Open::Other)
     }
 
-    /// A marker at the origin of the current node. It belongs to the current part, which need not be the node's.
+    /// Adds a marker at the origin of the current node. It belongs to the current part, which may differ from the
+    /// node's.
     pub(super) fn marker(&mut self, e: &Element) -> Result<Open, FileError> {
         e.warn_unknown(&[&["name", "nx", "ny", "nz", "tracer"]], &mut self.warnings);
         let part = self.current_part(e)?;
@@ -256,7 +258,7 @@ impl RobotReader {
         Ok(Open::Other)
     }
 
-    /// A `constraintList` opens: a disjunction, whose members follow.
+    /// Opens a `constraintList`: a disjunction, whose members follow.
     pub(super) fn clause(&mut self, element: Element) -> Open {
         if self.part.is_none() {
             let message = "<constraintList> is outside any body part; it is ignored";
@@ -266,7 +268,7 @@ impl RobotReader {
         Open::Clause { element }
     }
 
-    /// One half-space of the open clause.
+    /// Adds one half-space to the open clause.
     pub(super) fn constraint(&mut self, e: Element) -> Result<Open, FileError> {
         e.warn_unknown(&[Member::ATTRIBUTES], &mut self.warnings);
         let Some(clause) = &mut self.clause else {
@@ -276,7 +278,7 @@ impl RobotReader {
         Ok(Open::Other)
     }
 
-    /// The list of pairs that are left out begins, or goes on.
+    /// Opens or continues the list of disabled pairs.
     pub(super) fn pairs(&mut self, e: &Element) -> Result<Open, FileError> {
         e.warn_unknown(&[], &mut self.warnings);
         if self.open.len() != 1 {
@@ -287,7 +289,7 @@ impl RobotReader {
         Ok(Open::Pairs)
     }
 
-    /// A link that touches nothing, as its URDF has no shape that collides for it: it is named in one warning at the end.
+    /// Adds a link without a collision shape in its URDF; all of them are listed in one warning at the end.
     pub(super) fn bare(&mut self, e: Element) -> Result<Open, FileError> {
         e.warn_unknown(&[&["link"]], &mut self.warnings);
         if self.open.len() != 1 {
@@ -302,7 +304,7 @@ impl RobotReader {
         Ok(Open::Other)
     }
 
-    /// One pair that is left out.
+    /// Adds one disabled pair.
     pub(super) fn leave_out(&mut self, e: Element) -> Result<Open, FileError> {
         match (&mut self.left_out, self.open.last()) {
             (Some(list), Some(Open::Pairs)) => list.push(e, &mut self.warnings)?,
@@ -312,7 +314,7 @@ impl RobotReader {
     }
 }
 
-/// Refuses one more than fits: a file of many gigabytes must not become as many names.
+/// Checks that one more element fits: a file of many gigabytes must not become as many names.
 fn room_for_one(e: &Element, present: usize) -> Result<(), FileError> {
     if present < MAX_NAMES {
         return Ok(());

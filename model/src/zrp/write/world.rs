@@ -1,12 +1,13 @@
-//! Objects of a world to XML that reads back to the same objects: what a running world looks like now, as a file to start from.
+//! Writes the objects of a world as XML that reads back to the same objects: the present state of a running world, as a
+//! file to start from.
 
 use super::{color, degrees, escape, heading, primitive, vector};
 use crate::{Object, ObjectClass, Primitive};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::fmt::Write;
 
-/// Writes the objects of a world as an XML file that [`crate::parse_world`] reads back to the same objects (poses within
-/// rounding).
+/// Writes the objects of a world as an XML file that [`crate::parse_world`] reads back to the same objects (poses
+/// within rounding).
 pub fn write_world<'a>(objects: impl IntoIterator<Item = &'a Object>) -> String {
     let mut out = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<WorldList version=\"1.0\">\n");
     for object in objects {
@@ -40,8 +41,8 @@ pub fn write_world<'a>(objects: impl IntoIterator<Item = &'a Object>) -> String 
     out
 }
 
-/// The object's pose as the format can write it, and what its shapes are to be turned by for that: the format has no
-/// heading along -y, so the half turn goes to the shapes.
+/// The object's pose in a form that the format can represent, and the transform of its shapes that compensates the
+/// change: the format has no heading along -y, so the half turn is moved to the shapes.
 fn upright(object: &Object) -> (Isometry3<f64>, Isometry3<f64>) {
     let h = object.pose.rotation * Vector3::y();
     if h.y < 0.0 && h.x.hypot(h.z) <= super::geometry::ZERO {
@@ -91,10 +92,12 @@ mod tests {
                 assert_eq!(a.shapes.len(), b.shapes.len());
                 for (s, t) in a.shapes.iter().zip(&b.shapes) {
                     assert_eq!(s.shape, t.shape);
-                    let (s, t) = (a.pose * s.pose, b.pose * t.pose);
+                    let s = a.pose * s.pose;
+                    let t = b.pose * t.pose;
                     assert!((s.translation.vector - t.translation.vector).norm() < 1e-9, "{turn:?}");
-                    // the sense of a shape's own axis may turn: it changes none of these shapes
-                    let (u, v) = (s.rotation * Vector3::y(), t.rotation * Vector3::y());
+                    // The direction of a shape's own axis may be reversed, which changes none of these shapes.
+                    let u = s.rotation * Vector3::y();
+                    let v = t.rotation * Vector3::y();
                     assert!(u.dot(&v).abs() > 1.0 - 1e-9, "{turn:?}");
                 }
             }

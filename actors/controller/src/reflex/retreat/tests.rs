@@ -1,20 +1,20 @@
-//! What is written during a retreat, when it waits, and a robot that is held up on it.
+//! Set-points of a retreat, its waits, and a robot that is delayed on it.
 
 use super::*;
 use crate::joint_retreat::RetreatReply;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use std::sync::Arc;
 
-/// A way of 90 degrees at 30 deg/s, backwards.
+/// A path of 90 degrees at 30 deg/s, backwards.
 fn retreat(rules: &Arc<Rules>) -> (JointRetreat, Retreat) {
     let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(5.0));
     joint_retreat.enroll(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5), now);
-    let RetreatReply::Go(way) = joint_retreat.ask(0, now) else { panic!("there is a way") };
-    (joint_retreat, Retreat::new(0, way, rules, now))
+    let RetreatReply::Go(path) = joint_retreat.request(0, now) else { panic!("there is a way") };
+    (joint_retreat, Retreat::new(0, path, rules, now))
 }
 
-/// The greatest way between what is written and where the robot is, degrees, until it is back, and how long it was waited for at
-/// most; it does not move between these times, s.
+/// Greatest distance between set-point and robot, degrees, until it is back, and the longest wait for it; the robot
+/// does not move between these times, s.
 fn apart(stands: (f64, f64)) -> (f64, f64) {
     let rules = rules(true);
     let (joint_retreat, mut retreat) = retreat(&rules);
@@ -28,7 +28,7 @@ fn apart(stands: (f64, f64)) -> (f64, f64) {
             apart = apart.max((to[0] - q).abs().to_degrees());
             q = if held { q } else { to[0] };
         }
-        waited = waited.max(retreat.waits(now).as_secs_f64());
+        waited = waited.max(retreat.lag_time(now).as_secs_f64());
         if retreat.is_over() {
             assert!(q.abs() < 1e-9, "it is back");
             return (apart, waited);
@@ -47,24 +47,24 @@ fn a_robot_that_is_held_up_is_waited_for_and_never_gone_after_straight() {
     assert!(far < 2.5 && waited > 5.0, "{far:.1} degrees, {waited} s");
 }
 
-/// A way of one motor through these points: seconds, degrees.
-fn way(direct: bool, points: &[(f64, f64)]) -> (JointRetreat, Retreat, Arc<Rules>) {
+/// A path of one motor through these points: seconds, degrees.
+fn path(direct: bool, points: &[(f64, f64)]) -> (JointRetreat, Retreat, Arc<Rules>) {
     let rules = rules(direct);
     let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(5.0));
     joint_retreat.enroll(recorded(0, direct, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5), now);
-    let RetreatReply::Go(asked) = joint_retreat.ask(0, now) else { panic!("there is a way") };
+    let RetreatReply::Go(asked) = joint_retreat.request(0, now) else { panic!("there is a way") };
     let points = points.iter().map(|(t, deg)| (*t, vec![deg.to_radians()].into())).collect();
     let retreat = Retreat::new(0, RetreatPath { points, ..asked }, &rules, now);
     (joint_retreat, retreat, rules)
 }
 
-/// What is written at a reading, so long after the way began, of a motor that is at so many degrees: where to, in degrees, and how fast,
-/// in degrees per second.
+/// Command at a reading at this time on the path, for a motor at this angle (degrees): position, degrees, and speed,
+/// degrees per second.
 fn written(back: &mut (JointRetreat, Retreat, Arc<Rules>), reading: (f64, f64, bool)) -> Option<(f64, Option<f64>)> {
     written_late(back, reading, Duration::ZERO)
 }
 
-/// The same at a reading that is heard so late.
+/// The same for a delayed reading.
 fn written_late(
     (joint_retreat, retreat, rules): &mut (JointRetreat, Retreat, Arc<Rules>),
     (secs, deg, done): (f64, f64, bool),
@@ -84,7 +84,7 @@ fn written_late(
 
 #[test]
 fn set_points_are_those_of_the_clock() {
-    let mut back = way(true, &[(0.0, 90.0), (0.02, 89.0), (0.06, 88.6), (0.07, 87.6)]);
+    let mut back = path(true, &[(0.0, 90.0), (0.02, 89.0), (0.06, 88.6), (0.07, 87.6)]);
     assert_eq!((back.1.length(), back.1.is_over()), ((4, 0.07), false));
     assert_eq!(back.1.written(), [90_f64.to_radians()]);
     assert_eq!(back.1.begin(), Command::Mode { motors: vec![0], mode: ControlMode::PositionDirect });
@@ -103,8 +103,8 @@ fn set_points_are_those_of_the_clock() {
     assert_eq!(back.1.arrival(now), now, "a set-point is followed at once");
 }
 
-/// A robot that looks ahead comes to a halt on its path, as far on as it brakes: it is not left to brake beyond its last set-point and to
-/// come back to it. Under Algorithm 6 nothing more is written.
+/// A robot that looks ahead halts on its path, over its braking distance, instead of braking beyond its last
+/// set-point and returning to it. Under Algorithm 6 nothing more is written.
 #[test]
 fn a_halt_is_on_the_path() {
     let halt = |reserve: Option<f64>| {
@@ -116,7 +116,7 @@ fn a_halt_is_on_the_path() {
             let sample = Sample { seq, at: now, q: vec![q].into(), done: vec![false], ..Sample::default() };
             let done = match seq < 200 {
                 true => retreat.step(&joint_retreat, &sample, now, &rules),
-                false => retreat.stay(&joint_retreat, &sample, now, &rules),
+                false => retreat.halt(&joint_retreat, &sample, now, &rules),
             };
             let Ok(command) = done else { panic!("nobody was lost") };
             if let Some(Command::Direct { q: to, .. }) = command {
@@ -130,22 +130,22 @@ fn a_halt_is_on_the_path() {
     };
     let (first, last) = (halt(Some(0.005)), halt(None));
     assert_eq!(last.len(), 1, "Algorithm 6: {last:?}");
-    let way = first[0].1 - first.last().unwrap().1;
+    let path = first[0].1 - first.last().unwrap().1;
     // v^2 / 2a at 30 deg/s and nine tenths of 30 rad/s^2, in steps of a period
     let brakes = 30.0 * 30.0 / (2.0 * 0.9 * 30_f64.to_degrees());
-    assert!((0.4 * brakes..1.1 * brakes + 0.01).contains(&way), "{way} degrees for {brakes}");
+    assert!((0.4 * brakes..1.1 * brakes + 0.01).contains(&path), "{path} degrees for {brakes}");
     assert!(first.windows(2).all(|w| w[1].1 <= w[0].1), "backwards: {first:?}");
     assert!(first.last().unwrap().0 < 210, "it goes on: {first:?}");
 }
 
-/// A motor counts as following while it is within a degree of where it was sent of late: neither behind that, nor ahead.
+/// A motor follows while it is within a degree of its latest set-points: neither behind them nor ahead.
 #[test]
-fn the_clock_waits_for_who_does_not_follow() {
-    // it rests for 0.2 s, and then goes at 20 deg/s
+fn the_clock_waits_for_a_robot_that_does_not_follow() {
+    // it rests for 0.2 s, and then moves at 20 deg/s
     let sent_late = |off: f64, late: f64| {
         let points: Vec<(f64, f64)> =
             (0..=120).map(|k| 0.01 * f64::from(k)).map(|t| (t, 90.0 - 20.0 * (t - 0.2).clamp(0.0, 0.5))).collect();
-        let mut back = way(true, &points);
+        let mut back = path(true, &points);
         let lag = back.2.reaction().as_secs_f64();
         let here = |t: f64| 90.0 - 20.0 * (t - 0.2 - lag).clamp(0.0, 0.5);
         let mut last = 90.0;
@@ -165,15 +165,15 @@ fn the_clock_waits_for_who_does_not_follow() {
     assert!(sent(-3.5) > 86.3, "far ahead: {}", sent(-3.5));
 }
 
-/// The last set-point is said once more to a robot that rests beside it: not where it counts as being there, nor farther off than a
-/// degree, and no oftener than it may take to show. A board that moves by itself needs none.
+/// The last set-point is repeated for a robot that rests beside it: not within the tolerance, nor farther off than a
+/// degree, and not more often than its effect can show. A board that moves by itself needs no repetition.
 #[test]
-fn the_last_set_point_is_said_again_to_who_rests_beside_it() {
+fn the_last_set_point_is_repeated_for_a_robot_beside_it() {
     let tolerance = rules(true).tolerance;
-    // the safe pose is so far beside the last set-point: its motor had been sent there, and rested beside it
+    // the safe pose is this far beside the last set-point: its motor had been sent there, and rested beside it
     let beside = |direct: bool, off: f64, early: u64, safe: f64| {
-        let (_, mut retreat, rules) = way(direct, &[(0.0, 90.0), (1.0, 60.0)]);
-        retreat.way.end.q = vec![90_f64.to_radians() + safe].into();
+        let (_, mut retreat, rules) = path(direct, &[(0.0, 90.0), (1.0, 60.0)]);
+        retreat.path.end.q = vec![90_f64.to_radians() + safe].into();
         let now = Time::from_secs(5.0) + rules.reaction() * 2 - Duration::from_nanos(early);
         let sample = Sample {
             seq: 1,
@@ -182,30 +182,31 @@ fn the_last_set_point_is_said_again_to_who_rests_beside_it() {
             done: vec![true],
             ..Sample::default()
         };
-        let mut said = |now: Time| match retreat.again(&sample, now, &rules) {
+        let mut repeated = |now: Time| match retreat.resend(&sample, now, &rules) {
             Some(Command::Direct { motors, q }) => motors == [0] && q == [90_f64.to_radians()],
             None => false,
             other => panic!("{other:?}"),
         };
-        (said(now), said(now + rules.reaction() - Duration::from_nanos(1)), said(now + rules.reaction()))
+        (repeated(now), repeated(now + rules.reaction() - Duration::from_nanos(1)), repeated(now + rules.reaction()))
     };
     let again = |direct: bool, off: f64, early: u64| beside(direct, off, early, 0.0);
-    for off in [1.1 * tolerance, -1.1 * tolerance, 0.99 * FROZEN_WAY, -0.99 * FROZEN_WAY] {
+    for off in [1.1 * tolerance, -1.1 * tolerance, 0.99 * FROZEN_TRAVEL, -0.99 * FROZEN_TRAVEL] {
         assert_eq!(again(true, off, 0), (true, false, true), "{off} rad off");
         assert!(!again(true, off, 1).0, "too soon");
         assert_eq!(again(false, off, 0), (false, false, false), "it moves by itself");
     }
-    for off in [0.0, 0.9 * tolerance, -0.9 * tolerance, 1.01 * FROZEN_WAY, -1.01 * FROZEN_WAY] {
+    for off in [0.0, 0.9 * tolerance, -0.9 * tolerance, 1.01 * FROZEN_TRAVEL, -1.01 * FROZEN_TRAVEL] {
         assert_eq!(again(true, off, 0), (false, false, false), "{off} rad off");
     }
     let (off, safe) = (0.9 * tolerance, -0.2 * tolerance);
     assert_eq!(beside(true, off, 0, safe), (true, false, true), "where it was sent, and not at the safe pose");
 }
 
-/// The next way-point is moved to once the last one was reached: the board says so, and the motor is there; and as fast as it was passed.
+/// The next way-point is commanded once the previous one was reached: the board reports "done", and the motor is
+/// there; the speed is the recorded one.
 #[test]
 fn way_points_are_left_when_they_are_reached() {
-    let mut back = way(false, &[(0.0, 90.0), (1.0, 60.0), (3.0, 60.0), (3.4, 50.0)]);
+    let mut back = path(false, &[(0.0, 90.0), (1.0, 60.0), (3.0, 60.0), (3.4, 50.0)]);
     let tolerance = back.2.tolerance.to_degrees();
     assert_eq!(back.1.begin(), Command::Mode { motors: vec![0], mode: ControlMode::Position });
     let reaction = back.2.reaction().as_secs_f64();

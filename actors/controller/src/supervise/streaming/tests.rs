@@ -2,7 +2,8 @@ use super::*;
 use crate::ControllerSettings;
 use mobee_contract::Board;
 
-/// Two motors that go at most at 1 and 2 rad/s, and brake at 4 rad/s^2; readings every 10 ms, fresh for 50.
+/// Two motors with greatest speeds of 1 and 2 rad/s, and a deceleration of 4 rad/s^2; readings every 10 ms, fresh for
+/// 50.
 fn rules() -> Rules {
     let axis = |max_speed| Axis {
         name: "m".into(),
@@ -37,7 +38,7 @@ fn velocities(motors: &[usize], v: &[f64]) -> Setpoints {
     Setpoints { motors: motors.to_vec(), values: Values::Velocity(v.to_vec()) }
 }
 
-/// What is written, rounded to a millionth.
+/// Written values, rounded to a millionth.
 fn written(stream: &mut Streaming, here: [f64; 2], now: u64) -> Option<(Vec<usize>, Vec<f64>)> {
     let round = |values: Vec<f64>| values.iter().map(|v| (v * 1e6).round() / 1e6).collect();
     let mut commands = stream.write(&here, &rules(), ms(now));
@@ -54,17 +55,25 @@ fn positions_are_gone_to_at_the_axis_speed_and_not_oftener_than_the_period() {
     let mut stream = stream();
     assert_eq!(written(&mut stream, [0.0, 0.5], 100), None, "nothing was asked");
     stream.take(&positions(&[1], &[0.55]), (&HERE, ms(0)), &rules()).unwrap();
-    // one period at 95 in 100 of 2 rad/s; the other motor is not named, and not written to
+    // one period at 95 in 100 of 2 rad/s; the other motor is not named, and not commanded
     assert_eq!(written(&mut stream, [0.0, 0.5], 0), Some((vec![1], vec![0.519])));
     assert_eq!(written(&mut stream, [0.0, 0.5], 7), None);
     assert_eq!(written(&mut stream, [0.0, 0.5], 8), Some((vec![1], vec![0.5342])));
     assert_eq!(written(&mut stream, [0.0, 0.5], 38), Some((vec![1], vec![0.55])));
     assert_eq!(written(&mut stream, [0.0, 0.5], 60), None, "it was written to its end");
-    assert!((stream.still.moved - 0.05).abs() < 1e-9, "how far the set-points went: {}", stream.still.moved);
-    // after a pause no more than a period and a half is made up for, and back as well as forth
+    assert!(
+        (stream.freeze_watch.moved - 0.05).abs() < 1e-9,
+        "how far the set-points went: {}",
+        stream.freeze_watch.moved
+    );
+    // after a pause at most a period and a half is made up for, in both directions
     stream.take(&positions(&[0, 1], &[-0.1, 0.5]), (&HERE, ms(100)), &rules()).unwrap();
     assert_eq!(written(&mut stream, [0.0, 0.5], 100), Some((vec![0, 1], vec![-0.01425, 0.5215])));
-    assert!((stream.still.moved - 0.0785).abs() < 1e-9, "by the motor with the longest way: {}", stream.still.moved);
+    assert!(
+        (stream.freeze_watch.moved - 0.0785).abs() < 1e-9,
+        "by the motor with the longest way: {}",
+        stream.freeze_watch.moved
+    );
 }
 
 #[test]
@@ -103,7 +112,7 @@ fn velocities_are_lowered_to_what_the_axis_can_do() {
     assert_eq!(written(&mut stream, [0.0, 0.5], 64), Some((vec![0, 1], vec![-1.0, 1.5])), "slower at once");
 }
 
-/// If nothing more is heard, a motor goes on until its lease is over and the command has its effect, and brakes then.
+/// Without further commands, a motor moves on until its lease expires and the stop takes effect, and then brakes.
 #[test]
 fn a_motor_can_brake_before_its_limit() {
     let rules = rules();
@@ -124,22 +133,25 @@ fn a_motor_can_brake_before_its_limit() {
 }
 
 #[test]
-fn what_was_not_named_stays_where_it_is() {
+fn motors_that_are_not_named_stay() {
     let mut stream = stream();
     stream.take(&positions(&[1], &[0.55]), (&HERE, ms(5)), &rules()).unwrap();
     assert_eq!((stream.named(), stream.names(0), stream.names(1), stream.names(2)), (vec![1], false, true, false));
-    assert_eq!(stream.asked(&[7.0, 8.0])[..], [7.0, 0.55]);
+    assert_eq!(stream.requested(&[7.0, 8.0])[..], [7.0, 0.55]);
     assert_eq!(stream.with(&[7.0, 8.0], &[1.0, 2.0])[..], [7.0, 2.0]);
-    assert_eq!((stream.sent(0), stream.sent(1), stream.heard), (None, Some(0.5), ms(5)));
-    stream.ask(&[0], ControlMode::PositionDirect, &[0.1, 0.9], (&HERE, ms(9)), &rules());
-    assert_eq!((stream.named(), &stream.asked(&HERE)[..], stream.heard), (vec![0, 1], &[0.1, 0.55][..], ms(9)));
-    stream.ask(&[1], ControlMode::PositionDirect, &[], (&HERE, ms(9)), &rules());
-    assert_eq!(stream.asked(&HERE)[..], [0.1, 0.55], "without a value it is asked for what it was");
+    assert_eq!((stream.sent(0), stream.sent(1), stream.last_request), (None, Some(0.5), ms(5)));
+    stream.request(&[0], ControlMode::PositionDirect, &[0.1, 0.9], (&HERE, ms(9)), &rules());
+    assert_eq!(
+        (stream.named(), &stream.requested(&HERE)[..], stream.last_request),
+        (vec![0, 1], &[0.1, 0.55][..], ms(9))
+    );
+    stream.request(&[1], ControlMode::PositionDirect, &[], (&HERE, ms(9)), &rules());
+    assert_eq!(stream.requested(&HERE)[..], [0.1, 0.55], "without a value it is asked for what it was");
 }
 
 /// Two programs share a robot: one streams velocities, the other positions, each to its own motor.
 #[test]
-fn motors_go_by_what_was_said_of_them_last() {
+fn motors_follow_the_last_command_that_names_them() {
     let (mut stream, rules) = (stream(), rules());
     stream.take(&velocities(&[0], &[0.5]), (&HERE, ms(0)), &rules).unwrap();
     stream.take(&positions(&[1], &[0.51]), (&HERE, ms(0)), &rules).unwrap();
@@ -150,13 +162,13 @@ fn motors_go_by_what_was_said_of_them_last() {
         (stream.named_in(ControlMode::Velocity), stream.named_in(ControlMode::PositionDirect)),
         (vec![0], vec![1])
     );
-    // who streams velocities falls silent, and the other goes on
+    // the stream of velocities ends, and the other one goes on
     let quiet = rules.stream_quiet.as_millis() as u64;
     stream.take(&positions(&[1], &[0.52]), (&HERE, ms(quiet - 1)), &rules).unwrap();
     assert_eq!(stream.write(&HERE, &rules, ms(quiet - 1)), [direct(0.52)]);
     stream.take(&positions(&[1], &[0.53]), (&HERE, ms(quiet + 9)), &rules).unwrap();
     assert_eq!(stream.write(&HERE, &rules, ms(quiet + 9)), [velocity(0.0), direct(0.53)], "it stops");
-    // a motor that changes over begins where it is
+    // a motor that changes the mode begins at its position
     stream.take(&positions(&[0], &[0.2]), (&[0.15, 0.53], ms(500)), &rules).unwrap();
     assert_eq!((stream.sent(0), stream.named_in(ControlMode::PositionDirect)), (Some(0.15), vec![0, 1]));
     stream.take(&velocities(&[1], &[0.3]), (&[0.15, 0.53], ms(500)), &rules).unwrap();

@@ -1,4 +1,4 @@
-//! What is not taken, and why: state by state.
+//! Refusals and their reasons, state by state.
 
 use super::*;
 use crate::ledger::Motion;
@@ -10,7 +10,7 @@ fn rests() -> Cell {
     cell
 }
 
-/// The newest reading of it tells this speed, and whether nothing touches it.
+/// Its newest reading has this speed; `free`: whether nothing touches it.
 fn reads(cell: &mut Cell, speed: f64, free: bool) {
     let at = cell.now + Duration::from_millis(10);
     let sample = Sample { seq: 1000, at, q: vec![cell.q].into(), done: vec![true], ..Sample::default() };
@@ -51,9 +51,9 @@ fn a_commit_is_taken_at_rest_by_a_fresh_reading_only() {
     }
 }
 
-/// A motion that is amended is due when the new one is, however long the first would have taken.
+/// An amended motion has the deadline of the new one, however long the first would have taken.
 #[test]
-fn a_motion_that_is_amended_is_due_anew() {
+fn an_amended_motion_has_a_new_deadline() {
     let mut cell = rests();
     let commit = |speed: f64| {
         let target = Target { motors: vec![0], q: vec![1.0], speed };
@@ -66,7 +66,7 @@ fn a_motion_that_is_amended_is_due_anew() {
     assert!(due(&cell).secs() - cell.now.secs() < 10.0 && slow.secs() - cell.now.secs() > 100.0);
 }
 
-/// Twice as long as a motion should take, its board's latency included, it may take.
+/// The deadline is twice the expected duration, with the board's latency.
 #[test]
 fn a_motion_of_a_board_that_is_late_is_due_later() {
     let due = |latency: Duration| {
@@ -79,7 +79,7 @@ fn a_motion_of_a_board_that_is_late_is_due_later() {
     assert!(later.abs_diff(Duration::from_millis(600)) < Duration::from_micros(1), "{later:?}");
 }
 
-/// An escape is led by its commit alone: set-points, even of the same program, wait until it is over.
+/// Only its commit leads an escape: set-points, even of the same program, wait until it is over.
 #[test]
 fn an_escape_is_joined_by_no_stream() {
     let mut cell = rests();
@@ -90,9 +90,9 @@ fn an_escape_is_joined_by_no_stream() {
     assert_eq!(refused, Err(Refusal::Holding { reason: Hold::InContact }));
 }
 
-/// The ledger says how a transaction is driven, so that whoever comes after a death knows it.
+/// The ledger has the kind of motion of a transaction, for a restarted supervise.
 #[test]
-fn a_transaction_says_how_it_is_driven() {
+fn a_transaction_has_its_kind_of_motion() {
     let motion = |cell: &Cell| cell.book.open.as_ref().map(|open| open.motion).unwrap();
     let mut cell = rests();
     assert!(cell.commit(1.0, true).is_ok() && matches!(motion(&cell), Motion::Move { .. }));
@@ -107,9 +107,9 @@ fn a_transaction_says_how_it_is_driven() {
     assert!(cell.commit(-0.5, true).is_ok() && matches!(motion(&cell), Motion::Escape { .. }));
 }
 
-/// Silence counts from when the filter opens: the retreat is no pause of the one who pushed.
+/// Silence counts from the opening of the filter: the retreat is no pause of the agent that pushed.
 #[test]
-fn who_pushed_is_silent_first() {
+fn an_agent_that_pushed_must_be_silent_first() {
     let mut cell = rests();
     cell.wall = Some(cell.q + 0.8);
     let push = |cell: &mut Cell| cell.stream(true, Values::Velocity(vec![0.8])).map(drop).map_err(|r| r.code());

@@ -1,9 +1,9 @@
-//! Supervise and reflex together with a guard and a plant of one motor: what the tests of the pure core act on.
+//! Supervise and reflex together with a guard and a plant of one motor: the system under test of the pure core.
 
 use super::*;
 use std::hash::{Hash, Hasher};
 
-/// The kinds of controllers: straight, under forces, these without a reflex, and at a board that takes velocities only.
+/// Kinds of controllers: straight, under forces, these without a reflex, and on a board that takes velocities only.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kind {
     Straight,
@@ -41,16 +41,16 @@ fn one_motor() -> Robot {
 #[derive(Clone, Debug)]
 pub(super) enum Op {
     Commit(f64, bool),
-    /// A set-point of position, so far from where the motor is, or a velocity.
+    /// A position set-point at this distance from the motor, or a velocity.
     Position(f64, bool),
     Velocity(f64, bool),
-    /// So many set-points of a velocity, one per two readings.
+    /// This number of velocity set-points, one per two readings.
     Stream(f64, u8),
-    /// So many readings.
+    /// This number of readings.
     Samples(u8),
-    /// Time without readings, in which the motor stands still, as in a simulator that is paused.
+    /// Time without readings, in which the motor stands still, as in a paused simulator.
     Silence(u8),
-    /// Something stands beyond this position, or goes away.
+    /// An obstacle is beyond this position, or is removed.
     Wall(Option<f64>),
     Stop,
     /// The board reports a fault.
@@ -77,7 +77,7 @@ enum ToReflex {
     RollBack(u64, Underway, bool),
 }
 
-/// Two cores, a guard and a plant that moves at a constant speed and stops at once. It watches over the promises itself.
+/// Two cores, a guard and a plant that moves at a constant speed and stops at once. It checks the promises itself.
 pub(super) struct Cell {
     pub rules: Arc<Rules>,
     pub gate: Gate,
@@ -91,36 +91,37 @@ pub(super) struct Cell {
     to_supervise: VecDeque<ToSupervise>,
     to_reflex: VecDeque<ToReflex>,
     pub now: Time,
-    /// Time between two readings, and whether they tell the motor's speed of that moment rather than an estimate.
+    /// Time between two readings, and whether they have the motor's present speed rather than an estimate.
     step: (Duration, bool),
     seq: u64,
     pub q: f64,
     pub goal: f64,
     speed: f64,
-    /// Whether it moved as it was read: a step within the tolerance that ends at the goal is over, and no reading can show it.
+    /// True if it moved as it was read: a step within the tolerance that ends at the goal is over, and no reading can
+    /// show it.
     moves: bool,
-    /// The velocity at which it goes, and until when.
+    /// Its velocity, and the time until which it moves.
     running: Option<(f64, Time)>,
     pub mode: ControlMode,
-    /// The last set-point of supervise: token, position, time.
+    /// Last set-point of supervise: token, position, time.
     written: Option<(u64, f64, Time)>,
     pub wall: Option<f64>,
-    /// Something touches it while it is on its way.
+    /// An obstacle touches it while it is moving.
     pub touching: bool,
     pub commits: u64,
     pub outcomes: Vec<CommitId>,
-    /// Refusals that were told.
+    /// Journaled refusals.
     pub refused: u64,
-    /// The last outcome.
+    /// Last outcome.
     pub outcome: Option<Outcome>,
     /// An actor was restarted since the last commit (I10).
     restarted: bool,
-    /// A retreat is being driven: its token, and how near the wall was as it began (I9).
+    /// A retreat is being driven: its token, and the distance of the wall as it began (I9).
     way: Option<(u64, f64)>,
-    /// How near the wall was in the last reading that the reflex saw, and at least since the filter was closed.
+    /// Distance of the wall in the last reading of the reflex, and the least one since the filter was closed.
     pub near_at: f64,
     least: f64,
-    /// Everything that was read, in one number.
+    /// Hash of everything that was read.
     read: u64,
 }
 
@@ -135,12 +136,12 @@ impl Cell {
         Cell::with(kind, Duration::from_millis(10), false, 3000)
     }
 
-    /// With readings so far apart that one shows the effect of what was done at the one before, and exact speeds.
+    /// With readings so far apart that each shows the effect of the commands at the previous one, and exact speeds.
     pub fn coarse() -> Cell {
         Cell::with(Kind::Straight, Duration::from_millis(40), true, 32)
     }
 
-    /// With readings so far apart, of exact speeds or estimated ones, and a history of this length.
+    /// With readings so far apart, exact or estimated speeds, and a history of this length.
     pub fn with(kind: Kind, step: Duration, exact: bool, history: usize) -> Cell {
         let (rules, gate, mut book) = (rules(kind), Gate::default(), TransactionState::new(history));
         let joint_retreat = JointRetreat::default();
@@ -184,7 +185,7 @@ impl Cell {
         cell
     }
 
-    /// Another one in the same state.
+    /// A copy in the same state.
     pub fn fork(&self) -> Cell {
         Cell {
             supervise: self.supervise.clone(),
@@ -203,7 +204,7 @@ impl Cell {
         }
     }
 
-    /// All that its future depends on, in one number.
+    /// Hash of everything that its future depends on.
     pub fn state(&self) -> u64 {
         let cores = (&self.supervise, &self.reflex, &self.book, &self.joint_retreat, &self.gate);
         let queues = (&self.driver, &self.to_supervise, &self.to_reflex);
@@ -222,13 +223,13 @@ impl Cell {
         walls.map(contact).filter(|c| c.distance < 0.012).collect()
     }
 
-    /// One step of supervise.
+    /// Performs a step of supervise.
     pub fn on(&mut self, input: SuperviseIn, now: Time) -> Vec<SuperviseOut> {
         let Cell { rules, gate, book, joint_retreat, .. } = self;
         self.supervise.on(input, now, &mut Shared { rules, gate, book, joint_retreat })
     }
 
-    /// The same, with what it wants done.
+    /// The same, and returns its actions.
     pub fn supervise_on(&mut self, input: SuperviseIn) {
         let outputs = self.on(input, self.now);
         self.supervise_out(outputs);
@@ -282,7 +283,8 @@ impl Cell {
         }
     }
 
-    /// Nothing is heard any more after this velocity was written: the motor goes on until its lease is over, then it brakes.
+    /// No further commands after this velocity was written: the motor moves on until its lease expires, then it
+    /// brakes.
     fn abandoned_at(&self, speed: f64) {
         let lease = self.supervise.newest.as_ref().map_or(self.now, |newest| newest.sampled_at + self.rules.fresh);
         let most = self.rules.axes[0].max_acceleration;
@@ -310,11 +312,11 @@ impl Cell {
                     self.driver.push_back((token, Writer::Reflex, command));
                 }
                 ReflexOut::Closed { token, cause } => self.to_supervise.push_back(ToSupervise::Closed(token, cause)),
-                ReflexOut::ReflexReport(word) => {
-                    if matches!(word, ReflexReport::Back | ReflexReport::GaveUp(_)) {
+                ReflexOut::ReflexReport(report) => {
+                    if matches!(report, ReflexReport::Back | ReflexReport::GaveUp(_)) {
                         self.way = None;
                     }
-                    self.to_supervise.push_back(ToSupervise::ReflexReport(word));
+                    self.to_supervise.push_back(ToSupervise::ReflexReport(report));
                 }
                 ReflexOut::Bring(asked) => {
                     let who = asked.participant(
@@ -392,18 +394,18 @@ impl Cell {
                 Some(ToSupervise::Closed(token, cause)) => {
                     self.supervise_on(SuperviseIn::Closed(token, cause, None));
                 }
-                Some(ToSupervise::ReflexReport(word)) => self.supervise_on(SuperviseIn::ReflexReport(word)),
+                Some(ToSupervise::ReflexReport(report)) => self.supervise_on(SuperviseIn::ReflexReport(report)),
                 None => {}
             },
         }
     }
 
-    /// What waits for the driver never comes there.
+    /// Drops the messages that wait for the driver.
     pub fn lose(&mut self) {
         self.driver.clear();
     }
 
-    /// Whether a message waits to be delivered on this link.
+    /// Returns whether a message waits to be delivered on this link.
     pub fn waits(&self, link: u8) -> bool {
         match link {
             0 => !self.driver.is_empty(),
@@ -418,7 +420,7 @@ impl Cell {
         }
     }
 
-    /// Time goes on to the next reading, which waits for the reflex.
+    /// Advances time to the next reading, which waits for the reflex.
     pub fn sample(&mut self) {
         assert!(self.seq < 100_000, "whatever is waited for does not come");
         self.now = self.now + self.step.0;
@@ -445,7 +447,7 @@ impl Cell {
             pulse.speed = way.abs() / secs;
         }
         pulse.contacts = self.near();
-        // where a motion under forces leads, a field as wide as 0.3 rad pushes it off the wall
+        // for a motion under forces, a field with a range of 0.3 rad pushes the reference off the wall
         let ahead = self.book.ahead.as_ref().map_or(self.q, |q| q[0]);
         pulse.push = self.wall.filter(|wall| (wall - ahead).abs() < 0.3).map(|wall| {
             let torque = 0.1 * (0.3 - (wall - ahead).abs());
@@ -457,7 +459,7 @@ impl Cell {
         self.to_reflex.push_back(ToReflex::Pulse(pulse));
     }
 
-    /// What waits for reflex and supervise is delivered in order.
+    /// Delivers the waiting messages of reflex and supervise in order.
     pub fn settle_chain(&mut self) {
         while !self.to_reflex.is_empty() {
             self.deliver(1);
@@ -487,7 +489,8 @@ impl Cell {
         }
     }
 
-    /// Readings until it is settled: two hundred seconds at most, since an escape from one end to the other takes long.
+    /// Readings until it is settled: two hundred seconds at most, since an escape from one end to the other takes
+    /// long.
     pub fn heal(&mut self) {
         for round in 0..200 {
             self.apply(Op::Samples(100));
@@ -543,7 +546,7 @@ impl Cell {
                 self.flush();
             }),
             Op::Silence(n) => {
-                // a driver without readings still takes what was written, well within the time for a reaction
+                // a driver without readings still accepts commands, well within the reaction time
                 while !self.driver.is_empty() {
                     self.deliver(0);
                 }

@@ -1,10 +1,10 @@
-//! How floods, exchanges, runs and motions that go nowhere end.
+//! Ends of floods, exchanges, runs and motions without progress.
 
 use super::*;
 use crate::ledger::{Extent, Motion, Open, SafePose};
 
-/// What supervise tells: texts of warnings, and whether it yielded.
-fn told(out: &[SuperviseOut]) -> (Vec<&str>, bool) {
+/// Outputs of supervise: texts of warnings, and whether it yielded.
+fn warnings_and_yield(out: &[SuperviseOut]) -> (Vec<&str>, bool) {
     let warnings = out.iter().filter_map(|o| match o {
         SuperviseOut::Event(Event::Warning { text }) => Some(text.as_str()),
         _ => None,
@@ -12,7 +12,7 @@ fn told(out: &[SuperviseOut]) -> (Vec<&str>, bool) {
     (warnings.collect(), out.contains(&SuperviseOut::Yielded))
 }
 
-/// Refusals beyond 500 at once are counted, and told as one line after a second.
+/// Refusals beyond 500 at once are counted, and summarized in one line after a second.
 #[test]
 fn a_flood_of_refusals_is_summed_up() {
     let mut cell = Cell::new();
@@ -28,20 +28,20 @@ fn a_flood_of_refusals_is_summed_up() {
     assert_eq!(lines.count(), 500);
     let mut tick = |ms: u64| {
         let out = cell.on(SuperviseIn::Tick, now + Duration::from_millis(ms));
-        told(&out).0.iter().map(|text| text.to_string()).collect::<Vec<_>>()
+        warnings_and_yield(&out).0.iter().map(|text| text.to_string()).collect::<Vec<_>>()
     };
-    let told = [0, 600, 2000, 3500].map(&mut tick);
-    assert_eq!(told.each_ref().map(Vec::len), [0, 0, 1, 0], "{told:?}");
-    assert!(told[2][0].contains("20 more commands were refused"), "{told:?}");
+    let warnings = [0, 600, 2000, 3500].map(&mut tick);
+    assert_eq!(warnings.each_ref().map(Vec::len), [0, 0, 1, 0], "{warnings:?}");
+    assert!(warnings[2][0].contains("20 more commands were refused"), "{warnings:?}");
 }
 
-/// More than 500 commits at once are not judged, however good they are; 250 more may come with each second.
+/// Of valid commits, more than 500 at once are refused unchecked; 250 more are accepted with each second.
 #[test]
 fn a_flood_of_commits_is_not_judged() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     let target = || Target { motors: vec![0], q: vec![1.0], speed: 0.1 };
-    let mut heard = |now: Time| {
+    let mut accepted = |now: Time| {
         let commit = || Commit { agent: "a".into(), target: target(), speeds: None };
         let judged = (0..600).filter(|_| {
             let out = cell.on(SuperviseIn::Commit(commit()), now);
@@ -50,10 +50,10 @@ fn a_flood_of_commits_is_not_judged() {
         judged.count()
     };
     let now = Time::from_secs(2.0);
-    assert_eq!([heard(now), heard(now), heard(now + Duration::from_secs(1))], [500, 0, 250]);
+    assert_eq!([accepted(now), accepted(now), accepted(now + Duration::from_secs(1))], [500, 0, 250]);
 }
 
-/// An exchange happens at a boundary only: at rest, with every outcome given, and nothing left to be tried.
+/// An exchange happens only at a boundary: at rest, with every outcome given, and no retry pending.
 #[test]
 fn a_filter_yields_at_a_boundary() {
     let mut cell = Cell::new();
@@ -61,29 +61,29 @@ fn a_filter_yields_at_a_boundary() {
     cell.apply(Op::Commit(0.5, true));
     cell.apply(Op::Samples(5));
     let now = cell.now;
-    assert!(!told(&cell.on(SuperviseIn::Yield, now)).1, "in mid-motion");
+    assert!(!warnings_and_yield(&cell.on(SuperviseIn::Yield, now)).1, "in mid-motion");
     cell.on(SuperviseIn::Resume, now);
     cell.apply(Op::Samples(200));
     assert_eq!(cell.supervise.status(), Status::Rest, "it was taken back, and nothing happened");
     assert!(cell.gate.is_open());
-    assert!(told(&cell.on(SuperviseIn::Yield, cell.now)).1, "at rest");
+    assert!(warnings_and_yield(&cell.on(SuperviseIn::Yield, cell.now)).1, "at rest");
     assert!(!cell.gate.is_open());
-    assert!(!told(&cell.on(SuperviseIn::Tick, cell.now)).1, "once");
+    assert!(!warnings_and_yield(&cell.on(SuperviseIn::Tick, cell.now)).1, "once");
     cell.apply(Op::Samples(30));
     assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Starting, false), "it waits for the exchange");
     cell.on(SuperviseIn::Resume, cell.now);
     cell.apply(Op::Samples(30));
     assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Rest, true));
     cell.apply(Op::SuperviseDies);
-    assert!(!told(&cell.on(SuperviseIn::Yield, cell.now)).1, "its successor has seen nothing yet");
+    assert!(!warnings_and_yield(&cell.on(SuperviseIn::Yield, cell.now)).1, "its successor has seen nothing yet");
     cell.on(SuperviseIn::Resume, cell.now);
     cell.apply(Op::Samples(30));
     cell.on(SuperviseIn::Shutdown, cell.now);
     cell.apply(Op::Samples(30));
-    assert!(!told(&cell.on(SuperviseIn::Yield, cell.now)).1, "the run ends");
+    assert!(!warnings_and_yield(&cell.on(SuperviseIn::Yield, cell.now)).1, "the run ends");
 }
 
-/// At the end of a run the filter closes from whatever it was in, and nothing is taken any more.
+/// At the end of a run the filter closes from any state, and nothing is accepted any more.
 #[test]
 fn at_the_end_of_a_run_everything_is_closed() {
     type Before = fn(&mut Cell);
@@ -129,7 +129,7 @@ fn a_run_that_is_abandoned_settles_at_once() {
     }
 }
 
-/// What had arrived as supervise died is not taken back.
+/// A motion that had arrived as supervise died is not rolled back.
 #[test]
 fn a_motion_that_arrived_as_supervise_died_is_committed() {
     for (far, outcome) in [(false, Outcome::RolledBack), (true, Outcome::Committed)] {
@@ -138,7 +138,7 @@ fn a_motion_that_arrived_as_supervise_died_is_committed() {
         cell.apply(Op::Commit(1.0, true));
         cell.apply(Op::Samples(10));
         while far && cell.q < 1.0 {
-            cell.sample(); // nobody has seen it yet
+            cell.sample(); // not delivered yet
         }
         cell.apply(Op::SuperviseDies);
         cell.heal();
@@ -146,8 +146,9 @@ fn a_motion_that_arrived_as_supervise_died_is_committed() {
     }
 }
 
-/// The board reports "done" elsewhere: missed after 0.2 s if it rests, after a second if it still moves. It reports nothing: missed when
-/// the motion is overdue. The readings stand still while the motor should have gone a degree, and for half a second: frozen.
+/// The board reports "done" elsewhere: missed after 0.2 s if it rests, after a second if it still moves. It reports
+/// nothing: missed when the motion is overdue. The readings are unchanged while the motor should have moved a degree,
+/// and for half a second: frozen.
 #[test]
 fn a_motion_that_goes_nowhere_ends_in_time() {
     /// The time in milliseconds at which a motion to 1 rad ends, and the state then.
@@ -171,7 +172,7 @@ fn a_motion_that_goes_nowhere_ends_in_time() {
         }
         panic!("it goes on and on")
     }
-    // the reaction is two periods, 40 ms; "done" is heeded from then on
+    // the reaction time is two periods, 40 ms; "done" is accepted from then on
     assert_eq!(ends(0.5, |_| (0.5, true, true)), (240, Status::Stopping));
     assert_eq!(ends(0.5, |_| (0.5, true, false)), (1040, Status::Stopping));
     assert_eq!(ends(0.5, |ms| (0.5, ms >= 300, false)), (1300, Status::Stopping));
@@ -189,7 +190,7 @@ fn a_motion_that_goes_nowhere_ends_in_time() {
     assert!((ms as f64 * 1e-3 - degree - 0.04).abs() <= 0.011, "{ms} ms, {degree} s");
 }
 
-/// What the reflex says changes something only while it takes the robot back: words may be late.
+/// Reports of the reflex have an effect only during its retreat: they may be late.
 #[test]
 fn late_words_of_the_reflex_change_nothing() {
     let words = [
@@ -199,23 +200,24 @@ fn late_words_of_the_reflex_change_nothing() {
         ReflexReport::Stopped,
         ReflexReport::GaveUp(Hold::RetreatMissed),
     ];
-    for word in words {
+    for report in words {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
-        let said = |cell: &mut Cell| {
-            let out = cell.on(SuperviseIn::ReflexReport(word.clone()), cell.now);
+        let reported = |cell: &mut Cell| {
+            let out = cell.on(SuperviseIn::ReflexReport(report.clone()), cell.now);
             (cell.supervise.status(), out.len())
         };
-        assert_eq!(said(&mut cell), (Status::Rest, 0), "{word:?}");
+        assert_eq!(reported(&mut cell), (Status::Rest, 0), "{report:?}");
         cell.on(SuperviseIn::Fault("hot".into()), cell.now);
         let status = cell.supervise.status();
-        assert_eq!(said(&mut cell), (status, 0), "{word:?}");
+        assert_eq!(reported(&mut cell), (status, 0), "{report:?}");
     }
 }
 
-/// What another process left open ends as the pose shows. Where that is neither of its ends, nothing moves before somebody asks.
+/// A motion left open by another process ends as the pose shows. If that is neither of its ends, nothing moves until
+/// a person requests it.
 #[test]
-fn what_a_crash_left_open_ends_as_the_pose_shows() {
+fn a_motion_left_open_by_a_crash_ends_as_the_pose_shows() {
     let ended = |target: f64, safe: Option<f64>, retreated: bool| {
         let mut cell = Cell::new();
         let at = Time::ZERO;
@@ -245,7 +247,7 @@ fn what_a_crash_left_open_ends_as_the_pose_shows() {
     assert_eq!(ended(1.0, None, false), lost(false), "an escape has no retreat");
 }
 
-/// An escape that ends where it still touches something leaves the filter closed, and others may follow.
+/// An escape that ends in contact leaves the filter closed, and further escapes may follow.
 #[test]
 fn an_escape_that_ends_in_contact_holds() {
     let mut cell = Cell::new();
@@ -265,7 +267,8 @@ fn an_escape_that_ends_in_contact_holds() {
     }
 }
 
-/// What touches a robot at rest closes the filter for as long as a stop needs to have its effect, and nothing else begins meanwhile.
+/// A contact at rest closes the filter for as long as a stop needs to take effect, and nothing else begins in that
+/// time.
 #[test]
 fn a_contact_at_rest_is_settled_when_a_stop_would_have_had_its_effect() {
     let mut cell = Cell::new();
@@ -275,7 +278,7 @@ fn a_contact_at_rest_is_settled_when_a_stop_would_have_had_its_effect() {
         cell.apply(Op::Samples(1));
     }
     let closed = cell.now;
-    assert!(!told(&cell.on(SuperviseIn::Yield, closed)).1, "no boundary");
+    assert!(!warnings_and_yield(&cell.on(SuperviseIn::Yield, closed)).1, "no boundary");
     cell.on(SuperviseIn::Resume, closed);
     while !cell.supervise.is_settled() {
         cell.apply(Op::Samples(1));
@@ -284,8 +287,8 @@ fn a_contact_at_rest_is_settled_when_a_stop_would_have_had_its_effect() {
     assert_eq!(cell.supervise.status(), Status::Holding(Hold::InContact));
 }
 
-/// A retreat that is tried again and succeeds leaves the motors at home, though their motion has had its outcome; while it is under way, or
-/// readings are missing, there is nothing to be tried.
+/// A retry that succeeds restores the commanded positions of the motors, though their motion has had its outcome.
+/// While it is in progress, or readings are missing, there is nothing to retry.
 #[test]
 fn a_retreat_that_succeeds_at_last_leaves_the_motors_at_home() {
     let given_up = |hold: Hold| {
@@ -308,9 +311,9 @@ fn a_retreat_that_succeeds_at_last_leaves_the_motors_at_home() {
     assert_eq!(cell.book.places[..], [Some(0.0)]);
 }
 
-/// A motion can be revised while it is under way, and no longer: what comes too late begins no other one.
+/// Only a motion in progress can be revised: a late revision begins no other one.
 #[test]
-fn what_is_revised_is_under_way() {
+fn only_a_motion_in_progress_is_revised() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     let id = cell.commit(1.0, true).unwrap();
@@ -330,9 +333,9 @@ fn what_is_revised_is_under_way() {
     assert_eq!((cell.supervise.status(), revise(&mut cell, id)), (Status::Rest, Err(Refusal::Over)));
 }
 
-/// The journal of several robots is one: each line says whose it is.
+/// The journal is shared by several robots: each line names its robot.
 #[test]
-fn what_is_told_says_of_whom() {
+fn events_name_their_robot() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     let robots: Vec<String> = cell
@@ -346,7 +349,7 @@ fn what_is_told_says_of_whom() {
     assert_eq!(robots, ["r", "r"]);
 }
 
-/// There is no retreat to be tried again where none failed.
+/// Without a failed retreat there is nothing to retry.
 #[test]
 fn to_recover_does_nothing_where_no_retreat_failed() {
     type Before = fn(&mut Cell);
@@ -367,7 +370,7 @@ fn to_recover_does_nothing_where_no_retreat_failed() {
     }
 }
 
-/// An escape creeps, whatever speed its commit asks for, and the journal says so.
+/// An escape creeps, whatever speed its commit requests, and the journal shows it.
 #[test]
 fn an_escape_creeps() {
     let mut cell = Cell::new();
@@ -384,12 +387,12 @@ fn an_escape_creeps() {
             SuperviseOut::Command(_, Writer::Agent, Command::Move(m)) => m.speed.as_ref().map(|v| v[0]),
             _ => None,
         };
-        let told: Vec<f64> = out.iter().filter_map(fastest).collect();
-        assert!(told.len() == 2 && told.iter().all(|v| *v <= most + 1e-9), "{told:?} of {most}");
+        let speeds: Vec<f64> = out.iter().filter_map(fastest).collect();
+        assert!(speeds.len() == 2 && speeds.iter().all(|v| *v <= most + 1e-9), "{speeds:?} of {most}");
     }
 }
 
-/// A hundred set-points a second that are refused are one line, until they have been silent for a while or are refused for another reason.
+/// A hundred refused set-points a second are one line, until there is a silence or another reason.
 #[test]
 fn refused_set_points_are_one_line_per_burst() {
     let mut cell = Cell::new();
@@ -399,9 +402,9 @@ fn refused_set_points_are_one_line_per_burst() {
             assert!(cell.stream(true, Values::Position(vec![jump])).is_err());
             cell.apply(Op::Samples(1));
         }
-        let told = cell.refused;
+        let refused = cell.refused;
         cell.apply(Op::Samples(30));
-        told
+        refused
     };
     assert_eq!(burst(200, 1.0), 1);
     assert_eq!(burst(100, 1.0), 1, "a pause of 0.3 s is none");
@@ -409,16 +412,16 @@ fn refused_set_points_are_one_line_per_burst() {
     cell.apply(Op::Samples(30));
     assert!(cell.stream(true, Values::Position(vec![1.0])).is_err());
     assert_eq!(cell.refused, 3, "after a silence");
-    let told = [9.0, 9.0].map(|q| {
+    let refused = [9.0, 9.0].map(|q| {
         assert!(cell.commit(q, true).is_err());
         cell.refused
     });
-    assert_eq!(told, [4, 5], "commits are told one by one");
+    assert_eq!(refused, [4, 5], "commits are journaled one by one");
 }
 
-/// The last set-points of a retreat may be lost, as when they come after the lease's end: they are said again.
+/// The last set-points of a retreat may be lost, as after the end of a lease: they are repeated.
 #[test]
-fn a_retreat_whose_last_set_points_are_lost_ends_all_the_same() {
+fn a_retreat_ends_although_its_last_set_points_are_lost() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     cell.apply(Op::Wall(Some(0.5)));
@@ -439,8 +442,8 @@ fn a_retreat_whose_last_set_points_are_lost_ends_all_the_same() {
     assert!(cell.q.abs() <= cell.rules.tolerance, "at {}", cell.q);
 }
 
-/// An agent gives its motion up in the instant in which it ends for another reason: the journal shows that, since the agent draws its
-/// conclusions from its own wish (I23).
+/// An agent aborts its motion in the instant in which it ends for another reason: the journal shows that, since the
+/// agent reacts to its own request (I23).
 #[test]
 fn a_stop_that_comes_too_late_is_refused() {
     let mut cell = Cell::new();

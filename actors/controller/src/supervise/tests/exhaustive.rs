@@ -1,33 +1,33 @@
-//! All interleavings of what can happen to filter and reflex, eight steps deep from rest and six steps from eight other moments:
-//! I1, I2, I4, I9, I10 and I17 are checked after every step (by [`Cell`] itself and by [`hold`]), and from a sample of all states
-//! everything ends well (I15).
+//! All interleavings of the steps of filter and reflex, eight steps deep from rest and six steps from eight other
+//! moments: I1, I2, I4, I9, I10 and I17 are checked after every step (by [`Cell`] itself and by [`hold`]), and from a
+//! sample of all states everything ends well (I15).
 //!
-//! Messages wait in queues until they are delivered, so that whatever may overtake each other does. A state that was met before
-//! with as many steps left is not explored again: its future is known.
+//! Messages wait in queues until they are delivered, so that all possible overtaking is covered. A state that was
+//! visited before with as many steps left is not explored again: its future is known.
 
 use super::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// From rest; from other moments two less.
+/// Depth from rest; from other moments two less.
 const DEPTH: u8 = 8;
-/// One state of so many is healed.
+/// Every state with a hash divisible by this is recovered.
 const SAMPLE: u64 = 5;
 
-/// A step.
+/// Step of an interleaving.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Step {
     Command,
-    /// A reading travels the whole chain, behind what waits there.
+    /// A reading passes the whole chain, behind the waiting messages.
     Sample,
     /// A reading is taken and waits.
     Late,
-    /// Something comes into the way of the motion; or goes.
+    /// An obstacle comes into the way of the motion, or is removed.
     Contact,
     Stop,
     AgentDies,
     SuperviseDies,
     ReflexDies,
-    /// A person halts the robot; or releases it.
+    /// A person halts the robot, or releases it.
     Halt,
     /// The oldest message is delivered: to the driver, the reflex, supervise.
     Ack(u8),
@@ -75,7 +75,7 @@ fn step(cell: &mut Cell, step: Step) {
     }
 }
 
-/// What holds in every state.
+/// Properties that hold in every state.
 fn hold(cell: &Cell) {
     let (status, open) = (cell.book.status, cell.book.open.is_some());
     assert_eq!(open, cell.commits > cell.outcomes.len() as u64, "I2: the ledger and the told outcomes differ");
@@ -128,9 +128,9 @@ fn moments() -> Vec<Cell> {
 
 #[derive(Default)]
 struct Search {
-    /// What can happen.
+    /// Possible steps.
     steps: Vec<Step>,
-    /// Every state, and how many steps were left there.
+    /// Visited states, with the number of steps left there.
     seen: BTreeMap<u64, u8>,
     from: String,
     path: Vec<Step>,
@@ -148,7 +148,7 @@ impl Search {
             let mut cell = from.fork();
             self.path.push(s);
             self.taken += 1;
-            let state = self.keep(|| {
+            let state = self.check_step(|| {
                 step(&mut cell, s);
                 hold(&cell);
                 cell.state()
@@ -158,7 +158,7 @@ impl Search {
                     self.met.insert(format!("{:?}", cell.supervise.status()));
                     if state.is_multiple_of(SAMPLE) {
                         self.healed += 1;
-                        self.keep(|| heal(cell.fork()));
+                        self.check_step(|| heal(cell.fork()));
                     }
                 }
                 if left > 1 {
@@ -169,14 +169,14 @@ impl Search {
         }
     }
 
-    /// Says which steps broke a promise, if they do.
-    fn keep<T>(&self, act: impl FnOnce() -> T) -> T {
+    /// Reports the steps that broke a promise, if they do.
+    fn check_step<T>(&self, act: impl FnOnce() -> T) -> T {
         let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(act));
         done.unwrap_or_else(|_| panic!("from {}, after {:?}", self.from, self.path))
     }
 }
 
-/// Everything is mended: it ends well.
+/// All faults are repaired: it ends well.
 fn heal(mut cell: Cell) {
     if cell.book.halted {
         cell.heal();
@@ -221,10 +221,10 @@ fn no_five_steps_with_halts_break_a_promise() {
     assert!(seen.len() > 10_000 && healed > 100 && met.contains("Holding(Halted)"), "{} states, {met:?}", seen.len());
 }
 
-/// Supervise has not heard yet that the reflex closed, and takes the robot back as well: the retreat that is under way ends, and
-/// another one begins.
+/// Supervise has not been notified yet that the reflex closed, and requests a retreat as well: the retreat in
+/// progress ends, and another one begins.
 #[test]
-fn a_retreat_that_supervise_overtakes_begins_anew() {
+fn a_retreat_that_supervise_overtakes_starts_again() {
     let mut cell = moments().swap_remove(1);
     let contact_and_its_retreat =
         [Step::Command, Step::Contact, Step::Late, Step::Contact, Step::Ack(1), Step::Late, Step::Ack(1)];

@@ -1,4 +1,4 @@
-//! A halt holds the robot from any state until its release, whoever dies or asks meanwhile.
+//! A halt holds the robot from any state until its release, whatever dies or is requested in between.
 
 use super::*;
 
@@ -14,7 +14,7 @@ fn until(cell: &mut Cell, status: Status) {
     panic!("{status:?} is not reached, but {:?}", cell.supervise.status());
 }
 
-/// On its way to 1 rad, and to be taken back, since something came into its way.
+/// On its way to 1 rad, and about to retreat, since an obstacle came into its way.
 fn retreating(cell: &mut Cell) {
     cell.apply(Op::Commit(1.0, true));
     cell.apply(Op::Samples(40));
@@ -86,10 +86,10 @@ fn a_halted_robot_holds_with_its_filter_closed_until_it_is_released() {
     }
 }
 
-/// A retreat that a halt cuts off stops at once. Released in a contact, the robot holds as after any stop there, and the
-/// rest of the retreat can be asked for.
+/// A retreat that a halt cuts off stops at once. Released in a contact, the robot holds as after any stop there, and
+/// the rest of the retreat can be requested.
 #[test]
-fn a_retreat_that_is_halted_stops_and_can_be_asked_for_after_the_release() {
+fn a_halted_retreat_stops_and_can_be_requested_after_the_release() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     let start = cell.q;
@@ -111,7 +111,7 @@ fn a_retreat_that_is_halted_stops_and_can_be_asked_for_after_the_release() {
     assert!((cell.q - start).abs() < 0.01, "back where the motion began: {}", cell.q);
 }
 
-/// A hold that does not end by itself is there again after the release: a halt makes nothing weaker.
+/// A hold that does not end by itself is restored after the release: a halt weakens nothing.
 #[test]
 fn a_hold_that_stays_comes_back_at_the_release() {
     let mut cell = Cell::new();
@@ -127,7 +127,7 @@ fn a_hold_that_stays_comes_back_at_the_release() {
     assert!(!cell.gate.is_open() && cell.supervise.can_recover());
 }
 
-/// The newest request counts, also if the message of an older one comes after it.
+/// The newest request counts, also if the message of an older one arrives after it.
 #[test]
 fn an_outdated_message_neither_halts_nor_releases() {
     let mut cell = Cell::new();
@@ -141,9 +141,9 @@ fn an_outdated_message_neither_halts_nor_releases() {
     assert_eq!(cell.supervise.status(), Status::Holding(Hold::Halted), "halted anew before the release was heard");
 }
 
-/// Released while supervise is being restarted: its successor tells of it before the filter opens.
+/// Released while supervise is being restarted: its successor journals that before the filter opens.
 #[test]
-fn a_release_that_its_supervise_did_not_live_to_hear_is_told() {
+fn a_release_missed_by_a_dead_supervise_is_journaled() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     cell.apply(Op::Halt);
@@ -154,7 +154,7 @@ fn a_release_that_its_supervise_did_not_live_to_hear_is_told() {
     assert!(first.contains(&SuperviseOut::Event(Event::Released { robot: "r".into() })), "{first:?}");
 }
 
-/// A part that is exchanged while the robot is halted, or as it is being halted, does not release it.
+/// A part that is swapped while the robot is halted, or as it is being halted, does not release it.
 #[test]
 fn an_exchange_does_not_release() {
     for halted_first in [true, false] {
@@ -178,7 +178,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(500))]
 
     #[test]
-    fn any_interleaving_with_halts_keeps_the_promises(
+    fn any_interleaving_with_halts_fulfills_the_promises(
         ops in prop::collection::vec(prop_oneof![8 => op(), 2 => Just(Op::Halt), 1 => Just(Op::Release)], 1..60),
     ) {
         let mut cell = Cell::new();

@@ -1,9 +1,9 @@
-//! What readings decide: leases, targets, causes and safe poses, and what happens when they stay away or tell the same for ever.
+//! Decisions by readings: leases, targets, causes and safe poses; and missing or frozen readings.
 
 use super::*;
 use crate::ledger::SafePose;
 
-/// The newest reading may be as old as the rules say, and no older.
+/// The newest reading may be as old as the rules allow, and no older.
 #[test]
 fn readings_that_stay_away_close_the_filter_in_time() {
     let mut cell = Cell::new();
@@ -16,7 +16,7 @@ fn readings_that_stay_away_close_the_filter_in_time() {
     assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Holding(Hold::Stale), false));
 }
 
-/// A stream of velocities behind encoders that tell the same over and over is ended after half a second, or the time for a degree.
+/// A stream of velocities with frozen encoders ends after half a second, or the time for a degree.
 #[test]
 fn a_stream_behind_frozen_encoders_is_ended() {
     let ended = |speed: f64, frozen: bool| {
@@ -42,10 +42,10 @@ fn a_stream_behind_frozen_encoders_is_ended() {
     assert_eq!(ended(0.5, false), None);
 }
 
-/// A robot at rest that is moved by half of the tolerance is told of once, and beyond it its filter closes and opens again where it
-/// then rests. One reading, or two, are noise.
+/// A robot at rest that is moved by half of the tolerance is reported once; beyond the tolerance its filter closes,
+/// and opens again where it then rests. One reading, or two, are noise.
 #[test]
-fn a_robot_that_is_moved_at_rest_is_told_and_closes() {
+fn a_robot_moved_at_rest_is_reported_and_closes_the_filter() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     let (place, tolerance) = (cell.q, cell.rules.tolerance);
@@ -57,8 +57,8 @@ fn a_robot_that_is_moved_at_rest_is_told_and_closes() {
         let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
         (pulse.speed, pulse.free, pulse.unchanged) = (0.0, true, at);
         let out = cell.on(SuperviseIn::Pulse(&pulse), at);
-        let told = out.iter().filter(|o| matches!(o, SuperviseOut::Event(Event::Displaced { .. }))).count();
-        (told, cell.supervise.status())
+        let reports = out.iter().filter(|o| matches!(o, SuperviseOut::Event(Event::Displaced { .. }))).count();
+        (reports, cell.supervise.status())
     };
     let holds = Status::Holding(Hold::Displaced);
     assert_eq!(read(&mut cell, 0.0), (0, Status::Rest));
@@ -72,7 +72,8 @@ fn a_robot_that_is_moved_at_rest_is_told_and_closes() {
     assert!((0..10).all(|_| read(&mut cell, 1.1) == (0, Status::Rest)), "this is its place now");
 }
 
-/// A robot that has just been told to move, and its next reading: so long after the last, heard so much later.
+/// A robot that has just been commanded to move, and its next reading: this long after the last, delivered this much
+/// later.
 fn sets_out() -> (Cell, impl FnMut(&mut Cell, f64, Duration) -> Vec<SuperviseOut>) {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
@@ -89,8 +90,8 @@ fn sets_out() -> (Cell, impl FnMut(&mut Cell, f64, Duration) -> Vec<SuperviseOut
     (cell, read)
 }
 
-/// I8: the lease is as long as a reading may be old, counted from the reading, in motion and during the retreat; one that is older
-/// renews nothing, and decides nothing.
+/// I8: the lease is as long as a reading may be old, counted from the reading, in motion and during the retreat; an
+/// older reading renews nothing, and decides nothing.
 #[test]
 fn a_lease_is_as_long_as_a_reading_is_fresh() {
     let leases = |out: &[SuperviseOut]| -> Vec<Time> {
@@ -112,7 +113,7 @@ fn a_lease_is_as_long_as_a_reading_is_fresh() {
     assert_eq!(leases(&read(&mut cell, 0.5, Duration::ZERO)), [begun + Duration::from_millis(300) + fresh]);
 }
 
-/// A target is reached to the tolerance of the robot's settings, and no less.
+/// A target is reached within the tolerance of the robot's settings, and no less.
 #[test]
 fn a_target_is_reached_to_the_tolerance() {
     for (tolerances, status) in [(0.99, Status::Rest), (1.01, Status::Stopping)] {
@@ -126,7 +127,7 @@ fn a_target_is_reached_to_the_tolerance() {
     }
 }
 
-/// One reading of a motor, by which supervise is stepped as it is taken.
+/// A reading of one motor, delivered to supervise at once.
 fn read_at(cell: &mut Cell, at: Time, (q, speed, done): (f64, f64, bool)) -> Vec<SuperviseOut> {
     let sample = Sample { seq: at.0, at, q: vec![q].into(), done: vec![done], ..Sample::default() };
     let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
@@ -139,13 +140,13 @@ fn commit_to(cell: &mut Cell, q: f64, at: Time) -> Vec<SuperviseOut> {
     cell.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None }), at)
 }
 
-/// Rest is below its speed, and a target's tolerance reaches to its very bound.
+/// The rest speed and a target's tolerance are exact bounds.
 #[test]
 fn rest_and_tolerance_are_judged_at_their_bounds() {
     let ended = |rests: f64, tolerances: f64| {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
-        // a number that is exact, and so is its difference from one
+        // an exact number, with an exact difference from one
         cell.rules = Arc::new(Rules { tolerance: 1.0 / 128.0, ..(*cell.rules).clone() });
         let (begun, speed) = (cell.now, rests * cell.rules.rest_speed);
         commit_to(&mut cell, 1.0, begun);
@@ -160,7 +161,7 @@ fn rest_and_tolerance_are_judged_at_their_bounds() {
     assert_eq!(ended(0.99, 1.01), Status::Stopping, "it is done elsewhere");
 }
 
-/// A reading that was taken in the instant of a commit shows nothing of it.
+/// A reading taken in the instant of a commit shows nothing of it.
 #[test]
 fn a_motion_ends_by_a_reading_from_after_its_commit() {
     let mut cell = Cell::new();
@@ -173,7 +174,7 @@ fn a_motion_ends_by_a_reading_from_after_its_commit() {
     assert_eq!(cell.supervise.status(), Status::Rest);
 }
 
-/// A motion may take as long as it is due, and no longer, straight or under forces.
+/// A motion may take until its deadline, and no longer, straight or under forces.
 #[test]
 fn a_motion_is_overdue_when_it_is_past_due() {
     for kind in [Kind::Straight, Kind::Fields] {
@@ -189,7 +190,7 @@ fn a_motion_is_overdue_when_it_is_past_due() {
     }
 }
 
-/// Where a motor was sent is its place from then on: nothing was displaced.
+/// The commanded position of a motor is its resting position from then on: nothing was displaced.
 #[test]
 fn a_motor_that_was_sent_elsewhere_is_not_displaced() {
     let mut cell = Cell::new();
@@ -203,7 +204,7 @@ fn a_motor_that_was_sent_elsewhere_is_not_displaced() {
     assert_eq!((cell.supervise.status(), cell.gate.token()), (Status::Rest, token));
 }
 
-/// A motion that outlasts the history takes its safe pose along: a recorded way leads back to it at any time.
+/// A motion that outlasts the history moves its safe pose along: a recorded path leads back to it at any time.
 #[test]
 fn a_motion_that_outlasts_the_history_can_be_taken_back() {
     let mut cell = Cell::with(Kind::Straight, Duration::from_millis(10), false, 60);
@@ -218,9 +219,10 @@ fn a_motion_that_outlasts_the_history_can_be_taken_back() {
     assert!(cell.book.open.as_ref().and_then(|open| open.safe.clone()).is_some_and(|safe| safe.since > begun));
 }
 
-/// What was cut off at its target is told to have ended there, before its outcome; what ended by itself was told its target before.
+/// A motion that was cut off at its target has its target journaled before its outcome; for one that ended by itself,
+/// it was journaled before.
 #[test]
-fn a_motion_that_was_cut_off_at_its_target_is_told() {
+fn a_motion_cut_off_at_its_target_is_journaled() {
     let amended = |fault: bool, q: f64| {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
@@ -230,21 +232,21 @@ fn a_motion_that_was_cut_off_at_its_target_is_told() {
             cell.on(SuperviseIn::Fault("hot".into()), begun);
         }
         let out = (1..=10).flat_map(|k| read_at(&mut cell, begun + Duration::from_millis(50) * k, (q, 0.0, true)));
-        let told = |o: SuperviseOut| match o {
+        let journaled = |o: SuperviseOut| match o {
             SuperviseOut::Event(Event::Amended { .. }) => Some("amended"),
             SuperviseOut::Event(Event::Outcome { .. }) => Some("outcome"),
             _ => None,
         };
-        out.filter_map(told).collect::<Vec<_>>()
+        out.filter_map(journaled).collect::<Vec<_>>()
     };
     assert_eq!(amended(true, 1.0), ["amended", "outcome"]);
     assert_eq!((amended(false, 1.0), amended(true, 0.0)), (vec!["outcome"], vec!["outcome"]));
 }
 
-/// Under forces the reference moves once a period, by no more than a period and a half of time, however readings come; and a board that takes
-/// velocities stands still at first, wherever it is.
+/// Under forces the reference moves once a period, by no more than a period and a half of time, in any timing of the
+/// readings; a board that takes velocities stands still at first, at any position.
 #[test]
-fn a_reference_keeps_to_its_period() {
+fn a_reference_moves_once_per_period() {
     let mut cell = Cell::of(Kind::Fields);
     cell.apply(Op::Samples(30));
     cell.apply(Op::Commit(2.0, true));
@@ -273,9 +275,9 @@ fn a_reference_keeps_to_its_period() {
     assert_eq!(first, Some(vec![0.0]));
 }
 
-/// What ended a motion first is why it failed, whatever comes after.
+/// The first cause that ended a motion is its cause, whatever comes after.
 #[test]
-fn the_first_cause_is_told() {
+fn the_first_cause_is_journaled() {
     let (mut cell, mut read) = sets_out();
     let _ = read(&mut cell, 0.5, Duration::ZERO);
     cell.on(SuperviseIn::AgentDied("a".into()), cell.now);
@@ -284,30 +286,30 @@ fn the_first_cause_is_told() {
     assert_eq!(cause, Some(Cause::AgentDied));
 }
 
-/// Who rests where it counts as being at the last safe pose has that one again: many retreats to one vertex do not drift.
+/// A robot that rests close to the last safe pose has that one again: many retreats to one vertex do not drift.
 #[test]
-fn a_safe_pose_is_kept_while_the_robot_counts_as_being_there() {
-    for (tolerances, kept) in [(0.99, true), (1.01, false)] {
+fn a_safe_pose_is_retained_while_the_robot_is_close_to_it() {
+    for (tolerances, retained) in [(0.99, true), (1.01, false)] {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
         let before = cell.q + tolerances * cell.rules.tolerance;
         cell.book.safe = Some(vec![before].into());
-        let safe = if kept { before } else { cell.q };
+        let safe = if retained { before } else { cell.q };
         let target = Target { motors: vec![0], q: vec![1.0], speed: 0.5 };
         let commit = Commit { agent: "a".into(), target, speeds: None };
         let out = cell.on(SuperviseIn::Commit(commit), cell.now);
-        let told = out.iter().find_map(|o| match o {
+        let safe_pose = out.iter().find_map(|o| match o {
             SuperviseOut::Event(Event::SafePose { q, .. }) => Some(q.to_vec()),
             _ => None,
         });
-        assert_eq!(told, Some(vec![safe]), "{tolerances} tolerances away");
+        assert_eq!(safe_pose, Some(vec![safe]), "{tolerances} tolerances away");
     }
 }
 
-/// I18: what an agent had sent before it died, and what its motion has reached, is handled late where supervise was held up: the motion
-/// is cancelled first. The death of another agent changes nothing.
+/// I18: if supervise is delayed, commands that an agent sent before it died, and the progress of its motion, are
+/// processed late: the motion is cancelled first. The death of another agent changes nothing.
 #[test]
-fn what_a_dead_agent_sent_before_is_not_carried_out() {
+fn commands_of_a_dead_agent_are_not_executed() {
     for (agent, cancelled) in [("a", true), ("b", false)] {
         let (mut cell, _) = sets_out();
         let id = cell.book.open.as_ref().map(|open| open.id).unwrap();
@@ -328,7 +330,8 @@ fn what_a_dead_agent_sent_before_is_not_carried_out() {
     }
 }
 
-/// A joint that is much faster than it was commanded has met something: its motion is taken back. At rest another program drives it.
+/// A joint much faster than commanded has met something: its motion is rolled back. At rest another program drives
+/// it.
 #[test]
 fn a_joint_that_is_too_fast_is_a_contact_in_motion_and_a_fault_at_rest() {
     let fast = || SuperviseIn::TooFast("elbow moves at 60 deg/s and was told 20".into());

@@ -1,10 +1,11 @@
-//! Filter and reflex against a reference: an independent model that knows nothing of tokens, queues or readings, only where the
-//! robot and a wall are. It says what every round comes to: what is answered, how the motion ends, where, and what the robot does then.
+//! Filter and reflex against a reference: an independent model without tokens, queues or readings, with only the
+//! positions of the robot and a wall. It predicts the result of every round: the answer, the end of the motion, its
+//! position, and the robot's state then.
 
 use super::*;
 use Outcome::{Committed, Faulted, RolledBack};
 
-/// What befalls a motion.
+/// Disturbance of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {
     No,
@@ -14,13 +15,13 @@ enum Trouble {
     ReflexDies,
     Silence,
     Fault,
-    /// Something is put into the way just ahead.
+    /// An obstacle is placed just ahead.
     Wall,
-    /// The agent commits anew, or another one does.
+    /// The agent commits again, or another one does.
     Commit(f64, bool),
 }
 
-/// When it befalls it: half way there, halfway back (if it is taken back), or at rest afterwards.
+/// Time of the disturbance: half way there, halfway back (during a retreat), or at rest afterwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum When {
     Going,
@@ -28,7 +29,7 @@ enum When {
     Rest,
 }
 
-/// What a round comes to.
+/// Result of a round.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct End {
     outcome: Outcome,
@@ -36,7 +37,7 @@ struct End {
     status: Status,
 }
 
-/// The reference: a robot that rests at `q`, and perhaps a wall.
+/// The reference: a robot that rests at `q`, and possibly a wall.
 #[derive(Clone, Copy, Debug)]
 struct Reference {
     q: f64,
@@ -44,7 +45,7 @@ struct Reference {
 }
 
 impl Reference {
-    /// Where a motion meets the wall, if it does: shapes of 5 cm touch at 1 cm.
+    /// Position at which a motion meets the wall, if it does: shapes of 5 cm touch at 1 cm.
     fn meets(&self, from: f64, to: f64) -> Option<f64> {
         let wall = self.wall?;
         let at = wall - 0.06 * (to - from).signum();
@@ -52,12 +53,12 @@ impl Reference {
         ((wall - from) * (to - from) > 0.0 && between).then_some(at)
     }
 
-    /// What a commit of a robot at rest is answered.
+    /// Answer to a commit for a robot at rest.
     fn answer(&self, to: f64) -> Result<(), &'static str> {
         if to.abs() > 3.0 { Err("limits") } else { Ok(()) }
     }
 
-    /// A motion that nothing befalls.
+    /// A motion without disturbance.
     fn plain(&self, from: f64, to: f64) -> End {
         match self.meets(from, to) {
             Some(_) => End { outcome: RolledBack, q: self.q, status: Status::Rest },
@@ -65,7 +66,7 @@ impl Reference {
         }
     }
 
-    /// A motion to `to` that this befalls when the robot is at `here`.
+    /// A motion to `to`, disturbed when the robot is at `here`.
     fn end(&self, to: f64, trouble: Trouble, when: When, here: f64) -> End {
         let back = End { outcome: RolledBack, q: self.q, status: Status::Rest };
         let lost = End { outcome: Faulted, q: here, status: Status::Rest };
@@ -83,7 +84,7 @@ impl Reference {
         }
     }
 
-    /// What a commit in mid-motion is answered.
+    /// Answer to a commit in mid-motion.
     fn answer_then(&self, when: When, to: f64, own: bool) -> Result<(), &'static str> {
         self.answer(to)?;
         match when {
@@ -100,7 +101,7 @@ struct Round {
     to: f64,
     trouble: Trouble,
     when: When,
-    /// Whether a failed retreat is tried again, rather than escaped from.
+    /// True if a failed retreat is retried, rather than escaped from.
     recover: bool,
 }
 
@@ -164,7 +165,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(500))]
 
     #[test]
-    fn filter_and_reflex_do_what_the_reference_says(rounds in prop::collection::vec(round(), 1..8)) {
+    fn filter_and_reflex_match_the_reference(rounds in prop::collection::vec(round(), 1..8)) {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
         for r in rounds {

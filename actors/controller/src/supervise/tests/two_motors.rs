@@ -1,8 +1,8 @@
-//! A robot of two motors, by its readings alone: what a stream and a commit leave to each other.
+//! A robot of two motors, by its readings alone: interaction of a stream and a commit.
 
 use super::*;
 
-/// Supervise of two motors that go where its test says.
+/// Supervise of two motors that move as its test defines.
 struct Two {
     supervise: SuperviseCore,
     rules: Arc<Rules>,
@@ -29,7 +29,7 @@ impl Two {
         two
     }
 
-    /// The next reading: where the motors are, and which of them are done; the robot rests if both are.
+    /// The next reading: positions of the motors, and which of them are done; the robot rests if both are.
     fn read(&mut self, q: [f64; 2], done: [bool; 2]) -> Vec<SuperviseOut> {
         (self.now, self.seq) = (self.now + Duration::from_millis(10), self.seq + 1);
         let sample = Sample { seq: self.seq, at: self.now, q: q.into(), done: done.into(), ..Sample::default() };
@@ -49,13 +49,13 @@ impl Two {
         self.stream_to(&[0, 1], values);
     }
 
-    /// Set-points of these motors, and what is commanded then.
+    /// Set-points of these motors, and the resulting commands.
     fn stream_to(&mut self, motors: &[usize], values: Values) -> Vec<Command> {
         let setpoints = Setpoints { motors: motors.to_vec(), values };
         commands(self.on(SuperviseIn::Stream("a".into(), setpoints), self.now))
     }
 
-    /// A move of one motor, and what is commanded then.
+    /// A move of one motor, and the resulting commands.
     fn commit(&mut self, motor: usize, q: f64) -> Vec<Command> {
         let target = Target { motors: vec![motor], q: vec![q], speed: 0.5 };
         commands(self.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None }), self.now))
@@ -66,7 +66,7 @@ impl Two {
     }
 }
 
-/// What is commanded after a verdict that was good.
+/// Commands after an accepting verdict.
 fn commands(out: Vec<SuperviseOut>) -> Vec<Command> {
     assert!(matches!(out[0], SuperviseOut::Verdict(Ok(_))), "{out:?}");
     out.into_iter()
@@ -81,8 +81,8 @@ fn mode(motor: usize, mode: ControlMode) -> Command {
     Command::Mode { motors: vec![motor], mode }
 }
 
-/// A commit takes one motor over from a stream of velocities: the other goes on while it is asked to, and the stream ends where that one
-/// rests, as soon as its stop may show, however long the first goes on.
+/// A commit takes one motor over from a stream of velocities: the other goes on while there are set-points for it,
+/// and the stream ends where that one rests, as soon as its stop may show, however long the first goes on.
 #[test]
 fn a_commit_takes_one_motor_over_and_the_other_goes_on() {
     let mut two = Two::new();
@@ -98,23 +98,23 @@ fn a_commit_takes_one_motor_over_and_the_other_goes_on() {
         let _ = two.read([1e-3 * f64::from(k), 0.02], [false, false]);
         assert_eq!(two.supervise.status(), Status::Moving);
     }
-    let told = (1..100).find(|k| {
+    let stopped = (1..100).find(|k| {
         let out = two.read([0.2 + 1e-3 * f64::from(*k), 0.02], [false, true]);
         let stop =
             |o: &SuperviseOut| matches!(o, SuperviseOut::Command(_, _, Command::Stop { motors }) if motors == &[1]);
         out.iter().any(stop)
     });
-    assert!(told.is_some(), "it went quiet, and is stopped");
-    let told = two.now;
+    assert!(stopped.is_some(), "it went quiet, and is stopped");
+    let stopped_at = two.now;
     let over = (1..100).find(|k| {
         let _ = two.read([0.4 + 1e-3 * f64::from(*k), 0.02], [false, true]);
         two.supervise.motion.stream.is_none()
     });
-    assert!(over.is_some() && two.now == told + two.rules.reaction(), "{over:?}");
+    assert!(over.is_some() && two.now == stopped_at + two.rules.reaction(), "{over:?}");
     assert_eq!((two.target(), two.supervise.status()), (vec![1.0, 0.02], Status::Moving));
 }
 
-/// Set-points of position take a motor over from the move that it makes, as on a board; the rest of the move goes on.
+/// Position set-points take a motor over from the move that it makes, as on a board; the rest of the move goes on.
 #[test]
 fn positions_take_a_motor_over_from_its_move() {
     for motor in [0, 1] {
@@ -135,7 +135,8 @@ fn positions_take_a_motor_over_from_its_move() {
     }
 }
 
-/// Two programs stream, one velocities and one positions: each motor does what was said of it last, and a motor changes over.
+/// Two programs stream, one velocities and one positions: each motor follows the last command, and a motor changes
+/// over.
 #[test]
 fn two_streams_share_a_robot() {
     let mut two = Two::new();
@@ -156,7 +157,7 @@ fn two_streams_share_a_robot() {
     assert_eq!(two.supervise.status(), Status::Rest);
 }
 
-/// A stream of positions ends at its last set-points if the robot counts as being there, else where it rests.
+/// A stream of positions ends at its last set-points if the robot is close to them, else where it rests.
 #[test]
 fn a_stream_of_positions_ends_at_the_last_of_them() {
     for (off, end) in [(0.5, [0.01, 0.01]), (-0.5, [0.01, 0.01])] {
@@ -173,7 +174,7 @@ fn a_stream_of_positions_ends_at_the_last_of_them() {
     }
 }
 
-/// A motor that the open commit does not name, and that is moved all the same, has the motion taken back.
+/// A motor that the open commit does not name, and that is moved nevertheless, causes a rollback.
 #[test]
 fn a_motor_that_is_moved_in_mid_motion_takes_the_motion_back() {
     let mut two = Two::new();
@@ -187,9 +188,9 @@ fn a_motor_that_is_moved_in_mid_motion_takes_the_motion_back() {
     assert_eq!(two.supervise.status(), Status::Stopping);
 }
 
-/// The journal is told of a motor when it joins a stream, and not of each of its set-points.
+/// A motor is journaled when it joins a stream, and not for each of its set-points.
 #[test]
-fn a_motor_that_joins_a_stream_is_told_once() {
+fn a_motor_that_joins_a_stream_is_journaled_once() {
     let mut two = Two::new();
     let mut joined = |motor: usize| {
         let setpoints = Setpoints { motors: vec![motor], values: Values::Velocity(vec![0.1]) };
@@ -205,9 +206,9 @@ fn a_motor_that_joins_a_stream_is_told_once() {
     assert!(joined(1).is_empty() && joined(0).is_empty());
 }
 
-/// Who ran into something by a move pushes no more: its program is heard as soon as the filter opens.
+/// A program that hit something by a move pushes no more: its set-points are accepted as soon as the filter opens.
 #[test]
-fn who_moved_into_something_need_not_be_silent() {
+fn an_agent_that_moved_into_something_need_not_be_silent() {
     let mut two = Two::new();
     two.commit(0, 1.0);
     let token = two.gate.close();
@@ -217,23 +218,23 @@ fn who_moved_into_something_need_not_be_silent() {
     assert_eq!(out[0], SuperviseOut::Verdict(Err(Refusal::Closed)));
 }
 
-/// Of two programs that stream, one ran into something: the other can't have pushed, and is heard while it never pauses.
+/// Of two streaming programs, one hit something: the other can't have pushed, and is accepted though it never pauses.
 #[test]
-fn set_points_of_motors_that_had_no_part_in_a_contact_are_heard() {
-    for (blamed, heard) in [(Some(1), [true, false]), (Some(0), [false, true]), (None, [false, false])] {
+fn set_points_of_motors_without_a_part_in_a_contact_are_accepted() {
+    for (blamed, accepted) in [(Some(1), [true, false]), (Some(0), [false, true]), (None, [false, false])] {
         let mut two = Two::new();
         two.stream(Values::Velocity(vec![0.1, 0.1]));
         let _ = two.read([0.01, 0.01], [false, false]);
         let token = two.gate.close();
         let blamed = blamed.map(|motor| [motor].into());
         two.on(SuperviseIn::Closed(token, Cause::Contact(Vec::new()), blamed), two.now);
-        let mut is_heard = |motors: &[usize]| {
+        let mut is_accepted = |motors: &[usize]| {
             let setpoints = Setpoints { motors: motors.to_vec(), values: Values::Velocity(vec![0.1; motors.len()]) };
             let out = two.on(SuperviseIn::Stream("a".into(), setpoints), two.now);
             assert!(matches!(out[0], SuperviseOut::Verdict(Err(_))), "the filter is closed: {out:?}");
             out[0] != SuperviseOut::Verdict(Err(Refusal::Pushing))
         };
-        assert_eq!([is_heard(&[0]), is_heard(&[1])], heard);
-        assert!(!is_heard(&[0, 1]), "together they push");
+        assert_eq!([is_accepted(&[0]), is_accepted(&[1])], accepted);
+        assert!(!is_accepted(&[0, 1]), "together they push");
     }
 }

@@ -1,9 +1,9 @@
-//! How far back streams are taken: by `undo_s`, and moves to where they began.
+//! Extent of rollbacks: streams by `undo_s`, moves to their beginning.
 
 use super::*;
 use crate::history::Recorded;
 
-/// A motor at rest, whose streams are undone by so many seconds.
+/// A motor at rest, whose streams are undone by this number of seconds.
 fn cell(undo: f64) -> Cell {
     let mut cell = Cell::new();
     cell.rules = Arc::new(Rules { undo: Duration::from_secs_f64(undo), ..(*cell.rules).clone() });
@@ -11,12 +11,12 @@ fn cell(undo: f64) -> Cell {
     cell
 }
 
-/// What was recorded when the filter closed, and so many seconds before.
+/// Recorded positions at the closing of the filter, and this number of seconds before.
 fn recorded(cell: &Cell, closed: Time, before: f64) -> Recorded {
     cell.book.history.recorded_near(closed - Duration::from_secs_f64(before), &[0.0], Duration::ZERO).unwrap().clone()
 }
 
-/// Streams a velocity until something stops it; the reading at which that was.
+/// Streams a velocity until something stops it; returns the reading of the stop.
 fn pushes(cell: &mut Cell, speed: f64) -> Time {
     while cell.supervise.status() == Status::Moving {
         cell.apply(Op::Stream(speed, 1));
@@ -30,7 +30,7 @@ fn pushes(cell: &mut Cell, speed: f64) -> Time {
 }
 
 proptest! {
-    /// The retreat after a long stream ends where the robot was so long before it was stopped, free of contact.
+    /// The retreat after a long stream ends where the robot was this long before the stop, free of contact.
     #[test]
     fn a_stream_is_undone_by_as_much_as_the_rules_say(
         undo in 0.1..1.5_f64, speed in 0.2..0.8_f64, wall in 1.8..2.8_f64, up in any::<bool>()
@@ -44,15 +44,15 @@ proptest! {
         prop_assert!(home.q[0].abs() > 0.2, "the stream is longer than what is undone of it");
         cell.heal();
         prop_assert_eq!((cell.supervise.status(), cell.outcome), (Status::Rest, Some(Outcome::RolledBack)));
-        // the reflex closes at the reading that supervise hears of at once, or at the one before
+        // the reflex closes at the reading of which supervise is notified at once, or at the one before
         let apart = (cell.q - home.q[0]).abs();
         prop_assert!(apart <= 1.5 * 0.01 * speed + cell.rules.tolerance, "{} from {:?}", cell.q, home);
         prop_assert!((wall - cell.q.abs()) - 0.05 > cell.rules.margin);
     }
 
-    /// A move in the same transaction is taken back to where it began, whichever came first, and the stream with it.
+    /// A move in the same transaction is rolled back to its beginning, in any order, and the stream with it.
     #[test]
-    fn a_move_keeps_the_whole_rollback(undo in 0.0..1.0_f64, first in any::<bool>()) {
+    fn a_move_is_rolled_back_whole(undo in 0.0..1.0_f64, first in any::<bool>()) {
         let mut cell = cell(undo);
         cell.apply(Op::Wall(Some(2.0)));
         if first {
@@ -72,7 +72,7 @@ proptest! {
     }
 }
 
-/// A stream that is shorter than what would be undone of it is undone whole.
+/// A stream that is shorter than the undo time is undone whole.
 #[test]
 fn nothing_is_undone_beyond_the_beginning() {
     let mut cell = cell(5.0);
@@ -84,7 +84,7 @@ fn nothing_is_undone_beyond_the_beginning() {
     assert!(cell.q.abs() <= cell.rules.tolerance, "it rests at {}", cell.q);
 }
 
-/// What takes a stream back after a death takes it back no farther.
+/// A rollback of a stream after a death goes back no farther.
 #[test]
 fn a_restart_undoes_no_more() {
     for died in [Op::SuperviseDies, Op::ReflexDies] {

@@ -33,7 +33,7 @@ fn with_cup() -> WorldGate {
 }
 
 fn place(gate: &WorldGate) -> Option<[f64; 3]> {
-    gate.kept().iter().find(|k| k.object == "cup").and_then(|k| k.place)
+    gate.objects().iter().find(|k| k.object == "cup").and_then(|k| k.place)
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn what_is_not_seen_is_stale_once_and_not_gone() {
     assert_eq!(gate.stale(secs(4.0)), [""; 0]);
     assert_eq!(place(&gate), Some([0.3, 0.0, 1.0]));
     gate.admit(secs(5.0), &[at("cup", [0.3, 0.0, 1.0])]);
-    assert!(gate.kept().iter().any(|k| k.object == "cup" && !k.is_stale && k.seen == secs(5.0)));
+    assert!(gate.objects().iter().any(|k| k.object == "cup" && !k.is_stale && k.seen == secs(5.0)));
 }
 
 proptest! {

@@ -1,4 +1,5 @@
-//! Boxes hold what moves: of robots with hinges, slides and fingers, on long ways and short ones.
+//! Boxes contain what moves: for robots with revolute and prismatic joints and fingers, on long
+//! motions and short ones.
 
 use super::{Limbs, bounds};
 use mobee_model::{Scene, load_robot, random_poses};
@@ -6,7 +7,7 @@ use nalgebra::Isometry3;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Poses at which each way is looked at.
+/// Number of configurations sampled on each motion.
 const SAMPLES: usize = 60;
 
 #[test]
@@ -14,10 +15,10 @@ fn every_shape_is_in_a_box_at_every_pose_of_a_way() {
     let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/robots");
     for (file, every, most) in [("icub", 3, 2.0), ("katana", 1, 2.0), ("panda", 1, 2.5), ("ur5", 2, 3.0)] {
         let robot = Arc::new(load_robot(robots.join(file).with_extension("xml")).unwrap().value);
-        // somewhere askew
+        // An arbitrary pose.
         let base = Isometry3::new([0.3, -0.2, 0.1].into(), [0.2, -0.4, 0.9].into());
         let scene = Scene::new(vec![(robot.clone(), base)], Vec::new()).unwrap();
-        // not all motors, so that some limbs hang together
+        // Not all motors, so that some links form one rigid body.
         let motors: Vec<usize> = (0..robot.motors.len()).step_by(every).collect();
         let group = |q: &[f64]| motors.iter().map(|m| q[*m]).collect::<Vec<_>>();
         let poses: Vec<Vec<f64>> = random_poses(&robot, 3).take(13).collect();
@@ -26,9 +27,10 @@ fn every_shape_is_in_a_box_at_every_pose_of_a_way() {
         let carried = limbs.carried(&scene);
         let mut looseness: f64 = 0.0;
         for (i, pair) in poses.windows(2).enumerate() {
-            // from a hundredth of the way to all of it
+            // From a hundredth of the motion to all of it.
             let share = [0.01, 0.1, 1.0][i % 3];
-            let (from, to) = (group(&pair[0]), group(&pair[1]));
+            let from = group(&pair[0]);
+            let to = group(&pair[1]);
             let to: Vec<f64> = from.iter().zip(&to).map(|(a, b)| a + (b - a) * share).collect();
             let mut boxes = Vec::new();
             limbs.sweep(&from, &to, &mut boxes);

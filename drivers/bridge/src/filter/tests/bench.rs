@@ -1,4 +1,4 @@
-//! The filter on a bench: a board, and motions whose end the test decides.
+//! Test bench of the filter: a board, and motions whose end the test sets.
 
 use super::super::*;
 use mobee_contract::Axis;
@@ -6,7 +6,7 @@ use mobee_model::{JointMotion, Motor, Part};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-/// A robot of two parts (2 and 1 motors) behind a filter, with motions whose end the test decides.
+/// A robot of two parts (2 and 1 motors) behind a filter, with motions whose end the test sets.
 pub(crate) struct Bench {
     pub core: FilterCore,
     pub status: Status,
@@ -23,7 +23,7 @@ impl Bench {
         Bench::of([JointMotion::Turn; 3])
     }
 
-    /// With motors that move like this: 90 degrees or millimeters to either side.
+    /// Creates a bench with these joint kinds, whose limits are 90 deg or mm to either side.
     pub fn of(motions: [JointMotion; 3]) -> Bench {
         let axis = |name: &str| Axis {
             name: name.into(),
@@ -81,7 +81,7 @@ impl Bench {
         f(&mut self.core, &seen)
     }
 
-    /// What the shell does with a request on a connection; a question counts as answered.
+    /// Executes a request on a connection as the service does. A question counts as answered.
     pub fn ask(&mut self, connection: u64, request: &BoardRequest) -> Result<KnownBetter, BoardReply> {
         let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
         let step = self.seen(|core, seen| core.request(&client, request, seen));
@@ -91,7 +91,7 @@ impl Bench {
         }
     }
 
-    /// What the shell does with a step that is no question.
+    /// Executes a step other than a question as the service does.
     pub fn act(&mut self, client: &Client, step: &Step) -> BoardReply {
         match step {
             Step::Reply(reply) => *reply,
@@ -108,7 +108,7 @@ impl Bench {
         }
     }
 
-    /// A command of a connection that gets no replies; what became of it is done.
+    /// Executes a streamed command on a connection without replies, with its motion committed.
     pub fn stream(&mut self, connection: u64, request: &BoardRequest) -> Option<Step> {
         let client = Client { part: 0, connection, from: "/me/command:o", listens: false };
         let step = self.seen(|core, seen| core.streamed(&client, request, seen));

@@ -1,13 +1,13 @@
-//! Where the filter knows better than the board's own words.
+//! Corrections of a board's own answers by the filter.
 
 use super::{client_mode, kind, vocab};
 use crate::filter::{BoardAxis, KnownBetter};
 use mobee_yarp::{Bottle, JointData, Value, Vocab};
 
-/// Where a reply has its value, or the list of its values.
+/// Position of the value, or of the list of values, in a reply.
 const VALUES: usize = 2;
 
-/// The board's reply, corrected where the filter knows better; `None` if it is right as it is.
+/// Corrects the board's reply; `None` if it is right.
 pub(super) fn corrected(known: &KnownBetter, reply: &Bottle) -> Option<Bottle> {
     let mut changed = reply.clone();
     let place = changed.0.get_mut(VALUES)?;
@@ -29,7 +29,7 @@ pub(super) fn corrected(known: &KnownBetter, reply: &Bottle) -> Option<Bottle> {
     (changed != *reply).then_some(changed)
 }
 
-/// Replaces the values of a reply by what is known, joint by joint.
+/// Replaces the values of a reply by known ones, joint by joint.
 fn overlay<T>(place: &mut Value, known: &[Option<T>], own: impl Fn(&T, &Value) -> Option<Value>) {
     let slots: Vec<&mut Value> = match place {
         Value::List(values) => values.0.iter_mut().collect(),
@@ -42,8 +42,8 @@ fn overlay<T>(place: &mut Value, known: &[Option<T>], own: impl Fn(&T, &Value) -
     }
 }
 
-/// Corrects the state that a board told where the filter knows better, and fills in what the board left out, as a board does
-/// that has `state:o` alone.
+/// Corrects the state of a real board, and adds fields that the board does not send, because it has `state:o`
+/// only.
 pub(super) fn shown(axes: &[BoardAxis], own: JointData, mut told: JointData) -> JointData {
     if told.velocity.valid().is_none() {
         told.velocity = own.velocity;

@@ -1,11 +1,11 @@
-//! The questions that may reach the board: those that are known to change nothing.
+//! Queries that may reach the board: those that are known to change nothing.
 
 use mobee_yarp::{Bottle, Vocab};
 
 const GET: Vocab = Vocab::new("get");
 
-/// The second word of each. Motion and state, then motors, amplifiers, temperatures, torque, current, PWM, PID, faults,
-/// remote calibrator and variables.
+/// Second word of each query. Motion and state, then motors, amplifiers, temperatures, torque, current, PWM,
+/// PID, faults, remote calibrator and variables.
 const READS: &[Vocab] = &[
     Vocab::new("prot"),
     Vocab::new("axes"),
@@ -71,7 +71,7 @@ const READS: &[Vocab] = &[
     Vocab::new("ivar"),
 ];
 
-/// Whether a request is one of these questions.
+/// True if a request is one of these queries.
 pub(super) fn allowed(request: &Bottle) -> bool {
     let word = |i: usize| request.0.get(i).and_then(|v| v.as_vocab());
     word(0) == Some(GET) && word(1).is_some_and(|code| READS.contains(&code))

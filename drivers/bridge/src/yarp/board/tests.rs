@@ -9,7 +9,7 @@ use mobee_contract::{CommitId, Hold, MotionEnd, Status, Values};
 use proptest::prelude::*;
 use std::ops::{Deref, DerefMut};
 
-/// The filter on its bench as YARP programs see it.
+/// The filter on its bench, with the YARP protocol.
 struct Programs {
     bench: Bench,
     /// Requests that reached the board.
@@ -35,13 +35,13 @@ impl Programs {
         Programs { bench: Bench::new(), asked: vec![], answers: Stamp::default() }
     }
 
-    /// Joint 0 turns, joint 1 slides.
+    /// Joint 0 is revolute, joint 1 prismatic.
     fn sliding() -> Programs {
         let bench = Bench::of([JointMotion::Turn, JointMotion::Slide, JointMotion::Turn]);
         Programs { bench, ..Programs::new() }
     }
 
-    /// What the shell does with a request on a connection to a simulated robot.
+    /// Executes a request on a connection to a simulated robot as the service does.
     fn rpc(&mut self, connection: u64, request: &Bottle) -> Bottle {
         let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
         let asked = parse(request, &units(self.core.board(0)));
@@ -57,7 +57,7 @@ impl Programs {
         }
     }
 
-    /// What a client gets for the answer of a board that has a protocol of its own; `None`: the answer as it came.
+    /// Corrected answer of a board with its own protocol; `None` if the answer is passed on unchanged.
     fn pass(&mut self, request: &str, answer: &str) -> Option<String> {
         let client = Client { part: 0, connection: 1, from: "/me/rpc:o", listens: true };
         let asked = parse(&bottle(request), &units(self.core.board(0)));
@@ -82,7 +82,7 @@ impl Programs {
     }
 }
 
-/// Joints that turn.
+/// Units of revolute joints.
 fn turning(axes: usize) -> Units {
     Units::new(vec![JointKind::Revolute; axes])
 }
@@ -158,7 +158,7 @@ fn references_are_kept_and_never_reach_the_board() {
     let Step::Commit(commit) = b.step("[set] [pos] 0 10.0") else { panic!("no commit") };
     assert!((commit.speeds.unwrap()[0].to_degrees() - 50.0).abs() < 1e-9, "moves keep to the greatest speed");
     assert_eq!(b.say(1, "[set] [vels] (200.0)"), "[fail]", "a list too short");
-    // what else would change how the board moves
+    // other settings that would change the motion of the board
     for text in
         ["[set] [vlim] 0 0 900", "[set] [llim] 0 -900 900", "[set] [pid] [plim] [pos] 0 9", "[set] [ivar] x (1)"]
     {
@@ -191,20 +191,20 @@ fn a_slow_poller_learns_of_the_rollback() {
     assert!(b.say(2, "[get] [don] 0").starts_with("[is] [don] 1"), "another connection has nothing to learn");
     assert_eq!(b.say(1, "[get] [don] 0"), "[fail]");
     assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 1"));
-    // one that polled in time has learned already
+    // a client that polled in time has been informed already
     b.say(1, "[set] [pos] 0 10.0");
     b.status = Status::Retreating;
     assert_eq!(b.say(1, "[get] [don] 0"), "[fail]");
     b.end(MotionEnd::Failed);
     assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 1"));
-    // and a motion that reached its end needs no telling
+    // a motion that reached its target needs no report
     b.say(1, "[set] [pos] 0 10.0");
     b.end(MotionEnd::Reached);
     assert!(b.say(1, "[get] [dons]").starts_with("[is] [dons] 1"));
 }
 
 #[test]
-fn joints_that_nobody_moved_are_done() {
+fn joints_without_a_motion_are_done() {
     let mut b = Programs::new();
     b.say(1, "[set] [pos] 0 10.0");
     assert!(b.say(1, "[get] [don] 1").starts_with("[is] [don] 1"));
@@ -227,7 +227,7 @@ fn a_stop_is_no_failure() {
 }
 
 #[test]
-fn a_failed_stream_is_not_heard_until_its_client_knows_or_was_silent() {
+fn a_failed_stream_is_ignored_until_its_client_is_informed_or_was_silent() {
     let mut b = Programs::new();
     assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some());
     assert!(b.say(1, "[get] [axes]").starts_with("[is]"));
@@ -249,7 +249,7 @@ fn a_failed_stream_is_not_heard_until_its_client_knows_or_was_silent() {
 }
 
 #[test]
-fn a_stream_that_goes_on_while_the_filter_is_closed_is_not_heard_when_it_opens() {
+fn a_stream_that_continues_while_the_filter_is_closed_is_ignored_when_it_opens() {
     let mut b = Programs::new();
     assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some());
     b.end(MotionEnd::Failed);
@@ -266,7 +266,7 @@ fn a_stream_that_goes_on_while_the_filter_is_closed_is_not_heard_when_it_opens()
     assert!(heard(&mut b, Status::Rest, 1));
 }
 
-/// A gaze controller never pauses: what an arm ran into is none of its business.
+/// A gaze controller never pauses, and a contact of an arm does not concern it.
 #[test]
 fn a_stream_that_had_no_part_in_a_contact_goes_on_as_the_filter_opens() {
     let mut b = Programs::new();
@@ -294,7 +294,8 @@ fn settings_are_shown_as_the_client_made_them() {
     b.say(1, "[set] [acc] 1 7.5");
     assert!(b.say(1, "[get] [icmd] [cmds]").starts_with("[is] [cmds] ([vel] [pos])"));
     assert!(b.say(1, "[get] [acc] 1").starts_with("[is] [acc] 7.5"));
-    // a board with words of its own: its reply but for what the client has set, and only where the board is well
+    // a board with its own protocol: only the client's settings are replaced in its reply, and only if the
+    // board has no fault
     let mut pass = |ask: &str, reply: &str| b.pass(ask, reply);
     assert_eq!(
         pass("[get] [icmd] [cmod] 0", "[is] 0 [pos] [tsta] 1 2.5 [ok]").unwrap(),
@@ -327,9 +328,9 @@ fn any_request() -> impl Strategy<Value = Bottle> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever is asked, in whatever order: while closed every reply is `[fail]`; a connection whose motion failed gets
-    /// exactly one `[fail]` before it is well; nothing but the list of questions reaches the board; and
-    /// no commit leaves the limits.
+    /// For all requests in any order: while the filter is closed, every reply is `[fail]`; a connection whose
+    /// motion failed gets exactly one `[fail]` afterwards; only questions on the list reach the board; and no
+    /// commit leaves the limits.
     #[test]
     fn the_filter_keeps_its_promises(events in prop::collection::vec((0..8_u8, 1..3_u64, any_request()), 1..60)) {
         let mut b = Programs::new();
@@ -339,7 +340,7 @@ proptest! {
                 0 => b.status = Status::Retreating,
                 1 if b.status == Status::Moving => {
                     b.end(MotionEnd::Failed);
-                    // only the first answer to each connection may be the failure
+                    // only the first reply on each connection may be the failure
                     let first = b.rpc(connection, &probe);
                     prop_assert!(first == reply::fail() || first.0.len() > 1);
                     prop_assert!(b.rpc(connection, &probe).0.len() > 1);
@@ -369,7 +370,7 @@ proptest! {
     }
 }
 
-/// A joint that stands beyond a limit (an elbow that sags to -0.4 degrees) doesn't keep its part from moving.
+/// A joint beyond a limit (an elbow that sags to -0.4 deg) does not block the motion of its part.
 #[test]
 fn a_joint_beyond_its_limit_may_stay_and_comes_back() {
     let stands = |q: f64| {
@@ -388,16 +389,16 @@ fn a_joint_beyond_its_limit_may_stay_and_comes_back() {
         other => panic!("{other:?}"),
     };
     for (at, asked, becomes) in [
-        // what repeats its place is taken, and only the other joint moves
+        // a target equal to its position is accepted, and only the other joint moves
         (90.4, "[set] [poss] (90.4 10.0)", "1:10.0"),
         (90.4, "[set] [poss] (90.2 10.0)", "1:10.0"),
         (-90.4, "[set] [pos] 0 -90.4", "[ok]"),
         (90.4, "[set] [rel] 0 0.0", "[ok]"),
-        // what is beyond, on that side, means the limit
+        // a target beyond the same limit means the limit
         (90.4, "[set] [pos] 0 95.0", "0:90.0"),
         (-90.4, "[set] [posg] 2 (0 1) (-120.0 0.0)", "0:-90.0 1:0.0"),
         (90.4, "[set] [pos] 0 89.0", "0:89.0"),
-        // and a joint within its limits, or beyond the other one, is not sent there
+        // and a joint within its limits, or beyond the other limit, is not sent there
         (89.9, "[set] [pos] 0 90.4", "[fail]"),
         (90.4, "[set] [pos] 0 -90.4", "[fail]"),
     ] {
@@ -412,7 +413,7 @@ fn a_joint_beyond_its_limit_may_stay_and_comes_back() {
     assert!((q[0].to_degrees() - 90.0).abs() < 1e-9);
 }
 
-/// Gaze streams all day: an arm whose joints are there is done.
+/// A client whose joints have arrived is done, even while gaze control streams.
 #[test]
 fn a_client_whose_joints_have_arrived_waits_for_no_other() {
     let mut b = Programs::new();
@@ -427,10 +428,10 @@ fn a_client_whose_joints_have_arrived_waits_for_no_other() {
     b.q[0] = 20.1_f64.to_radians();
     assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 1"), "there, though gaze goes on");
     assert!(b.say(3, "[get] [don] 0").starts_with("[is] [don] 1"), "whoever asks");
-    // it is one transaction all the same: what the other runs into takes both back
+    // it is still one transaction: a contact of the other client reverts both
     b.end(MotionEnd::Failed);
     assert_eq!(b.say(1, "[get] [don] 0"), "[fail]");
-    // alone, it is not done before its outcome
+    // alone, the motion is not done before its outcome is known
     assert_eq!(b.say(1, "[set] [pos] 0 10.0"), "[ok]");
     b.q[0] = 10.0_f64.to_radians();
     assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 0"));

@@ -5,10 +5,10 @@ use mobee_model::{Object, parse_world};
 use mobee_yarp::Text;
 use proptest::prelude::*;
 
-/// The core as YARP programs see it.
+/// The core with the YARP protocol.
 struct Typist(Bench);
 
-/// What a request led to.
+/// Result of a request.
 struct Seen {
     reply: Bottle,
     errand: Option<Errand>,
@@ -28,7 +28,7 @@ impl Typist {
         Seen { reply: reply(&said), errand: None }
     }
 
-    /// Types a line of blank-separated words and numbers; gives the reply in the same way.
+    /// Sends a line of blank-separated words and numbers, and formats the reply in the same way.
     fn line(&mut self, text: &str) -> String {
         shown(&self.ask(&typed(text)).reply)
     }
@@ -215,7 +215,8 @@ fn bottles_of_wrong_shape_get_a_sentence() {
     let mut b = Typist::new();
     b.line("mk sph 0.1 1 2 3");
     let before = b.0.scene.epoch();
-    // requests that end too early, hold lists for words, and numbers that are none: what crashed the original
+    // requests that end too early, contain lists instead of words, or invalid numbers: these crashed the
+    // original
     let list = |text: &str| Value::List(typed(text));
     let requests = [
         Bottle(vec![]),
@@ -262,7 +263,8 @@ fn any_value() -> impl Strategy<Value = Value> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Any requests in any order: no panic, only edits that the scene takes, and always a reply or an errand.
+    /// For all requests in any order: no panic, only edits that the scene accepts, and always a reply or an
+    /// errand.
     #[test]
     fn no_request_harms(requests in prop::collection::vec(prop::collection::vec(any_value(), 0..8), 1..20)) {
         let mut b = Typist::new();
@@ -274,14 +276,14 @@ proptest! {
         }
     }
 
-    /// What is written as a client writes it is read as it was meant.
+    /// A request written as a client writes it is parsed to the same request.
     #[test]
     fn what_is_written_is_read_again(request in any_request()) {
         prop_assert_eq!(parse(&written(&request)), request);
     }
 }
 
-/// A request as a client writes it.
+/// Message of a client for a request.
 fn written(request: &WorldRequest) -> Bottle {
     let words = |words: &[&str]| words.iter().map(string).collect::<Vec<_>>();
     let floats = |numbers: &[f64]| numbers.iter().map(|x| Value::Float64(*x)).collect::<Vec<_>>();

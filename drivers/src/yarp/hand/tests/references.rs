@@ -1,4 +1,4 @@
-//! References: told, read back, and no move without.
+//! References are set and read back before each move.
 
 use super::*;
 use mobee_yarp::{Bottle, Dialect};
@@ -9,10 +9,10 @@ fn both(acceleration: f64) -> Do {
     Do::Move { joints: vec![1], to: vec![20.0], speed: Some(vec![10.0]), acceleration: Some(vec![acceleration]) }
 }
 
-/// A move is made if the board has the references that it was told, or lesser ones: to a hundredth, without regard to sign. If it has
-/// greater ones they are told twice more, and then the filter hears who is to blame.
+/// A move requires that the board has the commanded references or lower ones, to a hundredth and without regard
+/// to sign. Greater ones are set twice more; then the fault names the cause.
 #[tokio::test(start_paused = true)]
-async fn no_move_is_made_at_greater_references_than_were_told() {
+async fn no_move_is_made_at_greater_references_than_commanded() {
     let all = [(10.0, true), (10.05, true), (10.15, false), (10.9, false), (-10.0, true), (-11.0, false), (3.0, true)];
     for (read, is_made) in all {
         let rig = Rig::up().await;
@@ -24,10 +24,10 @@ async fn no_move_is_made_at_greater_references_than_were_told() {
         });
         rig.order(both(40.0));
         rig.after(50).await;
-        let told = rig.told();
-        assert_eq!(told.contains(&moves()), is_made, "{read} of 10: {told:?}");
+        let commands = rig.commands();
+        assert_eq!(commands.contains(&moves()), is_made, "{read} of 10: {commands:?}");
         let speed = Set::Speed(group(&[1]), vec![10.0]);
-        assert_eq!(told.iter().filter(|set| **set == speed).count(), if is_made { 1 } else { 3 }, "{read} of 10");
+        assert_eq!(commands.iter().filter(|set| **set == speed).count(), if is_made { 1 } else { 3 }, "{read} of 10");
         let alarm = rig.known(|known| known.alarm.take());
         assert_eq!(
             alarm
@@ -38,9 +38,9 @@ async fn no_move_is_made_at_greater_references_than_were_told() {
     }
 }
 
-/// The same of accelerations, where the board has any.
+/// The same for accelerations, if the board has any.
 #[tokio::test(start_paused = true)]
-async fn no_move_is_made_at_greater_accelerations_than_were_told() {
+async fn no_move_is_made_at_greater_accelerations_than_commanded() {
     for (read, is_made) in [(40.0, true), (60.0, false)] {
         let rig = Rig::up().await;
         rig.board.plays(move |board, ask| {
@@ -51,36 +51,36 @@ async fn no_move_is_made_at_greater_accelerations_than_were_told() {
         });
         rig.order(both(40.0));
         rig.after(50).await;
-        assert_eq!(rig.told().contains(&moves()), is_made, "{read} of 40");
+        assert_eq!(rig.commands().contains(&moves()), is_made, "{read} of 40");
     }
     let rig = Rig::up().await;
     rig.board.with(1, |axis| axis.ref_acc = 500.0);
     rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Acceleration(..))).then_some(Trick::Refuses));
     rig.order(both(40.0));
     rig.after(50).await;
-    assert!(rig.told().contains(&moves()), "it has none to set");
+    assert!(rig.commands().contains(&moves()), "it has none to set");
 }
 
-/// A board that accepts accelerations and keeps those that it was found with is no other program's doing: the move is made, the operator
-/// reads why, and accelerations are not sent again.
+/// A board that accepts accelerations but retains those found is not a conflict with another program: the move
+/// is made, the operator gets a message, and accelerations are no longer sent.
 #[tokio::test(start_paused = true)]
-async fn a_board_that_keeps_its_own_accelerations_moves_by_these() {
+async fn a_board_with_fixed_accelerations_still_moves() {
     let rig = Rig::owing().await;
     let found = rig.known(|known| known.owed.findings()[1].acceleration);
     assert!(found.is_some_and(|found| found > 5.0), "{found:?}");
     rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Acceleration(..))).then(|| Trick::Says(reply::ok())));
     rig.order(both(5.0));
     rig.after(50).await;
-    let sent = |told: &[Set]| told.iter().filter(|set| matches!(set, Set::Acceleration(..))).count();
-    let told = rig.told();
-    assert!(told.contains(&moves()), "{told:?}");
-    assert_eq!((sent(&told), rig.known(|known| known.alarm.take())), (3, None));
+    let sent = |commands: &[Set]| commands.iter().filter(|set| matches!(set, Set::Acceleration(..))).count();
+    let commands = rig.commands();
+    assert!(commands.contains(&moves()), "{commands:?}");
+    assert_eq!((sent(&commands), rig.known(|known| known.alarm.take())), (3, None));
     rig.order(both(5.0));
     rig.after(50).await;
-    assert_eq!(sent(&rig.told()), 0, "it is known by now");
+    assert_eq!(sent(&rig.commands()), 0, "it is known by now");
 }
 
-/// A board that does not tell its references is believed; one that does not answer is not.
+/// A board that does not report its references is trusted; a board that does not answer is not.
 #[tokio::test(start_paused = true)]
 async fn no_move_is_made_before_references_were_read_back() {
     let two = Bottle::parse("[is] [velg] (70.0 80.0) [tsta] 1 2.5 [ok]", Dialect::V3).unwrap();
@@ -90,36 +90,38 @@ async fn no_move_is_made_before_references_were_read_back() {
         rig.board.plays(move |_, ask| if let Ask::Get(Get::Values(..)) = ask { trick.take() } else { None });
         rig.order(to_20());
         rig.after(50).await;
-        assert_eq!(rig.told().contains(&moves()), is_made);
+        assert_eq!(rig.commands().contains(&moves()), is_made);
     }
 }
 
-/// References are told as they are ordered, but for none at all, which some boards take for no speed limit.
+/// References are sent as ordered, except for zero, which some boards interpret as no limit.
 #[tokio::test(start_paused = true)]
 async fn a_reference_of_nothing_is_a_small_one() {
     let rig = Rig::up().await;
     rig.order(Do::Reference { joints: vec![0, 1], speed: vec![0.0, 7.0], acceleration: vec![9.0, 0.0] });
     rig.after(20).await;
     let (speed, acceleration) = (vec![SLOWEST, 7.0], vec![9.0, SLOWEST]);
-    let told = rig.told();
-    assert_eq!(told[..2], [Set::Speed(group(&[0, 1]), speed), Set::Acceleration(group(&[0, 1]), acceleration)]);
+    let commands = rig.commands();
+    assert_eq!(commands[..2], [Set::Speed(group(&[0, 1]), speed), Set::Acceleration(group(&[0, 1]), acceleration)]);
 }
 
-/// The first moves are timed, and what was timed counts once the reference was read back; nothing is asked before there is something.
+/// The first moves are timed, and a measurement counts once the reference was read back. There is no query
+/// before the first measurement.
 #[tokio::test(start_paused = true)]
 async fn what_was_timed_is_confirmed() {
     let rig = Rig::up().await;
-    let asked =
-        |rig: &Rig| rig.heard().iter().filter(|(_, word)| *word == Heard::Asked(Ask::Get(READS.clone()))).count();
+    let queries = |rig: &Rig| {
+        rig.received().iter().filter(|(_, word)| *word == Received::Request(Ask::Get(READS.clone()))).count()
+    };
     for _ in 0..3 {
         rig.board.with(1, |axis| axis.q = 0.0);
         rig.after(50).await;
         rig.order(to_20());
         rig.after(50).await;
-        assert_eq!(asked(&rig), 0, "nothing was timed yet");
+        assert_eq!(queries(&rig), 0, "nothing was timed yet");
         rig.known(|known| known.gauge.outran(1, 4.0));
         rig.after(30).await;
-        assert_eq!(asked(&rig), 1);
+        assert_eq!(queries(&rig), 1);
     }
     assert!(rig.known(|known| known.gauge.is_unfair()), "three times four times too fast");
     assert!(rig.cell.lock().news.take().is_some_and(|news| news.contains("/arm moved at 4.0 to 4.0 times")));

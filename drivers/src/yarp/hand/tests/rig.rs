@@ -1,4 +1,4 @@
-//! A hand at a board of two joints that does what a test wants it to: in virtual time, without a network.
+//! A hand and a scripted board of two joints. Runs in virtual time, without a network.
 
 use super::super::super::YarpDriverSettings;
 use super::super::super::cell::{BoardFacts, describe, instant, word};
@@ -10,41 +10,41 @@ use super::*;
 use mobee_yarp::board::{AxisFacts, JointKind, RemoteState, Shadow, ShadowAxis};
 use mobee_yarp::{Bottle, CallError, JointField, Stamp};
 
-/// How long the board takes to answer.
+/// Answer time of the board.
 const ANSWERS: Duration = Duration::from_millis(1);
-/// How often it publishes its state.
+/// Period of the board's states.
 const PUBLISHES: Duration = Duration::from_millis(10);
 
-/// What the board heard.
+/// A message that the board received.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Heard {
-    Asked(Ask),
+pub enum Received {
+    Request(Ask),
     Streamed(Streamed),
     Hushed,
 }
 
-/// What a board does about a word that it does not take as boards do.
+/// Scripted behavior of a board that differs from that of real ones.
 pub enum Trick {
     Refuses,
-    /// It answers this, and does nothing.
+    /// Answers this, without effect.
     Says(Bottle),
-    /// The connection breaks before an answer.
+    /// Breaks the connection before the answer.
     Breaks,
-    /// It does as it is told, and answers so much later.
+    /// Acts at once, and answers this much later.
     Late(Duration),
 }
 
 type Tricks = Box<dyn FnMut(&FakeBoard, &Ask) -> Option<Trick> + Send>;
 
-/// A board of which everything can be told and known.
+/// A scripted board with a record of all messages.
 pub struct FakeBoard {
     pub shadow: Mutex<Shadow>,
-    heard: Mutex<Vec<(u64, Heard)>>,
+    received: Mutex<Vec<(u64, Received)>>,
     tricks: Mutex<Tricks>,
     pub link: watch::Sender<LinkState>,
     facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
     state: watch::Sender<Option<Arc<RemoteState>>>,
-    /// Whether its states tell modes.
+    /// True if its states contain modes.
     pub tells_modes: Mutex<bool>,
     base: Instant,
 }
@@ -62,7 +62,7 @@ impl FakeBoard {
         FakeBoard {
             facts: watch::Sender::new(Some(axes.iter().map(fact).collect())),
             shadow: Mutex::new(Shadow { axes }),
-            heard: Mutex::default(),
+            received: Mutex::default(),
             tricks: Mutex::new(Box::new(|_, _| None)),
             link: watch::Sender::new(LinkState::Down("not connected yet".into())),
             state: watch::Sender::new(None),
@@ -71,17 +71,17 @@ impl FakeBoard {
         }
     }
 
-    fn hears(&self, what: Heard) {
+    fn record(&self, what: Received) {
         let ms = (instant().duration_since(self.base).as_secs_f64() * 1e3).round() as u64;
-        self.heard.lock().unwrap().push((ms, what));
+        self.received.lock().unwrap().push((ms, what));
     }
 
-    /// From now on it does this.
+    /// Sets the scripted behavior from now on.
     pub fn plays(&self, trick: impl FnMut(&FakeBoard, &Ask) -> Option<Trick> + Send + 'static) {
         *self.tricks.lock().unwrap() = Box::new(trick);
     }
 
-    /// Something happens to a joint.
+    /// Changes a joint.
     pub fn with(&self, joint: usize, change: impl FnOnce(&mut ShadowAxis)) {
         change(&mut self.shadow.lock().unwrap().axes[joint]);
     }
@@ -144,7 +144,7 @@ impl Remote for FakeBoard {
         0
     }
     fn ask<'a>(&'a self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
-        self.hears(Heard::Asked(request.clone()));
+        self.record(Received::Request(request.clone()));
         Box::pin(async move {
             let trick = (self.tricks.lock().unwrap())(self, request);
             let answer = match trick {
@@ -163,11 +163,11 @@ impl Remote for FakeBoard {
         })
     }
     fn stream(&self, command: Streamed) -> bool {
-        self.hears(Heard::Streamed(command));
+        self.record(Received::Streamed(command));
         true
     }
     fn hush(&self) {
-        self.hears(Heard::Hushed);
+        self.record(Received::Hushed);
     }
     fn died(&self) -> Later<'_, ()> {
         Box::pin(std::future::pending())
@@ -177,7 +177,7 @@ impl Remote for FakeBoard {
     }
 }
 
-/// A hand at the second board of a robot whose first one has a single motor.
+/// A hand at the second board of a robot whose first board has a single motor.
 pub struct Rig {
     pub cell: Arc<SharedBoards>,
     pub board: Arc<FakeBoard>,
@@ -188,7 +188,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// There is no connection yet.
+    /// Creates the rig without a connection.
     pub fn new() -> Rig {
         let patch = |part: &str, motors| Patch {
             part: part.into(),
@@ -232,24 +232,25 @@ impl Rig {
         Rig { cell, board, orders, halt, _lease: lease, end }
     }
 
-    /// The board has been taken over, and rests. It is owed nothing, so that what is told is what was ordered.
+    /// Creates a rig whose board was taken over and rests. No settings have to be restored, so that all
+    /// messages come from orders.
     pub async fn up() -> Rig {
         let rig = Rig::owing().await;
         rig.known(|known| known.owed = Owed::new(2));
         rig
     }
 
-    /// The board has been taken over, and is to be given back as it was found.
+    /// Creates a rig whose board was taken over and whose settings have to be restored.
     pub async fn owing() -> Rig {
         let rig = Rig::new();
         rig.board.link.send_replace(LinkState::Up(1));
         rig.after(200).await;
         assert_eq!(rig.trouble(), None);
-        rig.heard();
+        rig.received();
         rig
     }
 
-    /// So many milliseconds later.
+    /// Waits for this time, ms.
     pub async fn after(&self, ms: u64) {
         sleep(Duration::from_millis(ms)).await;
     }
@@ -262,13 +263,13 @@ impl Rig {
         self.known(|known| known.trouble.clone())
     }
 
-    /// Orders something, as a driver does.
+    /// Gives an order, as a driver does.
     pub fn order(&self, what: Do) {
         let epoch = self.halt.borrow().epoch;
         self.order_in(epoch, what);
     }
 
-    /// Orders something that was given in this epoch.
+    /// Gives an order of this epoch.
     pub fn order_in(&self, epoch: u64, what: Do) {
         let (joints, end) = what.disturbs();
         let mut inner = self.cell.lock();
@@ -279,7 +280,7 @@ impl Rig {
         self.orders.try_send(Order { epoch, ticket, what }).unwrap();
     }
 
-    /// Everything stops, as a driver has it.
+    /// Stops everything, as a driver does.
     pub fn halts(&self) {
         let ticket = self.known(|known| known.motions.order(&[0, 1], End::Seen));
         self.halt.send_modify(|halt| {
@@ -287,52 +288,52 @@ impl Rig {
         });
     }
 
-    /// What the board heard since it was asked for last, and when, ms.
-    pub fn heard(&self) -> Vec<(u64, Heard)> {
-        std::mem::take(&mut *self.board.heard.lock().unwrap())
+    /// Messages that the board received since the last call, each with its time, ms.
+    pub fn received(&self) -> Vec<(u64, Received)> {
+        std::mem::take(&mut *self.board.received.lock().unwrap())
     }
 
-    /// What it was told on the line for orders: questions left out.
-    pub fn told(&self) -> Vec<Set> {
-        let set = |(_, heard)| if let Heard::Asked(Ask::Set(set)) = heard { Some(set) } else { None };
-        self.heard().into_iter().filter_map(set).collect()
+    /// Settings and commands among them, without queries.
+    pub fn commands(&self) -> Vec<Set> {
+        let set = |(_, received)| if let Received::Request(Ask::Set(set)) = received { Some(set) } else { None };
+        self.received().into_iter().filter_map(set).collect()
     }
 
-    /// The set-points and velocities that it was sent.
+    /// Setpoints and velocities among them.
     pub fn streamed(&self) -> Vec<Streamed> {
-        let sent = |(_, heard)| if let Heard::Streamed(sent) = heard { Some(sent) } else { None };
-        self.heard().into_iter().filter_map(sent).collect()
+        let sent = |(_, received)| if let Received::Streamed(sent) = received { Some(sent) } else { None };
+        self.received().into_iter().filter_map(sent).collect()
     }
 
-    /// Motion done, joint by joint.
+    /// End of motion, per joint.
     pub fn done(&self) -> Vec<bool> {
         self.known(|known| known.motions.done().collect())
     }
 
-    /// The board reports this mode of both joints.
+    /// Lets the board report this mode for both joints.
     pub async fn is_in(&self, mode: ControlMode) {
         (0..2).for_each(|joint| self.board.with(joint, |axis| axis.mode = word(mode)));
         self.after(20).await;
-        self.heard();
+        self.received();
     }
 }
 
-/// The stop of a whole board.
+/// Stop of a whole board.
 pub fn stop() -> Set {
     Set::Stop(Joints::All)
 }
 
-/// These joints.
+/// Group of these joints.
 pub fn group(joints: &[usize]) -> Joints {
     Joints::Group(joints.to_vec())
 }
 
-/// A move of the elbow to 20 degrees at 10 deg/s.
+/// Move of the elbow to 20 deg at 10 deg/s.
 pub fn to_20() -> Do {
     Do::Move { joints: vec![1], to: vec![20.0], speed: Some(vec![10.0]), acceleration: None }
 }
 
-/// What the board is told for it once it may move.
+/// Command that the board receives for it once it may move.
 pub fn moves() -> Set {
     Set::Move { joints: group(&[1]), values: vec![20.0], relative: false }
 }

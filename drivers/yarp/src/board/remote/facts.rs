@@ -1,33 +1,33 @@
-//! What is asked of a board once, when it is first reached.
+//! Queries to a board when it is first reached.
 
 use super::Shared;
 use crate::board::{Ask, Get, JointKind, reply, server};
 use crate::{Bottle, Value};
 use std::sync::Arc;
 
-/// The major and minor version of the protocol that is spoken here; a board's patch level does not matter.
+/// Major and minor version of our protocol; a board's patch level is ignored.
 const VERSION: (i64, i64) = (1, 9);
-/// Most axes that are believed.
+/// Greatest plausible number of axes.
 const MOST_AXES: usize = 256;
 
-/// What a board says of one axis. Degrees; meters where it slides.
+/// Facts that a board reports of one axis. Degrees, or meters for prismatic joints.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisFacts {
-    /// Its name; `JOINT3` if the board gives none.
+    /// Name of the axis; `JOINT3` if the board gives none.
     pub name: String,
-    /// What it moves like.
+    /// Kind of the joint.
     pub kind: JointKind,
-    /// Its limits of position, if the board tells them.
+    /// Position limits, if the board reports them.
     pub limits: Option<(f64, f64)>,
-    /// Its greatest speed, deg/s, if the board tells it.
+    /// Greatest speed, deg/s, if the board reports it.
     pub max_speed: Option<f64>,
 }
 
-/// Asks a board what it is.
+/// Queries the facts of a board.
 ///
 /// # Errors
-/// No answer, another version, or an answer that makes no sense, in words.
-pub(super) async fn ask(shared: &Shared) -> Result<Arc<[AxisFacts]>, String> {
+/// No answer, another version, or an invalid answer, as a message.
+pub(super) async fn query(shared: &Shared) -> Result<Arc<[AxisFacts]>, String> {
     let version = get(shared, Get::Version).await?;
     let number = |i: usize| version.0.get(i).and_then(Value::as_i64);
     match (number(1), number(2)) {
@@ -55,7 +55,7 @@ pub(super) async fn ask(shared: &Shared) -> Result<Arc<[AxisFacts]>, String> {
     Ok(all.into())
 }
 
-/// A question's answer; a `[fail]` is one.
+/// Answer to a query, which may be a `[fail]`.
 async fn get(shared: &Shared, what: Get) -> Result<Bottle, String> {
     let answer = shared.ask(&Ask::Get(what).bottle()).await.map_err(|e| e.to_string())?;
     if server::ends_well(&answer) || reply::is_fail(&answer) {

@@ -1,4 +1,4 @@
-//! The life of a connection: reached, watched, lost, and reached again.
+//! Life cycle of a connection: reached, watched, lost, and reached again.
 
 use super::{LinkState, Shared, facts, stream};
 use crate::board::{Ask, Get};
@@ -9,12 +9,13 @@ use std::time::Duration;
 /// Shortest and longest pause between two attempts.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
 
-/// How long another program that found the name free, too, may take to register it.
+/// Time that another program, which also found the name free, may take to register it.
 const SETTLES: Duration = Duration::from_millis(100);
 
-/// Reaches the board, watches it, and begins anew when it is lost, until it is to leave.
+/// Reaches the board, watches it, and starts again when it is lost, until `leave` is set.
 pub(super) async fn run(shared: Arc<Shared>) {
-    let (mut stream, mut leave) = (None, shared.leave.subscribe());
+    let mut stream = None;
+    let mut leave = shared.leave.subscribe();
     tokio::select! {
         biased;
         _ = leave.wait_for(|leave| *leave) => {}
@@ -25,9 +26,10 @@ pub(super) async fn run(shared: Arc<Shared>) {
     }
 }
 
-/// Never ends.
+/// Maintains the connection, without end.
 async fn stay(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) {
-    let (mut pause, mut generation) = (BACK_OFF.0, 0);
+    let mut pause = BACK_OFF.0;
+    let mut generation = 0;
     loop {
         match reach(shared, stream).await {
             Ok(up) => {
@@ -50,7 +52,7 @@ async fn stay(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) {
         }
         tokio::time::sleep(pause).await;
         pause = (pause * 2).min(BACK_OFF.1);
-        // what rang while nobody was connected says nothing about the next connection
+        // trouble notified while disconnected does not concern the next connection
         let _ = tokio::time::timeout(Duration::ZERO, shared.trouble.notified()).await;
     }
 }
@@ -65,7 +67,8 @@ async fn reach<'a>(
             e @ PortError::Silent(_) => LinkState::Taken(super::in_words(&e)),
             e => LinkState::Down(super::in_words(&e)),
         })?);
-        // the original's name server lets two programs that start at one moment both register: the later one has the name
+        // the original's name server lets two programs that start at the same time both register: the later
+        // one gets the name
         tokio::time::sleep(SETTLES).await;
     }
     let Some(stream) = stream else { return Err(LinkState::Down("no port for states".into())) };
@@ -73,7 +76,7 @@ async fn reach<'a>(
         return Err(taken(&other));
     }
     shared.control.lock().await.pause().await;
-    let axes = facts::ask(shared).await.map_err(LinkState::Down)?;
+    let axes = facts::query(shared).await.map_err(LinkState::Down)?;
     let known = shared.facts.borrow().clone();
     match known {
         Some(known) if known != axes => {
@@ -89,7 +92,7 @@ async fn reach<'a>(
     Ok(stream)
 }
 
-/// Stays until the connection is lost; says why.
+/// Watches the connection until it is lost, and returns the reason.
 async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> LinkState {
     let port = stream.port.clone();
     let mut look = tokio::time::interval(shared.options.stale.max(Duration::from_millis(20)));
@@ -105,7 +108,8 @@ async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> LinkState {
                     quiet = 0;
                     continue;
                 }
-                // the states have stopped: is the board there? Then ask for them again, less and less often
+                // the states have stopped: checks that the board is there, then requests them again, at
+                // growing intervals
                 if let Err(e) = shared.ask(&Ask::Get(Get::Axes).bottle()).await {
                     return LinkState::Down(e.to_string());
                 }

@@ -1,4 +1,4 @@
-//! The port that a board's states come to.
+//! Port that receives a board's states.
 
 use super::{RemoteState, Shared};
 use crate::clock;
@@ -11,17 +11,17 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
-/// Largest gap between two counts that is taken for lost states; beyond it the board began to count anew.
+/// Largest gap between two counts that counts as lost states; beyond it the board has restarted its count.
 const GREATEST_GAP: u32 = 100_000;
 
-/// The name of the port.
+/// Name of the port.
 pub(super) fn name(shared: &Shared) -> String {
     format!("{}/state:i", shared.options.local)
 }
 
-/// The open port, read by a task of its own.
+/// The open port, with the task that reads it.
 pub(super) struct Stream {
-    /// The port, for its name and whether that is still its own.
+    /// The port, for its name and for checks that the name is still its own.
     pub port: Arc<Core>,
     axes: mpsc::Sender<usize>,
     task: JoinHandle<()>,
@@ -37,15 +37,15 @@ impl Stream {
         Ok(Stream { port, axes, task })
     }
 
-    /// Asks the board for its states: the extended ones, else the plain ones.
+    /// Requests the states of the board: the extended ones, or otherwise the plain ones.
     pub async fn begin(&mut self, shared: &Shared, axes: usize) -> Result<(), String> {
         let _ = self.axes.try_send(axes);
         let mut why = String::new();
         for port in ["stateExt:o", "state:o"] {
             let source = format!("{}/{port}", shared.port);
             let carrier = shared.options.carrier.name();
-            let asked = crate::remote::connect(&shared.network, &source, &self.port.name, Some(carrier));
-            match timeout(shared.options.timeout * 4, asked).await {
+            let connecting = crate::remote::connect(&shared.network, &source, &self.port.name, Some(carrier));
+            match timeout(shared.options.timeout * 4, connecting).await {
                 Ok(Ok(_)) => return Ok(()),
                 Ok(Err(e)) => why = e.to_string(),
                 Err(_) => why = format!("{source} does not answer"),
@@ -56,14 +56,14 @@ impl Stream {
 }
 
 impl Stream {
-    /// Whether its task has ended: nobody reads the states.
+    /// True if its task has ended, and so nothing reads the states.
     pub fn is_over(&self) -> bool {
         self.task.is_finished()
     }
 
-    /// Closes the port and gives up its name.
+    /// Closes the port and releases its name.
     pub async fn close(mut self) {
-        // its task ends when nobody can tell it anything any more
+        // its task ends when the sender is gone
         self.axes = mpsc::channel(1).0;
         self.over().await;
     }
@@ -83,7 +83,8 @@ impl Drop for Stream {
 }
 
 async fn read(shared: Arc<Shared>, mut reader: InputPort, mut told: mpsc::Receiver<usize>) {
-    let (mut axes, mut seq) = (None, 0);
+    let mut axes = None;
+    let mut seq = 0;
     let mut last: Option<Stamp> = None;
     loop {
         let message = tokio::select! {
@@ -117,7 +118,7 @@ async fn read(shared: Arc<Shared>, mut reader: InputPort, mut told: mpsc::Receiv
     reader.close().await;
 }
 
-/// The state in a message, whichever port it came from; `None` unless it is finite and has one value per axis.
+/// State in a message of either port; `None` unless it is finite and has one value per axis.
 fn joints(shared: &Shared, message: &Message, axes: usize) -> Option<JointData> {
     let bottle = message.payload.bottle(shared.network.dialect()).ok()?;
     let joints = match JointData::from_bottle(&bottle) {

@@ -1,17 +1,17 @@
-//! Makes the persistent connections: the server plays the third program of spec section 8.
+//! Makes the persistent connections: the server acts as the third program of spec section 8.
 
 use crate::name::PendingConnection;
 use crate::{Network, remote};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
-/// The most connections waiting to be made; more are left to the next announcement.
+/// Greatest number of connections waiting to be made; others are left to the next announcement.
 pub(super) const MOST_WAITING: usize = 1024;
-/// The most made at the same time, so that a port which hangs does not hold up the others.
+/// Greatest number made at the same time, so that a port which hangs does not delay the others.
 const AT_ONCE: usize = 16;
 
-/// Makes connections as they are wanted.
-pub(super) async fn keep(network: Network, mut wanted: mpsc::Receiver<PendingConnection>) {
+/// Makes connections on request.
+pub(super) async fn connect_all(network: Network, mut wanted: mpsc::Receiver<PendingConnection>) {
     let mut making = JoinSet::new();
     while let Some(link) = wanted.recv().await {
         while making.len() >= AT_ONCE {

@@ -1,7 +1,7 @@
 //! One connection to the name server: the plain form, or a port's carriers (spec sections 3.1 and 3.4).
 
 use super::Shared;
-use crate::guests::Heard;
+use crate::guests::LastMessage;
 use crate::name::text::{LONGEST_LINE, REQUEST};
 use crate::name::{NameReply, NameTable};
 use crate::remote::{self, Holder};
@@ -13,7 +13,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
-/// What a peer has sent and we have not yet read.
+/// Bytes that a peer has sent and that are not parsed yet.
 struct Incoming {
     stream: TcpStream,
     bytes: Vec<u8>,
@@ -36,7 +36,12 @@ impl Incoming {
 }
 
 /// Serves a connection to its end.
-pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared, heard: &Heard) -> io::Result<()> {
+pub(super) async fn run(
+    mut stream: TcpStream,
+    peer: SocketAddr,
+    shared: &Shared,
+    activity: &LastMessage,
+) -> io::Result<()> {
     let peer = peer.ip().to_canonical().to_string();
     stream.set_nodelay(true)?;
     if let Some(key) = &shared.options.auth {
@@ -50,7 +55,7 @@ pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared
         }
     }
     if incoming.bytes.starts_with(handshake::NAME_SERVER) {
-        return plain(incoming, &peer, shared, heard).await;
+        return plain(incoming, &peer, shared, activity).await;
     }
     let hello = loop {
         match handshake::parse(&incoming.bytes) {
@@ -70,11 +75,11 @@ pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared
         return Ok(());
     }
     incoming.send(&handshake::reply(&hello, shared.contact.port), limit).await?;
-    carrier(incoming, &hello, &peer, shared, heard).await
+    carrier(incoming, &hello, &peer, shared, activity).await
 }
 
-/// The plain form: a line, an answer, and so on.
-async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Heard) -> io::Result<()> {
+/// Serves the plain form: one answer per line.
+async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, activity: &LastMessage) -> io::Result<()> {
     loop {
         let Some(end) = incoming.bytes.iter().position(|b| *b == b'\n') else {
             if incoming.bytes.len() > LONGEST_LINE {
@@ -85,7 +90,7 @@ async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Hear
             }
             continue;
         };
-        heard.now();
+        activity.now();
         let line: Vec<u8> = incoming.bytes.drain(..=end).collect();
         let request = line.strip_prefix(REQUEST.as_bytes()).unwrap_or(&line);
         let answer = answer(&parse(request), peer, shared).await.text();
@@ -93,15 +98,16 @@ async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Hear
     }
 }
 
-/// A port's carrier: data messages are requests, administrative ones are those of any port.
+/// Serves a port's carrier: data messages are requests, administrative ones are those of any port.
 async fn carrier(
     mut incoming: Incoming,
     hello: &handshake::Hello,
     peer: &str,
     shared: &Shared,
-    heard: &Heard,
+    activity: &LastMessage,
 ) -> io::Result<()> {
-    let (carrier, dialect) = (hello.carrier, shared.options.dialect);
+    let carrier = hello.carrier;
+    let dialect = shared.options.dialect;
     let wrong = |e: &dyn std::fmt::Display| io::Error::new(io::ErrorKind::InvalidData, e.to_string());
     let mut scanner = line::Scanner::default();
     loop {
@@ -113,7 +119,7 @@ async fn carrier(
                 None => None,
                 Some(f) => {
                     let payload = incoming.bytes.get(f.payload..f.end).unwrap_or_default();
-                    // a payload that is no bottle is dropped and acknowledged, as the original does
+                    // a payload that is not a bottle is dropped and acknowledged, as in the original
                     Some((f.command.verb, Bottle::decode(payload, dialect).unwrap_or_default(), f.end))
                 }
             }
@@ -124,7 +130,7 @@ async fn carrier(
             }
             continue;
         };
-        heard.now();
+        activity.now();
         incoming.bytes.drain(..end);
         let mut reply = reply(&verb, &payload, hello, peer, shared).await;
         reply.extend_from_slice(carrier.ack());
@@ -135,7 +141,7 @@ async fn carrier(
     }
 }
 
-/// The reply to one message, without its acknowledgement.
+/// Reply to one message, without its acknowledgment.
 async fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, shared: &Shared) -> Vec<u8> {
     let text = hello.carrier.is_text();
     let view = || admin::PortView {
@@ -173,12 +179,12 @@ async fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &s
     }
 }
 
-/// A line as a bottle; one that is none is answered like an unknown command.
+/// Parses a line as a bottle; an invalid one is answered like an unknown command.
 fn parse(line: &[u8]) -> Bottle {
     Bottle::parse(line, Dialect::V3).unwrap_or_default()
 }
 
-/// Asks the table, and passes on the persistent connections that are due.
+/// Applies a request to the table, and passes on the persistent connections that are due.
 async fn answer(request: &Bottle, peer: &str, shared: &Shared) -> NameReply {
     let word = |v: &Value| v.as_text().map_or_else(|| v.to_string(), |t| t.into_owned());
     let mut words: Vec<String> = request.iter().map(word).collect();
@@ -208,8 +214,8 @@ async fn answer(request: &Bottle, peer: &str, shared: &Shared) -> NameReply {
     outcome.answer
 }
 
-/// The port at another address that has the name which is to be registered, if there is one. The original gives the name
-/// away, and its owner goes on without notice; here it is refused as long as the owner answers.
+/// Port at another address that holds the name to be registered, if any. The original reassigns the name
+/// without notice to its owner; here it is refused as long as the owner answers.
 fn rival(table: &NameTable, words: &[String], peer: &str, shared: &Shared) -> Option<Contact> {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let ["register", name, rest @ ..] = words.as_slice() else { return None };

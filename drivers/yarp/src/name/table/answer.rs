@@ -1,4 +1,4 @@
-//! The forms of an answer, and how each looks on the wire.
+//! Forms of an answer, and their encodings.
 
 use crate::name::text::{END, registration};
 use crate::{Bottle, Contact, Dialect, Vocab};
@@ -21,7 +21,7 @@ pub(super) const HELP: [&str; 14] = [
     "  (to get a list of the yarprun ports)",
 ];
 
-/// What a name server answers.
+/// Answer of a name server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NameReply {
     /// Lines with a terminator, text on every carrier.
@@ -51,7 +51,7 @@ impl NameReply {
         contacts.into_iter().fold(Bottle::of(["ports"]), |all, c| all.with(port(Some(c)))).into()
     }
 
-    /// The answer on text carriers and in the plain form, with its line ends.
+    /// Encodes the answer for text carriers and the plain form, with its line ends.
     pub fn text(&self) -> Vec<u8> {
         match self {
             NameReply::Lines(lines) => {
@@ -65,7 +65,7 @@ impl NameReply {
         }
     }
 
-    /// The answer on binary carriers: lines remain text (spec section 3.4).
+    /// Encodes the answer for binary carriers: lines remain text (spec section 3.4).
     pub fn binary(&self, dialect: Dialect) -> Vec<u8> {
         match self {
             NameReply::Lines(_) => self.text(),
@@ -80,7 +80,7 @@ impl From<Bottle> for NameReply {
     }
 }
 
-/// A port as a bottle, or that it is not known.
+/// A port as a bottle, or the error for an unknown one.
 pub(super) fn port(contact: Option<&Contact>) -> Bottle {
     let port = Bottle::of(["port"]);
     match contact {

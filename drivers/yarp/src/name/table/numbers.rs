@@ -1,17 +1,17 @@
-//! What the server chooses when asked to: port numbers, names and multicast groups (spec section 3.3).
+//! Assignment of port numbers, names and multicast groups (spec section 3.3).
 
 use crate::Contact;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How far numbers go above the server's own.
+/// Range of numbers above the server's own.
 const LAST: u16 = 9999;
 
-/// One counter each, and what was given back.
+/// One counter each, and the released values.
 #[derive(Debug)]
 pub(super) struct Numbers {
     next: u16,
     last: u16,
-    /// Whom each number was given to last, and whether it is in use.
+    /// Last owner of each number, and whether it is in use.
     given: BTreeMap<u16, (String, bool)>,
     preferred: BTreeMap<String, u16>,
     next_name: u64,
@@ -34,7 +34,7 @@ impl Numbers {
         }
     }
 
-    /// A port number: the one that the name had before if that is free, else the next, at the end a free one.
+    /// Port number for a name: its former one if that is free, else the next, or finally any free one.
     pub(super) fn port(&mut self, name: &str) -> Option<u16> {
         let free = |number: &u16| self.given.get(number).is_some_and(|(_, used)| !used);
         let number = match self.preferred.get(name).copied().filter(free) {
@@ -52,7 +52,7 @@ impl Numbers {
         Some(number)
     }
 
-    /// A name that nobody has.
+    /// Unused port name.
     pub(super) fn name(&mut self) -> String {
         self.free_names.pop_first().unwrap_or_else(|| {
             self.next_name += 1;
@@ -60,7 +60,7 @@ impl Numbers {
         })
     }
 
-    /// A multicast address that nobody has.
+    /// Unused multicast address.
     pub(super) fn group(&mut self) -> String {
         self.free_groups.pop_first().unwrap_or_else(|| {
             let n = self.next_group;
@@ -69,7 +69,7 @@ impl Numbers {
         })
     }
 
-    /// Takes back what a port had.
+    /// Releases the values of a port.
     pub(super) fn free(&mut self, contact: Option<Contact>) {
         let Some(Contact { name, carrier, host, port }) = contact else { return };
         if let Some((owner, used)) = self.given.get_mut(&port)

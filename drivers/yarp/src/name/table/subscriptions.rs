@@ -1,24 +1,25 @@
-//! Persistent connections: stored here, made by the server whenever both ends are there (spec section 3.3).
+//! Persistent connections: stored here, made by the server whenever both ends are registered (spec section
+//! 3.3).
 
 use super::bare;
 use crate::Bottle;
 use crate::name::text::sayable;
 use std::collections::BTreeMap;
 
-/// The most that are stored.
-const MOST: usize = 4096;
+/// Largest number of stored connections.
+const MAX_CONNECTIONS: usize = 4096;
 
-/// A connection to be made, as the subscriber wrote its ends (they may have carriers).
+/// A connection to be made, with its ends as the subscriber wrote them (they may have carriers).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PendingConnection {
-    /// The port that sends.
+    /// Sending port.
     pub src: String,
-    /// The port that receives.
+    /// Receiving port.
     pub dest: String,
 }
 
 impl PendingConnection {
-    /// Whether it is between these ports.
+    /// True if it connects these ports.
     pub(super) fn is(&self, src: &str, dest: &str) -> bool {
         bare(&self.src) == src && bare(&self.dest) == dest
     }
@@ -28,11 +29,14 @@ impl PendingConnection {
 pub(super) struct Subscriptions(BTreeMap<(String, String), (PendingConnection, String)>);
 
 impl Subscriptions {
-    /// Stores a connection, instead of an earlier one between the same ports. The mode is empty, `from` or `to`: the
-    /// connection is then forgotten with that end.
+    /// Stores a connection, and replaces an earlier one between the same ports. The mode is empty, `from` or
+    /// `to`: the connection is then removed with that end.
     pub(super) fn add(&mut self, src: &str, dest: &str, mode: &str) -> bool {
         let key = (bare(src), bare(dest));
-        if !(sayable(src) && sayable(dest)) || mode.len() > 10 || (self.0.len() >= MOST && !self.0.contains_key(&key)) {
+        if !(sayable(src) && sayable(dest))
+            || mode.len() > 10
+            || (self.0.len() >= MAX_CONNECTIONS && !self.0.contains_key(&key))
+        {
             return false;
         }
         self.0.insert(key, (PendingConnection { src: src.into(), dest: dest.into() }, mode.into()));
@@ -43,17 +47,17 @@ impl Subscriptions {
         self.0.remove(&(src.to_string(), dest.to_string()));
     }
 
-    /// Forgets what should not outlive this port.
+    /// Removes the connections that end with this port.
     pub(super) fn gone(&mut self, name: &str) {
         self.0.retain(|(src, dest), (_, mode)| !((mode == "from" && src == name) || (mode == "to" && dest == name)));
     }
 
-    /// The connections of a port.
+    /// Connections of a port.
     pub(super) fn of(&self, name: &str) -> impl Iterator<Item = PendingConnection> {
         self.0.iter().filter(move |((src, dest), _)| src == name || dest == name).map(|(_, (link, _))| link.clone())
     }
 
-    /// All connections, or those of one port.
+    /// Bottle of all connections, or of those of one port.
     pub(super) fn listed(&self, name: Option<&str>) -> Bottle {
         let wanted = self.0.iter().filter(|((src, dest), _)| name.is_none_or(|n| n == src || n == dest));
         wanted.fold(Bottle::of(["subscriptions"]), |all, (_, (link, mode))| {

@@ -15,7 +15,7 @@ fn number(table: &mut NameTable, line: &str) -> u16 {
 }
 
 #[test]
-fn a_name_keeps_its_number_and_others_get_the_next() {
+fn a_name_retains_its_number_and_others_get_the_next() {
     let mut t = table();
     assert_eq!(number(&mut t, "register /a"), 10002);
     assert_eq!(number(&mut t, "register /b"), 10003);
@@ -62,7 +62,7 @@ fn prefixes_are_whole_components() {
 }
 
 #[test]
-fn the_server_itself_is_nobodys_to_take() {
+fn the_servers_own_name_can_not_be_taken() {
     let mut t = table();
     assert_eq!(say(&mut t, "register /root tcp 127.0.0.1 1"), "*** end of message\r\n");
     say(&mut t, "unregister /root");
@@ -99,7 +99,7 @@ fn a_transient_subscription_goes_with_its_end() {
 }
 
 #[test]
-fn what_can_not_be_said_or_held_is_refused() {
+fn unprintable_and_surplus_entries_are_refused() {
     let mut t = table();
     for line in ["register /a tcp 127.0.0.1 99999", "register /a tcp 127.0.0.1 -5", "register"] {
         assert_eq!(say(&mut t, line), "*** end of message\r\n", "{line}");

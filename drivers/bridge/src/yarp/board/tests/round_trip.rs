@@ -1,8 +1,8 @@
-//! A request is read as it was written.
+//! Requests survive writing and parsing.
 
 use super::*;
 
-/// A board's request as a client writes it: `None` for what has no one spelling.
+/// Message of a client for a board request; `None` for requests with more than one form.
 fn written(request: &BoardRequest) -> Option<Bottle> {
     let (group, vocabs) = (|joints: &[usize]| Joints::Group(joints.to_vec()), |mode: &ClientMode| vocab(*mode));
     let asked = match request.clone() {
@@ -20,7 +20,7 @@ fn written(request: &BoardRequest) -> Option<Bottle> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// What is written as a client writes it is read as it was meant, joint by joint.
+    /// A request written as a client writes it is parsed to the same request, joint by joint.
     #[test]
     fn what_is_written_is_read_again(
         joints in Just(vec![0_usize, 1, 2, 3]).prop_shuffle(),

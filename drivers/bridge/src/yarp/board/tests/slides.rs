@@ -1,13 +1,13 @@
-//! Joints that slide: meters to programs, millimeters to the filter.
+//! Prismatic joints: meters for programs, millimeters for the filter.
 
 use super::*;
 
-/// A program counts meters where a joint slides, as it would at the robot's own board: in what it commands, and in what it reads.
+/// Programs use meters for prismatic joints, as with the robot's own board, in commands and in readings.
 #[test]
 fn programs_count_meters_where_a_joint_slides() {
     let mut b = Programs::sliding();
     let near = |rad: f64, ours: f64| (rad.to_degrees() - ours).abs() < 1e-9;
-    // both motors have limits of 90 units and 50 units a second: degrees here, millimeters there
+    // both motors have limits of 90 units and 50 units per second: degrees here, millimeters there
     assert_eq!(b.say(1, "[get] [type] 0"), format!("[is] [type] {} [tsta] 1 1.0 [ok]", JointKind::Revolute.code()));
     assert_eq!(b.say(1, "[get] [type] 1"), format!("[is] [type] {} [tsta] 2 1.0 [ok]", JointKind::Prismatic.code()));
     let numbers = |said: &str| -> Vec<f64> {
@@ -27,7 +27,7 @@ fn programs_count_meters_where_a_joint_slides() {
     alike(numbers(&b.say(1, "[get] [encs]")), &[0.1f64.to_degrees(), 0.2f64.to_degrees() / 1000.0]);
     alike(numbers(&b.say(1, "[get] [vels]")), &[5.0, 0.005]);
 
-    // moves, at the client's own reference speed, which is shown again
+    // moves, at the client's own reference speed, which can be read back
     assert_eq!(b.say(1, "[set] [vels] (20.0 0.02)"), "[ok]");
     alike(numbers(&b.say(1, "[get] [vels]")), &[20.0, 0.02]);
     assert_eq!(b.say(1, "[set] [accs] (20.0 0.02)"), "[ok]");
@@ -42,7 +42,7 @@ fn programs_count_meters_where_a_joint_slides() {
         assert_eq!(b.step(beyond), Step::Reply(BoardReply::Refused), "{beyond}");
     }
 
-    // streams: set-points are in range or refused, velocities are capped, in millimeters a second
+    // streams: setpoints out of range are refused, velocities are limited, in millimeters per second
     let Some(Step::Stream(s)) = b.stream(7, "[dpog] 2 (0 1)", &[5.0, 0.03]) else { panic!("no stream") };
     let Values::Position(q) = s.values else { panic!("no positions") };
     assert!(near(q[0], 5.0) && near(q[1], 30.0), "{q:?}");
@@ -54,12 +54,12 @@ fn programs_count_meters_where_a_joint_slides() {
     let Values::Velocity(v) = s.values else { panic!("no velocities") };
     assert!(near(v[0], 50.0), "no faster than 50 mm/s: {v:?}");
 
-    // what the ports publish, for a robot without boards; what a board tells passes as it is
+    // published states, for a robot without boards; the states of a board are passed on unchanged
     let own = state(b.core.board(0), None);
     alike(own.position.values.clone(), &[0.1f64.to_degrees(), 0.2f64.to_degrees() / 1000.0]);
     let told = JointData { position: JointField::known(vec![1.0, 0.5]), ..own };
     alike(state(b.core.board(0), Some(told)).position.values, &[1.0, 0.5]);
-    // and what a board has as references is learned in the filter's units
+    // and the references of a board are converted to the filter's units
     let read = references(&bottle("[is] [vels] (7.0 0.007) [tsta] 1 1.0 [ok]"), &units(b.core.board(0)));
     alike(read.unwrap(), &[7.0, 7.0]);
     assert_eq!(b.pass("[get] [encs]", "[is] [encs] (1.0 0.5) [tsta] 1 1.0 [ok]"), None);

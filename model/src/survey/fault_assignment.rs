@@ -1,27 +1,28 @@
-//! Which of two shapes that touch falsely should leave which places.
+//! Assignment of fault in false contacts: which of the two shapes should leave which points.
 
-use super::closer::{Touch, Work};
+use super::refit::{RefitState, Touch};
 use crate::engine::distances_from_hull;
 use crate::fit::shared;
 use crate::{Fit, Primitive};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// No more places than this are claimed of a shape: so many of each contact, so many of all.
-const PLACES: (usize, usize) = (16, 200);
-/// Where it is nearer to its mesh than this, a shape has nothing to give, meters.
-const CLOSE: f64 = 2.5e-4;
-/// A shape also gives what the other could give rather, if its distance from its mesh is not less than this share of the other's.
+/// Maximum number of claimed points of a shape: per contact, and in total.
+const MAX_POINTS: (usize, usize) = (16, 200);
+/// Distance from its mesh, meters, below which a shape can't be tightened.
+const MIN_GAP_M: f64 = 2.5e-4;
+/// A shape yields in addition to the other one if its distance from its mesh is at least this share of the other's.
 const SHARED_FAULT: f64 = 0.5;
-impl Work<'_> {
-    /// The places that each of these shapes should leave, in its link's frame.
+impl RefitState<'_> {
+    /// The points that each of these shapes should leave, in its link's frame.
     pub(super) fn claims(
         &self,
         touches: &[Touch],
         of: &BTreeSet<(usize, usize)>,
     ) -> BTreeMap<(usize, usize), Vec<Vector3<f64>>> {
         let mut claims: BTreeMap<_, Vec<_>> = of.iter().map(|shape| (*shape, Vec::new())).collect();
-        let (mut frames, mut placed) = (Vec::new(), usize::MAX);
+        let mut frames = Vec::new();
+        let mut placed = usize::MAX;
         for touch in touches.iter().filter(|t| t.shapes.iter().any(|s| of.contains(s))) {
             if placed != touch.pose {
                 self.robot.forward(&self.falsely[touch.pose].q, &mut frames);
@@ -32,10 +33,12 @@ impl Work<'_> {
             let shape = |(node, shape): (usize, usize)| &self.robot.nodes[node].solids[shape];
             let other = Primitive { pose: a_from_b * shape(b).pose, ..shape(b).clone() };
             let places = match touch.place {
-                Some(place) => self.held(touch.shapes, &a_from_b, &frames[a.0].inverse_transform_point(&place)),
+                Some(place) => {
+                    self.common_points(touch.shapes, &a_from_b, &frames[a.0].inverse_transform_point(&place))
+                }
                 None => shared(shape(a), &other),
             };
-            for place in places.iter().step_by(places.len().div_ceil(PLACES.0).max(1)) {
+            for place in places.iter().step_by(places.len().div_ceil(MAX_POINTS.0).max(1)) {
                 let at = [*place, a_from_b.inverse_transform_point(&Point3::from(*place)).coords];
                 for (shape, place) in self.at_fault(touch.shapes, at) {
                     if let Some(all) = claims.get_mut(&shape) {
@@ -45,16 +48,21 @@ impl Work<'_> {
             }
         }
         for places in claims.values_mut() {
-            let step = places.len().div_ceil(PLACES.1).max(1);
+            let step = places.len().div_ceil(MAX_POINTS.1).max(1);
             *places = places.iter().step_by(step).copied().collect();
         }
         claims
     }
 
-    /// Places that both of two shapes hold, of which one at least has a hull, in the frame of the first one's node: what of the mesh of
-    /// either the other holds; if that is nothing, the middle of what they have in common.
-    fn held(&self, [a, b]: [(usize, usize); 2], a_from_b: &Isometry3<f64>, middle: &Point3<f64>) -> Vec<Vector3<f64>> {
-        let of = |one: (usize, usize), other: (usize, usize), other_from_one: &Isometry3<f64>| {
+    /// Points inside both of two shapes, of which at least one has a hull, in the frame of the first one's node: the
+    /// points of either mesh that are inside the other shape; if there are none, the center of their intersection.
+    fn common_points(
+        &self,
+        [a, b]: [(usize, usize); 2],
+        a_from_b: &Isometry3<f64>,
+        middle: &Point3<f64>,
+    ) -> Vec<Vector3<f64>> {
+        let points_inside = |one: (usize, usize), other: (usize, usize), other_from_one: &Isometry3<f64>| {
             let Some((link, number)) = self.fitted(one) else { return Vec::new() };
             let node = &self.robot.nodes[other.0];
             let within = |p: &Vector3<f64>| {
@@ -73,16 +81,17 @@ impl Work<'_> {
                 }
             }
         };
-        let of_a = of(a, b, &a_from_b.inverse());
+        let of_a = points_inside(a, b, &a_from_b.inverse());
         let of_a = of_a.into_iter().map(|p| a_from_b.transform_point(&Point3::from(p)).coords);
-        let mut all: Vec<Vector3<f64>> = of_a.chain(of(b, a, a_from_b)).collect();
+        let mut all: Vec<Vector3<f64>> = of_a.chain(points_inside(b, a, a_from_b)).collect();
         if all.is_empty() {
             all.push(middle.coords);
         }
         all
     }
 
-    /// Which of two shapes should leave a place that both hold, given in the frame of either's node; answered in its link's.
+    /// Assigns a point inside both shapes, given in the frames of both nodes, to the shapes that should leave it;
+    /// returns it in the frame of each such shape's link.
     fn at_fault(
         &self,
         shapes: [(usize, usize); 2],
@@ -94,13 +103,14 @@ impl Work<'_> {
             fit.zip(place(k)).map_or(0.0, |(fit, place)| far(fit, &place))
         };
         let mut gaps = [0, 1].map(|k| measured(k, Fit::gap));
-        if gaps.iter().all(|gap| *gap < CLOSE) {
-            // deep in a hollow, or in the other: no matter what counts as filled
+        if gaps.iter().all(|gap| *gap < MIN_GAP_M) {
+            // Deep in a hollow, or in the other shape: use the distance regardless of filled hollows.
             gaps = [0, 1].map(|k| measured(k, Fit::distance));
         }
         let gives = [0, 1].map(|k| {
-            let (own, other) = (gaps[k], gaps[1 - k]);
-            own >= CLOSE && (own >= SHARED_FAULT * other || !self.can_give(shapes[1 - k]))
+            let own = gaps[k];
+            let other = gaps[1 - k];
+            own >= MIN_GAP_M && (own >= SHARED_FAULT * other || !self.can_refit(shapes[1 - k]))
         });
         let found = [0, 1].map(|k| place(k).filter(|_| gives[k]).map(|place| (shapes[k], place)));
         found.into_iter().flatten()

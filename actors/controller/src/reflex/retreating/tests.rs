@@ -1,6 +1,6 @@
 //! Retreats from the stop to the end.
 
-use super::{HELD, is_held};
+use super::{CREEP_TIME, is_held};
 use crate::Rules;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use crate::joint_retreat::{JointRetreat, Participant, RetreatReply};
@@ -15,35 +15,36 @@ use std::cell::Cell;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// What is wrong with a reading during the retreat.
+/// Disturbance of the readings during the retreat.
 #[derive(Clone, Copy, Default)]
 struct Wrong {
-    /// The encoders tell what they told before.
+    /// The encoders repeat their last values.
     frozen: bool,
     violated: bool,
-    /// Something is a millimeter away.
+    /// An object is a millimeter away.
     near: bool,
-    /// It does not go where it is sent, and its encoders tell.
+    /// The robot does not follow its set-points, and its encoders show it.
     stuck: bool,
-    /// It moves as fast as counts as rest just no more.
+    /// The robot moves just below the rest speed.
     restless: bool,
-    /// It counts as being at rest all the time.
+    /// The robot counts as resting all the time.
     calm: bool,
-    /// It would come to half a millimeter of something that was put there.
+    /// The robot would come to half a millimeter of an object that was placed there.
     ahead: bool,
-    /// It would come to half a millimeter of another robot.
+    /// The robot would come to half a millimeter of another robot.
     meets: bool,
     /// Another robot is a millimeter away.
     met: bool,
-    /// The other robot was stopped, and is about to be taken back.
+    /// The other robot was stopped, and is about to retreat.
     stopped: bool,
 }
 
-/// A robot is taken back over 90 degrees, which takes 3 s: what is told of it, each with its reading (every 10 ms), and why it was stopped.
+/// Retreats a robot over 90 degrees, which takes 3 s. Returns its reports, each with its reading (every 10 ms), and
+/// the reason of an abort.
 fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64, ReflexReport)>, Option<String>) {
     let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5);
     let mut reflex = Alone::new(rules(true));
-    let (mut q, mut told, mut why) = (90_f64.to_radians(), Vec::new(), None);
+    let (mut q, mut reports, mut why) = (90_f64.to_radians(), Vec::new(), None);
     let (mut goal, mut unchanged) = (q, Time::ZERO);
     let mut read = |k: u64, reflex: &mut Alone, last: Option<&ReflexReport>, goal: f64| {
         let (at, wrong) = (Time::from_secs(5.0) + PERIOD * k as u32, wrong(k, last));
@@ -61,7 +62,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         let contacts = wrong.near.then_some(near).into_iter().chain(wrong.met.then_some(robot));
         let mut pulse = Pulse::new(sample, &contacts.collect());
         if wrong.stopped {
-            reflex.joint_retreat.coming(1, at);
+            reflex.joint_retreat.announce(1, at);
         } else {
             reflex.joint_retreat.leave(1);
         }
@@ -84,7 +85,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));
     for k in 1..1500 {
-        let mut out = read(k, &mut reflex, told.last().map(|(_, word)| word), goal);
+        let mut out = read(k, &mut reflex, reports.last().map(|(_, word)| word), goal);
         while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
             out.remove(i);
             let at = Time::from_secs(5.0) + PERIOD * k as u32;
@@ -94,57 +95,61 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         for out in out {
             match out {
                 ReflexOut::Command(_, Command::Direct { q, .. }) => goal = q[0],
-                ReflexOut::ReflexReport(word) => told.push((k, word)),
+                ReflexOut::ReflexReport(word) => reports.push((k, word)),
                 ReflexOut::Event(Event::RetreatStopped { what, .. }) => why = why.or(Some(what)),
                 _ => {}
             }
         }
     }
-    (told, why)
+    (reports, why)
 }
 
 #[test]
-fn a_retreat_is_told_from_its_stop_to_its_end() {
-    let (told, why) = taken_back(|_, _| Wrong::default());
-    let words: Vec<&ReflexReport> = told.iter().map(|(_, word)| word).collect();
+fn a_retreat_is_reported_from_its_stop_to_its_end() {
+    let (reports, why) = taken_back(|_, _| Wrong::default());
+    let words: Vec<&ReflexReport> = reports.iter().map(|(_, word)| word).collect();
     assert_eq!((words, why), (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], None));
-    // it may set out once the stop surely shows, and takes as long as the way there
-    assert_eq!(told[0].0, 2);
-    assert!((295..320).contains(&(told[1].0 - told[0].0)), "{told:?}");
-    // as long as its last set-point may take to show, it may still be on its way, however calm it looks
-    let (told, _) = taken_back(|_, _| Wrong { calm: true, ..Wrong::default() });
+    // it may set out once the stop surely shows, and the retreat takes as long as the way there
+    assert_eq!(reports[0].0, 2);
+    assert!((295..320).contains(&(reports[1].0 - reports[0].0)), "{reports:?}");
+    // within the reaction time of its last set-point it may still be moving, even if the readings are at rest
+    let (reports, _) = taken_back(|_, _| Wrong { calm: true, ..Wrong::default() });
     let last = rules(true).reaction().as_millis() as u64 / PERIOD.as_millis() as u64;
-    assert!((last..=last + 1).contains(&(told[2].0 - told[1].0)), "{told:?}");
+    assert!((last..=last + 1).contains(&(reports[2].0 - reports[1].0)), "{reports:?}");
 }
 
 #[test]
 fn a_retreat_behind_frozen_encoders_is_given_up() {
-    let (told, why) = taken_back(|k, _| Wrong { frozen: (100..130).contains(&k), ..Wrong::default() });
-    assert_eq!((told.last().map(|(_, word)| word), why), (Some(&ReflexReport::Back), None), "0.3 s are not long");
-    let (told, why) = taken_back(|k, _| Wrong { frozen: k >= 100, ..Wrong::default() });
-    let (k, word) = told.last().unwrap();
+    let (reports, why) = taken_back(|k, _| Wrong { frozen: (100..130).contains(&k), ..Wrong::default() });
+    assert_eq!((reports.last().map(|(_, word)| word), why), (Some(&ReflexReport::Back), None), "0.3 s are not long");
+    let (reports, why) = taken_back(|k, _| Wrong { frozen: k >= 100, ..Wrong::default() });
+    let (k, word) = reports.last().unwrap();
     assert_eq!(
         (word, why.as_deref()),
         (&ReflexReport::GaveUp(Hold::Stale), Some("the encoders do not follow the set-points"))
     );
-    assert!((150..156).contains(k), "after half a second: {told:?}");
+    assert!((150..156).contains(k), "after half a second: {reports:?}");
 }
 
 #[test]
 fn a_retreat_stops_at_what_is_new_in_it() {
     let blocked = Some(&ReflexReport::GaveUp(Hold::RetreatBlocked));
     let at = |from: u64| move |k: u64, _: Option<&ReflexReport>| Wrong { violated: k >= from, ..Wrong::default() };
-    let (told, why) = taken_back(at(100));
-    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("a constraint would be violated")));
-    assert!(told.last().is_some_and(|(k, _)| *k < 110), "at once: {told:?}");
-    let (told, why) = taken_back(at(0));
-    assert_eq!((told.last().map(|(_, w)| w), why), (Some(&ReflexReport::Back), None), "it was violated from the start");
-    let (told, why) = taken_back(|k, _| Wrong { ahead: k >= 100, ..Wrong::default() });
-    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("arm and post are at 0.5 mm")));
-    // where it settles, too
+    let (reports, why) = taken_back(at(100));
+    assert_eq!((reports.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("a constraint would be violated")));
+    assert!(reports.last().is_some_and(|(k, _)| *k < 110), "at once: {reports:?}");
+    let (reports, why) = taken_back(at(0));
+    assert_eq!(
+        (reports.last().map(|(_, w)| w), why),
+        (Some(&ReflexReport::Back), None),
+        "it was violated from the start"
+    );
+    let (reports, why) = taken_back(|k, _| Wrong { ahead: k >= 100, ..Wrong::default() });
+    assert_eq!((reports.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("arm and post are at 0.5 mm")));
+    // also while it settles
     let settling = |what: fn(bool) -> Wrong| {
-        let (told, why) = taken_back(move |_, last| what(last == Some(&ReflexReport::Settling)));
-        (told.last().map(|(_, w)| w.clone()), why)
+        let (reports, why) = taken_back(move |_, last| what(last == Some(&ReflexReport::Settling)));
+        (reports.last().map(|(_, w)| w.clone()), why)
     };
     let violated = settling(|there| Wrong { violated: there, ..Wrong::default() });
     assert_eq!((violated.0.as_ref(), violated.1.as_deref()), (blocked, Some("a constraint would be violated")));
@@ -152,29 +157,30 @@ fn a_retreat_stops_at_what_is_new_in_it() {
     assert_eq!((near.0.as_ref(), near.1.as_deref()), (blocked, Some("arm and post are at 1.0 mm")));
 }
 
-/// A robot that came into the way, and is taken back itself, is waited for, so often; one that is not is given a moment to stop.
+/// The retreat waits for a robot that blocks it and retreats itself, up to the limit; a blocking robot that does not
+/// retreat gets a moment to stop.
 #[test]
 fn a_retreat_waits_for_a_robot_that_makes_room() {
     let ends = |wrong: &dyn Fn(u64) -> (bool, bool)| {
-        let (told, why) = taken_back(|k, _| {
+        let (reports, why) = taken_back(|k, _| {
             let (met, stopped) = wrong(k);
             Wrong { met, stopped, ..Wrong::default() }
         });
-        (told, why.unwrap_or_default())
+        (reports, why.unwrap_or_default())
     };
-    let (told, why) = ends(&|k| ((100..200).contains(&k), (101..250).contains(&k)));
-    let words: Vec<&ReflexReport> = told.iter().map(|(_, word)| word).collect();
+    let (reports, why) = ends(&|k| ((100..200).contains(&k), (101..250).contains(&k)));
+    let words: Vec<&ReflexReport> = reports.iter().map(|(_, word)| word).collect();
     assert_eq!(
         (words, why),
         (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], String::new())
     );
-    assert!((460..480).contains(&(told[1].0 - told[0].0)), "until it is gone, gently, and back: {told:?}");
-    let given_up = |(told, why): (Vec<(u64, ReflexReport)>, String)| {
+    assert!((460..480).contains(&(reports[1].0 - reports[0].0)), "until it is gone, gently, and back: {reports:?}");
+    let given_up = |(reports, why): (Vec<(u64, ReflexReport)>, String)| {
         assert_eq!(
-            (&told.last().unwrap().1, &*why),
+            (&reports.last().unwrap().1, &*why),
             (&ReflexReport::GaveUp(Hold::RetreatBlocked), "arm and post are at 1.0 mm")
         );
-        told.last().unwrap().0
+        reports.last().unwrap().0
     };
     let alone = given_up(ends(&|k| (k >= 100, false)));
     assert!((1100..1106).contains(&alone), "it stays: {alone}");
@@ -185,31 +191,32 @@ fn a_retreat_waits_for_a_robot_that_makes_room() {
     assert!((200..206).contains(&often), "the sixth time: {often}");
 }
 
-/// A robot that would be met is waited for before it is near, and the retreat approaches what stays there in pieces.
+/// The retreat waits for a robot that it would meet before it is close, and approaches a robot that stays there in
+/// steps.
 #[test]
 fn a_retreat_waits_before_it_meets_a_robot() {
-    let (told, why) = taken_back(|k, _| Wrong { meets: (100..200).contains(&k), ..Wrong::default() });
-    let words: Vec<&ReflexReport> = told.iter().map(|(_, word)| word).collect();
+    let (reports, why) = taken_back(|k, _| Wrong { meets: (100..200).contains(&k), ..Wrong::default() });
+    let words: Vec<&ReflexReport> = reports.iter().map(|(_, word)| word).collect();
     assert_eq!((words, why), (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], None));
-    let took = told[1].0 - told[0].0;
-    assert!((395..480).contains(&took), "it stood still for a second: {told:?}");
-    let (told, why) = taken_back(|k, _| Wrong { meets: (100..400).contains(&k) && k % 20 < 10, ..Wrong::default() });
-    assert_eq!((told.last().map(|(_, word)| word), why), (Some(&ReflexReport::Back), None), "in pieces");
+    let took = reports[1].0 - reports[0].0;
+    assert!((395..480).contains(&took), "it stood still for a second: {reports:?}");
+    let (reports, why) = taken_back(|k, _| Wrong { meets: (100..400).contains(&k) && k % 20 < 10, ..Wrong::default() });
+    assert_eq!((reports.last().map(|(_, word)| word), why), (Some(&ReflexReport::Back), None), "in pieces");
 }
 
-/// Who is where it was sent, and about to be let in, waits for a robot that drives into it as on the way.
+/// A robot at its end, about to be readmitted, waits for a robot that drives into it, as on the path.
 #[test]
-fn who_settles_waits_for_a_robot_that_makes_room() {
+fn a_settling_robot_waits_for_one_that_makes_room() {
     let ends = |met: Range<u64>, stopped: Range<u64>| {
         let settles = Cell::new(None);
-        let (told, why) = taken_back(|k, last| {
+        let (reports, why) = taken_back(|k, last| {
             if settles.get().is_none() && last == Some(&ReflexReport::Settling) {
                 settles.set(Some(k));
             }
             let since = |range: &Range<u64>| settles.get().is_some_and(|from| range.contains(&(k - from)));
             Wrong { met: since(&met), stopped: since(&stopped), ..Wrong::default() }
         });
-        let (at, end) = told.last().cloned().unwrap();
+        let (at, end) = reports.last().cloned().unwrap();
         (at - settles.get().unwrap(), end, why)
     };
     let (free, ..) = ends(0..0, 0..0);
@@ -221,28 +228,28 @@ fn who_settles_waits_for_a_robot_that_makes_room() {
     assert!((1000..1010).contains(&after), "it stays: {after}");
 }
 
-/// What does not come to rest is not taken back, and nothing is said of it before it rests.
+/// A robot that does not come to rest does not retreat, and nothing is reported before it rests.
 #[test]
 fn a_retreat_waits_for_rest_three_seconds() {
     let rests = |from: u64| taken_back(move |k, _| Wrong { restless: k < from, ..Wrong::default() });
-    let (told, why) = rests(299);
+    let (reports, why) = rests(299);
     assert_eq!(
-        (told.first(), told.last().map(|(_, w)| w), why),
+        (reports.first(), reports.last().map(|(_, w)| w), why),
         (Some(&(299, ReflexReport::Retreating)), Some(&ReflexReport::Back), None)
     );
-    let (told, why) = rests(900);
-    assert_eq!(told, [(900, ReflexReport::GaveUp(Hold::RetreatMissed))]);
+    let (reports, why) = rests(900);
+    assert_eq!(reports, [(900, ReflexReport::GaveUp(Hold::RetreatMissed))]);
     assert_eq!(why.as_deref(), Some("the robot did not come to rest in time"));
 }
 
-/// Who does not follow is given three seconds, on the way and at its end.
+/// A robot that does not follow gets three seconds, on the path and at its end.
 #[test]
 fn a_retreat_that_is_not_followed_is_missed() {
     let missed = Some(&ReflexReport::GaveUp(Hold::RetreatMissed));
-    let (told, why) = taken_back(|k, _| Wrong { stuck: k > 0, ..Wrong::default() });
-    assert_eq!(told.last().map(|(_, w)| w), missed, "{told:?}");
+    let (reports, why) = taken_back(|k, _| Wrong { stuck: k > 0, ..Wrong::default() });
+    assert_eq!(reports.last().map(|(_, w)| w), missed, "{reports:?}");
     assert_eq!(why.as_deref(), Some("the robot does not follow the set-points"));
-    // at rest beside its end, or restless there: it has three seconds from when it is to be there
+    // at rest beside its end, or restless there: three seconds from its expected arrival
     let ends = |from: u64, wrong: Wrong| {
         taken_back(
             move |k, last| if last == Some(&ReflexReport::Settling) && k < from { wrong } else { Wrong::default() },
@@ -250,13 +257,17 @@ fn a_retreat_that_is_not_followed_is_missed() {
     };
     let restless = Wrong { restless: true, ..Wrong::default() };
     assert_eq!(ends(500, restless).0.last(), Some(&(500, ReflexReport::Back)));
-    let (told, why) = ends(900, restless);
-    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (missed, Some("the safe pose was not reached in time")));
+    let (reports, why) = ends(900, restless);
+    assert_eq!(
+        (reports.last().map(|(_, w)| w), why.as_deref()),
+        (missed, Some("the safe pose was not reached in time"))
+    );
 }
 
-/// A robot of which these contacts are read all the time is taken back over 40 degrees, while the other one does this: at which readings it
+/// Retreats a robot with these contacts in all readings over 40 degrees, while the other one does this. Returns the
+/// readings at which it hands over its recording, each with whether that is for a retry.
 /// brings what it recorded, and whether that is for another try.
-fn asked(
+fn requests(
     reflex: &mut Alone,
     who: &Participant,
     contacts: &[Contact],
@@ -265,7 +276,7 @@ fn asked(
     let start = Time::from_secs(5.0);
     let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
     let motion = Underway::of_one_motor(1, safe);
-    let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
+    let (mut q, mut requests) = (40_f64.to_radians(), Vec::new());
     for k in 0..500 {
         let at = start + PERIOD * k;
         let sample = Sample { seq: u64::from(k), at, q: vec![q].into(), done: vec![true], ..Sample::default() };
@@ -279,7 +290,7 @@ fn asked(
         }
         while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
             let ReflexOut::Bring(bring) = out.remove(i) else { continue };
-            asked.push((k, bring.again));
+            requests.push((k, bring.again));
             reflex.joint_retreat.enroll(Participant { again: bring.again, ..who.clone() }, at);
             out.extend(reflex.on(ReflexIn::Brought(Ok(())), at));
         }
@@ -289,49 +300,50 @@ fn asked(
             }
         }
     }
-    asked
+    requests
 }
 
-/// The same robot twice, and both are to be taken back.
+/// The same robot twice; both are to retreat.
 fn two() -> [Participant; 2] {
     [0, 1].map(|robot| recorded(robot, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 40.0), (5.0, 40.0)], 0.5))
 }
 
-/// Who went along is lost: the robot stops, and asks for a way of its own.
+/// A robot of the group is lost: this one stops, and requests a path of its own.
 #[test]
-fn who_is_left_alone_tries_again_by_itself() {
+fn a_robot_left_by_its_group_retries_alone() {
     let ([first, second], mut reflex) = (two(), Alone::new(rules(true)));
     reflex.joint_retreat.enroll(second, Time::from_secs(5.0));
-    let asked = asked(&mut reflex, &first, &[], |_, _| ());
-    assert!(matches!(asked[..], [(2, false), (100..=110, true)]), "{asked:?}");
+    let requests = requests(&mut reflex, &first, &[], |_, _| ());
+    assert!(matches!(requests[..], [(2, false), (100..=110, true)]), "{requests:?}");
 }
 
-/// A robot waits on its way for this one, which has touched it all the time, and is back: it is not let in, but both ask for other ways.
+/// A robot waits on its path for this one, which has touched it all the time, and is back: it is not readmitted, but
+/// both request other paths.
 #[test]
-fn who_is_back_and_stands_in_the_way_asks_once_more() {
+fn a_blocking_robot_that_is_back_requests_another_path() {
     for waits in [false, true] {
         let ([first, second], mut reflex) = (two(), Alone::new(rules(true)));
         let of = |robot| ShapeId::Robot { robot, node: 0, shape: 0 };
         let contact = Contact { pair: (of(0), of(1)), distance: 0.005, points: Default::default() };
         let begun = Time::from_secs(4.0);
         reflex.joint_retreat.enroll(second, begun);
-        assert!((0..20).any(|k| matches!(reflex.joint_retreat.ask(1, begun + PERIOD * k), RetreatReply::Go(_))));
-        // while it waits for anybody, others may go
-        reflex.joint_retreat.wait(1, Some((if waits { 0 } else { 2 }, begun)));
-        // the other one lives
+        assert!((0..20).any(|k| matches!(reflex.joint_retreat.request(1, begun + PERIOD * k), RetreatReply::Go(_))));
+        // while it waits, other groups may move
+        reflex.joint_retreat.set_waiting(1, Some((if waits { 0 } else { 2 }, begun)));
+        // a sign of life of the other one
         let other = |joint_retreat: &JointRetreat, now: Time| {
             let _ = joint_retreat.step(1, 0.0, now);
         };
-        let asked = asked(&mut reflex, &first, &[contact], other);
-        let anew = asked.get(1).copied();
-        assert_eq!(anew.is_some_and(|(k, again)| (300..350).contains(&k) && !again), waits, "{asked:?}");
-        assert_eq!(reflex.joint_retreat.begins_anew(1, Time::from_secs(10.0)), waits);
+        let requests = requests(&mut reflex, &first, &[contact], other);
+        let replan = requests.get(1).copied();
+        assert_eq!(replan.is_some_and(|(k, again)| (300..350).contains(&k) && !again), waits, "{requests:?}");
+        assert_eq!(reflex.joint_retreat.must_replan(1, Time::from_secs(10.0)), waits);
     }
 }
 
-/// A robot that becomes slower all the time, and does not come to rest, is stopped again every three seconds.
+/// A robot that slows down all the time, and does not come to rest, is stopped again every three seconds.
 #[test]
-fn who_does_not_come_to_rest_is_stopped_again() {
+fn a_robot_that_does_not_come_to_rest_is_stopped_again() {
     let (mut reflex, begun) = (Alone::new(rules(true)), Time::from_secs(5.0));
     let motion = Underway::of_one_motor(1, None);
     let token = reflex.gate.close();
@@ -347,7 +359,8 @@ fn who_does_not_come_to_rest_is_stopped_again() {
     assert_eq!(stops.collect::<Vec<_>>(), [300, 600]);
 }
 
-/// An arm that presses creeps along what it presses against: it is taken back from slow. One that can't be pushed aside must rest.
+/// A pressing arm creeps along the obstacle: its retreat begins from this low speed. An arm that does not deflect
+/// must rest.
 #[test]
 fn an_arm_that_creeps_while_something_holds_it_counts_as_stopped() {
     let held = |deflection: f64, speed: f64, ms: u64| {
@@ -359,14 +372,15 @@ fn an_arm_that_creeps_while_something_holds_it_counts_as_stopped() {
         pulse.speed = speed;
         is_held(&pulse, Time::ZERO, &rules)
     };
-    let late = (rules(true).reaction() + HELD).as_millis() as u64;
+    let late = (rules(true).reaction() + CREEP_TIME).as_millis() as u64;
     assert!(held(0.1, 0.05, late));
     assert!(!held(0.1, 0.05, late - 10), "it may still brake");
     assert!(!held(0.1, 0.2, late), "that is no creeping");
     assert!(!held(0.0, 0.05, late));
 }
 
-/// What pushes something is sent to where it is by the very next readings; any other arm brakes to rest before its retreat.
+/// An arm that pushes gets set-points at its configuration from the very next readings; any other arm brakes to rest
+/// before its retreat.
 #[test]
 fn an_arm_that_pushes_something_unknown_is_taken_off_it_at_once() {
     let begins = |deflection: f64, pressed: bool| {

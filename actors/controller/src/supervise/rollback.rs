@@ -1,8 +1,8 @@
-//! The retreat as supervise sees it: it asks the reflex for one, hears how it goes, and may have one that failed tried
-//! again.
+//! Rollback from the point of view of Supervise: it requests a retreat from the reflex, receives the reports, and can
+//! have a failed retreat retried.
 //!
-//! The reflex drives, supervise keeps the books: only it gives outcomes and opens the filter. What passes between them
-//! are messages, which may come late or after somebody has closed anew; each is judged by the token that it belongs to.
+//! The reflex drives; Supervise owns the transactions: only it gives outcomes and opens the filter. They communicate
+//! by messages, which may arrive late or after another closing; each belongs to a token and is checked against it.
 
 use super::{Closing, MotionState, Step, SuperviseCore, SuperviseOut};
 use crate::ledger::{Extent, Underway};
@@ -11,9 +11,10 @@ use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
 use std::collections::BTreeSet;
 
 impl SuperviseCore {
-    /// The motion is to be rolled back for a reason that supervise saw. An escape has no retreat: it is measured.
+    /// Rolls back the motion for a cause detected by Supervise. An escape has no retreat: its outcome is measured.
     pub(super) fn roll_back(&mut self, cause: Cause, step: &mut Step) {
-        // what a motor stalls at is in no model, so that nobody knows where it was free of it: back to the beginning
+        // An obstacle that stalls a motor is not in the model, so no later configuration is known to be free of it:
+        // undo the whole motion.
         let pressed = matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. });
         if let (true, Some(open)) = (pressed, &mut step.book.open) {
             open.extent = Extent::Whole;
@@ -33,8 +34,8 @@ impl SuperviseCore {
         }
     }
 
-    /// The agent of the open motion died since we looked last: the motion is cancelled, whatever the agent had sent before
-    /// and waits to be handled.
+    /// Handles the death of the open motion's agent since the last step: the motion is cancelled, whatever the agent
+    /// had sent before and is still queued.
     pub(super) fn note_agent_death(&mut self, step: &mut Step) {
         let orphan = step.book.orphan.take();
         let is_open = step.book.open.as_ref().is_some_and(|open| Some(open.id) == orphan);
@@ -43,15 +44,14 @@ impl SuperviseCore {
         }
     }
 
-    /// The reflex closed the filter; the motors that had a part in it, if that is known. In mid-motion the reflex takes
-    /// the robot back by itself; at rest there is nothing to be taken back, and the way out of the contact is an
-    /// escape.
+    /// Handles a closing by the reflex; `blamed`: the motors that caused it, if they are known. In mid-motion the
+    /// reflex retreats by itself. At rest there is nothing to roll back, and an escape is the way out of the contact.
     pub(super) fn closed(&mut self, token: u64, (cause, blamed): (Cause, Option<BTreeSet<usize>>), step: &mut Step) {
         if token != step.gate.token() {
-            return; // somebody closed it anew since
+            return; // closed again since
         }
         self.token = token;
-        self.hush(blamed, step);
+        self.start_cooldown(blamed, step);
         self.motion = MotionState::default();
         if self.is_moving() {
             self.note_stop(step);
@@ -64,7 +64,7 @@ impl SuperviseCore {
         }
     }
 
-    /// The open motion is stopped now: a stream is undone from here, also by a retreat that is tried again.
+    /// Marks the open motion as stopped now: a stream is undone from here, also by a retry.
     pub(super) fn note_stop(&self, step: &mut Step) {
         let recorded = step.book.history.newest().map(|newest| newest.at);
         let newest = self.newest.as_ref().map(|newest| newest.sampled_at).or(recorded);
@@ -73,45 +73,48 @@ impl SuperviseCore {
         }
     }
 
-    /// How the retreat goes. A word counts only while a retreat is awaited, and under the present token: it may be the
-    /// last of one that has been overtaken by a stop.
-    pub(super) fn word(&mut self, word: ReflexReport, step: &mut Step) {
+    /// Handles a report of the retreat. It counts only while a retreat is awaited, and under the current token: it
+    /// may be the last report of a retreat that was superseded by a stop.
+    pub(super) fn on_report(&mut self, report: ReflexReport, step: &mut Step) {
         if self.closing != Closing::Reflex || self.token != step.gate.token() {
             return;
         }
         if let (Some(again), ReflexReport::Back | ReflexReport::Stopped | ReflexReport::GaveUp(_)) =
-            (&self.retry, &word)
+            (&self.retry, &report)
         {
-            // a retreat that is tried again moves motors of a motion that has its outcome, and is no longer open
+            // A retry moves the motors of a motion that has its outcome and is no longer open.
             self.resting.commanded(&again.named);
         }
-        match word {
+        match report {
             ReflexReport::Retreating => {
                 step.book.open.iter_mut().for_each(|open| open.retreated = true);
                 self.enter(Status::Retreating, step);
             }
             ReflexReport::Settling => self.enter(Status::Settling, step),
             ReflexReport::EndsAt { to, motors, stream } => {
-                // from now on this is where it must end, to be rolled back and not faulted
+                // From now on this is the configuration in which the retreat counts as rolled back and not as
+                // faulted.
                 self.retry.iter_mut().for_each(|again| again.safe = Some(to.clone()));
                 if let Some(open) = &mut step.book.open {
                     open.name(&motors);
-                    let (id, q, recorded) = (open.id, to.q.clone(), stream.then_some(to.since));
+                    let id = open.id;
+                    let q = to.q.clone();
+                    let recorded = stream.then_some(to.since);
                     open.safe = Some(to);
                     step.emit(Event::SafePoseMoved { robot: step.robot(), id, q, recorded });
                 }
             }
-            // the outcome is measured at the next reading, which is the one that the reflex judged by
+            // The outcome is measured at the next reading, which is the one that the reflex used.
             ReflexReport::Back | ReflexReport::Stopped => {
                 self.modes.clear();
-                if let Some(motion) = self.retry.as_ref().filter(|_| word == ReflexReport::Back) {
+                if let Some(motion) = self.retry.as_ref().filter(|_| report == ReflexReport::Back) {
                     step.book.send_home(motion, step.rules.tolerance);
                 }
                 self.closing = Closing::Settle(Time::ZERO);
             }
             ReflexReport::GaveUp(hold) => {
                 self.modes.clear();
-                // kept for `recover`: what stood in the way may be taken away
+                // Stored for `recover`: the obstacle may be removed.
                 self.retry = self.retry.take().or(step.book.motion()).filter(|m| !m.is_escape());
                 self.end(Some(Outcome::Faulted), step);
                 self.closing = if hold == Hold::Stale { Closing::Settle(step.now) } else { Closing::No };
@@ -120,20 +123,20 @@ impl SuperviseCore {
         }
     }
 
-    /// Whether the robot holds where a retreat can be tried again, or was held by a crash that left none.
+    /// Returns whether the robot holds where a retreat can be retried, or holds after a crash that left no retreat.
     pub fn can_recover(&self) -> bool {
         let halted = self.status == Status::Holding(Hold::Halted);
         let holds = self.closing == Closing::No && matches!(self.status, Status::Holding(_)) && !halted;
         holds && (self.retry.is_some() || self.status == Status::Holding(Hold::AfterCrash))
     }
 
-    /// Tries the failed retreat again, as a person asked for it: nothing else moves a robot that holds after one.
+    /// Retries the failed retreat on the request of a person: nothing else moves a robot that holds after one.
     pub(super) fn recover(&mut self, step: &mut Step) {
         if !self.can_recover() || step.book.halted {
             return;
         }
         let Some(motion) = self.retry.clone() else {
-            // there was no safe pose: the robot stays, and is asked to stay no longer
+            // There was no safe pose: the robot stays, and its hold ends.
             return self.interrupt(Cause::Asked, Status::Holding(Hold::Restarted), step);
         };
         self.close(Cause::Asked, step);

@@ -1,135 +1,142 @@
-//! Shapes fitted closer where they touch falsely, and only there.
+//! Fits shapes closer where they have false contacts, and only there.
 //!
 //! ```text
-//! random poses ──> those at which shapes touch and meshes do not ──> places that both shapes hold
+//! random poses ──> those at which shapes touch and meshes do not ──> points inside both shapes
 //!       ^                                                                       │
-//!       └──── shapes that hold most of them give way, in one piece or two <─────┘
+//!       └──── shapes that contain most of them are refitted, as one or two <────┘
 //! ```
-//! `falsely.rs` finds the poses, `claims.rs` says which shape should leave which places. Where that does not get far enough ([`Closer::hulls`]), the shapes get hulls (`hulled.rs`).
+//! `false_contacts.rs` finds the poses, `fault_assignment.rs` assigns the points to shapes. If this does not reach the goal
+//! ([`RefitLimits::hulls`]), the shapes get hulls (`refit_hulls.rs`).
 
-use super::falsely::{Falsely, NodePair, falsely_touching};
+use super::false_contacts::{FalseContacts, NodePair, find_false_contacts};
 use super::{Placed, Subject};
 use crate::scene::MAX_PAIRS;
 use crate::{Fit, FitOptions, LinkSurface, Robot, SceneError, Surfaces};
 use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How many shapes give way before it is looked again what that changed.
-const AT_ONCE: usize = 32;
-/// A shape gives way if it touches falsely at this share of the poses of the worst, at least.
-const NEAR_WORST: f64 = 0.25;
-/// How links are fitted anew that would be left out otherwise.
+/// Maximum number of shapes refitted before the contacts are evaluated again.
+const SHAPES_PER_ROUND: usize = 32;
+/// A shape is refitted in a round if its number of poses with false contacts is at least this share of the worst one's.
+const MIN_SHARE_OF_WORST: f64 = 0.25;
+/// Options for refitting links whose pairs would otherwise be disabled.
 const CLOSE_FIT: FitOptions = FitOptions { overshoot: 0.003, primitives: 40 };
-/// Hulls are taken if they leave less than this share of the poses that shapes without do.
-const LEFT_BY_HULLS: f64 = 0.9;
-/// Twice as many pairs of shapes are worth it if they leave less than this share of the poses.
-const GAIN: f64 = 0.9;
-/// From so many pairs of shapes on hulls are tried before further shapes: they are the cheaper ones then, for the fit as for the robot.
-const FEW_PAIRS: usize = 20_000;
+/// Hulls are used if they leave less than this share of the poses that remain without hulls.
+const MAX_REMAINING_WITH_HULLS: f64 = 0.9;
+/// Doubling the number of pairs of shapes is worthwhile if it leaves less than this share of the poses.
+const MAX_REMAINING_PER_DOUBLING: f64 = 0.9;
+/// Number of pairs of shapes from which hulls are tried before further shapes: hulls are then cheaper, for the fit and
+/// for the robot.
+const PAIRS_BEFORE_HULLS: usize = 20_000;
 
-/// How close shapes are to be fitted.
+/// Goal and limits of fitting closer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Closer {
-    /// At what share of the poses that are free by the meshes shapes may touch falsely.
+pub struct RefitLimits {
+    /// Goal: share of the mesh-free poses with false contacts, 0 to 1.
     pub falsely: f64,
-    /// How many shapes a link may have.
+    /// Maximum number of shapes per link.
     pub shapes: usize,
-    /// If more than this share of these poses is left, shapes get hulls: what touches is then the hull of what a shape encloses.
+    /// If more than this share of these poses remains, shapes get hulls: a contact then requires the hull of the
+    /// enclosed part of the mesh.
     pub hulls: f64,
 }
 
 /// A link that was fitted closer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Nearer {
+pub struct Refitted {
     /// Its name.
     pub link: String,
-    /// How many shapes were around its meshes, and how many are.
+    /// Number of shapes around its meshes, before and after.
     pub shapes: (usize, usize),
-    /// How many of them have hulls.
+    /// Number of shapes with hulls.
     pub hulls: usize,
-    /// As [`crate::Fitted::overshoot`], now.
+    /// Overshoot after the fit, meters, as [`crate::Fitted::overshoot`].
     pub overshoot: f64,
 }
 
-/// Fits those shapes of links closer that touch at random poses where the meshes do not.
+/// Tightens those shapes of links that touch at random poses at which the meshes do not.
 ///
-/// Pairs that need no test (see [`crate::spared_pairs`]) do not count. Of two shapes that touch falsely the one gives way that is
-/// farther from its mesh; it is replaced by one or two that still hold its part of the mesh. Ends where few poses are left, or more
-/// shapes gain too little, or none can give way or be added. If too many are left then, or by the time there are many pairs of
-/// shapes, it begins anew with hulls ([`crate::Hull`]): those of whole links that touch falsely, and then hulls give way as shapes do, in two parts.
+/// Pairs that need no test (see [`crate::find_disabled_pairs`]) are ignored. Of two shapes in false contact the one that is
+/// farther from its mesh is replaced by one or two shapes that still contain its part of the mesh. This ends if few
+/// such poses remain, if more shapes gain too little, or if no shape can be refitted or added. If too many poses remain
+/// then, or as soon as there are many pairs of shapes, the fit restarts with hulls ([`crate::Hull`]) for all shapes of
+/// the links concerned; hulls are then split in two like shapes.
 ///
 /// # Arguments
-/// * `links`, `fits`: what was fitted to the links' meshes, as [`crate::load_urdf_with_surfaces`] gives them.
+/// * `links`, `fits`: the links and the fits to their meshes, from [`crate::load_urdf_with_surfaces`].
 ///
 /// # Errors
-/// If the robot can't stand in a scene.
+/// If the robot can't be placed in a scene.
 pub fn fit_closer(
     robot: &mut Robot,
     (links, fits): (&[LinkSurface], &mut BTreeMap<String, Fit>),
     surfaces: &Surfaces,
-    goal: &Closer,
+    goal: &RefitLimits,
     (poses, seed): (usize, u64),
     progress: &mut dyn FnMut(f64),
-) -> Result<Vec<Nearer>, SceneError> {
-    let half = |from: f64, share: f64| from + share / 2.0;
+) -> Result<Vec<Refitted>, SceneError> {
+    let progress_at = |from: f64, share: f64| from + share / 2.0;
     let (falsely, always_near) =
-        falsely_touching(&Subject::new(robot, surfaces)?, surfaces, (poses, seed), &mut |share| {
-            progress(half(0.0, share));
+        find_false_contacts(&Subject::new(robot, surfaces)?, surfaces, (poses, seed), &mut |share| {
+            progress(progress_at(0.0, share));
         });
     let before: BTreeMap<String, usize> = fits.iter().map(|(link, fit)| (link.clone(), fit.count())).collect();
-    let (free, first) = (falsely.len() as f64, (robot.clone(), fits.clone(), falsely.clone()));
-    let (enough, many) = ((goal.falsely * free) as usize, (goal.hulls * free) as usize);
-    let mut work = Work::new(robot, links, fits, falsely, goal.shapes);
+    let free = falsely.len() as f64;
+    let first = (robot.clone(), fits.clone(), falsely.clone());
+    let enough = (goal.falsely * free) as usize;
+    let many = (goal.hulls * free) as usize;
+    let mut work = RefitState::new(robot, links, fits, falsely, goal.shapes);
     work.refit(&always_near);
-    let mut further = |share| progress(half(0.5, share));
-    let left = work.with_shapes(surfaces, (enough, FEW_PAIRS), &mut further)?;
+    let mut further = |share| progress(progress_at(0.5, share));
+    let left = work.with_shapes(surfaces, (enough, PAIRS_BEFORE_HULLS), &mut further)?;
     if left > many {
         let (mut other, mut hulled, falsely) = first;
-        let mut anew = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
-        // by the poses that both were fitted at: what is hardly better there may be worse elsewhere
-        if (anew.with_hulls(surfaces, enough)? as f64) < LEFT_BY_HULLS * left as f64 {
-            (*robot, *fits) = (other, hulled);
+        let mut restarted = RefitState::new(&mut other, links, &mut hulled, falsely, goal.shapes);
+        // Compared at the poses that both were fitted at: a small improvement there may be a deterioration at others.
+        if (restarted.with_hulls(surfaces, enough)? as f64) < MAX_REMAINING_WITH_HULLS * left as f64 {
+            *robot = other;
+            *fits = hulled;
         } else {
             work.with_shapes(surfaces, (enough, MAX_PAIRS), &mut further)?;
         }
     }
-    Ok(told(fits, before))
+    Ok(refitted_links(fits, before))
 }
 
-/// Two shapes that touch falsely, each by its node and its number there.
+/// Two shapes in false contact, each as its node and its index there.
 pub(super) struct Touch {
     /// Index of the pose.
     pub(super) pose: usize,
-    /// Who.
+    /// The two shapes.
     pub(super) shapes: [(usize, usize); 2],
-    /// If one of them has a hull, the middle of what both hold, world frame.
+    /// The center of the intersection, world frame, if one of the shapes has a hull.
     pub(super) place: Option<Point3<f64>>,
 }
 
-/// What is being fitted.
-pub(super) struct Work<'a> {
+/// State of the fit.
+pub(super) struct RefitState<'a> {
     pub(super) robot: &'a mut Robot,
     pub(super) fits: &'a mut BTreeMap<String, Fit>,
     /// Per node with a fit: its link.
     pub(super) links: BTreeMap<usize, &'a LinkSurface>,
-    /// The poses that are left.
-    pub(super) falsely: Vec<Falsely>,
-    /// How many shapes a link may have.
+    /// The remaining poses with false contacts.
+    pub(super) falsely: Vec<FalseContacts>,
+    /// Maximum number of shapes per link.
     most: usize,
-    /// How many pairs of shapes there are.
+    /// Number of pairs of shapes.
     pairs: usize,
-    /// Shapes that can't give way, by node and number.
+    /// Shapes that can't be refitted, by node and index.
     stuck: BTreeSet<(usize, usize)>,
-    /// Shapes of which nothing was claimed, of the touches that are looked at.
+    /// Shapes without claimed points in the current contacts.
     idle: BTreeSet<(usize, usize)>,
 }
 
-impl<'a> Work<'a> {
+impl<'a> RefitState<'a> {
     pub(super) fn new(
         robot: &'a mut Robot,
         links: &'a [LinkSurface],
         fits: &'a mut BTreeMap<String, Fit>,
-        falsely: Vec<Falsely>,
+        falsely: Vec<FalseContacts>,
         most: usize,
     ) -> Self {
         let fitted = links.iter().filter(|l| fits.contains_key(&l.link));
@@ -139,7 +146,8 @@ impl<'a> Work<'a> {
         Self { robot, fits, links, falsely, most, pairs, stuck: BTreeSet::new(), idle: BTreeSet::new() }
     }
 
-    /// Fits whole links closer whose shapes are always near each other and whose meshes are not: they would be left out.
+    /// Refits complete links whose shapes are always near each other although their meshes are not: their pairs would
+    /// otherwise be disabled.
     fn refit(&mut self, pairs: &[NodePair]) {
         let nodes: BTreeSet<usize> = pairs.iter().flat_map(|(a, b)| [*a, *b]).collect();
         let close = FitOptions { primitives: CLOSE_FIT.primitives.min(self.most), ..CLOSE_FIT };
@@ -156,14 +164,14 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Lets shapes give way until no more poses than this are left, or there are so many pairs of shapes, or more of them gain too little,
-    /// or none can give way.
+    /// Refits shapes until at most `enough` poses remain, there are `pairs` pairs of shapes, more pairs gain too
+    /// little, or no shape can be refitted.
     ///
     /// # Arguments
-    /// * `progress`: told the share of the poses that are done with.
+    /// * `progress`: called with the completed share of the poses.
     ///
     /// # Returns
-    /// How many are left.
+    /// Number of remaining poses.
     fn with_shapes(
         &mut self,
         surfaces: &Surfaces,
@@ -173,24 +181,25 @@ impl<'a> Work<'a> {
         let mut begin = None;
         let mut gained = (usize::MAX, self.pairs);
         loop {
-            let touches = self.look(surfaces)?;
+            let touches = self.find_touches(surfaces)?;
             let left = self.falsely.len();
             let begin = *begin.get_or_insert(left);
             progress((begin - left) as f64 / begin.max(1) as f64);
-            if (left as f64) < GAIN * gained.0 as f64 {
+            if (left as f64) < MAX_REMAINING_PER_DOUBLING * gained.0 as f64 {
                 gained = (left, self.pairs);
             }
-            let in_vain = self.pairs >= 2 * gained.1;
-            if left <= enough || in_vain || self.pairs >= pairs || !self.give_way(&touches) {
+            let is_stalled = self.pairs >= 2 * gained.1;
+            if left <= enough || is_stalled || self.pairs >= pairs || !self.refit_worst(&touches) {
                 return Ok(left);
             }
         }
     }
 
-    /// What of the shapes still touches falsely; poses at which nothing does are done with.
-    pub(super) fn look(&mut self, surfaces: &Surfaces) -> Result<Vec<Touch>, SceneError> {
+    /// Finds the remaining false contacts, and drops poses that have none.
+    pub(super) fn find_touches(&mut self, surfaces: &Surfaces) -> Result<Vec<Touch>, SceneError> {
         let subject = Subject::new(self.robot, surfaces)?;
-        let (mut touches, mut pose) = (Vec::new(), 0);
+        let mut touches = Vec::new();
+        let mut pose = 0;
         self.falsely.retain_mut(|f| {
             let placed: Placed = subject.place(&f.q);
             f.pairs.retain(|(a, b)| {
@@ -208,68 +217,68 @@ impl<'a> Work<'a> {
         Ok(touches)
     }
 
-    /// The number of a shape among those that were fitted.
+    /// The link of a fitted shape, and the shape's index in the link's fit.
     pub(super) fn fitted(&self, (node, shape): (usize, usize)) -> Option<(&'a LinkSurface, usize)> {
         let link = self.links.get(&node)?;
         Some((link, shape.checked_sub(link.solids.len())?))
     }
 
-    /// Whether a shape may be replaced by two.
-    pub(super) fn can_give(&self, shape: (usize, usize)) -> bool {
+    /// True if a shape may be replaced by two.
+    pub(super) fn can_refit(&self, shape: (usize, usize)) -> bool {
         !self.stuck.contains(&shape)
             && !self.idle.contains(&shape)
             && self.fitted(shape).is_some_and(|(link, _)| self.fits[&link.link].count() < self.most)
             && self.pairs + self.facing(shape.0) <= MAX_PAIRS
     }
 
-    /// How many shapes those of a node are tested against: so many pairs another one there adds.
+    /// Number of shapes that a shape of a node is tested against: the number of pairs that another shape would add.
     fn facing(&self, node: usize) -> usize {
         let other = |(a, b): &(usize, usize)| if *a == node { Some(*b) } else { (*b == node).then_some(*a) };
         self.robot.pairs.reflex.iter().filter_map(other).map(|n| self.robot.nodes[n].solids.len()).sum()
     }
 
-    /// Lets the shapes give way that touch most often; answers whether there are any.
-    pub(super) fn give_way(&mut self, touches: &[Touch]) -> bool {
+    /// Refits the shapes that touch most often; returns false if there are none.
+    pub(super) fn refit_worst(&mut self, touches: &[Touch]) -> bool {
         self.idle.clear();
         loop {
             let worst = self.worst(touches);
             if worst.is_empty() {
                 return false;
             }
-            let mut gave = false;
+            let mut changed = false;
             for (shape, places) in self.claims(touches, &worst) {
-                if !self.can_give(shape) {
+                if !self.can_refit(shape) {
                     continue;
                 }
-                gave |= self.give(shape, places);
+                changed |= self.refit_shape(shape, places);
             }
-            if gave {
+            if changed {
                 return true;
             }
         }
     }
 
-    /// The shapes that touch at most poses, of those that may be replaced.
+    /// The refittable shapes that touch at the most poses.
     fn worst(&self, touches: &[Touch]) -> BTreeSet<(usize, usize)> {
         let mut poses: BTreeMap<(usize, usize), (usize, usize)> = BTreeMap::new();
         for touch in touches {
             for shape in touch.shapes {
-                // each pose once: they come in order
+                // Counts each pose once: touches are ordered by pose.
                 let (count, last) = poses.entry(shape).or_insert((0, usize::MAX));
                 *count += usize::from(*last != touch.pose);
                 *last = touch.pose;
             }
         }
         let mut worst: Vec<_> = poses.into_iter().map(|(shape, (count, _))| (count, shape)).collect();
-        worst.retain(|(_, shape)| self.can_give(*shape));
+        worst.retain(|(_, shape)| self.can_refit(*shape));
         worst.sort_by_key(|(count, shape)| (std::cmp::Reverse(*count), *shape));
         let most = worst.first().map_or(0, |(count, _)| *count) as f64;
-        let near = |(count, _): &(usize, _)| *count as f64 >= NEAR_WORST * most;
-        worst.into_iter().take(AT_ONCE).take_while(near).map(|(_, shape)| shape).collect()
+        let near = |(count, _): &(usize, _)| *count as f64 >= MIN_SHARE_OF_WORST * most;
+        worst.into_iter().take(SHAPES_PER_ROUND).take_while(near).map(|(_, shape)| shape).collect()
     }
 
-    /// Lets a shape give way; one that can't is not asked again.
-    fn give(&mut self, shape: (usize, usize), places: Vec<Vector3<f64>>) -> bool {
+    /// Refits a shape; one that can't be refitted is excluded from then on.
+    fn refit_shape(&mut self, shape: (usize, usize), places: Vec<Vector3<f64>>) -> bool {
         let Some((link, number)) = self.fitted(shape) else { return false };
         let Some(fit) = self.fits.get_mut(&link.link) else { return false };
         if places.is_empty() {
@@ -280,7 +289,8 @@ impl<'a> Work<'a> {
             self.stuck.insert(shape);
             return false;
         }
-        let (shapes, hulls) = (link.shapes(Some(fit)), link.hulls(fit));
+        let shapes = link.shapes(Some(fit));
+        let hulls = link.hulls(fit);
         let more = shapes.len() - self.robot.nodes[shape.0].solids.len();
         self.pairs += more * self.facing(shape.0);
         self.robot.nodes[shape.0].solids = shapes;
@@ -289,11 +299,11 @@ impl<'a> Work<'a> {
     }
 }
 
-/// Which links are nearer to their meshes now.
-fn told(fits: &BTreeMap<String, Fit>, before: BTreeMap<String, usize>) -> Vec<Nearer> {
+/// The links whose shapes were refitted.
+fn refitted_links(fits: &BTreeMap<String, Fit>, before: BTreeMap<String, usize>) -> Vec<Refitted> {
     let nearer = |(link, before): (String, usize)| {
         let fit = fits.get(&link).filter(|f| f.count() > before || f.hulled() > 0)?;
-        Some(Nearer { shapes: (before, fit.count()), hulls: fit.hulled(), overshoot: fit.overshoot(), link })
+        Some(Refitted { shapes: (before, fit.count()), hulls: fit.hulled(), overshoot: fit.overshoot(), link })
     };
     before.into_iter().filter_map(nearer).collect()
 }

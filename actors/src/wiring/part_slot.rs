@@ -1,13 +1,14 @@
-//! Where a part sits that runs beside the robots and can be exchanged: it outlives the part's actor, which asks it what to run.
+//! Slot of an exchangeable part beside the robots. It survives the part's actor, which takes the part to run
+//! from it.
 
 use super::LatestCell;
 use crate::runtime::swap::{Phase, SwapCore, SwapIn, SwapOut, SwapPolicy};
 use mobee_contract::Time;
 use std::time::Duration;
 
-/// The part in force, and the one before it while the new one is on probation.
+/// The active part, and the previous one while the new one is on probation.
 #[derive(Debug)]
-pub struct Seat<P>(LatestCell<Taken<P>>);
+pub struct PartSlot<P>(LatestCell<Taken<P>>);
 
 #[derive(Debug)]
 struct Taken<P> {
@@ -16,42 +17,43 @@ struct Taken<P> {
     core: SwapCore,
 }
 
-impl<P: Clone> Seat<P> {
-    /// With its first part, which is trusted.
-    pub fn new(part: P) -> Seat<P> {
-        Seat(LatestCell::new(Taken { part, former: None, core: SwapCore::default() }))
+impl<P: Clone> PartSlot<P> {
+    /// Creates the slot with its first part, which is trusted.
+    pub fn new(part: P) -> PartSlot<P> {
+        PartSlot(LatestCell::new(Taken { part, former: None, core: SwapCore::default() }))
     }
 
-    /// The part in force.
+    /// Returns the active part.
     pub fn part(&self) -> P {
         self.0.lock().part.clone()
     }
 
-    /// Changes the part in force.
+    /// Changes the active part.
     pub fn change(&self, change: impl FnOnce(&mut P)) {
         change(&mut self.0.lock().part);
     }
 
-    /// Announces a new part. `false`: another is being tried.
+    /// Announces a new part. `false` if another exchange is under way.
     pub fn offer(&self, terms: SwapPolicy, now: Time) -> bool {
         self.0.lock().core.on(SwapIn::Offer(terms), now) == Some(SwapOut::Keep)
     }
 
-    /// Whether a new part is announced that has not taken over.
+    /// True if a new part is announced that has not taken over.
     pub fn is_offered(&self) -> bool {
         matches!(self.0.lock().core.phase(), Phase::Shadow(_))
     }
 
-    /// The announced part is not used after all.
+    /// Withdraws the announced part.
     pub fn withdraw(&self, now: Time) {
         let mut taken = self.0.lock();
-        // a part that has taken over is in force
+        // A part that has taken over is active.
         if taken.former.is_none() {
             taken.core.on(SwapIn::Broke, now);
         }
     }
 
-    /// Puts the announced part in; the one before is kept until the new one is trusted. `false`: it was withdrawn.
+    /// Activates the announced part; the previous one is retained until the new one is trusted. `false` if it
+    /// was withdrawn.
     pub fn take_over(&self, new: P, now: Time) -> bool {
         let mut taken = self.0.lock();
         let takes_over = taken.core.on(SwapIn::Boundary, now) == Some(SwapOut::HandOver);
@@ -62,12 +64,13 @@ impl<P: Clone> Seat<P> {
         takes_over
     }
 
-    /// The part in force did its work.
+    /// Records that the active part worked.
     pub fn answered(&self, now: Time) {
         self.0.lock().core.on(SwapIn::Answered, now);
     }
 
-    /// The part in force failed: on probation the one before is back, and this says so.
+    /// Records a failure of the active part. Returns true if it was on probation and the previous one has
+    /// returned.
     pub fn broke(&self, now: Time) -> bool {
         let mut taken = self.0.lock();
         let former = taken.former.take();
@@ -79,7 +82,7 @@ impl<P: Clone> Seat<P> {
         reverts
     }
 
-    /// Whether the probation of the part in force is over with this: the one before is then gone.
+    /// Returns true if the probation of the active part ends with this call: the previous one is then dropped.
     pub fn settles(&self, now: Time) -> bool {
         let mut taken = self.0.lock();
         let settles = taken.core.on(SwapIn::Tick, now) == Some(SwapOut::Settle);
@@ -89,7 +92,7 @@ impl<P: Clone> Seat<P> {
         settles
     }
 
-    /// How long the part in force may take for an answer, if it is on probation.
+    /// Time limit for an answer of the active part, if it is on probation.
     pub fn budget(&self) -> Option<Duration> {
         let taken = self.0.lock();
         taken.former.as_ref().map(|_| taken.core.terms().budget)

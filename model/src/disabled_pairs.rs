@@ -1,8 +1,9 @@
-//! Pairs of links that are not tested against each other, where a robot's file lists them.
+//! Disabled pairs of links, listed by a robot's file.
 //!
-//! The adjacency filter of the format (`zrp/pairs.rs`) guesses from the tree which shapes overlap by construction. A robot that was
-//! converted is not built the way it expects, so its file says it: everything is tested that can move against each other, but what
-//! is left out by name, each with its reason, so that a person can overrule it.
+//! The adjacency filter of the format (`zrp/pairs.rs`) guesses from the tree which shapes overlap by construction. This
+//! guess does not suit converted robots, so their files list the disabled pairs instead: all pairs that can move
+//! relative to each other are tested, except those listed by name. Each has a reason, so that a user can judge and
+//! override it.
 
 use crate::zrp::left_out_tag;
 use crate::zrp::pairs::quiet_subtrees;
@@ -10,13 +11,14 @@ use crate::{LeftOut, Node, NodePairs, Robot};
 use std::collections::BTreeSet;
 
 impl Robot {
-    /// The node of that name.
+    /// The index of the node with that name.
     pub fn node_named(&self, name: &str) -> Option<usize> {
         self.nodes.iter().position(|n| n.name.as_deref() == Some(name))
     }
 
-    /// Leaves out more pairs; from then on the list decides, and not the adjacency filter of the format. The first reason for
-    /// a pair stays. A node without a name can't be left out, as the file could not say so: its pairs are ignored.
+    /// Disables more pairs. From then on the list decides instead of the adjacency filter of the format. If a pair is
+    /// listed twice, its first reason is used. Pairs with an unnamed node are ignored, since the file could not list
+    /// them.
     pub fn leave_out(&mut self, more: impl IntoIterator<Item = LeftOut>) {
         let mut all = self.left_out.take().unwrap_or_default();
         let mut known: BTreeSet<(usize, usize)> = all.iter().map(|l| l.nodes).collect();
@@ -31,22 +33,22 @@ impl Robot {
         self.pair_up(&known);
     }
 
-    /// The line for the `pairs` of the robot's file that leaves this pair out. None if one of the two has no name, or if the file has
-    /// no such list: a first line would put all other pairs to the test, which the filter of the format now leaves out.
+    /// The line for `pairs` in the robot's file that disables this pair. `None` if one of the two nodes has no name, or
+    /// if the file has no such list: a first line would enable all other pairs that the format's filter disables now.
     pub fn leave_out_line(&self, (a, b): (usize, usize), reason: &str) -> Option<String> {
         self.left_out.as_ref()?;
         let name = |node: usize| self.nodes.get(node)?.name.as_deref();
         Some(format!("<{}/>", left_out_tag((name(a)?, name(b)?), reason)))
     }
 
-    /// Makes the pairs of all bodies but those left out, and says which nodes are the base.
+    /// Builds the pairs of all bodies except the disabled ones, and marks the nodes of the base.
     fn pair_up(&mut self, left_out: &BTreeSet<(usize, usize)>) {
         let bodies: Vec<Option<usize>> = (0..self.nodes.len()).map(|n| self.body(n)).collect();
         let quiet = quiet_subtrees(&self.nodes);
         let mut pairs = NodePairs::default();
         for (a, x) in self.nodes.iter().enumerate() {
             for (b, y) in self.nodes.iter().enumerate().skip(a + 1) {
-                // Within one rigid body nothing can move, whatever touches.
+                // Nodes of one rigid body do not move relative to each other.
                 if bodies[a] == bodies[b] || left_out.contains(&(a, b)) {
                     continue;
                 }

@@ -1,22 +1,22 @@
-//! The list of pairs that are not tested: `<pairs> <leaveOut a="upper_arm" b="forearm" reason="neighbors"/> </pairs>`.
+//! The list of disabled pairs: `<pairs> <leaveOut a="upper_arm" b="forearm" reason="neighbors"/> </pairs>`.
 
 use super::element::Element;
 use crate::error::FileError;
 use crate::{LeftOut, Node, suggestion};
 use std::collections::BTreeMap;
 
-/// More pairs are refused: no robot has so many.
+/// Maximum number of disabled pairs.
 const MAX_LEFT_OUT: usize = 100_000;
 
-/// The list as written: its names may come up later in the file.
+/// The list as written: the names in it may be defined later in the file.
 #[derive(Default)]
 pub(super) struct PairList(Vec<Element>);
 
 impl PairList {
-    /// The attributes of a `leaveOut`: two names of links or joints, and why.
+    /// The attributes of a `leaveOut`: the names of two links or joints, and the reason.
     const ATTRIBUTES: &[&str] = &["a", "b", "reason"];
 
-    /// Takes a `leaveOut`.
+    /// Adds a `leaveOut` element.
     pub(super) fn push(&mut self, e: Element, warnings: &mut super::element::Warnings) -> Result<(), FileError> {
         e.warn_unknown(&[Self::ATTRIBUTES], warnings);
         if self.0.len() >= MAX_LEFT_OUT {
@@ -27,10 +27,10 @@ impl PairList {
         Ok(())
     }
 
-    /// Looks the names up, now that all are known.
+    /// Resolves the names at the end of the file.
     ///
     /// # Errors
-    /// At a name that no link or joint has, and at a pair of a link with itself.
+    /// At an unknown name of a link or joint, and at a pair of a link with itself.
     pub(super) fn resolve(self, nodes: &[Node]) -> Result<Vec<LeftOut>, FileError> {
         let known: BTreeMap<&str, usize> =
             nodes.iter().enumerate().filter_map(|(i, n)| Some((n.name.as_deref()?, i))).collect();
@@ -46,7 +46,8 @@ impl PairList {
             })
         };
         let pair = |e: &Element| {
-            let (a, b) = (find(e, "a")?, find(e, "b")?);
+            let a = find(e, "a")?;
+            let b = find(e, "b")?;
             if a == b {
                 let help = "shapes of one link are never tested against each other: remove the line";
                 return Err(e.error_at("b", "a pair is of two links, and this names one twice", help));

@@ -1,19 +1,19 @@
-//! What an import decided, in words: a line each, for robot files and for people.
+//! Notes about the decisions of an import: one line each, for robot files and users.
 
-use crate::{Comparison, Fit, Nearer, Robot};
+use crate::{Comparison, Fit, Refitted, Robot};
 use std::collections::BTreeMap;
 
-/// No more motors are named that home moves.
-const MOST_TOLD: usize = 8;
+/// Maximum number of moved motors that are named.
+const MAX_NAMED_MOTORS: usize = 8;
 
-/// Which joints stand still as the SRDF calls them passive, if any do.
+/// The joints that are fixed because the SRDF marks them as passive, if there are any.
 pub(super) fn passive(held: &BTreeMap<String, f64>) -> Option<String> {
     let names: Vec<String> = held.iter().map(|(name, q)| format!("{name} (at {q} rad or m)")).collect();
     (!names.is_empty())
         .then(|| format!("without a motor and still, as the SRDF calls them passive: {}", names.join(", ")))
 }
 
-/// Which motors a pose has at their limits, as it would put them beyond.
+/// The motors of a pose that are clamped to their limits, with the position that the pose requests.
 pub(super) fn at_limits(robot: &Robot, beyond: &[(usize, f64)]) -> String {
     let one = |(m, wanted): &(usize, f64)| {
         let motor = robot.motors.get(*m)?;
@@ -25,35 +25,37 @@ pub(super) fn at_limits(robot: &Robot, beyond: &[(usize, f64)]) -> String {
     if all.is_empty() { String::new() } else { format!(", but {}", all.join(", ")) }
 }
 
-/// Which motors are elsewhere, and by how much in their units.
-pub(super) fn told(robot: &Robot, moved: &[(usize, f64)]) -> String {
+/// The motors that are displaced, and by how much, degrees or millimeters.
+pub(super) fn motor_offsets(robot: &Robot, moved: &[(usize, f64)]) -> String {
     let one = |(m, by): &(usize, f64)| {
         let motor = robot.motors.get(*m)?;
         let by = by.to_degrees();
         let digits = if by.abs() < 9.5 { 1 } else { 0 };
         Some(format!("{} by {by:.digits$} {}", motor.name, motor.motion.unit()))
     };
-    let mut all: Vec<String> = moved.iter().take(MOST_TOLD).filter_map(one).collect();
+    let mut all: Vec<String> = moved.iter().take(MAX_NAMED_MOTORS).filter_map(one).collect();
     if moved.len() > all.len() {
         all.push(format!("and {} more", moved.len() - all.len()));
     }
     all.join(", ")
 }
 
-/// Links whose shapes stick out farther than was asked for, if there are any.
+/// The links whose shapes exceed the requested overshoot, if there are any.
 pub(super) fn coarse(fits: &BTreeMap<String, Fit>, most: f64) -> Option<String> {
     let over = fits.iter().map(|(link, fit)| (fit.overshoot(), link)).filter(|(by, _)| by * 1e3 >= most * 1e3 + 0.5);
     let mut over: Vec<(f64, &String)> = over.collect();
     over.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (by, link) = over.first()?;
-    let (links, by, most) = (over.len(), by * 1e3, most * 1e3);
+    let links = over.len();
+    let by = by * 1e3;
+    let most = most * 1e3;
     Some(format!(
         "shapes stick out by more than {most:.0} mm at {links} link(s), by {by:.0} mm at most ({link}); more shapes stick out \
          less: --shapes N"
     ))
 }
 
-/// How well the finished shapes stand for the meshes.
+/// Accuracy of the finished shapes compared with the meshes.
 pub(super) fn verdict(seen: &Comparison) -> String {
     let missed = if seen.missed == 0 { "none".to_owned() } else { format!("{} contacts", seen.missed) };
     format!(
@@ -63,8 +65,8 @@ pub(super) fn verdict(seen: &Comparison) -> String {
     )
 }
 
-/// What became of a link that was fitted closer.
-pub(super) fn said(Nearer { link, shapes: (before, after), hulls, overshoot }: &Nearer) -> String {
+/// Result of fitting a link closer.
+pub(super) fn refit_note(Refitted { link, shapes: (before, after), hulls, overshoot }: &Refitted) -> String {
     let why = "as its shapes touched falsely";
     let shapes = if after == before { format!("{after} shapes") } else { format!("{after} shapes, not {before}") };
     let now = match hulls {
