@@ -12,17 +12,27 @@
 mod arrays;
 mod chain;
 mod failure;
+mod intent;
 mod inverse;
 mod joints;
 mod load;
+mod motion_book;
 mod place;
 mod plan;
 mod pose;
 mod raise;
+mod relay;
 mod results;
 mod robot;
+mod run;
 mod scene;
+mod serve;
+mod session;
+mod slots;
+mod steps;
+mod view;
 mod wait;
+
 mod world;
 
 use pyo3::prelude::*;
@@ -39,7 +49,13 @@ mod _native {
     #[pymodule_export]
     use crate::robot::PyRobot;
     #[pymodule_export]
+    use crate::run::{PyJournalLines, check_run, conduct, robots_of};
+    #[pymodule_export]
     use crate::scene::PyScene;
+    #[pymodule_export]
+    use crate::steps::PySteps;
+    #[pymodule_export]
+    use crate::view::{PyView, PyWorldObject};
     #[pymodule_export]
     use crate::world::{PyBox, PyCapsule, PyCylinder, PyHull, PyMesh, PyShape, PySphere, PyWorld};
 }
