@@ -92,7 +92,7 @@ pub(crate) fn intent(answer: &Bound<'_, PyAny>, at: &Standing<'_>) -> PyResult<I
         return Ok(Intent::Done(summary(answer, at)?));
     }
     let name = type_name(answer);
-    let message = format!("{} returned {name}", at.place);
+    let message = format!("the agent returned {name}");
     let remedy = "return mobee.MoveTo, Stream, Wait, Stop or Done (an object, not the class)";
     Err(Failure::new("type", message, remedy).at(at.place.clone()).into())
 }

@@ -8,7 +8,7 @@
 //! `Wait`: Python code delays its own motions alone, and no part of the run waits for it.
 
 use crate::wait::Cancelled;
-use mobee_contract::{Agent, Intent, MotionEnd, Refusal, Snapshot, Summary, View};
+use mobee_contract::{Agent, Intent, MotionEnd, Refusal, Snapshot, View};
 use serde_json::Value;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -142,27 +142,26 @@ impl<E: Send + 'static> RelayAgent<E> {
     }
 }
 
-fn ended() -> Intent {
-    Intent::Done(Summary { text: "ended by its program".into(), figures: Vec::new() })
-}
+/// The run is being ended: its control comes by itself.
+const ENDED: Intent = Intent::Wait(REAL_PAUSE);
 
 impl<E: Send + 'static> Agent for RelayAgent<E> {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
         if self.line.cancelled.is_set() {
-            return ended();
+            return ENDED;
         }
         self.revise = None;
         let replied = match self.next.take() {
             Some(replied) => replied,
             None => {
                 let import = self.import.take();
-                let Some(replied) = self.ask(Question::Next { last, import }, view) else { return ended() };
+                let Some(replied) = self.ask(Question::Next { last, import }, view) else { return ENDED };
                 replied
             }
         };
         match self.wait(&replied) {
-            Waited::Replied(reply) => reply.intent.unwrap_or(Intent::Wait(REAL_PAUSE)),
-            Waited::Gone => ended(),
+            Waited::Replied(reply) => reply.intent.unwrap_or(ENDED),
+            Waited::Gone => ENDED,
             Waited::NotYet => {
                 self.next = Some(replied);
                 Intent::Wait(REAL_PAUSE)

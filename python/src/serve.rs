@@ -147,7 +147,8 @@ impl Given {
 /// An exception with its traceback, without addresses in memory, which differ from run to run.
 fn in_words(py: Python<'_>, e: &PyErr) -> String {
     let words = || {
-        let lines: Vec<String> = py.import("traceback")?.call_method1("format_exception", (e.value(py),))?.extract()?;
+        let parts = (e.get_type(py), e.value(py), e.traceback(py));
+        let lines: Vec<String> = py.import("traceback")?.call_method1("format_exception", parts)?.extract()?;
         Ok::<_, PyErr>(lines.concat())
     };
     let text = words().unwrap_or_else(|_| format!("{}, which can't be printed", type_name(e.value(py).as_any())));

@@ -143,10 +143,12 @@ impl Session {
     }
 
     /// Ends the run: in order, or at once. Agents are not asked any more.
+    ///
+    /// In virtual time, while an agent is being asked, the control arrives before the clock goes on, so that equal runs end equally.
     pub fn end(&self, at_once: bool) {
-        self.cancelled.set();
         // full: it is being ended already
         let _ = self.controls.try_send(if at_once { Control::Abort } else { Control::Stop });
+        self.cancelled.set();
     }
 }
 

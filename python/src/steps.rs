@@ -235,13 +235,13 @@ impl PySteps {
         let own = inner.session.as_ref().is_some_and(Session::is_own);
         let Some(session) = inner.session.take() else { return Ok(inner.folder.clone()) };
         let was_over = matches!(inner.state, State::Over(_));
-        if let State::Asked(asked) = std::mem::replace(&mut inner.state, State::Closed) {
-            drop(asked);
-        }
+        let open = std::mem::replace(&mut inner.state, State::Closed);
         if !own || was_over {
             return Ok(inner.folder.clone());
         }
         session.end(false);
+        // the question has no reply: the clock goes on
+        drop(open);
         let folder = py.detach(move || ended_within(&session, CLOSE_PATIENCE));
         inner.folder = folder;
         Ok(inner.folder.clone())

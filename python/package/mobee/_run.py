@@ -344,10 +344,16 @@ def _conduct(
     if given:
         for event in done.journal.of("died"):
             if any(event["actor"] == f"{robot}/agent" for robot in given):
-                last = str(event["reason"]).strip().splitlines()[-1]
+                last = _last(str(event["reason"]))
                 text = f"{event['actor']} died at {event.at:.3f} s: {last} (its traceback: Run.errors)"
                 warnings.warn(text, MobeeWarning, stacklevel=3)
     return done
+
+
+def _last(reason: str) -> str:
+    """The line of a traceback that has the exception."""
+    lines = [line for line in reason.splitlines() if line and not line.startswith(" ")]
+    return lines[-1] if lines else reason
 
 
 def _only_robot(path: Path, assignments: list[str], replay: bool) -> str:
