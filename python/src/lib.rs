@@ -1,10 +1,12 @@
-//! The Python package `mobee`: models, kinematics, collision queries and certified edges.
+//! The Python package `mobee`: models, kinematics, collision queries, certified edges, runs with agents in Python, environments.
 //!
 //! ```text
 //! Python ──arrays, place──> checked numbers ──joints──> rad of encoder ──> model, fast engine ──> results ──> Python
+//! run on a thread of its own ──relay──Question──> session ──serve──> agent in Python ──intent──> Reply ──> run
 //! ```
 //!
-//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`) are tested by `tests/`, all others by pytest. No call panics, whatever
+//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`; `relay`, `session`, `slots`, `motion_book`) never name the
+//! interpreter: a run has no thread that waits for its lock. Of these the first five are tested by `tests/`, all others by pytest. No call panics, whatever
 //! its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
 //!
 //! Units toward Python: radians, or meters for prismatic joints; the model counts "rad of encoder" (`mobee_model::Motor`).

@@ -11,15 +11,17 @@ use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::mpsc;
 
-/// A recipient of the events of an embedded run, on a thread of its own. In virtual time the run waits for it, in real time events that it
-/// can't take are dropped.
+/// Entries that may wait for a recipient that is to be prompt: at half of it its thread wakes, which otherwise gathers for 20 ms.
+const PROMPT: usize = 2;
+
+/// A recipient of the events of an embedded run in virtual time, on a thread of its own. It gets each at once, and the run waits for it.
 pub fn event_sink(name: &str, open: OpenSink) -> SinkSpec {
     SinkSpec {
         pictures: Pictures::None,
         name: name.into(),
         essential: false,
         poses: None,
-        capacity: super::QUEUE,
+        capacity: PROMPT,
         patience: super::PATIENCE,
         open: Some(open),
     }

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 try:
     import gymnasium
-except ImportError as e:
-    raise ImportError("mobee.gym needs gymnasium: pip install 'mobee[gym]'") from e
+except ImportError:
+    raise ImportError("mobee.gym needs gymnasium: pip install 'mobee[gym]'") from None
 
 from ._agent import MoveTo
 from ._error import MobeeError
