@@ -22,6 +22,9 @@ use std::sync::Arc;
 use std::time::Duration;
 use tempfile::NamedTempFile;
 
+/// The kind of an agent that is Python code, which the Python package registers.
+pub const PYTHON: &str = "python";
+
 /// Everything built and checked, nothing started.
 pub struct Composition {
     /// The configuration it was built from.
@@ -312,6 +315,11 @@ fn kind<R: Role + ?Sized>(source: &Source, at: &str, value: &Value) -> Result<(&
         return Err(source.error(at, "there is no `kind` here", help));
     };
     let Some(found) = kinds.iter().copied().find(|k| k.name == name) else {
+        if name == PYTHON {
+            let what = "this agent is Python code, and this program runs none";
+            let help = "run the file by the Python package `mobee`: mobee.run(file, agent=...)";
+            return Err(source.error(&format!("{at}.kind"), what, help));
+        }
         let what = format!("there is no kind `{name}`");
         return Err(source.error(&format!("{at}.kind"), what, suggestion(name, "kind", &known)));
     };
@@ -475,7 +483,7 @@ pub(crate) fn clearance_needed(robot: &Robot, axes: &[Axis], reaction: Duration,
 }
 
 /// A seed for one part of the run, from the run's seed and the part's name (FNV-1a, then a final mix).
-pub(crate) fn derive_seed(seed: u64, part: &str) -> u64 {
+pub fn derive_seed(seed: u64, part: &str) -> u64 {
     let mut h =
         part.bytes().fold(0xcbf2_9ce4_8422_2325_u64 ^ seed, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
     h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

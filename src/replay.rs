@@ -44,8 +44,8 @@ pub struct ReplayArgs {
     json: bool,
 }
 
-/// What is replayed.
-struct Recorded {
+/// A recorded run in virtual time, to be run again.
+pub struct Recorded {
     dir: PathBuf,
     source: Source,
     /// When its last event happened.
@@ -54,7 +54,10 @@ struct Recorded {
 
 impl Recorded {
     /// Reads a run's folder, and its journal from end to end.
-    fn open(dir: &Path) -> Result<Recorded, Report> {
+    ///
+    /// # Errors
+    /// If it is not a run's folder, or its run can't be replayed.
+    pub fn open(dir: &Path) -> Result<Recorded, Report> {
         Folder::must_be_run(dir)?;
         let (config, source) = Config::load_resolved(&dir.join("config.json"))?;
         let refuse =
@@ -96,8 +99,39 @@ impl Recorded {
         Ok(Recorded { dir: dir.to_owned(), source, until })
     }
 
-    fn compose(&self) -> Result<Composition, Report> {
+    /// Its resolved configuration.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    /// Builds what its configuration names.
+    ///
+    /// # Errors
+    /// Every complaint, with its place and remedy.
+    pub fn compose(&self) -> Result<Composition, Report> {
         compose(Config::from_source(&self.source)?, &self.source)
+    }
+
+    /// Runs its composition again, into `out` or a new folder below `runs/`, without terminal and signals; and the number of events that are
+    /// equal to those of the journal, or the first difference.
+    ///
+    /// # Errors
+    /// If the journal can't be read, a folder can't be made, or the system can't be started.
+    pub fn embedded(
+        &self,
+        mut composition: Composition,
+        out: Option<&Path>,
+        controls: (mpsc::Sender<Control>, mpsc::Receiver<Control>),
+    ) -> Result<(Folder, Done, Result<u64, String>), Report> {
+        let (sink, verdict) = self.watch(None, controls.0.clone())?;
+        // the journal has the configuration as it was, with its recording
+        let told = serde_json::to_value(&composition.config).into_diagnostic()?;
+        let folder = Folder::create(&format!("{}-replay", composition.config.name), out)?;
+        composition.config.record.enabled = false;
+        let extras = Extras { sinks: vec![sink], told: Some(told), ..Extras::default() };
+        let done = run_with(composition, &folder, extras, controls.1, |_| ())?;
+        let equal = verdict.after(&done);
+        Ok((folder, done, equal))
     }
 
     /// A sink that compares a run with the journal up to `until`, and stops the run at the first difference.

@@ -1,5 +1,6 @@
 //! `mobee run`: a run from its configuration file to its folder.
 
+mod embedded;
 mod folder;
 mod guarded;
 mod interrupt;
@@ -16,6 +17,7 @@ mod space;
 mod switched;
 mod watch;
 
+pub use embedded::{embedded, event_sink};
 pub use folder::Folder;
 pub(crate) use limits::guarded;
 pub(crate) use log::LogBook;
@@ -149,10 +151,7 @@ pub(crate) fn show(
     let ready = ready::lines(&composition, folder, ctl);
     let lasts = LastLines::default();
     if let Some(address) = address.filter(|_| live) {
-        let beside = BesideNames { bridges: composition.bridge_names(), cameras: composition.camera_names() };
-        let log = extras.log.insert(LogBook::default()).clone();
-        let port = CtlPort { address, log, lasts: lasts.clone() };
-        composition.services.push(Arc::new(CtlService::new(folder, port, controls, recording.clone(), beside)));
+        attach_ctl(&mut composition, &mut extras, folder, address, (controls, &recording, &lasts));
     }
     extras.recording = Some(recording);
     let recent = Recent::default();
@@ -165,6 +164,20 @@ pub(crate) fn show(
     // whoever asked for the end is told by the end of its connection that the run is over
     lasts.close();
     Ok(done)
+}
+
+/// Adds the service that `mobee ctl` reaches, at an address or in the run's folder, and the log that it shows.
+fn attach_ctl(
+    composition: &mut Composition,
+    extras: &mut Extras,
+    folder: &Folder,
+    address: Option<SocketAddr>,
+    (controls, recording, lasts): (mpsc::Sender<Control>, &Arc<Recording>, &LastLines),
+) {
+    let beside = BesideNames { bridges: composition.bridge_names(), cameras: composition.camera_names() };
+    let log = extras.log.insert(LogBook::default()).clone();
+    let port = CtlPort { address, log, lasts: lasts.clone() };
+    composition.services.push(Arc::new(CtlService::new(folder, port, controls, recording.clone(), beside)));
 }
 
 /// Where a run with a real clock can be controlled by `mobee ctl`.

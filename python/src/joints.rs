@@ -47,6 +47,18 @@ impl Joints {
         joints
     }
 
+    /// Some of them.
+    pub fn among(&self, chosen: &[usize]) -> Self {
+        let mut some = Self::default();
+        for &joint in chosen {
+            let (Some(name), Some(motor)) = (self.names.get(joint), self.motors.get(joint)) else { continue };
+            some.names.push(name.clone());
+            some.motors.push(motor.clone());
+            some.scale.push(self.scale(joint));
+        }
+        some
+    }
+
     /// Number of joints: how many numbers a configuration has.
     pub fn len(&self) -> usize {
         self.motors.len()

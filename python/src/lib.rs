@@ -1,10 +1,12 @@
-//! The Python package `mobee`: models, kinematics, collision queries and certified edges.
+//! The Python package `mobee`: models, kinematics, collision queries, certified edges, runs with agents in Python, environments.
 //!
 //! ```text
 //! Python ──arrays, place──> checked numbers ──joints──> rad of encoder ──> model, fast engine ──> results ──> Python
+//! run on a thread of its own ──relay──Question──> session ──serve──> agent in Python ──intent──> Reply ──> run
 //! ```
 //!
-//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`) are tested by `tests/`, all others by pytest. No call panics, whatever
+//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`; `relay`, `session`, `slots`, `motion_book`) never name the
+//! interpreter: a run has no thread that waits for its lock. Of these the first five are tested by `tests/`, all others by pytest. No call panics, whatever
 //! its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
 //!
 //! Units toward Python: radians, or meters for prismatic joints; the model counts "rad of encoder" (`mobee_model::Motor`).
@@ -12,17 +14,27 @@
 mod arrays;
 mod chain;
 mod failure;
+mod intent;
 mod inverse;
 mod joints;
 mod load;
+mod motion_book;
 mod place;
 mod plan;
 mod pose;
 mod raise;
+mod relay;
 mod results;
 mod robot;
+mod run;
 mod scene;
+mod serve;
+mod session;
+mod slots;
+mod steps;
+mod view;
 mod wait;
+
 mod world;
 
 use pyo3::prelude::*;
@@ -39,7 +51,13 @@ mod _native {
     #[pymodule_export]
     use crate::robot::PyRobot;
     #[pymodule_export]
+    use crate::run::{PyJournalLines, check_run, conduct, robots_of};
+    #[pymodule_export]
     use crate::scene::PyScene;
+    #[pymodule_export]
+    use crate::steps::PySteps;
+    #[pymodule_export]
+    use crate::view::{PyView, PyWorldObject};
     #[pymodule_export]
     use crate::world::{PyBox, PyCapsule, PyCylinder, PyHull, PyMesh, PyShape, PySphere, PyWorld};
 }

@@ -65,6 +65,12 @@ impl PyRobot {
         Self { model: Arc::new(model), joints, frames, text, notes, warnings }
     }
 
+    /// The robot of a run.
+    pub fn in_run(model: Arc<Robot>) -> Self {
+        let none = (Vec::new(), Vec::new());
+        Self { model: Arc::clone(&model), ..Self::new((*model).clone(), &BTreeMap::new(), String::new(), none) }
+    }
+
     /// The chain to a frame.
     pub fn chain(&self, frame: &str) -> Result<&Arc<Chain>, Failure> {
         self.frames.get(frame).ok_or_else(|| {
@@ -337,6 +343,10 @@ impl PyRobot {
         if path.exists() && !overwrite {
             let message = format!("{} exists already", path.display());
             return Err(Failure::new("file", message, "name another file, or give overwrite=True").at("path").into());
+        }
+        if self.text.is_empty() {
+            let message = "this is the robot of a run, whose file exists already";
+            return Err(Failure::new("file", message, "copy the file that the run's configuration names").into());
         }
         Ok(crate::load::write(&path, &self.text)?)
     }

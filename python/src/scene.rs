@@ -72,6 +72,13 @@ impl OfRobot {
 }
 
 impl PyScene {
+    /// The scene of a run.
+    pub fn in_run(scene: Arc<Scene>, clearance: f64, robots: Vec<Py<PyRobot>>) -> Result<Self, Failure> {
+        let joints = Joints::new(scene.robots().iter().map(Arc::as_ref));
+        let fast = FastScene::new(&scene, clearance)?;
+        Ok(Self { scene, joints, clearance, robots, fast: Mutex::new(vec![fast]) })
+    }
+
     /// The index of a robot, which must be the very one that the scene was made with.
     pub fn index_of(&self, robot: &Arc<Robot>) -> Result<usize, Failure> {
         self.scene.robots().iter().position(|r| Arc::ptr_eq(r, robot)).ok_or_else(|| {
@@ -134,13 +141,7 @@ impl PyScene {
     }
 
     fn contact(&self, contact: &Contact) -> PyContact {
-        let [a, b] = contact.points;
-        PyContact {
-            a: self.scene.shape_name(contact.pair.0),
-            b: self.scene.shape_name(contact.pair.1),
-            distance: contact.distance,
-            points: [a.x, a.y, a.z, b.x, b.y, b.z],
-        }
+        contact_of(&self.scene, contact)
     }
 
     fn verdict<'py>(&self, py: Python<'py>, verdict: &EdgeVerdict) -> PyResult<Bound<'py, PyAny>> {
@@ -153,6 +154,17 @@ impl PyScene {
             }
             EdgeVerdict::Uncertified { at } => Bound::new(py, PyUnproved { at: *at })?.into_any(),
         })
+    }
+}
+
+/// A contact with the names of its shapes.
+pub(crate) fn contact_of(scene: &Scene, contact: &Contact) -> PyContact {
+    let [a, b] = contact.points;
+    PyContact {
+        a: scene.shape_name(contact.pair.0),
+        b: scene.shape_name(contact.pair.1),
+        distance: contact.distance,
+        points: [a.x, a.y, a.z, b.x, b.y, b.z],
     }
 }
 

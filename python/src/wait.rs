@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Period of looking at signals.
-const SIGNAL_PERIOD: Duration = Duration::from_millis(30);
+pub(crate) const SIGNAL_PERIOD: Duration = Duration::from_millis(30);
 /// Desired duration of a chunk of a batch.
 const CHUNK: Duration = Duration::from_millis(10);
 /// The largest chunk, rows.
@@ -24,6 +24,11 @@ const STACK_BYTES: usize = 8 << 20;
 pub(crate) struct Cancelled(Arc<AtomicBool>);
 
 impl Cancelled {
+    /// Marks that the caller has gone.
+    pub fn set(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
     /// Tests that the result is no longer needed.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
@@ -57,7 +62,7 @@ pub(crate) fn background<T: Send + 'static>(
         Failure::new("threads", format!("no thread could be started: {e}"), "end other threads, or raise the limit")
     })?;
     let outcome = wait(py, progress, &reported, result);
-    cancelled.0.store(true, Ordering::Relaxed);
+    cancelled.set();
     Ok(outcome??)
 }
 
@@ -86,7 +91,7 @@ fn wait<T: Send>(
 }
 
 /// A panic: a bug of ours.
-fn internal() -> Failure {
+pub(crate) fn internal() -> Failure {
     Failure::new("internal", "the computation failed", "this is a bug of mobee: please report it with these arguments")
 }
 

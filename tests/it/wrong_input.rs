@@ -78,6 +78,7 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
         ("behavior.toml", "robot.xml", "robots.xml", &["behavior.toml:5", "there is no file", "help"]),
         ("behavior.toml", "world.xml", "word.xml", &["behavior.toml:1", "there is no file", "help"]),
         ("behavior.toml", "scripted", "scriptd", &["behavior.toml:9", "did you mean `scripted`"]),
+        ("behavior.toml", "scripted", "python", &["behavior.toml:9", "is Python code", "mobee.run(file, agent=...)"]),
         ("behavior.toml", "M_first", "M_frist", &["behavior.toml:11", "M_frist", "M_first"]),
         ("behavior.toml", "M_first = 20", "M_first = 200", &["behavior.toml:11", "200", "60"]),
         ("behavior.toml", "M_first = 20", "M_first = nan", &["behavior.toml:11", "finite"]),

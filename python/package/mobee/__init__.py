@@ -1,4 +1,4 @@
-"""Robot models, kinematics, collision queries and certified edges.
+"""Robot models, kinematics, collision queries, certified edges, and runs with agents in Python.
 
     import mobee
 
@@ -7,6 +7,12 @@
     scene.free(robot.home)               # True: nothing touches
     scene.edge(robot.home, robot.upper)  # Free, Blocked(by, at) or Unproved
 
+    class Wave(mobee.Agent):
+        def next(self, last, view):
+            return mobee.MoveTo(view.q + 0.1, speed=0.2)
+
+    run = mobee.run("explore.toml", agent=Wave(), seed=1, for_s=60)
+
 Units are radians, meters and seconds, as ``float64``; a prismatic joint's position is meters. Poses are 4x4 arrays. Every query takes one
 configuration ``(dof,)`` or a batch ``(N, dof)``. Batches release the interpreter's lock, and Ctrl-C ends a call within 0.1 s.
 
@@ -14,6 +20,7 @@ Errors are `MobeeError`; arguments of another type than stated are `TypeError` o
 `ValueError`, as everywhere in Python.
 """
 
+from ._agent import Agent, Done, MoveTo, Stop, Stream, Wait
 from ._error import MobeeError
 from ._native import (
     Blocked,
@@ -32,28 +39,47 @@ from ._native import (
     Shape,
     Sphere,
     Unproved,
+    View,
     World,
+    WorldObject,
     load,
 )
+from ._run import Event, Journal, MobeeWarning, Run, Verdict, Violation, replay, run
 
 __all__ = [
+    "Agent",
     "Blocked",
     "Box",
     "Capsule",
     "Contact",
     "Cylinder",
+    "Done",
+    "Event",
     "Free",
     "Hull",
     "Ik",
+    "Journal",
     "Mesh",
     "MobeeError",
+    "MobeeWarning",
+    "MoveTo",
     "NoPlan",
     "Plan",
     "Robot",
+    "Run",
     "Scene",
     "Shape",
     "Sphere",
+    "Stop",
+    "Stream",
     "Unproved",
+    "Verdict",
+    "View",
+    "Violation",
+    "Wait",
     "World",
+    "WorldObject",
     "load",
+    "replay",
+    "run",
 ]

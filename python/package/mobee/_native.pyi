@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any, Literal, final, overload
 
 import numpy as np
@@ -19,6 +20,7 @@ __all__ = [
     "Free",
     "Hull",
     "Ik",
+    "JournalLines",
     "Mesh",
     "NoPlan",
     "Plan",
@@ -26,9 +28,15 @@ __all__ = [
     "Scene",
     "Shape",
     "Sphere",
+    "Steps",
     "Unproved",
+    "View",
     "World",
+    "WorldObject",
+    "check_run",
+    "conduct",
     "load",
+    "robots_of",
 ]
 
 def load(
@@ -263,3 +271,72 @@ class Ik:
     def position_error(self) -> float: ...
     @property
     def angle_error(self) -> float: ...
+
+@final
+class View:
+    @property
+    def at(self) -> float: ...
+    @property
+    def robot(self) -> str: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def q(self) -> NDArray[np.float64]: ...
+    @property
+    def configurations(self) -> dict[str, NDArray[np.float64]]: ...
+    @property
+    def joint_names(self) -> list[str]: ...
+    @property
+    def model(self) -> Robot: ...
+    @property
+    def contacts(self) -> list[Contact]: ...
+    @property
+    def clearance(self) -> float: ...
+    @property
+    def objects(self) -> dict[str, WorldObject]: ...
+    @property
+    def scene(self) -> Scene: ...
+
+@final
+class WorldObject:
+    @property
+    def name(self) -> str: ...
+    @property
+    def kind(self) -> Literal["obstacle", "target", "ghost"]: ...
+    @property
+    def pose(self) -> NDArray[np.float64]: ...
+    @property
+    def seen_at(self) -> float | None: ...
+    @property
+    def is_stale(self) -> bool: ...
+
+# For the package itself: `mobee.run`, `mobee.replay`, `mobee.Run`, `mobee.gym`.
+
+def conduct(
+    path: PathLike[str],
+    agents: dict[str, Any],
+    *,
+    set: list[str],
+    out: PathLike[str] | None,
+    replay: bool,
+) -> tuple[Path, str, bool, list[str], int | None, str | None]: ...
+def robots_of(path: PathLike[str], *, set: list[str], replay: bool) -> list[str]: ...
+def check_run(
+    path: PathLike[str],
+) -> tuple[int, str, str | None, list[tuple[str, int, float, str]], list[str], str]: ...
+@final
+class JournalLines:
+    def __new__(cls, path: PathLike[str]) -> JournalLines: ...
+    def __iter__(self) -> JournalLines: ...
+    def __next__(self) -> tuple[int, float, str]: ...
+
+@final
+class Steps:
+    def __new__(
+        cls, path: PathLike[str], *, set: list[str], out: PathLike[str], robot: str, class_: str
+    ) -> Steps: ...
+    def view(self) -> View | None: ...
+    def warnings(self) -> list[str]: ...
+    def folder(self) -> Path | None: ...
+    def step(self, answer: object) -> tuple[View | None, dict[str, Any]]: ...
+    def close(self) -> Path | None: ...

@@ -1,0 +1,259 @@
+//! A run on a thread of its own, and the messages between it and Python. No Python here.
+
+use crate::failure::Failure;
+use crate::motion_book::MotionBook;
+use crate::relay::{Line, Message, RelayAgent};
+use crate::slots::with_passed;
+use crate::wait::Cancelled;
+use mobee::compose::{Composition, PYTHON, from_source};
+use mobee::config::{ClockMode, Complaints, ConfigError, Source};
+use mobee::replay::Recorded;
+use mobee::run::{embedded, event_sink, in_order, summary};
+use mobee_actors::record::tap::SinkSpec;
+use mobee_actors::system::Control;
+use mobee_contract::Agent;
+use mobee_model::Scene;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+/// Messages of the run that may wait for Python: one of each agent.
+const MAX_MESSAGES: usize = 64;
+/// Controls that may wait for the run.
+const MAX_CONTROLS: usize = 16;
+
+/// What is run.
+pub(crate) enum Origin {
+    /// A configuration file with assignments as of `--set`.
+    File { file: PathBuf, set: Vec<String> },
+    /// The folder of a run, which is replayed.
+    Replay(PathBuf),
+}
+
+/// A run to be started.
+pub(crate) struct Request {
+    pub origin: Origin,
+    pub out: Option<PathBuf>,
+    /// Robots with an agent in Python, each with the name of its class.
+    pub agents: BTreeMap<String, String>,
+    /// A robot whose motions are accounted for.
+    pub account: Option<String>,
+    /// Refuses real clocks.
+    pub only_virtual: bool,
+}
+
+/// A run that has ended.
+pub(crate) struct Finished {
+    pub folder: PathBuf,
+    /// As JSON.
+    pub summary: String,
+    pub in_order: bool,
+    /// Of a replay: the number of events that are equal, or the first difference.
+    pub equal: Option<Result<u64, String>>,
+}
+
+type Ended = Result<Finished, Failure>;
+
+/// A run that has been started.
+pub(crate) struct Session {
+    messages: Mutex<Receiver<Message<Ended>>>,
+    controls: mpsc::Sender<Control>,
+    cancelled: Cancelled,
+    pid: u32,
+    /// Robots and objects at the start.
+    pub scene: Arc<Scene>,
+    /// Seed of each robot's agent.
+    pub seeds: Vec<u64>,
+    pub warnings: Vec<String>,
+    pub book: Option<MotionBook>,
+}
+
+/// What waiting came to.
+pub(crate) enum Waited {
+    Message(Message<Ended>),
+    NotYet,
+    /// The thread is gone: it panicked.
+    Gone,
+}
+
+impl Session {
+    /// Builds what is to be run and starts it.
+    ///
+    /// # Errors
+    /// What is wrong with the configuration; nothing runs then.
+    pub fn start(request: Request) -> Result<Self, Failure> {
+        let Request { origin, out, agents, account, only_virtual } = request;
+        let passed: BTreeSet<String> = agents.keys().cloned().collect();
+        let (mut composition, recorded) = match origin {
+            Origin::File { file, set } => (with_passed(&passed, || from_file(&file, &set, &agents))?, None),
+            Origin::Replay(folder) => {
+                let recorded = Recorded::open(&folder).map_err(of_report)?;
+                let composition = with_passed(&passed, || recorded.compose()).map_err(of_report)?;
+                (composition, Some(recorded))
+            }
+        };
+        let real = composition.config.clock == ClockMode::Real;
+        if real && only_virtual {
+            let remedy = "set clock = \"virtual\" with a simulated robot";
+            return Err(Failure::new("clock", "an environment runs in virtual time only", remedy).at("clock"));
+        }
+        let (questions, messages) = sync_channel(MAX_MESSAGES);
+        let cancelled = Cancelled::default();
+        for robot in composition.robots.iter_mut().filter(|robot| passed.contains(&robot.name)) {
+            let line = Line::new(questions.clone(), cancelled.clone(), real);
+            robot.agent = Some(Arc::new(move || Ok(Box::new(RelayAgent::new(&line)) as Box<dyn Agent>)));
+        }
+        let scene = Arc::new(composition.scene.clone());
+        let warnings = composition.warnings.clone();
+        let seed = composition.config.seed;
+        let names = composition.robots.iter().map(|robot| robot.name.as_str());
+        let seeds = names.map(|name| mobee::compose::derive_seed(seed, &format!("{name}/agent"))).collect();
+        let book = account.map(|robot| MotionBook::new(&robot, scene.clone()));
+        let sinks: Vec<SinkSpec> = book.iter().map(sink).collect();
+        let (controls, receiver) = mpsc::channel(MAX_CONTROLS);
+        let to_run = controls.clone();
+        let work = move || {
+            let ended = run(composition, recorded.as_ref(), out.as_deref(), sinks, (to_run, receiver));
+            // fails if nobody waits any more
+            let _ = questions.send(Message::Ended(ended));
+        };
+        thread::Builder::new().name("mobee-run".to_owned()).spawn(work).map_err(|e| {
+            Failure::new("threads", format!("no thread could be started: {e}"), "end other threads, or raise the limit")
+        })?;
+        let pid = std::process::id();
+        Ok(Self { messages: Mutex::new(messages), controls, cancelled, pid, scene, seeds, warnings, book })
+    }
+
+    /// Tests that this process started the run: the threads of a run do not exist in a child that was forked from it.
+    pub fn is_own(&self) -> bool {
+        self.pid == std::process::id()
+    }
+
+    /// Waits for a message, for so long.
+    pub fn wait(&self, patience: Duration) -> Waited {
+        match self.messages.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(patience) {
+            Ok(message) => Waited::Message(message),
+            Err(RecvTimeoutError::Timeout) => Waited::NotYet,
+            Err(RecvTimeoutError::Disconnected) => Waited::Gone,
+        }
+    }
+
+    /// Ends the run: in order, or at once. Agents are not asked any more.
+    ///
+    /// In virtual time, while an agent is being asked, the control arrives before the clock goes on, so that equal runs end equally.
+    pub fn end(&self, at_once: bool) {
+        // full: it is being ended already
+        let _ = self.controls.try_send(if at_once { Control::Abort } else { Control::Stop });
+        self.cancelled.set();
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        self.end(false);
+    }
+}
+
+fn sink(book: &MotionBook) -> SinkSpec {
+    let book = book.clone();
+    event_sink("motions", Arc::new(move || Ok(Box::new(book.clone()))))
+}
+
+fn run(
+    composition: Composition,
+    recorded: Option<&Recorded>,
+    out: Option<&Path>,
+    sinks: Vec<SinkSpec>,
+    controls: (mpsc::Sender<Control>, mpsc::Receiver<Control>),
+) -> Ended {
+    let (folder, done, equal) = match recorded {
+        Some(recorded) => {
+            let (folder, done, equal) = recorded.embedded(composition, out, controls).map_err(of_report)?;
+            (folder, done, Some(equal))
+        }
+        None => {
+            let (folder, done) = embedded(composition, out, sinks, controls).map_err(of_report)?;
+            (folder, done, None)
+        }
+    };
+    let path = folder.path().canonicalize().unwrap_or_else(|_| folder.path().to_owned());
+    Ok(Finished { folder: path, summary: summary(&done).to_string(), in_order: in_order(&done.end), equal })
+}
+
+/// The robots' names of a configuration, as far as it has any.
+pub(crate) fn robot_names(origin: &Origin) -> Result<Vec<String>, Failure> {
+    let name = |robot: &serde_json::Value| robot.get("name")?.as_str().map(str::to_owned);
+    let names = |source: &Source| {
+        let robots = source.value.get("robot").and_then(serde_json::Value::as_array);
+        robots.into_iter().flatten().filter_map(name).collect()
+    };
+    match origin {
+        Origin::File { file, set } => Ok(names(&Source::load(file, set)?)),
+        Origin::Replay(folder) => Ok(names(Recorded::open(folder).map_err(of_report)?.source())),
+    }
+}
+
+fn from_file(file: &Path, set: &[String], agents: &BTreeMap<String, String>) -> Result<Composition, Failure> {
+    let mut source = Source::load(file, set)?;
+    for (robot, class) in agents {
+        let class = serde_json::Value::String(class.clone());
+        source.set(&format!("robot.{robot}.agent={{ kind = \"{PYTHON}\", class = {class} }}"))?;
+    }
+    Ok(from_source(&source)?)
+}
+
+impl From<ConfigError> for Failure {
+    fn from(e: ConfigError) -> Self {
+        Complaints::from(e).into()
+    }
+}
+
+impl From<Complaints> for Failure {
+    /// The first complaint with its place and remedy, and the others in its words.
+    fn from(all: Complaints) -> Self {
+        let mut complaints = all.iter();
+        let Some(first) = complaints.next() else {
+            return Self::new("config", "the configuration is refused", "run `mobee check` on it");
+        };
+        let text = |complaint: &mobee::config::Complaint| match complaint {
+            mobee::config::Complaint::Config(e) => e.message().to_owned(),
+            mobee::config::Complaint::Model(e) => e.message().to_owned(),
+        };
+        let place = |complaint: &mobee::config::Complaint| {
+            complaint.place().map(|(file, line, column)| format!("{file}:{line}:{column}"))
+        };
+        let mut message = text(first);
+        for other in complaints {
+            let at = place(other).map_or(String::new(), |place| format!("{place}: "));
+            message.push_str(&format!("\nand: {at}{}\n  help: {}", text(other), other.remedy()));
+        }
+        Self { place: place(first), ..Self::new("config", message, first.remedy()) }
+    }
+}
+
+/// From the error of a run.
+pub(crate) fn of_report(report: miette::Report) -> Failure {
+    match report.downcast::<Complaints>() {
+        Ok(complaints) => complaints.into(),
+        Err(report) => match report.downcast::<ConfigError>() {
+            Ok(e) => e.into(),
+            Err(report) => {
+                let mut message = report.to_string();
+                for cause in report.chain().skip(1) {
+                    message.push_str(&format!(": {cause}"));
+                }
+                let remedy = report.help().map(|help| help.to_string());
+                let (message, remedy) = match (remedy, message.rsplit_once("; ")) {
+                    (Some(remedy), _) => (message, remedy),
+                    (None, Some((message, remedy))) => (message.to_owned(), remedy.to_owned()),
+                    (None, None) => (message, String::new()),
+                };
+                Failure::new("run", message, remedy)
+            }
+        },
+    }
+}

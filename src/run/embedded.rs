@@ -1,0 +1,54 @@
+//! Runs for a program that embeds this library: without terminal and signals.
+
+use super::{CtlAt, Done, Extras, Folder, Recording, attach_ctl, limits, run_with, space};
+use crate::compose::Composition;
+use crate::config::ClockMode;
+use crate::ctl::LastLines;
+use miette::Report;
+use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec};
+use mobee_actors::system::Control;
+use std::path::Path;
+use std::sync::Arc;
+use tokio::sync::mpsc;
+
+/// Entries that may wait for a recipient that is to be prompt: at half of it its thread wakes, which otherwise gathers for 20 ms.
+const PROMPT: usize = 2;
+
+/// A recipient of the events of an embedded run in virtual time, on a thread of its own. It gets each at once, and the run waits for it.
+pub fn event_sink(name: &str, open: OpenSink) -> SinkSpec {
+    SinkSpec {
+        pictures: Pictures::None,
+        name: name.into(),
+        essential: false,
+        poses: None,
+        capacity: PROMPT,
+        patience: super::PATIENCE,
+        open: Some(open),
+    }
+}
+
+/// Runs a composition as `mobee run` does, into `out` or a new folder below `runs/`. By a real clock `mobee ctl` reaches it in its folder.
+///
+/// # Errors
+/// If there is too little room, the folder, the journal or the recording can't be opened, or the system can't be started.
+pub fn embedded(
+    mut composition: Composition,
+    out: Option<&Path>,
+    sinks: Vec<SinkSpec>,
+    (controls, receiver): (mpsc::Sender<Control>, mpsc::Receiver<Control>),
+) -> Result<(Folder, Done), Report> {
+    space::to_begin(out)?;
+    let live = composition.config.clock == ClockMode::Real;
+    limits::check(&composition.config, if live { CtlAt::Folder } else { CtlAt::Off })?;
+    let folder = Folder::create(&composition.config.name, out)?;
+    let recording = Arc::new(Recording::new(composition.config.record.enabled));
+    let mut extras = Extras { sinks, ..Extras::default() };
+    let lasts = LastLines::default();
+    if live {
+        attach_ctl(&mut composition, &mut extras, &folder, None, (controls, &recording, &lasts));
+    }
+    extras.recording = Some(recording);
+    let done = run_with(composition, &folder, extras, receiver, |_| ())?;
+    lasts.close();
+    Ok((folder, done))
+}
