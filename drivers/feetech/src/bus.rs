@@ -4,7 +4,7 @@
 //! drain old bytes ──> send request ──> collect answers until the deadline ──> line quiet again
 //! ```
 //! A late answer of one read can't be taken for the answer of the next: old bytes are drained, a transaction that timed out waits
-//! until the line is quiet, and four reads in a row differ in length, which is verified.
+//! until the line is quiet, and eight reads in a row differ in length, which is verified.
 
 use crate::packet::{BusPacket, EncodeError, Instruction, PacketDecoder};
 use crate::registers::STATE;
@@ -12,7 +12,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 /// Reads in a row that differ in length.
-const READ_LENGTHS: u8 = 4;
+const READ_LENGTHS: u8 = 8;
 /// After a time-out the line must be quiet for this long.
 const QUIET: Duration = Duration::from_millis(1);
 /// No longer than this is waited for the line to become quiet.
@@ -63,9 +63,7 @@ pub fn open_port(port: &str, baud: u32) -> Result<Box<dyn SerialLine>, String> {
                 serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
                     "add yourself to the group that owns the port, such as `dialout`"
                 }
-                serialport::ErrorKind::NoDevice if e.description.contains("busy") || is_taken(&e) => {
-                    "end the other program that uses the port"
-                }
+                _ if is_taken(&e) => "end the other program that uses the port",
                 _ => "plug the arm's USB cable in, and check the port's name: ls /dev/ttyACM* /dev/ttyUSB*",
             };
             Err(format!("the serial port {port} can't be opened ({e}): {remedy}"))
@@ -75,7 +73,7 @@ pub fn open_port(port: &str, baud: u32) -> Result<Box<dyn SerialLine>, String> {
 
 fn is_taken(e: &serialport::Error) -> bool {
     let text = e.description.to_lowercase();
-    ["in use", "temporarily unavailable", "again"].iter().any(|word| text.contains(word))
+    ["in use", "busy", "lock", "temporarily unavailable"].iter().any(|word| text.contains(word))
 }
 
 /// Why a transaction failed.
@@ -183,7 +181,9 @@ impl ServoBus {
         let (address, count, lead) = self.state_block();
         let mut answers = self.sync_read(address, count, ids)?;
         cut(&mut answers, lead);
-        for id in ids {
+        // where none answers, the bus is silent, and six more requests would only add to what may come late
+        let asked_again = if answers.is_empty() { &[] } else { ids };
+        for id in asked_again {
             if answers.iter().any(|a| a.id == *id) {
                 continue;
             }

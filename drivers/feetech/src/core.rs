@@ -25,6 +25,10 @@ const MAX_SETTLING: Duration = Duration::from_secs(1);
 const FREE_LEAD: f64 = 0.6;
 /// The trajectory moves on by no more periods at once: a late thread must not make a step.
 const MAX_PERIODS: f64 = 2.0;
+/// A slower trajectory stands, rad/s: it can't be held up.
+const STANDING: f64 = 1e-6;
+/// A trajectory is held from so much of its own time on.
+const HOLDS_AFTER: Duration = Duration::from_micros(1);
 /// Below this rate of its time a trajectory is held up.
 const HELD_UP: f64 = 0.5;
 /// How far outside its limits a joint may be when it gets torque, rad: 0.5 degrees.
@@ -213,6 +217,8 @@ impl ArmCore {
         let all: Vec<usize> = (0..self.axes.len()).filter(concerned).collect();
         if held_up {
             all.iter().for_each(|m| self.plant.hold(*m));
+            // it is held from the next instant on
+            self.path_time = self.path_time + HOLDS_AFTER;
         }
         let stopped = self.plant.command(self.path_time, command, Duration::ZERO);
         if held_up {
@@ -266,7 +272,7 @@ impl ArmCore {
     fn allowed_rate(&self) -> f64 {
         let behind = |((joint, state), (offset, (q, v))): ((&ServoJoint, &ServoState), (&f64, (f64, f64)))| {
             let measured = joint.angle(f64::from(state.position));
-            if v == 0.0 { 0.0 } else { (q - measured - offset) * v.signum() }
+            if v.abs() < STANDING { 0.0 } else { (q - measured - offset) * v.signum() }
         };
         let commanded = self.plant.positions().zip(self.plant.speeds());
         let joints = self.joints.iter().zip(&self.states);
@@ -465,6 +471,7 @@ impl ArmCore {
         self.interrupted = false;
         self.ticked = Some(now);
         self.lease = None;
+        self.unread = None;
         // until it is read, its states are those that it will have
         for (state, arming) in self.states.iter_mut().zip(arming) {
             (state.torque, state.goal) = (true, arming.goal);

@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 const REOPEN: Duration = Duration::from_millis(200);
 /// How long after a loss of torque or connection the servos get torque again.
 const REARM: Duration = Duration::from_secs(1);
+/// Time between two requests while servos are silent.
+const SILENT_PERIOD: Duration = Duration::from_millis(50);
 /// Attempts to identify a servo.
 const ATTEMPTS: usize = 3;
 /// How long the arm may take to brake at the end.
@@ -277,17 +279,18 @@ impl BusWorker {
     /// One cycle.
     fn exchange(&mut self, bus: &mut ServoBus) -> Result<(), BusError> {
         let (begun, foreign) = (monotonic(), bus.foreign());
-        let goals = {
-            let mut state = self.shared.lock();
-            let now = self.shared.now();
-            let goals = state.core.tick(now);
-            goals.filter(|_| !state.let_go)
-        };
-        if let Some(goals) = goals {
-            let bytes = |goal: i32| sign_magnitude(goal, 15).to_le_bytes().to_vec();
-            bus.sync_write(GOAL, goals.into_iter().map(|(id, goal)| (id, bytes(goal))).collect())?;
-        }
+        // read before writing: goals of another program show, which the driver's own would replace
         let at = self.shared.now();
+        let states = self.read(bus)?;
+        self.watch(bus.foreign() > foreign);
+        self.take(at, states);
+        self.write(bus)?;
+        self.note(begun.elapsed());
+        self.arm(bus)
+    }
+
+    /// The states of the servos that answer.
+    fn read(&mut self, bus: &mut ServoBus) -> Result<Vec<ServoState>, BusError> {
         let answers = bus.read_states(&self.ids)?;
         let now = monotonic();
         let mut states = Vec::with_capacity(self.ids.len());
@@ -298,12 +301,32 @@ impl BusWorker {
                 states.push(state);
             }
         }
-        self.watch(bus.foreign() > foreign);
-        self.take(at, states, begun);
-        self.arm(bus)
+        Ok(states)
     }
 
-    fn take(&mut self, at: Time, states: Vec<ServoState>, begun: Instant) {
+    fn write(&self, bus: &mut ServoBus) -> Result<(), BusError> {
+        let goals = {
+            let mut state = self.shared.lock();
+            let now = self.shared.now();
+            let goals = state.core.tick(now);
+            goals.filter(|_| !state.let_go)
+        };
+        let Some(goals) = goals else { return Ok(()) };
+        let bytes = |goal: i32| sign_magnitude(goal, 15).to_le_bytes().to_vec();
+        bus.sync_write(GOAL, goals.into_iter().map(|(id, goal)| (id, bytes(goal))).collect())
+    }
+
+    /// How long the cycle took.
+    fn note(&self, took: Duration) {
+        let mut state = self.shared.lock();
+        state.cycles += 1;
+        if state.took.len() == CYCLES {
+            state.took.pop_front();
+        }
+        state.took.push_back(took);
+    }
+
+    fn take(&mut self, at: Time, states: Vec<ServoState>) {
         let now = monotonic();
         let late = |(joint, answered): (&ServoJoint, &Instant)| {
             (now.saturating_duration_since(*answered) > SILENCE).then(|| joint.clone())
@@ -311,7 +334,6 @@ impl BusWorker {
         let silent: Vec<ServoJoint> = self.joints.iter().zip(&self.answered).filter_map(late).collect();
         let is_whole = states.len() == self.joints.len();
         let mut state = self.shared.lock();
-        state.cycles += 1;
         if is_whole {
             let driven = state.core.stage() == Stage::Driving;
             state.core.take_states(at, states);
@@ -322,12 +344,10 @@ impl BusWorker {
             state.lost += 1;
             state.core.lose_reading();
         }
-        if state.took.len() == CYCLES {
-            state.took.pop_front();
-        }
-        state.took.push_back(now.saturating_duration_since(begun));
         drop(state);
         if !silent.is_empty() {
+            // answers that are very late have time to arrive
+            self.due = now + SILENT_PERIOD;
             // where every servo falls silent while foreign bytes come, these are the cause
             let disturbed = if silent.len() == self.joints.len() { self.disturbed.1 } else { 0 };
             self.fail(self.silence(&silent.iter().collect::<Vec<_>>(), disturbed));
@@ -379,6 +399,11 @@ impl BusWorker {
         let off: Vec<(u8, Vec<u8>)> = arming.iter().filter(|a| a.torque_off).map(|a| (a.id, vec![1])).collect();
         if !off.is_empty() {
             bus.sync_write(TORQUE, off)?;
+        }
+        // without torque by now, a servo is written again in the next cycle
+        let states = self.read(bus)?;
+        if states.len() < self.ids.len() || states.iter().any(|s| !s.torque) {
+            return Ok(());
         }
         let mut state = self.shared.lock();
         let now = self.shared.now();
