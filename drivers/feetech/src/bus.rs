@@ -53,7 +53,7 @@ impl SerialLine for Box<dyn serialport::SerialPort> {
 /// Opens a serial port for this program alone.
 ///
 /// # Errors
-/// Why it can't be opened, with a remedy.
+/// The reason, with a remedy.
 pub fn open_port(port: &str, baud: u32) -> Result<Box<dyn SerialLine>, String> {
     // a port's path is opened by its own rules: it must not become the controlling terminal, and is locked for this program
     match serialport::new(port, baud).timeout(QUIET).open() {
@@ -76,7 +76,7 @@ fn is_taken(e: &serialport::Error) -> bool {
     ["in use", "busy", "lock", "temporarily unavailable"].iter().any(|word| text.contains(word))
 }
 
-/// Why a transaction failed.
+/// A failed transaction.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
     /// The line itself failed: the port is gone.
@@ -95,7 +95,7 @@ pub enum BusError {
     Request(#[from] EncodeError),
 }
 
-/// What one servo answered.
+/// The answer of one servo.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServoAnswer {
     /// The servo.
@@ -112,7 +112,7 @@ pub struct ServoBus {
     decoder: PacketDecoder,
     timeout: Duration,
     reads: u8,
-    /// Packets of servos that were not asked, and bytes of none.
+    /// Packets that belong to no transaction.
     foreign: u64,
 }
 
@@ -173,7 +173,7 @@ impl ServoBus {
         self.transact(&request, ids, usize::from(count), self.timeout)
     }
 
-    /// The state registers of these servos, in one request; those that are missing are asked once more, one by one.
+    /// The state registers of these servos, in one request; the missing ones are read again, one by one.
     ///
     /// # Errors
     /// If the port is gone.
@@ -181,9 +181,9 @@ impl ServoBus {
         let (address, count, lead) = self.state_block();
         let mut answers = self.sync_read(address, count, ids)?;
         cut(&mut answers, lead);
-        // where none answers, the bus is silent, and six more requests would only add to what may come late
-        let asked_again = if answers.is_empty() { &[] } else { ids };
-        for id in asked_again {
+        // a silent bus gets no six further requests, whose answers might come late
+        let retried = if answers.is_empty() { &[] } else { ids };
+        for id in retried {
             if answers.iter().any(|a| a.id == *id) {
                 continue;
             }
@@ -278,7 +278,7 @@ impl ServoBus {
         Ok(())
     }
 
-    /// Whether bytes have arrived that nobody asked for; they are received.
+    /// Receives bytes that arrived before a request; true if there were any.
     fn has_input(&mut self) -> Result<bool, BusError> {
         Ok(self.receive(Duration::ZERO)? > 0)
     }

@@ -45,7 +45,7 @@ impl ArmCalibration {
     /// Reads a file.
     ///
     /// # Errors
-    /// What is wrong with it, with the place in it and a remedy.
+    /// The first defect, with its place and a remedy.
     pub fn read(path: &Path) -> Result<ArmCalibration, KindError> {
         let help =
             "give the calibration that LeRobot made for this arm; its path is relative to the configuration file";
@@ -61,7 +61,7 @@ impl ArmCalibration {
     /// Parses the text of a file.
     ///
     /// # Errors
-    /// What is wrong with it, with the place in it and a remedy.
+    /// The first defect, with its place and a remedy.
     pub fn parse(text: &str) -> Result<ArmCalibration, KindError> {
         let mut json = serde_json::Deserializer::from_str(text);
         let unreadable = |place: String, what: String| {

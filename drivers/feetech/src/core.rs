@@ -1,4 +1,4 @@
-//! What an arm of servos is commanded, and what it is doing: pure, stepped by the time it is given.
+//! The state of an arm of servos, and its trajectory: pure, stepped by the time it is given.
 //!
 //! ```text
 //! command ──checked──> Plant (the trajectory) ──every 10 ms──> goals, at most `lead_deg` ahead of the readings
@@ -31,7 +31,7 @@ const STANDING: f64 = 1e-6;
 const HOLDS_AFTER: Duration = Duration::from_micros(1);
 /// Below this rate of its time a trajectory is held up.
 const HELD_UP: f64 = 0.5;
-/// How far outside its limits a joint may be when it gets torque, rad: 0.5 degrees.
+/// Greatest distance of a joint outside its limits at which it gets torque, rad: 0.5 degrees.
 const MAX_OUTSIDE: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// By how many degrees a joint may be away from `rest_deg` when it loses its torque.
 const AT_REST_DEG: f64 = 3.0;
@@ -59,7 +59,7 @@ pub struct CoreNumbers {
     pub torque: f64,
 }
 
-/// What the arm does with its torque.
+/// Stage of the connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// It is read only.
@@ -68,14 +68,14 @@ pub enum Stage {
     Driving,
 }
 
-/// What one servo is to be written so that it holds where it is.
+/// Registers of one servo that make it hold where it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Arming {
     /// The servo.
     pub id: u8,
     /// Its goal, counts.
     pub goal: i32,
-    /// Whether it has no torque yet.
+    /// True if it has no torque yet.
     pub torque_off: bool,
 }
 
@@ -88,7 +88,7 @@ pub struct ArmCore {
     plant: Plant,
     /// The trajectory's time, which runs no faster than the run's.
     path_time: Time,
-    /// How fast it ran in the last period, 0 to 1.
+    /// Its rate in the last period, 0 to 1.
     rate: f64,
     ticked: Option<Time>,
     lease: Option<Time>,
@@ -98,10 +98,10 @@ pub struct ArmCore {
     offsets: Vec<f64>,
     goals: Vec<i32>,
     foreign_goals: Vec<u32>,
-    /// When the trajectory of each motor had ended.
+    /// Time at which the trajectory of each motor had ended.
     ended: Vec<Option<Time>>,
     fault: Option<(Time, String)>,
-    /// Whether it lost its torque, or the connection, and has not been armed since: its fault lasts until then.
+    /// True from a loss of torque or connection until the arm is armed again: the fault lasts as long.
     interrupted: bool,
     seq: u64,
     read_at: Option<Time>,
@@ -109,7 +109,7 @@ pub struct ArmCore {
 }
 
 impl ArmCore {
-    /// An arm that nobody has read yet.
+    /// An arm that has not been read yet.
     pub fn new(joints: Vec<ServoJoint>, axes: Vec<Axis>, numbers: CoreNumbers) -> ArmCore {
         let n = joints.len();
         ArmCore {
@@ -141,17 +141,17 @@ impl ArmCore {
         &self.joints
     }
 
-    /// What it does with its torque.
+    /// The stage of the connection.
     pub fn stage(&self) -> Stage {
         self.stage
     }
 
-    /// Whether it has been read.
+    /// True once it has been read.
     pub fn is_read(&self) -> bool {
         self.read_at.is_some()
     }
 
-    /// When it was read last.
+    /// Time of the last reading.
     pub fn read_at(&self) -> Option<Time> {
         self.read_at
     }
@@ -176,7 +176,7 @@ impl ArmCore {
         self.unread.take()
     }
 
-    /// Whether there is a sample that was not taken.
+    /// True if there is a sample that was not taken.
     pub fn has_sample(&self) -> bool {
         self.unread.is_some()
     }
@@ -196,7 +196,7 @@ impl ArmCore {
     /// Gives a command.
     ///
     /// # Errors
-    /// Why it is refused; nothing is changed then.
+    /// The reason of a refusal; nothing is changed then.
     pub fn command(&mut self, now: Time, command: &Command) -> Result<(), String> {
         self.expire(now);
         if self.stage == Stage::Looking {
@@ -268,15 +268,17 @@ impl ArmCore {
         Some(self.joints.iter().zip(&self.goals).map(|(joint, goal)| (joint.id, *goal)).collect())
     }
 
-    /// How fast the trajectory may go on, 0 to 1: by the joint that is farthest behind, in the direction of its motion.
+    /// Rate at which the trajectory may go on, 0 to 1: by the joint that is farthest behind, in the direction of its motion.
     fn allowed_rate(&self) -> f64 {
-        let behind = |((joint, state), (offset, (q, v))): ((&ServoJoint, &ServoState), (&f64, (f64, f64)))| {
-            let measured = joint.angle(f64::from(state.position));
-            if v.abs() < STANDING { 0.0 } else { (q - measured - offset) * v.signum() }
-        };
         let commanded = self.plant.positions().zip(self.plant.speeds());
-        let joints = self.joints.iter().zip(&self.states);
-        let worst = joints.zip(self.offsets.iter().zip(commanded)).map(behind).fold(0.0, f64::max);
+        let joints = self.joints.iter().zip(&self.states).zip(&self.offsets).zip(commanded);
+        let mut worst = 0.0f64;
+        for (((joint, state), offset), (q, v)) in joints {
+            if v.abs() >= STANDING {
+                let measured = joint.angle(f64::from(state.position));
+                worst = worst.max((q - measured - offset) * v.signum());
+            }
+        }
         let share = worst / self.numbers.lead;
         ((1.0 - share) / (1.0 - FREE_LEAD)).clamp(0.0, 1.0)
     }
@@ -314,7 +316,7 @@ impl ArmCore {
     }
 
     fn done(&self, at: Time) -> Vec<bool> {
-        let rests = self.recent.iter().map(|recent| rests(recent));
+        let rests = self.recent.iter().map(rests);
         if self.stage == Stage::Looking {
             return rests.collect();
         }
@@ -438,7 +440,7 @@ impl ArmCore {
         self.recent.iter_mut().for_each(VecDeque::clear);
     }
 
-    /// What is to be written so that the arm holds where it is.
+    /// Registers that make the arm hold where it is.
     ///
     /// # Errors
     /// A joint that is outside its limits: torque would move it.
@@ -452,7 +454,7 @@ impl ArmCore {
                     joint.name, joint.id
                 ));
             }
-            // a servo that holds a load keeps its goal: at another it would sag
+            // a loaded servo retains its goal: with its position as the goal it would sag
             let held = joint.angle(f64::from(state.goal));
             let holds = state.torque && (held - q).abs() <= self.numbers.hold_error.max(self.numbers.lead);
             let goal = joint.count((if holds { held } else { q }).clamp(axis.min, axis.max));
@@ -478,12 +480,12 @@ impl ArmCore {
         }
     }
 
-    /// Whether no joint moves.
+    /// True if no joint moves.
     pub fn is_at_rest(&self) -> bool {
-        !self.plant.moves() && self.recent.iter().all(|recent| rests(recent))
+        !self.plant.moves() && self.recent.iter().all(rests)
     }
 
-    /// Whether every joint is where an arm without torque does not fall, deg.
+    /// True if every joint is near this rest configuration, deg.
     pub fn is_at(&self, rest_deg: &[f64]) -> bool {
         let near = |((joint, state), rest): ((&ServoJoint, &ServoState), &f64)| {
             (joint.angle(f64::from(state.position)).to_degrees() - rest).abs() <= AT_REST_DEG
@@ -492,7 +494,7 @@ impl ArmCore {
     }
 }
 
-/// Whether these readings are those of a joint at rest.
+/// True if these readings are those of a joint at rest.
 fn rests(recent: &VecDeque<i32>) -> bool {
     let (least, most) = (recent.iter().min(), recent.iter().max());
     matches!((least, most), (Some(least), Some(most)) if most - least <= REST_COUNTS)

@@ -61,7 +61,7 @@ impl FeetechHardware {
         Ok(FeetechHardware { settings: settings.clone(), board, shared, thread: Mutex::new(None) })
     }
 
-    /// How long the cycles of the bus took.
+    /// Duration of the bus cycles.
     pub fn cycles(&self) -> BusCycles {
         self.shared.cycles()
     }
@@ -83,7 +83,7 @@ impl FeetechHardware {
             let core = &state.core;
             if looks { core.is_read() && core.fault().is_none() } else { core.stage() == Stage::Driving }
         };
-        // a running system is not kept waiting: its driver reports the fault
+        // in a running system the driver reports the fault: no wait
         let known_before = self.shared.lock().was_driven;
         if !known_before && !self.shared.wait_for(self.settings.patience(), ready) {
             let state = self.shared.lock();

@@ -20,7 +20,7 @@ pub struct ServoJoint {
     pub range: (i32, i32),
     /// The count of zero degrees before the offset.
     pub middle: f64,
-    /// Whether greater counts are smaller angles.
+    /// True if greater counts are smaller angles.
     pub inverted: bool,
     /// The model's angle at the middle, rad.
     pub offset: f64,

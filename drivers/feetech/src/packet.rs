@@ -266,7 +266,7 @@ mod tests {
     }
 
     proptest! {
-        /// What is encoded is decoded, however the bytes arrive.
+        /// Encoded packets are decoded, however the bytes arrive.
         #[test]
         fn packets_survive_the_wire(sent in prop::collection::vec(packet(), 0..6), cut in 1usize..9) {
             let bytes: Vec<u8> = sent.iter().flat_map(|p| p.encode().unwrap()).collect();

@@ -51,7 +51,7 @@ pub fn word(bytes: &[u8], at: usize) -> Option<u16> {
 /// The state of one servo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ServoState {
-    /// Whether it has torque.
+    /// True if it has torque.
     pub torque: bool,
     /// Its ramp.
     pub acceleration: u8,

@@ -35,13 +35,13 @@ pub struct FeetechSettings {
     /// The motors. With a calibration file: only what differs from it or is not in it.
     #[serde(default)]
     pub motors: Vec<BusMotorSettings>,
-    /// How long the bus waits for the answers to one request, ms.
+    /// Longest time for the answers to one request, ms.
     #[serde(default = "timeout_ms")]
     pub timeout_ms: f64,
     /// Maximum known time from a command to its effect, ms.
     #[serde(default = "latency_ms")]
     pub latency_ms: f64,
-    /// How long to wait for the arm at the start, s.
+    /// Longest wait for the arm at the start, s.
     #[serde(default = "connect_s")]
     pub connect_s: f64,
     /// Maximum speed of every motor, deg/s.
@@ -62,7 +62,7 @@ pub struct FeetechSettings {
     /// The share of full load from which on something pushes the arm.
     #[serde(default = "contact_load")]
     pub contact_load: f64,
-    /// Whether the servos lose their torque at the end, if the arm rests at `rest_deg`; otherwise they hold.
+    /// Releases the torque at the end of a run if the arm rests at `rest_deg`; otherwise the servos hold.
     #[serde(default)]
     pub release_torque: bool,
     /// The configuration, deg per motor in the robot's order, at which an arm without torque does not fall. Needed by `release_torque`.
@@ -88,7 +88,7 @@ pub struct BusMotorSettings {
     /// The model's angle at the middle, deg.
     #[serde(default)]
     pub offset_deg: f64,
-    /// Whether greater counts are smaller angles.
+    /// True if greater counts are smaller angles.
     #[serde(default)]
     pub inverted: bool,
 }
@@ -187,7 +187,7 @@ impl FeetechSettings {
     /// The servo of each motor, in the robot's order.
     ///
     /// # Errors
-    /// What does not fit the robot or the calibration.
+    /// A setting that does not fit the robot or the calibration.
     pub fn joints(&self, robot: &Robot) -> Result<Vec<ServoJoint>, KindError> {
         let calibration = self.file.as_deref().map(ArmCalibration::read).transpose()?.unwrap_or_default();
         self.are_of(robot, &calibration)?;
@@ -210,7 +210,7 @@ impl FeetechSettings {
         Ok(joints)
     }
 
-    /// Whether all that is named is a motor of the robot.
+    /// Checks that every name is that of a motor of the robot.
     fn are_of(&self, robot: &Robot, calibration: &ArmCalibration) -> Result<(), KindError> {
         let names: Vec<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
         let known = |path: String, name: &str| match names.contains(&name) {
@@ -262,8 +262,8 @@ impl FeetechSettings {
             let (low, high) = joint.limits();
             let (min, max) = (motor.min.max(low), motor.max.min(high));
             if max - min < RAD_PER_COUNT {
-                let told = |(a, b): (f64, f64)| format!("{:.1} to {:.1} deg", a.to_degrees(), b.to_degrees());
-                let [model, servo] = [(motor.min, motor.max), (low, high)].map(told);
+                let text = |(a, b): (f64, f64)| format!("{:.1} to {:.1} deg", a.to_degrees(), b.to_degrees());
+                let [model, servo] = [(motor.min, motor.max), (low, high)].map(text);
                 let what = format!("motor `{}`: the model allows {model}, the servo {servo}", joint.name);
                 return Err(KindError::new("motors", what, "correct `offset_deg`, `inverted` or the calibration"));
             }

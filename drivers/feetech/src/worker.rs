@@ -18,15 +18,15 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long is waited before the port is opened again.
+/// Time before the port is opened again.
 const REOPEN: Duration = Duration::from_millis(200);
-/// How long after a loss of torque or connection the servos get torque again.
+/// Time after a loss of torque or connection before the servos get torque again.
 const REARM: Duration = Duration::from_secs(1);
 /// Time between two requests while servos are silent.
 const SILENT_PERIOD: Duration = Duration::from_millis(50);
 /// Attempts to identify a servo.
 const ATTEMPTS: usize = 3;
-/// How long the arm may take to brake at the end.
+/// Longest time in which the arm brakes at the end.
 const MAX_ENDING: Duration = Duration::from_secs(2);
 /// Cycles whose duration is stored.
 const CYCLES: usize = 1000;
@@ -35,7 +35,7 @@ const WATCHED_CYCLES: u32 = 100;
 /// ... so many with bytes that belong to no answer are worth a warning.
 const DISTURBED_CYCLES: u32 = 5;
 
-/// How long the cycles of the bus took: goals written, states read.
+/// Duration of the bus cycles: states read, goals written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BusCycles {
     /// Cycles so far.
@@ -50,7 +50,7 @@ pub struct BusCycles {
     pub most: Duration,
 }
 
-/// What the drivers and the bus thread share.
+/// The state that drivers and bus thread share, with its clock.
 pub struct SharedArm {
     inner: Mutex<SharedState>,
     bell: Condvar,
@@ -61,11 +61,11 @@ pub struct SharedArm {
 pub struct SharedState {
     /// The arm.
     pub core: ArmCore,
-    /// Whether a driver has connected: servos may be written.
+    /// True once a driver has connected: servos may be written.
     pub taken: bool,
-    /// Whether the arm has ever been driven.
+    /// True once the arm has been driven.
     pub was_driven: bool,
-    /// Whether nothing may be written any more.
+    /// True if nothing may be written any more.
     pub let_go: bool,
     /// A finding that users should know.
     pub news: Option<String>,
@@ -76,7 +76,7 @@ pub struct SharedState {
 }
 
 impl SharedArm {
-    /// An arm that nobody has read yet.
+    /// An arm that has not been read yet.
     pub fn new(core: ArmCore) -> SharedArm {
         let inner = SharedState {
             core,
@@ -114,7 +114,7 @@ impl SharedArm {
         self.bell.notify_all();
     }
 
-    /// How long the cycles took.
+    /// Duration of the cycles.
     pub fn cycles(&self) -> BusCycles {
         let state = self.lock();
         let mut took: Vec<Duration> = state.took.iter().copied().collect();
@@ -131,7 +131,7 @@ impl SharedArm {
 }
 
 impl SharedState {
-    /// How long the last hundred cycles took.
+    /// Duration of the last hundred cycles.
     pub fn answer_time(&self) -> Option<AnswerTime> {
         let mut took: Vec<Duration> = self.took.iter().rev().take(100).copied().collect();
         took.sort();
@@ -148,7 +148,7 @@ pub struct BusWorker {
     ids: Vec<u8>,
     bus: Option<ServoBus>,
     due: Instant,
-    /// When each servo answered last.
+    /// Time of each servo's last answer.
     answered: Vec<Instant>,
     /// Not before this do servos get torque again.
     rearm: Instant,
@@ -254,7 +254,7 @@ impl BusWorker {
         if silent.is_empty() { Ok(()) } else { Err(self.silence(&silent, 0)) }
     }
 
-    /// Which servos do not answer, and what to do.
+    /// Names the silent servos, with a remedy.
     fn silence(&self, silent: &[&ServoJoint], disturbed: u32) -> String {
         let port = &self.settings.port;
         if disturbed > 0 {
@@ -316,7 +316,7 @@ impl BusWorker {
         bus.sync_write(GOAL, goals.into_iter().map(|(id, goal)| (id, bytes(goal))).collect())
     }
 
-    /// How long the cycle took.
+    /// Stores the duration of a cycle.
     fn note(&self, took: Duration) {
         let mut state = self.shared.lock();
         state.cycles += 1;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// An error of so many counts asks for full torque at the default gain.
+/// Position error at full torque and default gain, counts.
 const FULL_LOAD_COUNTS: f64 = 150.0;
 /// The servo follows its own trajectory with this delay, s.
 const LAG_S: f64 = 0.03;
@@ -64,7 +64,7 @@ pub struct SimulatedServo {
     pub sag: f64,
     /// By how many counts positions flicker.
     pub noise: f64,
-    /// Whether it answers, and takes commands.
+    /// True if it answers and takes commands.
     pub answers: bool,
     /// Error bits beside those of an overload.
     pub alarm: u8,
@@ -115,7 +115,7 @@ impl SimulatedServo {
         signed(self.word(42), 15)
     }
 
-    /// Whether it has torque.
+    /// True if it has torque.
     pub fn has_torque(&self) -> bool {
         self.get(40) == 1
     }

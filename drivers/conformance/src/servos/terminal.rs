@@ -2,10 +2,12 @@
 
 use super::ServoWorld;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::fs::File;
 use std::io::{self, Read, Write};
+use std::os::fd::OwnedFd;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -77,7 +79,7 @@ impl ServoTerminal {
         let name = ptsname(&master, Vec::new())?;
         let name = Path::new(std::ffi::OsStr::from_bytes(name.as_bytes())).to_owned();
         // held open: a terminal that nobody has open hangs up
-        let slave = File::options().read(true).write(true).open(&name)?;
+        let slave = rustix::fs::open(&name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty())?;
         let mut termios = tcgetattr(&slave)?;
         termios.make_raw();
         tcsetattr(&slave, OptionalActions::Now, &termios)?;
@@ -106,7 +108,7 @@ impl Drop for ServoTerminal {
 /// The servos' end of the terminal.
 struct Line {
     master: File,
-    _slave: File,
+    _slave: OwnedFd,
     world: Arc<Mutex<ServoWorld>>,
     baud: u32,
     begun: Instant,
