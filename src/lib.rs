@@ -7,6 +7,9 @@
 //! configs/behaviors/explore.toml ──config──> Config ──compose──> Setup ──run──> runs/explore-TIME/
 //! ```
 
+// registers itself as a driver
+#[cfg(feature = "feetech")]
+use mobee_feetech as _;
 // registers itself as a physics engine
 #[cfg(feature = "mujoco")]
 use mobee_mujoco as _;

@@ -39,6 +39,8 @@ mod leases;
 mod motions;
 mod readings;
 mod refusals;
+#[cfg(unix)]
+pub mod servos;
 mod streams;
 mod trial;
 mod velocities;

@@ -11,6 +11,7 @@ mod old_program;
 mod process_faults;
 mod rest_pose;
 mod second_run;
+mod servo_arm;
 mod slides_over_yarp;
 mod swap_over_yarp;
 mod through_the_filter;

@@ -1,0 +1,504 @@
+//! The state of an arm of servos, and its trajectory: pure, stepped by the time it is given.
+//!
+//! ```text
+//! command ──checked──> Plant (the trajectory) ──every 10 ms──> goals, at most `lead_deg` ahead of the readings
+//! lease   ──ends─────> the trajectory brakes to a rest, and the goals stay there
+//! states  ──verified─> sample, or trouble with a name and a remedy
+//! ```
+//! While a servo is farther behind its goal than it should be, the trajectory's time runs slower for all joints: the path stays the
+//! same, and a blocked motion pushes with no more than the lead. The lead counts from the offset at which a servo rested under its load.
+
+use crate::joint::ServoJoint;
+use crate::registers::{ServoState, status_text};
+use mobee_contract::{Axis, Command, ControlMode, Sample, Time};
+use mobee_drivers::{Plant, path::Profile};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Readings over which a joint must rest: 0.1 s.
+const REST_READINGS: usize = 11;
+/// Counts by which the readings of a joint at rest may differ.
+const REST_COUNTS: i32 = 2;
+/// A motion is done no later than this after its trajectory has ended.
+const MAX_SETTLING: Duration = Duration::from_secs(1);
+/// The trajectory's time runs slower from this share of the lead on.
+const FREE_LEAD: f64 = 0.6;
+/// The trajectory moves on by no more periods at once: a late thread must not make a step.
+const MAX_PERIODS: f64 = 2.0;
+/// A slower trajectory stands, rad/s: it can't be held up.
+const STANDING: f64 = 1e-6;
+/// A trajectory is held from so much of its own time on.
+const HOLDS_AFTER: Duration = Duration::from_micros(1);
+/// Below this rate of its time a trajectory is held up.
+const HELD_UP: f64 = 0.5;
+/// Greatest distance of a joint outside its limits at which it gets torque, rad: 0.5 degrees.
+const MAX_OUTSIDE: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// By how many degrees a joint may be away from `rest_deg` when it loses its torque.
+const AT_REST_DEG: f64 = 3.0;
+/// Each reading with a goal that the driver did not write counts so much, each other takes one away...
+const FOREIGN_GOAL: u32 = 4;
+/// ... and from here on another program writes goals.
+const FOREIGN_GOALS: u32 = 10;
+/// A servo or bus whose last answer is older than this is silent.
+pub const SILENCE: Duration = Duration::from_millis(250);
+/// A fault that has ended is reported for this long after.
+const FAULT_TAIL: Duration = Duration::from_millis(300);
+/// The lease of the trajectory itself: the arm's lease is checked by the time of the run.
+const UNBOUNDED: Duration = Duration::from_secs(1 << 30);
+
+/// Numbers of the settings.
+#[derive(Clone, Copy, Debug)]
+pub struct CoreNumbers {
+    /// Time between two readings.
+    pub period: Duration,
+    /// The lead, rad.
+    pub lead: f64,
+    /// By how much a joint may rest beside its goal, rad.
+    pub hold_error: f64,
+    /// Torque at full load, N m.
+    pub torque: f64,
+}
+
+/// Stage of the connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// It is read only.
+    Looking,
+    /// Its goals follow the commands.
+    Driving,
+}
+
+/// Registers of one servo that make it hold where it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arming {
+    /// The servo.
+    pub id: u8,
+    /// Its goal, counts.
+    pub goal: i32,
+    /// True if it has no torque yet.
+    pub torque_off: bool,
+}
+
+/// The arm.
+pub struct ArmCore {
+    joints: Vec<ServoJoint>,
+    axes: Vec<Axis>,
+    numbers: CoreNumbers,
+    stage: Stage,
+    plant: Plant,
+    /// The trajectory's time, which runs no faster than the run's.
+    path_time: Time,
+    /// Its rate in the last period, 0 to 1.
+    rate: f64,
+    ticked: Option<Time>,
+    lease: Option<Time>,
+    states: Vec<ServoState>,
+    recent: Vec<VecDeque<i32>>,
+    /// Goal less position at the last rest, rad.
+    offsets: Vec<f64>,
+    goals: Vec<i32>,
+    foreign_goals: Vec<u32>,
+    /// Time at which the trajectory of each motor had ended.
+    ended: Vec<Option<Time>>,
+    fault: Option<(Time, String)>,
+    /// True from a loss of torque or connection until the arm is armed again: the fault lasts as long.
+    interrupted: bool,
+    seq: u64,
+    read_at: Option<Time>,
+    unread: Option<Sample>,
+}
+
+impl ArmCore {
+    /// An arm that has not been read yet.
+    pub fn new(joints: Vec<ServoJoint>, axes: Vec<Axis>, numbers: CoreNumbers) -> ArmCore {
+        let n = joints.len();
+        ArmCore {
+            plant: Plant::new(axes.clone(), &[], Profile::MinimumJerk),
+            joints,
+            axes,
+            numbers,
+            stage: Stage::Looking,
+            path_time: Time::ZERO,
+            rate: 1.0,
+            ticked: None,
+            lease: None,
+            states: Vec::new(),
+            recent: vec![VecDeque::with_capacity(REST_READINGS); n],
+            offsets: vec![0.0; n],
+            goals: Vec::new(),
+            foreign_goals: vec![0; n],
+            ended: vec![None; n],
+            fault: None,
+            interrupted: false,
+            seq: 0,
+            read_at: None,
+            unread: None,
+        }
+    }
+
+    /// The servos.
+    pub fn joints(&self) -> &[ServoJoint] {
+        &self.joints
+    }
+
+    /// The stage of the connection.
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// True once it has been read.
+    pub fn is_read(&self) -> bool {
+        self.read_at.is_some()
+    }
+
+    /// Time of the last reading.
+    pub fn read_at(&self) -> Option<Time> {
+        self.read_at
+    }
+
+    /// The fault, with its remedy.
+    pub fn fault(&self) -> Option<&str> {
+        self.fault.as_ref().map(|(_, what)| what.as_str())
+    }
+
+    /// Control modes.
+    pub fn modes(&self) -> Vec<ControlMode> {
+        self.plant.modes()
+    }
+
+    /// The newest states.
+    pub fn states(&self) -> &[ServoState] {
+        &self.states
+    }
+
+    /// The newest sample, unless it was taken before.
+    pub fn take_sample(&mut self) -> Option<Sample> {
+        self.unread.take()
+    }
+
+    /// True if there is a sample that was not taken.
+    pub fn has_sample(&self) -> bool {
+        self.unread.is_some()
+    }
+
+    /// Lets the arm move until then.
+    pub fn lease(&mut self, now: Time, until: Time) {
+        self.expire(now);
+        if until > now && self.stage == Stage::Driving {
+            self.lease = Some(until);
+            self.plant.lease(self.path_time, self.path_time + UNBOUNDED);
+        } else {
+            self.lease = None;
+            self.brake();
+        }
+    }
+
+    /// Gives a command.
+    ///
+    /// # Errors
+    /// The reason of a refusal; nothing is changed then.
+    pub fn command(&mut self, now: Time, command: &Command) -> Result<(), String> {
+        self.expire(now);
+        if self.stage == Stage::Looking {
+            return Err("the servos have not been given torque".into());
+        }
+        if let Command::Stop { motors } = command {
+            return self.stop(motors, command);
+        }
+        self.plant.command(self.path_time, command, Duration::ZERO)?;
+        self.ended.fill(None);
+        Ok(())
+    }
+
+    /// A trajectory that was held up stops where it is: braking from a speed that no joint has would lead farther into what blocks it.
+    fn stop(&mut self, motors: &[usize], command: &Command) -> Result<(), String> {
+        let held_up = self.rate < HELD_UP;
+        let concerned = |m: &usize| motors.is_empty() || motors.contains(m);
+        let all: Vec<usize> = (0..self.axes.len()).filter(concerned).collect();
+        if held_up {
+            all.iter().for_each(|m| self.plant.hold(*m));
+            // it is held from the next instant on
+            self.path_time = self.path_time + HOLDS_AFTER;
+        }
+        let stopped = self.plant.command(self.path_time, command, Duration::ZERO);
+        if held_up {
+            all.iter().for_each(|m| self.plant.release(*m));
+        }
+        stopped
+    }
+
+    /// Brakes all motors.
+    pub fn brake(&mut self) {
+        // a stop of all motors is never refused
+        let _ = self.stop(&[], &Command::Stop { motors: Vec::new() });
+        if self.lease.is_none() {
+            self.plant.lease(self.path_time, Time::ZERO);
+        }
+    }
+
+    fn expire(&mut self, now: Time) {
+        if self.lease.is_some_and(|until| until <= now) {
+            self.lease = None;
+            self.brake();
+        }
+    }
+
+    /// One period has passed: the goals of all servos now, counts; none while the arm is only read.
+    pub fn tick(&mut self, now: Time) -> Option<Vec<(u8, i32)>> {
+        self.expire(now);
+        if self.fault.is_some() {
+            self.brake();
+        }
+        let since = self.ticked.replace(now).map_or(Duration::ZERO, |before| now.since(before));
+        if self.stage == Stage::Looking {
+            return None;
+        }
+        self.rate = self.allowed_rate();
+        let step = since.as_secs_f64().min(MAX_PERIODS * self.numbers.period.as_secs_f64());
+        self.path_time = self.path_time + Duration::from_secs_f64(self.rate * step);
+        self.plant.advance(self.path_time);
+        // one that brakes while it is held up would never end
+        if self.rate < HELD_UP && (self.lease.is_none() || self.fault.is_some()) {
+            self.brake();
+        }
+        for (slot, moves) in self.ended.iter_mut().zip(self.plant.done().iter().map(|done| !done)) {
+            *slot = if moves { None } else { slot.or(Some(now)) };
+        }
+        self.goals = self.joints.iter().zip(self.plant.positions()).map(|(joint, q)| joint.count(q)).collect();
+        Some(self.joints.iter().zip(&self.goals).map(|(joint, goal)| (joint.id, *goal)).collect())
+    }
+
+    /// Rate at which the trajectory may go on, 0 to 1: by the joint that is farthest behind, in the direction of its motion.
+    fn allowed_rate(&self) -> f64 {
+        let commanded = self.plant.positions().zip(self.plant.speeds());
+        let joints = self.joints.iter().zip(&self.states).zip(&self.offsets).zip(commanded);
+        let mut worst = 0.0f64;
+        for (((joint, state), offset), (q, v)) in joints {
+            if v.abs() >= STANDING {
+                let measured = joint.angle(f64::from(state.position));
+                worst = worst.max((q - measured - offset) * v.signum());
+            }
+        }
+        let share = worst / self.numbers.lead;
+        ((1.0 - share) / (1.0 - FREE_LEAD)).clamp(0.0, 1.0)
+    }
+
+    /// The states of all servos, in the order of the joints, as they were no earlier than `at`.
+    pub fn take_states(&mut self, at: Time, states: Vec<ServoState>) {
+        if states.len() != self.joints.len() || self.read_at.is_some_and(|before| at <= before) {
+            return;
+        }
+        self.states = states;
+        self.read_at = Some(at);
+        for (recent, state) in self.recent.iter_mut().zip(&self.states) {
+            if recent.len() == REST_READINGS {
+                recent.pop_front();
+            }
+            recent.push_back(state.position);
+        }
+        self.judge(at);
+        self.learn_offsets();
+        self.seq += 1;
+        let q: Vec<f64> = self.joints.iter().zip(&self.states).map(|(j, s)| j.angle(f64::from(s.position))).collect();
+        self.unread = Some(Sample {
+            seq: self.seq,
+            at,
+            q: q.into(),
+            done: self.done(at),
+            external: self.external(),
+            ..Sample::default()
+        });
+    }
+
+    /// A reading was lost.
+    pub fn lose_reading(&mut self) {
+        self.seq += 1;
+    }
+
+    fn done(&self, at: Time) -> Vec<bool> {
+        let rests = self.recent.iter().map(rests);
+        if self.stage == Stage::Looking {
+            return rests.collect();
+        }
+        let settled = |ended: &Option<Time>| ended.is_some_and(|ended| at.since(ended) > MAX_SETTLING);
+        let each = self.plant.done().into_iter().zip(rests).zip(&self.ended);
+        each.map(|((done, rests), ended)| done && (rests || settled(ended))).collect()
+    }
+
+    /// The torque with which something pushes each joint: that of its servo, reversed, weight included.
+    fn external(&self) -> Vec<f64> {
+        let torque = |(joint, state): (&ServoJoint, &ServoState)| {
+            let torque = -f64::from(state.load) * 1e-3 * self.numbers.torque;
+            if joint.inverted { -torque } else { torque }
+        };
+        self.joints.iter().zip(&self.states).map(torque).collect()
+    }
+
+    /// By how much each joint rests beside its goal.
+    fn learn_offsets(&mut self) {
+        if self.stage == Stage::Looking || self.plant.moves() {
+            return;
+        }
+        let most = self.numbers.hold_error;
+        let commanded: Vec<f64> = self.plant.positions().collect();
+        let each = self.joints.iter().zip(&self.states).zip(&self.recent).zip(commanded).zip(&mut self.offsets);
+        for ((((joint, state), recent), q), offset) in each {
+            if recent.len() == REST_READINGS && rests(recent) {
+                *offset = (q - joint.angle(f64::from(state.position))).clamp(-most, most);
+            }
+        }
+    }
+
+    /// Looks for faults in the newest states.
+    fn judge(&mut self, at: Time) {
+        let mut found = None;
+        let mut relieved = Vec::new();
+        for (m, (joint, state)) in self.joints.iter().zip(&self.states).enumerate() {
+            let id = joint.id;
+            if let Some((text, remedy)) = status_text(state.status) {
+                found.get_or_insert(format!("motor {} (id {id}) {text}: {remedy}", joint.name));
+            }
+            if self.stage == Stage::Looking {
+                continue;
+            }
+            if !state.torque {
+                found = Some(format!(
+                    "motor {} (id {id}) has lost its torque: the servo has reset, as its supply broke down, or another program switched \
+                     it off; check the power supply (5 A), then recover",
+                    joint.name
+                ));
+                self.stage = Stage::Looking;
+                self.interrupted = true;
+                continue;
+            }
+            if state.status & 0x20 != 0 {
+                relieved.push((m, joint.angle(f64::from(state.position))));
+            }
+            let Some(seen) = self.foreign_goals.get_mut(m) else { continue };
+            let written = self.goals.get(m).copied();
+            *seen = match written.is_none_or(|goal| goal == state.goal) {
+                true => seen.saturating_sub(1),
+                false => (*seen + FOREIGN_GOAL).min(3 * FOREIGN_GOALS),
+            };
+            if *seen >= FOREIGN_GOALS {
+                let (goal, written) = (state.goal, written.unwrap_or_default());
+                found.get_or_insert(format!(
+                    "motor {} (id {id}) follows goal {goal} and not {written}: another program writes to the bus; end it, then recover",
+                    joint.name
+                ));
+            }
+        }
+        self.relieve(&relieved);
+        match found {
+            Some(what) => self.set_fault(at, what),
+            None => {
+                let is_over = self.fault.as_ref().is_some_and(|(since, _)| at.since(*since) > FAULT_TAIL);
+                if is_over && !self.interrupted {
+                    self.fault = None;
+                }
+            }
+        }
+    }
+
+    /// Reports a fault from now on, until it has not been set for a while; everything brakes.
+    pub fn set_fault(&mut self, at: Time, what: String) {
+        if self.fault.is_none() {
+            self.fault = Some((at, what));
+            self.brake();
+        } else {
+            self.fault = Some((at, what));
+        }
+    }
+
+    /// Servos that have lowered their torque hold where they are, which relieves them.
+    fn relieve(&mut self, overloaded: &[(usize, f64)]) {
+        let Some(state) = (!overloaded.is_empty()).then(|| self.plant.positions().collect::<Vec<f64>>()) else {
+            return;
+        };
+        let mut start = state;
+        for (m, q) in overloaded {
+            if let Some(slot) = start.get_mut(*m) {
+                *slot = *q;
+            }
+        }
+        self.rest_at(&start);
+    }
+
+    /// A trajectory at rest there.
+    fn rest_at(&mut self, q: &[f64]) {
+        self.plant = Plant::new(self.axes.clone(), q, Profile::MinimumJerk);
+        self.path_time = Time::ZERO;
+        self.rate = 1.0;
+        self.ended.fill(None);
+    }
+
+    /// The connection is new: what was written before may not hold any more.
+    pub fn look_again(&mut self) {
+        self.interrupted |= self.stage == Stage::Driving;
+        self.stage = Stage::Looking;
+        self.lease = None;
+        self.recent.iter_mut().for_each(VecDeque::clear);
+    }
+
+    /// Registers that make the arm hold where it is.
+    ///
+    /// # Errors
+    /// A joint that is outside its limits: torque would move it.
+    pub fn arming(&self) -> Result<Vec<Arming>, String> {
+        let each = self.joints.iter().zip(&self.axes).zip(&self.states).map(|((joint, axis), state)| {
+            let q = joint.angle(f64::from(state.position));
+            if q < axis.min - MAX_OUTSIDE || q > axis.max + MAX_OUTSIDE {
+                let [q, min, max] = [q, axis.min, axis.max].map(f64::to_degrees);
+                return Err(format!(
+                    "motor {} (id {}) is at {q:.1} deg, outside its limits {min:.1} to {max:.1} deg: move it there by hand, or calibrate the arm",
+                    joint.name, joint.id
+                ));
+            }
+            // a loaded servo retains its goal: with its position as the goal it would sag
+            let held = joint.angle(f64::from(state.goal));
+            let holds = state.torque && (held - q).abs() <= self.numbers.hold_error.max(self.numbers.lead);
+            let goal = joint.count((if holds { held } else { q }).clamp(axis.min, axis.max));
+            Ok(Arming { id: joint.id, goal, torque_off: !state.torque })
+        });
+        each.collect()
+    }
+
+    /// The arm has been armed like this.
+    pub fn armed(&mut self, now: Time, arming: &[Arming]) {
+        self.goals = arming.iter().map(|a| a.goal).collect();
+        let start: Vec<f64> = self.joints.iter().zip(&self.goals).map(|(j, goal)| j.angle(f64::from(*goal))).collect();
+        self.rest_at(&start);
+        self.foreign_goals.fill(0);
+        self.stage = Stage::Driving;
+        self.interrupted = false;
+        self.ticked = Some(now);
+        self.lease = None;
+        self.unread = None;
+        // until it is read, its states are those that it will have
+        for (state, arming) in self.states.iter_mut().zip(arming) {
+            (state.torque, state.goal) = (true, arming.goal);
+        }
+    }
+
+    /// True if no joint moves.
+    pub fn is_at_rest(&self) -> bool {
+        !self.plant.moves() && self.recent.iter().all(rests)
+    }
+
+    /// True if every joint is near this rest configuration, deg.
+    pub fn is_at(&self, rest_deg: &[f64]) -> bool {
+        let near = |((joint, state), rest): ((&ServoJoint, &ServoState), &f64)| {
+            (joint.angle(f64::from(state.position)).to_degrees() - rest).abs() <= AT_REST_DEG
+        };
+        rest_deg.len() == self.states.len() && self.joints.iter().zip(&self.states).zip(rest_deg).all(near)
+    }
+}
+
+/// True if these readings are those of a joint at rest.
+fn rests(recent: &VecDeque<i32>) -> bool {
+    let (least, most) = (recent.iter().min(), recent.iter().max());
+    matches!((least, most), (Some(least), Some(most)) if most - least <= REST_COUNTS)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,7 @@
+//! The tests of this package from outside, in one binary.
+
+#![cfg(unix)]
+
+mod arm;
+mod real_time;
+mod settings;

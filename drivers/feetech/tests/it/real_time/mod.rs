@@ -1,0 +1,5 @@
+//! What waits for a serial line.
+
+mod conformance;
+mod faults;
+mod motions;
