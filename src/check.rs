@@ -75,7 +75,8 @@ fn say_poses(poses: &JudgedPoses) {
         println!("{readings} measured poses");
     }
     if !missing.is_empty() {
-        let (robots, not) = (missing.join(", "), wants_poses());
+        let robots = missing.join(", ");
+        let not = wants_poses();
         println!("no measured poses of {robots} beside the journal: {not} are not judged there");
     }
     for why in wrong {

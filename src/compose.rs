@@ -161,7 +161,8 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             });
         }
     }
-    let (bridges, services) = (bridges.into_iter().map(|(_, bridge)| bridge).collect(), Vec::new());
+    let bridges = bridges.into_iter().map(|(_, bridge)| bridge).collect();
+    let services = Vec::new();
     let file = source.path.clone();
     wrong.none_or(Composition {
         config,

@@ -164,7 +164,8 @@ fn included(file: &Path, new: &Path) -> Result<String, miette::Report> {
         path.canonicalize().map_err(why)
     };
     let parent = new.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let (file, folder) = (whole(file)?, whole(parent)?);
+    let file = whole(file)?;
+    let folder = whole(parent)?;
     let path = file.strip_prefix(&folder).unwrap_or(&file);
     Ok(path.to_string_lossy().into_owned())
 }
@@ -212,7 +213,8 @@ fn configuration(file: &Path, set: &[String]) -> Looked {
     };
     let mut found = vec![Finding::ok(format!("{} is right", file.display()))];
     found.extend(composition.warnings.iter().map(|w| Finding::warn(w.clone(), "see docs/configuration.md")));
-    let (mut robots, mut motors) = (Vec::new(), Vec::new());
+    let mut robots = Vec::new();
+    let mut motors = Vec::new();
     for (robot, setup) in composition.scene.robots().iter().zip(&composition.robots) {
         let driven = setup.hardware.known().motors;
         let has_board = |m: &usize| driven.as_ref().is_none_or(|driven| driven.contains(m));

@@ -87,7 +87,8 @@ fn rows(out: &mut String, root: &Value, schema: &Value, indent: usize) {
         let inner = resolved(root, s);
         let element = [&inner["items"], &inner["additionalProperties"]].map(|e| resolved(root, e));
         let doc = s["description"].as_str().or(inner["description"].as_str()).unwrap_or("").replace('\n', " ");
-        let (name, width) = (type_name(root, s), 28usize.saturating_sub(indent));
+        let name = type_name(root, s);
+        let width = 28usize.saturating_sub(indent);
         let _ = writeln!(out, "{:indent$}{key:width$} {name:10} {default:16} {doc}", "");
         if indent < 8
             && let Some(table) = [inner].into_iter().chain(element).find(|t| t["properties"].is_object())
@@ -132,7 +133,8 @@ mod tests {
 
     #[test]
     fn a_role_has_a_heading_once_it_has_a_kind() {
-        let (listed, schema) = (listing(None).expect("all of them"), crate::schema::text());
+        let listed = listing(None).expect("all of them");
+        let schema = crate::schema::text();
         let roles = [
             (<dyn Camera>::NAME, kinds::<dyn Camera>().is_empty()),
             (<dyn Detector>::NAME, kinds::<dyn Detector>().is_empty()),

@@ -114,7 +114,8 @@ fn eval(file: &LocatorFile, data: &Path, json: bool) -> Result<String, Report> {
     let known = table(data)?.0.known;
     let unclipped: Vec<KnownView> = known.iter().filter(|k| !k.view.is_clipped()).copied().collect();
     let ready = file.ready();
-    let (all, unclipped) = (judge(&ready, &known), judge(&ready, &unclipped));
+    let all = judge(&ready, &known);
+    let unclipped = judge(&ready, &unclipped);
     if json {
         let said = json!({ "kind": file.kind(), "all": all, "unclipped": unclipped });
         return Ok(serde_json::to_string(&said).into_diagnostic()? + "\n");

@@ -139,7 +139,8 @@ fn parse_poses(robot: &Robot, name: &str, text: &str) -> Result<Vec<PoseRow>, Co
                             format!("give the encoder value of `{}` in {}", motor.name, motor.motion.unit()),
                         ));
                     };
-                    let (min, max) = (motor.min.to_degrees(), motor.max.to_degrees());
+                    let min = motor.min.to_degrees();
+                    let max = motor.max.to_degrees();
                     if degrees < min - ROUNDING_DEG || degrees > max + ROUNDING_DEG {
                         let message = format!("{degrees} is outside the limits of motor `{}`", motor.name);
                         return Err(complain(
@@ -246,7 +247,8 @@ impl Tables {
     fn pose(&mut self, scene: &Scene, robot: &Robot, pose: &PoseRow) -> miette::Result<()> {
         let id = pose.id;
         for (marker, at) in robot.markers.iter().zip(robot.markers_at(&pose.q)) {
-            let (p, n) = (at.position(), at.normal);
+            let p = at.position();
+            let n = at.normal;
             let name = quoted(&marker.name);
             self.markers.row(format_args!("{id},{name},{},{},{},{},{},{}", p.x, p.y, p.z, n.x, n.y, n.z))?;
         }
@@ -379,7 +381,8 @@ mod tests {
 
     #[test]
     fn the_edge_robot_gives_the_reference_tables() {
-        let (edge, out) = (edge(), out("eval"));
+        let edge = edge();
+        let out = out("eval");
         let what = Evaluation {
             robot: &edge.join("edge_a.xml"),
             world: None,

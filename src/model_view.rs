@@ -99,7 +99,8 @@ fn summary(out: &Path, robot: &Robot, seen: &SeenModel, margin: f64) -> String {
     let shapes: usize = robot.nodes.iter().map(|n| n.solids.len()).sum();
     let hulls: usize = robot.nodes.iter().map(|n| n.hulls.len()).sum();
     let hulled = if hulls > 0 { format!(" ({hulls} with hulls)") } else { String::new() };
-    let (motors, count) = (robot.motors.len(), seen.near.len());
+    let motors = robot.motors.len();
+    let count = seen.near.len();
     let mut text = format!(
         "{}: robot `{}`, {motors} motors, {shapes} shapes{hulled}, {:.0} s; nearer than {margin} mm: ",
         out.display(),

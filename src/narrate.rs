@@ -85,7 +85,8 @@ pub(crate) struct Narrator {
 impl Narrator {
     /// For a run that begins in this scene.
     pub(crate) fn new(scene: &Scene) -> Narrator {
-        let (robots, labels) = (scene.robots().to_vec(), Labels::new(scene.robots()));
+        let robots = scene.robots().to_vec();
+        let labels = Labels::new(scene.robots());
         let mut narrator = Narrator { robots, labels, objects: BTreeMap::new(), stories: BTreeMap::new() };
         narrator.edited(scene);
         narrator

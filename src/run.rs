@@ -299,8 +299,10 @@ pub(crate) fn run_with(
     let dropped: Vec<_> = reports.iter().filter(|r| r.error.is_none()).map(|r| (r.name.clone(), r.dropped)).collect();
     let overload = Some(()).filter(|()| kind == ClockKind::Real).and_then(|()| overload(&end.counts, dropped));
     let complaints = reports.into_iter().filter_map(|r| r.error.map(|e| format!("{}: {e}", r.name))).collect();
-    let (wall, real) = (started.elapsed(), kind == ClockKind::Real);
-    let (hash, whole) = (journal.hash(), journal.is_whole());
+    let wall = started.elapsed();
+    let real = kind == ClockKind::Real;
+    let hash = journal.hash();
+    let whole = journal.is_whole();
     let mut done = Done { hash, whole, wall, began, real, complaints, overload, end };
     for (robot, snapshot) in &done.end.snapshots {
         // an agent with a map leaves it behind

@@ -67,7 +67,9 @@ impl Simulated {
         }
         let prefix = |robot: &str| args.prefix.clone().unwrap_or_else(|| format!("/{robot}Sim"));
         let clock = SimClock::start(args.speed, wall());
-        let (mut all, mut by_robot, mut arms) = (Vec::new(), Vec::new(), false);
+        let mut all = Vec::new();
+        let mut by_robot = Vec::new();
+        let mut arms = false;
         for (i, robot) in config.robot.iter().enumerate() {
             let prefix = prefix(&robot.name);
             let model = Config::beside(&source, &robot.model);

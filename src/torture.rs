@@ -137,7 +137,9 @@ fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Re
     let second = trial.run(args.first, &planned, vec![journal.sink(), trial.tracks(scratch.path())?])?;
     let mut wrong = Vec::new();
     if first.hash != second.hash || journal.hash() != second.hash {
-        let (a, b, c) = (first.hash, second.hash, journal.hash());
+        let a = first.hash;
+        let b = second.hash;
+        let c = journal.hash();
         wrong.push(format!(
             "I13 broken: seed {} ran twice, and its hashes are {a}, {b}, and {c} in a journal",
             args.first

@@ -143,7 +143,8 @@ impl Body {
             let said = board.reading(&words(&["get", "axes"])).await?;
             let axes = said.get(2).and_then(Value::as_i64).unwrap_or(-1);
             if usize::try_from(axes) != Ok(motors.len()) {
-                let (port, part) = (board.port, name.clone());
+                let port = board.port;
+                let part = name.clone();
                 return Err(BodyError::Axes { port, axes, part, motors: motors.len() });
             }
             boards.push(board);
@@ -202,7 +203,8 @@ impl Body {
                     }
                 }
                 None => {
-                    let (port, asked) = (board.port.clone(), request.to_string());
+                    let port = board.port.clone();
+                    let asked = request.to_string();
                     return Err(BodyError::Answer { port, asked, said: said.to_string() });
                 }
             }
@@ -329,7 +331,8 @@ struct Share {
 /// no accelerations, so the speeds are low enough for every motor's greatest acceleration not to matter.
 fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
     let mut motion = Move { motors: Vec::new(), q: Vec::new(), relative: false, speed: None, acceleration: None };
-    let (mut ways, mut secs) = (Vec::new(), 0.0);
+    let mut ways = Vec::new();
+    let mut secs = 0.0;
     for (m, q) in target.motors.iter().zip(&target.q) {
         let (Some(axis), Some(here)) = (axes.get(*m), from.get(*m)) else { continue };
         let way = (q - here).abs();
@@ -349,7 +352,8 @@ fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
 
 /// The motors at speeds of their own, rad/s, and the seconds that the slowest of them takes.
 fn each(target: &Target, speeds: &[f64], from: &[f64]) -> (Move, f64) {
-    let (motors, q) = (target.motors.clone(), target.q.clone());
+    let motors = target.motors.clone();
+    let q = target.q.clone();
     let legs = motors.iter().zip(&q).zip(speeds);
     let secs = legs.filter_map(|((m, q), v)| Some(PEAKS.0 * (q - from.get(*m)?).abs() / v.max(1e-9)));
     let secs = secs.fold(0.0, f64::max);

@@ -119,7 +119,8 @@ impl ReachScene {
         let upright = self.truth.object(CUP_NAME)?.1.pose.rotation;
         for _ in 0..TRIES {
             let to = area.map(|[from, to]| rng.random_range(from..=to));
-            let (turn, off) = (rng.random_range(0.0..=std::f64::consts::TAU), rng.random_range(BESIDE[0]..=BESIDE[1]));
+            let turn = rng.random_range(0.0..=std::f64::consts::TAU);
+            let off = rng.random_range(BESIDE[0]..=BESIDE[1]);
             let beside = [to[0] + off * turn.cos(), to[1] + off * turn.sin()];
             let is_elsewhere = far(to, [self.cup[0], self.cup[1]]) >= ELSEWHERE;
             let is_clear = self.posts.iter().skip(1).all(|post| far(to, stands(post)) >= APART);

@@ -167,7 +167,8 @@ impl Poses<'_> {
     }
 
     fn words(&self, c: &Contact, margin_mm: f64) -> String {
-        let (a, b) = (self.scene.label(c.pair.0), self.scene.label(c.pair.1));
+        let a = self.scene.label(c.pair.0);
+        let b = self.scene.label(c.pair.1);
         let mm = c.distance * 1e3;
         if mm < 0.0 {
             return format!("{a} is {:.1} mm deep in {b}", -mm);
@@ -180,7 +181,8 @@ impl Poses<'_> {
 fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let Some(period) = b.hardware.as_ref().and_then(|h| h.known().period) else { continue };
-        let (board_ms, fresh_ms) = (period.as_secs_f64() * 1e3, r.controller.stale_after_ms());
+        let board_ms = period.as_secs_f64() * 1e3;
+        let fresh_ms = r.controller.stale_after_ms();
         if board_ms > fresh_ms && r.controller.period_ms >= 1.0 {
             let what = format!(
                 "a reading counts for {fresh_ms} ms (`stale_ms`, or five control periods), and the board gives one every \

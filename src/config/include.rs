@@ -93,7 +93,8 @@ impl IncludeReader {
         // one mistake leads to others on its line
         let mut told = Vec::new();
         for e in errors.into_iter().take(super::complaints::MOST) {
-            let (span, file) = (e.span().unwrap_or(0..0), &self.files[number]);
+            let span = e.span().unwrap_or(0..0);
+            let file = &self.files[number];
             if !told.contains(&file.line(span.start)) {
                 told.push(file.line(span.start));
                 let line = text.lines().nth(file.line(span.start) - 1).unwrap_or_default();

@@ -76,7 +76,8 @@ impl<'a> Walk<'a> {
             Value::Object(map) => self.table(schema, map),
             Value::Array(list) => self.list(schema, list, doc),
             Value::Number(n) => {
-                let (least, most) = (schema["minimum"].as_f64(), schema["maximum"].as_f64());
+                let least = schema["minimum"].as_f64();
+                let most = schema["maximum"].as_f64();
                 let n = n.as_f64().unwrap_or_default();
                 if let Some(least) = least.filter(|least| n < *least) {
                     self.say(false, format!("{n} is below {least}"), format!("give a number of {least} or more"));
@@ -97,7 +98,8 @@ impl<'a> Walk<'a> {
     }
 
     fn list(&mut self, schema: &'a Value, list: &[Value], doc: &str) {
-        let (least, most) = (schema["minItems"].as_u64(), schema["maxItems"].as_u64());
+        let least = schema["minItems"].as_u64();
+        let most = schema["maxItems"].as_u64();
         let n = list.len() as u64;
         if least.is_some_and(|least| n < least) || most.is_some_and(|most| n > most) {
             let wanted = least.or(most).unwrap_or(0);

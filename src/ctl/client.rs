@@ -36,11 +36,13 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
         CtlCommand::Release(of) => words(&["release"], of.name()),
         CtlCommand::Pose(of) => words(&["pose"], of.name()),
         CtlCommand::Go { motors, robot, speed } => {
-            let (robot, speed) = (robot.unwrap_or_default(), speed.to_string());
+            let robot = robot.unwrap_or_default();
+            let speed = speed.to_string();
             return go(&mut client, words(&["go", &robot, &speed], None).into_iter().chain(motors).collect()).await;
         }
         CtlCommand::Home { of, speed } => {
-            let (robot, speed) = (of.name().unwrap_or_default(), speed.to_string());
+            let robot = of.name().unwrap_or_default();
+            let speed = speed.to_string();
             return go(&mut client, words(&["home", &robot, &speed], None)).await;
         }
         CtlCommand::Log { follow, lines } => return log(&mut client, lines, follow).await,

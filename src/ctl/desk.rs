@@ -268,7 +268,8 @@ impl Desk {
         if !has_state && (fresh || !terms.shadow.is_zero()) {
             return Err(format!("a {part} can't observe, and has no state to discard; omit --shadow and --fresh"));
         }
-        let (models, robots) = (self.running.models(), self.running.robots());
+        let models = self.running.models();
+        let robots = self.running.robots();
         let robot = owners.first().and_then(|name| robots.iter().position(|robot| robot.name() == name));
         let model = robot.and_then(|i| models.get(i)).cloned();
         let wanted = owners.clone();

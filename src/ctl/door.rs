@@ -111,7 +111,8 @@ impl Guest {
 pub(super) async fn enter(folder: &Path) -> io::Result<Box<dyn Line>> {
     let (path, _open) = socket(folder)?;
     let line = UnixStream::connect(path).await?;
-    let (user, us) = (line.peer_cred()?.uid(), us()?);
+    let user = line.peer_cred()?.uid();
+    let us = us()?;
     if user != us && us != 0 {
         return Err(io::Error::new(io::ErrorKind::PermissionDenied, "this is the run of another user"));
     }

@@ -62,7 +62,9 @@ impl Desk {
 
     /// Where the motors and markers of robots are.
     pub(super) fn pose(&self, names: &[&str]) -> Result<Vec<String>, String> {
-        let (all, models, scene) = (self.running.robots(), self.running.models(), self.running.scene());
+        let all = self.running.robots();
+        let models = self.running.models();
+        let scene = self.running.scene();
         let mut lines = Vec::new();
         for index in self.robots(names)? {
             let (Some(robot), Some(model)) = (all.get(index), models.get(index)) else { continue };

@@ -94,7 +94,8 @@ impl Service for CtlService {
                 self.beside.clone(),
                 self.port.log.clone(),
             );
-            let (mut guests, ending) = (JoinSet::new(), watch::Sender::new(false));
+            let mut guests = JoinSet::new();
+            let ending = watch::Sender::new(false);
             tokio::select! {
                 () = until => {}
                 () = desk.follow() => {}

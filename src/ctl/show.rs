@@ -146,7 +146,8 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     ));
     lines.extend(c.failed_by().map(|causes| format!("motions failed by: {causes}")));
     if c.pictures_skipped + c.regions_omitted > 0 {
-        let (pictures, regions) = (c.pictures_skipped, c.regions_omitted);
+        let pictures = c.pictures_skipped;
+        let regions = c.regions_omitted;
         lines.push(format!("{pictures} pictures were skipped, {regions} regions left out; the journal says why"));
     }
     if c.hard_contacts > 0 {
@@ -172,7 +173,8 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
             (name.clone(), share(*time, before.busy.get(name).copied().unwrap_or_default(), secs))
         };
         shares = now.busy.iter().map(of).collect();
-        let (all, known) = (share(now.process, before.process, secs), shares.values().sum::<f64>());
+        let all = share(now.process, before.process, secs);
+        let known = shares.values().sum::<f64>();
         lines.push(format!(
             "processor: {all:.1} % of a core, {known:.1} % by these and what they have computed elsewhere"
         ));
@@ -224,7 +226,8 @@ mod tests {
     use mobee_contract::{AnswerTime, Time};
 
     fn robot(status: Status, age_ms: u64) -> RobotReport {
-        let (age, fresh) = (Duration::from_millis(age_ms), Duration::from_millis(100));
+        let age = Duration::from_millis(age_ms);
+        let fresh = Duration::from_millis(100);
         RobotReport {
             name: "icub".into(),
             status,

@@ -143,7 +143,8 @@ mod tests {
     fn files_of_any_kind_arrive_as_they_are() {
         let mut sent =
             Sent { file: "a.toml".into(), config: Value::Null, texts: BTreeMap::new(), binaries: BTreeMap::new() };
-        let (text, network) = ("<ZRP>".as_bytes().to_vec(), (0..=255).collect::<Vec<u8>>());
+        let text = "<ZRP>".as_bytes().to_vec();
+        let network = (0..=255).collect::<Vec<u8>>();
         sent.put("icub.xml".into(), text.clone());
         sent.put("cup.onnx".into(), network.clone());
         assert!(sent.texts.len() == 1 && sent.binaries.len() == 1, "texts can be read by people");

@@ -33,7 +33,8 @@ fn family(name: &str) -> Result<TagFamilyName, String> {
 /// # Errors
 /// If the family has no such tag, or the picture can't be written.
 pub fn command(args: &TagArgs) -> Result<String, Report> {
-    let (name, count) = (args.family.name(), args.family.count());
+    let name = args.family.name();
+    let count = args.family.count();
     if args.id >= count {
         let help = format!("give a number from 0 to {}", count - 1);
         return Err(ConfigError::plain(format!("the family {name} has no tag {}", args.id), help).into());
@@ -51,7 +52,8 @@ pub fn command(args: &TagArgs) -> Result<String, Report> {
     if args.out.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
         return Err(fail("its name does not end in .png".into()).into());
     }
-    let (width, height) = (picture.width as u32, picture.height as u32);
+    let width = picture.width as u32;
+    let height = picture.height as u32;
     let image =
         RgbImage::from_raw(width, height, picture.rgb).ok_or_else(|| fail("the picture is not whole".into()))?;
     let mut file = std::fs::File::create_new(&args.out).map_err(|e| fail(e.to_string()))?;

@@ -101,7 +101,9 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
                 None => Evolution::new(inputs, lessons.masks(), args.seed),
             };
             bar.step("evolves programs");
-            let (began, before, mut noted) = (Instant::now(), part.seconds, 0.0);
+            let began = Instant::now();
+            let before = part.seconds;
+            let mut noted = 0.0;
             loop {
                 let now = began.elapsed().as_secs_f64();
                 let generation = evolution.state().generation;

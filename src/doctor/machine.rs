@@ -30,7 +30,8 @@ pub(super) async fn timers() -> Finding {
     }
     late.sort();
     let ms = |d: Option<&Duration>| d.map_or(0.0, |d| d.as_secs_f64() * 1e3);
-    let (median, worst) = (ms(late.get(late.len() / 2)), ms(late.last()));
+    let median = ms(late.get(late.len() / 2));
+    let worst = ms(late.last());
     let what = format!("timers are {median:.1} ms late, {worst:.1} ms at worst");
     if median > 5.0 || worst > 50.0 {
         return Finding::warn(

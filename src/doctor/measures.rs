@@ -110,7 +110,8 @@ impl Record {
         let band = (1.5 * encoder.count()).max(4.0 * encoder.noise()).max(ARRIVED);
         let mut figures =
             Figures { count: encoder.count(), noise: encoder.noise(), lag: self.lag(), ..Figures::default() };
-        let (mut torque, mut change) = (None::<f64>, 0.0_f64);
+        let mut torque = None::<f64>;
+        let mut change = 0.0_f64;
         for span in self.spans() {
             let Order::Move { to, speed } = span.order else { continue };
             let Some(rest) = span.rest(band) else { continue };
@@ -132,7 +133,8 @@ impl Record {
     fn spans(&self) -> impl Iterator<Item = Span<'_>> {
         self.orders.iter().enumerate().map(|(i, (at, order))| {
             let until = self.orders.get(i + 1).map_or(f64::INFINITY, |(next, _)| *next);
-            let (from, to) = (self.since(*at), self.since(until));
+            let from = self.since(*at);
+            let to = self.since(until);
             let readings = self.readings.get(from..to).unwrap_or_default();
             let before = from.checked_sub(1).and_then(|last| self.readings.get(last));
             Span { at: *at, order: *order, before, readings }

@@ -174,7 +174,8 @@ pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<(Vec<F
     let figures: Figures = seen.record.figures();
     let axis = seen.board.as_ref().and_then(|board| board.axes.iter().find(|axis| axis.name == motor)).cloned();
     let axis = axis.ok_or_else(|| Report::msg(format!("the board of {motor} was not reached")))?;
-    let (paces, coarse) = (hardware.paces(), seen.coarse());
+    let paces = hardware.paces();
+    let coarse = seen.coarse();
     Ok(verdict(&Measured {
         figures: &figures,
         axis: &axis,

@@ -111,7 +111,10 @@ fn up(x: f64) -> f64 {
 }
 
 fn resolution(m: &Measured, settings: &mut Settings) -> Option<Finding> {
-    let (name, unit, count, noise) = (&m.axis.name, m.unit(), m.figures.count, m.figures.noise);
+    let name = &m.axis.name;
+    let unit = m.unit();
+    let count = m.figures.count;
+    let noise = m.figures.noise;
     let counts = if count > 0.0 { format!("counts in steps of {count:.4} {unit}") } else { "shows no steps".into() };
     let what = format!("the encoder of {name} {counts}, with noise of {noise:.4} {unit} at rest");
     let off = count.max(SPREAD * noise);
@@ -132,7 +135,10 @@ fn resolution(m: &Measured, settings: &mut Settings) -> Option<Finding> {
 }
 
 fn sag(m: &Measured, settings: &mut Settings) -> Option<Finding> {
-    let (name, unit, most, sags) = (&m.axis.name, m.unit(), m.sag(), &m.figures.sags);
+    let name = &m.axis.name;
+    let unit = m.unit();
+    let most = m.sag();
+    let sags = &m.figures.sags;
     if sags.is_empty() {
         let remedy = format!("see why in {}: it did not come to rest after any move", m.folder.display());
         return Some(Finding::warn(format!("how {name} rests was not measured"), remedy));
@@ -156,11 +162,13 @@ fn sag(m: &Measured, settings: &mut Settings) -> Option<Finding> {
 }
 
 fn lag(m: &Measured) -> Option<Finding> {
-    let (name, unit) = (&m.axis.name, m.unit());
+    let name = &m.axis.name;
+    let unit = m.unit();
     let early = m.figures.done.iter().fold(0.0_f64, |most, (by, _)| most.max(*by));
     Some(match m.figures.lag {
         Some((lag, speed)) => {
-            let (ms, behind) = (lag * 1e3, lag * speed);
+            let ms = lag * 1e3;
+            let behind = lag * speed;
             Finding::ok(format!(
                 "{name} is {ms:.0} ms behind its set-points, {behind:.2} {unit} at {speed:.1} {unit}/s"
             ))
@@ -177,7 +185,9 @@ fn lag(m: &Measured) -> Option<Finding> {
 }
 
 fn done(m: &Measured) -> Option<Finding> {
-    let (name, unit, tolerance) = (&m.axis.name, m.unit(), m.robot.controller.tolerance_deg);
+    let name = &m.axis.name;
+    let unit = m.unit();
+    let tolerance = m.robot.controller.tolerance_deg;
     let worst = m.figures.done.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1));
     let Some((early, off)) = worst else {
         let what = format!("when *done* is reported for {name} was not measured");
@@ -201,7 +211,8 @@ fn done(m: &Measured) -> Option<Finding> {
 }
 
 fn stop(m: &Measured) -> Option<Finding> {
-    let (name, unit) = (&m.axis.name, m.unit());
+    let name = &m.axis.name;
+    let unit = m.unit();
     let Some(StopFigures { speed, on, took, drift, end }) = m.figures.stop else {
         let what = format!("what a stop does to {name} was not measured");
         return Some(Finding::warn(
@@ -228,7 +239,8 @@ fn stop(m: &Measured) -> Option<Finding> {
 }
 
 fn speeds(m: &Measured, settings: &mut Settings) -> Option<Finding> {
-    let (name, seen) = (&m.axis.name, &m.figures.speeds);
+    let name = &m.axis.name;
+    let seen = &m.figures.speeds;
     let of_board = m.paces.iter().find(|paces| !paces.fair || paces.seen.len() > MOVES);
     let (seen, fair, board) = match of_board {
         Some(paces) => (&paces.seen, paces.fair, paces.board.as_str()),
@@ -274,7 +286,8 @@ fn accelerations(m: &Measured) -> Option<Finding> {
 
 fn torque(m: &Measured, settings: &mut Settings) -> Option<Finding> {
     let (most, change) = m.figures.torque?;
-    let (name, unit) = (&m.axis.name, m.axis.motion.effort_unit());
+    let name = &m.axis.name;
+    let unit = m.axis.motion.effort_unit();
     let what =
         format!("its board reports up to {most:.2} {unit} on {name} in free motion, changing by {change:.2} {unit}");
     let rated = m.axis.contact_effort > 0.0 && m.axis.contact_effort < Axis::UNRATED;

@@ -49,7 +49,9 @@ pub(super) fn lock(shared: &Mutex<Observed>) -> MutexGuard<'_, Observed> {
 impl Observed {
     /// Nothing yet, of this motor of a robot that can be halted through these controls.
     pub fn new(robot: &str, motor: usize, controls: mpsc::Sender<Control>) -> Shared {
-        let (record, trial, robot) = (Record::default(), StopTrial::Off, robot.to_owned());
+        let record = Record::default();
+        let trial = StopTrial::Off;
+        let robot = robot.to_owned();
         Arc::new(Mutex::new(Observed { record, board: None, trial, encoders: Vec::new(), robot, motor, controls }))
     }
 
@@ -83,7 +85,8 @@ impl Observed {
         }
         self.encoders.resize_with(sample.q.len(), Encoder::default);
         self.encoders.iter_mut().zip(sample.q.iter()).for_each(|(encoder, q)| encoder.read(q.to_degrees(), false));
-        let (q, torque) = (q.to_degrees(), sample.external.get(self.motor).copied().filter(|nm| nm.is_finite()));
+        let q = q.to_degrees();
+        let torque = sample.external.get(self.motor).copied().filter(|nm| nm.is_finite());
         self.record.readings.push(Reading { at: sample.at.secs(), q, done: *done, torque });
         let target = match self.record.orders.last() {
             Some((_, Order::Move { to, .. })) => Some(*to),
@@ -224,7 +227,8 @@ mod tests {
         let shared = Observed::new("arm", 1, sender);
         let mut seen = lock(&shared);
         let go = |seen: &mut Observed, to: f64| {
-            let (q, speed) = (vec![1.0, to.to_radians()], Some(vec![0.0, 0.5]));
+            let q = vec![1.0, to.to_radians()];
+            let speed = Some(vec![0.0, 0.5]);
             let to = Move { motors: vec![0, 1], q, relative: false, speed, acceleration: None };
             seen.sent(Time::ZERO, &Command::Move(to));
         };

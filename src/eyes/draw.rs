@@ -217,7 +217,8 @@ impl Studio {
     fn pose(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {
         let mut q = self.robot.home();
         for motor in &self.motors {
-            let (m, q) = (&self.robot.motors[*motor], &mut q[*motor]);
+            let m = &self.robot.motors[*motor];
+            let q = &mut q[*motor];
             *q = rng.random_range(m.min..=m.max);
         }
         q

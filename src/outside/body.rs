@@ -107,7 +107,8 @@ impl Body {
     pub(super) fn complain(&self, said: &mut Said) {
         for board in &self.boards {
             let past = board.past.lock().unwrap_or_else(PoisonError::into_inner);
-            let (port, motors) = (&board.port, board.motors.len());
+            let port = &board.port;
+            let motors = board.motors.len();
             if let Some(joints) = past.wrong {
                 said.warn(format!(
                     "{port} has {joints} joints and the part of the model {motors} motors: correct `parts`"

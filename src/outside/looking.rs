@@ -38,7 +38,8 @@ async fn serve(outside: &Outside, cameras: Vec<CameraSetup>) -> Result<(), Repor
     outside.reach().await?;
     let mut interrupt = Interrupt::new();
     let clock = Clock::new(ClockKind::Real);
-    let (mut eyes, mut count) = (JoinSet::new(), 0);
+    let mut eyes = JoinSet::new();
+    let mut count = 0;
     for setup in cameras {
         let ports = Ports::open(outside, &setup.name).await?;
         println!("{}\n{}", ports.regions.name(), ports.mask.name());
@@ -107,7 +108,8 @@ impl Eye {
     async fn look(mut self) {
         let mut stamp = Stamp::default();
         loop {
-            let (camera, detector) = (self.setup.camera.clone(), self.setup.detector.clone());
+            let camera = self.setup.camera.clone();
+            let detector = self.setup.detector.clone();
             let made =
                 spawn_blocking(move || Ok::<_, String>(Parts { camera: camera()?, detector: detector()? })).await;
             let mut parts = match made.unwrap_or_else(|e| Err(e.to_string())) {

@@ -60,7 +60,9 @@ impl CertifiedArgs {
     pub(super) fn save(&self, map: &MapFile, scene: &Scene) -> Result<String, Report> {
         let out = self.out.as_ref().unwrap_or(&self.map);
         save(out, map)?;
-        let (vertices, edges, verdicts) = (map.vertices.len(), map.edges.len(), info::verdicts(map));
+        let vertices = map.vertices.len();
+        let edges = map.edges.len();
+        let verdicts = info::verdicts(map);
         let pairs = info::pairs(map, Some(&Labels::new(scene.robots())));
         Ok(format!("{}: {vertices} vertices, {edges} directed edges: {verdicts}\n{pairs}", out.display()))
     }

@@ -88,7 +88,8 @@ pub fn command(args: &PathArgs) -> Result<ExitCode, Report> {
         file.edges.retain(|e| e.verdict == Some(StoredVerdict::Free));
     }
     let map = Roadmap::of_file(&file, robot).map_err(|e| ConfigError::plain(e.what, e.help))?;
-    let (from, to) = (vertex(&map, &args.from)?, vertex(&map, &args.to)?);
+    let from = vertex(&map, &args.from)?;
+    let to = vertex(&map, &args.to)?;
     let Some(path) = map.plan(from, to) else {
         let edges = if only_free { "edges that are certified free" } else { "edges that were not removed" };
         let name = |id: u32| called(&map, id);
@@ -143,7 +144,8 @@ fn text(file: &MapFile, path: &[u32]) -> String {
     let legs = path.windows(2);
     let at = |id: u32| file.vertices.get(id as usize).map_or([0.0; 3], |v| v.at_m);
     let far = |leg: &[u32]| {
-        let (a, b) = (at(leg[0]), at(leg[1]));
+        let a = at(leg[0]);
+        let b = at(leg[1]);
         a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
     };
     let hand: f64 = legs.clone().map(far).sum();

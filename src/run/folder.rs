@@ -57,7 +57,8 @@ impl Folder {
 
     /// That it has another name now, in words.
     pub(crate) fn renamed(&self) -> Option<String> {
-        let (now, own) = (self.now().canonicalize().ok()?, self.path.canonicalize().ok());
+        let now = self.now().canonicalize().ok()?;
+        let own = self.path.canonicalize().ok();
         (Some(&now) != own.as_ref())
             .then(|| format!("the run's folder was renamed while it was under way: to {}", now.display()))
     }
@@ -91,7 +92,8 @@ impl Folder {
     /// # Errors
     /// If the disk refuses.
     pub fn write(&self, name: &str, text: &str) -> Result<(), ConfigError> {
-        let (now, file) = (self.now(), self.path.join(name));
+        let now = self.now();
+        let file = self.path.join(name);
         let part = now.join(format!("{name}.part"));
         let write = || create_private(&part, Before::Empty)?.write_all(text.as_bytes());
         write().and_then(|()| std::fs::rename(&part, now.join(name))).map_err(|e| {

@@ -60,7 +60,8 @@ impl LogBook {
 
     /// The sink that fills it.
     pub(super) fn sink(&self, scene: &Arc<Scene>) -> SinkSpec {
-        let (book, scene) = (self.clone(), scene.clone());
+        let book = self.clone();
+        let scene = scene.clone();
         SinkSpec {
             pictures: Pictures::None,
             name: "log".into(),

@@ -66,7 +66,8 @@ impl Bar {
             return;
         }
         *last = now;
-        let (minutes, c) = (p.at.secs() / 60.0, &p.counts);
+        let minutes = p.at.secs() / 60.0;
+        let c = &p.counts;
         self.say(&format!("{minutes:.1} min simulated: {} motions, {} rolled back", c.commits, c.rolled_back));
     }
 

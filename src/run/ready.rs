@@ -6,7 +6,8 @@ use mobee_actors::runtime::clock::ClockKind;
 
 /// The lines.
 pub(super) fn lines(composition: &Composition, folder: &Folder, ctl: CtlAt) -> Vec<String> {
-    let (name, path) = (&composition.config.name, folder.path().display());
+    let name = &composition.config.name;
+    let path = folder.path().display();
     let until = match composition.config.for_s {
         Some(secs) => format!("for {secs} s"),
         None => "until its agents are done or it is stopped".to_owned(),

@@ -114,7 +114,8 @@ pub(super) fn print(
     let row = |name: &str, value: String| println!("  {name:22} {}", labels.read(&value));
     println!("\n{}", folder.path().display());
     row("ended", reason(done.end.reason).into());
-    let (secs, wall) = (done.end.ended_at.secs(), done.wall.as_secs_f64());
+    let secs = done.end.ended_at.secs();
+    let wall = done.wall.as_secs_f64();
     if done.real {
         row("duration", format!("{secs:.1} s ({:.1} min) by the run's clock", secs / 60.0));
         if done.began.secs() > 0.0 {

@@ -75,7 +75,8 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
     }
     let robots = config.robot.iter().zip(motors);
     let robots: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.tolerance_deg.to_radians())).collect();
-    let (tracks, dir) = (Tracks::open(folder.path(), &robots)?, folder.path().to_owned());
+    let tracks = Tracks::open(folder.path(), &robots)?;
+    let dir = folder.path().to_owned();
     Ok(Some(SinkSpec {
         pictures: Pictures::None,
         name: "track".into(),
@@ -103,7 +104,8 @@ pub(super) fn frames(config: &Config, folder: &Folder, damage: &mut Vec<String>)
         eprintln!("warning: the frames of this run are not kept: {why}");
         return Ok(None);
     }
-    let (frames, dir) = (KeptFrames::open(folder.path(), &cameras)?, folder.path().to_owned());
+    let frames = KeptFrames::open(folder.path(), &cameras)?;
+    let dir = folder.path().to_owned();
     damage.extend(frames.damage().iter().cloned());
     Ok(Some(SinkSpec {
         pictures: Pictures::All(cameras.into()),
@@ -147,7 +149,8 @@ pub(super) fn recorder(
         eprintln!("warning: there is no recording of this run: {why}");
         return None;
     }
-    let (settings, dir) = (recorder_settings(config, folder), folder.clone());
+    let settings = recorder_settings(config, folder);
+    let dir = folder.clone();
     let open = given.unwrap_or_else(|| {
         Arc::new(move || {
             Room::at(dir.path()).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;

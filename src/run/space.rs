@@ -89,7 +89,8 @@ mod tests {
     #[test]
     fn a_folder_that_is_yet_to_be_made_has_its_parents_room() {
         let dir = tempfile::tempdir().unwrap();
-        let (here, below) = (Room::at(dir.path()).unwrap(), Room::at(&dir.path().join("a/b")).unwrap());
+        let here = Room::at(dir.path()).unwrap();
+        let below = Room::at(&dir.path().join("a/b")).unwrap();
         assert_eq!(here.all, below.all);
     }
 }

@@ -46,7 +46,8 @@ impl WatchService {
         set: &[String],
         controls: mpsc::Sender<Control>,
     ) -> WatchService {
-        let (config, bridges) = (&composition.config, composition.bridge_names());
+        let config = &composition.config;
+        let bridges = composition.bridge_names();
         let world = config.world.file.as_ref().map(|file| Config::beside(&source, file));
         let running = serde_json::to_value(config).unwrap_or_default();
         let world_print = print_of(world.as_slice());
@@ -63,8 +64,11 @@ impl WatchService {
     /// # Errors
     /// Why nothing of it was, or not all.
     async fn reload(&mut self, running: &Arc<dyn Running>) -> Result<Vec<String>, String> {
-        let (path, set) = (self.source.path.clone(), self.set.clone());
-        let (before, bridges, models) = (self.running.clone(), self.bridges.clone(), running.models());
+        let path = self.source.path.clone();
+        let set = self.set.clone();
+        let before = self.running.clone();
+        let bridges = self.bridges.clone();
+        let models = running.models();
         let names: Vec<String> = running.robots().iter().map(|r| r.name().to_owned()).collect();
         if print_of(self.world.as_slice()) != self.world_print {
             let file = self.world.clone().unwrap_or_default();
@@ -119,7 +123,8 @@ impl WatchService {
 
     /// Waits for the end of a swap. An edit that comes meanwhile is answered at once, and taken up after it.
     async fn last_step(&self, name: &str, part: SwapPart, running: &Arc<dyn Running>) -> Result<SwapStep, String> {
-        let (before, mut answered) = (print_of(&self.files()), false);
+        let before = print_of(&self.files());
+        let mut answered = false;
         loop {
             if !answered && print_of(&self.files()) != before {
                 answered = true;
@@ -223,7 +228,8 @@ struct Changes {
 fn changes(old: &Value, new: &Value, called: &[String]) -> Changes {
     let mut found = Changes::default();
     let robots = |config: &Value| config["robot"].as_array().cloned().unwrap_or_default();
-    let (before, after) = (robots(old), robots(new));
+    let before = robots(old);
+    let after = robots(new);
     let names = |robots: &[Value]| robots.iter().map(|r| r["name"].clone()).collect::<Vec<Value>>();
     if names(&before) == names(&after) {
         for (old, new) in before.iter().zip(&after) {
@@ -242,7 +248,8 @@ fn changes(old: &Value, new: &Value, called: &[String]) -> Changes {
     } else {
         found.restart.push("robot".into());
     }
-    let (before, after) = (bridges(old), bridges(new));
+    let before = bridges(old);
+    let after = bridges(new);
     let places = |bridges: &[(Place, Value)]| bridges.iter().map(|(place, _)| *place).collect::<Vec<Place>>();
     let same = places(&before) == places(&after);
     let edited = before.iter().zip(&after).zip(called).filter(|((old, new), _)| same && old != new);

@@ -43,7 +43,8 @@ impl Driven {
         if kind == YARP {
             let yarp: YarpDriverSettings = mobee_contract::settings(&settings).map_err(wrong)?;
             yarp.validate().map_err(wrong)?;
-            let (speed, acceleration) = (yarp.max_speed_deg_per_s, yarp.max_acceleration_deg_per_s2);
+            let speed = yarp.max_speed_deg_per_s;
+            let acceleration = yarp.max_acceleration_deg_per_s2;
             robot.driver =
                 json!({ "kind": SIM, "max_speed_deg_per_s": speed, "max_acceleration_deg_per_s2": acceleration });
             return Ok(Driven::Yarp(yarp));

@@ -36,7 +36,8 @@ impl Memory {
         }
         let n = warm.len() as f64;
         let mean = |of: fn(&(f64, f64)) -> f64| warm.iter().map(|s| of(s)).sum::<f64>() / n;
-        let (at, mb) = (mean(|s| s.0), mean(|s| s.1));
+        let at = mean(|s| s.0);
+        let mb = mean(|s| s.1);
         let (over, under) =
             warm.iter().fold((0.0, 0.0), |(o, u), (t, m)| (o + (t - at) * (m - mb), u + (t - at) * (t - at)));
         Some(3600.0 * over / under)

@@ -275,7 +275,8 @@ impl Planner<'_> {
             SwapPart::Agent => vec![("speed", json!(self.rng.random_range(0.05..0.3)))],
             SwapPart::Controller => {
                 let period = [10.0, 20.0, 30.0][self.rng.random_range(0..3)];
-                let (margin, history) = (self.rng.random_range(8.0..40.0), self.rng.random_range(200..3000));
+                let margin = self.rng.random_range(8.0..40.0);
+                let history = self.rng.random_range(200..3000);
                 // no draw of its own: the plans of known seeds stay as they are
                 let tolerance = 0.05 + f64::from(history) * 5e-5;
                 vec![
@@ -349,7 +350,8 @@ mod tests {
 
     #[test]
     fn a_plan_follows_from_its_seed_and_heals_in_time() {
-        let (facts, kinds) = (facts(), chosen("").unwrap());
+        let facts = facts();
+        let kinds = chosen("").unwrap();
         for seed in 0..300 {
             let planned = plan(seed, &facts, &kinds);
             assert_eq!(format!("{planned:?}"), format!("{:?}", plan(seed, &facts, &kinds)));
@@ -383,7 +385,8 @@ mod tests {
     #[test]
     fn a_fault_that_needs_more_is_answered_with_a_sentence() {
         assert_eq!(chosen("f1, F8").unwrap(), ["F1", "F8"]);
-        let (usual, all) = (chosen("").unwrap(), chosen("all").unwrap());
+        let usual = chosen("").unwrap();
+        let all = chosen("all").unwrap();
         assert!(all.len() == usual.len() + 2 && !usual.contains(&"F21") && all.contains(&"F21"));
         assert!(chosen("F16").unwrap_err().contains("process"));
         assert!(chosen("F99").unwrap_err().contains("no fault"));

@@ -126,7 +126,8 @@ impl Tally {
 
     /// How far it is.
     pub fn line(&self) -> String {
-        let (hours, factor) = (self.simulated.as_secs_f64() / 3600.0, self.factor());
+        let hours = self.simulated.as_secs_f64() / 3600.0;
+        let factor = self.factor();
         format!(
             "{} seeds, {hours:.2} simulated hours, {factor:.0} times real time, {} failed",
             self.seeds,
@@ -157,9 +158,11 @@ impl fmt::Display for Tally {
             let closed: Vec<String> = self.closed.iter().map(|(cause, n)| format!("{cause} {n}")).collect();
             writeln!(f, "closed     {}", closed.join(", "))?;
         }
-        let (escapes, stopped) = (self.escapes, self.retreats_stopped);
+        let escapes = self.escapes;
+        let stopped = self.retreats_stopped;
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
-        let (hard, deep) = (self.hard_contacts, self.hard_contact_depth_mm);
+        let hard = self.hard_contacts;
+        let deep = self.hard_contact_depth_mm;
         writeln!(f, "touched    {hard} hard contacts, at most {deep:.1} mm deep")?;
         if self.push_n > 0.0 {
             writeln!(f, "pushed     at most {:.1} N, for at most {:.2} s", self.push_n, self.push_s)?;

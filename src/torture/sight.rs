@@ -88,13 +88,15 @@ pub fn befall(sensors: &mut [SensorSetup], planned: &[Planned], seed: u64) {
         }
         let wrong = Wrong { seed, faults };
         for camera in &mut sensor.cameras {
-            let (inner, wrong) = (camera.detector.clone(), wrong.clone());
+            let inner = camera.detector.clone();
+            let wrong = wrong.clone();
             let maker: PartMaker<dyn Detector> =
                 Arc::new(move || Ok(Box::new(Mistaken { inner: inner()?, wrong: wrong.clone() })));
             camera.detector = maker;
         }
         if let Some(locator) = &mut sensor.locator {
-            let (inner, wrong) = (locator.locator.clone(), wrong.clone());
+            let inner = locator.locator.clone();
+            let wrong = wrong.clone();
             let maker: PartMaker<dyn Locator> =
                 Arc::new(move || Ok(Box::new(Mistaken { inner: inner()?, wrong: wrong.clone() })));
             locator.locator = maker;
@@ -234,7 +236,8 @@ impl Belief {
             let since = places.last().map_or(at, |(_, since, _)| *since);
             let is_double = twice.iter().any(|(from, to)| (*from..*to + LATE).contains(exposed) && since >= *from);
             if *admission == Admission::Moved && nearest > jump + OFF && !is_double {
-                let (name, mm) = (&object.object, nearest * 1e3);
+                let name = &object.object;
+                let mm = nearest * 1e3;
                 broken.get_or_insert(format!("{name} is moved to {mm:.0} mm from where it was, at {at}"));
             }
         }

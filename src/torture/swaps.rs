@@ -142,7 +142,8 @@ struct Mute {
 
 impl Hardware for Mute {
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
-        let (driver, is_mute) = (self.board.connect()?, self.is_mute.swap(true, Ordering::SeqCst));
+        let driver = self.board.connect()?;
+        let is_mute = self.is_mute.swap(true, Ordering::SeqCst);
         Ok(Box::new(MuteDriver { driver, is_mute }))
     }
 }

@@ -181,7 +181,8 @@ impl TortureTrial {
         let driven = Driven::all(&mut config, &source)?;
         let wires = driven.iter().map(Driven::wires).collect();
         let composed = compose(config.clone(), &source)?;
-        let (scene, sensors) = (composed.scene, composed.sensors.iter().map(sight::actors).collect());
+        let scene = composed.scene;
+        let sensors = composed.sensors.iter().map(sight::actors).collect();
         let limits = |r: &mobee_model::Robot| r.motors.iter().map(|m| (m.min, m.max)).collect();
         let robots = config.robot.iter().zip(scene.robots()).map(|(c, r)| (c.name.clone(), limits(r))).collect();
         Ok(TortureTrial { config, source, driven, replaced, facts: Facts { robots, wires, sensors, secs, mild } })
@@ -291,8 +292,11 @@ impl TortureTrial {
         if end.counts.is_given_up && !planned.iter().any(|p| p.what.kind() == "F5") {
             violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
         }
-        let (counts, swaps, hash) = (end.counts, watch.swaps, watch.hash.hex());
-        let (faulted, closed) = (std::mem::take(&mut watch.faulted), std::mem::take(&mut watch.closed));
+        let counts = end.counts;
+        let swaps = watch.swaps;
+        let hash = watch.hash.hex();
+        let faulted = std::mem::take(&mut watch.faulted);
+        let closed = std::mem::take(&mut watch.closed);
         let growth = memory.slope();
         if let Some(slope) = growth.filter(|slope| *slope > GROWS) {
             violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));

@@ -21,7 +21,8 @@ pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
     let clusters = (facts.secs * rng.random_range(0.5..1.5) / between).ceil() as u64;
     for _ in 0..clusters {
         let (robot, boards) = wired[rng.random_range(0..wired.len())];
-        let (board, every) = (rng.random_range(0..boards), rng.random_range(0..4) == 0);
+        let board = rng.random_range(0..boards);
+        let every = rng.random_range(0..4) == 0;
         let (fault, lasts) = draw(&mut rng);
         let mut at = Time::from_secs(rng.random_range(0.0..(facts.healed().secs() - 1.0).max(0.1)));
         for _ in 0..rng.random_range(1..=3) {

@@ -316,7 +316,9 @@ impl Witness {
                 let then = seen.late.get_or_insert_with(|| truth.to_vec());
                 let way = then.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 if way > UNSEEN.1 {
-                    let (name, way, more) = (&seen.name, seen.units.told(way, 1), UNSEEN.0.as_secs_f64());
+                    let name = &seen.name;
+                    let way = seen.units.told(way, 1);
+                    let more = UNSEEN.0.as_secs_f64();
                     let what = format!(
                         "{name}: the readings are equal since {since}, and {more} s later a motor goes on by {way} at {at}"
                     );
@@ -365,8 +367,10 @@ impl Witness {
         };
         let near = *seen.near.get_or_insert(at);
         if at.since(near) > seen.period * PERIODS {
-            let (a, b) = (scene.label(contact.pair.0), scene.label(contact.pair.1));
-            let (mm, name) = (contact.distance * 1e3, &seen.name);
+            let a = scene.label(contact.pair.0);
+            let b = scene.label(contact.pair.1);
+            let mm = contact.distance * 1e3;
+            let name = &seen.name;
             let state = match promise {
                 "I24" => "the escape that deepens it goes on",
                 _ if seen.open => "the filter is open",
@@ -407,7 +411,8 @@ impl Witness {
             }
             self.joint.nearer = start - c.distance;
             if self.joint.nearer > TOGETHER {
-                let (a, b) = (scene.label(c.pair.0), scene.label(c.pair.1));
+                let a = scene.label(c.pair.0);
+                let b = scene.label(c.pair.1);
                 let [now, start] = [c.distance, start].map(|m| m * 1e3);
                 let what = format!("{a} and {b} are at {now:.1} mm during the retreat of both, below {start:.1} mm");
                 self.found.push(("I14", format!("{what} at {at}")));
@@ -427,7 +432,9 @@ impl Witness {
         if speed <= MOVES * seen.rest_speed {
             return;
         }
-        let (name, status, since) = (&seen.name, seen.status, seen.since);
+        let name = &seen.name;
+        let status = seen.status;
+        let since = seen.since;
         let speed = seen.units.told_speed(speed, 2);
         let goes_back = matches!(status, Status::Retreating | Status::Settling);
         if !seen.open && !goes_back && lasts(since) > BRAKES {

@@ -38,7 +38,9 @@ pub(super) fn printed(line: &[u8]) -> bool {
 
 /// `read`: prints what comes, until Ctrl-C or the writer's end of file.
 pub(super) async fn read(network: &Network, port: &str, words: &[String], carrier: Carrier) -> Result<(), Failure> {
-    let (mut sources, mut envelope, mut trim) = (Vec::new(), false, usize::MAX);
+    let mut sources = Vec::new();
+    let mut envelope = false;
+    let mut trim = usize::MAX;
     let mut words = words.iter().peekable();
     while let Some(word) = words.next() {
         match word.as_str() {

@@ -105,7 +105,8 @@ pub(super) async fn merge(network: &Network, args: MergeArgs) -> Result<(), Fail
         let name = format!("{}{number}", args.worker);
         let mut reader = InputPort::open(network, &name, Queue::Newest).await.map_err(because)?;
         reader.connect_from(source, carrier_of(source, args.carrier)?).await.map_err(because)?;
-        let (come, dialect) = (come.clone(), network.dialect());
+        let come = come.clone();
+        let dialect = network.dialect();
         readers.spawn(async move {
             while let Some(message) = reader.recv().await {
                 if let Ok(bottle) = message.payload.bottle(dialect)
@@ -117,7 +118,8 @@ pub(super) async fn merge(network: &Network, args: MergeArgs) -> Result<(), Fail
         });
     }
     info(format_args!("Port {} active: ready, from {}", output.name(), sources.join(" ")));
-    let (clock, mut stamp) = (Clock::new(ClockKind::Real), Stamp::default());
+    let clock = Clock::new(ClockKind::Real);
+    let mut stamp = Stamp::default();
     let work = async {
         let mut parts = vec![Bottle::new(); sources.len()];
         while let Some((number, bottle)) = newest.recv().await {

@@ -78,7 +78,9 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
 /// From each move to when the motion under way led there, ms; and how many motions were taken back first.
 fn answers(folder: &Folder) -> Result<(Vec<f64>, u64), Report> {
     let mut moved: Option<Time> = None;
-    let (mut led, mut taken_back, mut follows) = (Vec::new(), 0, false);
+    let mut led = Vec::new();
+    let mut taken_back = 0;
+    let mut follows = false;
     for line in journal::read(folder.path()).map_err(|e| miette!("{e}"))? {
         let line = line.map_err(|e| miette!("{e}"))?;
         let after = |since: Time| line.at.since(since);

@@ -208,7 +208,8 @@ fn overrides(
         own.push(format!("robot.{name}.agent.follow=false"));
     }
     if let Some(robot) = robot.filter(|_| way == Way::NoReflex) {
-        let (period, history) = (robot.controller.period_ms, robot.controller.history);
+        let period = robot.controller.period_ms;
+        let history = robot.controller.history;
         let plain = format!("{{kind=\"rollback\",reflex=false,period_ms={period},history={history}}}");
         own.push(format!("robot.{name}.controller={plain}"));
     }

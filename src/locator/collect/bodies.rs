@@ -48,12 +48,15 @@ impl Body {
             let next = self.readings.next()?;
             self.before = self.after.replace(next);
         }
-        let (before, after) = (self.before.as_ref()?, self.after.as_ref()?);
-        let (span, since) = (after.at.since(before.at), time.since(before.at));
+        let before = self.before.as_ref()?;
+        let after = self.after.as_ref()?;
+        let span = after.at.since(before.at);
+        let since = time.since(before.at);
         if !after.follows || span > GAP || span.is_zero() || before.q.len() != after.q.len() {
             return None;
         }
-        let (span, share) = (span.as_secs_f64(), since.as_secs_f64() / span.as_secs_f64());
+        let span = span.as_secs_f64();
+        let share = since.as_secs_f64() / span;
         let both = || before.q.iter().zip(after.q.iter());
         let speed = both().map(|(b, a)| (a - b).abs() / span).fold(0.0, f64::max);
         Some(Posture { q: both().map(|(b, a)| b + share * (a - b)).collect(), speed })

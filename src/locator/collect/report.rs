@@ -65,7 +65,10 @@ impl Check {
         }
         let sparse = groups.iter().map(Vec::len).filter(|n| *n < least).sum();
         groups.retain(|group| group.len() >= least);
-        let (mut known, mut exposed, mut places, mut spread) = (Vec::new(), Vec::new(), Vec::new(), 0.0f64);
+        let mut known = Vec::new();
+        let mut exposed = Vec::new();
+        let mut places = Vec::new();
+        let mut spread = 0.0f64;
         for group in &groups {
             let place = group.iter().map(|row| row.known.place).sum::<Vector3<f64>>() / group.len() as f64;
             spread = group.iter().map(|row| (row.known.place - place).norm()).fold(spread, f64::max);

@@ -67,7 +67,8 @@ impl<'a> Rows<'a> {
     pub fn new(c: &'a Composition, scene: &'a Scene, [looks, holds]: [Body; 2], still: [f64; 2]) -> Rows<'a> {
         let own = PlaceFrame { rotation: Matrix3::identity(), origin: Vector3::zeros() };
         let head = HeadModel::nominal(HeadKind::V2, Lens::icub(), own);
-        let (raw, dropped) = (Vec::new(), Dropped::default());
+        let raw = Vec::new();
+        let dropped = Dropped::default();
         Rows { c, scene, looks, holds, still, head, waiting: [None, None], raw, dropped }
     }
 

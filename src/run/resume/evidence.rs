@@ -81,7 +81,8 @@ pub(super) fn of_robot(file: &Path, robot: &Robot, poses: Vec<(Time, Pose)>) -> 
     match poses.iter().find(|(_, q)| q.len() != robot.motors.len()) {
         None => Ok(poses),
         Some((_, q)) => {
-            let (n, own) = (q.len(), robot.motors.len());
+            let n = q.len();
+            let own = robot.motors.len();
             let what = format!("{}: poses of {n} motors, and {} has {own}", file.display(), robot.name);
             Err(ConfigError::plain(what, "take the file away: the run goes on without what it recorded of its retreat"))
         }

@@ -25,7 +25,8 @@ impl Witness {
         }
         let since = *seen.pushed.get_or_insert(at);
         if at.since(since) > PUSHES {
-            let (name, by) = (&seen.name, seen.units.told(farthest, 1));
+            let name = &seen.name;
+            let by = seen.units.told(farthest, 1);
             let what = format!("{name}: a motor that is held since before {since} is wanted {by} beyond at {at}");
             self.found.push(("I32", what));
             seen.pushed = None;
