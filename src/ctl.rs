@@ -3,8 +3,8 @@
 //! ```text
 //! mobee ctl ──RUN/ctl.sock (JSON lines)──> a service of the run ──Control──> the system
 //! ```
-//! The run's own user and root may do anything, nobody else anything. `mobee ctl` reads the files; the run opens none on
-//! request.
+//! The run's own user and root may request anything, other users nothing. `mobee ctl` reads the files; the run opens
+//! none on request.
 
 mod client;
 mod desk;
@@ -127,7 +127,7 @@ enum CtlCommand {
     },
 }
 
-/// Which robot is meant.
+/// The robot that a request is for.
 #[derive(Args)]
 struct OfRobot {
     /// Only this robot.
@@ -176,10 +176,10 @@ struct SwapArgs {
     no_wait: bool,
 }
 
-/// Carries out `mobee ctl ...`.
+/// Runs `mobee ctl ...`.
 ///
 /// # Errors
-/// A run that can't be found or reached, or a request that it refused, with its own explanation.
+/// If the run can't be found or reached, or refuses the request, with its reason.
 pub fn command(args: CtlArgs) -> Result<ExitCode, Report> {
     runtime()?.block_on(client::run(args))
 }
@@ -189,17 +189,17 @@ fn runtime() -> Result<Runtime, Report> {
     runtime.map_err(|e| Report::msg(format!("no asynchronous runtime: {e}")))
 }
 
-/// Puts a learned locator into a sensor of a run that is going, in place of the one that it has, and waits until that is settled.
-/// What else its table says of a learned locator stays.
+/// Swaps a trained locator into a sensor of a running run, and waits until the swap has settled. Other settings of a
+/// trained locator's table stay.
 ///
 /// # Arguments
 /// * `run`: the run's folder.
-/// * `sensor`: the sensor's name; `None`: the only one.
-/// * `learned`: the locator's kind, and its file.
-/// * `probation`: seconds for which the old one may return.
+/// * `sensor`: the sensor's name; `None` for the only one.
+/// * `learned`: the locator's kind and file.
+/// * `probation`: time during which the old one may return, seconds.
 ///
 /// # Errors
-/// If the run can't be reached or has no such sensor, or keeps its locator, with the reason.
+/// If the run can't be reached, has no such sensor, or retains its locator, with the reason.
 pub(crate) fn put_locator(
     run: &Path,
     sensor: Option<&str>,

@@ -1,6 +1,6 @@
 //! Events as sentences for operators: the terminal of a run, `mobee ctl log`, and the last lines of a summary.
 //!
-//! Journals carry stable names of shapes; here they are read as labels ([`Labels`]).
+//! Journals contain stable names of shapes; the sentences contain their labels ([`Labels`]).
 
 use crate::compose::compose;
 use crate::config::Config;
@@ -13,32 +13,32 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Motors that a line names; of more only the number.
+/// Maximum number of motors that a line names; further ones are counted.
 const MAX_NAMED: usize = 3;
 
-/// How much a line matters.
+/// Importance of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Weight {
-    /// For `mobee ctl log` alone.
+    /// For `mobee ctl log` only.
     Detail,
-    /// What an operator should see as it happens.
+    /// An operator should see it as it happens.
     News,
-    /// Something to look after, also in a run that nobody watches.
+    /// Needs attention, also in an unattended run.
     Warning,
 }
 
-/// An event in words.
+/// An event as a sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Line {
-    /// How much it matters.
+    /// Its importance.
     pub(crate) weight: Weight,
-    /// Of what a sum of such lines counts, in the plural.
+    /// The plural by which a sum counts such lines.
     pub(crate) kind: &'static str,
     /// The sentence, without its time.
     pub(crate) text: String,
 }
 
-/// The end of a motion, in words.
+/// The end of a motion.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MotionLine {
     /// The robot.
@@ -49,7 +49,7 @@ pub(crate) struct MotionLine {
     pub(crate) outcome: Outcome,
 }
 
-/// What is known of one robot by its events.
+/// The state of one robot, derived from its events.
 #[derive(Default)]
 struct Story {
     motors: Vec<String>,
@@ -57,15 +57,15 @@ struct Story {
     tolerance: f64,
     /// The motors that the open commit names.
     named: Vec<usize>,
-    /// Whether the safe pose of the open commit has moved.
+    /// True if the safe pose of the open commit has moved.
     moved: bool,
-    /// The pairs in contact, as the journal names them.
+    /// The pairs in contact by their names in the journal, with their distances, meters.
     touches: BTreeMap<(String, String), f64>,
     status: Option<Status>,
     halted: bool,
 }
 
-/// The labels of the robots of a run in a folder, or beside a journal; none if its configuration can't be read any more.
+/// The labels of the robots of a run, by its folder or journal; empty if its configuration can't be read any more.
 pub(crate) fn labels_of(run: &Path) -> Labels {
     let dir = if run.is_dir() { run } else { run.parent().unwrap_or(Path::new(".")) };
     let loaded = Config::load_resolved(&dir.join("config.json")).ok();
@@ -73,17 +73,17 @@ pub(crate) fn labels_of(run: &Path) -> Labels {
     composition.map(|c| Labels::new(c.scene.robots())).unwrap_or_default()
 }
 
-/// Makes sentences of events, in their order.
+/// Converts events into sentences, in their order.
 pub(crate) struct Narrator {
     robots: Vec<Arc<Robot>>,
     labels: Labels,
-    /// The names of all objects that there ever were.
+    /// The names of all objects of the run, also of removed ones.
     objects: BTreeMap<u32, String>,
     stories: BTreeMap<String, Story>,
 }
 
 impl Narrator {
-    /// For a run that begins in this scene.
+    /// A narrator for a run that begins in this scene.
     pub(crate) fn new(scene: &Scene) -> Narrator {
         let robots = scene.robots().to_vec();
         let labels = Labels::new(scene.robots());
@@ -92,7 +92,7 @@ impl Narrator {
         narrator
     }
 
-    /// The world has changed to this.
+    /// Updates the names of objects after an edit of the world.
     pub(crate) fn edited(&mut self, scene: &Scene) {
         self.objects.extend(scene.objects().map(|(id, object)| (id, object.name.clone())));
     }
@@ -103,7 +103,7 @@ impl Narrator {
         Some(MotionLine { robot: robot.clone(), id: id.0, outcome: *outcome })
     }
 
-    /// The event as a line. `None`: of no interest to an operator.
+    /// The event as a line. `None` if it does not concern an operator.
     pub(crate) fn line(&mut self, event: &Event) -> Option<Line> {
         let (weight, kind, text) = self.of_robot(event).or_else(|| of_system(event))?;
         Some(Line { weight, kind, text: self.labels.read(&text).into_owned() })
@@ -191,7 +191,7 @@ impl Narrator {
         })
     }
 
-    /// Why a motion failed, as the second half of a sentence.
+    /// The cause of a failed motion, as a clause.
     fn why(&self, robot: &str, cause: &Cause) -> String {
         match cause {
             Cause::Contact(contacts) => self.met(robot, contacts, ""),
@@ -219,7 +219,7 @@ impl Narrator {
         }
     }
 
-    /// Of the pairs that met the nearest, and the motors that brought them together.
+    /// The closest pair in contact, and the motors that moved it.
     fn met(&self, robot: &str, contacts: &[Contact], would: &str) -> String {
         let nearest = contacts.iter().min_by(|a, b| a.distance.total_cmp(&b.distance));
         let Some(contact) = nearest else { return "something was met".into() };
@@ -260,7 +260,7 @@ impl Narrator {
 }
 
 impl Story {
-    /// How a motion ended, and where the robot rests.
+    /// The end of a motion, and the place where the robot rests.
     fn ended(&self, outcome: Outcome, cause: Option<&Cause>, why: Option<&str>, at: (&Pose, Option<&Pose>)) -> String {
         let why = why.map(|why| format!(": {why}")).unwrap_or_default();
         match outcome {
@@ -288,7 +288,7 @@ impl Story {
         match status {
             Status::Holding(Hold::ShuttingDown) => detail("comes to rest: the run is ending"),
             Status::Holding(Hold::Halted) => detail("holds: halted"),
-            // the motor that was moved has been named
+            // an earlier line names the motor
             Status::Holding(Hold::Displaced) => detail("holds: it was moved at rest"),
             Status::Holding(Hold::InContact) => match self.touches.iter().next() {
                 Some((pair, distance)) => {
@@ -308,7 +308,7 @@ impl Story {
     }
 }
 
-/// What is no matter of one robot's motions.
+/// Lines for events that do not belong to one robot's motions.
 fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
     use Weight::{Detail, News, Warning};
     Some(match event {
@@ -360,7 +360,7 @@ fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
     })
 }
 
-/// A step of a swap, with the remedy where there is one.
+/// A step of a swap as a phrase, with a remedy if there is one.
 pub(crate) fn in_words(part: SwapPart, step: &SwapStep) -> String {
     let why = match step {
         SwapStep::Refused { why } | SwapStep::Reverted { why } => why.as_str(),
@@ -369,7 +369,7 @@ pub(crate) fn in_words(part: SwapPart, step: &SwapStep) -> String {
     format!("{step}{}", fresh_remedy(part, why))
 }
 
-/// What to do about a new part that can't take over the old one's state.
+/// The remedy for a new part that can't take over the old one's state.
 pub(crate) fn fresh_remedy(part: SwapPart, why: &str) -> String {
     if !why.contains("the state can't be taken over") {
         return String::new();

@@ -1,4 +1,4 @@
-//! Whether parts that are each fine go together: robots and world, poses and obstacles, agents and boards, ports and names.
+//! Checks that valid parts fit together: robots and world, poses and obstacles, agents and boards, ports and names.
 
 use super::{Begin, Built};
 use crate::config::{Complaints, Config, Source};
@@ -7,10 +7,11 @@ use mobee_model::{Contact, Scene, ShapeId};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// So many pairs of links in each other's way are named with what leaves them out; of more, something else is wrong.
+/// Maximum number of link pairs that a complaint lists with a line that disables them; more of them indicate another
+/// error.
 const LINES: usize = 5;
 
-/// All of them.
+/// Runs all checks.
 pub(super) fn all(
     config: &Config,
     source: &Source,
@@ -24,7 +25,7 @@ pub(super) fn all(
     if begin == Begin::Anew {
         poses.starts(built, wrong);
     }
-    // a robot that can't even start is not judged by its poses
+    // the poses of a robot that can't start are not checked
     if wrong.is_empty() {
         poses.named(built, wrong, warnings);
     }
@@ -41,7 +42,7 @@ struct Poses<'a> {
 }
 
 impl Poses<'_> {
-    /// A motion that starts in contact could never be committed.
+    /// Checks the start configurations: a motion that starts in contact could never be committed.
     fn starts(&self, built: &[Built], wrong: &mut Complaints) {
         let mut poses = self.scene.home();
         let known = |b: &Built| b.hardware.as_ref().and_then(|h| h.known().start);
@@ -53,12 +54,12 @@ impl Poses<'_> {
         }
         let mut told: Vec<(ShapeId, ShapeId)> = Vec::new();
         for (i, r) in self.config.robot.iter().enumerate() {
-            // a margin that is none was told before
+            // an invalid margin is reported elsewhere
             let judged = (0.0..=500.0).contains(&r.controller.margin_mm);
             let near = self.nearest(i, &poses, r.controller.margin_mm).filter(|c| judged && !told.contains(&c.pair));
             let Some(c) = near else { continue };
             told.push(c.pair);
-            // a recorded robot does what it did
+            // a recorded robot repeats its recording
             if matches!(starts.get(i), Some(Some(start)) if start.optional) {
                 continue;
             }
@@ -82,7 +83,7 @@ impl Poses<'_> {
         }
     }
 
-    /// The pairs of a robot's own nodes that are nearer than the margin, the nearest first.
+    /// Pairs of a robot's own nodes that are closer than the margin, the closest first.
     fn near_in_itself(&self, robot: usize, poses: &[mobee_contract::Pose], margin_mm: f64) -> Vec<(usize, usize)> {
         let own = |id: ShapeId| match id {
             ShapeId::Robot { robot: r, node, .. } if usize::from(r) == robot => Some(usize::from(node)),
@@ -99,7 +100,7 @@ impl Poses<'_> {
         pairs
     }
 
-    /// What to do about a robot that is in its own way: among others, the lines that leave the pairs out, as its file has them.
+    /// Remedies for a robot in self-collision, among them the lines that disable the pairs in its file.
     fn free_itself(&self, robot: usize, pairs: &[(usize, usize)]) -> String {
         let mut help =
             "let it start elsewhere (`start_deg` of the driver `sim`, `home` in the robot's file), or choose a \
@@ -120,7 +121,7 @@ impl Poses<'_> {
         help
     }
 
-    /// Poses that an agent's settings name, while the other robots are at home.
+    /// Checks the poses that an agent's settings name, with the other robots at home.
     fn named(&self, built: &[Built], wrong: &mut Complaints, warnings: &mut Vec<String>) {
         for (i, (r, b)) in self.config.robot.iter().zip(built).enumerate() {
             let of_agent = b.agent.iter().flat_map(|(_, means)| &means.poses).map(|pose| ("agent.", pose));
@@ -177,7 +178,7 @@ impl Poses<'_> {
     }
 }
 
-/// A controller whose readings are always old would never open its filter.
+/// Checks the age of samples: a controller whose samples are always stale would never open its filter.
 fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let Some(period) = b.hardware.as_ref().and_then(|h| h.known().period) else { continue };
@@ -194,7 +195,8 @@ fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Compl
     }
 }
 
-/// An agent whose motors have no board would move nothing; two drivers of one board would fight.
+/// Checks the boards: an agent whose motors have no board would move nothing, and two drivers of one board would
+/// conflict.
 fn boards(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
     for (i, b) in built.iter().enumerate() {
         let (Some(hardware), Some((_, means))) = (&b.hardware, &b.agent) else { continue };

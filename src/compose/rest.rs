@@ -1,4 +1,4 @@
-//! Rest poses: where robots are moved when the run ends.
+//! Rest poses: the configurations that robots move to when the run ends.
 
 use super::{Built, derive_seed, placed};
 use crate::config::{Complaints, Config, RestTable, RobotConfig, Source, suggestion};
@@ -12,10 +12,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The pose of the robot's file.
+/// The name of the home configuration in the robot's file.
 const HOME: &str = "home";
-/// Speed and tolerance where the agent's settings have none.
+/// Share of the maximum speeds if neither the table nor the agent has a speed.
 const SPEED: f64 = 0.1;
+/// Tolerance if the agent's settings have none, degrees.
 const TOLERANCE_DEG: f64 = 0.5;
 
 /// The motion to a robot's rest pose, and the pose.
@@ -32,7 +33,7 @@ pub(super) fn all(
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let (Some(rest), Some(b)) = (&r.rest, b) else { continue };
         let table = rest.table();
-        // settings that are out of bounds were complained of before
+        // settings that are out of bounds are reported elsewhere
         if table.pose.is_some() == table.q_deg.is_some()
             || !(0.1..=3600.0).contains(&table.within_s)
             || table.speed.is_some_and(|speed| !(speed > 0.0 && speed <= 1.0))

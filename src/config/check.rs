@@ -1,14 +1,14 @@
-//! What the types of a configuration can't say, before any file that it names is read.
+//! Checks of a configuration beyond its types, before any file that it names is read.
 
 use super::{ClockMode, Complaints, Config, Source, StepTrigger, did_you_mean, suggestion};
 use mobee_bridge::YarpSettings;
 
-/// The farthest from the world's origin that anything may stand, meters: what is farther was meant in millimeters.
+/// Maximum coordinate in the world, meters: a greater one was meant in millimeters.
 const FARTHEST_M: f64 = 50.0;
-/// The longest name of a behavior, bytes: with the time of a run behind it, it is a folder's name.
+/// Maximum length of a behavior's name, bytes: the name and the run's time are a folder's name.
 const LONGEST_NAME: usize = 100;
 
-/// The checks of one configuration, and what they have found.
+/// The checks of one configuration, and the complaints so far.
 pub(super) struct Checks<'a> {
     source: &'a Source,
     wrong: Complaints,
@@ -22,12 +22,13 @@ impl Checks<'_> {
         self.wrong.push(self.source.error(path, message, help));
     }
 
-    /// Not-a-number is out of every range.
+    /// Checks a range; NaN is out of every range.
     pub(super) fn range(&mut self, path: &str, x: f64, low: f64, high: f64, unit: &str) {
         self.range_or(path, x, (low, high), unit, None);
     }
 
-    /// A range of a value that may have been meant in another unit: its name, and how many of ours are one of it.
+    /// Checks a range of a value that may have been meant in another unit: `other` is that unit's name and its factor
+    /// to ours.
     pub(super) fn range_or(
         &mut self,
         path: &str,
@@ -45,7 +46,7 @@ impl Checks<'_> {
         }
     }
 
-    /// Names become parts of other names, paths and ports.
+    /// Checks a name: names become parts of other names, paths and ports.
     pub(super) fn name(&mut self, path: &str, name: &str, of: &str) {
         if name.is_empty() || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
             self.say(path, format!("not a {of}'s name"), "use letters, digits, - and _");
@@ -65,7 +66,7 @@ impl Checks<'_> {
 }
 
 impl Config {
-    /// Everything that is wrong with numbers, names and combinations.
+    /// Checks all numbers, names and combinations.
     pub(super) fn check(&self, source: &Source) -> Complaints {
         let mut c = Checks { source, wrong: Complaints::default() };
         self.check_run(&mut c);
@@ -113,16 +114,16 @@ impl Config {
             let k = &r.controller;
             c.range_or(&at("controller.period_ms"), k.period_ms, (1.0, 1000.0), "ms", Some(("seconds", 1e3)));
             c.range(&at("controller.history"), r.controller.history as f64, 10.0, 1e7, "poses");
-            // no margin at all may be wanted in a simulation; one of micrometers is a mistake
+            // a margin of zero is allowed for simulations; one of micrometers is a mistake
             let least = if k.margin_mm == 0.0 { 0.0 } else { 0.5 };
             c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("meters", 1e3)));
             // zero: the paper's Algorithm 6
             if let Some(mm) = k.reserve_mm.filter(|mm| *mm != 0.0) {
-                // beyond the margin it is the margin that stops a robot that goes slowly
+                // beyond the margin, the margin stops a slow robot
                 c.range_or(&at("controller.reserve_mm"), mm, (0.5, k.margin_mm.max(0.5)), "mm", Some(("meters", 1e3)));
             }
             if let Some(deg) = k.stall_deg {
-                // below the tolerance a motor that rests beside its target would count as held
+                // below the tolerance, a motor that rests beside its target would count as held
                 c.range(&at("controller.stall_deg"), deg, k.tolerance_deg.clamp(0.05, 45.0), 45.0, "deg");
             }
             if let Some(nm) = k.contact_nm {
@@ -154,7 +155,7 @@ impl Config {
                 StepTrigger::AtS(t) => {
                     let at = format!("script[{i}].when.at_s");
                     c.range(&at, *t, 0.0, 1e7, "s");
-                    // who shortens one run by --for knows that it ends early
+                    // with --for, a user shortens one run on purpose
                     let end = self.for_s.filter(|end| t >= end && c.source.in_file("for_s"));
                     if let Some(end) = end {
                         let what = format!("this never happens: the run ends at {end} s");

@@ -1,4 +1,5 @@
-//! A configuration file with the files that it includes, as one tree of values: the file itself over what it includes.
+//! A configuration file and the files that it includes, as one tree of values. The file overrides the files that it
+//! includes.
 
 use super::layer::{Content, LayerNode};
 use super::{Complaints, ConfigError};
@@ -9,29 +10,29 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
-/// How deep includes may nest.
+/// Maximum nesting depth of includes.
 const DEEPEST: usize = 8;
-/// So many files at most make a configuration; one that is included twice counts twice.
+/// Maximum number of files in a configuration; a file that is included twice counts twice.
 const MOST_FILES: usize = 64;
-/// How long a file may be, bytes.
+/// Maximum size of a file, bytes.
 const LONGEST: u64 = MIB;
-/// How long all files of a configuration may be together, bytes.
+/// Maximum size of all files of a configuration together, bytes.
 const LONGEST_TOGETHER: usize = 2 * MIB as usize;
 
-/// What to do about a hidden character.
+/// The remedy for a hidden character.
 const UNSEEN: &str = "use only visible characters in names and texts";
-/// What to do about a backslash in a text, which is mostly a path as on Windows.
+/// The remedy for a backslash in a text, which is usually a Windows path.
 const ESCAPE: &str =
     "in \"...\" a backslash begins an escape such as \\n: write paths with /, or the text in single quotes: '...'";
 
 /// One file of a configuration.
 #[derive(Clone, Debug)]
 pub struct TextFile {
-    /// The path to say to people.
+    /// The path to show to users.
     pub name: String,
-    /// Its folder as seen from the main file's: empty for the main file.
+    /// Its folder relative to the main file's: empty for the main file.
     pub folder: PathBuf,
-    /// What stands in it.
+    /// The contents.
     pub text: String,
 }
 
@@ -47,12 +48,12 @@ impl TextFile {
     }
 }
 
-/// Reads a file and what it includes.
+/// Reads a file and its includes.
 pub struct IncludeReader {
     /// All files read so far.
     pub files: Vec<TextFile>,
     main_folder: PathBuf,
-    /// The files that are being read, the outermost first, as the disk names them.
+    /// The canonical paths of the files that are being read, the outermost first.
     open: Vec<PathBuf>,
 }
 
@@ -69,7 +70,7 @@ impl IncludeReader {
     /// Reads a main file.
     ///
     /// # Errors
-    /// What can't be read or is not TOML, here and in all included files.
+    /// Complaints about this file and all included ones that can't be read or are not TOML.
     pub fn main(&mut self, path: &Path) -> Result<LayerNode, Complaints> {
         let text = read_text(path, LONGEST).map_err(|e| {
             ConfigError::plain(
@@ -81,7 +82,7 @@ impl IncludeReader {
         self.parse(path.display().to_string(), PathBuf::new(), text)
     }
 
-    /// Parses a text and reads what it includes.
+    /// Parses a text and reads its includes.
     ///
     /// # Errors
     /// As for [`IncludeReader::main`].
@@ -90,7 +91,7 @@ impl IncludeReader {
         self.files.push(TextFile { name, folder, text: text.clone() });
         let mut wrong = Complaints::default();
         let (document, errors) = DeTable::parse_recoverable(&text);
-        // one mistake leads to others on its line
+        // one mistake leads to further errors on its line
         let mut told = Vec::new();
         for e in errors.into_iter().take(super::complaints::MOST) {
             let span = e.span().unwrap_or(0..0);
@@ -111,7 +112,7 @@ impl IncludeReader {
                 break;
             }
             let written = text.get(span.clone()).unwrap_or_default();
-            // it was meant to be two characters, unless it stands there itself, or by its number
+            // two characters were meant, unless the hidden character is in the text itself or by its number
             let escape = ["\\b", "\\e", "\\f", "\\n", "\\r", "\\t"].iter().any(|e| written.contains(e));
             let escape = escape && !written.contains(is_hidden);
             let (what, help) = match what.contains("hidden") {
@@ -192,9 +193,9 @@ impl IncludeReader {
     }
 }
 
-/// A path with the user's home folder for the `~/`, `$HOME/` or `${HOME}/` that it may begin with.
+/// Replaces a leading `~/`, `$HOME/` or `${HOME}/` with the user's home folder.
 ///
-/// All paths of configuration files pass here. A shell would have done it, and no folder is named so.
+/// All paths of configuration files pass through here, since no shell expands them.
 pub fn from_home(path: &Path) -> PathBuf {
     let home = std::env::var_os("HOME").filter(|home| !home.is_empty());
     let inside = ["~", "$HOME", "${HOME}"].iter().find_map(|begin| path.strip_prefix(begin).ok());
@@ -204,7 +205,7 @@ pub fn from_home(path: &Path) -> PathBuf {
     }
 }
 
-/// What to do about an error of syntax in a line.
+/// The remedy for a syntax error in a line.
 fn remedy(message: &str, line: &str) -> &'static str {
     let remedies = [
         ("escaped value", ESCAPE),
@@ -218,6 +219,6 @@ fn remedy(message: &str, line: &str) -> &'static str {
         ("string, expected", "close the quotes"),
     ];
     let found = remedies.iter().find(|(part, _)| message.contains(part)).map_or("fix the TOML syntax here", |(_, h)| h);
-    // the backslash at the end of a folder's name hides the quotes after it
+    // a backslash at the end of a folder's name escapes the quote after it
     if found == "close the quotes" && line.contains("\\\"") { ESCAPE } else { found }
 }

@@ -1,4 +1,4 @@
-//! Where a robot is moved when a run ends, as files have it.
+//! The rest pose of a robot in the configuration: the target of the motion when a run ends.
 
 use super::check::Checks;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
@@ -16,7 +16,7 @@ pub enum RestConfig {
     Table(RestTable),
 }
 
-/// The rest pose of a robot, and how it is moved there.
+/// The rest pose of a robot, and the motion to it.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RestTable {
@@ -29,7 +29,7 @@ pub struct RestTable {
     /// Share of each motor's maximum speed, above 0 and up to 1. Default: the agent's `speed`, or 0.1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed: Option<f64>,
-    /// The longest time that the motion may take, seconds of the run's clock.
+    /// Time limit of the motion, seconds of the run's clock.
     #[serde(default = "within_s")]
     pub within_s: f64,
 }

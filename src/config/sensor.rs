@@ -1,4 +1,4 @@
-//! The tables `[[sensor]]`: what looks at the world.
+//! The tables `[[sensor]]`: cameras, detectors and locators.
 
 use super::{Checks, Config, ConfigError, suggestion};
 use mobee_contract::{DEFAULT_MAX_REGIONS, MAX_REGIONS};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
 
-/// What looks at the world: cameras, a detector behind each of them, and a locator that places what these see.
+/// A sensor: cameras, a detector behind each of them, and a locator that estimates the positions of detected objects.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Sensor")]
@@ -19,14 +19,14 @@ pub struct SensorConfig {
     pub robot: Option<String>,
     /// Its cameras, each with its detector.
     pub eye: Vec<EyeConfig>,
-    /// Whether the run keeps every frame that its detectors look at, in files of its folder: for cameras of the kind `recorded`, and for
-    /// `mobee locator collect --images`.
+    /// True: the run stores every frame that its detectors process in files of its folder, for cameras of the kind `recorded`, and
+    /// for `mobee locator collect --images`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub keep_frames: bool,
-    /// `kind` and settings of the locator; see `mobee kinds`. Absent: what is seen is recorded, and not placed.
+    /// `kind` and settings of the locator; see `mobee kinds`. Absent: detections are recorded, but not located.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub locator: Option<Value>,
-    /// Which of the places become the objects' places in the model. Absent: none of them.
+    /// The filter of positions for the model. Absent: the sensor does not change the model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gate: Option<WorldGateConfig>,
 }
@@ -42,8 +42,7 @@ pub struct EyeConfig {
     pub camera: Value,
     /// `kind` and settings of the detector; see `mobee kinds`.
     pub detector: Value,
-    /// Greatest number of regions of each object that are reported of one picture, 1 to 256: the detector's first ones. The others are
-    /// counted.
+    /// Maximum number of regions per object and image, 1 to 256: the detector's first ones are reported, further ones counted.
     #[serde(default = "max_regions", skip_serializing_if = "is_default_max_regions")]
     pub max_regions: usize,
 }
@@ -55,30 +54,30 @@ fn is_default_max_regions(n: &usize) -> bool {
     *n == DEFAULT_MAX_REGIONS
 }
 
-/// The world gate: what a sensor may change in the model.
+/// The world gate: the changes that a sensor may make to the model.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "WorldGate")]
 pub struct WorldGateConfig {
-    /// The objects that it keeps where it sees them, by their names in the world. If its cameras are simulated, scripts and programs
-    /// move these objects in truth alone, and the model learns of it by this sensor.
+    /// The objects that it tracks, by their names in the world. If its cameras are simulated, scripts and programs move these
+    /// objects in the ground truth only, and the model is updated by this sensor.
     pub objects: Vec<String>,
-    /// The least and the greatest coordinates of a place that is believed, in the world, meters.
+    /// Minimum and maximum coordinates of an accepted position, in the world, meters.
     #[serde(default = "workspace")]
     pub workspace_m: [[f64; 3]; 2],
-    /// How far from where it was last an object is believed at once, mm.
+    /// Distance from its last position up to which an object's new position is accepted at once, mm.
     #[serde(default = "jump")]
     pub jump_mm: f64,
-    /// How often in a row an object must be seen at another place to be believed there.
+    /// Number of consecutive detections after which a position farther away is accepted.
     #[serde(default = "confirmations")]
     pub confirmations: u32,
-    /// The greatest standard deviation of a place that is believed, in its least certain direction, mm.
+    /// Maximum standard deviation of an accepted position, in its least certain direction, mm.
     #[serde(default = "uncertainty")]
     pub uncertainty_mm: f64,
-    /// An object that is less far than this from where the model has it is left there, mm.
+    /// Distance from the model's position below which the model is not changed, mm.
     #[serde(default = "least_move")]
     pub least_move_mm: f64,
-    /// An object that was not seen for so long is stale, s.
+    /// Time without a detection after which an object is stale, s.
     #[serde(default = "stale")]
     pub stale_s: f64,
 }
@@ -103,7 +102,7 @@ fn stale() -> f64 {
 }
 
 impl SensorConfig {
-    /// Which robot carries it.
+    /// The index of the robot that carries it.
     pub fn carrier(&self, config: &Config) -> Option<usize> {
         match &self.robot {
             Some(name) => config.robot.iter().position(|r| r.name == *name),
@@ -114,7 +113,7 @@ impl SensorConfig {
 }
 
 impl Config {
-    /// The index of the sensor of this name, or of the only one. `file` is what complaints say has it.
+    /// The index of the sensor of this name, or of the only one. Complaints name `file`.
     pub(crate) fn sensor_called(&self, name: Option<&str>, file: &Path) -> Result<usize, ConfigError> {
         let names: Vec<&str> = self.sensor.iter().map(|s| s.name.as_str()).collect();
         let file = file.display();
@@ -135,7 +134,7 @@ impl Config {
         }
     }
 
-    /// The cameras whose frames the run keeps, as `<sensor>/<camera>`.
+    /// The cameras whose frames the run stores, as `<sensor>/<camera>`.
     pub(crate) fn kept_cameras(&self) -> Vec<String> {
         let keeping = self.sensor.iter().filter(|s| s.keep_frames);
         keeping.flat_map(|s| s.eye.iter().map(|eye| format!("{}/{}", s.name, eye.name))).collect()
@@ -214,7 +213,7 @@ impl WorldGateConfig {
         let [low, high] = &self.workspace_m;
         c.position(&format!("{at}.workspace_m"), low);
         c.position(&format!("{at}.workspace_m"), high);
-        // not-a-number is no order either
+        // false for NaN
         if !low.iter().zip(high).all(|(a, b)| a < b) {
             let help = "give the least x, y, z, then the greatest";
             c.say(&format!("{at}.workspace_m"), "there is no place in this workspace", help);

@@ -1,23 +1,23 @@
-//! Whether values have the shape that the schema gives them: their keys, types and choices. All that don't fit are told at once.
+//! Checks that values match the schema: keys, types and choices. Reports all mismatches at once.
 
 use super::complaints::MOST;
 use mobee_contract::{nearest, suggestion};
 use serde_json::{Map, Value};
 
-/// A value that does not fit.
+/// A value that does not match.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Misfit {
-    /// The way to it.
+    /// Keys and indices that lead to it.
     pub steps: Vec<String>,
-    /// Whether the key is wrong, not the value.
+    /// True if the key is wrong, not the value.
     pub at_key: bool,
-    /// What is wrong.
+    /// The problem.
     pub what: String,
-    /// What to do about it.
+    /// The remedy.
     pub help: String,
 }
 
-/// All that does not fit.
+/// All values that do not match the schema.
 pub fn misfits(schema: &Value, value: &Value) -> Vec<Misfit> {
     let mut walk = Walk { root: schema, steps: Vec::new(), found: Vec::new() };
     walk.value(schema, value);
@@ -41,7 +41,7 @@ impl<'a> Walk<'a> {
         self.steps.pop();
     }
 
-    /// What a schema's links lead to.
+    /// Follows a schema's links.
     fn resolve(&self, mut schema: &'a Value) -> &'a Value {
         // links don't nest deeper than types do
         for _ in 0..16 {
@@ -58,7 +58,7 @@ impl<'a> Walk<'a> {
         let outer = schema;
         let mut schema = self.resolve(schema);
         if let Some(options) = schema["anyOf"].as_array() {
-            // an optional value: TOML has none that is null
+            // an optional value; TOML has no null
             let Some(some) = options.iter().find(|o| o["type"] != "null") else { return };
             schema = self.resolve(some);
         }
@@ -119,7 +119,7 @@ impl<'a> Walk<'a> {
         let known = schema["properties"].as_object();
         let names: Vec<&str> = known.unwrap_or(&none).keys().map(String::as_str).collect();
         let mut meant = Vec::new();
-        // nothing is written for what is null: only what was read before holds such
+        // null is never written; it occurs only in values that were resolved before
         for (key, value) in map.iter().filter(|(_, value)| !value.is_null()) {
             if self.found.len() >= MOST {
                 return;
@@ -151,7 +151,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// One of several: words, kinds, or tables of one key.
+    /// Checks a choice: words, kinds, or tables of one key.
     fn choice(&mut self, options: &[&'a Value], value: &Value, doc: &str) {
         let words: Vec<&str> = options.iter().filter_map(|o| o["const"].as_str()).collect();
         if words.len() == options.len() {
@@ -180,11 +180,11 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// A table that says by its `tag` (`kind`, mostly) which of several it is.
+    /// Checks a table whose `tag` (usually `kind`) names its variant.
     fn tagged(&mut self, options: &[&'a Value], tag: &str, names: &[&str], map: &Map<String, Value>) {
         let known = || names.join(", ");
         match map.get(tag) {
-            // one that need not be named is that of tables that name none
+            // tables without a tag are of the variant whose tag is optional
             None => match options.iter().find(|o| o["required"].as_array().is_none_or(|r| !r.contains(&tag.into()))) {
                 Some(option) => self.table(option, map),
                 None => {
@@ -217,7 +217,7 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// The key by which tables of several sorts are told apart, and the word that each has there.
+/// The key that distinguishes the variants of a table, and the word of each.
 fn tag<'a>(options: &[&'a Value]) -> Option<(&'a str, Vec<&'a str>)> {
     let first = options.first()?["properties"].as_object()?;
     first.keys().find_map(|key| {
@@ -226,7 +226,7 @@ fn tag<'a>(options: &[&'a Value]) -> Option<(&'a str, Vec<&'a str>)> {
     })
 }
 
-/// The types that a schema allows; none: all.
+/// The types that a schema allows; empty: all.
 fn types(schema: &Value) -> Vec<&str> {
     match &schema["type"] {
         Value::String(one) => vec![one],
@@ -266,7 +266,7 @@ fn given(value: &Value) -> String {
     }
 }
 
-/// What the writer may have had in mind.
+/// A guess at the intended value.
 fn hint(value: &Value, expected: &[&str]) -> String {
     let number = expected.iter().any(|t| matches!(*t, "number" | "integer"));
     match value {

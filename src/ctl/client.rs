@@ -1,4 +1,4 @@
-//! What `mobee ctl` says to a run, and how it shows the answers.
+//! Requests of `mobee ctl` to a run, and the output of their replies.
 
 use super::find::{self, Client};
 use super::wire::{Reply, Request, Sent};
@@ -10,13 +10,13 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How often a swap is looked after.
+/// Interval between two requests for the state of a swap.
 const PERIOD: Duration = Duration::from_millis(500);
-/// How often the log, or the end of a motion, is asked for.
+/// Interval between two requests for the log, or for the end of a motion.
 const POLL: Duration = Duration::from_millis(200);
-/// How long a run may take to end in order.
+/// Maximum time in which a run ends in order.
 const OVER: Duration = Duration::from_secs(120);
-/// How often `top` is drawn.
+/// Interval of updates by `top`.
 const REDRAWN: Duration = Duration::from_secs(1);
 
 pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
@@ -53,7 +53,7 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
     finish(&client.ask(&say(request)).await?)
 }
 
-/// A request of words alone.
+/// A request without an attached configuration.
 fn say(words: Vec<String>) -> Request {
     Request { words, offer: None }
 }
@@ -68,7 +68,7 @@ fn finish(answer: &Reply) -> Result<ExitCode, Report> {
     Ok(ExitCode::from(2))
 }
 
-/// Ends the run, and waits until it is over: its journal and folder are then as they stay.
+/// Ends the run, and waits until its journal and folder are final.
 async fn stop(client: &mut Client, words: Vec<String>) -> Result<ExitCode, Report> {
     let answer = client.ask(&say(words)).await?;
     if !answer.done {
@@ -83,7 +83,7 @@ async fn stop(client: &mut Client, words: Vec<String>) -> Result<ExitCode, Repor
     Err(ConfigError::plain(what, "look at it with `mobee ctl status`, or end it by `mobee ctl stop --now`").into())
 }
 
-/// Commits a motion, and waits for its outcome; Ctrl-C brakes it.
+/// Commits a motion and waits for its outcome; Ctrl-C brakes it.
 async fn go(client: &mut Client, words: Vec<String>) -> Result<ExitCode, Report> {
     let answer = client.ask(&say(words)).await?;
     let [robot, id] = answer.lines.as_slice() else { return finish(&answer) };
@@ -142,13 +142,13 @@ async fn log(client: &mut Client, lines: u32, follow: bool) -> Result<ExitCode, 
     }
 }
 
-/// The run has ended while it was looked at.
+/// Prints the end of a run that was being observed.
 fn ended(answer: &Reply) -> ExitCode {
     println!("{}", answer.lines.join("\n"));
     ExitCode::SUCCESS
 }
 
-/// Draws the status again and again, in place in a terminal, one after the other elsewhere; until Ctrl-C, or the run has ended.
+/// Prints the status repeatedly until Ctrl-C or the end of the run: in place on a terminal, in sequence elsewhere.
 async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report> {
     let terminal = std::io::stdout().is_terminal();
     let mut drawn = 0;
@@ -164,7 +164,7 @@ async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report
             Err(e) => return Err(e.into()),
         };
         let lines = mobee_model::printable(&answer.lines.join("\n")).into_owned();
-        // at the top left, over what was there: clearing all first would flicker
+        // overwrite from the top left: clearing first would flicker
         let lines = if terminal {
             format!("\x1b[H{}\x1b[K\n\x1b[J", lines.replace('\n', "\x1b[K\n"))
         } else {
@@ -211,7 +211,7 @@ async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     println!("{}", offered.lines.join("\n"));
     let end = end(client, &name, &args.part).await?;
     if end.over && end.done {
-        // the new agent has finished before its probation was over
+        // the new agent has finished before the end of its probation
         return Ok(ended(&end));
     }
     match end.lines.first().map(String::as_str) {
@@ -221,7 +221,7 @@ async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     }
 }
 
-/// Waits for the end of a swap, and says each step; the answer that tells the last one, or that there is none.
+/// Waits for the end of a swap, and prints each step; returns the reply with the last step, or the first without one.
 async fn end(client: &mut Client, name: &str, part: &str) -> Result<Reply, ConfigError> {
     let mut said = String::new();
     loop {
@@ -241,10 +241,10 @@ async fn end(client: &mut Client, name: &str, part: &str) -> Result<Reply, Confi
     }
 }
 
-/// Offers the locator of this sensor, as a configuration has it, to the run in this folder, and waits for the end.
+/// Offers a locator for this sensor to the run in this folder, and waits for the end of the swap.
 ///
 /// # Errors
-/// If the run can't be reached, refuses it or goes back to the old one, with its own explanation.
+/// If the run can't be reached, refuses the locator or returns to the old one, with its reason.
 pub(super) async fn put_locator(run: &Path, sensor: &str, offer: Sent, probation: f64) -> Result<(), ConfigError> {
     let mut client = find::connect_in(run).await?;
     let [sensor, part] = [sensor, "locator"];

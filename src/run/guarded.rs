@@ -1,13 +1,13 @@
-//! A sink that ends before it takes the room that the journal needs.
+//! A sink that ends before it uses disk space that the journal needs.
 
 use super::space::Room;
 use mobee_contract::{Entry, Sink, Time};
 use std::path::PathBuf;
 
-/// Looks after the disk once in so many entries.
+/// Entries between two checks of the disk.
 const OFTEN: u32 = 1000;
 
-/// Passes on what it is told as long as there is room.
+/// Forwards entries while there is enough disk space.
 pub(super) struct Guarded {
     sink: Box<dyn Sink>,
     folder: PathBuf,
@@ -15,7 +15,7 @@ pub(super) struct Guarded {
 }
 
 impl Guarded {
-    /// Around a sink that writes into this folder.
+    /// Wraps a sink that writes into this folder.
     pub(super) fn new(sink: Box<dyn Sink>, folder: PathBuf) -> Guarded {
         Guarded { sink, folder, entries: 0 }
     }

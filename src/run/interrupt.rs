@@ -1,4 +1,4 @@
-//! The wish to end, by signals.
+//! Signals that end the run.
 
 use crate::config::ConfigError;
 use crate::signals::{Interrupt, let_large_writes_fail};
@@ -6,13 +6,13 @@ use mobee_actors::system::Control;
 use std::io::Write;
 use tokio::sync::mpsc;
 
-/// Exit code of a run that was left at the third signal, as shells give it for a first.
+/// Exit code of a run that is abandoned at the third signal: the shells' code for SIGINT.
 const ABANDONED: i32 = 130;
 
-/// Ctrl-C, SIGTERM or a hang-up once: end in order. Twice: stop now. Three times: leave at once.
+/// Listens for Ctrl-C, SIGTERM and hang-up. First: end in order. Second: stop now. Third: exit at once.
 ///
 /// # Errors
-/// If the system gives no thread or poller.
+/// If no thread or runtime can be created.
 pub(super) fn listen(controls: mpsc::Sender<Control>) -> Result<(), ConfigError> {
     let no = |e: std::io::Error| ConfigError::plain(format!("can't listen for signals: {e}"), "free some resources");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(no)?;
@@ -34,10 +34,10 @@ pub(super) fn listen(controls: mpsc::Sender<Control>) -> Result<(), ConfigError>
     std::thread::Builder::new().name("signals".into()).spawn(listen).map(drop).map_err(no)
 }
 
-/// Each wish waits by itself: a busy run must not keep the next one from being heard.
+/// Sends in a task of its own: a busy run must not delay the next signal.
 fn wish(controls: &mpsc::Sender<Control>, control: Control, words: &str) {
     let controls = controls.clone();
     tokio::spawn(async move { controls.send(control).await });
-    // with the terminal gone there is nobody to be told
+    // the terminal may be gone
     let _ = writeln!(std::io::stderr(), "\n{words}");
 }

@@ -1,19 +1,19 @@
-//! What the system must give a run: asked for before it begins, since in mid-run it would be too late.
+//! System resources that a run needs, checked before it begins: a shortage during the run would end it.
 
 use super::CtlAt;
 use crate::config::{Config, ConfigError};
 use mobee_drivers::YARP;
 use std::net::TcpListener;
 
-/// Files and sockets that a run has open: threads' runtimes, journal, recording, the control port; with room to spare.
+/// Files and sockets that a run opens (runtimes of threads, journal, recording, control port), with a reserve.
 const FILES: u64 = 64;
-/// The same with YARP's ports; each connection to one of them takes another.
+/// The same with YARP ports; each connection to one of them needs another.
 const FILES_OF_YARP: u64 = 256;
 
-/// Whether the run can have what it needs.
+/// Checks that the run can have the files and the address that it needs.
 ///
 /// # Errors
-/// What is lacking, and how to get it.
+/// The missing resource, and its remedy.
 pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
     let yarp = config.yarp_ports().next().is_some() || config.robot.iter().any(|r| r.driver_kind() == YARP);
     let needed = if yarp { FILES_OF_YARP } else { FILES };
@@ -41,10 +41,10 @@ pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
     Ok(())
 }
 
-/// Whether no port is open to everybody on the network.
+/// Checks that no port of the run is open to everybody on the network.
 ///
 /// # Errors
-/// That one would be, and what guards it.
+/// If one is open: the reason, and the settings that guard it.
 pub(crate) fn guarded(config: &Config) -> Result<(), ConfigError> {
     if config.yarp_ports().any(|(_, ports)| ports.is_unguarded()) {
         return Err(ConfigError::plain(
@@ -56,7 +56,7 @@ pub(crate) fn guarded(config: &Config) -> Result<(), ConfigError> {
     Ok(())
 }
 
-/// The soft limit of open files in Linux' table of limits; `None` if it is not there, or there is none.
+/// The soft limit of open files in Linux' table of limits; `None` if it is missing or unlimited.
 fn most_files(limits: &str) -> Option<u64> {
     limits.lines().find_map(|line| line.strip_prefix("Max open files")?.split_whitespace().next()?.parse().ok())
 }

@@ -1,10 +1,10 @@
-//! What a run says as it begins: where it writes, what it serves, how to watch and how to stop it.
+//! The first lines that a run prints: its folder, its ports, and the commands to watch and to stop it.
 
 use super::{CtlAt, Folder};
 use crate::compose::Composition;
 use mobee_actors::runtime::clock::ClockKind;
 
-/// The lines.
+/// The lines, in order.
 pub(super) fn lines(composition: &Composition, folder: &Folder, ctl: CtlAt) -> Vec<String> {
     let name = &composition.config.name;
     let path = folder.path().display();

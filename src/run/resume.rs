@@ -1,8 +1,8 @@
-//! `mobee run --resume`: a run that ended, or whose process died, goes on where it was.
+//! `mobee run --resume`: continues a run that ended, or whose process died.
 //!
-//! What was learned and done stands in the journal, which goes on in the same file. An open transaction gets its outcome by
-//! measuring where the robot is, before anything moves; if it is at neither end, it holds (`after_crash`) until somebody asks
-//! to `recover`, and then goes back the way that the pose ring shows.
+//! The state of the run is in its journal, which is continued in the same file. An open transaction gets its outcome
+//! before anything moves, from the measured configuration. If the robot is at neither end of the motion, it holds
+//! (`after_crash`) until `recover` is requested; it then retreats along the path in the pose ring.
 
 mod evidence;
 
@@ -20,7 +20,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use tokio::sync::mpsc;
 
-/// Resumes the run in this folder, under overrides.
+/// Resumes the run in this folder, with overrides.
 ///
 /// # Errors
 /// Complaints about the folder, its journal or the configuration, before anything moves.
@@ -78,7 +78,7 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
     conduct(composition, &folder, extras, output, ctl, mpsc::channel(16))
 }
 
-/// Simulated robots stand where they were last known to be; real ones are where they are.
+/// Places simulated robots at their last recorded configurations. Real robots are where they are.
 fn stand(composition: Composition, mut source: Source, past: &Past) -> Result<Composition, Report> {
     let mut moved = false;
     for (i, (setup, model)) in composition.robots.iter().zip(composition.scene.robots()).enumerate() {
@@ -94,7 +94,7 @@ fn stand(composition: Composition, mut source: Source, past: &Past) -> Result<Co
     if moved { Ok(compose_again(Config::from_source(&source)?, &source)?) } else { Ok(composition) }
 }
 
-/// A pose as settings: motor names and degrees, within limits, which the noise of encoders may exceed.
+/// A configuration as settings: motor names and degrees, clamped to the limits, which encoder noise may exceed.
 fn degrees(model: &Robot, q: &[f64]) -> Vec<(String, f64)> {
     let motors = model.motors.iter().zip(q);
     motors.map(|(m, q)| (m.name.clone(), q.clamp(m.min, m.max).to_degrees())).collect()

@@ -1,7 +1,8 @@
-//! What happens in a run, on the terminal as it happens.
+//! The events of a run on the terminal, while it runs.
 //!
-//! By a real clock that is a line for each rollback, hold, death, swap and warning, at most [`MOST`] in [`WINDOW`]; what is more is
-//! summed up. In virtual time, which passes thousands of times faster, only warnings are printed. All lines go to standard error.
+//! With a real clock, each rollback, hold, death, swap and warning is a line, at most [`MOST`] in [`WINDOW`]; further
+//! ones are summed up. In virtual time, thousands of times faster, only warnings are printed. All lines go to standard
+//! error.
 
 use super::progress::Bar;
 use crate::narrate::{Line, Narrator, Weight, timed};
@@ -10,16 +11,16 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Lines in a window; more are counted.
+/// Lines printed per window; further ones are counted.
 const MOST: usize = 12;
-/// A window.
+/// Duration of a window.
 const WINDOW: Duration = Duration::from_secs(10);
-/// Warnings of a run in virtual time; the journal has further ones.
+/// Warnings that a run in virtual time prints; the journal has all of them.
 const MOST_VIRTUAL: u32 = 20;
-/// Failed motions that the summary shows.
+/// Number of failed motions in the summary.
 const RECENT: usize = 5;
 
-/// The motions of a run that failed last, as lines for its summary.
+/// The last failed motions of a run, as lines for its summary.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Recent(Arc<Mutex<VecDeque<String>>>);
 
@@ -38,20 +39,20 @@ impl Recent {
     }
 }
 
-/// How a run talks.
+/// Settings of the terminal's output.
 #[derive(Clone, Debug)]
 pub(crate) struct Talk {
-    /// Whether each event is news, or warnings alone are: whether a person can follow the run's clock.
+    /// True if all news is printed, not only warnings: with a real clock a person can follow.
     pub(super) live: bool,
-    /// Whether nothing but warnings is printed.
+    /// True if only warnings are printed.
     pub(super) quiet: bool,
-    /// Printed as the run begins.
+    /// Lines that are printed when the run begins.
     pub(super) ready: Vec<String>,
-    /// Filled for the summary.
+    /// Receives the failed motions for the summary.
     pub(super) recent: Recent,
 }
 
-/// Prints lines.
+/// The sink that prints events.
 pub(super) struct Said {
     bar: Bar,
     talk: Talk,
@@ -61,7 +62,7 @@ pub(super) struct Said {
 }
 
 impl Said {
-    /// Above this progress bar.
+    /// Prints above this progress bar.
     pub(super) fn new(bar: Bar, talk: Talk, narrator: Narrator) -> Said {
         Said { bar, talk, narrator, bound: Bound::default(), warnings: 0 }
     }
@@ -120,7 +121,7 @@ impl Sink for Said {
     }
 }
 
-/// Bounds the rate of lines: what is too much in a window is counted, and told as one line after it.
+/// Bounds the rate of lines: counts those above the limit, and reports them as one line after the window.
 #[derive(Debug, Default)]
 struct Bound {
     since: Option<Time>,
@@ -129,7 +130,8 @@ struct Bound {
 }
 
 impl Bound {
-    /// What is printed now of a line: itself, nothing, or what came too fast before it as well.
+    /// The lines to print now for a new line: the sum of the last window if that has ended, and the line itself unless
+    /// the window is full.
     fn line(&mut self, at: Time, kind: &'static str, text: String) -> Vec<String> {
         let mut lines = Vec::new();
         if self.since.is_none_or(|since| at.since(since) >= WINDOW) {
@@ -145,7 +147,7 @@ impl Bound {
         lines
     }
 
-    /// What came too fast, in one line.
+    /// The sum of the lines above the limit, as one line.
     fn rest(&mut self) -> Vec<String> {
         let more = std::mem::take(&mut self.more);
         let total: u64 = more.values().sum();

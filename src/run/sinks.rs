@@ -1,4 +1,4 @@
-//! Who is told what happens in a run: each behind a queue and on a thread of its own.
+//! The sinks of a run's entries: each behind a queue and on a thread of its own.
 
 use super::BUILD;
 use super::folder::Folder;
@@ -21,19 +21,19 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-/// How many entries may wait for a sink's thread.
+/// Maximum number of entries that wait for a sink's thread.
 pub(crate) const QUEUE: usize = 8192;
-/// How long one entry may take to be written at the end, before the disk is taken for dead.
+/// Time limit for writing one entry at the end; a disk that takes longer is considered dead.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
-/// The same of a viewer or terminal, which nobody has to wait for.
+/// The same for a viewer or terminal, which must not delay the end.
 const IMPATIENCE: Duration = Duration::from_secs(3);
 
 /// The name of the viewer's sink.
 pub(super) const VIEWER: &str = "viewer";
-/// The name of the terminal's.
+/// The name of the terminal's sink.
 pub(super) const TERMINAL: &str = "terminal";
 
-/// The journal.
+/// The journal's sink.
 pub(super) fn journal(journal: &Journal) -> SinkSpec {
     let journal = journal.clone();
     SinkSpec {
@@ -47,7 +47,7 @@ pub(super) fn journal(journal: &Journal) -> SinkSpec {
     }
 }
 
-/// What a crash leaves of the way that the robots came; in virtual time there is no robot to find again.
+/// The pose rings, from which a resumed run gets the path of a retreat. None in virtual time: there no robot remains.
 pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Option<SinkSpec> {
     let robots = config.robot.iter().zip(motors);
     let rings: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.history)).collect();
@@ -63,11 +63,11 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
     })
 }
 
-/// The measured poses beside the journal. They end before they take the room that the journal needs, and a run that finds too
-/// little of it goes without them: only the invariants that want poses are not judged then.
+/// The measured poses beside the journal. The sink ends before it uses disk space that the journal needs, and a run
+/// with too little space has none: then only the invariants that need poses are not checked.
 ///
 /// # Errors
-/// The file that can't be written, in words.
+/// If the file can't be written.
 pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Result<Option<SinkSpec>, String> {
     if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
         eprintln!("warning: the measured poses of this run are not kept: {why}");
@@ -91,10 +91,11 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
     }))
 }
 
-/// The frames of sensors that are to keep them; those of an earlier process that are damaged are added to `damage`. They end before they take the room that the journal needs, as the poses do.
+/// The frames of sensors that store them. Damaged frame files of an earlier process are added to `damage`. The sink
+/// ends before it uses disk space that the journal needs.
 ///
 /// # Errors
-/// The file that can't be written, in words.
+/// If the file can't be written.
 pub(super) fn frames(config: &Config, folder: &Folder, damage: &mut Vec<String>) -> Result<Option<SinkSpec>, String> {
     let cameras = config.kept_cameras();
     if cameras.is_empty() {
@@ -121,7 +122,7 @@ pub(super) fn frames(config: &Config, folder: &Folder, damage: &mut Vec<String>)
     }))
 }
 
-/// What happens, as it happens.
+/// The events as lines on the terminal.
 pub(super) fn terminal(bar: Bar, talk: Talk, scene: &Arc<Scene>) -> SinkSpec {
     let scene = scene.clone();
     SinkSpec {
@@ -135,7 +136,7 @@ pub(super) fn terminal(bar: Bar, talk: Talk, scene: &Arc<Scene>) -> SinkSpec {
     }
 }
 
-/// The recorder that the configuration wants: its own, or the one given.
+/// The recorder that the configuration requests: the given one, or the run's own.
 pub(super) fn recorder(
     config: &Config,
     folder: &Folder,
@@ -154,7 +155,7 @@ pub(super) fn recorder(
     let open = given.unwrap_or_else(|| {
         Arc::new(move || {
             Room::at(dir.path()).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
-            // one that is opened anew never writes over what was recorded
+            // a recorder that is opened again must not overwrite the earlier file
             let settings = mobee_recorder::Settings { path: dir.unused("recording", "rrd"), ..settings.clone() };
             let recorder = Recorder::new(&settings).map_err(|e| e.to_string())?;
             let switched = Switched::new(recorder, recording.clone());
@@ -172,8 +173,8 @@ pub(super) fn recorder(
     })
 }
 
-/// The viewer that follows live, or may come later: a sink of its own, so that one that freezes takes nothing from the file. A
-/// run in virtual time waits for nobody.
+/// The viewer that follows live, or may connect later. It is a sink of its own, so that a frozen viewer takes nothing
+/// from the file. A run in virtual time has none: it does not wait.
 pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
     let settings = recorder_settings(config, folder);
     let open = config.record.live.map(|address| -> OpenSink {
@@ -191,7 +192,7 @@ pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
     })
 }
 
-/// Where and how a run is recorded.
+/// File, names and index of a run's recording.
 pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recorder::Settings {
     mobee_recorder::Settings {
         path: folder.unused("recording", "rrd"),
@@ -205,7 +206,8 @@ pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recor
     }
 }
 
-/// The poses that an agent's settings name, for labels: `poses = [{ name = "left", q_deg = { ... } }]`, as far as they have this form.
+/// The poses that an agent's settings name, for labels: `poses = [{ name = "left", q_deg = { ... } }]`. Skips other
+/// forms.
 fn pose_names(robot: &RobotConfig) -> Vec<PoseName> {
     let poses = robot.agent.as_ref().and_then(|agent| agent.get("poses")?.as_array());
     let named = |pose: &serde_json::Value| {

@@ -1,32 +1,33 @@
-//! Room on the disk of a run's folder, and what is given up as it shrinks.
+//! Free space on the disk of a run's folder, and the files that are not written as it shrinks.
 
 use crate::config::ConfigError;
 use std::path::{Path, PathBuf};
 
-/// Below this nothing but the journal is written: share of the disk, bytes. The smaller of the two counts, since a
-/// twentieth of a large disk is room for years.
+/// Below this only the journal is written: share of the disk and bytes. The smaller of the two counts, since five
+/// percent of a large disk is enough for years.
 const RECORD: (f64, u64) = (0.05, 5 << 30);
-/// Below this no run begins.
+/// Below this no run begins: share of the disk and bytes.
 const BEGIN: (f64, u64) = (0.01, 1 << 30);
 
-/// How much room there is.
+/// Free space of a disk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Room {
     /// Bytes that this user can still write.
     free: u64,
-    /// Those and the used ones.
+    /// Free and used bytes together.
     all: u64,
 }
 
 impl Room {
-    /// On the disk of this path, or of the nearest folder above it that exists. `None` where that can't be known.
+    /// The space on the disk of this path, or of its nearest existing ancestor. `None` if the system does not report
+    /// it.
     pub(super) fn at(path: &Path) -> Option<Room> {
         let path = if path.is_absolute() { path.to_owned() } else { Path::new(".").join(path) };
         let known = path.ancestors().find_map(|p| rustix::fs::statvfs(p).ok())?;
         let blocks = |n: u64| n.saturating_mul(known.f_frsize);
         let free = blocks(known.f_bavail);
         let used = blocks(known.f_blocks.saturating_sub(known.f_bfree));
-        // file systems without a size of their own say zero
+        // file systems without a size of their own report zero
         (known.f_blocks > 0).then_some(Room { free, all: free.saturating_add(used) })
     }
 
@@ -34,15 +35,15 @@ impl Room {
         self.free < bytes && (self.free as f64) < share * self.all as f64
     }
 
-    /// Why there is no recording, if there is too little room for it.
+    /// The reason why there is no recording, if the space is too small for it.
     pub(super) fn forbids_recording(self) -> Option<String> {
         self.is_below(RECORD).then(|| format!("only {self} of the disk is free, which is left to the journal"))
     }
 
-    /// Whether a run may begin.
+    /// Checks that a run may begin.
     ///
     /// # Errors
-    /// How little room there is.
+    /// If there is too little space.
     pub(super) fn to_begin(self, at: &Path) -> Result<(), ConfigError> {
         if !self.is_below(BEGIN) {
             return Ok(());
@@ -59,10 +60,10 @@ impl std::fmt::Display for Room {
     }
 }
 
-/// Whether a run may begin in this folder, or one that is yet to be made.
+/// Checks that a run may begin in this folder, which need not exist yet.
 ///
 /// # Errors
-/// Too little room.
+/// If there is too little space.
 pub(super) fn to_begin(at: Option<&Path>) -> Result<(), ConfigError> {
     let at = at.map_or_else(|| PathBuf::from("runs"), Path::to_owned);
     Room::at(&at).map_or(Ok(()), |room| room.to_begin(&at))

@@ -1,12 +1,12 @@
-//! A sink that can be switched off and on again while the run goes on.
+//! A sink that can be switched off and on during the run.
 
 use mobee_actors::record::tap::Kept;
 use mobee_contract::{Entry, Sink, Time};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Passes on what it is told while it is on. What became of the world and the robots
-/// meanwhile is told when it is switched on again.
+/// Forwards entries while it is on. When it is switched on again, it first forwards the state of world and robots that
+/// it missed.
 pub(super) struct Switched<S> {
     sink: S,
     on: Arc<AtomicBool>,

@@ -1,8 +1,8 @@
-//! `mobee run --watch`: an edit of the running configuration becomes swaps, all of it or nothing.
+//! `mobee run --watch`: an edit of the running configuration becomes swaps, either all of it or nothing.
 //!
 //! ```text
-//! contents of the files ──Debounce──> still for a moment ──load, check, build──> compared per robot ──> swaps, one after the other
-//!                                                              │ anything wrong, or anything that needs a restart: said, nothing done
+//! contents of the files ──Debounce──> unchanged for a moment ──load, check, build──> compared per robot ──> swaps, in sequence
+//!                                                              │ an error, or a change that needs a restart: reported, nothing swapped
 //! ```
 
 use crate::compose::Composition;
@@ -19,12 +19,12 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
-/// How often the files are looked at.
+/// Interval between two looks at the files.
 const LOOK: Duration = Duration::from_millis(200);
-/// For how long they must have been still: editors write in several steps.
+/// Time for which the files must be unchanged: editors write in several steps.
 const STILL: Duration = Duration::from_millis(300);
 
-/// Watches over the files of a running configuration.
+/// Watches the files of a running configuration.
 #[derive(Clone)]
 pub struct WatchService {
     set: Vec<String>,
@@ -33,13 +33,13 @@ pub struct WatchService {
     /// The names of its bridges, in their order.
     bridges: Vec<String>,
     world: Option<PathBuf>,
-    /// What stood in the world's file when the run began.
+    /// Hash of the world's file when the run began.
     world_print: u64,
     controls: mpsc::Sender<Control>,
 }
 
 impl WatchService {
-    /// For the configuration that runs, as it was loaded with these overrides.
+    /// A watch for the running configuration, which was loaded with these overrides.
     pub fn new(
         source: Source,
         composition: &Composition,
@@ -54,15 +54,15 @@ impl WatchService {
         WatchService { set: set.to_vec(), source, running, bridges, world, world_print, controls }
     }
 
-    /// The files that the configuration was put together from, and its world.
+    /// The files that the configuration was read from, and its world.
     fn files(&self) -> Vec<PathBuf> {
         self.source.files().into_iter().chain(self.world.clone()).collect()
     }
 
-    /// Takes over what was changed.
+    /// Swaps the parts that were edited.
     ///
     /// # Errors
-    /// Why nothing of it was, or not all.
+    /// The reason why nothing was swapped, or not all.
     async fn reload(&mut self, running: &Arc<dyn Running>) -> Result<Vec<String>, String> {
         let path = self.source.path.clone();
         let set = self.set.clone();
@@ -121,7 +121,7 @@ impl WatchService {
         Ok(done)
     }
 
-    /// Waits for the end of a swap. An edit that comes meanwhile is answered at once, and taken up after it.
+    /// Waits for the last step of a swap. An edit during the wait is announced at once, and applied after it.
     async fn last_step(&self, name: &str, part: SwapPart, running: &Arc<dyn Running>) -> Result<SwapStep, String> {
         let before = print_of(&self.files());
         let mut answered = false;
@@ -155,7 +155,7 @@ impl Service for WatchService {
 
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
-            // what is in force changes with every edit that is taken over
+            // each edit that is applied changes the running configuration
             let mut own = (*self).clone();
             let mut debounce = Debounce::new(print_of(&own.files()));
             let watch = async {
@@ -180,14 +180,14 @@ impl Service for WatchService {
     }
 }
 
-/// What stands in the files, in one number; a file that can't be read counts as well.
+/// Hash of the contents of the files; a file that can't be read counts as well.
 fn print_of(files: &[PathBuf]) -> u64 {
     let mut hasher = DefaultHasher::new();
     files.iter().for_each(|file| read(file, MIB).ok().hash(&mut hasher));
     hasher.finish()
 }
 
-/// Tells when something has changed and is still again.
+/// Detects that something has changed and then stayed the same.
 #[derive(Debug)]
 struct Debounce {
     taken: u64,
@@ -199,7 +199,7 @@ impl Debounce {
         Debounce { taken: print, pending: None }
     }
 
-    /// Whether what is seen now is new and has been so for long enough.
+    /// True if this hash is new and has been the same for [`STILL`].
     fn look(&mut self, now: Time, print: u64) -> bool {
         match self.pending {
             _ if print == self.taken => self.pending = None,
@@ -215,16 +215,16 @@ impl Debounce {
     }
 }
 
-/// What differs between two configurations.
+/// Differences between two configurations.
 #[derive(Debug, Default, PartialEq)]
 struct Changes {
-    /// What can be exchanged: which parts of which robot, and which bridges.
+    /// Changes that a swap can apply: name of the robot or bridge, and part.
     swaps: Vec<(String, SwapPart)>,
     /// The keys of everything else.
     restart: Vec<String>,
 }
 
-/// `called` are the names of the bridges.
+/// Compares two configurations; `called` are the names of the bridges.
 fn changes(old: &Value, new: &Value, called: &[String]) -> Changes {
     let mut found = Changes::default();
     let robots = |config: &Value| config["robot"].as_array().cloned().unwrap_or_default();
@@ -259,7 +259,7 @@ fn changes(old: &Value, new: &Value, called: &[String]) -> Changes {
     found
 }
 
-/// Where the table of a bridge stands: `[yarp]`, or so many tables `[[bridge]]` before it.
+/// Place of a bridge's table: `None` for `[yarp]`, else its index in `[[bridge]]`.
 type Place = Option<usize>;
 
 /// The tables of all bridges, as [`Config::bridges`] orders them.
@@ -280,7 +280,7 @@ fn differing(old: &Value, new: &Value) -> Vec<String> {
     all
 }
 
-/// Notes that a part is now as the new configuration has it; `names` are those of the bridges.
+/// Records that a part is now as in the new configuration; `names` are those of the bridges.
 fn put(running: &mut Value, new: &Value, names: &[String], name: &str, part: SwapPart) {
     if part == SwapPart::Bridge {
         let place = bridges(new).into_iter().zip(names).find(|(_, n)| *n == name);

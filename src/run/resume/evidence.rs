@@ -1,5 +1,5 @@
-//! What else a run's folder tells must agree with its journal: a run is gone on with by what is known of it, and if two things
-//! are known that can't both be true, nobody knows where the robot came from.
+//! Checks that the other files of a run's folder agree with its journal. If two of them contradict each other, it is
+//! unknown how the robot came to its place, and the run can't be resumed.
 
 use crate::config::{ConfigError, differences};
 use mobee_actors::system::Past;
@@ -10,15 +10,15 @@ use serde_json::Value;
 use std::io::ErrorKind;
 use std::path::Path;
 
-/// How long a summary may be, bytes.
+/// Maximum size of a summary, bytes.
 const LONGEST: u64 = MIB;
-/// So many differences are told.
+/// Maximum number of differences in a complaint.
 const MOST: usize = 5;
 
-/// The last hash of the journal as the summary tells it; `None` if no process of this run came to its end in order.
+/// The last hash of the journal according to the summary; `None` if no process of this run ended in order.
 ///
 /// # Errors
-/// If the summary is not as it was written.
+/// If the summary was changed.
 pub(super) fn summed_up(dir: &Path) -> Result<Option<String>, ConfigError> {
     let file = dir.join("summary.json");
     let foreign = |what: String| {
@@ -39,10 +39,10 @@ pub(super) fn summed_up(dir: &Path) -> Result<Option<String>, ConfigError> {
     }
 }
 
-/// Whether there is a run to go on with, and it is the one that `config.json` tells of.
+/// Checks that the journal holds a run, and that it is the run of `config.json`.
 ///
 /// # Errors
-/// What contradicts the journal.
+/// The contradiction to the journal.
 pub(super) fn agrees(dir: &Path, past: &Past, stored: &Value) -> Result<(), ConfigError> {
     let journal = dir.join(mobee_actors::record::journal::FILE);
     if past.events == 0 {
@@ -64,7 +64,7 @@ pub(super) fn agrees(dir: &Path, past: &Past, stored: &Value) -> Result<(), Conf
     Err(ConfigError::plain(format!("{what}: {}", said.join("; ")), help))
 }
 
-/// The complaint about a journal that does not reach as far as the summary says.
+/// The complaint about a journal that ends before the hash in the summary.
 pub(super) fn cut_off(dir: &Path, hash: &str) -> ConfigError {
     let what = format!(
         "{}: the journal ended with {hash} once, and no line of it has this hash: its end was cut off, or it is another run's",
@@ -73,10 +73,10 @@ pub(super) fn cut_off(dir: &Path, hash: &str) -> ConfigError {
     ConfigError::plain(what, "use a copy of the run's folder that is whole")
 }
 
-/// The recorded poses of a robot, if they are its own.
+/// The recorded poses of a robot, after a check that they belong to it.
 ///
 /// # Errors
-/// If they are of a robot with other motors.
+/// If they belong to a robot with another number of motors.
 pub(super) fn of_robot(file: &Path, robot: &Robot, poses: Vec<(Time, Pose)>) -> Result<Vec<(Time, Pose)>, ConfigError> {
     match poses.iter().find(|(_, q)| q.len() != robot.motors.len()) {
         None => Ok(poses),
