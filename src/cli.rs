@@ -250,18 +250,19 @@ fn clock(text: &str) -> Result<ClockMode, String> {
     }
 }
 
-/// How the panic message of a failed print begins.
+/// Prefix of the panic message of a failed print.
 const NO_OUTPUT: &str = "failed printing to stdout";
 /// The log filter unless `MOBEE_LOG` is set: warnings, except those of Rerun's encoder and of its connection to a viewer, whose
-/// errors the recorder reports, and of the kd-tree, which finds its own leaves odd while its answers are exact.
+/// errors the recorder reports, and of the kd-tree, which warns about its own leaves although its results are exact.
 const LOG: &str = "warn,re_log_encoding=error,re_grpc_client=off,kiddo=off";
-/// The same for `mobee torture`, where parts fail by the dozen, on purpose.
+/// The same for `mobee torture`, where parts fail on purpose.
 const TORTURE_LOG: &str = "off";
 
 /// Runs the program: every subcommand, with all kinds that are linked into the binary.
 ///
-/// A crate of your own registers its kinds (agents, drivers, cameras, ...) by `inventory::submit!` and has this as its whole program, so
-/// that `run`, `check`, `kinds`, `ctl`, `torture`, `replay` and `doctor` work with them. `mobee new --crate NAME` writes such a crate.
+/// A crate of your own registers its kinds (agents, drivers, cameras, ...) with `inventory::submit!`, and this call is
+/// its whole program: `run`, `check`, `kinds`, `ctl`, `torture`, `replay` and `doctor` work with those kinds. `mobee
+/// new --crate NAME` writes such a crate.
 ///
 /// # Examples
 /// ```no_run
@@ -272,7 +273,7 @@ const TORTURE_LOG: &str = "off";
 pub fn main() -> ExitCode {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| match info.payload_as_str() {
-        // `mobee kinds | head` ends quietly: a closed pipe is no complaint of ours
+        // `mobee kinds | head` ends quietly: a closed pipe is not an error
         Some(what) if what.starts_with(NO_OUTPUT) && what.contains("Broken pipe") => std::process::exit(0),
         Some(what) if what.starts_with(NO_OUTPUT) => {
             let _ = writeln!(std::io::stderr(), "{what}");

@@ -139,9 +139,9 @@ pub struct RobotConfig {
     /// `kind` and settings of the agent; see `mobee kinds`. Absent: no agent.
     #[serde(default)]
     pub agent: Option<Value>,
-    /// Rest pose, to which the robot moves at the end of the run, over edges that are certified free, under the reflex: `home` (from
-    /// the robot's file), the name of a pose of its agent, or a table with `pose` or `q_deg`, and `speed` and `within_s`. Absent: the
-    /// robot stops where it is.
+    /// Rest pose, to which the robot moves at the end of the run, over edges that are certified free, under the reflex:
+    /// `home` (from the robot's file), the name of a pose of its agent, or a table with `pose` or `q_deg`, and `speed`
+    /// and `within_s`. Absent: the robot stops where it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest: Option<RestConfig>,
 }

@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trial::{Ran, TortureTrial};
 
-/// Runs up to so many seconds are made a second and a third time, for I13.
+/// Maximum duration of runs that are repeated twice to check I13, seconds.
 const TWICE: f64 = 600.0;
 
 /// The arguments of `mobee torture`.
@@ -66,7 +66,7 @@ pub struct TortureArgs {
     pub keep: Option<PathBuf>,
 }
 
-/// Tortures, and says what was found.
+/// Runs a torture battery and prints its result.
 ///
 /// # Errors
 /// Complaints about the arguments or the configuration.
@@ -79,7 +79,7 @@ pub fn command(args: &TortureArgs) -> Result<ExitCode, Report> {
     Ok(if tally.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs the seeds one after the other; `say` hears of each that fails, and now and then how far it is.
+/// Runs the seeds one after the other; `say` receives a report of each failed seed, and the progress from time to time.
 ///
 /// # Errors
 /// As for [`command`].
@@ -113,7 +113,7 @@ pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, R
             say(&tally.line());
         }
     }
-    // a long run is not made three times
+    // a long run is not repeated
     if tally.seeds > 0 && tally.failed.is_empty() && args.secs <= TWICE {
         tally.twice = again(args, &trial, &kinds)?;
     }
@@ -127,8 +127,8 @@ fn one(trial: &TortureTrial, seed: u64, planned: &[Planned], keep: Option<&Path>
     trial.run(seed, planned, vec![journal.sink(), trial.tracks(folder.path())?])
 }
 
-/// I13: the first seed again, with a journal and measured poses on the disk. Its hash is the same, the chain is intact, and a check of
-/// them finds what was found in the run.
+/// Checks I13: runs the first seed again, with journal and measured poses on disk. The hash must be the same and the
+/// chain intact; returns further violations that a check of the files finds.
 fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Result<Vec<String>, Report> {
     let planned = plan(args.first, &trial.facts, kinds);
     let scratch = tempfile::tempdir().map_err(|e| Report::msg(e.to_string()))?;
@@ -155,7 +155,7 @@ fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Re
     Ok(wrong)
 }
 
-/// What is said of a seed that fails: the shortest list of faults, and how to see it again.
+/// The report of a failed seed: the shortest list of faults, and the command that reproduces it.
 fn failure(
     args: &TortureArgs,
     trial: &TortureTrial,
@@ -186,7 +186,7 @@ fn failure(
     for set in &args.set {
         again += &format!(" --set '{set}'");
     }
-    // with no fault at all it fails as well: any list will do
+    // if the run fails without any fault, every list reproduces it
     if !only.is_empty() {
         again += &format!(" --only {}", only.join(","));
     }

@@ -23,30 +23,33 @@ pub struct Controller {
     /// The reflex acts when anything gets closer than this, millimeters.
     #[serde(default = "margin")]
     pub margin_mm: f64,
-    /// Braking clearance, millimeters. The reflex looks ahead: it acts when the robot's braking path leads closer to anything than
-    /// this, so that fast robots stop before they touch. Default: the possible error of the predicted stop, from the motors' speeds
-    /// and accelerations, the period and the board's latency; at least 2 mm, at most the margin. 0: the reflex does not look ahead
-    /// (the paper's Algorithm 6), and only the margin counts.
+    /// Braking clearance, millimeters. The reflex looks ahead: it acts when the robot's braking path leads closer to
+    /// anything than this, so that fast robots stop before they touch. Default: the possible error of the predicted
+    /// stop, from the motors' speeds and accelerations, the period and the board's latency; at least 2 mm, at most the
+    /// margin. 0: the reflex does not look ahead (the paper's Algorithm 6), and only the margin counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reserve_mm: Option<f64>,
-    /// A motor stalls if it lags its command by more than this, degrees, and by more than twice its lag in free motions. Something
-    /// unmodelled is assumed to hold it, and the motion is rolled back as after a contact. Absent: stalls are not detected.
+    /// A motor stalls if it lags its command by more than this, degrees, and by more than twice its lag in free
+    /// motions. Something unmodelled is assumed to hold it, and the motion is rolled back as after a contact. Absent:
+    /// stalls are not detected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stall_deg: Option<f64>,
-    /// An external torque above this, N m (N for prismatic joints), is a contact with something unmodelled: the motion is rolled
-    /// back. Default: the driver's value per motor, if its board reports torque, load or current. 0: not watched.
+    /// An external torque above this, N m (N for prismatic joints), is a contact with something unmodelled: the motion
+    /// is rolled back. Default: the driver's value per motor, if its board reports torque, load or current. 0: not
+    /// watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact_nm: Option<f64>,
     /// A pose counts as reached within this, degrees per motor.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
-    /// Duration by which a stopped stream of setpoints is rolled back, seconds: the robot retreats to its configuration of that time
-    /// before, or farther, until it touches nothing. 0: it stops in front of the obstacle, which `reserve_mm` makes safe. Moves to
-    /// a target are rolled back completely.
+    /// Duration by which a stopped stream of setpoints is rolled back, seconds: the robot retreats to its configuration
+    /// of that time before, or farther, until it touches nothing. 0: it stops in front of the obstacle, which
+    /// `reserve_mm` makes safe. Moves to a target are rolled back completely.
     #[serde(default = "undo", skip_serializing_if = "is_usual")]
     pub undo_s: f64,
     /// A reading older than this, milliseconds, is stale and closes the filter. Default: five control periods. A longer
-    /// time tolerates a slow network or a busy machine, but during it a board may continue its last command unsupervised.
+    /// time tolerates a slow network or a busy machine, but during it a board may continue its last command
+    /// unsupervised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stale_ms: Option<f64>,
     /// The settings of the kind.

@@ -19,8 +19,8 @@ pub struct SensorConfig {
     pub robot: Option<String>,
     /// Its cameras, each with its detector.
     pub eye: Vec<EyeConfig>,
-    /// True: the run stores every frame that its detectors process in files of its folder, for cameras of the kind `recorded`, and
-    /// for `mobee locator collect --images`.
+    /// True: the run stores every frame that its detectors process in files of its folder, for cameras of the kind
+    /// `recorded`, and for `mobee locator collect --images`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub keep_frames: bool,
     /// `kind` and settings of the locator; see `mobee kinds`. Absent: detections are recorded, but not located.
@@ -42,7 +42,8 @@ pub struct EyeConfig {
     pub camera: Value,
     /// `kind` and settings of the detector; see `mobee kinds`.
     pub detector: Value,
-    /// Maximum number of regions per object and image, 1 to 256: the detector's first ones are reported, further ones counted.
+    /// Maximum number of regions per object and image, 1 to 256: the detector's first ones are reported, further ones
+    /// counted.
     #[serde(default = "max_regions", skip_serializing_if = "is_default_max_regions")]
     pub max_regions: usize,
 }
@@ -59,8 +60,8 @@ fn is_default_max_regions(n: &usize) -> bool {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "WorldGate")]
 pub struct WorldGateConfig {
-    /// The objects that it tracks, by their names in the world. If its cameras are simulated, scripts and programs move these
-    /// objects in the ground truth only, and the model is updated by this sensor.
+    /// The objects that it tracks, by their names in the world. If its cameras are simulated, scripts and programs move
+    /// these objects in the ground truth only, and the model is updated by this sensor.
     pub objects: Vec<String>,
     /// Minimum and maximum coordinates of an accepted position, in the world, meters.
     #[serde(default = "workspace")]

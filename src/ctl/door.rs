@@ -1,8 +1,8 @@
-//! The control port's door: who may come in.
+//! Listener and access control of the control port.
 //!
 //! ```text
-//! RUN/ctl.sock   a Unix socket in a folder that only its user can enter; the system says who is at the other end
-//! RUN/ctl.tcp    with --ctl ADDRESS:PORT: the address, and a key that both sides prove to know before anything is said
+//! RUN/ctl.sock   a Unix socket in a folder that only its user can enter; the system reports the user at the other end
+//! RUN/ctl.tcp    with --ctl ADDRESS:PORT: the address, and a key that both sides prove to have before any request
 //! ```
 
 use super::wire::Line;
@@ -20,28 +20,29 @@ use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
 pub(super) const SOCKET: &str = "ctl.sock";
 /// The file in a run's folder with the address and the key of a port that `--ctl` opened.
 pub(super) const ADDRESS: &str = "ctl.tcp";
-/// Systems take paths of sockets up to about this length, bytes.
+/// Maximum length of a socket's path that operating systems accept, bytes.
 const LONGEST: usize = 100;
-/// Bytes of a key.
+/// Length of a key, bytes.
 const KEY: usize = 32;
 
-/// Where the control port listens.
+/// The listener of the control port.
 pub(super) enum Door {
     Unix(UnixListener),
     Tcp(TcpListener, Key),
 }
 
-/// Who knocks.
+/// A connection that is not yet authenticated.
 pub(super) enum Guest {
     Unix(UnixStream),
     Tcp(TcpStream, Key),
 }
 
 impl Door {
-    /// Opens it for the run in this folder, at an address or else as a socket in the folder, and leaves word there.
+    /// Opens the listener for the run in this folder, at an address or else as a socket in the folder; an address is
+    /// written into the folder.
     ///
     /// # Errors
-    /// In words, with the remedy.
+    /// A sentence with the remedy.
     pub(super) async fn open(folder: &Path, at: Option<SocketAddr>) -> Result<Door, String> {
         Door::forget(folder);
         let Some(at) = at else {
@@ -62,17 +63,17 @@ impl Door {
         Ok(Door::Tcp(listener, Key::new(key)))
     }
 
-    /// Takes the word back: nobody is to look for it here any more.
+    /// Removes the socket and the address file, so that clients no longer find them.
     pub(super) fn forget(folder: &Path) {
         for file in [SOCKET, ADDRESS] {
             let _ = std::fs::remove_file(folder.join(file));
         }
     }
 
-    /// Waits for the next one to knock.
+    /// Waits for the next connection.
     ///
     /// # Errors
-    /// If the system gives no connection.
+    /// If the system can't accept a connection.
     pub(super) async fn knock(&self) -> io::Result<Guest> {
         Ok(match self {
             Door::Unix(listener) => Guest::Unix(listener.accept().await?.0),
@@ -82,10 +83,10 @@ impl Door {
 }
 
 impl Guest {
-    /// Lets in who is the run's own user or root, or shows to know the key.
+    /// Accepts the run's own user, root, or a client that has the key.
     ///
     /// # Errors
-    /// Anybody else is not answered.
+    /// For anybody else, who gets no reply.
     pub(super) async fn admit(self) -> io::Result<Box<dyn Line>> {
         match self {
             Guest::Unix(line) => {
@@ -103,11 +104,11 @@ impl Guest {
     }
 }
 
-/// Knocks at the socket of a run in this folder, and sees that it is this user's run: anybody can lay out a folder with a
-/// socket where runs are looked for.
+/// Connects to the socket of a run in this folder, and checks that the run belongs to this user: anybody can create a
+/// folder with a socket in a place where runs are searched.
 ///
 /// # Errors
-/// Nobody there, or somebody else.
+/// If nothing listens there, or the run belongs to another user.
 pub(super) async fn enter(folder: &Path) -> io::Result<Box<dyn Line>> {
     let (path, _open) = socket(folder)?;
     let line = UnixStream::connect(path).await?;
@@ -119,28 +120,28 @@ pub(super) async fn enter(folder: &Path) -> io::Result<Box<dyn Line>> {
     Ok(Box::new(line))
 }
 
-/// Knocks at an address with the key in the text of a run's [`ADDRESS`] file.
+/// Connects to an address with the key in the text of a run's [`ADDRESS`] file.
 ///
 /// # Errors
-/// Nobody there, or another key.
+/// If nothing listens there, or the key is another one.
 pub(super) async fn enter_at(address: &str, key: &str) -> io::Result<Box<dyn Line>> {
     let mut line = TcpStream::connect(address).await?;
     auth::connect(&mut line, &Key::new(key)).await?;
     Ok(Box::new(line))
 }
 
-/// The user of this process.
+/// The user id of this process.
 fn us() -> io::Result<u32> {
     UnixStream::pair()?.0.peer_cred().map(|c| c.uid())
 }
 
-/// The path of a folder's socket, short enough for the system; good as long as the file is kept.
+/// The path of a folder's socket, short enough for the system. It is valid while the returned file is open.
 fn socket(folder: &Path) -> io::Result<(PathBuf, Option<File>)> {
     let path = folder.join(SOCKET);
     if path.as_os_str().len() <= LONGEST {
         return Ok((path, None));
     }
-    // Linux has a short name for a folder that is open
+    // Linux has a short path for an open folder
     let open = File::open(folder)?;
     let path = PathBuf::from(format!("/proc/self/fd/{}", open.as_raw_fd()));
     if !path.exists() {

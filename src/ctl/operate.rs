@@ -1,4 +1,4 @@
-//! The verbs by which an operator moves, stops and looks at robots: halt, release, pose, go, home.
+//! The commands by which an operator moves, stops and observes robots: halt, release, pose, go, home.
 
 use super::desk::Desk;
 use crate::ctl::wire::Reply;
@@ -8,13 +8,13 @@ use std::fmt::Write;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The agent in whose name an operator's motions are committed.
+/// The agent name under which an operator's motions are committed.
 const AGENT: &str = "ctl";
-/// How long a halted robot is waited for to come to rest.
+/// Time in which a halted robot must stop.
 const REST: Duration = Duration::from_secs(5);
-/// How often it is looked at, and the log for the end of a motion.
+/// Interval at which its state, and the log for the end of a motion, are polled.
 const LOOK: Duration = Duration::from_millis(50);
-/// How long the log may be behind the end of a motion.
+/// Maximum lag of the log behind the end of a motion.
 const BEHIND: Duration = Duration::from_secs(2);
 
 impl Desk {
@@ -22,7 +22,7 @@ impl Desk {
     pub(super) async fn halt(&self, names: &[&str]) -> Result<Vec<String>, String> {
         let all = self.running.robots();
         let robots: Vec<_> = self.robots(names)?.into_iter().filter_map(|i| all.get(i)).collect();
-        // all are stopped before any is waited for
+        // stop all before waiting for any
         for robot in &robots {
             robot.halt()?;
         }
@@ -60,7 +60,7 @@ impl Desk {
         if any { Ok(lines) } else { Err(lines.join("\n")) }
     }
 
-    /// Where the motors and markers of robots are.
+    /// The positions of the robots' motors and markers.
     pub(super) fn pose(&self, names: &[&str]) -> Result<Vec<String>, String> {
         let all = self.running.robots();
         let models = self.running.models();
@@ -91,7 +91,7 @@ impl Desk {
         Ok(lines)
     }
 
-    /// Commits a motion of motors by their names, each as `MOTOR=VALUE`; the robot's name and the commit's number.
+    /// Commits a motion of motors, each as `MOTOR=VALUE`; returns the robot's name and the commit's number.
     pub(super) async fn go(&self, robot: &str, speed: &str, motors: &[&str]) -> Result<Vec<String>, String> {
         let index = self.robot(robot)?;
         let model = self.running.models().get(index).cloned().ok_or("this robot has no model")?;
@@ -134,7 +134,7 @@ impl Desk {
         Ok(vec![name.to_owned(), id.0.to_string()])
     }
 
-    /// How an operator's motion ended: a word and a sentence; nothing while it is under way.
+    /// The end of an operator's motion as a word and a sentence; empty while it is under way.
     pub(super) async fn ended(&self, robot: &str, id: &str) -> Result<Vec<String>, String> {
         let filtered = self.running.robots().get(self.robot(robot)?).ok_or("there is no such robot")?;
         let number: u64 = id.parse().map_err(|_| format!("{id} is not the number of a motion"))?;
@@ -161,7 +161,7 @@ impl Desk {
         Ok(vec![format!("{robot}: brakes")])
     }
 
-    /// Lines of the log, behind the number of the next: the newest, or all from a number on.
+    /// Lines of the log, preceded by the number of the next line: the newest ones, or all from a number on.
     pub(super) fn lines_of_log(&self, which: &str, number: &str) -> Result<Vec<String>, String> {
         let number: u64 = number.parse().map_err(|_| format!("{number} is not a number of lines"))?;
         let (next, lines) = match which {
@@ -171,7 +171,7 @@ impl Desk {
         Ok(std::iter::once(next.to_string()).chain(lines).collect())
     }
 
-    /// What is said to whoever is connected as the run ends: whether it ends because its agents are done.
+    /// The reply to connected clients as the run ends; `done` if it ends because its agents are done.
     pub(super) fn farewell(&self) -> Reply {
         let done = self.log.done();
         let mut line = "the run has ended".to_owned();
@@ -182,7 +182,8 @@ impl Desk {
     }
 }
 
-/// A motor and its position, rad of encoder, of `MOTOR=VALUE` in degrees, or millimeters where it slides.
+/// Parses `MOTOR=VALUE`, in degrees, or millimeters for prismatic joints: returns the motor and its position, rad of
+/// encoder.
 fn assignment(model: &Robot, word: &str) -> Result<(usize, f64), String> {
     let (name, value) =
         word.split_once('=').ok_or_else(|| format!("`{word}`: write MOTOR=DEGREES, such as r_elbow=60"))?;

@@ -13,7 +13,7 @@ impl Desk {
         let there = || all.iter().copied().collect::<Vec<_>>().join(", ");
         let name = match (names, all.len()) {
             (_, 0) => return Err("there is no sensor and no bridge in this run".into()),
-            // a camera's sensor is started as a whole
+            // the sensor of a camera is restarted as a whole
             ([name], _) => name.split_once('/').map_or(*name, |(sensor, _)| sensor),
             ([], 1) => all.first().copied().unwrap_or_default(),
             ([], _) => return Err(format!("name the sensor or bridge; there are: {}", there())),

@@ -15,29 +15,29 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 
-/// Connections at a time; more are closed at once.
+/// Maximum number of connections; further ones are closed at once.
 const GUESTS: usize = 16;
-/// How long a connection may be silent between two requests.
+/// Time without a request after which a connection is closed.
 const IDLE: Duration = Duration::from_secs(60);
-/// How long a reply may take to be taken.
+/// Time limit for sending a reply.
 const WRITE: Duration = Duration::from_secs(5);
-/// How long replies that are under way may take at the end of the run.
+/// Time limit for replies that are under way at the end of the run.
 const LEAVE: Duration = Duration::from_secs(1);
-/// How long to wait if the system gives no connection now.
+/// Pause after a failure to accept a connection.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// Where a run's control port is, and what it shares with the rest of the run.
+/// The address of a run's control port, and the state that it shares with the rest of the run.
 pub(crate) struct CtlPort {
-    /// An address (port 0: any that is free); `None`: a socket in the run's folder.
+    /// An address (port 0: any free one); `None`: a socket in the run's folder.
     pub(crate) address: Option<SocketAddr>,
-    /// The newest events in words.
+    /// The newest events as sentences.
     pub(crate) log: LogBook,
-    /// The connections that are open until the run is over.
+    /// The connections that stay open until the run is over.
     pub(crate) lasts: LastLines,
 }
 
-/// The connections by which the run was stopped. They are closed when the run is over, its folder written: that is how
-/// `mobee ctl stop` waits for it. Clones are the same.
+/// The connections by which the run was stopped. They are closed when the run is over and its folder is written: `mobee
+/// ctl stop` waits for that. Clones share them.
 #[derive(Clone, Default)]
 pub(crate) struct LastLines(Arc<Mutex<Vec<Box<dyn Line>>>>);
 
@@ -46,7 +46,7 @@ impl LastLines {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(line);
     }
 
-    /// The run is over.
+    /// Closes the connections when the run is over.
     pub(crate) fn close(&self) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
@@ -62,8 +62,7 @@ pub struct CtlService {
 }
 
 impl CtlService {
-    /// For the run in this folder. `recording` is how
-    /// it is recorded, `beside` are the names of what runs beside its robots.
+    /// A control port for the run in this folder; `beside` are the names of the parts that do not belong to its robots.
     pub(crate) fn new(
         folder: &Folder,
         port: CtlPort,
@@ -109,7 +108,7 @@ impl Service for CtlService {
     }
 }
 
-/// Receives guests; for ever.
+/// Accepts connections; never returns.
 async fn receive(
     door: &Door,
     desk: &Arc<Desk>,
@@ -130,7 +129,7 @@ async fn receive(
     }
 }
 
-/// Answers one guest until it goes, falls silent, or the run ends.
+/// Serves one connection until it closes, is idle for too long, or the run ends.
 async fn attend(guest: Guest, desk: Arc<Desk>, mut ending: watch::Receiver<bool>, lasts: LastLines) {
     let Ok(line) = guest.admit().await else { return };
     let mut line = BufReader::new(line);
@@ -140,7 +139,7 @@ async fn attend(guest: Guest, desk: Arc<Desk>, mut ending: watch::Receiver<bool>
             request = timeout(IDLE, wire::read::<Request>(&mut line)) => Some(request),
         };
         let Some(request) = request else {
-            // whoever asks next reads this in place of an answer
+            // the client reads this in place of a reply to its next request
             let _ = timeout(WRITE, wire::write(line.get_mut(), &desk.farewell())).await;
             return;
         };
@@ -149,7 +148,7 @@ async fn attend(guest: Guest, desk: Arc<Desk>, mut ending: watch::Receiver<bool>
                 let stops = request.words.first().is_some_and(|word| word == "stop");
                 (desk.reply(request).await, stops)
             }
-            // what follows on a line that was not understood would not be either
+            // after a malformed line the rest of the connection is unusable
             Ok(Err(why)) => (Reply { done: false, lines: vec![why.to_string()], over: false }, true),
             Ok(Ok(None)) | Err(_) => return,
         };

@@ -1,4 +1,4 @@
-//! A running system in words: one line per robot, then the tree and the links.
+//! A running system as text: one line per robot, then the tree of actors and the links.
 
 use crate::narrate::in_words;
 use mobee_actors::runtime::supervision::Health;
@@ -8,10 +8,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::time::Duration;
 
-/// How long the end of a swap is shown.
+/// Time for which the end of a swap is shown.
 const NEWS: Duration = Duration::from_secs(30);
 
-/// The state of a robot in the words of a status line.
+/// The state of a robot as the word of a status line.
 pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
     if gave_up {
         return "FAULT(gave_up)".into();
@@ -33,7 +33,7 @@ pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
     }
 }
 
-/// Whether a robot will move, why not, and what can be done about it.
+/// The robot's next motion, or the reason why it does not move and the remedy.
 fn outlook(robot: &RobotReport, gave_up: bool, now: &SystemReport) -> String {
     let name = &robot.name;
     let done = now.counts.done.contains_key(name);
@@ -78,7 +78,7 @@ fn outlook(robot: &RobotReport, gave_up: bool, now: &SystemReport) -> String {
     }
 }
 
-/// The nearest pair, and the number of the others.
+/// The closest pair in contact, and the number of the others.
 fn touching(robot: &RobotReport) -> Option<String> {
     let (a, b, distance) = robot.touches.first()?;
     let mm = distance * 1e3;
@@ -90,7 +90,7 @@ fn touching(robot: &RobotReport) -> Option<String> {
     Some(format!("{a} is {how} {b}{more}"))
 }
 
-/// Whether a swap is under way, or ended not long ago.
+/// True if a swap is under way, or ended recently.
 fn is_news(now: &SystemReport, name: &str, part: SwapPart, step: &SwapStep) -> bool {
     let at = now.swapped_at.get(&(name.to_owned(), part));
     !step.is_last() || at.is_none_or(|at| now.at.since(*at) < NEWS)
@@ -182,7 +182,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     for group in &now.tree {
         branch(group, 0, &shares, &mut lines);
     }
-    // those who watch over the sinks are no part of this tree
+    // the supervisors of the sinks are not part of this tree
     let sink = |(name, _): &(String, _)| {
         let sink = name.strip_prefix("tap>")?;
         shares.get(sink).map(|share| format!("  {sink}  {share:.1} %"))

@@ -1,4 +1,4 @@
-//! Which violations count against the robots, given the faults that were injected.
+//! Selects the violations that count against the robots, given the injected faults.
 
 use super::faults::What;
 use super::plan::Planned;

@@ -1,12 +1,12 @@
-//! Whether memory grows while a run goes on.
+//! Detects growth of memory during a run.
 
 use mobee_contract::Time;
 
-/// How often it is looked at, seconds of the run.
+/// Interval between samples, seconds of the run.
 const EVERY: f64 = 60.0;
-/// Which share of a run is warming up: maps, queues and histories fill.
+/// Share of a run in which maps, queues and histories fill.
 const WARM: f64 = 0.25;
-/// Shorter runs tell nothing.
+/// Minimum number of samples for a slope.
 const LEAST: usize = 60;
 
 /// The resident memory of the process over a run.
@@ -16,7 +16,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Looks, if it is time. Nothing is seen where there is no `/proc`.
+    /// Takes a sample if one is due. Does nothing without `/proc`.
     pub fn look(&mut self, at: Time) {
         if self.samples.last().is_some_and(|(last, _)| at.secs() < last + EVERY) {
             return;
@@ -27,7 +27,7 @@ impl Memory {
         self.samples.extend(kilobytes.map(|kb| (at.secs(), kb / 1e3)));
     }
 
-    /// By how much it grows after warming up, megabytes per hour of the run: the line of least squares. `None` for short runs.
+    /// Growth after the warm-up, megabytes per hour of the run, by least squares. `None` for short runs.
     pub fn slope(&self) -> Option<f64> {
         let end = self.samples.last()?.0;
         let warm: Vec<_> = self.samples.iter().filter(|(at, _)| *at >= WARM * end).collect();
