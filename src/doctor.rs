@@ -1,6 +1,6 @@
-//! `mobee doctor [FILE]`: can this machine run it? One line per thing that was looked at, with what to do about it.
+//! `mobee doctor [FILE]`: checks that this machine can run it. One line per check, with a remedy.
 //!
-//! It reads and asks only: nothing is written to a board, and no robot moves, unless `--move` asks for that.
+//! It only reads and queries: it writes nothing to a board and moves no robot, unless `--move` requests that.
 
 mod boards;
 mod machine;
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How long an answer may take.
+/// Time limit for an answer.
 const PATIENCE: Duration = Duration::from_secs(3);
 
 /// The arguments of `mobee doctor`.
@@ -45,7 +45,7 @@ pub struct DoctorArgs {
     write: Option<PathBuf>,
 }
 
-/// How something is.
+/// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Grade {
     Ok,
@@ -63,7 +63,7 @@ impl fmt::Display for Grade {
     }
 }
 
-/// Something that was looked at.
+/// The result of a check as a sentence, with its remedy.
 #[derive(Clone, Debug, PartialEq)]
 struct Finding {
     grade: Grade,
@@ -90,7 +90,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Looks at everything and prints it as it goes; exit code 1 if anything is bad.
+/// Runs all checks and prints their results as they come; exit code 1 if any is bad.
 ///
 /// # Errors
 /// If there is no asynchronous runtime, or the file of `--write` exists or can't be written.
@@ -157,7 +157,7 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
     Ok(if worst.get() == Grade::Bad { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The path by which a new file includes this one: its name in the same folder, or the whole path.
+/// The path by which a new file includes this one: its name in the same folder, or the full path.
 fn included(file: &Path, new: &Path) -> Result<String, miette::Report> {
     let whole = |path: &Path| {
         let why = |e: std::io::Error| miette::Report::msg(format!("can't find {}: {e}", path.display()));
@@ -182,11 +182,11 @@ struct Remote {
 struct ModelMotor {
     name: String,
     motion: JointMotion,
-    /// Rad of encoder.
+    /// Limits, rad of encoder.
     limits: JointLimits,
 }
 
-/// What was found in a file.
+/// The results for a file.
 #[derive(Default)]
 struct Looked {
     found: Vec<Finding>,

@@ -7,12 +7,12 @@ use mobee_yarp::config::{self, Env};
 use mobee_yarp::{Carrier, Network};
 use std::time::Duration;
 
-/// How often a board is asked something to see how long it takes.
+/// Number of round trips for the answer time.
 const ASKED: usize = 10;
-/// For how long states are counted.
+/// Time for which states are counted.
 const COUNTED: Duration = Duration::from_secs(1);
 
-/// Whether the name server answers.
+/// Checks that the name server answers.
 pub(super) async fn name_server(network: &Network, needed: bool) -> Finding {
     match network.clone().with_timeout(PATIENCE).list("").await {
         Ok(ports) => {
@@ -24,14 +24,14 @@ pub(super) async fn name_server(network: &Network, needed: bool) -> Finding {
     }
 }
 
-/// Looks for each board of a robot, and counts its states.
+/// Checks each board of a robot, and counts its states.
 pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
     let network = match &robot.settings.server {
         Some(server) => match server.parse::<Network>() {
             Ok(network) => network,
             Err(e) => return vec![Finding::bad(e.to_string(), "mend `server` in the driver's table")],
         },
-        // said already
+        // reported already
         None => match config::network_or_default(&Env::real()) {
             Ok(network) => network,
             Err(_) => return Vec::new(),
@@ -48,7 +48,7 @@ pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
     found
 }
 
-/// Looks at a board through ports of our own, whose names are gone when it has.
+/// Checks a board through ports of our own, whose names are removed afterwards.
 async fn board(robot: &Remote, network: &Network, port: &str, motors: &[ModelMotor], what: String) -> Vec<Finding> {
     let options = RemoteOptions {
         local: format!("/MoBeE/doctor/{}{port}", std::process::id()),
@@ -104,7 +104,7 @@ async fn looked_at(
     found
 }
 
-/// How a board answers, and whether its states come.
+/// Checks the answer time of a board, and its stream of states.
 async fn states(robot: &Remote, board: &RemoteBoard, port: &str, axes: usize, what: String) -> Finding {
     let mut state = board.state();
     let answers = answer_time(board).await;
@@ -132,7 +132,7 @@ async fn states(robot: &Remote, board: &RemoteBoard, port: &str, axes: usize, wh
     Finding::ok(what)
 }
 
-/// The longest of some round trips but for one.
+/// The second longest of some round trips.
 async fn answer_time(board: &RemoteBoard) -> Duration {
     let mut took = Vec::new();
     for _ in 0..ASKED {

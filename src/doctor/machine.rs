@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-/// How many timers are tried.
+/// Number of timers that are measured.
 const TRIES: u32 = 50;
 
 pub(super) fn processors() -> Finding {
@@ -19,7 +19,7 @@ pub(super) fn processors() -> Finding {
     }
 }
 
-/// How late timers of a millisecond come: the control loop waits by them.
+/// Measures the delay of timers of one millisecond: the control loop depends on them.
 #[expect(clippy::disallowed_methods, reason = "it is the machine's own clock that is looked at")]
 pub(super) async fn timers() -> Finding {
     let mut late = Vec::new();
@@ -42,7 +42,7 @@ pub(super) async fn timers() -> Finding {
     Finding::ok(what)
 }
 
-/// Whether runs can be written, and how much room there is.
+/// Checks that runs can be written, and the free disk space.
 pub(super) fn folder(runs: &Path) -> Vec<Finding> {
     let here = if runs.is_dir() { runs } else { Path::new(".") };
     let written = match tempfile::tempfile_in(here) {
@@ -68,7 +68,7 @@ fn room(folder: &Path) -> Finding {
     }
 }
 
-/// Free gigabytes and percent, from what `df -Pk` says.
+/// Free gigabytes and percent in the output of `df -Pk`.
 fn free(text: &str) -> Option<(f64, f64)> {
     let mut numbers = text.lines().nth(1)?.split_whitespace().skip(1);
     let (total, _, free): (f64, f64, f64) =

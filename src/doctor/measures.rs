@@ -1,31 +1,32 @@
-//! What the readings and commands of one motor show of its board: resolution, noise, sag, lag, *done* and stop. No clock and no I/O.
+//! Derives properties of a board from the readings and commands of one motor: resolution, noise, sag, lag, *done* and
+//! stop. No clock and no I/O.
 //!
 //! ```text
-//! Record: orders (move, set-point, stop) and readings (position, done, torque) ──figures──> Figures
+//! Record: orders (move, setpoint, stop) and readings (position, done, torque) ──figures──> Figures
 //! ```
-//! Times are seconds, positions degrees, or millimeters where the motor slides.
+//! Times are seconds, positions degrees, or millimeters for prismatic joints.
 
 use mobee_drivers::Encoder;
 
-/// At the end of an order's time the joint is taken to rest for so long, s.
+/// Final part of an order's time in which the joint is taken to rest, s.
 const REST: f64 = 0.4;
-/// Readings that are needed in that time.
+/// Minimum number of readings in that time.
 const MIN_READINGS: usize = 5;
-/// Halves of a rest may differ by this beside what the encoder shows, deg.
+/// Maximum difference between the halves of a rest beyond the encoder's band, deg.
 const DRIFT: f64 = 0.04;
-/// A joint has arrived within this of where it rests, unless its encoder is coarser, deg.
+/// Distance from its rest within which a joint has arrived, unless its encoder is coarser, deg.
 const ARRIVED: f64 = 0.02;
-/// The greatest lag that is looked for, and the step of the search, s.
+/// Maximum lag, and the step of the search, s.
 const LAG: (f64, f64) = (0.6, 0.002);
-/// Set-points for a shorter time show no lag, s; a stream has ended when none has come for so long, s.
+/// Minimum duration of setpoints that show a lag, and the gap that ends a stream, s.
 const STREAMED: (f64, f64) = (2.0, 0.3);
-/// Slower set-points show no lag beside the encoder's counts, deg/s.
+/// Minimum speed of setpoints that show a lag beside the encoder's counts, deg/s.
 const MIN_SPEED: f64 = 0.5;
-/// A joint that passes less in this time before a stop did not move, deg and s.
+/// Minimum motion in this time before a stop, deg and s.
 const MOVES: (f64, f64) = (0.1, 0.1);
-/// A joint rests after a stop when it stays within its band for so long; then its drift is taken over so long, s.
+/// Time within its band after which a stopped joint rests, and time of its drift after that, s.
 const STOPPED: (f64, f64) = (0.2, 1.0);
-/// A stopped joint that ends so near to its target, and was so much farther when it was stopped, ran on to it, deg.
+/// Maximum distance from its target at the end, and minimum distance at the stop, of a joint that ran on to it, deg.
 const RAN_ON: (f64, f64) = (0.5, 1.0);
 
 /// A reading of the motor.
@@ -34,16 +35,16 @@ pub(super) struct Reading {
     pub at: f64,
     pub q: f64,
     pub done: bool,
-    /// Torque from outside, N m or N, if the board reports any.
+    /// External torque, N m or N, if the board reports any.
     pub torque: Option<f64>,
 }
 
-/// What the board was sent for the motor.
+/// A command to the board for the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Order {
     /// A move, at a reference speed.
     Move { to: f64, speed: f64 },
-    /// A set-point of a stream.
+    /// A setpoint of a stream.
     Point(f64),
     /// A stop.
     Stop,
@@ -56,10 +57,10 @@ pub(super) struct Record {
     pub orders: Vec<(f64, Order)>,
 }
 
-/// The board, as a record shows it.
+/// The properties of the board that a record shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Figures {
-    /// One count of the encoder; 0: it shows none.
+    /// One count of the encoder; 0 if none is visible.
     pub count: f64,
     /// Standard deviation of the noise at rest.
     pub noise: f64,
@@ -67,35 +68,35 @@ pub(super) struct Figures {
     pub sags: Vec<f64>,
     /// Measured over commanded speed, one for each move.
     pub speeds: Vec<f64>,
-    /// How long after its set-points the joint is where they were, s, and their speed.
+    /// Delay of the joint behind its setpoints, s, and their speed.
     pub lag: Option<(f64, f64)>,
-    /// When *done* was reported, one for each move: by how much before the joint had arrived, s, and how far from its rest.
+    /// *Done*, one for each move: time before the arrival, s, and distance from the rest.
     pub done: Vec<(f64, f64)>,
-    /// The first stop in mid-motion.
+    /// The first stop during a motion.
     pub stop: Option<StopFigures>,
-    /// Greatest torque from outside that the board reported, and its greatest change from the rest before, N m or N.
+    /// Greatest external torque that the board reported, and its greatest change from the rest before, N m or N.
     pub torque: Option<(f64, f64)>,
 }
 
-/// A stop in mid-motion.
+/// A stop during a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StopFigures {
     /// Speed at the stop.
     pub speed: f64,
-    /// How far the joint went on until it rested, negative if it came back.
+    /// Distance that the joint went on until it rested, negative if it came back.
     pub on: f64,
-    /// How long that took, s; `None`: it did not come to rest.
+    /// Time until it rested, s; `None` if it did not.
     pub took: Option<f64>,
-    /// By how much it moved in the second after.
+    /// Motion in the second after.
     pub drift: f64,
-    /// Where it ended up.
+    /// The end of the motion.
     pub end: StopEnd,
 }
 
-/// Where a stopped joint ends up.
+/// The end of a stopped joint's motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StopEnd {
-    /// It rests where it was stopped, or where it braked to.
+    /// It rests where it was stopped, or at the end of its braking.
     Stays,
     /// It went on to its target.
     RunsOn,
@@ -104,7 +105,7 @@ pub(super) enum StopEnd {
 }
 
 impl Record {
-    /// What it shows.
+    /// Computes the properties.
     pub fn figures(&self) -> Figures {
         let encoder = self.encoder();
         let band = (1.5 * encoder.count()).max(4.0 * encoder.noise()).max(ARRIVED);
@@ -141,7 +142,7 @@ impl Record {
         })
     }
 
-    /// The first reading that is not older.
+    /// Index of the first reading that is not older than `at`.
     fn since(&self, at: f64) -> usize {
         self.readings.partition_point(|reading| reading.at < at)
     }
@@ -158,8 +159,8 @@ impl Record {
         encoder
     }
 
-    /// The delay of the readings behind the longest stream of set-points, with which these differ least in all but a constant: a sag counts
-    /// for nothing, as the stream goes to and fro.
+    /// The delay of the readings behind the longest stream of setpoints, and the stream's speed. At this delay the
+    /// variance of their difference is minimal; a constant sag does not count.
     fn lag(&self) -> Option<(f64, f64)> {
         let points: Vec<(f64, f64)> = self
             .orders
@@ -195,7 +196,7 @@ impl Record {
         stops.filter_map(|(i, (at, _))| self.stopped(i, *at, band)).next()
     }
 
-    /// What became of the joint after order `i`, a stop at this time.
+    /// The motion of the joint after order `i`, a stop at this time.
     fn stopped(&self, i: usize, at: f64, band: f64) -> Option<StopFigures> {
         let target = self.orders.get(..i)?.iter().rev().find_map(|(_, order)| match order {
             Order::Move { to, .. } => Some(*to),
@@ -224,7 +225,7 @@ impl Record {
             (!around.is_empty()).then(|| mean(&around))
         };
         let end = near(from + STOPPED.1).or_else(|| after.last().map(|r| r.q))?;
-        // the readings before are of the joint as it braked
+        // earlier readings are of the braking joint
         let drift = end - near(from + 0.05)?;
         let way = gone.signum();
         let left = |q: f64| (target - q) * way;
@@ -254,11 +255,11 @@ struct Span<'a> {
 }
 
 impl Span<'_> {
-    /// Where the joint rests at the end; `None` if it does not, to this band.
+    /// The position at the end of the order's time; `None` if the joint does not rest within this band.
     fn rest(&self, band: f64) -> Option<f64> {
         let last = self.readings.last()?;
         let resting: Vec<&Reading> = self.readings.iter().filter(|r| r.at > last.at - REST).collect();
-        // a reading that was taken before the next order may be fetched after it, and is not done then
+        // a reading from before the next order may be fetched after it, and is not done then
         let done = 2 * resting.iter().filter(|r| r.done).count() > resting.len();
         if last.at - self.at < 2.0 * REST || !done {
             return None;
@@ -269,7 +270,7 @@ impl Span<'_> {
         (resting.len() >= MIN_READINGS && still).then(|| mean(&resting))
     }
 
-    /// Speed between a tenth and nine tenths of the way.
+    /// Speed between 10 % and 90 % of the distance.
     fn speed(&self, rest: f64) -> Option<f64> {
         let from = self.before?.q;
         let way = rest - from;
@@ -284,12 +285,12 @@ impl Span<'_> {
         (self.is_long(rest) && took > 0.0).then(|| 0.8 * way.abs() / took)
     }
 
-    /// Whether it is a move of its own, and no correction of the one before.
+    /// True for a move of its own, not a correction of the previous one.
     fn is_long(&self, rest: f64) -> bool {
         self.before.is_some_and(|before| (rest - before.q).abs() > 1.0)
     }
 
-    /// By how much *done* came before the joint had arrived, s (negative: after), and how far from its rest the joint was then.
+    /// Time from *done* until the joint had arrived, s (negative: after it), and its distance from the rest at *done*.
     fn done(&self, rest: f64, band: f64) -> Option<(f64, f64)> {
         let moving = self.readings.iter().position(|r| !r.done).filter(|_| self.is_long(rest))?;
         let done = self.readings.iter().skip(moving).find(|r| r.done)?;
@@ -299,7 +300,7 @@ impl Span<'_> {
     }
 }
 
-/// Where the set-points were at this time.
+/// The commanded position at this time, interpolated between the setpoints.
 fn commanded(points: &[(f64, f64)], at: f64) -> Option<f64> {
     let next = points.partition_point(|(t, _)| *t <= at);
     let (t0, q0) = *points.get(next.checked_sub(1)?)?;

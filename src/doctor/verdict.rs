@@ -1,4 +1,4 @@
-//! What the figures of a motor mean for the file: findings, and settings to copy into it.
+//! Interprets the figures of a motor: findings, and settings to copy into the file.
 
 use super::Finding;
 use super::measures::{Figures, StopEnd, StopFigures};
@@ -8,30 +8,31 @@ use mobee_contract::{Axis, Paces};
 use mobee_drivers::{Moves, YARP, YarpDriverSettings};
 use std::path::Path;
 
-/// Smaller differences are nobody's concern: sag, and resolution, deg.
+/// Sag below which no setting is suggested, deg.
 const SAG: f64 = 0.1;
 const FINE: f64 = 0.02;
-/// The load differs with the pose: a sag that was seen may be twice as great elsewhere, and so may a torque.
+/// Factor between the sag or torque that was seen and that at other poses, where the load may be greater.
 const ELSEWHERE: f64 = 2.0;
-/// A single reading may be off by so many standard deviations of the noise.
+/// Maximum deviation of a single reading in standard deviations of the noise.
 const SPREAD: f64 = 4.0;
-/// Settings in degrees and N m are given in steps of this.
+/// Step of settings in degrees and N m.
 const STEP: f64 = 0.5;
-/// A driver that takes the resolution for this share of what was seen takes it for what it is: both are measured.
+/// Ratio of the driver's to the measured resolution above which they count as equal: both are measured.
 const TAKEN: f64 = 0.7;
-/// The controller waits for a joint to settle for so long after *done*, s.
+/// Time for which the controller waits for a joint to settle after *done*, s.
 const SETTLES: f64 = 1.0;
 /// Ratios of measured and commanded speed of a board that honors reference speeds.
 const FAIR: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 
-/// What is judged.
+/// The inputs of a verdict.
 pub(super) struct Measured<'a> {
     pub figures: &'a Figures,
     pub axis: &'a Axis,
     pub paces: &'a [Paces],
     pub robot: &'a RobotConfig,
     pub folder: &'a Path,
-    /// The motor with the greatest count of those whose encoders the driver takes for finer than they are.
+    /// Of the motors whose encoders are coarser than the driver's setting: the one with the greatest count, and that
+    /// count.
     pub coarse: Option<(String, f64)>,
 }
 
@@ -44,7 +45,7 @@ pub(super) struct Settings {
     controller: Vec<String>,
 }
 
-/// One finding for each measure, and the settings to write into the file; empty if it needs none.
+/// One finding per measure, and the settings to write into the file; empty if it needs none.
 pub(super) fn verdict(measured: &Measured) -> (Vec<Finding>, Settings) {
     let mut settings = Settings { robot: measured.robot.name.clone(), ..Settings::default() };
     let findings = [
@@ -66,7 +67,7 @@ impl Settings {
         self.driver.is_empty() && self.controller.is_empty()
     }
 
-    /// For a person, who copies them.
+    /// The settings as text for a user to copy.
     pub(super) fn toml(&self) -> String {
         let table = |name: &str, lines: &[String]| match lines {
             [] => String::new(),
@@ -75,7 +76,7 @@ impl Settings {
         table("driver", &self.driver) + &table("controller", &self.controller)
     }
 
-    /// A configuration that includes the measured one and adds these.
+    /// A configuration that includes the measured one and adds these settings.
     pub(super) fn layer(&self, included: &str, motor: &str) -> String {
         let text = |s: &str| toml::Value::String(s.into()).to_string();
         let table = |name: &str, lines: &[String]| match lines {
@@ -105,7 +106,7 @@ impl Measured<'_> {
     }
 }
 
-/// The next greater step.
+/// Rounds up to the next step.
 fn up(x: f64) -> f64 {
     ((x / STEP).ceil() * STEP).max(STEP)
 }
@@ -244,7 +245,7 @@ fn speeds(m: &Measured, settings: &mut Settings) -> Option<Finding> {
     let of_board = m.paces.iter().find(|paces| !paces.fair || paces.seen.len() > MOVES);
     let (seen, fair, board) = match of_board {
         Some(paces) => (&paces.seen, paces.fair, paces.board.as_str()),
-        // a simulation counts no stretches of its own, and a driver may have counted too few
+        // a simulation counts no stretches, and a driver may have counted too few
         None if !seen.is_empty() && m.yarp().is_none_or(|yarp| yarp.moves == Moves::Position) => {
             (seen, seen.iter().all(|ratio| FAIR.contains(ratio)), "its board")
         }
@@ -301,7 +302,7 @@ fn torque(m: &Measured, settings: &mut Settings) -> Option<Finding> {
     Some(Finding::warn(what, "state contact_nm for the controller to take greater changes for contacts"))
 }
 
-/// The least threshold of a stall that free motions don't reach.
+/// Suggests the least stall threshold that free motions don't reach.
 fn stall(m: &Measured, settings: &mut Settings) {
     if m.figures.sags.is_empty() {
         return;

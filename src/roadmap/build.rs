@@ -15,10 +15,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Cells that an audit searches again, at most, from how many starts, and with how many samples.
+/// Limits of an audit: number of cells, starts per cell, samples.
 const AUDIT: (usize, usize, usize) = (100, 8, 3200);
 
-/// What to build, and where it goes.
+/// Arguments of `mobee roadmap build`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct BuildArgs {
     /// Settings, such as configs/roadmaps/table.toml
@@ -40,10 +40,10 @@ pub struct BuildArgs {
     stop_after: Option<u64>,
 }
 
-/// Builds the map and says how good it is.
+/// Builds the map and reports its quality.
 ///
 /// # Errors
-/// If the settings are wrong, what was found so far is of other settings, or a file can't be written.
+/// If the settings are wrong, the unfinished build is of other settings, or a file can't be written.
 #[expect(clippy::disallowed_methods, reason = "how long a build takes is told in real time")]
 pub fn command(args: &BuildArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
@@ -103,7 +103,7 @@ pub fn command(args: &BuildArgs) -> Result<String, Report> {
     Ok(said)
 }
 
-/// All that is wrong with settings, at their places.
+/// All errors of the settings as complaints, with their places.
 pub(super) fn complaints(source: &Source, error: KindError) -> Complaints {
     let mut wrong = Complaints::default();
     error.all().into_iter().for_each(|e| wrong.push(source.error(&e.path, e.what, e.help)));
@@ -122,10 +122,10 @@ pub(super) fn map(growth: &Growth, plan: &TableMapPlan, robot: &Robot, world: St
     file
 }
 
-/// Which share of the places that can be reached has a pose, as far as a longer search tells.
+/// Estimates the share of reachable places that have a pose, by a longer search.
 fn audit(growth: &Growth, plan: &TableMapPlan, robot: &Robot, search: &mut PoseSearch, bar: &Steps) -> String {
     let (most, starts, budget) = AUDIT;
-    // one without vertices: no pose is too near to another
+    // without vertices, so that no pose is too close to another one
     let empty = Growth::new(plan, &robot.home());
     let vain = growth.searched_in_vain();
     let asked: Vec<u32> = vain.iter().copied().step_by(vain.len().div_ceil(most).max(1)).collect();

@@ -1,11 +1,11 @@
-//! Maps that a behavior names by their settings: built when they are first asked for, and kept in the user's cache.
+//! Maps that a behavior names by their settings: built at their first use, and stored in the user's cache.
 //!
 //! ```text
 //! {"inputs":"<digest of builder's version, settings, robot and world>","map_sha256":"<digest of what follows>"}
 //! the map, as `mobee roadmap build` writes it
 //! ```
-//! A map that is not what its first line says, or not one for these settings, is built again. A map is used as it is read, so that the run
-//! that builds it is the run that later finds it.
+//! A map that does not match its first line, or these settings, is built again. A new map is read back before use, so
+//! that its first run is the same as later ones.
 
 use super::build::map;
 use super::part::{VERSION, inputs};
@@ -29,7 +29,7 @@ struct Head {
     map_sha256: String,
 }
 
-/// The map that these settings describe.
+/// The map of these settings.
 ///
 /// # Errors
 /// If the settings, or the robot or world that they name, can't be used; or no pose is found.
@@ -57,7 +57,7 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
     let map = MapFile::parse(&text).map_err(|e| unusable(e.what))?;
     if let Some(kept) = kept {
         let head = serde_json::to_string(&Head { inputs, map_sha256: digest(&text) }).unwrap_or_default();
-        // whoever has no cache builds it again
+        // without a cache, the map is built again next time
         let saved = kept.parent().is_some_and(|folder| std::fs::create_dir_all(folder).is_ok());
         let _ = saved.then(|| save_text(&kept, &format!("{head}\n{text}")));
     }
@@ -67,7 +67,7 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
 /// The map in the cache, if there is one.
 ///
 /// # Errors
-/// Why it is not the one that is asked for, in words.
+/// The reason why it is not the requested map.
 fn cached(kept: &Path, inputs: &str, scene: &Scene, plan: &TableMapPlan) -> Result<Option<MapFile>, String> {
     let text = match read_text(kept, LONGEST) {
         Ok(text) => text,
@@ -111,7 +111,7 @@ fn built(scene: &Scene, robot: &Robot, plan: &Arc<TableMapPlan>) -> Result<MapFi
     Ok(map(&growth, plan, robot, world_digest(scene)))
 }
 
-/// Where the user's programs keep what they can make again.
+/// Path of a map in the user's cache.
 fn place(digest: &str) -> Option<PathBuf> {
     let of = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let cache = of("XDG_CACHE_HOME").or_else(|| of("HOME").map(|home| home.join(".cache")))?;

@@ -1,4 +1,5 @@
-//! `mobee roadmap improve`: out of the traps. Parts that can't be reached are joined to the rest, thin places grow, what stays apart may go.
+//! `mobee roadmap improve`: joins unreachable parts of a map to the rest, grows it where it is sparse, and prunes parts
+//! that stay apart.
 
 use super::certified::CertifiedArgs;
 use super::robot;
@@ -11,10 +12,10 @@ use mobee_behaviors::roadmap::join::JoinSettings;
 use mobee_model::{Robot, Scene};
 use std::fmt::Write;
 
-/// The most poses that may be added at once: a typing error must not eat the memory.
+/// Maximum number of poses to add at once: a typing error must not exhaust the memory.
 const MOST_GROWN: i64 = 100_000;
 
-/// What to improve, where, and how much of it.
+/// Arguments of `mobee roadmap improve`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ImproveArgs {
     #[command(flatten)]
@@ -39,10 +40,10 @@ pub struct ImproveArgs {
     seed: u64,
 }
 
-/// Certifies the map, joins, grows and prunes it, and stores it with what blocks its edges.
+/// Certifies the map, joins, grows and prunes it, and stores it with the obstacles of its edges.
 ///
 /// # Errors
-/// If a file can't be read or written, the map is of another robot, or there is nothing in it.
+/// If a file can't be read or written, the map is of another robot, or it is empty.
 pub fn command(args: &ImproveArgs) -> Result<String, Report> {
     let (scene, mut file) = args.of.load()?;
     let robot = robot(&scene)?;
@@ -94,14 +95,14 @@ fn over_free_edges(file: &MapFile, robot: &Robot) -> Result<Roadmap, Report> {
     Ok(map)
 }
 
-/// The node of the marker that stands for the hand: the map's, or the one that most of its motors move.
+/// The node of the hand's marker: the map's, or that of the marker which most of the map's motors move.
 fn marker(file: &MapFile, robot: &Robot, map: &Roadmap) -> Option<usize> {
     let named = robot.markers.iter().find(|m| Some(&m.name) == file.hand.as_ref());
     let moved = || mobee_behaviors::group::hand(robot, map.motors()).and_then(|i| robot.markers.get(i));
     named.or_else(moved).map(|m| m.node)
 }
 
-/// Where that is at a pose, in the world, meters.
+/// The hand's position at a configuration, in the world, meters.
 fn at(scene: &Scene, hand: Option<usize>, q: &[f64]) -> [f64; 3] {
     let frames = scene.node_transforms(&[q]);
     let frame = hand.and_then(|node| frames.first()?.get(node).copied());

@@ -1,4 +1,4 @@
-//! A build under way: the trials so far, a line each, in a file beside the map. Who is interrupted tells them again.
+//! An unfinished build: the trials so far, one per line, in a file beside the map. An interrupted build replays them.
 
 use crate::config::ConfigError;
 use mobee_behaviors::table_map::Trial;
@@ -9,11 +9,11 @@ use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// How long it may be, bytes.
+/// Maximum size of the file, bytes.
 const LONGEST: u64 = 256 * MIB;
-/// To be raised when a search finds other poses for the same settings.
+/// Version of the search, to be raised if it finds other poses for the same settings.
 pub(super) const VERSION: u32 = 1;
-/// Lines are written this many at a time: so much is lost at most.
+/// Number of lines that are written at a time: so many are lost at most.
 const LINES: usize = 50;
 
 /// The first line.
@@ -23,7 +23,7 @@ struct Head {
     inputs: String,
 }
 
-/// The file.
+/// The open file.
 pub(super) struct Part {
     path: PathBuf,
     file: File,
@@ -32,17 +32,17 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// Where the build of a map is kept.
+    /// Path of the unfinished build of a map.
     pub(super) fn beside(map: &Path) -> PathBuf {
         let mut name = map.as_os_str().to_owned();
         name.push(".part");
         PathBuf::from(name)
     }
 
-    /// Opens or begins it. Answers the trials in it; a line that was not written to its end is dropped.
+    /// Opens or creates the file. Returns the trials in it; drops an incomplete last line.
     ///
     /// # Errors
-    /// If it is of other settings, is damaged, or can't be read or written.
+    /// If it belongs to other settings, is damaged, or can't be read or written.
     pub(super) fn open(map: &Path, inputs: &str) -> Result<(Part, Vec<Trial>), ConfigError> {
         let path = Part::beside(map);
         let no = |e: std::io::Error| unwritable(&path, &e);
@@ -70,10 +70,10 @@ impl Part {
         Ok((Part { path, file, waiting: Vec::new(), lines: 0 }, trials))
     }
 
-    /// Notes a trial.
+    /// Records a trial.
     ///
     /// # Errors
-    /// If the disk takes no more.
+    /// If the file can't be written.
     pub(super) fn note(&mut self, trial: &Trial) -> Result<(), ConfigError> {
         self.waiting.extend(serde_json::to_string(trial).unwrap_or_default().into_bytes());
         self.waiting.push(b'\n');
@@ -86,12 +86,12 @@ impl Part {
         self.file.write_all(&waiting).map_err(|e| unwritable(&self.path, &e))
     }
 
-    /// Takes it away: the map is written.
+    /// Removes the file once the map is written.
     pub(super) fn remove(self) -> Result<(), ConfigError> {
         std::fs::remove_file(&self.path).map_err(|e| unwritable(&self.path, &e))
     }
 
-    /// A complaint about a line that can't be, from 1.
+    /// A complaint about the line of a trial; trials count from 0.
     pub(super) fn damaged(&self, trial: usize, why: &str) -> ConfigError {
         damaged(&self.path, trial + 2, why)
     }
@@ -106,7 +106,7 @@ fn unwritable(path: &Path, e: &std::io::Error) -> ConfigError {
     ConfigError::plain(format!("can't write {}: {e}", path.display()), "check the folder's space and permissions")
 }
 
-/// What a build is made from, as one number.
+/// Digest of a build's inputs.
 pub(super) fn inputs(settings: &str, robot: &str, world: &str) -> String {
     let mut sum = Sha256::new();
     for text in [settings, robot, world] {

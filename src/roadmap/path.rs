@@ -11,7 +11,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// From where to where.
+/// Arguments of `mobee roadmap path`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct PathArgs {
     /// The map.
@@ -93,7 +93,7 @@ pub fn command(args: &PathArgs) -> Result<ExitCode, Report> {
     let Some(path) = map.plan(from, to) else {
         let edges = if only_free { "edges that are certified free" } else { "edges that were not removed" };
         let name = |id: u32| called(&map, id);
-        // nothing but data goes to a standard output that a program reads
+        // if standard output receives data, nothing else may go there
         let text = format!("no path leads from {} to {} over {edges}", name(from), name(to));
         if to_terminal > 0 {
             eprintln!("{text}")
@@ -132,7 +132,7 @@ fn vertex(map: &Roadmap, name: &str) -> Result<u32, ConfigError> {
     map.find(name).ok_or_else(|| ConfigError::plain(what(), help()))
 }
 
-/// The path, a vertex on a line.
+/// The path, one vertex per line.
 fn text(file: &MapFile, path: &[u32]) -> String {
     let mut out = String::new();
     for id in path {

@@ -1,7 +1,7 @@
-//! Which faults a seed stands for: a pure function of the seed, so that a failing seed is its own description.
+//! Plans the faults of a seed: a pure function of the seed, so that a failing seed is its own description.
 //!
-//! Faults come in clusters: for a few seconds one actor, link or robot has the same trouble again and again, since faults that are
-//! sprinkled evenly miss what goes wrong while something else is being mended. Then all is healed, and progress is demanded.
+//! Faults come in clusters: for a few seconds one actor, link or robot has the same fault repeatedly. Evenly spread
+//! faults would miss errors in a recovery that is under way. Then all faults are healed, and progress is required.
 
 use super::faults::{WIRES, What};
 use super::sight::SightFault;
@@ -16,27 +16,27 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use std::time::Duration;
 
-/// What a plan is made for.
+/// The inputs of a plan.
 #[derive(Clone, Debug)]
 pub struct Facts {
     /// The robots: names, and the limits of their motors, rad.
     pub robots: Vec<(String, Vec<(f64, f64)>)>,
-    /// How many boards each robot has behind YARP.
+    /// Number of boards of each robot behind YARP.
     pub wires: Vec<usize>,
     /// The actors of each sensor.
     pub sensors: Vec<Vec<String>>,
-    /// How long the run is to be, seconds.
+    /// Duration of the run, seconds.
     pub secs: f64,
-    /// Whether faults are rare, as they are in a long run of every day.
+    /// True if faults are rare, as in a long everyday run.
     pub mild: bool,
 }
 
 /// A fault and its moment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
-    /// When.
+    /// Time of the fault.
     pub at: Time,
-    /// What.
+    /// The fault.
     pub what: What,
 }
 
@@ -46,7 +46,7 @@ const DEATHS: u32 = 6;
 const ACTORS: [&str; 5] = ["driver", "history", "supervise", "reflex", "agent"];
 
 impl Facts {
-    /// From when on all faults have healed.
+    /// Time from which all faults have healed.
     pub fn healed(&self) -> Time {
         Time::from_secs((0.6 * self.secs).max(self.secs - 60.0))
     }
@@ -60,7 +60,7 @@ struct Planner<'a> {
     all: Vec<Planned>,
 }
 
-/// The faults of a seed, in order of time.
+/// The faults of a seed, ordered by time.
 pub fn plan(seed: u64, facts: &Facts, kinds: &[&'static str]) -> Vec<Planned> {
     let rng = ChaCha8Rng::seed_from_u64(seed ^ 0x70_72_74_72);
     let mut planner = Planner { facts, rng, deaths: 0, objects: 0, all: Vec::new() };
@@ -88,7 +88,7 @@ impl Planner<'_> {
         Duration::from_secs_f64(self.rng.random_range(low..high))
     }
 
-    /// One kind of trouble at one place for a while.
+    /// Plans one kind of fault at one place for a while.
     fn cluster(&mut self, kind: &'static str) {
         let end = self.facts.healed().secs();
         let mut at = Time::from_secs(self.rng.random_range(0.0..(end - 4.0).max(0.1)));
@@ -104,7 +104,7 @@ impl Planner<'_> {
             2 => format!("{name}/model>reflex"),
             _ => format!("{name}/reflex>supervise"),
         };
-        // half of all clusters hit a robot that has just met something
+        // half of all clusters hit a robot that has just met an obstacle
         if kind != "F19" && kind != "F23" && self.rng.random() {
             self.obstruct(at, &name);
             at = at + self.secs(0.1, 3.0);
@@ -175,7 +175,7 @@ impl Planner<'_> {
                 let most = self.facts.healed().since(at);
                 What::Board { kind, robot, fault, lasts: lasts.min(most) }
             }
-            // not planned at all: a test looks for such kinds
+            // not planned; a test detects such kinds
             _ => return,
         };
         self.all.push(Planned { at, what });
@@ -204,12 +204,12 @@ impl Planner<'_> {
         (fault, self.secs(0.02, 3.0))
     }
 
-    /// Encoders that wait for a motion to freeze in.
+    /// Encoders that freeze in a motion.
     fn freeze(&mut self) -> (Fault, Duration) {
         (Fault::FrozenInMotion { after: self.secs(0.05, 1.5) }, self.secs(2.0, 8.0))
     }
 
-    /// A motor that sags, slowly or as fast as a slow commit allows: what goes faster breaks I20, whoever moves it.
+    /// A motor that sags, slowly or as fast as a slow commit allows: faster motion breaks I20, whatever its cause.
     fn sag(&mut self, robot: usize) -> (Fault, Duration) {
         let motor = self.rng.random_range(0..self.facts.robots[robot].1.len().max(1));
         let fast = if self.rng.random() { 0.02 } else { 0.002 };
@@ -217,13 +217,13 @@ impl Planner<'_> {
         (Fault::Sag { motor, speed }, self.secs(0.2, 8.0))
     }
 
-    /// A motor that is held once it has moved for a while.
+    /// A motor that is blocked after it has moved for a while.
     fn held(&mut self, robot: usize) -> (Fault, Duration) {
         let motor = self.rng.random_range(0..self.facts.robots[robot].1.len().max(1));
         (Fault::Blocked { motor, after: self.secs(0.02, 1.5) }, self.secs(2.0, 12.0))
     }
 
-    /// A sensor that is wrong, or one of its actors that fails; `None` if there are no sensors.
+    /// A sensor that is wrong, or one of its actors that fails; `None` without sensors.
     fn sight(&mut self) -> Option<What> {
         let sensor = self.rng.random_range(0..self.facts.sensors.len().max(1));
         let actors = self.facts.sensors.get(sensor)?;
@@ -263,7 +263,7 @@ impl Planner<'_> {
         self.all.push(Planned { at, what: What::Obstruct { object, robot: robot.into(), spot, lasts } });
     }
 
-    /// Another part for some robot.
+    /// A swap of a part of some robot.
     fn swap(&mut self, kind: &str) -> Swap {
         let robot = self.rng.random_range(0..self.facts.robots.len());
         let part = match kind {
@@ -277,7 +277,7 @@ impl Planner<'_> {
                 let period = [10.0, 20.0, 30.0][self.rng.random_range(0..3)];
                 let margin = self.rng.random_range(8.0..40.0);
                 let history = self.rng.random_range(200..3000);
-                // no draw of its own: the plans of known seeds stay as they are
+                // derived, not drawn, so that the plans of known seeds stay the same
                 let tolerance = 0.05 + f64::from(history) * 5e-5;
                 vec![
                     ("period_ms", json!(period)),
@@ -300,7 +300,7 @@ impl Planner<'_> {
         Swap { robot, part, edits, fresh, flaw, terms }
     }
 
-    /// Somewhere within the limits, for some motors.
+    /// A target within the limits, for some motors.
     fn target(&mut self, robot: usize) -> Target {
         let mut target = Target { motors: Vec::new(), q: Vec::new(), speed: self.rng.random_range(0.05..0.3) };
         for (motor, (min, max)) in self.facts.robots[robot].1.iter().enumerate() {
@@ -312,7 +312,7 @@ impl Planner<'_> {
         target
     }
 
-    /// A target that no filter should take.
+    /// A target that every filter should refuse.
     fn nonsense(&mut self, robot: usize) -> Target {
         let mut target = self.target(robot);
         let limits = self.facts.robots[robot].1.first().copied().unwrap_or_default();

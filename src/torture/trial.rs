@@ -1,4 +1,4 @@
-//! One run under planned faults, with all invariants watched while it goes on.
+//! One run under planned faults, with all invariants checked while it runs.
 
 use super::boards::{Boards, Driven};
 use super::counted;
@@ -25,76 +25,76 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc;
 
-/// How long a run may go on after the faults have healed, a little more than I15 allows.
+/// Time for which a run may continue after the faults have healed, a little more than I15 allows.
 const LIVE: Duration = Duration::from_secs(122);
-/// By how much the process may grow, megabytes per hour of a run.
+/// Maximum growth of the process, megabytes per hour of the run.
 const GROWS: f64 = 1.0;
-/// A board's fault that is over sooner may pass unseen.
+/// A board's fault that is shorter may remain undetected.
 const LASTS: Duration = Duration::from_millis(60);
-/// Why a commit ended as faulted: an escape has no retreat, and stops where it would make something worse.
-/// A motion whose outcome gives no cause.
+/// Cause of faulted motions whose outcome gives none.
 const UNTOLD: &str = "no cause given";
+/// Cause of faulted escapes: an escape has no retreat, and stops before it makes a contact worse.
 pub(super) const ESCAPE: &str = "escape";
-/// The run was over.
+/// Cause of commits that the end of the run cut off.
 pub(super) const END: &str = "end of run";
-/// The object that floods of edits move about, far from everything.
+/// The object that floods of edits move, far from everything.
 const FLOODED: &str = "torture";
 
-/// A behavior that is to be tortured.
+/// A behavior under torture.
 pub struct TortureTrial {
     config: Config,
     source: Source,
     driven: Vec<Driven>,
     /// The robots whose own driver is replaced by the simulated one, each with that driver's kind.
     pub replaced: Vec<(String, String)>,
-    /// What plans are made for.
+    /// The inputs of plans.
     pub facts: Facts,
 }
 
-/// What became of a run.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Ran {
-    /// What was broken, with the name of the invariant (or `bug`) and a sentence.
+    /// Violations: the name of the invariant (or `bug`) and a sentence.
     pub violations: Vec<(String, String)>,
-    /// How long it took by its own clock.
+    /// Duration by the run's clock.
     pub simulated: Duration,
     /// The counters.
     pub counts: RunCounts,
-    /// Why commits ended as faulted.
+    /// Causes of faulted commits, with their numbers.
     pub faulted: BTreeMap<&'static str, u64>,
-    /// Why filters were closed.
+    /// Causes of closed filters, with their numbers.
     pub closed: BTreeMap<&'static str, u64>,
-    /// What became of its swaps: settled, reverted, refused.
+    /// Swaps that were settled, reverted, refused.
     pub swaps: [u64; 3],
-    /// What several robots did during the retreat at once.
+    /// Retreats of several robots at once.
     pub joint: Joint,
     /// The hash of its journal.
     pub hash: String,
-    /// By how much the process grew, megabytes per hour of the run, if it was long enough to tell.
+    /// Growth of the process, megabytes per hour of the run; `None` if it was too short.
     pub growth: Option<f64>,
 }
 
-/// Watches a run from inside.
+/// Checks a run from inside.
 struct Watch {
     checker: Checker,
     witness: Witness,
     belief: Belief,
     n: u64,
     hash: Fingerprint,
-    /// Why commits ended as faulted.
+    /// Causes of faulted commits, with their numbers.
     faulted: BTreeMap<&'static str, u64>,
-    /// Why filters were closed.
+    /// Causes of closed filters, with their numbers.
     closed: BTreeMap<&'static str, u64>,
     /// Swaps that were settled, reverted, refused.
     swaps: [u64; 3],
-    /// The boards that are reached at once: they know where the motors really are.
+    /// The boards with direct access, which have the motors' true positions.
     boards: Vec<Option<SimHardware>>,
-    /// Whether the open commit of a robot is an escape, and whether the run is being brought to its end.
+    /// Robots whose open commit is an escape.
     escapes: BTreeMap<String, bool>,
     ending: bool,
-    /// Deaths that nobody planned.
+    /// Unplanned deaths of actors.
     bugs: Vec<String>,
-    /// Also told, if the run is to be kept.
+    /// Further sinks, if the run is stored.
     sinks: Vec<Box<dyn Sink>>,
 }
 
@@ -163,13 +163,13 @@ impl Sink for Watch {
 }
 
 impl TortureTrial {
-    /// The greatest share of the commits that may end as faulted, percent, if the behavior bounds it.
+    /// The maximum share of commits that may end as faulted, percent, if the behavior bounds it.
     pub fn most_faulted(&self) -> Option<f64> {
         self.config.torture.as_ref().map(|torture| torture.faulted_percent)
     }
 
-    /// Reads a behavior. Its robots are simulated and its clock is virtual, whatever it says; its YARP ports stay closed. A robot behind
-    /// YARP keeps its driver, which meets simulated boards behind wires.
+    /// Loads a behavior. Its robots are simulated, its clock is virtual and its YARP ports stay closed, whatever its
+    /// settings. A robot behind YARP retains its driver, which is connected to simulated boards by simulated wires.
     ///
     /// # Errors
     /// Complaints about the configuration.
@@ -188,10 +188,10 @@ impl TortureTrial {
         Ok(TortureTrial { config, source, driven, replaced, facts: Facts { robots, wires, sensors, secs, mild } })
     }
 
-    /// What keeps the measured poses of a run in this folder.
+    /// The sink that stores the measured poses of a run in this folder.
     ///
     /// # Errors
-    /// The file that can't be written.
+    /// If a file can't be written.
     pub fn tracks(&self, dir: &Path) -> Result<Box<dyn Sink>, Report> {
         let motors = self.facts.robots.iter().map(|(_, limits)| limits.len());
         let robots = self.config.robot.iter().zip(motors);
@@ -200,10 +200,10 @@ impl TortureTrial {
         Ok(Tracks::open(dir, &robots).map_err(Report::msg)?.sink())
     }
 
-    /// Runs a seed under these faults. `sinks` are told everything as well.
+    /// Runs a seed under these faults. `sinks` receive all entries as well.
     ///
     /// # Errors
-    /// If the system can't be put together or started.
+    /// If the system can't be built or started.
     pub fn run(&self, seed: u64, planned: &[Planned], sinks: Vec<Box<dyn Sink>>) -> Result<Ran, Report> {
         let config = Config { seed, ..self.config.clone() };
         let mut composed = compose(config.clone(), &self.source)?;
@@ -324,7 +324,7 @@ impl TortureTrial {
     }
 }
 
-/// From when to when this board is later than it states.
+/// The intervals in which this board's latency exceeds its stated one.
 fn late(planned: &[Planned], board: usize) -> Vec<(Time, Time)> {
     let of = |p: &Planned| match &p.what {
         What::Board { robot, fault: Fault::Slow { extra }, lasts, .. } if *robot == board => {
@@ -335,7 +335,7 @@ fn late(planned: &[Planned], board: usize) -> Vec<(Time, Time)> {
     planned.iter().filter_map(of).collect()
 }
 
-/// When each of these boards begins to report a fault of its own.
+/// The times at which each of these boards begins to report a fault.
 fn board_faults(planned: &[Planned], boards: &[Option<SimHardware>]) -> Vec<Vec<Time>> {
     let of = |board: usize| {
         let begins = planned.iter().filter_map(move |p| match &p.what {
@@ -350,7 +350,7 @@ fn board_faults(planned: &[Planned], boards: &[Option<SimHardware>]) -> Vec<Vec<
     (0..boards.len()).map(of).collect()
 }
 
-/// What is done to the system when, but for swaps; in no order.
+/// The controls of a plan with their times, without swaps; unordered.
 fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
     let mut all: Vec<(Time, Control)> = Vec::new();
     for Planned { at, what } in planned {
@@ -379,7 +379,7 @@ fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
                 let name = object.clone();
                 all.push((*at, Control::Inject(Injection::Obstruct { object, robot, spot })));
                 all.push((*at + lasts, Control::Edit(Edit::Remove { name: name.clone() })));
-                // the first may have got lost with the model
+                // the first edit may have been lost with the model
                 all.push((healed, Control::Edit(Edit::Remove { name })));
             }
             What::Blind { actor, blow: Some(blow) } => {

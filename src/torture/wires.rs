@@ -1,5 +1,5 @@
-//! Faults of the wires to boards behind YARP (F30). A seed's other faults are drawn apart from these: a seed stands for what it
-//! always stood for.
+//! Faults of the wires to boards behind YARP (F30). They are drawn separately from a seed's other faults, so that known
+//! seeds stay the same.
 
 use super::faults::What;
 use super::plan::{Facts, Planned};
@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::time::Duration;
 
-/// The faults of a seed's wires, in no order.
+/// The faults of a seed's wires; unordered.
 pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x77_69_72_65);
     let wired: Vec<(usize, usize)> = facts.wires.iter().copied().enumerate().filter(|(_, n)| *n > 0).collect();
@@ -42,7 +42,7 @@ pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
     all
 }
 
-/// Whether two faults at a time let one board ignore more stops than a driver can make good.
+/// True if two simultaneous faults make one board ignore more stops than a driver can compensate.
 fn deafen_together(one: &Planned, other: &Planned) -> bool {
     let deaf = |p: &Planned| match p.what {
         What::Wire { robot, board, fault: WireFault::Deaf(_), lasts } => Some((robot, board, lasts)),
@@ -68,8 +68,8 @@ fn draw(rng: &mut ChaCha8Rng) -> (WireFault, Duration) {
         8 if rng.random() => WireFault::Doubled,
         8 => WireFault::Stamps(rng.random_range(-2.0..2.0)),
         9 => WireFault::Nack(rng.random_range(2..10)),
-        // those that come by the piece wait for their moment
-        // one that ignores more moves on for longer than a closed filter may allow (I17): see `deafen_together`
+        // faults that are counted wait for their occasion; a board that ignores more stops than three moves on for
+        // longer than a closed filter may allow (I17): see `deafen_together`
         10 => return (WireFault::Deaf(rng.random_range(1..=3)), secs(10.0)),
         11 => return (WireFault::Meddled(rng.random_range(1..4)), secs(10.0)),
         _ => {

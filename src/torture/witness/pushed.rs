@@ -1,23 +1,23 @@
-//! I32: a motor that something holds is not pushed on.
+//! I32: a blocked motor is not pushed.
 
 use super::{DISTURBED, Witness};
 use mobee_contract::{Status, Time};
 use std::time::Duration;
 
-/// For how long a motor may be wanted farther beyond what holds it than its controller can overlook.
+/// Time for which a motor may be commanded beyond its obstacle by more than its controller can miss.
 const PUSHES: Duration = Duration::from_secs(1);
-/// How far that is, in the least lags that count: its threshold may have grown to half of this.
+/// That distance, as a multiple of the least lag that counts: the threshold may have grown to half of it.
 const OVERLOOKS: f64 = 20.0;
 
 impl Witness {
-    /// What holds the motors of a robot (since when, and how far its board wants them beyond, rad), whose controller counts lags from
-    /// `bound` on, rad.
+    /// Processes the blocked motors of a robot: time since which each is blocked, and distance of its command beyond
+    /// the obstacle, rad. Its controller counts lags from `bound` on, rad.
     pub fn held(&mut self, robot: usize, at: Time, held: &[Option<(Time, f64)>], bound: f64) {
         let disturbed = at.since(self.disturbed) < DISTURBED && self.disturbed > Time::ZERO;
         let Some(seen) = self.robots.get_mut(robot) else { return };
         let moves = seen.open && matches!(seen.status, Status::Moving | Status::Escaping);
         let farthest = held.iter().flatten().map(|(_, ahead)| *ahead).fold(0.0, f64::max);
-        // who is led astray by its encoders, or reads nothing, knows nothing of it
+        // a robot with wrong or missing readings can't detect it
         let reads = seen.honest && at.since(seen.last) <= seen.period;
         if !(moves && reads && farthest > OVERLOOKS * bound) || disturbed {
             seen.pushed = None;
