@@ -1,4 +1,4 @@
-//! `mobee locator`: locators in files, learned from recorded views of known places and judged by others.
+//! `mobee locator`: locators in files, trained on recorded views of known positions and evaluated on others.
 
 mod best;
 mod collect;
@@ -18,20 +18,22 @@ use sha2::{Digest, Sha256};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// How long a locator file may be, and a table, bytes.
+/// Maximum size of a locator file and of a table, bytes.
 const LONGEST: (u64, u64) = (16 * MIB, 32 * MIB);
 
-/// What to do with locators.
+/// The commands on locators.
 #[derive(clap::Subcommand, Clone, Debug)]
 pub enum LocatorCommand {
-    /// Learn from a table of recorded views of known places.
+    /// Train a locator on a table of recorded views of known positions.
     Train(train::LocatorTrainArgs),
-    /// Take a table of views of known places from a run in which one robot looks at what another one holds, and check it.
+    /// Extract a checked table of views of known positions from a run in which one robot looks at an object that
+    /// another one holds.
     Collect(collect::CollectArgs),
-    /// Learn every kind from a run or a table, compare them by whole places held out, keep the best, and put it into a sensor of a run that
-    /// is going.
+    /// Train every kind on a run or a table, compare them on held-out places, store the best, and optionally swap it
+    /// into a sensor of a running run.
     Best(best::BestArgs),
-    /// Judge a locator by a table of views of known places: by single views, and by all views of each place together.
+    /// Evaluate a locator on a table of views of known positions: by single views, and by all views of each place
+    /// together.
     Eval {
         /// The locator.
         #[arg(long, value_name = "FILE")]
@@ -43,29 +45,30 @@ pub enum LocatorCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Place what the detectors of a sensor see, in a process of its own over YARP, until Ctrl-C: regions come from `mobee detector run`, the
-    /// pose from the state ports of the robot's boards, and objects are moved in the world of a `mobee run`.
+    /// Run a sensor's locator in a process of its own over YARP, until Ctrl-C: regions come from `mobee detector run`,
+    /// the configuration from the state ports of the robot's boards, and objects are moved in the world of a `mobee
+    /// run`.
     Run(LocatorRunArgs),
-    /// Show what a locator has learned.
+    /// Show a trained locator.
     Show {
         /// The locator.
         file: PathBuf,
     },
 }
 
-/// Does it.
+/// Runs the command.
 ///
 /// # Errors
-/// If a file can't be read or written, or is not what it should be, with place and remedy.
+/// If a file can't be read or written, or is invalid, with its place and the remedy.
 pub fn command(command: &LocatorCommand) -> Result<(), Report> {
     crate::terminal::out(&done(command)?);
     Ok(())
 }
 
-/// Does what the words after `mobee locator` say, and returns what it says: for examples and tests.
+/// Runs the words after `mobee locator`, and returns the output: for examples and tests.
 ///
 /// # Errors
-/// As for [`command`], and words that are no command.
+/// As for [`command`], and for words that are not a command.
 pub fn example(words: &[&str]) -> Result<String, Box<dyn std::error::Error>> {
     #[derive(clap::Parser)]
     struct Words {
@@ -104,7 +107,7 @@ fn table(path: &Path) -> Result<(ViewTable, String), ConfigError> {
     understood(&path.display().to_string(), &text)
 }
 
-/// A table of this text, which complaints call so, and the text's digest.
+/// Parses a table and computes its digest; complaints use `name`.
 fn understood(name: &str, text: &str) -> Result<(ViewTable, String), ConfigError> {
     let table = parse(text).map_err(|e| ConfigError::plain(format!("{name}, line {}: {}", e.line, e.what), e.help))?;
     Ok((table, Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()))

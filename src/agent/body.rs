@@ -1,8 +1,8 @@
-//! A robot's body as the agent in another process has it: the filtered control boards of its parts, spoken to by RPC alone.
+//! The robot's body for an agent in another process: the filtered control boards of its parts, used by RPC only.
 //!
-//! A motion is told to every part that has a share in it. The first part's command opens the transaction, those of the
-//! others join it, and `[don]` is 0 until the transaction has its outcome. If that was no success, each part's connection
-//! says `[fail]` once.
+//! A motion is commanded to every part that takes part in it. The first part's command opens the transaction, those of
+//! the others join it, and `[don]` is 0 until the transaction has its outcome. If it fails, each part's connection
+//! answers `[fail]` once.
 
 use mobee_contract::{Axis, MotionEnd, Move, Target};
 use mobee_model::{Part, Robot};
@@ -11,18 +11,19 @@ use mobee_yarp::{Bottle, CallError, Carrier, Network, PortError, RpcClient, Valu
 use std::ops::Range;
 use std::time::Duration;
 
-/// How often the boards are asked whether a motion has ended.
+/// Interval at which the boards are polled for the end of a motion.
 const POLL: Duration = Duration::from_millis(20);
-/// How long to rest before a closed or lost board is asked again.
+/// Pause before a closed or lost board is polled again.
 const AGAIN: Duration = Duration::from_millis(50);
-/// Motors whose way is shorter, deg, have no share in a motion.
+/// Minimum distance of a motor that takes part in a motion, deg.
 const SHARE_DEG: f64 = 1e-3;
-/// The least reference speed, deg/s.
+/// Minimum reference speed, deg/s.
 const LEAST_DEG: f64 = 0.01;
-/// The peak speed of a minimum-jerk motion over its mean speed, and of its acceleration over way and time squared.
+/// Of a minimum-jerk motion: ratio of its peak speed to its mean speed, and of its peak acceleration to distance over
+/// time squared.
 const PEAKS: (f64, f64) = (1.875, 5.774);
 
-/// Why the body can't be used.
+/// Errors of the body.
 #[derive(Debug, thiserror::Error)]
 pub enum BodyError {
     /// A port is not there.
@@ -31,14 +32,14 @@ pub enum BodyError {
     /// A board does not answer.
     #[error(transparent)]
     Call(#[from] CallError),
-    /// A board says something else than this version of the protocol.
+    /// A board's answer does not follow the protocol.
     #[error("{port} answers {said} to {asked}")]
     Answer {
         /// The board's port.
         port: String,
-        /// What was asked.
+        /// The request.
         asked: String,
-        /// What it said.
+        /// The answer.
         said: String,
     },
     /// A board of another part.
@@ -55,7 +56,7 @@ pub enum BodyError {
     },
 }
 
-/// What came of a command.
+/// The answer to a command.
 enum Said {
     Ok(Bottle),
     /// `[fail]`: closed, refused, or a motion that failed.
@@ -65,7 +66,7 @@ enum Said {
 struct Board {
     port: String,
     motors: Range<usize>,
-    /// What its joints count on the wire.
+    /// The units of its joints on the wire.
     units: Units,
     rpc: RpcClient,
 }
@@ -80,7 +81,7 @@ impl Board {
         }
     }
 
-    /// Asks until the board is open and there: a closed one says `[fail]`, a lost one is connected to anew.
+    /// Polls until the board answers: a closed one answers `[fail]`, a lost one is reconnected.
     async fn reading(&mut self, request: &Bottle) -> Result<Bottle, BodyError> {
         let mut waited = Duration::ZERO;
         loop {
@@ -97,7 +98,7 @@ impl Board {
     }
 }
 
-/// The body.
+/// The robot's body.
 pub struct Body {
     boards: Vec<Board>,
     axes: Vec<Axis>,
@@ -119,10 +120,10 @@ fn group(code: &str, joints: &[usize], values: &[f64]) -> Bottle {
 }
 
 impl Body {
-    /// Connects to the boards `PREFIX/<part>/rpc:i`, and learns their limits.
+    /// Connects to the boards `PREFIX/<part>/rpc:i`, and reads their limits.
     ///
     /// # Errors
-    /// A board that is not there, or not that of the part.
+    /// If a board is missing, or belongs to another part.
     pub async fn connect(
         network: &Network,
         prefix: &str,
@@ -134,7 +135,7 @@ impl Body {
         for Part { name, motors, .. } in robot.parts.iter().filter(|p| !p.motors.is_empty()) {
             let port = format!("{prefix}/{name}/rpc:i");
             let own = format!("{prefix}/{name}/agent{}/rpc:o", std::process::id());
-            // the first connection must come about; later ones are made anew
+            // the first connection must succeed; later ones are retried
             drop(RpcClient::connect(network, &own, &port, Carrier::Tcp).await?);
             let rpc = RpcClient::keep(network, &own, &port, Carrier::Tcp);
             let moved = robot.motors.get(motors.clone()).unwrap_or_default();
@@ -154,7 +155,7 @@ impl Body {
         Ok(body)
     }
 
-    /// The boards' own limits count, as far as they tell them.
+    /// Reads the boards' own limits, which replace the model's where they are reported.
     async fn learn(&mut self) -> Result<(), BodyError> {
         for board in &mut self.boards {
             for (joint, motor) in board.motors.clone().enumerate() {
@@ -185,10 +186,11 @@ impl Body {
         &self.axes
     }
 
-    /// The robot's pose, rad, as soon as all boards give it: all are open then, and know that we know of any failure.
+    /// Reads the robot's configuration, rad. Waits until all boards answer: all are open then, and have reported their
+    /// failures.
     ///
     /// # Errors
-    /// A board that answers nonsense.
+    /// If a board's answer is malformed.
     pub async fn pose(&mut self) -> Result<Vec<f64>, BodyError> {
         let mut q = vec![0.0; self.axes.len()];
         let request = words(&["get", "encs"]);
@@ -212,10 +214,10 @@ impl Body {
         Ok(q)
     }
 
-    /// Brakes everything.
+    /// Stops all motors.
     ///
     /// # Errors
-    /// A board that does not answer.
+    /// If a board does not answer.
     pub async fn stop(&mut self) -> Result<(), BodyError> {
         for board in &mut self.boards {
             board.say(&words(&["set", "stos"])).await?;
@@ -223,11 +225,11 @@ impl Body {
         Ok(())
     }
 
-    /// Drives to a target, all motors arriving together or each at its own speed (rad/s), and waits for the end (WAITFORMOTION). `None`: it was not begun,
-    /// since the filter was not ready for it.
+    /// Drives to a target, with all motors arriving together or each at its own speed (rad/s), and waits for the end
+    /// (WAITFORMOTION). `None`: the motion did not begin, because the filter was not ready.
     ///
     /// # Errors
-    /// A board that answers nonsense. One that is lost in mid-motion is a motion that failed.
+    /// If a board's answer is malformed. If a board is lost during the motion, the motion has failed.
     pub async fn drive(
         &mut self,
         target: &Target,
@@ -251,7 +253,7 @@ impl Body {
             let Some(board) = self.boards.get_mut(*b) else { continue };
             match board.say(command).await {
                 Ok(Said::Ok(_)) => {}
-                // not one motor has been told to move
+                // no motor has received its target yet
                 Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) if k <= shares.len() => return Ok(None),
                 Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => {
                     let _ = self.stop().await;
@@ -277,7 +279,7 @@ impl Body {
         Ok(Some(if reached { MotionEnd::Reached } else { MotionEnd::Failed }))
     }
 
-    /// Waits until these boards say that the motion is done: `false` if one says that it failed, or is lost.
+    /// Waits until these boards report the motion as done; `false` if one reports a failure, or is lost.
     async fn wait(&mut self, boards: &[usize]) -> Result<bool, BodyError> {
         let request = words(&["get", "dons"]);
         for b in boards {
@@ -317,18 +319,18 @@ impl Body {
 
 /// One board's share in a motion.
 struct Share {
-    /// Which board.
+    /// The board's index.
     board: usize,
-    /// Its joints that move.
+    /// Its moving joints.
     joints: Vec<usize>,
-    /// Where to, as the wire has it.
+    /// Their targets in wire units.
     goals: Vec<f64>,
-    /// How fast, as the wire has it.
+    /// Their speeds in wire units.
     speeds: Vec<f64>,
 }
 
-/// The motors that have a way to go, at speeds at which they arrive together, and the seconds that it takes. A client sets
-/// no accelerations, so the speeds are low enough for every motor's greatest acceleration not to matter.
+/// A motion of all motors with a distance to go, which arrive together, and its duration in seconds. A client sets no
+/// accelerations, so the speeds are low enough for every motor's maximum acceleration.
 fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
     let mut motion = Move { motors: Vec::new(), q: Vec::new(), relative: false, speed: None, acceleration: None };
     let mut ways = Vec::new();
@@ -350,7 +352,7 @@ fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
     (motion, secs)
 }
 
-/// The motors at speeds of their own, rad/s, and the seconds that the slowest of them takes.
+/// A motion with a speed per motor, rad/s, and the duration of the slowest in seconds.
 fn each(target: &Target, speeds: &[f64], from: &[f64]) -> (Move, f64) {
     let motors = target.motors.clone();
     let q = target.q.clone();

@@ -1,9 +1,9 @@
-//! `mobee bench reach`: a reach in each of many random scenes, in virtual time, and every failure by its cause.
+//! `mobee bench reach`: a reach in each of many random scenes, in virtual time, with the cause of every failure.
 //!
 //! ```text
-//! seed ──> cup, posts, cameras that are off ──> run of the behavior, repeat = 1 ──> reached, or why not; seconds, mm, rollbacks
-//!                     ├──> a slow exhaustive search: can it be reached at all?
-//!                     └──> the same scene met in other ways: no reflex, no eye on the cup, a stop that nobody undoes
+//! seed ──> cup, posts, cameras with errors ──> run of the behavior, repeat = 1 ──> reached, or the cause; seconds, mm, rollbacks
+//!                     ├──> a slow exhaustive search: is it reachable at all?
+//!                     └──> alternatives: no reflex, cup localized once, a stop without retreat
 //! ```
 
 mod moves;
@@ -73,10 +73,10 @@ fn area(text: &str) -> Result<Area, String> {
     }
 }
 
-/// Measures.
+/// Runs the benchmark.
 ///
 /// # Errors
-/// Complaints about arguments or behavior.
+/// Complaints about the arguments or the behavior.
 pub(super) fn command(args: &ReachBenchArgs) -> Result<ExitCode, Report> {
     if !(0.0..=10.0).contains(&args.offset_deg) || !(1.0..=1e4).contains(&args.secs) {
         return Err(miette!(
@@ -124,7 +124,7 @@ pub(super) fn command(args: &ReachBenchArgs) -> Result<ExitCode, Report> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Prints a table, or all as JSON.
+/// Prints a table, or everything as JSON.
 fn say(args: &ReachBenchArgs, table: &Value, all: &Value) -> Result<(), Report> {
     if args.json {
         crate::terminal::out(&(serde_json::to_string_pretty(all).into_diagnostic()? + "\n"));

@@ -31,6 +31,7 @@ const WAY: f64 = 6.0 * std::f64::consts::PI / 180.0;
 pub(super) const MOVES: usize = 6;
 /// Share of the motor's maximum speed of slow moves.
 const SPEED: f64 = 0.05;
+/// Share of the motor's maximum speed of quick moves.
 const QUICK: f64 = 0.2;
 /// Distance from its target within which a joint has arrived: its sag is measured, and must not cause a rollback.
 const TOLERANCE_DEG: f64 = 6.0;

@@ -10,6 +10,7 @@ use std::path::Path;
 
 /// Sag below which no setting is suggested, deg.
 const SAG: f64 = 0.1;
+/// Resolution below which no setting is suggested, deg.
 const FINE: f64 = 0.02;
 /// Factor between the sag or torque that was seen and that at other poses, where the load may be greater.
 const ELSEWHERE: f64 = 2.0;

@@ -59,9 +59,11 @@ pub struct Witness {
     late: Vec<Vec<(Time, Time)>>,
     /// Time of the last disturbance.
     disturbed: Time,
+    /// Time of the last event or reading.
     now: Time,
     /// Time of the last speed sample.
     looked: Time,
+    /// Time since which the process has not been suspended.
     woke: Time,
     /// Retreats of several robots at once.
     pub joint: Joint,
@@ -84,6 +86,7 @@ struct Seen {
     status: Status,
     /// True if its filter is open.
     open: bool,
+    /// Time of the last change of `open` or of its status.
     since: Time,
     poses: u64,
     /// Time of its last pose.
@@ -94,12 +97,14 @@ struct Seen {
     back: Option<Vec<Contact>>,
     /// True if a motion of it is open.
     moves: bool,
+    /// True if it takes part in a joint retreat.
     joint: bool,
     /// Time since which its retreat waits for another robot, or was stopped to be replanned. It rests then, and
     /// contacts are caused by other robots.
     waits: Option<Time>,
     /// The plan of its retreat: its number of poses and the bits of its duration.
     plan: (usize, u64),
+    /// True if it blocks all robots of its retreat group.
     holds_up: bool,
     /// True if its encoders have been correct since the motion began.
     honest: bool,

@@ -1,5 +1,5 @@
-//! How soon the hand goes where the object is by now: by the wall clock, from when the model has it there to when the motion that is under
-//! way leads there.
+//! Measures the delay by the wall clock from an update of the object in the model to the amended motion that leads
+//! there.
 
 use super::super::scene::CUP_NAME;
 use super::ReachBenchArgs;
@@ -16,17 +16,20 @@ use serde_json::{Value, json};
 use std::time::Duration;
 use tokio::sync::mpsc;
 
-/// The object is put so far to either side, meters, so often, seconds, and the hand goes so slowly that it is on its way for long.
+/// Distance by which the object moves to either side, meters.
 const TO_SIDE: f64 = 0.025;
+/// Interval between two moves of the object, seconds.
 const EVERY: f64 = 1.0;
+/// Share of the maximum speeds, so low that a reach takes long.
 const SPEED: f64 = 0.04;
-/// A reach at that speed takes so long, seconds, and the object moves so often while the hand goes there.
+/// Duration of a reach at that speed, seconds.
 const REACH: f64 = 45.0;
+/// Number of moves of the object during a reach.
 const WHILE_GOING: f64 = 15.0;
-/// What comes later than that is no answer to the move, seconds.
+/// Maximum delay of an answer to a move, seconds.
 const LATE: f64 = 0.9;
 
-/// Moves the object again and again, until it was followed so often or the time that this should take is over twice.
+/// Moves the object repeatedly, until `count` moves were followed or twice the expected time is over.
 ///
 /// # Errors
 /// Complaints about the behavior, or about the run's folder.
@@ -75,7 +78,8 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
     }))
 }
 
-/// From each move to when the motion under way led there, ms; and how many motions were taken back first.
+/// Delays from each move of the object to the amended motion, ms; and the number of motions that were rolled back
+/// first.
 fn answers(folder: &Folder) -> Result<(Vec<f64>, u64), Report> {
     let mut moved: Option<Time> = None;
     let mut led = Vec::new();
