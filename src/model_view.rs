@@ -1,4 +1,5 @@
-//! `mobee model view`: a robot's shapes over the meshes of its URDF, motor after motor, to be looked at in Rerun.
+//! `mobee model view`: a robot's shapes over the meshes of its URDF, one motor moving after the other, as a recording
+//! for Rerun.
 
 use crate::robot_import::{UrdfArgs, millimeters};
 use crate::view;
@@ -9,10 +10,10 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// More pairs that come near are not printed; the recording has all.
+/// Maximum number of printed pairs that come close; the recording has all.
 const PRINTED: usize = 10;
 
-/// What to look at, and where the recording goes.
+/// Arguments of `mobee model view`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ViewArgs {
     /// Robot XML.
@@ -26,14 +27,15 @@ pub struct ViewArgs {
     /// Replace the recording if it exists.
     #[arg(long, requires = "out")]
     force: bool,
-    /// Show pairs in red that are nearer to each other than this, millimeters; the reflex of a robot acts at `controller.margin_mm`.
+    /// Show pairs in red that get closer to each other than this, millimeters; the reflex of a robot acts at
+    /// `controller.margin_mm`.
     #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = millimeters(0.0, 500.0), allow_negative_numbers = true)]
     margin: f64,
     #[command(flatten)]
     read: UrdfArgs,
 }
 
-/// Writes the recording, opens it unless a file for it was named, and says what came near.
+/// Writes the recording, opens it unless a file for it was named, and returns the pairs that came close.
 ///
 /// # Errors
 /// If a file can't be read or written, the two are not of one robot, or there is no viewer.
@@ -66,7 +68,7 @@ pub fn command(args: &ViewArgs) -> Result<String, Report> {
     })
 }
 
-/// What the links of the URDF collide with, if one was given.
+/// The collision meshes of the URDF's links, if one was given.
 fn meshes(args: &ViewArgs, robot: &Robot) -> Result<Vec<LinkSurface>, Report> {
     let Some(urdf) = &args.urdf else {
         if args.read.is_given() {
@@ -88,7 +90,7 @@ fn meshes(args: &ViewArgs, robot: &Robot) -> Result<Vec<LinkSurface>, Report> {
     }
 }
 
-/// A file for a recording that is looked at once.
+/// A temporary file for a recording.
 fn passing_file(robot: &Path) -> Result<PathBuf, Report> {
     let dir = tempfile::Builder::new().prefix("mobee-").tempdir().into_diagnostic();
     let dir = dir.wrap_err("can't make a folder for the recording; name a file for it with --out FILE")?.keep();

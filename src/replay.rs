@@ -1,4 +1,4 @@
-//! `mobee replay`: a run in virtual time once more, from what its folder says.
+//! `mobee replay`: repeats a run in virtual time, from its folder.
 //!
 //! ```text
 //! unchanged        run again ──every event──> compare with the journal: equal, or the first difference
@@ -25,7 +25,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use tokio::sync::mpsc;
 
-/// `mobee replay`.
+/// Arguments of `mobee replay`.
 #[derive(clap::Args)]
 pub struct ReplayArgs {
     /// The folder of a run in virtual time.
@@ -44,11 +44,11 @@ pub struct ReplayArgs {
     json: bool,
 }
 
-/// What is replayed.
+/// The recorded run.
 struct Recorded {
     dir: PathBuf,
     source: Source,
-    /// When its last event happened.
+    /// Time of its last event.
     until: Time,
 }
 
@@ -117,10 +117,10 @@ impl Recorded {
     }
 }
 
-/// `mobee replay`.
+/// Runs `mobee replay`.
 ///
 /// # Errors
-/// Complaints about the folder, its journal, or what is to be changed, before anything is run.
+/// Complaints about the folder, its journal, or the changes, before anything runs.
 pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     let output = Output { json: args.json, ..Output::default() };
     let recorded = Recorded::open(&args.run)?;
@@ -154,7 +154,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
         false => None,
     };
     if let Some(recording) = &recording {
-        // the future that was, beside the one that would have been
+        // the recorded course, beside the changed one
         eprintln!("first unchanged, for the recording");
         again(&recorded, recording)?;
     }
@@ -169,12 +169,12 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     Ok(judged(&verdict.after(&done), &format!("as recorded up to {:.2} s, then changed", at.secs()), &done))
 }
 
-/// Opens a recorder of a recording that others draw into too.
+/// Opens a recorder of a shared recording.
 fn opener(recording: Recording, name: &'static str) -> OpenSink {
     Arc::new(move || recording.recorder(name).map(|r| Box::new(r) as _))
 }
 
-/// The instant of the change.
+/// Time of the change.
 fn moment(at: Option<f64>, recorded: &Recorded) -> Result<Time, ConfigError> {
     let at = at.unwrap_or(0.0);
     let end = recorded.until.secs();
@@ -187,7 +187,7 @@ fn moment(at: Option<f64>, recorded: &Recorded) -> Result<Time, ConfigError> {
     ))
 }
 
-/// The recorded run once more, drawn as `recorded`.
+/// Runs the recorded run again, drawn as `recorded`.
 fn again(recorded: &Recorded, recording: &Recording) -> Result<(), Report> {
     let scratch = tempfile::tempdir().map_err(|e| Report::msg(e.to_string()))?;
     let folder = Folder::create("recorded", Some(scratch.path()))?;

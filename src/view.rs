@@ -25,7 +25,7 @@ pub fn recording(run: &Path) -> Result<PathBuf, ConfigError> {
 /// Starts the viewer and returns at once.
 ///
 /// # Errors
-/// If there is no recording, or no viewer; the remedy says how to get one.
+/// If there is no recording, or no viewer, with the way to install it.
 pub fn open(run: &Path) -> Result<String, ConfigError> {
     let file = recording(run)?;
     let advice = format!(

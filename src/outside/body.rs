@@ -1,4 +1,4 @@
-//! Where a robot's motors were, by the states that its boards publish.
+//! A robot's configuration at past times, from the states that its boards publish.
 
 use super::{Outside, Said};
 use crate::compose::driver_of;
@@ -14,14 +14,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::task::JoinSet;
 
-/// How many states of a board are kept: some seconds.
+/// Number of stored states per board: some seconds.
 const KEPT: usize = 512;
-/// A state whose stamp is farther than this from its arrival bears the time of another clock.
+/// Maximum difference between a state's stamp and its arrival, s; a greater one is the time of another clock.
 const ANOTHER_CLOCK: f64 = 0.1;
-/// Between states that are farther apart nobody knows the pose.
+/// Maximum gap between states for an interpolation.
 const GAP: Duration = Duration::from_millis(500);
 
-/// The boards of a robot. Nothing is ever commanded.
+/// The boards of a robot. They are never commanded.
 pub(super) struct Body {
     boards: Vec<Board>,
     home: Vec<f64>,
@@ -35,28 +35,28 @@ struct Board {
     past: Arc<Mutex<Past>>,
 }
 
-/// What a board has told, oldest first: when, and where its motors were, rad.
+/// The states of a board, oldest first: time, and motor positions, rad.
 #[derive(Default)]
 struct Past {
     ring: VecDeque<(Time, Vec<f64>)>,
-    /// How many joints it has, if that is not how many the model has.
+    /// Its number of joints, if that differs from the model's.
     wrong: Option<usize>,
 }
 
-/// Why a pose is not known.
+/// Reasons why a configuration is not available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Unknown {
     /// It is newer than the newest state of some board.
     NotYet,
-    /// It is older than what is kept, or lies in a gap.
+    /// It is older than the stored states, or lies in a gap.
     NoMore,
 }
 
 impl Body {
-    /// Asks the boards that the robot's driver names for their states, in the background and for ever.
+    /// Receives the states of the boards that the robot's driver names, in the background.
     ///
     /// # Errors
-    /// A driver that is not behind YARP, with the remedy.
+    /// If the driver is not of kind `yarp`, with the remedy.
     pub(super) fn watch(outside: &Outside, name: &str, robot: &Robot, clock: &Clock) -> Result<Body, Report> {
         let found = outside.config.robot.iter().position(|r| r.name == name).unwrap_or_default();
         let at = format!("robot[{found}].driver");
@@ -89,10 +89,10 @@ impl Body {
         Ok(body)
     }
 
-    /// The body at this instant: each board's motors on the straight way between its states before and after.
+    /// The configuration at this time: each board's motors are interpolated between its states before and after.
     ///
     /// # Errors
-    /// If some board does not tell.
+    /// If the states of some board do not cover it.
     pub(super) fn at(&self, at: Time) -> Result<BodyState, Unknown> {
         let mut q = self.home.clone();
         for board in &self.boards {
@@ -103,7 +103,7 @@ impl Body {
         Ok(BodyState { at, q: q.into() })
     }
 
-    /// Says which boards tell nothing, and why.
+    /// Warns about boards that send no states, with the reason.
     pub(super) fn complain(&self, said: &mut Said) {
         for board in &self.boards {
             let past = board.past.lock().unwrap_or_else(PoisonError::into_inner);
@@ -151,7 +151,7 @@ impl Past {
     }
 }
 
-/// Keeps the states of a board as they come.
+/// Stores the states of a board as they arrive.
 async fn listen(board: Arc<RemoteBoard>, clock: Clock, units: Units, past: Arc<Mutex<Past>>) {
     let mut state = board.state();
     while state.changed().await.is_ok() {
@@ -168,7 +168,8 @@ async fn listen(board: Arc<RemoteBoard>, clock: Clock, units: Units, past: Arc<M
     }
 }
 
-/// When a state was read, by our clock: as its stamp says, if the board's clock is this machine's or one like it.
+/// Time at which a state was read, by our clock: from its stamp if the board's clock agrees with this machine's, else
+/// from its arrival.
 fn read_at(state: &RemoteState, clock: &Clock) -> Time {
     let age = state.arrived.elapsed();
     let arrived = Time(clock.now().0.saturating_sub(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)));

@@ -12,10 +12,10 @@ use mobee_yarp::{Delivery, Image, OutputPort, PixelCode, Stamp};
 use std::time::Duration;
 use tokio::task::{JoinSet, spawn_blocking};
 
-/// How long a frame that is being looked at may take once all is to end.
+/// Time limit for a frame in progress at the end.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Looks at what the cameras of a sensor see, until Ctrl-C.
+/// Runs the cameras and detectors of a sensor until Ctrl-C.
 ///
 /// # Errors
 /// Complaints about the configuration or the network, before any port is opened.
@@ -52,12 +52,12 @@ async fn serve(outside: &Outside, cameras: Vec<CameraSetup>) -> Result<(), Repor
         () = interrupt.wait() => {}
         _ = eyes.join_next() => {}
     }
-    // their ports unregister as they are dropped
+    // the ports unregister when they are dropped
     eyes.shutdown().await;
     Ok(())
 }
 
-/// What is told of one camera.
+/// Output ports of one camera.
 struct Ports {
     regions: OutputPort,
     mask: OutputPort,
@@ -83,20 +83,20 @@ struct Eye {
     said: Said,
 }
 
-/// What is made anew after it failed.
+/// The parts that are rebuilt after a failure.
 struct Parts {
     camera: Box<dyn Camera>,
     detector: Box<dyn Detector>,
 }
 
-/// A frame and what was found in it.
+/// A frame with its detections.
 struct Found {
     frame: Frame,
     regions: Vec<Region>,
     mask: Option<SeenMask>,
 }
 
-/// What one look at a camera gave.
+/// The result of one step of a camera.
 #[derive(Default)]
 struct Look {
     found: Option<Found>,
@@ -104,7 +104,7 @@ struct Look {
 }
 
 impl Eye {
-    /// Looks for ever; a camera or detector that fails is made anew.
+    /// Processes frames forever; rebuilds a camera or detector that fails.
     async fn look(mut self) {
         let mut stamp = Stamp::default();
         loop {
@@ -122,7 +122,7 @@ impl Eye {
             };
             loop {
                 let now = self.clock.now();
-                // whatever panics takes both parts with it
+                // a panic drops both parts
                 let most = self.setup.max_regions;
                 let step = spawn_blocking(move || {
                     let look = parts.step(now, most);
@@ -175,7 +175,7 @@ impl Eye {
 }
 
 impl Parts {
-    /// Looks at the newest frame, if there is one, and keeps at most so many regions of each object.
+    /// Processes the newest frame, if there is one, and returns at most `most` regions of each object.
     fn step(&mut self, now: Time, most: usize) -> Result<Look, String> {
         let frame = self.camera.frame(now)?;
         let mut look = Look::default();

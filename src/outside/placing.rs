@@ -17,15 +17,16 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
-/// How many messages of detectors may wait; more are left out.
+/// Maximum number of waiting messages of detectors; further ones are dropped.
 const WAITING: usize = 16;
-/// How soon and how often is looked for a state of the boards that is not there yet.
+/// Interval at which a missing state of the boards is polled.
 const SOON: Duration = Duration::from_millis(5);
+/// Maximum number of those polls.
 const TIMES: u32 = 100;
-/// How often what the world did not take is told it again, and is looked for what has not been seen.
+/// Interval at which failed requests to the world are retried, and stale objects are reported.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// How long a detector may be silent before its port is asked to connect again: detectors report every picture.
+/// Silence of a detector after which its port is reconnected: detectors report every image.
 const SILENCE: Duration = Duration::from_secs(2);
 
 /// The arguments of `mobee locator run`.
@@ -38,7 +39,7 @@ pub struct LocatorRunArgs {
     world: String,
 }
 
-/// Places what the detectors of a sensor see, until Ctrl-C.
+/// Runs the locator of a sensor until Ctrl-C.
 ///
 /// # Errors
 /// Complaints about the configuration or the network, before any port is opened.
@@ -101,7 +102,7 @@ async fn serve(outside: &Outside, setup: LocatorSetup, names: Vec<String>, world
     Ok(())
 }
 
-/// Hears what one detector sees.
+/// Receives the regions of one detector.
 struct Ear {
     network: Network,
     own: String,
@@ -111,7 +112,7 @@ struct Ear {
 }
 
 impl Ear {
-    /// For ever: a detector that is not there yet, or no longer, may come.
+    /// Receives forever, with retries: the detector may start later, or restart.
     async fn listen(self) {
         let mut said = Said::default();
         loop {
@@ -137,7 +138,7 @@ impl Ear {
         }
     }
 
-    /// For as long as the port is open. What comes while too much waits is left out: newer comes soon.
+    /// Receives while the port is open. Drops messages while too many wait: newer ones follow soon.
     async fn hear(&self, port: &mut InputPort, said: &mut Said) {
         let mut source = StreamSource::new(&self.theirs, Carrier::Tcp, SILENCE);
         loop {
@@ -150,7 +151,7 @@ impl Ear {
     }
 }
 
-/// The locator at work.
+/// The running locator.
 struct Placing {
     setup: LocatorSetup,
     locator: Box<dyn Locator>,
@@ -180,7 +181,7 @@ impl Placing {
         }
     }
 
-    /// One picture's regions.
+    /// Processes the regions of one image.
     async fn hear(&mut self, eye: &str, message: &Message) {
         let bottle = message.payload.bottle(self.dialect).map_err(|e| e.to_string());
         let SeenRegions { intrinsics, regions } = match bottle.and_then(|bottle| SeenRegions::parse(&bottle)) {
@@ -218,7 +219,8 @@ impl Placing {
         }
     }
 
-    /// When a picture was exposed, by our clock; now if the message has no stamp. `None`: by no clock like ours.
+    /// Exposure time of an image by our clock; now if the message has no stamp. `None` if the stamp is of a different
+    /// clock.
     fn exposed(&self, message: &Message) -> Option<Time> {
         let now = self.clock.now();
         let Some(stamp) = message.stamp() else { return Some(now) };
@@ -227,7 +229,7 @@ impl Placing {
         Some(Time(now.0.saturating_sub((age.max(0.0) * 1e9) as u64)))
     }
 
-    /// The body at an instant, as soon as its boards tell.
+    /// The configuration at a time, once its boards have reported it.
     async fn body(&mut self, at: Time) -> Option<BodyState> {
         for _ in 0..TIMES {
             match self.body.at(at) {
@@ -241,16 +243,16 @@ impl Placing {
     }
 }
 
-/// The world of a run.
+/// The world of a run, and the updates for it.
 struct World {
     rpc: RpcClient,
     port: String,
-    /// What it has yet to be told: the newest place of each object.
+    /// Pending updates: the newest position of each object.
     due: BTreeMap<String, [f64; 3]>,
 }
 
 impl World {
-    /// Tells what is due. A world that does not answer is told again later.
+    /// Sends the pending updates. If the world does not answer, they stay pending.
     async fn tell(&mut self, said: &mut Said) {
         while let Some((object, [x, y, z])) = self.due.pop_first() {
             let request = Bottle::new().with("set").with(object.as_str()).with(x).with(y).with(z);
@@ -267,7 +269,7 @@ impl World {
     }
 }
 
-/// Whether the world says that it has put the object elsewhere.
+/// True if the world reports that it moved the object.
 fn is_done(reply: &Bottle) -> bool {
     reply.0.get(1).and_then(Value::as_text).is_some_and(|said| said.starts_with("Set "))
 }

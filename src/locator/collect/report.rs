@@ -1,4 +1,4 @@
-//! The check of what was collected: gross errors, balance of the places, coverage of workspace and picture.
+//! The check of the collected rows: gross errors, balance of the places, coverage of workspace and image.
 
 use super::rows::{Dropped, RawRow};
 use mobee_behaviors::locators::view::KnownView;
@@ -7,47 +7,48 @@ use nalgebra::{Vector3, Vector4};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Rows that are nearer to each other than this are of one place: what held it was sent to one pose, meters.
+/// Maximum distance between rows of one place, meters: the holding robot was sent to one configuration.
 const ONE_PLACE: f64 = 0.002;
-/// Fewer rows than this at a place are too few to be balanced by, and said.
+/// Number of rows at a place below which the report marks it.
 const FEW: usize = 5;
-/// The edge of a cell of the workspace, meters.
+/// Edge length of a cell of the workspace, meters.
 const CELL: f64 = 0.1;
-/// Cells of the left picture across and down, and the picture's size, pixels.
+/// Number of cells of the left image across and down.
 const CELLS: [f64; 2] = [4.0, 3.0];
+/// Size of the image, pixels.
 const PICTURE: [f64; 2] = [640.0, 480.0];
 
-/// What the run had.
+/// Counts of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Collected {
-    /// Its length so far, s.
+    /// Duration so far, s.
     pub secs: f64,
-    /// Pictures that a detector looked at.
+    /// Images that a detector processed.
     pub pictures: u64,
-    /// Motions that were taken back.
+    /// Motions that were rolled back.
     pub rolled_back: u64,
 }
 
-/// What is good of it.
+/// The checked rows.
 pub(super) struct Check {
-    /// The rows, in the order of their places and then of time.
+    /// The rows, ordered by place and then by time.
     pub known: Vec<KnownView>,
-    /// When the two pictures of each row were exposed.
+    /// Exposure times of the two images of each row.
     pub exposed: Vec<[Time; 2]>,
-    /// Each place, how many rows it had, and how many are kept.
+    /// Each place with its number of rows, and the number of those in the table.
     places: Vec<(Vector3<f64>, usize, usize)>,
     gross: usize,
-    /// Rows of places that had too few.
+    /// Rows of dropped places.
     sparse: usize,
-    /// What most rows are off by from the drawings, pixels.
+    /// Median deviation of the rows from the nominal kinematics, pixels.
     usual: Vector4<f64>,
-    /// How far measured positions of one place are apart at most, m.
+    /// Maximum deviation of a measured position from the mean of its place, m.
     spread: f64,
 }
 
 impl Check {
-    /// Leaves out rows that are off by more than `gross` pixels, puts rows of one place together, leaves out places of fewer than `least`,
-    /// and keeps `per_place` rows of each.
+    /// Drops rows that deviate from the median by more than `gross` pixels, groups rows by place, drops places with
+    /// fewer than `least` rows, and takes `per_place` rows of each.
     pub fn new(raw: Vec<RawRow>, gross: f64, (least, per_place): (usize, usize)) -> Check {
         let usual = median(&raw);
         let n = raw.len();
@@ -75,14 +76,14 @@ impl Check {
             let step = if per_place == 0 { 1 } else { group.len().div_ceil(per_place) };
             let kept = group.iter().step_by(step.max(1));
             places.push((place, group.len(), kept.len()));
-            // whole places are held out, so the rows of one place must agree on where it is
+            // whole places are held out, so the rows of one place must have the same position
             known.extend(kept.clone().map(|row| KnownView { place, ..row.known }));
             exposed.extend(kept.map(|row| row.exposed));
         }
         Check { known, exposed, places, gross, sparse, usual, spread }
     }
 
-    /// In words.
+    /// The report as text.
     pub fn text(&self, run: &Collected, dropped: &Dropped) -> String {
         let mut said = String::new();
         let _ = writeln!(
@@ -145,7 +146,7 @@ impl Check {
     }
 }
 
-/// What half of the rows are off by less, and half by more, each of the four pixels by itself.
+/// Median deviation of the rows, separately for each of the four pixel coordinates.
 fn median(raw: &[RawRow]) -> Vector4<f64> {
     let mut usual = Vector4::zeros();
     for (i, value) in usual.iter_mut().enumerate() {
