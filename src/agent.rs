@@ -32,7 +32,7 @@ use std::time::Duration;
 use surroundings::Surroundings;
 
 /// Pause before a commit is retried that the filter was not ready for.
-const PAUSE: Duration = Duration::from_millis(100);
+const RETRY_DELAY: Duration = Duration::from_millis(100);
 
 /// The arguments of `mobee agent`.
 #[derive(clap::Args)]
@@ -144,14 +144,14 @@ pub fn command(args: AgentArgs) -> Result<ExitCode, Report> {
 /// The index of the robot whose agent is to run.
 fn chosen(config: &Config, args: &AgentArgs) -> Result<usize, ConfigError> {
     let names: Vec<&str> = config.robot.iter().map(|r| r.name.as_str()).collect();
-    let asked = args.name.as_deref().or_else(|| args.robot.rsplit('/').next()).unwrap_or_default();
-    match names.iter().position(|n| *n == asked) {
+    let wanted = args.name.as_deref().or_else(|| args.robot.rsplit('/').next()).unwrap_or_default();
+    match names.iter().position(|n| *n == wanted) {
         Some(found) => Ok(found),
         None if names.len() == 1 && args.name.is_none() => Ok(0),
         None => {
-            let near = nearest(asked, &names).map_or(String::new(), |n| format!("did you mean `{n}`? "));
+            let near = nearest(wanted, &names).map_or(String::new(), |n| format!("did you mean `{n}`? "));
             let help = format!("{near}choose with --name; the robots are: {}", names.join(", "));
-            Err(ConfigError::plain(format!("there is no robot `{asked}` in this file"), help))
+            Err(ConfigError::plain(format!("there is no robot `{wanted}` in this file"), help))
         }
     }
 }
@@ -190,7 +190,7 @@ impl Session {
         loop {
             let view = self.view().await?;
             let intent = self.agent.next(last.take(), &view);
-            self.tell();
+            self.print_notes();
             match intent {
                 Intent::MoveTo(target) => last = self.drive(&target, None, &view).await?,
                 Intent::MoveEach(target, speeds) => last = self.drive(&target, Some(&speeds), &view).await?,
@@ -201,7 +201,7 @@ impl Session {
                     )
                     .into());
                 }
-                Intent::Stop => tokio::time::sleep(PAUSE).await,
+                Intent::Stop => tokio::time::sleep(RETRY_DELAY).await,
                 Intent::Wait(time) => tokio::time::sleep(time.max(Duration::from_millis(1))).await,
                 Intent::Done(summary) => return Ok(summary),
             }
@@ -221,7 +221,7 @@ impl Session {
             Some(MotionEnd::Failed) => self.counts.failed += 1,
             None => {
                 self.counts.waited += 1;
-                tokio::time::sleep(PAUSE).await;
+                tokio::time::sleep(RETRY_DELAY).await;
             }
         }
         self.counts.motions += u64::from(end.is_some());
@@ -253,7 +253,7 @@ impl Session {
         })
     }
 
-    fn tell(&mut self) {
+    fn print_notes(&mut self) {
         for note in self.agent.notes() {
             if let Note::Log { text } = note
                 && !self.quiet

@@ -45,8 +45,8 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
         Some(reason) => println!("the run ended in order: {reason}"),
         None => println!("the run did not end in order; open commits and links are not judged"),
     }
-    say_poses(&report.poses);
-    say_files(&report.files);
+    print_poses(&report.poses);
+    print_files(&report.files);
     if report.hard.episodes > 0 {
         println!("{}", report.hard);
     }
@@ -69,7 +69,7 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
 }
 
 /// Prints the number of measured poses, and the robots without any.
-fn say_poses(poses: &JudgedPoses) {
+fn print_poses(poses: &JudgedPoses) {
     let JudgedPoses { readings, missing, wrong, .. } = poses;
     if *readings > 0 {
         println!("{readings} measured poses");
@@ -96,7 +96,7 @@ fn verdict(poses: &JudgedPoses) -> String {
 }
 
 /// Prints the state of the run's files since its end.
-fn say_files(files: &JudgedFiles) {
+fn print_files(files: &JudgedFiles) {
     let JudgedFiles { whole, damage, unjudged } = files;
     match unjudged {
         Some(why) => println!("whether files of the run are damaged is not judged: {why}"),

@@ -62,7 +62,7 @@ pub fn read(path: &Path, overrides: &[String]) -> Result<Composition, Complaints
 /// Every complaint, with its place and remedy.
 pub fn from_source(source: &Source) -> Result<Composition, Complaints> {
     let (config, wrong) = Config::partly(source)?;
-    build(config, source, wrong, Begin::Anew)
+    build(config, source, wrong, Begin::New)
 }
 
 /// Builds every part of a configuration.
@@ -70,7 +70,7 @@ pub fn from_source(source: &Source) -> Result<Composition, Complaints> {
 /// # Errors
 /// Every complaint, with its place and remedy.
 pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::Report> {
-    build(config, source, Complaints::default(), Begin::Anew).map_err(miette::Report::new)
+    build(config, source, Complaints::default(), Begin::New).map_err(miette::Report::new)
 }
 
 /// Like [`compose`], for a run that is resumed: its robots stay where they are, possibly in contact.
@@ -78,14 +78,14 @@ pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::R
 /// # Errors
 /// As for [`compose`].
 pub fn compose_again(config: Config, source: &Source) -> Result<Composition, miette::Report> {
-    build(config, source, Complaints::default(), Begin::Again).map_err(miette::Report::new)
+    build(config, source, Complaints::default(), Begin::Resumed).map_err(miette::Report::new)
 }
 
 /// Start of a run: new, with the robots at chosen configurations, or resumed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Begin {
-    Anew,
-    Again,
+    New,
+    Resumed,
 }
 
 /// One robot with the parts built for it, before it moves.
@@ -107,7 +107,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             let context = Context { robot: model.clone(), seed };
             let hardware = wrong.keep(driver(source, &at("driver"), &r.driver, &context));
             if config.clock == ClockMode::Virtual && hardware.as_ref().is_some_and(|h| !h.runs_in_virtual_time()) {
-                wrong.push(by_the_wall(source, &at("driver"), "driver"));
+                wrong.push(needs_real_clock(source, &at("driver"), "driver"));
             }
             Built { hardware, agent: None, rest: None, model }
         }));
@@ -306,7 +306,7 @@ fn kind<R: Role + ?Sized>(source: &Source, at: &str, value: &Value) -> Result<(&
     let kinds = kinds::<R>();
     let known: Vec<&str> = kinds.iter().map(|k| k.name).collect();
     let Value::Object(map) = value else {
-        return Err(source.error(at, "this is no table", "write a table with `kind` and its settings"));
+        return Err(source.error(at, "this is not a table", "write a table with `kind` and its settings"));
     };
     let Some(name) = map.get("kind").and_then(Value::as_str) else {
         let help = format!("add kind = \"...\"; known: {}", known.join(", "));
@@ -385,14 +385,14 @@ fn bridges(config: &Config, source: &Source, wrong: &mut Complaints) -> Vec<(Str
             });
         let Some(bridge) = wrong.keep(built) else { continue };
         if config.clock == ClockMode::Virtual && !bridge.runs_in_virtual_time() {
-            wrong.push(by_the_wall(source, &at, "bridge"));
+            wrong.push(needs_real_clock(source, &at, "bridge"));
         }
         all.push((at, bridge));
     }
     all
 }
 
-fn by_the_wall(source: &Source, at: &str, role: &str) -> ConfigError {
+fn needs_real_clock(source: &Source, at: &str, role: &str) -> ConfigError {
     let what = format!("this {role} runs by the wall clock, and this behavior's clock is virtual");
     source.error(at, what, "set clock = \"real\"")
 }

@@ -44,7 +44,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// Maximum size of the resolved configuration in a run's folder, bytes.
-const LONGEST: u64 = 16 * MIB;
+const MAX_RESOLVED_BYTES: u64 = 16 * MIB;
 
 /// A whole configuration.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
@@ -172,7 +172,7 @@ pub struct StepConfig {
 pub enum StepTrigger {
     /// At this many seconds of the run.
     AtS(f64),
-    /// When this robot rests after this many outcomes.
+    /// At this robot's rest after this many outcomes.
     AfterOutcomes {
         /// The robot.
         robot: String,
@@ -270,7 +270,7 @@ impl Config {
         let foreign = |what: String| {
             ConfigError::plain(format!("{}: {what}", path.display()), "give the folder of a run, as it was written")
         };
-        let text = read_text(path, LONGEST).map_err(|e| foreign(e.to_string()))?;
+        let text = read_text(path, MAX_RESOLVED_BYTES).map_err(|e| foreign(e.to_string()))?;
         let stored: Resolved = serde_json::from_str(&text).map_err(|e| foreign(e.to_string()))?;
         let source = Source::resolved(&stored.file, stored.config);
         Ok((Config::from_source(&source)?, source))
@@ -294,7 +294,7 @@ impl Config {
         let mut wrong = Complaints::default();
         let mut value = source.value.clone();
         for m in shape::misfits(crate::schema::whole(), &source.value) {
-            leave_out(&mut value, &m);
+            remove_misfit(&mut value, &m);
             if wrong.is_full() {
                 continue;
             }
@@ -365,7 +365,7 @@ impl Config {
 }
 
 /// Removes a table of the wrong shape, and the tables that could not be checked without it.
-fn leave_out(value: &mut Value, m: &shape::Misfit) {
+fn remove_misfit(value: &mut Value, m: &shape::Misfit) {
     let step = |i: usize| m.steps.get(i).map(String::as_str).unwrap_or_default();
     let out = |at: &mut Value, key: &str| drop(at.as_object_mut().map(|map| map.remove(key)));
     let robot = step(1).parse::<usize>().ok().filter(|_| step(0) == "robot");

@@ -7,18 +7,18 @@
 //! none on request.
 
 mod client;
-mod desk;
-mod door;
-mod find;
-mod gather;
-pub(crate) mod offer;
+mod config_payload;
+mod connection;
+mod handler;
+mod listener;
 mod operate;
 mod restart;
 mod service;
 mod show;
+pub(crate) mod swap_offer;
 mod wire;
 
-pub(crate) use desk::BesideNames;
+pub(crate) use handler::BesideNames;
 pub use service::CtlService;
 pub(crate) use service::{CtlPort, LastLines};
 
@@ -69,21 +69,21 @@ enum CtlCommand {
     Release(OfRobot),
     /// Retry a failed retreat.
     Recover(OfRobot),
-    /// Show where the motors (degrees, or millimeters) and the markers of robots are.
+    /// Show the positions of motors (degrees, or millimeters) and markers of robots.
     Pose(OfRobot),
     /// Move motors of a robot whose agent is paused, in a transaction under the reflex, and wait for the outcome. Exit code 0: reached.
     Go {
-        /// Motors and positions in degrees, or millimeters where they slide: r_elbow=60.
+        /// Motors and positions in degrees, or millimeters for prismatic joints: r_elbow=60.
         #[arg(required = true, value_name = "MOTOR=DEG")]
         motors: Vec<String>,
         /// The robot; required if there are several.
         #[arg(long)]
         robot: Option<String>,
-        /// Share of each motor's greatest speed.
+        /// Share of each motor's maximum speed.
         #[arg(long, value_name = "SHARE", default_value_t = 0.2)]
         speed: f64,
     },
-    /// Start a sensor or a bridge again: one that runs, or one that has given up.
+    /// Restart a sensor or a bridge: one that runs, or one that has used up its restarts.
     Restart {
         /// The sensor or bridge, as `mobee ctl status` names it; required if there are several.
         name: Option<String>,
@@ -92,16 +92,16 @@ enum CtlCommand {
     Home {
         #[command(flatten)]
         of: OfRobot,
-        /// Share of each motor's greatest speed.
+        /// Share of each motor's maximum speed.
         #[arg(long, value_name = "SHARE", default_value_t = 0.2)]
         speed: f64,
     },
-    /// Show the newest events in words.
+    /// Show the newest events as sentences.
     Log {
-        /// Go on with the events as they happen, until Ctrl-C or the end of the run.
+        /// Follow the events until Ctrl-C or the end of the run.
         #[arg(short, long)]
         follow: bool,
-        /// How many.
+        /// Number of events.
         #[arg(short = 'n', long = "lines", value_name = "N", default_value_t = 20)]
         lines: u32,
     },
@@ -117,11 +117,12 @@ enum CtlCommand {
         #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },
-    /// Turn the recording `on` or `off` (the journal is always kept), or `connect` a Rerun viewer that follows the run.
+    /// Turn the recording `on` or `off` (the journal is always written), or `connect` a Rerun viewer that follows the
+    /// run.
     Record {
         /// `on`, `off` or `connect`.
         what: String,
-        /// Where the viewer listens, as seen from the run; default: 127.0.0.1:9876.
+        /// Address of the viewer, as seen from the run; default: 127.0.0.1:9876.
         #[arg(value_name = "ADDRESS:PORT")]
         address: Option<String>,
     },
@@ -159,16 +160,16 @@ struct SwapArgs {
     /// The sensor whose detectors or locator are swapped, or for a detector one camera of it as SENSOR/CAMERA; required if there are several sensors.
     #[arg(long)]
     sensor: Option<String>,
-    /// Seconds for which a new agent or detector only observes; the journal records what it would have done, or what it sees.
+    /// Seconds for which a new agent or detector only observes; the journal records its intents or its detections.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     shadow: f64,
     /// Seconds after the takeover during which the old part returns if the new one fails.
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
     probation: f64,
-    /// The longest time that the new part may take to answer during its probation, seconds.
+    /// Time limit for an answer of the new part during its probation, seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
     budget: f64,
-    /// Start without what the old agent, detector or locator knew: for an agent of another kind.
+    /// Start without the state of the old agent, detector or locator: for an agent of another kind.
     #[arg(long)]
     fresh: bool,
     /// Return once the part is built and checked, without waiting for the end of its probation.
@@ -222,6 +223,6 @@ pub(crate) fn put_locator(
     let file = file.canonicalize().unwrap_or_else(|_| file.to_owned());
     locator.insert("kind".into(), kind.name().into());
     locator.insert("file".into(), file.to_string_lossy().into());
-    let offer = gather::of(source.path.clone(), &Source::resolved(&source.path, value))?;
+    let offer = config_payload::of(source.path.clone(), &Source::resolved(&source.path, value))?;
     Ok(runtime()?.block_on(client::put_locator(run, &name, offer, probation))?)
 }

@@ -6,7 +6,7 @@ mod tag;
 mod train;
 
 use crate::config::ConfigError;
-use crate::outside::{OutsideArgs, looking};
+use crate::remote_sensor::{RemoteSensorArgs, detector_process};
 use miette::Report;
 use mobee_behaviors::detectors::file::DetectorFile;
 use mobee_behaviors::detectors::picture::PictureFault;
@@ -14,7 +14,7 @@ use mobee_model::file::{MIB, read_text};
 use std::path::{Path, PathBuf};
 
 /// Maximum size of a detector file, bytes.
-const LONGEST: u64 = 64 * MIB;
+const MAX_DETECTOR_BYTES: u64 = 64 * MIB;
 
 /// The commands on detectors.
 #[derive(clap::Subcommand, Clone, Debug)]
@@ -32,7 +32,7 @@ pub enum DetectorCommand {
     },
     /// Run a sensor's detectors in a process of its own over YARP, until Ctrl-C: images come from image ports, regions
     /// and masks go to PREFIX/SENSOR/EYE/regions:o and mask:o.
-    Run(OutsideArgs),
+    Run(RemoteSensorArgs),
     /// Make the image of a tag, for a printer or for the scenery of simulated cameras.
     Tag(tag::TagArgs),
 }
@@ -42,19 +42,19 @@ pub enum DetectorCommand {
 /// # Errors
 /// If a file can't be read or written, or is invalid, with its place and the remedy.
 pub fn command(command: &DetectorCommand) -> Result<(), Report> {
-    let said = match command {
+    let text = match command {
         DetectorCommand::Train(args) => train::command(args)?,
         DetectorCommand::Eval(args) => eval::command(args)?,
         DetectorCommand::Show { file } => show(&load(file)?),
         DetectorCommand::Tag(args) => tag::command(args)?,
-        DetectorCommand::Run(args) => return looking::command(args),
+        DetectorCommand::Run(args) => return detector_process::command(args),
     };
-    crate::terminal::out(&said);
+    crate::terminal::out(&text);
     Ok(())
 }
 
 fn load(path: &Path) -> Result<DetectorFile, ConfigError> {
-    let text = read_text(path, LONGEST).map_err(|e| {
+    let text = read_text(path, MAX_DETECTOR_BYTES).map_err(|e| {
         let help = "give a detector as `mobee detector train` wrote it";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
@@ -62,7 +62,7 @@ fn load(path: &Path) -> Result<DetectorFile, ConfigError> {
 }
 
 /// A complaint about an image.
-fn unseen(fault: PictureFault) -> ConfigError {
+fn image_complaint(fault: PictureFault) -> ConfigError {
     ConfigError::plain(fault.to_string(), fault.help)
 }
 

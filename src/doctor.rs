@@ -25,7 +25,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 /// Time limit for an answer.
-const PATIENCE: Duration = Duration::from_secs(3);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The arguments of `mobee doctor`.
 #[derive(clap::Args)]
@@ -101,21 +101,21 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| miette::Report::msg(format!("no asynchronous runtime: {e}")))?;
     let worst = Cell::new(Grade::Ok);
-    let tell = |findings: Vec<Finding>| {
+    let report = |findings: Vec<Finding>| {
         for finding in findings {
             worst.set(worst.get().max(finding.grade));
             println!("{finding}");
         }
     };
-    tell(vec![machine::processors(), runtime.block_on(machine::timers())]);
-    tell(machine::folder(Path::new("runs")));
-    tell(vec![machine::viewer()]);
-    let Looked { found, robots, motors } =
+    report(vec![machine::processors(), runtime.block_on(machine::timers())]);
+    report(machine::folder(Path::new("runs")));
+    report(vec![machine::viewer()]);
+    let CheckedFile { found, robots, motors } =
         args.file.as_deref().map(|file| configuration(file, &args.set)).unwrap_or_default();
-    tell(found);
+    report(found);
     let needed = robots.iter().any(|r| r.settings.server.is_none());
     let own = if needed { config::network_or_default(&Env::real()) } else { Network::from_env() };
-    tell(vec![match own {
+    report(vec![match own {
         Ok(network) => runtime.block_on(boards::name_server(&network, needed)),
         Err(e) if needed => {
             let remedy = "fix yarp.conf (`mobee yarp conf HOST PORT`), or set `server` in the driver's table";
@@ -127,16 +127,16 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
         }
     }]);
     for robot in &robots {
-        tell(runtime.block_on(boards::robot(robot)));
+        report(runtime.block_on(boards::robot(robot)));
     }
     if let (Some(file), Some(motor)) = (&args.file, &args.moves) {
         let motors: Vec<&str> = motors.iter().map(String::as_str).collect();
         let not = |why: String| Finding::bad(format!("{motor} was not moved"), why);
         if worst.get() == Grade::Bad {
-            tell(vec![not("fix what is bad first".into())]);
+            report(vec![not("fix what is bad first".into())]);
         } else if motors.contains(&motor.as_str()) {
             let (findings, settings) = moves::measure(file, &args.set, motor)?;
-            tell(findings);
+            report(findings);
             if !settings.is_empty() {
                 let printed = settings.toml();
                 println!("\nsettings for {}, as measured with {motor}:\n\n{printed}", file.display());
@@ -151,7 +151,7 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
                 None => {}
             }
         } else {
-            tell(vec![not(suggestion(motor, "motor with a board", &motors))]);
+            report(vec![not(suggestion(motor, "motor with a board", &motors))]);
         }
     }
     Ok(if worst.get() == Grade::Bad { ExitCode::FAILURE } else { ExitCode::SUCCESS })
@@ -188,7 +188,7 @@ struct ModelMotor {
 
 /// The results for a file.
 #[derive(Default)]
-struct Looked {
+struct CheckedFile {
     found: Vec<Finding>,
     /// Its robots behind YARP.
     robots: Vec<Remote>,
@@ -197,11 +197,11 @@ struct Looked {
 }
 
 /// Checks a file as `mobee check` does.
-fn configuration(file: &Path, set: &[String]) -> Looked {
+fn configuration(file: &Path, set: &[String]) -> CheckedFile {
     let bad = |report: miette::Report| {
         let remedy = "fix the file; `mobee check` reports the same";
         let found = vec![Finding::bad(format!("{}: {report:?}", file.display()), remedy)];
-        Looked { found, ..Looked::default() }
+        CheckedFile { found, ..CheckedFile::default() }
     };
     let (config, source) = match Config::load(file, set) {
         Ok(loaded) => loaded,
@@ -241,7 +241,7 @@ fn configuration(file: &Path, set: &[String]) -> Looked {
             None => found.push(Finding::ok(format!("{} is simulated: there is nothing to reach", robot.name))),
         }
     }
-    Looked { found, robots, motors }
+    CheckedFile { found, robots, motors }
 }
 
 fn remote(source: &Source, robot: usize, driver: &serde_json::Value) -> Option<YarpDriverSettings> {

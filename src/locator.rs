@@ -5,7 +5,7 @@ mod collect;
 mod train;
 
 use crate::config::ConfigError;
-use crate::outside::placing::{self, LocatorRunArgs};
+use crate::remote_sensor::locator_process::{self, LocatorRunArgs};
 use miette::{IntoDiagnostic, Report};
 use mobee_behaviors::locators::file::{LearnedPlaces, LocatorFile};
 use mobee_behaviors::locators::head::JOINTS;
@@ -18,8 +18,10 @@ use sha2::{Digest, Sha256};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Maximum size of a locator file and of a table, bytes.
-const LONGEST: (u64, u64) = (16 * MIB, 32 * MIB);
+/// Maximum size of a locator file, bytes.
+const MAX_LOCATOR_BYTES: u64 = 16 * MIB;
+/// Maximum size of a table of views, bytes.
+const MAX_TABLE_BYTES: u64 = 32 * MIB;
 
 /// The commands on locators.
 #[derive(clap::Subcommand, Clone, Debug)]
@@ -86,12 +88,12 @@ fn done(command: &LocatorCommand) -> Result<String, Report> {
         LocatorCommand::Best(args) => best::command(args)?,
         LocatorCommand::Eval { locator, data, json } => eval(&load(locator)?, data, *json)?,
         LocatorCommand::Show { file } => show(&load(file)?),
-        LocatorCommand::Run(args) => placing::command(args).map(|()| String::new())?,
+        LocatorCommand::Run(args) => locator_process::command(args).map(|()| String::new())?,
     })
 }
 
 fn load(path: &Path) -> Result<LocatorFile, ConfigError> {
-    let text = read_text(path, LONGEST.0).map_err(|e| {
+    let text = read_text(path, MAX_LOCATOR_BYTES).map_err(|e| {
         let help = "give a locator as `mobee locator train` wrote it";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
@@ -100,15 +102,15 @@ fn load(path: &Path) -> Result<LocatorFile, ConfigError> {
 
 /// A table, and the digest of its text.
 fn table(path: &Path) -> Result<(ViewTable, String), ConfigError> {
-    let text = read_text(path, LONGEST.1).map_err(|e| {
+    let text = read_text(path, MAX_TABLE_BYTES).map_err(|e| {
         let help = "give a table of recorded views, as comma-separated text";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
-    understood(&path.display().to_string(), &text)
+    parsed_table(&path.display().to_string(), &text)
 }
 
 /// Parses a table and computes its digest; complaints use `name`.
-fn understood(name: &str, text: &str) -> Result<(ViewTable, String), ConfigError> {
+fn parsed_table(name: &str, text: &str) -> Result<(ViewTable, String), ConfigError> {
     let table = parse(text).map_err(|e| ConfigError::plain(format!("{name}, line {}: {}", e.line, e.what), e.help))?;
     Ok((table, Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()))
 }
@@ -120,12 +122,12 @@ fn eval(file: &LocatorFile, data: &Path, json: bool) -> Result<String, Report> {
     let all = judge(&ready, &known);
     let unclipped = judge(&ready, &unclipped);
     if json {
-        let said = json!({ "kind": file.kind(), "all": all, "unclipped": unclipped });
-        return Ok(serde_json::to_string(&said).into_diagnostic()? + "\n");
+        let text = json!({ "kind": file.kind(), "all": all, "unclipped": unclipped });
+        return Ok(serde_json::to_string(&text).into_diagnostic()? + "\n");
     }
-    let mut said = format!("{}, errors in mm\n", file.kind().name());
+    let mut text = format!("{}, errors in mm\n", file.kind().name());
     let _ = writeln!(
-        said,
+        text,
         "{:32}{:>7}{:>9}{:>9}{:>9}{:>9}{:>12}",
         "", "asked", "located", "median", "mean", "95 %", "in region"
     );
@@ -137,7 +139,7 @@ fn eval(file: &LocatorFile, data: &Path, json: bool) -> Result<String, Report> {
     ];
     for (name, e) in rows {
         let _ = writeln!(
-            said,
+            text,
             "{name:32}{:>7}{:>9}{:>9.1}{:>9.1}{:>9.1}{:>10.1} %",
             e.n,
             e.located,
@@ -147,41 +149,41 @@ fn eval(file: &LocatorFile, data: &Path, json: bool) -> Result<String, Report> {
             100.0 * e.inside_95
         );
     }
-    Ok(said)
+    Ok(text)
 }
 
 fn show(file: &LocatorFile) -> String {
-    let mut said = format!("{}, seed {}, learned from the table {}\n", file.kind().name(), file.seed, file.data);
+    let mut text = format!("{}, seed {}, learned from the table {}\n", file.kind().name(), file.seed, file.data);
     let model = match &file.learned {
         LearnedPlaces::Triangulate(t) => &t.model,
         LearnedPlaces::Calibrated(c) => &c.model,
         LearnedPlaces::Ensemble(e) => {
-            let _ = writeln!(said, "{} networks", e.members.len());
-            return said;
+            let _ = writeln!(text, "{} networks", e.members.len());
+            return text;
         }
         LearnedPlaces::Network(n) => {
             let units: usize = n.axes.iter().map(|a| a.hidden.len()).sum();
-            let _ = writeln!(said, "{} networks, {units} hidden units", n.axes.len());
-            return said;
+            let _ = writeln!(text, "{} networks, {units} hidden units", n.axes.len());
+            return text;
         }
     };
     for (joint, offset) in JOINTS.iter().zip(model.offsets()) {
-        let _ = writeln!(said, "{joint:12} reads {:+.2} deg too little", offset.to_degrees());
+        let _ = writeln!(text, "{joint:12} reads {:+.2} deg too little", offset.to_degrees());
     }
     if let LearnedPlaces::Calibrated(c) = &file.learned {
         let deviation = c.noise.resting.diagonal().map(f64::sqrt);
         let _ = writeln!(
-            said,
+            text,
             "pixels scatter by {:.1} and {:.1} (left), {:.1} and {:.1} (right)",
             deviation[0], deviation[1], deviation[2], deviation[3]
         );
         let warp = if c.model.warp.is_some() { "warped: places left out are found better so" } else { "believed" };
         let _ = writeln!(
-            said,
+            text,
             "places are {warp}; {} of them, bandwidth {} m",
             c.workspace.places.len(),
             c.workspace.bandwidth
         );
     }
-    said
+    text
 }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Maximum number of printed pairs that come close; the recording has all.
-const PRINTED: usize = 10;
+const MAX_PRINTED: usize = 10;
 
 /// Arguments of `mobee model view`.
 #[derive(clap::Args, Clone, Debug)]
@@ -61,10 +61,10 @@ pub fn command(args: &ViewArgs) -> Result<String, Report> {
     };
     let view = ModelView { robot: &robot, meshes: &meshes, margin: args.margin * 1e-3 };
     let seen = view_model(&settings, &view).map_err(|why| miette!("{}: {why}", args.robot.display()))?;
-    let said = summary(&out, &robot, &seen, args.margin);
+    let text = summary(&out, &robot, &seen, args.margin);
     Ok(match args.out {
-        Some(_) => format!("{said}now: mobee view {}\n", out.display()),
-        None => format!("{said}{}\n", view::open(&out)?),
+        Some(_) => format!("{text}now: mobee view {}\n", out.display()),
+        None => format!("{text}{}\n", view::open(&out)?),
     })
 }
 
@@ -110,11 +110,11 @@ fn summary(out: &Path, robot: &Robot, seen: &SeenModel, margin: f64) -> String {
         seen.secs
     );
     text += if count == 0 { "none\n" } else { "\n" };
-    for near in seen.near.iter().take(PRINTED) {
+    for near in seen.near.iter().take(MAX_PRINTED) {
         let _ = writeln!(text, "  {}", near.in_words(robot));
     }
-    if count > PRINTED {
-        let _ = writeln!(text, "  and {} more", count - PRINTED);
+    if count > MAX_PRINTED {
+        let _ = writeln!(text, "  and {} more", count - MAX_PRINTED);
     }
     text
 }

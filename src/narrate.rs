@@ -105,7 +105,7 @@ impl Narrator {
 
     /// The event as a line. `None` if it does not concern an operator.
     pub(crate) fn line(&mut self, event: &Event) -> Option<Line> {
-        let (weight, kind, text) = self.of_robot(event).or_else(|| of_system(event))?;
+        let (weight, kind, text) = self.robot_line(event).or_else(|| system_line(event))?;
         Some(Line { weight, kind, text: self.labels.read(&text).into_owned() })
     }
 
@@ -113,7 +113,7 @@ impl Narrator {
         self.stories.entry(robot.to_owned()).or_default()
     }
 
-    fn of_robot(&mut self, event: &Event) -> Option<(Weight, &'static str, String)> {
+    fn robot_line(&mut self, event: &Event) -> Option<(Weight, &'static str, String)> {
         use Weight::{Detail, News};
         Some(match event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {
@@ -165,7 +165,7 @@ impl Narrator {
                 let (weight, begun) = if *lasting { (News, "has been pushing") } else { (Detail, "pushed") };
                 (weight, "pushes", format!("{robot} {begun} something for {secs:.2} s, at most with {newtons:.1} N"))
             }
-            Event::State { robot, status } => return self.story(robot).turned(robot, *status),
+            Event::State { robot, status } => return self.story(robot).status_line(robot, *status),
             Event::Halted { robot } => {
                 let story = self.story(robot);
                 if std::mem::replace(&mut story.halted, true) {
@@ -194,8 +194,8 @@ impl Narrator {
     /// The cause of a failed motion, as a clause.
     fn why(&self, robot: &str, cause: &Cause) -> String {
         match cause {
-            Cause::Contact(contacts) => self.met(robot, contacts, ""),
-            Cause::Foreseen(contacts) => self.met(robot, contacts, "would have "),
+            Cause::Contact(contacts) => self.contact_cause(robot, contacts, ""),
+            Cause::Foreseen(contacts) => self.contact_cause(robot, contacts, "would have "),
             Cause::Stall { motor, by, motion } => {
                 let by = motion.told(*by, 1);
                 format!("{motor} does not follow, by {by}: something holds it that the model does not have")
@@ -215,12 +215,12 @@ impl Narrator {
                 let by = motion.told(*by, 1);
                 format!("{motor} was moved by {by} at rest: by another program, by hand or by its weight")
             }
-            Cause::Asked => "a person or a program asked for it".into(),
+            Cause::Asked => "requested by a person or a program".into(),
         }
     }
 
     /// The closest pair in contact, and the motors that moved it.
-    fn met(&self, robot: &str, contacts: &[Contact], would: &str) -> String {
+    fn contact_cause(&self, robot: &str, contacts: &[Contact], would: &str) -> String {
         let nearest = contacts.iter().min_by(|a, b| a.distance.total_cmp(&b.distance));
         let Some(contact) = nearest else { return "something was met".into() };
         let index = self.robots.iter().position(|r| r.name == robot);
@@ -265,7 +265,7 @@ impl Story {
         let why = why.map(|why| format!(": {why}")).unwrap_or_default();
         match outcome {
             Outcome::Committed => "reached its target".into(),
-            Outcome::RolledBack if self.moved => format!("was rolled back{why}; rests at an earlier rest"),
+            Outcome::RolledBack if self.moved => format!("was rolled back{why}; rests at an earlier configuration"),
             Outcome::RolledBack => {
                 let (q, safe) = at;
                 let away = safe.map(|safe| distance(q, safe)).filter(|away| away.is_finite());
@@ -275,18 +275,18 @@ impl Story {
             Outcome::Faulted if cause == Some(&Cause::Asked) => match self.status {
                 Some(Status::Holding(Hold::ShuttingDown)) => "aborted: run ended".into(),
                 _ if self.halted => "stopped: halted".into(),
-                _ => "stopped, as asked for".into(),
+                _ => "stopped on request".into(),
             },
             Outcome::Faulted => format!("failed{why}; rests on the way, neither at its target nor where it began"),
         }
     }
 
-    fn turned(&mut self, robot: &str, status: Status) -> Option<(Weight, &'static str, String)> {
+    fn status_line(&mut self, robot: &str, status: Status) -> Option<(Weight, &'static str, String)> {
         let before = self.status.replace(status);
         let news = |text: String| Some((Weight::News, "holds", format!("{robot}: {text}")));
         let detail = |text: &str| Some((Weight::Detail, "states", format!("{robot}: {text}")));
         match status {
-            Status::Holding(Hold::ShuttingDown) => detail("comes to rest: the run is ending"),
+            Status::Holding(Hold::ShuttingDown) => detail("stops: the run is ending"),
             Status::Holding(Hold::Halted) => detail("holds: halted"),
             // an earlier line names the motor
             Status::Holding(Hold::Displaced) => detail("holds: it was moved at rest"),
@@ -302,19 +302,19 @@ impl Story {
                 Some(Status::Starting) => Some((Weight::Detail, "states", format!("{robot}: ready for motions"))),
                 _ => None,
             },
-            Status::Retreating => detail("goes back along its path"),
+            Status::Retreating => detail("retreats along its path"),
             _ => None,
         }
     }
 }
 
 /// Lines for events that do not belong to one robot's motions.
-fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
+fn system_line(event: &Event) -> Option<(Weight, &'static str, String)> {
     use Weight::{Detail, News, Warning};
     Some(match event {
-        Event::RetreatWaits { robot, what, .. } => (Detail, "waits", format!("{robot}: waits on its way back: {what}")),
+        Event::RetreatWaits { robot, what, .. } => (Detail, "waits", format!("{robot}: its retreat waits: {what}")),
         Event::RetreatStopped { robot, what, .. } => {
-            (News, "retreats given up", format!("{robot}: gave up its way back: {what}"))
+            (News, "retreats aborted", format!("{robot}: its retreat was aborted: {what}"))
         }
         Event::Refused { robot, agent, refusal } => {
             (Detail, "refusals", format!("{robot}: refused {agent}: {refusal}; {}", refusal.remedy()))
@@ -342,7 +342,7 @@ fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
         Event::Swap { robot: name, part, step } | Event::SwapBeside { name, part, step } => {
             let trouble = matches!(step, SwapStep::Refused { .. } | SwapStep::Reverted { .. });
             let weight = if trouble { Warning } else { News };
-            (weight, "swaps", format!("{name}: swap of the {part}: {}", in_words(*part, step)))
+            (weight, "swaps", format!("{name}: swap of the {part}: {}", swap_step_text(*part, step)))
         }
         Event::Stale { sensor, object } => (News, "objects lost", format!("{sensor} does not see {object} any more")),
         Event::Died { actor, reason } => (News, "deaths", format!("{actor} died: {reason}")),
@@ -361,7 +361,7 @@ fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
 }
 
 /// A step of a swap as a phrase, with a remedy if there is one.
-pub(crate) fn in_words(part: SwapPart, step: &SwapStep) -> String {
+pub(crate) fn swap_step_text(part: SwapPart, step: &SwapStep) -> String {
     let why = match step {
         SwapStep::Refused { why } | SwapStep::Reverted { why } => why.as_str(),
         _ => return step.to_string(),

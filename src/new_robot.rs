@@ -17,7 +17,7 @@ use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
 /// Minimum number of motors of an SRDF group that counts as an arm.
-const FEWEST_MOTORS: usize = 3;
+const MIN_ARM_MOTORS: usize = 3;
 /// Control period of the written behavior, milliseconds.
 const PERIOD_MS: u64 = 20;
 /// Share of the maximum speeds with which it explores.
@@ -33,7 +33,7 @@ pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &
     if from != "explore" {
         return Err(miette!(
             help = "leave --from out, and change the agent in the file that is written",
-            "a robot of one's own starts from `explore`, not from `{from}`"
+            "`--robot` can only be combined with `--from explore`, not with `{from}`"
         ));
     }
     let (dir, stem) = file_stem(name)?;
@@ -46,7 +46,7 @@ pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &
     }
     let imported = import.import(urdf)?;
     let chain = chain::choose(&imported).ok_or_else(|| {
-        miette!(help = "a robot explores with a motor at least", "{} has no motor that moves", urdf.display())
+        miette!(help = "an exploration needs at least one movable joint", "{} has no motor that moves", urdf.display())
     })?;
     let driver = driver::text(
         driver,
@@ -63,7 +63,7 @@ pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &
     save_all(&texts.each_ref().map(|(file, text)| (file.as_path(), text.as_str())))?;
     let mut out = model_convert::summary(&robot, &imported);
     out += &explored(&imported.robot, &chain);
-    out += &driver.told;
+    out += &driver.note;
     texts.iter().for_each(|(file, _)| out += &format!("{}\n", file.display()));
     Ok(out + &format!("now: mobee run {}\n", behavior.display()))
 }

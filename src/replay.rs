@@ -11,7 +11,9 @@ mod compare;
 use crate::compose::{Composition, compose};
 use crate::config::{ClockMode, Config, ConfigError, Source};
 use crate::inspect::journal_error;
-use crate::run::{CtlAt, Done, Extras, Folder, Output, PATIENCE, QUEUE, recorder_settings, run_with, show};
+use crate::run::{
+    CtlAt, Done, Extras, Folder, Output, QUEUE_ENTRIES, WRITE_TIMEOUT, recorder_settings, run_in_terminal, run_with,
+};
 use changes::changes;
 use compare::{Compare, Verdict};
 use miette::{IntoDiagnostic, Report};
@@ -109,8 +111,8 @@ impl Recorded {
             name: "compare".into(),
             essential: false,
             poses: None,
-            capacity: QUEUE,
-            patience: PATIENCE,
+            capacity: QUEUE_ENTRIES,
+            patience: WRITE_TIMEOUT,
             open: Some(Arc::new(move || Ok(Box::new(compare.clone())))),
         };
         Ok((spec, verdict))
@@ -131,7 +133,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
         let (controls, receiver) = mpsc::channel(16);
         let (sink, verdict) = recorded.watch(None, controls.clone())?;
         let extras = Extras { sinks: vec![sink], ..Extras::default() };
-        let done = show(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
+        let done = run_in_terminal(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
         return Ok(judged(&verdict.after(&done), "the run matched the journal", &done));
     }
     let at = moment(args.at, &recorded)?;
@@ -158,14 +160,15 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
         eprintln!("first unchanged, for the recording");
         again(&recorded, recording)?;
     }
-    let told = serde_json::to_value(&composition.config).into_diagnostic()?;
+    let journaled_config = serde_json::to_value(&composition.config).into_diagnostic()?;
     composition.script = other.script;
     composition.config.for_s = other.config.for_s;
     let (controls, receiver) = mpsc::channel(16);
     let (sink, verdict) = recorded.watch(Some(at), controls.clone())?;
     let recorder = recording.map(|r| opener(r, "changed"));
-    let extras = Extras { sinks: vec![sink], planned, recorder, told: Some(told), ..Extras::default() };
-    let done = show(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
+    let extras =
+        Extras { sinks: vec![sink], planned, recorder, journaled_config: Some(journaled_config), ..Extras::default() };
+    let done = run_in_terminal(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
     Ok(judged(&verdict.after(&done), &format!("as recorded up to {:.2} s, then changed", at.secs()), &done))
 }
 

@@ -31,14 +31,14 @@ use std::sync::Arc;
 pub use settings::{read as read_settings, read_table};
 
 /// Maximum size of a map file, bytes.
-const LONGEST: u64 = 64 * MIB;
+const MAX_MAP_BYTES: u64 = 64 * MIB;
 
 /// The commands on maps.
 #[derive(clap::Subcommand, Clone, Debug)]
 pub enum RoadmapCommand {
-    /// Find poses of a hand over a table, and join them to a map. An interrupted build goes on where it was.
+    /// Find poses of a hand over a table, and join them to a map. An interrupted build is continued.
     Build(build::BuildArgs),
-    /// Show what a map holds.
+    /// Show the contents of a map.
     Info {
         /// The map.
         map: PathBuf,
@@ -46,15 +46,15 @@ pub enum RoadmapCommand {
         #[arg(long, value_name = "FILE")]
         robot: Option<PathBuf>,
     },
-    /// Certify every edge of a map by continuous collision checking, and store what blocks it.
+    /// Certify every edge of a map by continuous collision checking, and store its obstacle.
     Validate(validate::ValidateArgs),
-    /// Join parts of a map that can't be reached to the rest, by a planner; let it grow; leave out what stays apart.
+    /// Join unreachable parts of a map to the rest by a planner, add poses, and remove parts that stay apart.
     Improve(improve::ImproveArgs),
     /// Merge maps of one robot and world; their order does not matter.
     Merge(merge::MergeArgs),
     /// Plan a path on a map, from one vertex to another.
     Path(path::PathArgs),
-    /// Look at a map in the Rerun viewer: hand positions over the table, edges by what blocks them.
+    /// Show a map in the Rerun viewer: hand positions over the table, edges by obstacle.
     View(view::ViewMapArgs),
 }
 
@@ -63,7 +63,7 @@ pub enum RoadmapCommand {
 /// # Errors
 /// If a file can't be read or written, or does not fit the others, with its place and the remedy.
 pub fn command(command: &RoadmapCommand) -> Result<ExitCode, Report> {
-    let said = match command {
+    let text = match command {
         RoadmapCommand::Build(args) => build::command(args)?,
         RoadmapCommand::Info { map, robot: None } => info::text(&load(map)?.0, None),
         RoadmapCommand::Info { map, robot: Some(file) } => {
@@ -76,7 +76,7 @@ pub fn command(command: &RoadmapCommand) -> Result<ExitCode, Report> {
         RoadmapCommand::Path(args) => return path::command(args),
         RoadmapCommand::View(args) => view::command(args)?,
     };
-    crate::terminal::out(&said);
+    crate::terminal::out(&text);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -111,7 +111,7 @@ pub(crate) fn robot(scene: &Scene) -> Result<&Arc<Robot>, Report> {
 
 /// Loads a map and its text, for complaints.
 fn load(path: &Path) -> Result<(MapFile, String), ConfigError> {
-    let text = read_text(path, LONGEST).map_err(|e| {
+    let text = read_text(path, MAX_MAP_BYTES).map_err(|e| {
         let help = "give a map as `mobee roadmap build` or `mobee run` wrote it";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;

@@ -1,33 +1,34 @@
 //! `mobee run`: a run from its configuration file to its folder.
 
+mod disk_space;
+mod event_printer;
 mod folder;
-mod guarded;
 mod interrupt;
-mod limits;
 mod log;
 mod progress;
 mod ready;
 mod record;
+mod record_switch;
 mod report;
+mod resource_limits;
 mod resume;
-mod said;
 mod sinks;
-mod space;
-mod switched;
+mod space_guard;
 mod watch;
 
 pub use folder::Folder;
-pub(crate) use limits::guarded;
 pub(crate) use log::LogBook;
 pub(crate) use record::Recording;
 pub use report::Output;
 pub use report::summary;
+pub(crate) use resource_limits::check_network_access;
 pub use resume::command as resume;
-pub(crate) use sinks::{PATIENCE, QUEUE, recorder_settings};
+pub(crate) use sinks::{QUEUE_ENTRIES, WRITE_TIMEOUT, recorder_settings};
 
 use crate::compose::{Composition, compose};
 use crate::config::{ClockMode, Config, ConfigError, Resolved, Source};
 use crate::ctl::{BesideNames, CtlPort, CtlService, LastLines};
+use event_printer::RecentFailures;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::record::journal::Journal;
 use mobee_actors::record::tap::{OpenSink, SinkSpec, Taps};
@@ -35,7 +36,6 @@ use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Control, Past, Reason, RunCounts, RunEnd, RunProgress, Setup};
 use mobee_contract::{Event, Service, Time};
 use mobee_model::Labels;
-use said::Recent;
 use serde_json::json;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -47,10 +47,10 @@ use tokio::sync::mpsc;
 use watch::WatchService;
 
 /// Exit code of a run that ended in order but whose machine was too slow for it.
-const OVERLOADED: u8 = 3;
+const EXIT_OVERLOADED: u8 = 3;
 
 /// Exit code of a run that ended in order, but with a sensor or service down after using up its restarts.
-const GAVE_UP: u8 = 4;
+const EXIT_GAVE_UP: u8 = 4;
 
 /// The program's name and version.
 const BUILD: &str = concat!("mobee ", env!("CARGO_PKG_VERSION"));
@@ -76,8 +76,8 @@ pub fn command(
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }
-    space::to_begin(out)?;
-    limits::check(&composition.config, ctl)?;
+    disk_space::check(out)?;
+    resource_limits::check(&composition.config, ctl)?;
     let folder = Folder::create(&composition.config.name, out)?;
     let (controls, receiver) = mpsc::channel(16);
     if watch {
@@ -101,11 +101,11 @@ pub(crate) struct Extras {
     /// A recorder in place of the run's own.
     pub(crate) recorder: Option<OpenSink>,
     /// The configuration that the journal records, if it is not the composition's.
-    pub(crate) told: Option<serde_json::Value>,
+    pub(crate) journaled_config: Option<serde_json::Value>,
     /// The switch of the recording, for `mobee ctl record`.
     pub(crate) recording: Option<Arc<Recording>>,
     /// The progress bar and the settings of the terminal's output.
-    pub(crate) terminal: Option<(progress::Bar, said::Talk)>,
+    pub(crate) terminal: Option<(progress::Bar, event_printer::TerminalSettings)>,
     /// The log that holds the newest events as sentences.
     pub(crate) log: Option<LogBook>,
 }
@@ -119,17 +119,17 @@ fn conduct(
     ctl: CtlAt,
     controls: (mpsc::Sender<Control>, mpsc::Receiver<Control>),
 ) -> Result<ExitCode, Report> {
-    let done = show(composition, folder, extras, output, ctl, controls)?;
+    let done = run_in_terminal(composition, folder, extras, output, ctl, controls)?;
     Ok(match &done.overload {
         _ if !in_order(&done.end) => ExitCode::FAILURE,
-        _ if !done.end.counts.down.is_empty() => ExitCode::from(GAVE_UP),
-        Some((_, true)) => ExitCode::from(OVERLOADED),
+        _ if !done.end.counts.down.is_empty() => ExitCode::from(EXIT_GAVE_UP),
+        Some((_, true)) => ExitCode::from(EXIT_OVERLOADED),
         _ => ExitCode::SUCCESS,
     })
 }
 
 /// Like [`conduct`], but returns the end of the run.
-pub(crate) fn show(
+pub(crate) fn run_in_terminal(
     mut composition: Composition,
     folder: &Folder,
     mut extras: Extras,
@@ -155,9 +155,9 @@ pub(crate) fn show(
         composition.services.push(Arc::new(CtlService::new(folder, port, controls, recording.clone(), beside)));
     }
     extras.recording = Some(recording);
-    let recent = Recent::default();
-    let talk = said::Talk { live, quiet: output.quiet, ready, recent: recent.clone() };
-    extras.terminal = Some((bar.clone(), talk));
+    let recent = RecentFailures::default();
+    let settings = event_printer::TerminalSettings { live, quiet: output.quiet, ready, recent: recent.clone() };
+    extras.terminal = Some((bar.clone(), settings));
     let labels = Labels::new(composition.scene.robots());
     let done = run_with(composition, folder, extras, receiver, |p| bar.show(p))?;
     bar.finish();
@@ -236,7 +236,7 @@ pub(crate) fn run_with(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&RunProgress),
 ) -> Result<Done, Report> {
-    let Extras { past, mut damage, planned, sinks, recorder, told, recording, terminal, log } = extras;
+    let Extras { past, mut damage, planned, sinks, recorder, journaled_config, recording, terminal, log } = extras;
     let Composition { config, file, scene, robots, sensors, truth, script, bridges, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
@@ -256,7 +256,7 @@ pub(crate) fn run_with(
     specs.extend(sinks::frames(&config, folder, &mut damage).map_err(Report::msg)?);
     let began = past.as_ref().map_or(Time::ZERO, |past| past.at);
     let in_words = Arc::new(scene.clone());
-    specs.extend(terminal.map(|(bar, talk)| sinks::terminal(bar, talk, &in_words)));
+    specs.extend(terminal.map(|(bar, settings)| sinks::terminal(bar, settings, &in_words)));
     specs.extend(log.map(|log| log.sink(&in_words)));
     let on = recording.as_ref().map_or_else(|| Arc::new(AtomicBool::new(true)), |r| r.on.clone());
     specs.extend(sinks::recorder(&config, folder, recorder, on));
@@ -277,7 +277,7 @@ pub(crate) fn run_with(
         seed: config.seed,
         clock: kind,
         taps: taps.clone(),
-        config: told.unwrap_or(values),
+        config: journaled_config.unwrap_or(values),
         script,
         // bridges first: the names of the bridges in the run must be those of the composition
         services: bridges.into_iter().map(|bridge| bridge as Arc<dyn Service>).chain(services).collect(),

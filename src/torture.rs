@@ -30,12 +30,12 @@ use std::process::ExitCode;
 use trial::{Ran, TortureTrial};
 
 /// Maximum duration of runs that are repeated twice to check I13, seconds.
-const TWICE: f64 = 600.0;
+const MAX_REPEATED_S: f64 = 600.0;
 
 /// The arguments of `mobee torture`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct TortureArgs {
-    /// The behavior to torture. Its robots are always simulated; those behind YARP keep their driver.
+    /// The behavior to torture. Its robots are always simulated; those behind YARP retain their driver.
     pub file: PathBuf,
     /// Number of seeds, one run each.
     #[arg(long, default_value_t = 200)]
@@ -61,7 +61,7 @@ pub struct TortureArgs {
     /// Stop at the first seed that fails.
     #[arg(long)]
     pub stop: bool,
-    /// Keep the journals in this new folder.
+    /// Store the journals in this new folder.
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
 }
@@ -79,11 +79,12 @@ pub fn command(args: &TortureArgs) -> Result<ExitCode, Report> {
     Ok(if tally.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs the seeds one after the other; `say` receives a report of each failed seed, and the progress from time to time.
+/// Runs the seeds one after the other; `report` receives a text for each failed seed, and the progress from time to
+/// time.
 ///
 /// # Errors
 /// As for [`command`].
-pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, Report> {
+pub fn torture(args: &TortureArgs, mut report: impl FnMut(&str)) -> Result<Tally, Report> {
     let kinds = chosen(&args.faults).map_err(Report::msg)?;
     let trial = TortureTrial::load(&args.file, &args.set, args.secs, args.faults == "mild")?;
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares simulated time with the wall's")]
@@ -103,18 +104,18 @@ pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, R
         let ran = one(&trial, seed, &planned, args.keep.as_deref())?;
         tally.add(&planned, &ran, started.elapsed());
         if !ran.violations.is_empty() {
-            say(&failure(args, &trial, seed, &planned, &ran)?);
+            report(&failure(args, &trial, seed, &planned, &ran)?);
             tally.failed.push(seed);
             if args.stop {
                 break;
             }
         }
         if tally.seeds.is_multiple_of(100) && tally.seeds < args.seeds {
-            say(&tally.line());
+            report(&tally.line());
         }
     }
     // a long run is not repeated
-    if tally.seeds > 0 && tally.failed.is_empty() && args.secs <= TWICE {
+    if tally.seeds > 0 && tally.failed.is_empty() && args.secs <= MAX_REPEATED_S {
         tally.twice = again(args, &trial, &kinds)?;
     }
     Ok(tally)

@@ -258,7 +258,7 @@ async fn dispatch(args: YarpArgs) -> Result<(), Failure> {
         YarpCommand::Sample(args) => streams::sample(&network, args).await,
         YarpCommand::Merge(args) => streams::merge(&network, args).await,
         YarpCommand::List { prefix } => names::list(&network, prefix.as_deref().unwrap_or_default()).await,
-        YarpCommand::Name { words } => names::say(&network, &words).await,
+        YarpCommand::Name { words } => names::request(&network, &words).await,
         YarpCommand::Where => names::whereabouts(&network).await,
         YarpCommand::Ping { port } => names::ping(&network, &port).await,
         YarpCommand::Exists { port, to, wait: None } => names::exists(&network, &port, to.as_deref()).await,

@@ -12,13 +12,13 @@ use std::ops::Range;
 use std::time::Duration;
 
 /// Interval at which the boards are polled for the end of a motion.
-const POLL: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Pause before a closed or lost board is polled again.
-const AGAIN: Duration = Duration::from_millis(50);
+const RETRY_DELAY: Duration = Duration::from_millis(50);
 /// Minimum distance of a motor that takes part in a motion, deg.
-const SHARE_DEG: f64 = 1e-3;
+const MIN_MOVE_DEG: f64 = 1e-3;
 /// Minimum reference speed, deg/s.
-const LEAST_DEG: f64 = 0.01;
+const MIN_SPEED_DEG_PER_S: f64 = 0.01;
 /// Of a minimum-jerk motion: ratio of its peak speed to its mean speed, and of its peak acceleration to distance over
 /// time squared.
 const PEAKS: (f64, f64) = (1.875, 5.774);
@@ -57,7 +57,7 @@ pub enum BodyError {
 }
 
 /// The answer to a command.
-enum Said {
+enum Reply {
     Ok(Bottle),
     /// `[fail]`: closed, refused, or a motion that failed.
     Fail,
@@ -72,11 +72,11 @@ struct Board {
 }
 
 impl Board {
-    async fn say(&mut self, request: &Bottle) -> Result<Said, BodyError> {
+    async fn call(&mut self, request: &Bottle) -> Result<Reply, BodyError> {
         let said = self.rpc.call(request).await?;
         match said.0.last().and_then(Value::as_vocab) {
-            Some(v) if v == Vocab::new("ok") => Ok(Said::Ok(said)),
-            _ if said.get(0).and_then(Value::as_vocab) == Some(Vocab::new("fail")) => Ok(Said::Fail),
+            Some(v) if v == Vocab::new("ok") => Ok(Reply::Ok(said)),
+            _ if said.get(0).and_then(Value::as_vocab) == Some(Vocab::new("fail")) => Ok(Reply::Fail),
             _ => Err(BodyError::Answer { port: self.port.clone(), asked: request.to_string(), said: said.to_string() }),
         }
     }
@@ -85,15 +85,15 @@ impl Board {
     async fn reading(&mut self, request: &Bottle) -> Result<Bottle, BodyError> {
         let mut waited = Duration::ZERO;
         loop {
-            match self.say(request).await {
-                Ok(Said::Ok(said)) => return Ok(said),
+            match self.call(request).await {
+                Ok(Reply::Ok(said)) => return Ok(said),
                 Err(e @ (BodyError::Answer { .. } | BodyError::Axes { .. })) => return Err(e),
-                Ok(Said::Fail) => {}
+                Ok(Reply::Fail) => {}
                 Err(e) if waited.is_zero() => eprintln!("waiting: {e}"),
                 Err(_) => {}
             }
-            waited += AGAIN;
-            tokio::time::sleep(AGAIN).await;
+            waited += RETRY_DELAY;
+            tokio::time::sleep(RETRY_DELAY).await;
         }
     }
 }
@@ -151,12 +151,12 @@ impl Body {
             boards.push(board);
         }
         let mut body = Body { boards, axes: axes.to_vec(), tolerance };
-        body.learn().await?;
+        body.read_limits().await?;
         Ok(body)
     }
 
     /// Reads the boards' own limits, which replace the model's where they are reported.
-    async fn learn(&mut self) -> Result<(), BodyError> {
+    async fn read_limits(&mut self) -> Result<(), BodyError> {
         for board in &mut self.boards {
             for (joint, motor) in board.motors.clone().enumerate() {
                 let Some(axis) = self.axes.get_mut(motor) else { continue };
@@ -220,7 +220,7 @@ impl Body {
     /// If a board does not answer.
     pub async fn stop(&mut self) -> Result<(), BodyError> {
         for board in &mut self.boards {
-            board.say(&words(&["set", "stos"])).await?;
+            board.call(&words(&["set", "stos"])).await?;
         }
         Ok(())
     }
@@ -251,11 +251,11 @@ impl Body {
         let commands: Vec<(usize, Bottle)> = speeds.chain(goals).collect();
         for (k, (b, command)) in commands.iter().enumerate() {
             let Some(board) = self.boards.get_mut(*b) else { continue };
-            match board.say(command).await {
-                Ok(Said::Ok(_)) => {}
+            match board.call(command).await {
+                Ok(Reply::Ok(_)) => {}
                 // no motor has received its target yet
-                Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) if k <= shares.len() => return Ok(None),
-                Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => {
+                Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) if k <= shares.len() => return Ok(None),
+                Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => {
                     let _ = self.stop().await;
                     return Ok(Some(MotionEnd::Failed));
                 }
@@ -285,13 +285,13 @@ impl Body {
         for b in boards {
             let Some(board) = self.boards.get_mut(*b) else { continue };
             loop {
-                match board.say(&request).await {
-                    Ok(Said::Ok(said)) if said.get(2).and_then(Value::as_i64) == Some(1) => break,
-                    Ok(Said::Ok(_)) => {}
-                    Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => return Ok(false),
+                match board.call(&request).await {
+                    Ok(Reply::Ok(said)) if said.get(2).and_then(Value::as_i64) == Some(1) => break,
+                    Ok(Reply::Ok(_)) => {}
+                    Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => return Ok(false),
                     Err(e) => return Err(e),
                 }
-                tokio::time::sleep(POLL).await;
+                tokio::time::sleep(POLL_INTERVAL).await;
             }
         }
         Ok(true)
@@ -308,7 +308,7 @@ impl Body {
                     let wire = |v: f64| board.units.kind(joint).to_wire(v);
                     share.joints.push(joint);
                     share.goals.push(wire(to.to_degrees()));
-                    share.speeds.push(wire(speed.to_degrees().max(LEAST_DEG)));
+                    share.speeds.push(wire(speed.to_degrees().max(MIN_SPEED_DEG_PER_S)));
                 }
             }
             (!share.joints.is_empty()).then_some(share)
@@ -338,7 +338,7 @@ fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
     for (m, q) in target.motors.iter().zip(&target.q) {
         let (Some(axis), Some(here)) = (axes.get(*m), from.get(*m)) else { continue };
         let way = (q - here).abs();
-        if way.to_degrees() < SHARE_DEG {
+        if way.to_degrees() < MIN_MOVE_DEG {
             continue;
         }
         motion.motors.push(*m);

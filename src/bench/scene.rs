@@ -9,21 +9,21 @@ use rand_chacha::ChaCha8Rng;
 use std::f64::consts::FRAC_PI_2;
 
 /// Maximum number of obstacles.
-const OBSTACLES: usize = 5;
+const MAX_OBSTACLES: usize = 5;
 /// Radius of obstacles, meters.
-const RADIUS: [f64; 2] = [0.012, 0.035];
+const RADIUS_M: [f64; 2] = [0.012, 0.035];
 /// Height of obstacles, meters.
-const HEIGHT: [f64; 2] = [0.08, 0.34];
+const HEIGHT_M: [f64; 2] = [0.08, 0.34];
 /// Minimum distance of obstacles from the cup's middle, meters.
-const APART: f64 = 0.09;
+const MIN_CUP_DISTANCE_M: f64 = 0.09;
 /// Clearance of a robot at home from all of them, meters.
-const CLEARANCE: f64 = 0.02;
+const CLEARANCE_M: f64 = 0.02;
 /// Maximum number of draws of obstacles.
-const TRIES: usize = 200;
+const MAX_DRAWS: usize = 200;
 /// Minimum distance by which the cup moves, meters.
-const ELSEWHERE: f64 = 0.06;
+const MIN_MOVE_M: f64 = 0.06;
 /// Distance of the moved post from the cup's new position, meters.
-const BESIDE: [f64; 2] = [0.10, 0.16];
+const BESIDE_M: [f64; 2] = [0.10, 0.16];
 /// The object's name in the world.
 pub(super) const CUP_NAME: &str = "cup";
 
@@ -87,19 +87,19 @@ impl ReachScene {
         let o = offset_deg;
         let mut turned = |_| [0, 1, 2].map(|_| if o > 0.0 { within([-o, o]) } else { 0.0 });
         let turned = (0..cameras).map(&mut turned).collect();
-        let count = (within([0.0, OBSTACLES as f64 + 1.0]) as usize).min(OBSTACLES);
+        let count = (within([0.0, MAX_OBSTACLES as f64 + 1.0]) as usize).min(MAX_OBSTACLES);
         let pose = Isometry3::translation(cup[0], cup[1], cup[2]);
         let mut truth = edited(world, &Edit::Move { name: CUP_NAME.to_owned(), pose })?;
         let mut posts = Vec::new();
-        for _ in 0..TRIES {
+        for _ in 0..MAX_DRAWS {
             if posts.len() == count {
                 break;
             }
             let [x, y] = areas.posts.map(&mut within);
-            let post = post(posts.len(), [x, y, top], within(RADIUS), within(HEIGHT));
+            let post = post(posts.len(), [x, y, top], within(RADIUS_M), within(HEIGHT_M));
             let with = edited(&truth, &Edit::Add(post.clone()))?;
-            let is_clear = (x - cup[0]).hypot(y - cup[1]) >= APART;
-            if is_clear && (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE)) {
+            let is_clear = (x - cup[0]).hypot(y - cup[1]) >= MIN_CUP_DISTANCE_M;
+            if is_clear && (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE_M)) {
                 truth = with;
                 posts.push(post);
             }
@@ -122,13 +122,13 @@ impl ReachScene {
         let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
         let stands = |post: &Object| [post.pose.translation.x, post.pose.translation.y];
         let upright = self.truth.object(CUP_NAME)?.1.pose.rotation;
-        for _ in 0..TRIES {
+        for _ in 0..MAX_DRAWS {
             let to = area.map(|[from, to]| rng.random_range(from..=to));
             let turn = rng.random_range(0.0..=std::f64::consts::TAU);
-            let off = rng.random_range(BESIDE[0]..=BESIDE[1]);
+            let off = rng.random_range(BESIDE_M[0]..=BESIDE_M[1]);
             let beside = [to[0] + off * turn.cos(), to[1] + off * turn.sin()];
-            let is_elsewhere = far(to, [self.cup[0], self.cup[1]]) >= ELSEWHERE;
-            let is_clear = self.posts.iter().skip(1).all(|post| far(to, stands(post)) >= APART);
+            let is_elsewhere = far(to, [self.cup[0], self.cup[1]]) >= MIN_MOVE_M;
+            let is_clear = self.posts.iter().skip(1).all(|post| far(to, stands(post)) >= MIN_CUP_DISTANCE_M);
             if !is_elsewhere || !is_clear {
                 continue;
             }
@@ -139,7 +139,7 @@ impl ReachScene {
             });
             let moved = Moved { cup: [to[0], to[1], self.cup[2]], upright, post };
             let with = moved.apply(&self.truth).ok()?;
-            if (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE)) {
+            if (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE_M)) {
                 return Some(moved);
             }
         }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 /// Maximum number of link pairs that a complaint lists with a line that disables them; more of them indicate another
 /// error.
-const LINES: usize = 5;
+const MAX_DISABLE_LINES: usize = 5;
 
 /// Runs all checks.
 pub(super) fn all(
@@ -22,7 +22,7 @@ pub(super) fn all(
     warnings: &mut Vec<String>,
 ) {
     let poses = Poses { config, source, scene, moved: config.script.iter().map(|s| s.edit.object.as_str()).collect() };
-    if begin == Begin::Anew {
+    if begin == Begin::New {
         poses.starts(built, wrong);
     }
     // the poses of a robot that can't start are not checked
@@ -52,13 +52,14 @@ impl Poses<'_> {
                 *pose = Arc::from(start.q.clone());
             }
         }
-        let mut told: Vec<(ShapeId, ShapeId)> = Vec::new();
+        let mut reported: Vec<(ShapeId, ShapeId)> = Vec::new();
         for (i, r) in self.config.robot.iter().enumerate() {
             // an invalid margin is reported elsewhere
             let judged = (0.0..=500.0).contains(&r.controller.margin_mm);
-            let near = self.nearest(i, &poses, r.controller.margin_mm).filter(|c| judged && !told.contains(&c.pair));
+            let near =
+                self.nearest(i, &poses, r.controller.margin_mm).filter(|c| judged && !reported.contains(&c.pair));
             let Some(c) = near else { continue };
-            told.push(c.pair);
+            reported.push(c.pair);
             // a recorded robot repeats its recording
             if matches!(starts.get(i), Some(Some(start)) if start.optional) {
                 continue;
@@ -67,14 +68,14 @@ impl Poses<'_> {
                 Some(Some(start)) => (format!("robot[{i}].driver.{}", start.path), "at the start"),
                 _ => (format!("robot[{i}].model"), "at home"),
             };
-            let others = self.near_in_itself(i, &poses, r.controller.margin_mm);
+            let others = self.close_own_pairs(i, &poses, r.controller.margin_mm);
             let itself = matches!(c.pair, (ShapeId::Robot { robot: a, .. }, ShapeId::Robot { robot: b, .. }) if a == b);
-            let mut what = format!("{when}, {}", self.words(&c, r.controller.margin_mm));
+            let mut what = format!("{when}, {}", self.describe(&c, r.controller.margin_mm));
             if itself && others.len() > 1 {
                 what += &format!("; {} pairs of its links are as near", others.len());
             }
             let help = match itself {
-                true => self.free_itself(i, &others),
+                true => self.self_collision_remedy(i, &others),
                 false => "move the object or the robot's base, let the robot start elsewhere (`start_deg` of the driver `sim`, `home` in \
                           the robot's file), or choose a smaller margin"
                     .to_owned(),
@@ -84,7 +85,7 @@ impl Poses<'_> {
     }
 
     /// Pairs of a robot's own nodes that are closer than the margin, the closest first.
-    fn near_in_itself(&self, robot: usize, poses: &[mobee_contract::Pose], margin_mm: f64) -> Vec<(usize, usize)> {
+    fn close_own_pairs(&self, robot: usize, poses: &[mobee_contract::Pose], margin_mm: f64) -> Vec<(usize, usize)> {
         let own = |id: ShapeId| match id {
             ShapeId::Robot { robot: r, node, .. } if usize::from(r) == robot => Some(usize::from(node)),
             _ => None,
@@ -101,7 +102,7 @@ impl Poses<'_> {
     }
 
     /// Remedies for a robot in self-collision, among them the lines that disable the pairs in its file.
-    fn free_itself(&self, robot: usize, pairs: &[(usize, usize)]) -> String {
+    fn self_collision_remedy(&self, robot: usize, pairs: &[(usize, usize)]) -> String {
         let mut help =
             "let it start elsewhere (`start_deg` of the driver `sim`, `home` in the robot's file), or choose a \
                         smaller margin"
@@ -109,7 +110,7 @@ impl Poses<'_> {
         let of = self.scene.robots().get(robot).zip(self.config.robot.get(robot));
         let Some((model, r)) = of else { return help };
         let line = |pair: &(usize, usize)| model.leave_out_line(*pair, "can't hurt each other");
-        let lines: Vec<String> = pairs.iter().take(LINES).filter_map(line).collect();
+        let lines: Vec<String> = pairs.iter().take(MAX_DISABLE_LINES).filter_map(line).collect();
         if !lines.is_empty() {
             let file = r.model.display();
             help += &format!(
@@ -133,7 +134,7 @@ impl Poses<'_> {
                 }
                 let near = self.nearest(i, &poses, r.controller.margin_mm);
                 let what = match &near {
-                    Some(c) => format!("in this pose {}", self.words(c, r.controller.margin_mm)),
+                    Some(c) => format!("in this pose {}", self.describe(c, r.controller.margin_mm)),
                     None if !self.scene.satisfies_constraints(i, q) => {
                         "this pose breaks a constraint of the robot's file".to_owned()
                     }
@@ -167,7 +168,7 @@ impl Poses<'_> {
         moved(c.pair.0) || moved(c.pair.1)
     }
 
-    fn words(&self, c: &Contact, margin_mm: f64) -> String {
+    fn describe(&self, c: &Contact, margin_mm: f64) -> String {
         let a = self.scene.label(c.pair.0);
         let b = self.scene.label(c.pair.1);
         let mm = c.distance * 1e3;

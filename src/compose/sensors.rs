@@ -1,6 +1,6 @@
 //! Sensors of a configuration: each part is built once as a check, and again whenever its actor starts.
 
-use super::{by_the_wall, derive_seed, kind, localize, must_exist, placed};
+use super::{derive_seed, kind, localize, must_exist, needs_real_clock, placed};
 use crate::config::{
     ClockMode, Complaints, Config, PathSetting, SensorConfig, Source, WorldGateConfig, paths, suggestion,
 };
@@ -14,7 +14,7 @@ use std::time::Duration;
 use tempfile::NamedTempFile;
 
 /// Maximum size of a file of a detector or locator, bytes.
-const LONGEST: u64 = 256 << 20;
+const MAX_PART_FILE_BYTES: u64 = 256 << 20;
 
 /// All sensors; reports those that can't be built.
 pub(super) fn all(
@@ -87,7 +87,7 @@ impl Sensing<'_> {
             if let Some((_, first)) = &camera {
                 is_simulated |= first.is_simulated();
                 if config.clock == ClockMode::Virtual && !first.runs_in_virtual_time() {
-                    wrong.push(by_the_wall(source, &at("camera"), "camera"));
+                    wrong.push(needs_real_clock(source, &at("camera"), "camera"));
                 }
             }
             let none: PartMaker<dyn Camera> = Arc::new(|| Err("no camera was built".into()));
@@ -179,8 +179,8 @@ impl Sensing<'_> {
                 None => {
                     let mut original = mobee_model::file::open(&path).map_err(io)?;
                     let size = original.metadata().map_err(io)?.len();
-                    if size > LONGEST {
-                        let what = format!("{} has {size} bytes, more than {LONGEST}", path.display());
+                    if size > MAX_PART_FILE_BYTES {
+                        let what = format!("{} has {size} bytes, more than {MAX_PART_FILE_BYTES}", path.display());
                         return Err(self.source.error(&key, what, "give a smaller file").into());
                     }
                     std::io::copy(&mut original, copy.as_file_mut()).map_err(io)?;

@@ -4,9 +4,9 @@ use super::{ClockMode, Complaints, Config, Source, StepTrigger, did_you_mean, su
 use mobee_bridge::YarpSettings;
 
 /// Maximum coordinate in the world, meters: a greater one was meant in millimeters.
-const FARTHEST_M: f64 = 50.0;
+const MAX_COORDINATE_M: f64 = 50.0;
 /// Maximum length of a behavior's name, bytes: the name and the run's time are a folder's name.
-const LONGEST_NAME: usize = 100;
+const MAX_NAME_BYTES: usize = 100;
 
 /// The checks of one configuration, and the complaints so far.
 pub(super) struct Checks<'a> {
@@ -15,7 +15,7 @@ pub(super) struct Checks<'a> {
 }
 
 impl Checks<'_> {
-    pub(super) fn say(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
+    pub(super) fn complain(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
         if self.wrong.is_full() {
             return;
         }
@@ -42,25 +42,25 @@ impl Checks<'_> {
             let hint = meant.map_or(String::new(), |(name, factor)| {
                 format!("; if {name} are meant, write {}", (x * factor * 1e6).round() / 1e6)
             });
-            self.say(path, format!("{x} {unit} is out of range"), format!("give {low} to {high} {unit}{hint}"));
+            self.complain(path, format!("{x} {unit} is out of range"), format!("give {low} to {high} {unit}{hint}"));
         }
     }
 
     /// Checks a name: names become parts of other names, paths and ports.
     pub(super) fn name(&mut self, path: &str, name: &str, of: &str) {
         if name.is_empty() || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
-            self.say(path, format!("not a {of}'s name"), "use letters, digits, - and _");
+            self.complain(path, format!("not a {of}'s name"), "use letters, digits, - and _");
         }
     }
 
     pub(super) fn position(&mut self, path: &str, p: &[f64; 3]) {
-        let near = |p: &[f64; 3]| p.iter().all(|x| x.abs() <= FARTHEST_M);
+        let near = |p: &[f64; 3]| p.iter().all(|x| x.abs() <= MAX_COORDINATE_M);
         if !near(p) {
             let meters = p.map(|x| (x * 1e3).round() / 1e6);
             let hint =
                 if near(&meters) { format!("; if millimeters are meant, write {meters:?}") } else { String::new() };
-            let help = format!("give meters, up to {FARTHEST_M} from the origin{hint}");
-            self.say(path, format!("{p:?} m is far away from everything"), help);
+            let help = format!("give meters, up to {MAX_COORDINATE_M} from the origin{hint}");
+            self.complain(path, format!("{p:?} m is far away from everything"), help);
         }
     }
 }
@@ -81,13 +81,13 @@ impl Config {
 
     fn check_run(&self, c: &mut Checks<'_>) {
         if self.name.contains(['/', '\\']) || self.name.starts_with('.') {
-            c.say("name", "the name can't be part of a folder's name", "use letters, digits, - and _");
-        } else if self.name.len() > LONGEST_NAME {
+            c.complain("name", "the name can't be part of a folder's name", "use letters, digits, - and _");
+        } else if self.name.len() > MAX_NAME_BYTES {
             let what = format!("the name has {} bytes, too many for a folder's name", self.name.len());
-            c.say("name", what, format!("{LONGEST_NAME} are enough"));
+            c.complain("name", what, format!("{MAX_NAME_BYTES} are enough"));
         }
         if self.robot.is_empty() {
-            c.say("robot", "there is no robot", "add a [[robot]] table with name, model and controller");
+            c.complain("robot", "there is no robot", "add a [[robot]] table with name, model and controller");
         }
         if let Some(secs) = self.for_s {
             c.range("for_s", secs, 0.001, 1e7, "s");
@@ -95,7 +95,7 @@ impl Config {
         c.range("record.poses_hz", self.record.poses_hz, 0.1, 1000.0, "Hz");
         if self.record.live.is_some() && self.clock == ClockMode::Virtual {
             let what = "a viewer can't follow a run in virtual time, which waits for nobody";
-            c.say(
+            c.complain(
                 "record.live",
                 what,
                 "set clock = \"real\", or take this away and open the recording with `mobee view`",
@@ -108,7 +108,7 @@ impl Config {
             let at = |key: &str| format!("robot[{i}].{key}");
             if self.robot.iter().take(i).any(|other| other.name == r.name) {
                 let what = format!("there are two robots `{}`", r.name);
-                c.say(&at("name"), what, "name one of them differently");
+                c.complain(&at("name"), what, "name one of them differently");
             }
             c.name(&at("name"), &r.name, "robot");
             let k = &r.controller;
@@ -138,7 +138,7 @@ impl Config {
             if let Err(e) = k.drive() {
                 for e in e.under(&at("controller")).all() {
                     let help = did_you_mean(&e.what).unwrap_or(e.help);
-                    c.say(e.path.trim_end_matches('.'), e.what, help);
+                    c.complain(e.path.trim_end_matches('.'), e.what, help);
                 }
             }
             if let Some(rest) = &r.rest {
@@ -159,12 +159,12 @@ impl Config {
                     let end = self.for_s.filter(|end| t >= end && c.source.in_file("for_s"));
                     if let Some(end) = end {
                         let what = format!("this never happens: the run ends at {end} s");
-                        c.say(&at, what, "choose an earlier time, or a longer `for_s`");
+                        c.complain(&at, what, "choose an earlier time, or a longer `for_s`");
                     }
                 }
                 StepTrigger::AfterOutcomes { robot, .. } if !names.contains(&robot.as_str()) => {
                     let at = format!("script[{i}].when.after_outcomes.robot");
-                    c.say(&at, format!("there is no robot `{robot}`"), suggestion(robot, "robot", &names));
+                    c.complain(&at, format!("there is no robot `{robot}`"), suggestion(robot, "robot", &names));
                 }
                 StepTrigger::AfterOutcomes { robot, .. } => {
                     let planless = self.robot.iter().any(|r| r.name == *robot && r.agent.is_none());
@@ -172,7 +172,7 @@ impl Config {
                     if planless && self.bridge.is_empty() && !self.yarp.as_ref().is_some_and(ports) {
                         let at = format!("script[{i}].when.after_outcomes.robot");
                         let what = format!("this never happens: nobody moves {robot}");
-                        c.say(&at, what, "give the robot an agent, or use at_s");
+                        c.complain(&at, what, "give the robot an agent, or use at_s");
                     }
                 }
             }
@@ -181,10 +181,14 @@ impl Config {
             }
             if s.edit.remove && (s.edit.class.is_some() || s.edit.position_m.is_some()) {
                 let what = "a removed object has no class or position";
-                c.say(&format!("script[{i}].edit"), what, "remove either `remove` or the others");
+                c.complain(&format!("script[{i}].edit"), what, "remove either `remove` or the others");
             }
             if s.edit.class.is_none() && s.edit.position_m.is_none() && !s.edit.remove {
-                c.say(&format!("script[{i}].edit"), "this step changes nothing", "give class, position_m or remove");
+                c.complain(
+                    &format!("script[{i}].edit"),
+                    "this step changes nothing",
+                    "give class, position_m or remove",
+                );
             }
         }
     }

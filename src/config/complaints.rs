@@ -6,7 +6,7 @@ use mobee_model::FileError;
 use std::fmt;
 
 /// Maximum number of complaints reported at once: a user fixes no more before the next try.
-pub(super) const MOST: usize = 50;
+pub(super) const MAX_COMPLAINTS: usize = 50;
 
 /// A complaint about the configuration, or about a robot's or world's file that it names.
 #[derive(Debug)]
@@ -59,21 +59,21 @@ impl From<FileError> for Complaint {
 pub struct Complaints(Vec<Complaint>);
 
 impl Complaints {
-    /// Adds one, if fewer than [`MOST`] are stored.
+    /// Adds one, if fewer than [`MAX_COMPLAINTS`] are stored.
     pub fn push(&mut self, e: impl Into<Complaint>) {
         if !self.is_full() {
             self.0.push(e.into());
         }
     }
 
-    /// Adds all of another list, up to [`MOST`].
+    /// Adds all of another list, up to [`MAX_COMPLAINTS`].
     pub fn append(&mut self, other: Complaints) {
         other.0.into_iter().for_each(|e| self.push(e));
     }
 
     /// True if no more complaints are stored.
     pub fn is_full(&self) -> bool {
-        self.0.len() >= MOST
+        self.0.len() >= MAX_COMPLAINTS
     }
 
     /// The value of a good result; `None` if it is a complaint, which is stored.
@@ -129,7 +129,7 @@ impl fmt::Display for Complaints {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.only() {
             Some(one) => fmt::Display::fmt(one, f),
-            None if self.is_full() => write!(f, "many things are wrong; these are the first {MOST}"),
+            None if self.is_full() => write!(f, "many things are wrong; these are the first {MAX_COMPLAINTS}"),
             None => write!(f, "{} things are wrong", self.0.len()),
         }
     }

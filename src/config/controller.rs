@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 /// Maximum period of controllers under forces, milliseconds.
-const LONGEST_MS: f64 = 50.0;
+const MAX_FORCE_PERIOD_MS: f64 = 50.0;
 
 /// History, Supervise and Reflex of one robot. Two settings are required; the others have defaults.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
@@ -45,7 +45,7 @@ pub struct Controller {
     /// Duration by which a stopped stream of setpoints is rolled back, seconds: the robot retreats to its configuration
     /// of that time before, or farther, until it touches nothing. 0: it stops in front of the obstacle, which
     /// `reserve_mm` makes safe. Moves to a target are rolled back completely.
-    #[serde(default = "undo", skip_serializing_if = "is_usual")]
+    #[serde(default = "undo", skip_serializing_if = "is_default")]
     pub undo_s: f64,
     /// A reading older than this, milliseconds, is stale and closes the filter. Default: five control periods. A longer
     /// time tolerates a slow network or a busy machine, but during it a board may continue its last command
@@ -85,7 +85,7 @@ fn undo() -> f64 {
     ControllerSettings::default().undo_s
 }
 /// True for the default, which is not serialized, so that journals record only values that a file sets.
-fn is_usual(undo_s: &f64) -> bool {
+fn is_default(undo_s: &f64) -> bool {
     *undo_s == undo()
 }
 
@@ -125,9 +125,9 @@ impl Controller {
         let unknown = || KindError::new("kind", format!("there is no kind `{}`", self.kind), "see `mobee kinds`");
         let drive = (find(&self.kind).ok_or_else(unknown)?.build)(&Value::Object(self.own.clone()), &())?;
         // forces that act at long intervals make a motion oscillate
-        if !drive.is_straight() && self.period_ms > LONGEST_MS {
+        if !drive.is_straight() && self.period_ms > MAX_FORCE_PERIOD_MS {
             let what = format!("{} ms is too long a period for forces", self.period_ms);
-            return Err(KindError::new("period_ms", what, format!("give 1 to {LONGEST_MS} ms")));
+            return Err(KindError::new("period_ms", what, format!("give 1 to {MAX_FORCE_PERIOD_MS} ms")));
         }
         Ok(drive)
     }

@@ -11,18 +11,18 @@ use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
 /// Maximum nesting depth of includes.
-const DEEPEST: usize = 8;
+const MAX_DEPTH: usize = 8;
 /// Maximum number of files in a configuration; a file that is included twice counts twice.
-const MOST_FILES: usize = 64;
+const MAX_FILES: usize = 64;
 /// Maximum size of a file, bytes.
-const LONGEST: u64 = MIB;
+const MAX_FILE_BYTES: u64 = MIB;
 /// Maximum size of all files of a configuration together, bytes.
-const LONGEST_TOGETHER: usize = 2 * MIB as usize;
+const MAX_TOTAL_BYTES: usize = 2 * MIB as usize;
 
 /// The remedy for a hidden character.
-const UNSEEN: &str = "use only visible characters in names and texts";
+const HIDDEN_REMEDY: &str = "use only visible characters in names and texts";
 /// The remedy for a backslash in a text, which is usually a Windows path.
-const ESCAPE: &str =
+const ESCAPE_REMEDY: &str =
     "in \"...\" a backslash begins an escape such as \\n: write paths with /, or the text in single quotes: '...'";
 
 /// One file of a configuration.
@@ -72,7 +72,7 @@ impl IncludeReader {
     /// # Errors
     /// Complaints about this file and all included ones that can't be read or are not TOML.
     pub fn main(&mut self, path: &Path) -> Result<LayerNode, Complaints> {
-        let text = read_text(path, LONGEST).map_err(|e| {
+        let text = read_text(path, MAX_FILE_BYTES).map_err(|e| {
             ConfigError::plain(
                 format!("can't read {}: {e}", path.display()),
                 "give the path of a configuration file; `configs/behaviors/` has some to start from",
@@ -92,12 +92,12 @@ impl IncludeReader {
         let mut wrong = Complaints::default();
         let (document, errors) = DeTable::parse_recoverable(&text);
         // one mistake leads to further errors on its line
-        let mut told = Vec::new();
-        for e in errors.into_iter().take(super::complaints::MOST) {
+        let mut reported = Vec::new();
+        for e in errors.into_iter().take(super::complaints::MAX_COMPLAINTS) {
             let span = e.span().unwrap_or(0..0);
             let file = &self.files[number];
-            if !told.contains(&file.line(span.start)) {
-                told.push(file.line(span.start));
+            if !reported.contains(&file.line(span.start)) {
+                reported.push(file.line(span.start));
                 let line = text.lines().nth(file.line(span.start) - 1).unwrap_or_default();
                 wrong.push(file.error(span, e.message().to_owned(), remedy(e.message(), line)));
             }
@@ -116,8 +116,8 @@ impl IncludeReader {
             let escape = ["\\b", "\\e", "\\f", "\\n", "\\r", "\\t"].iter().any(|e| written.contains(e));
             let escape = escape && !written.contains(is_hidden);
             let (what, help) = match what.contains("hidden") {
-                true if escape => (format!("{what}, by an escape that a backslash begins"), ESCAPE),
-                true => (what, UNSEEN),
+                true if escape => (format!("{what}, by an escape that a backslash begins"), ESCAPE_REMEDY),
+                true => (what, HIDDEN_REMEDY),
                 false => (what, "write an ordinary finite number"),
             };
             wrong.push(self.files[number].error(span, what, help));
@@ -168,21 +168,21 @@ impl IncludeReader {
                 "remove this include; an included file need not include the file that includes it",
             ));
         }
-        if self.open.len() > DEEPEST {
+        if self.open.len() > MAX_DEPTH {
             return Err(wrong(
-                format!("includes are nested more than {DEEPEST} deep"),
+                format!("includes are nested more than {MAX_DEPTH} deep"),
                 "include fewer files in a chain",
             ));
         }
         let length = |files: &[TextFile]| files.iter().map(|f| f.text.len()).sum::<usize>();
-        if self.files.len() >= MOST_FILES || length(&self.files) >= LONGEST_TOGETHER {
+        if self.files.len() >= MAX_FILES || length(&self.files) >= MAX_TOTAL_BYTES {
             let what = format!(
-                "the configuration is made of more than {MOST_FILES} files, or of more than {} MiB",
-                LONGEST_TOGETHER as u64 / MIB
+                "the configuration is made of more than {MAX_FILES} files, or of more than {} MiB",
+                MAX_TOTAL_BYTES as u64 / MIB
             );
             return Err(wrong(what, "include fewer and smaller files"));
         }
-        let text = read_text(&path, LONGEST).map_err(|e| {
+        let text = read_text(&path, MAX_FILE_BYTES).map_err(|e| {
             wrong(format!("can't read {}: {e}", path.display()), "give the path of a text file, relative to this file")
         })?;
         let folder = from_main.parent().map(Path::to_owned).unwrap_or_default();
@@ -208,8 +208,8 @@ pub fn from_home(path: &Path) -> PathBuf {
 /// The remedy for a syntax error in a line.
 fn remedy(message: &str, line: &str) -> &'static str {
     let remedies = [
-        ("escaped value", ESCAPE),
-        ("too few unicode value digits", ESCAPE),
+        ("escaped value", ESCAPE_REMEDY),
+        ("too few unicode value digits", ESCAPE_REMEDY),
         ("duplicate key", "remove one of the two"),
         ("must be quoted", "put text in quotes, and write numbers without a unit"),
         ("expected newline", "write one setting per line, and decimals with a point, such as 0.1"),
@@ -220,5 +220,5 @@ fn remedy(message: &str, line: &str) -> &'static str {
     ];
     let found = remedies.iter().find(|(part, _)| message.contains(part)).map_or("fix the TOML syntax here", |(_, h)| h);
     // a backslash at the end of a folder's name escapes the quote after it
-    if found == "close the quotes" && line.contains("\\\"") { ESCAPE } else { found }
+    if found == "close the quotes" && line.contains("\\\"") { ESCAPE_REMEDY } else { found }
 }

@@ -52,13 +52,13 @@ impl RestConfig {
     pub(super) fn check(&self, at: &str, c: &mut Checks<'_>) {
         let table = self.table();
         if let Some(speed) = table.speed.filter(|speed| !(*speed > 0.0 && *speed <= 1.0)) {
-            c.say(&format!("{at}.speed"), format!("{speed} is out of range"), "give a share above 0 and up to 1");
+            c.complain(&format!("{at}.speed"), format!("{speed} is out of range"), "give a share above 0 and up to 1");
         }
         c.range(&format!("{at}.within_s"), table.within_s, 0.1, 3600.0, "s");
         if table.pose.is_some() == table.q_deg.is_some() {
             let what =
                 if table.pose.is_some() { "a rest pose has two positions" } else { "a rest pose has no position" };
-            c.say(at, what, "give either `pose` or `q_deg`, such as rest = \"home\"");
+            c.complain(at, what, "give either `pose` or `q_deg`, such as rest = \"home\"");
         }
     }
 }

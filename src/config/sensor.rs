@@ -136,7 +136,7 @@ impl Config {
     }
 
     /// The cameras whose frames the run stores, as `<sensor>/<camera>`.
-    pub(crate) fn kept_cameras(&self) -> Vec<String> {
+    pub(crate) fn stored_cameras(&self) -> Vec<String> {
         let keeping = self.sensor.iter().filter(|s| s.keep_frames);
         keeping.flat_map(|s| s.eye.iter().map(|eye| format!("{}/{}", s.name, eye.name))).collect()
     }
@@ -153,21 +153,21 @@ impl Config {
             c.name(&at("name"), &s.name, "sensor");
             if self.sensor.iter().take(i).any(|other| other.name == s.name) || robots.contains(&s.name.as_str()) {
                 let what = format!("there is another sensor or robot `{}`", s.name);
-                c.say(&at("name"), what, "name one of them differently");
+                c.complain(&at("name"), what, "name one of them differently");
             }
             match &s.robot {
                 Some(name) if !robots.contains(&name.as_str()) => {
-                    c.say(&at("robot"), format!("there is no robot `{name}`"), suggestion(name, "robot", &robots));
+                    c.complain(&at("robot"), format!("there is no robot `{name}`"), suggestion(name, "robot", &robots));
                 }
                 None if robots.len() > 1 => {
                     let help = format!("add robot = \"...\"; there are: {}", robots.join(", "));
-                    c.say(&at("name"), "it is not said which robot carries it", help);
+                    c.complain(&at("name"), "the robot that carries it is not named", help);
                 }
                 _ => {}
             }
             if s.eye.is_empty() {
                 let help = "add a [[sensor.eye]] table with name, camera and detector";
-                c.say(&at("eye"), "a sensor without a camera sees nothing", help);
+                c.complain(&at("eye"), "a sensor without a camera sees nothing", help);
             }
             for (k, eye) in s.eye.iter().enumerate() {
                 c.name(&at(&format!("eye[{k}].name")), &eye.name, "camera");
@@ -180,13 +180,13 @@ impl Config {
                 );
                 if eye.name == "locator" || s.eye.iter().take(k).any(|other| other.name == eye.name) {
                     let what = format!("there is another part of the sensor called `{}`", eye.name);
-                    c.say(&at(&format!("eye[{k}].name")), what, "name one of them differently");
+                    c.complain(&at(&format!("eye[{k}].name")), what, "name one of them differently");
                 }
             }
             if let Some(gate) = &s.gate {
                 if s.locator.is_none() {
                     let help = "add a table [sensor.locator], or take the gate away";
-                    c.say(&at("gate"), "without a locator there are no places to believe", help);
+                    c.complain(&at("gate"), "without a locator there are no places to believe", help);
                 }
                 gate.check(&at("gate"), c);
                 for (k, name) in gate.objects.iter().enumerate() {
@@ -194,7 +194,7 @@ impl Config {
                     let mut before = gates.flat_map(|g| &g.objects).chain(gate.objects.iter().take(k));
                     if before.any(|other| other == name) {
                         let what = format!("the object `{name}` is kept twice");
-                        c.say(&at(&format!("gate.objects[{k}]")), what, "let one sensor keep it, once");
+                        c.complain(&at(&format!("gate.objects[{k}]")), what, "let one sensor keep it, once");
                     }
                 }
             }
@@ -205,7 +205,7 @@ impl Config {
 impl WorldGateConfig {
     fn check(&self, at: &str, c: &mut Checks<'_>) {
         if self.objects.is_empty() {
-            c.say(
+            c.complain(
                 &format!("{at}.objects"),
                 "it keeps no object",
                 "name those that the sensor sees, or take the gate away",
@@ -217,7 +217,7 @@ impl WorldGateConfig {
         // false for NaN
         if !low.iter().zip(high).all(|(a, b)| a < b) {
             let help = "give the least x, y, z, then the greatest";
-            c.say(&format!("{at}.workspace_m"), "there is no place in this workspace", help);
+            c.complain(&format!("{at}.workspace_m"), "there is no place in this workspace", help);
         }
         c.range_or(&format!("{at}.jump_mm"), self.jump_mm, (1.0, 10_000.0), "mm", Some(("meters", 1e3)));
         c.range(&format!("{at}.confirmations"), f64::from(self.confirmations), 1.0, 1000.0, "times");

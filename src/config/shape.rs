@@ -1,6 +1,6 @@
 //! Checks that values match the schema: keys, types and choices. Reports all mismatches at once.
 
-use super::complaints::MOST;
+use super::complaints::MAX_COMPLAINTS;
 use mobee_contract::{nearest, suggestion};
 use serde_json::{Map, Value};
 
@@ -31,7 +31,7 @@ struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    fn say(&mut self, at_key: bool, what: String, help: String) {
+    fn complain(&mut self, at_key: bool, what: String, help: String) {
         self.found.push(Misfit { steps: self.steps.clone(), at_key, what, help });
     }
 
@@ -80,10 +80,10 @@ impl<'a> Walk<'a> {
                 let most = schema["maximum"].as_f64();
                 let n = n.as_f64().unwrap_or_default();
                 if let Some(least) = least.filter(|least| n < *least) {
-                    self.say(false, format!("{n} is below {least}"), format!("give a number of {least} or more"));
+                    self.complain(false, format!("{n} is below {least}"), format!("give a number of {least} or more"));
                 }
                 if let Some(most) = most.filter(|most| n > *most) {
-                    self.say(false, format!("{n} is above {most}"), format!("give a number up to {most}"));
+                    self.complain(false, format!("{n} is above {most}"), format!("give a number up to {most}"));
                 }
             }
             _ => {}
@@ -94,7 +94,7 @@ impl<'a> Walk<'a> {
         let names: Vec<&str> = expected.iter().map(|t| name(t)).collect();
         let help = [hint(value, expected), doc.replace('\n', " ")];
         let help: Vec<String> = help.into_iter().filter(|h| !h.is_empty()).collect();
-        self.say(false, format!("expected {}, found {}", names.join(" or "), given(value)), help.join("\n"));
+        self.complain(false, format!("expected {}, found {}", names.join(" or "), given(value)), help.join("\n"));
     }
 
     fn list(&mut self, schema: &'a Value, list: &[Value], doc: &str) {
@@ -104,10 +104,10 @@ impl<'a> Walk<'a> {
         if least.is_some_and(|least| n < least) || most.is_some_and(|most| n > most) {
             let wanted = least.or(most).unwrap_or(0);
             let help = if doc.is_empty() { format!("give {wanted} values") } else { doc.replace('\n', " ") };
-            self.say(false, format!("expected {wanted} values, found {n}"), help);
+            self.complain(false, format!("expected {wanted} values, found {n}"), help);
         }
         for (i, element) in list.iter().enumerate() {
-            if self.found.len() >= MOST {
+            if self.found.len() >= MAX_COMPLAINTS {
                 return;
             }
             self.within(&i.to_string(), |w| w.value(&schema["items"], element));
@@ -121,7 +121,7 @@ impl<'a> Walk<'a> {
         let mut meant = Vec::new();
         // null is never written; it occurs only in values that were resolved before
         for (key, value) in map.iter().filter(|(_, value)| !value.is_null()) {
-            if self.found.len() >= MOST {
+            if self.found.len() >= MAX_COMPLAINTS {
                 return;
             }
             match (known.and_then(|k| k.get(key)), schema.get("additionalProperties")) {
@@ -129,7 +129,7 @@ impl<'a> Walk<'a> {
                 (None, Some(Value::Bool(false))) => {
                     meant.extend(nearest(key, &names));
                     let help = suggestion(key, "key", &names);
-                    self.within(key, |w| w.say(true, format!("there is no key `{key}` here"), help));
+                    self.within(key, |w| w.complain(true, format!("there is no key `{key}` here"), help));
                 }
                 (None, Some(inner)) if inner.is_object() => self.within(key, |w| w.value(inner, value)),
                 _ => {}
@@ -146,7 +146,7 @@ impl<'a> Walk<'a> {
                     ["string"] => format!("{key} = \"...\""),
                     _ => format!("{key} = ..."),
                 };
-                self.say(true, format!("`{key}` is missing"), format!("add {example}\n{doc}"));
+                self.complain(true, format!("`{key}` is missing"), format!("add {example}\n{doc}"));
             }
         }
     }
@@ -167,14 +167,14 @@ impl<'a> Walk<'a> {
         let names: Vec<&str> = keys.iter().map(|(k, _)| *k).collect();
         if map.len() != 1 {
             let what = format!("expected one key, found {}", map.len());
-            return self.say(false, what, format!("choose one of {}", names.join(", ")));
+            return self.complain(false, what, format!("choose one of {}", names.join(", ")));
         }
         for (key, value) in map {
             match keys.iter().find(|(k, _)| k == key) {
                 Some((_, inner)) => self.within(key, |w| w.value(inner, value)),
                 None => {
                     let help = suggestion(key, "key", &names);
-                    self.within(key, |w| w.say(true, format!("there is no key `{key}` here"), help));
+                    self.within(key, |w| w.complain(true, format!("there is no key `{key}` here"), help));
                 }
             }
         }
@@ -189,14 +189,14 @@ impl<'a> Walk<'a> {
                 Some(option) => self.table(option, map),
                 None => {
                     let help = format!("add {tag} = \"...\"; known: {}", known());
-                    self.say(true, format!("there is no `{tag}` here"), help);
+                    self.complain(true, format!("there is no `{tag}` here"), help);
                 }
             },
             Some(Value::String(name)) => match options.iter().zip(names).find(|(_, known)| *known == name) {
                 Some((option, _)) => self.table(option, map),
                 None => {
                     let help = suggestion(name, tag, names);
-                    self.within(tag, |w| w.say(false, format!("there is no {tag} `{name}`"), help));
+                    self.within(tag, |w| w.complain(false, format!("there is no {tag} `{name}`"), help));
                 }
             },
             Some(other) => {
@@ -210,7 +210,7 @@ impl<'a> Walk<'a> {
         match value {
             Value::String(word) if words.contains(&word.as_str()) => {}
             Value::String(word) => {
-                self.say(false, format!("`{word}` can't be chosen here"), suggestion(word, "choice", words));
+                self.complain(false, format!("`{word}` can't be chosen here"), suggestion(word, "choice", words));
             }
             other => self.mistyped(other, &["string"], &format!("choose {}", words.join(" or "))),
         }

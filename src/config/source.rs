@@ -103,7 +103,7 @@ impl Source {
     /// If it was not sent, or is not text.
     pub fn text_sent(&self, at: &str, path: &Path) -> Option<Result<&str, ConfigError>> {
         let foreign =
-            |_| self.error(at, format!("{} is no text", path.display()), "give a file of the kind that is named");
+            |_| self.error(at, format!("{} is not text", path.display()), "give a file of the kind that is named");
         Some(self.bytes_sent(at, path)?.and_then(|bytes| std::str::from_utf8(bytes).map_err(foreign)))
     }
 
@@ -143,7 +143,7 @@ impl Source {
                         .ok_or_else(|| bad(not_in(list, step)))?,
                 ),
                 Content::Table(_) => None,
-                Content::Leaf(_) => return Err(bad(format!("`{step}` leads through something that is no table"))),
+                Content::Leaf(_) => return Err(bad(format!("`{step}` leads through a value that is not a table"))),
             });
             let index = elements.last().copied().flatten().map(|i| i.to_string());
             at = at.child(index.as_deref().unwrap_or(step)).unwrap_or(&nothing);

@@ -1,6 +1,6 @@
 //! The commands by which an operator moves, stops and observes robots: halt, release, pose, go, home.
 
-use super::desk::Desk;
+use super::handler::RequestHandler;
 use crate::ctl::wire::Reply;
 use mobee_contract::{Commit, CommitId, Filtered, Hold, MotionEnd, Outcome, Status, Target};
 use mobee_model::{Robot, nearest};
@@ -11,13 +11,13 @@ use std::time::Duration;
 /// The agent name under which an operator's motions are committed.
 const AGENT: &str = "ctl";
 /// Time in which a halted robot must stop.
-const REST: Duration = Duration::from_secs(5);
+const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval at which its state, and the log for the end of a motion, are polled.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Maximum lag of the log behind the end of a motion.
-const BEHIND: Duration = Duration::from_secs(2);
+const LOG_TIMEOUT: Duration = Duration::from_secs(2);
 
-impl Desk {
+impl RequestHandler {
     /// Halts robots, and waits until they rest.
     pub(super) async fn halt(&self, names: &[&str]) -> Result<Vec<String>, String> {
         let all = self.running.robots();
@@ -27,15 +27,15 @@ impl Desk {
             robot.halt()?;
         }
         let mut lines = Vec::new();
-        let mut left = REST;
+        let mut left = STOP_TIMEOUT;
         for robot in robots {
             let rests = |robot: &Arc<dyn Filtered>| {
                 let latest = robot.latest();
                 latest.ready && latest.status == Status::Holding(Hold::Halted)
             };
             while !rests(robot) && !left.is_zero() {
-                tokio::time::sleep(LOOK).await;
-                left = left.saturating_sub(LOOK);
+                tokio::time::sleep(POLL_INTERVAL).await;
+                left = left.saturating_sub(POLL_INTERVAL);
             }
             let name = robot.name();
             lines.push(match rests(robot) {
@@ -50,13 +50,13 @@ impl Desk {
     pub(super) fn release(&self, names: &[&str]) -> Result<Vec<String>, String> {
         let all = self.running.robots();
         let robots: Vec<_> = self.robots(names)?.into_iter().filter_map(|i| all.get(i)).collect();
-        let said: Vec<_> = robots.iter().map(|robot| (robot.name(), robot.release())).collect();
-        let any = said.iter().any(|(_, released)| released.is_ok());
+        let results: Vec<_> = robots.iter().map(|robot| (robot.name(), robot.release())).collect();
+        let any = results.iter().any(|(_, released)| released.is_ok());
         let line = |(name, released): (&str, Result<(), String>)| match released {
             Ok(()) => format!("{name}: released; its filter opens once it rests free of contact"),
             Err(why) => format!("{name}: {why}"),
         };
-        let lines: Vec<String> = said.into_iter().map(line).collect();
+        let lines: Vec<String> = results.into_iter().map(line).collect();
         if any { Ok(lines) } else { Err(lines.join("\n")) }
     }
 
@@ -76,8 +76,8 @@ impl Desk {
                 lines.push(format!("  {}", part.name));
                 for m in part.motors.clone() {
                     let (Some(motor), Some(q)) = (model.motors.get(m), latest.q.get(m)) else { continue };
-                    let told = format!("{:9.2} {}", q.to_degrees(), motor.motion.unit());
-                    lines.push(format!("    {:wide$} {told}", motor.name));
+                    let value_text = format!("{:9.2} {}", q.to_degrees(), motor.motion.unit());
+                    lines.push(format!("    {:wide$} {value_text}", motor.name));
                 }
             }
             if latest.q.len() == model.motors.len() {
@@ -139,7 +139,7 @@ impl Desk {
         let filtered = self.running.robots().get(self.robot(robot)?).ok_or("there is no such robot")?;
         let number: u64 = id.parse().map_err(|_| format!("{id} is not the number of a motion"))?;
         let Some(end) = filtered.end_of(CommitId(number)) else { return Ok(Vec::new()) };
-        let mut left = BEHIND;
+        let mut left = LOG_TIMEOUT;
         loop {
             if let Some((outcome, text)) = self.log.end_of(robot, number) {
                 let word = if outcome == Outcome::Committed { "committed" } else { "failed" };
@@ -149,8 +149,8 @@ impl Desk {
                 let word = if end == MotionEnd::Reached { "committed" } else { "failed" };
                 return Ok(vec![word.into(), format!("{robot}: motion {number} {word}")]);
             }
-            tokio::time::sleep(LOOK).await;
-            left = left.saturating_sub(LOOK);
+            tokio::time::sleep(POLL_INTERVAL).await;
+            left = left.saturating_sub(POLL_INTERVAL);
         }
     }
 

@@ -1,6 +1,6 @@
 //! A running system as text: one line per robot, then the tree of actors and the links.
 
-use crate::narrate::in_words;
+use crate::narrate::swap_step_text;
 use mobee_actors::runtime::supervision::Health;
 use mobee_actors::system::{KeptObject, RobotReport, SystemReport};
 use mobee_contract::{Hold, Status, SwapPart, SwapStep};
@@ -9,7 +9,7 @@ use std::fmt::Write;
 use std::time::Duration;
 
 /// Time for which the end of a swap is shown.
-const NEWS: Duration = Duration::from_secs(30);
+const SWAP_NEWS_TIME: Duration = Duration::from_secs(30);
 
 /// The state of a robot as the word of a status line.
 pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
@@ -93,7 +93,7 @@ fn touching(robot: &RobotReport) -> Option<String> {
 /// True if a swap is under way, or ended recently.
 fn is_news(now: &SystemReport, name: &str, part: SwapPart, step: &SwapStep) -> bool {
     let at = now.swapped_at.get(&(name.to_owned(), part));
-    !step.is_last() || at.is_none_or(|at| now.at.since(*at) < NEWS)
+    !step.is_last() || at.is_none_or(|at| now.at.since(*at) < SWAP_NEWS_TIME)
 }
 
 /// The lines of `mobee ctl status`. Rates and shares are taken between `before`, an earlier report, and `now`.
@@ -111,12 +111,14 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
             let _ = write!(line, "; hold offsets: {} deg", each.collect::<Vec<_>>().join(", "));
         }
         for (part, step) in robot.swaps.iter().filter(|(part, step)| is_news(now, &robot.name, **part, step)) {
-            let _ = write!(line, "; swap of the {part}: {}", in_words(*part, step));
+            let _ = write!(line, "; swap of the {part}: {}", swap_step_text(*part, step));
         }
         lines.push(line);
     }
     let beside = now.beside.iter().filter(|((name, part), step)| is_news(now, name, *part, step));
-    lines.extend(beside.map(|((name, part), step)| format!("{name}  swap of the {part}: {}", in_words(*part, step))));
+    lines.extend(
+        beside.map(|((name, part), step)| format!("{name}  swap of the {part}: {}", swap_step_text(*part, step))),
+    );
     for sensor in &now.sensors {
         for KeptObject { object, place, seen, is_stale } in &sensor.objects {
             let age = now.at.since(*seen).as_secs_f64();
@@ -148,7 +150,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     if c.pictures_skipped + c.regions_omitted > 0 {
         let pictures = c.pictures_skipped;
         let regions = c.regions_omitted;
-        lines.push(format!("{pictures} pictures were skipped, {regions} regions left out; the journal says why"));
+        lines.push(format!("{pictures} pictures were skipped, {regions} regions omitted; see the journal"));
     }
     if c.hard_contacts > 0 {
         lines.push(format!("{} hard contacts, at most {:.1} mm deep", c.hard_contacts, c.hard_contact_depth_mm));
@@ -175,9 +177,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         shares = now.busy.iter().map(of).collect();
         let all = share(now.process, before.process, secs);
         let known = shares.values().sum::<f64>();
-        lines.push(format!(
-            "processor: {all:.1} % of a core, {known:.1} % by these and what they have computed elsewhere"
-        ));
+        lines.push(format!("processor: {all:.1} % of a core, {known:.1} % by these actors and their tasks"));
     }
     for group in &now.tree {
         branch(group, 0, &shares, &mut lines);
@@ -342,7 +342,7 @@ eyes  cup at 0.300 -0.100 1.000 m, seen 3.0 s ago, STALE
 112.0 s: 0 motions, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
 overload: 2 entries dropped by the recorder; reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms
 
-processor: 9.0 % of a core, 4.0 % by these and what they have computed elsewhere
+processor: 9.0 % of a core, 4.0 % by these actors and their tasks
 controller
   model  2.0 %
   icub/driver  2 restarts  DOWN

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use tokio::io::{AsyncBufRead, AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 
 /// Maximum length of a line, bytes: a configuration with its models and a table of recorded poses.
-pub(super) const LONGEST: usize = 32 << 20;
+pub(super) const MAX_LINE_BYTES: usize = 32 << 20;
 
 /// A request to a run.
 #[derive(Debug, Default, Deserialize, Serialize)]
@@ -95,15 +95,15 @@ impl<T: AsyncRead + AsyncWrite + Send + Unpin> Line for T {}
 /// If the line is too long or malformed, or the connection broke.
 pub(super) async fn read<T: DeserializeOwned>(from: &mut (impl AsyncBufRead + Unpin)) -> io::Result<Option<T>> {
     let mut line = Vec::new();
-    let most = LONGEST as u64 + 1;
+    let most = MAX_LINE_BYTES as u64 + 1;
     if from.take(most).read_until(b'\n', &mut line).await? == 0 {
         return Ok(None);
     }
     let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
-    if line.len() > LONGEST {
-        return Err(invalid(format!("more than {} MiB were sent at once", LONGEST >> 20)));
+    if line.len() > MAX_LINE_BYTES {
+        return Err(invalid(format!("more than {} MiB were sent at once", MAX_LINE_BYTES >> 20)));
     }
-    serde_json::from_slice(&line).map(Some).map_err(|e| invalid(format!("this is no request of `mobee ctl`: {e}")))
+    serde_json::from_slice(&line).map(Some).map_err(|e| invalid(format!("this is not a request of `mobee ctl`: {e}")))
 }
 
 /// Writes one line.
@@ -112,8 +112,8 @@ pub(super) async fn read<T: DeserializeOwned>(from: &mut (impl AsyncBufRead + Un
 /// If the line would be too long, or the connection broke.
 pub(super) async fn write(to: &mut (impl AsyncWrite + Unpin), what: &impl Serialize) -> io::Result<()> {
     let mut line = serde_json::to_vec(what)?;
-    if line.len() >= LONGEST {
-        let what = format!("the files exceed {} MiB in total", LONGEST >> 20);
+    if line.len() >= MAX_LINE_BYTES {
+        let what = format!("the files exceed {} MiB in total", MAX_LINE_BYTES >> 20);
         return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
     }
     line.push(b'\n');
@@ -161,7 +161,7 @@ mod tests {
         for bytes in [&b"GET / HTTP/1.1\r\n"[..], b"CONNECT attacker\n", b"{\"words\":[\"stop\"]", b"{}\n", b"\xff\n"] {
             assert_eq!(heard(bytes).await.expect_err("no request").kind(), io::ErrorKind::InvalidData);
         }
-        let flood = vec![b'['; LONGEST + 2];
+        let flood = vec![b'['; MAX_LINE_BYTES + 2];
         let error = heard(&flood).await.expect_err("too long").to_string();
         assert!(error.contains("MiB"), "{error}");
     }

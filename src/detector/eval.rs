@@ -1,6 +1,6 @@
 //! `mobee detector eval`: evaluates a detector of any kind on images.
 
-use super::{load, unseen};
+use super::{image_complaint, load};
 use crate::compose::compose;
 use crate::config::{Config, ConfigError, simulated, suggestion};
 use miette::{IntoDiagnostic, Report};
@@ -45,7 +45,7 @@ pub fn command(args: &EvalArgs) -> Result<String, Report> {
     let mut judged = Judged::read(args)?;
     let objects = judged.detector.objects();
     let object = object(&objects, args)?;
-    let pictures = read_pictures(&args.images).map_err(unseen)?;
+    let pictures = read_pictures(&args.images).map_err(image_complaint)?;
     let mut tally = Tally::default();
     for picture in &pictures {
         tally.look(judged.detector.as_mut(), &objects, &object, picture)?;
@@ -135,7 +135,7 @@ struct Tally {
     /// Images in which the object was detected.
     told: usize,
     /// Images that show the object, without a detection.
-    unseen: usize,
+    image_complaint: usize,
     /// Images that don't show the object, with a detection.
     false_alarms: usize,
     /// Errors of the first region: of its center, and of the worst side of its box, pixels.
@@ -184,7 +184,7 @@ impl Tally {
                 self.off[0].push((region.center[0] - u).hypot(region.center[1] - v));
                 self.off[1].push(region.bounds.iter().zip(&bounds).map(side).fold(0.0, f64::max));
             }
-            (Some(_), None) => self.unseen += 1,
+            (Some(_), None) => self.image_complaint += 1,
             (None, Some(_)) => self.false_alarms += 1,
             (None, None) => {}
         }
@@ -209,33 +209,33 @@ impl Tally {
         json!({
             "object": object, "kind": kind, "images": self.images, "masks": self.masks, "mcc": self.mcc(),
             "center_off_pixels": center, "box_off_pixels": corners,
-            "told": self.told, "unseen": self.unseen, "false_alarms": self.false_alarms,
+            "told": self.told, "unseen": self.image_complaint, "false_alarms": self.false_alarms,
             "pixels": self.mcc().map(|_| self.pixels),
         })
     }
 
     fn text(&self, object: &str, kind: &str) -> String {
-        let mut said = format!(
+        let mut text = format!(
             "{object}, kind {kind}: told in {} of {} pictures, {} with masks\n",
             self.told, self.images, self.masks
         );
         if let Some(mcc) = self.mcc() {
             let Confusion { hit, false_alarm, miss, .. } = self.pixels;
-            said += &format!("correlation {mcc:.3}; pixels: {hit} hit, {false_alarm} false alarms, {miss} missed\n");
+            text += &format!("correlation {mcc:.3}; pixels: {hit} hit, {false_alarm} false alarms, {miss} missed\n");
         }
         if let [[Some(center), Some(center_most)], [Some(side), Some(side_most)]] = self.quantiles() {
-            said += &format!(
+            text += &format!(
                 "of the first region, off in the median and at 95 %: center {center:.2} and {center_most:.2} pixels, box {side:.2} and \
                  {side_most:.2}\n"
             );
         }
         if self.masks > 0 {
-            said += &format!(
+            text += &format!(
                 "not told in {} pictures that show it, told in {} that don't\n",
-                self.unseen, self.false_alarms
+                self.image_complaint, self.false_alarms
             );
         }
-        said
+        text
     }
 }
 

@@ -1,6 +1,6 @@
 //! The state of an interrupted training, in FILE.part beside the future detector.
 
-use super::LONGEST;
+use super::MAX_DETECTOR_BYTES;
 use crate::config::ConfigError;
 use crate::roadmap::save_text;
 use miette::Report;
@@ -53,9 +53,9 @@ impl TrainingPart {
             return Ok(part);
         }
         let at = part.path.display();
-        let help = format!("remove {at} to begin anew");
-        let text =
-            read_text(&part.path, LONGEST).map_err(|e| ConfigError::plain(format!("can't read {at}: {e}"), &help))?;
+        let help = format!("remove {at} to start over");
+        let text = read_text(&part.path, MAX_DETECTOR_BYTES)
+            .map_err(|e| ConfigError::plain(format!("can't read {at}: {e}"), &help))?;
         let noted: Noted =
             serde_json::from_str(&text).map_err(|e| ConfigError::plain(format!("{at} is damaged: {e}"), &help))?;
         if noted.inputs != part.inputs {

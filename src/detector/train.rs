@@ -72,7 +72,7 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
     }
     let bar = Steps::new();
     bar.step("reads pictures");
-    let pictures = read_folder(&args.images).map_err(super::unseen)?;
+    let pictures = read_folder(&args.images).map_err(super::image_complaint)?;
     let folder = args.images.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
     let object = args.object.clone().or(folder).unwrap_or_else(|| "object".into());
     if let Err(why) = check_object_name(&object) {
@@ -94,8 +94,8 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
         DetectorKind::Cgp => {
             let mut part = TrainingPart::open(&args.out, digest(&pictures, args.seed))?;
             bar.step("learns surroundings");
-            let mut tell = |share| bar.show(share);
-            let (network, inputs) = lessons.network(&pictures, &mut tell).map_err(fault)?;
+            let mut progress = |share| bar.show(share);
+            let (network, inputs) = lessons.network(&pictures, &mut progress).map_err(fault)?;
             let mut evolution = match part.state.take() {
                 Some(state) => Evolution::resume(inputs, lessons.masks(), state),
                 None => Evolution::new(inputs, lessons.masks(), args.seed),

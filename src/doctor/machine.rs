@@ -7,7 +7,7 @@ use std::process::Command;
 use std::time::Duration;
 
 /// Number of timers that are measured.
-const TRIES: u32 = 50;
+const TIMERS: u32 = 50;
 
 pub(super) fn processors() -> Finding {
     match std::thread::available_parallelism().map_or(1, usize::from) {
@@ -23,7 +23,7 @@ pub(super) fn processors() -> Finding {
 #[expect(clippy::disallowed_methods, reason = "it is the machine's own clock that is looked at")]
 pub(super) async fn timers() -> Finding {
     let mut late = Vec::new();
-    for _ in 0..TRIES {
+    for _ in 0..TIMERS {
         let begun = std::time::Instant::now();
         tokio::time::sleep(Duration::from_millis(1)).await;
         late.push(begun.elapsed().saturating_sub(Duration::from_millis(1)));

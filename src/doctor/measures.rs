@@ -9,25 +9,25 @@
 use mobee_drivers::Encoder;
 
 /// Final part of an order's time in which the joint is taken to rest, s.
-const REST: f64 = 0.4;
+const REST_S: f64 = 0.4;
 /// Minimum number of readings in that time.
 const MIN_READINGS: usize = 5;
 /// Maximum difference between the halves of a rest beyond the encoder's band, deg.
-const DRIFT: f64 = 0.04;
+const MAX_DRIFT_DEG: f64 = 0.04;
 /// Distance from its rest within which a joint has arrived, unless its encoder is coarser, deg.
-const ARRIVED: f64 = 0.02;
+const ARRIVED_DEG: f64 = 0.02;
 /// Maximum lag, and the step of the search, s.
-const LAG: (f64, f64) = (0.6, 0.002);
+const MAX_LAG_AND_STEP_S: (f64, f64) = (0.6, 0.002);
 /// Minimum duration of setpoints that show a lag, and the gap that ends a stream, s.
-const STREAMED: (f64, f64) = (2.0, 0.3);
+const STREAM_TIMES_S: (f64, f64) = (2.0, 0.3);
 /// Minimum speed of setpoints that show a lag beside the encoder's counts, deg/s.
-const MIN_SPEED: f64 = 0.5;
+const MIN_SPEED_DEG_PER_S: f64 = 0.5;
 /// Minimum motion in this time before a stop, deg and s.
-const MOVES: (f64, f64) = (0.1, 0.1);
+const MIN_MOTION_DEG_S: (f64, f64) = (0.1, 0.1);
 /// Time within its band after which a stopped joint rests, and time of its drift after that, s.
-const STOPPED: (f64, f64) = (0.2, 1.0);
+const STOP_TIMES_S: (f64, f64) = (0.2, 1.0);
 /// Maximum distance from its target at the end, and minimum distance at the stop, of a joint that ran on to it, deg.
-const RAN_ON: (f64, f64) = (0.5, 1.0);
+const RUN_ON_DEG: (f64, f64) = (0.5, 1.0);
 
 /// A reading of the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,7 +108,7 @@ impl Record {
     /// Computes the properties.
     pub fn figures(&self) -> Figures {
         let encoder = self.encoder();
-        let band = (1.5 * encoder.count()).max(4.0 * encoder.noise()).max(ARRIVED);
+        let band = (1.5 * encoder.count()).max(4.0 * encoder.noise()).max(ARRIVED_DEG);
         let mut figures =
             Figures { count: encoder.count(), noise: encoder.noise(), lag: self.lag(), ..Figures::default() };
         let mut torque = None::<f64>;
@@ -151,7 +151,7 @@ impl Record {
         let mut encoder = Encoder::default();
         for span in self.spans() {
             let rests = span.rest(f64::INFINITY).is_some();
-            let resting = span.readings.last().map_or(f64::INFINITY, |last| last.at - REST);
+            let resting = span.readings.last().map_or(f64::INFINITY, |last| last.at - REST_S);
             for reading in span.readings {
                 encoder.read(reading.q, rests && reading.at > resting);
             }
@@ -167,27 +167,28 @@ impl Record {
             .iter()
             .filter_map(|(at, order)| if let Order::Point(q) = order { Some((*at, *q)) } else { None })
             .collect();
-        let streams = points.chunk_by(|(at, _), (next, _)| next - at <= STREAMED.1);
+        let streams = points.chunk_by(|(at, _), (next, _)| next - at <= STREAM_TIMES_S.1);
         let lasts = |stream: &[(f64, f64)]| stream.last().map_or(0.0, |l| l.0) - stream.first().map_or(0.0, |f| f.0);
         let points = streams.max_by(|a, b| lasts(a).total_cmp(&lasts(b)))?;
         let ((begin, _), (end, _)) = (*points.first()?, *points.last()?);
-        if end - begin < STREAMED.0 {
+        if end - begin < STREAM_TIMES_S.0 {
             return None;
         }
-        let readings = self.readings.get(self.since(begin + LAG.0)..self.since(end)).unwrap_or_default();
+        let readings = self.readings.get(self.since(begin + MAX_LAG_AND_STEP_S.0)..self.since(end)).unwrap_or_default();
         let spread = |lag: f64| {
             let off: Vec<f64> = readings.iter().filter_map(|r| Some(commanded(points, r.at - lag)? - r.q)).collect();
             let mean = mean(&off);
             off.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / off.len().max(1) as f64
         };
-        let lags = (0..=(LAG.0 / LAG.1) as u32).map(|i| f64::from(i) * LAG.1);
+        let lags =
+            (0..=(MAX_LAG_AND_STEP_S.0 / MAX_LAG_AND_STEP_S.1) as u32).map(|i| f64::from(i) * MAX_LAG_AND_STEP_S.1);
         let lag = lags.map(|lag| (lag, spread(lag))).min_by(|a, b| a.1.total_cmp(&b.1))?.0;
         let steps = points.windows(2).filter_map(|pair| match pair {
             [(a, p), (b, q)] if b > a => Some((q - p).abs()),
             _ => None,
         });
         let speed = steps.sum::<f64>() / (end - begin);
-        Some((lag, speed)).filter(|_| readings.len() >= MIN_READINGS && speed >= MIN_SPEED)
+        Some((lag, speed)).filter(|_| readings.len() >= MIN_READINGS && speed >= MIN_SPEED_DEG_PER_S)
     }
 
     /// The first stop of a joint that moved.
@@ -203,9 +204,9 @@ impl Record {
             Order::Point(_) | Order::Stop => None,
         })?;
         let last = self.readings.get(self.since(at).checked_sub(1)?)?;
-        let earlier = self.readings.get(self.since(last.at - MOVES.1))?;
+        let earlier = self.readings.get(self.since(last.at - MIN_MOTION_DEG_S.1))?;
         let gone = last.q - earlier.q;
-        if gone.abs() < MOVES.0 {
+        if gone.abs() < MIN_MOTION_DEG_S.0 {
             return None;
         }
         // the stop may be repeated
@@ -214,24 +215,24 @@ impl Record {
         let after = self.readings.get(self.since(at)..self.since(until)).unwrap_or_default();
         let stays = |from: usize| {
             let first = after.get(from)?;
-            let stretch = || after.iter().skip(from).take_while(|r| r.at <= first.at + STOPPED.0);
-            let full = after.last().is_some_and(|last| last.at >= first.at + STOPPED.0);
+            let stretch = || after.iter().skip(from).take_while(|r| r.at <= first.at + STOP_TIMES_S.0);
+            let full = after.last().is_some_and(|last| last.at >= first.at + STOP_TIMES_S.0);
             (full && stretch().all(|r| (r.q - first.q).abs() <= band)).then_some(*first)
         };
         let rest = (0..after.len()).find_map(stays);
-        let from = rest.map_or_else(|| after.last().map_or(0.0, |r| r.at - STOPPED.1), |r| r.at);
+        let from = rest.map_or_else(|| after.last().map_or(0.0, |r| r.at - STOP_TIMES_S.1), |r| r.at);
         let near = |at: f64| {
             let around: Vec<f64> = after.iter().filter(|r| (r.at - at).abs() <= 0.05).map(|r| r.q).collect();
             (!around.is_empty()).then(|| mean(&around))
         };
-        let end = near(from + STOPPED.1).or_else(|| after.last().map(|r| r.q))?;
+        let end = near(from + STOP_TIMES_S.1).or_else(|| after.last().map(|r| r.q))?;
         // earlier readings are of the braking joint
         let drift = end - near(from + 0.05)?;
         let way = gone.signum();
         let left = |q: f64| (target - q) * way;
-        let end_of = if left(last.q) > RAN_ON.1 && left(end).abs() < RAN_ON.0 {
+        let end_of = if left(last.q) > RUN_ON_DEG.1 && left(end).abs() < RUN_ON_DEG.0 {
             StopEnd::RunsOn
-        } else if rest.is_none() || drift.abs() > 2.0 * band + DRIFT {
+        } else if rest.is_none() || drift.abs() > 2.0 * band + MAX_DRIFT_DEG {
             StopEnd::Sinks
         } else {
             StopEnd::Stays
@@ -258,15 +259,15 @@ impl Span<'_> {
     /// The position at the end of the order's time; `None` if the joint does not rest within this band.
     fn rest(&self, band: f64) -> Option<f64> {
         let last = self.readings.last()?;
-        let resting: Vec<&Reading> = self.readings.iter().filter(|r| r.at > last.at - REST).collect();
+        let resting: Vec<&Reading> = self.readings.iter().filter(|r| r.at > last.at - REST_S).collect();
         // a reading from before the next order may be fetched after it, and is not done then
         let done = 2 * resting.iter().filter(|r| r.done).count() > resting.len();
-        if last.at - self.at < 2.0 * REST || !done {
+        if last.at - self.at < 2.0 * REST_S || !done {
             return None;
         }
         let resting: Vec<f64> = resting.into_iter().map(|r| r.q).collect();
         let (first, second) = resting.split_at(resting.len() / 2);
-        let still = (mean(first) - mean(second)).abs() <= band.min(1.0) + DRIFT;
+        let still = (mean(first) - mean(second)).abs() <= band.min(1.0) + MAX_DRIFT_DEG;
         (resting.len() >= MIN_READINGS && still).then(|| mean(&resting))
     }
 

@@ -13,7 +13,7 @@ use super::verdict::{Measured, Settings, verdict};
 use super::watched::{Observed, Shared, StopTrial, Watched, lock};
 use crate::compose::{Composition, compose};
 use crate::config::Config;
-use crate::run::{CtlAt, Extras, Folder, Output, show};
+use crate::run::{CtlAt, Extras, Folder, Output, run_in_terminal};
 use miette::Report;
 use mobee_actors::system::{AgentMaker, Control};
 use mobee_contract::{
@@ -26,19 +26,19 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 /// Distance of a move, rad; the halted move is twice as long.
-const WAY: f64 = 6.0 * std::f64::consts::PI / 180.0;
+const MOVE_RAD: f64 = 6.0 * std::f64::consts::PI / 180.0;
 /// Number of slow moves: each is timed twice, and a dozen times show whether speeds are honored.
 pub(super) const MOVES: usize = 6;
 /// Share of the motor's maximum speed of slow moves.
-const SPEED: f64 = 0.05;
+const SLOW_SPEED: f64 = 0.05;
 /// Share of the motor's maximum speed of quick moves.
-const QUICK: f64 = 0.2;
+const QUICK_SPEED: f64 = 0.2;
 /// Distance from its target within which a joint has arrived: its sag is measured, and must not cause a rollback.
 const TOLERANCE_DEG: f64 = 6.0;
 /// Duration of the setpoints to and fro, unless that is too fast for the motor, s.
 const STREAM_S: f64 = 5.0;
 /// Rest of the motor after each motion.
-const REST: Duration = Duration::from_millis(1200);
+const REST_TIME: Duration = Duration::from_millis(1200);
 
 /// One motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,7 +105,7 @@ impl Agent for ToAndFro {
         self.arrived += u32::from(last == Some(MotionEnd::Reached));
         self.stream = None;
         if !std::mem::replace(&mut self.rested, true) {
-            return Intent::Wait(REST);
+            return Intent::Wait(REST_TIME);
         }
         let (Some(axis), Some(here)) = (view.axes.get(self.motor), view.pose().get(self.motor)) else {
             return self.done();
@@ -121,14 +121,14 @@ impl Agent for ToAndFro {
         let halted = *act == Act::Halted;
         lock(&self.shared).trial = if halted { StopTrial::Armed(here.to_degrees()) } else { StopTrial::Off };
         let (q, speed) = match act {
-            Act::Away => (to(WAY), SPEED),
-            Act::Back => (begin, SPEED),
-            Act::QuickAway => (to(WAY), QUICK),
-            Act::QuickBack => (begin, QUICK),
-            Act::Halted => (to(2.0 * WAY), QUICK),
+            Act::Away => (to(MOVE_RAD), SLOW_SPEED),
+            Act::Back => (begin, SLOW_SPEED),
+            Act::QuickAway => (to(MOVE_RAD), QUICK_SPEED),
+            Act::QuickBack => (begin, QUICK_SPEED),
+            Act::Halted => (to(2.0 * MOVE_RAD), QUICK_SPEED),
             Act::Stream => {
-                let away = to(WAY) - here;
-                let speed = (2.0 * away.abs() / STREAM_S).min(QUICK * axis.max_speed);
+                let away = to(MOVE_RAD) - here;
+                let speed = (2.0 * away.abs() / STREAM_S).min(QUICK_SPEED * axis.max_speed);
                 self.stream = Some(Stream { since: view.at, from: *here, away, speed });
                 return self.points(*here);
             }
@@ -170,7 +170,7 @@ pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<(Vec<F
         only(&mut composition, motor, &controls).ok_or_else(|| Report::msg(format!("{motor} is gone")))?;
     let config = file_has.get(robot).ok_or_else(|| Report::msg(format!("the robot of {motor} is gone")))?;
     let folder = Folder::create(&composition.config.name, None)?;
-    show(composition, &folder, Extras::default(), Output::default(), CtlAt::Folder, (controls, receiver))?;
+    run_in_terminal(composition, &folder, Extras::default(), Output::default(), CtlAt::Folder, (controls, receiver))?;
     let seen = lock(&shared);
     let figures: Figures = seen.record.figures();
     let axis = seen.board.as_ref().and_then(|board| board.axes.iter().find(|axis| axis.name == motor)).cloned();

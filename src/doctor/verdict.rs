@@ -9,21 +9,21 @@ use mobee_drivers::{Moves, YARP, YarpDriverSettings};
 use std::path::Path;
 
 /// Sag below which no setting is suggested, deg.
-const SAG: f64 = 0.1;
+const MIN_SAG_DEG: f64 = 0.1;
 /// Resolution below which no setting is suggested, deg.
-const FINE: f64 = 0.02;
+const FINE_RESOLUTION_DEG: f64 = 0.02;
 /// Factor between the sag or torque that was seen and that at other poses, where the load may be greater.
-const ELSEWHERE: f64 = 2.0;
+const POSE_FACTOR: f64 = 2.0;
 /// Maximum deviation of a single reading in standard deviations of the noise.
-const SPREAD: f64 = 4.0;
+const NOISE_SIGMAS: f64 = 4.0;
 /// Step of settings in degrees and N m.
-const STEP: f64 = 0.5;
+const SETTING_STEP: f64 = 0.5;
 /// Ratio of the driver's to the measured resolution above which they count as equal: both are measured.
-const TAKEN: f64 = 0.7;
+const EQUAL_RATIO: f64 = 0.7;
 /// Time for which the controller waits for a joint to settle after *done*, s.
-const SETTLES: f64 = 1.0;
+const SETTLE_S: f64 = 1.0;
 /// Ratios of measured and commanded speed of a board that honors reference speeds.
-const FAIR: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+const HONORED_RATIOS: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 
 /// The inputs of a verdict.
 pub(super) struct Measured<'a> {
@@ -109,7 +109,7 @@ impl Measured<'_> {
 
 /// Rounds up to the next step.
 fn up(x: f64) -> f64 {
-    ((x / STEP).ceil() * STEP).max(STEP)
+    ((x / SETTING_STEP).ceil() * SETTING_STEP).max(SETTING_STEP)
 }
 
 fn resolution(m: &Measured, settings: &mut Settings) -> Option<Finding> {
@@ -119,10 +119,10 @@ fn resolution(m: &Measured, settings: &mut Settings) -> Option<Finding> {
     let noise = m.figures.noise;
     let counts = if count > 0.0 { format!("counts in steps of {count:.4} {unit}") } else { "shows no steps".into() };
     let what = format!("the encoder of {name} {counts}, with noise of {noise:.4} {unit} at rest");
-    let off = count.max(SPREAD * noise);
+    let off = count.max(NOISE_SIGMAS * noise);
     let stated = m.axis.resolution.to_degrees();
-    let is_finer = off > FINE && stated < TAKEN * off;
-    let coarse = m.coarse.as_ref().filter(|(_, count)| *count > FINE);
+    let is_finer = off > FINE_RESOLUTION_DEG && stated < EQUAL_RATIO * off;
+    let coarse = m.coarse.as_ref().filter(|(_, count)| *count > FINE_RESOLUTION_DEG);
     if !is_finer && coarse.is_none() || m.yarp().is_none() {
         return Some(Finding::ok(what));
     }
@@ -147,13 +147,13 @@ fn sag(m: &Measured, settings: &mut Settings) -> Option<Finding> {
     }
     let what = format!("{name} rests up to {most:.2} {unit} from its commanded position, in {} rests", sags.len());
     let stated = m.axis.hold_error.to_degrees();
-    if most <= SAG.max(1.5 * m.figures.count) || stated >= most {
+    if most <= MIN_SAG_DEG.max(1.5 * m.figures.count) || stated >= most {
         return Some(Finding::ok(what));
     }
     let yarp = m.yarp().filter(|_| m.axis.motion.is_turn());
     let remedy = match yarp {
         Some(_) => {
-            settings.driver.push(format!("hold_error_deg = {:.1}    # twice what was seen", up(ELSEWHERE * most)));
+            settings.driver.push(format!("hold_error_deg = {:.1}    # twice what was seen", up(POSE_FACTOR * most)));
             format!(
                 "the driver expects {stated:.2} {unit}: state hold_error_deg, and the controller learns the difference per joint"
             )
@@ -202,7 +202,7 @@ fn done(m: &Measured) -> Option<Finding> {
     let what = format!(
         "*done* is reported {early:.2} s before {name} has arrived, {off:.2} {unit} from where it comes to rest"
     );
-    Some(if early < SETTLES {
+    Some(if early < SETTLE_S {
         Finding::ok(format!("{what}; the controller waits for that"))
     } else {
         Finding::warn(
@@ -248,7 +248,7 @@ fn speeds(m: &Measured, settings: &mut Settings) -> Option<Finding> {
         Some(paces) => (&paces.seen, paces.fair, paces.board.as_str()),
         // a simulation counts no stretches, and a driver may have counted too few
         None if !seen.is_empty() && m.yarp().is_none_or(|yarp| yarp.moves == Moves::Position) => {
-            (seen, seen.iter().all(|ratio| FAIR.contains(ratio)), "its board")
+            (seen, seen.iter().all(|ratio| HONORED_RATIOS.contains(ratio)), "its board")
         }
         None => {
             let what = format!("the speed of {name} against its commands could not be measured");
@@ -296,7 +296,7 @@ fn torque(m: &Measured, settings: &mut Settings) -> Option<Finding> {
     if rated || m.robot.controller.contact_nm.is_some() {
         return Some(Finding::ok(what));
     }
-    let limit = up(ELSEWHERE * change);
+    let limit = up(POSE_FACTOR * change);
     settings
         .controller
         .push(format!("contact_nm = {limit:.1}    # twice what {name} shows in free motion; measure the others, too"));
@@ -309,7 +309,7 @@ fn stall(m: &Measured, settings: &mut Settings) {
         return;
     }
     let behind = m.figures.lag.map_or(0.0, |(lag, speed)| lag * speed);
-    let least = up(ELSEWHERE * (behind + m.sag()).max(m.robot.controller.tolerance_deg));
+    let least = up(POSE_FACTOR * (behind + m.sag()).max(m.robot.controller.tolerance_deg));
     match m.robot.controller.stall_deg {
         Some(stated) if stated < least => {
             settings

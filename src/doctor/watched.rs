@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::mpsc;
 
 /// Time after which a halted robot is released, s.
-const HALTED: f64 = 3.0;
+const HALT_S: f64 = 3.0;
 
 /// The observations so far, shared by the agent, the driver and the evaluation.
 #[derive(Debug)]
@@ -99,7 +99,7 @@ impl Observed {
                 self.control(Control::Halt(self.robot.clone()));
                 self.trial = StopTrial::Halted(now.secs());
             }
-            (StopTrial::Halted(since), _) if now.secs() - since >= HALTED => {
+            (StopTrial::Halted(since), _) if now.secs() - since >= HALT_S => {
                 self.control(Control::Release(self.robot.clone()));
                 self.trial = StopTrial::Off;
             }

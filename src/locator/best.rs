@@ -16,7 +16,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Minimum share of held-out views that the best kind must locate.
-const ANSWERED: f64 = 0.9;
+const MIN_LOCATED_SHARE: f64 = 0.9;
 
 /// Arguments of `mobee locator best`.
 #[derive(clap::Args, Clone, Debug)]
@@ -61,13 +61,13 @@ pub fn command(args: &BestArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
     let bar = Steps::new();
     bar.step("reads views");
-    let (name, (table, digest), mut said) = match (&args.run, &args.data) {
+    let (name, (table, digest), mut report) = match (&args.run, &args.data) {
         (Some(run), _) => {
-            let Collection { table: text, said, .. } = collected(run, &args.choice)?;
+            let Collection { table: csv, text, .. } = collected(run, &args.choice)?;
             let name = run.display().to_string();
-            let understood = super::understood(&name, &text)?;
-            let report = format!("{name}: {said}");
-            (name, understood, report)
+            let parsed_table = super::parsed_table(&name, &csv)?;
+            let report = format!("{name}: {text}");
+            (name, parsed_table, report)
         }
         (None, Some(data)) => (data.display().to_string(), super::table(data)?, String::new()),
         // the command line demands one of them
@@ -96,15 +96,15 @@ pub fn command(args: &BestArgs) -> Result<String, Report> {
     let file = LocatorFile::train(best, &table.known, digest, &from, &mut |share| bar.show(share));
     save_text(&args.out, &file.map_err(|e| untaught(&e))?.text())?;
     let views = table.known.len();
-    said += &text(&judged);
-    let _ = writeln!(said, "{}: {}, from all {views} views", args.out.display(), best.name());
+    report += &text(&judged);
+    let _ = writeln!(report, "{}: {}, from all {views} views", args.out.display(), best.name());
     if let Some(run) = &args.into {
         drop(bar);
         // print the result before waiting for the swap
-        crate::terminal::out(&std::mem::take(&mut said));
+        crate::terminal::out(&std::mem::take(&mut report));
         crate::ctl::put_locator(run, args.choice.sensor.as_deref(), (best, &args.out), args.probation)?;
     }
-    Ok(said)
+    Ok(report)
 }
 
 /// The score of a kind at held-out places: each fifth of them is located after training on the others.
@@ -120,33 +120,33 @@ fn held_out(kind: LocatorKind, known: &[KnownView], from: &Beginning) -> Result<
 /// The kind with the least mean error of single views, of those that locate nearly all.
 fn best(judged: &[Judged]) -> Option<LocatorKind> {
     let able = judged.iter().filter_map(|(kind, score)| Some((*kind, score.as_ref().ok()?.single)));
-    let able = able.filter(|(_, e)| e.n > 0 && e.located as f64 >= ANSWERED * e.n as f64);
+    let able = able.filter(|(_, e)| e.n > 0 && e.located as f64 >= MIN_LOCATED_SHARE * e.n as f64);
     able.min_by(|(_, a), (_, b)| a.mean_mm.total_cmp(&b.mean_mm)).map(|(kind, _)| kind)
 }
 
 fn text(judged: &[Judged]) -> String {
-    let mut said = String::from("errors at places held out, mm\n");
+    let mut text = String::from("errors at places held out, mm\n");
     let of = ["one view: median", "mean", "95 %", "all of a place: mean", "95 %"];
-    let _ = write!(said, "{:12}{:>16}", "", "answered");
+    let _ = write!(text, "{:12}{:>16}", "", "answered");
     for name in of {
-        let _ = write!(said, "  {name}");
+        let _ = write!(text, "  {name}");
     }
-    said.push_str("  in region of 95 %\n");
+    text.push_str("  in region of 95 %\n");
     for (kind, score) in judged {
         match score {
             Ok(LocatorScore { single: s, fused: f }) => {
                 let answered = format!("{} of {}", s.located, s.n);
-                let _ = write!(said, "{:12}{answered:>16}", kind.name());
+                let _ = write!(text, "{:12}{answered:>16}", kind.name());
                 let values = [s.median_mm, s.mean_mm, s.p95_mm, f.mean_mm, f.p95_mm];
                 for (name, mm) in of.iter().zip(values) {
-                    let _ = write!(said, "  {mm:>0$.1}", name.len());
+                    let _ = write!(text, "  {mm:>0$.1}", name.len());
                 }
-                let _ = writeln!(said, "  {:>15.1} %", 100.0 * s.inside_95);
+                let _ = writeln!(text, "  {:>15.1} %", 100.0 * s.inside_95);
             }
             Err(why) => {
-                let _ = writeln!(said, "{:12}learned nothing: {why}", kind.name());
+                let _ = writeln!(text, "{:12}learned nothing: {why}", kind.name());
             }
         }
     }
-    said
+    text
 }

@@ -57,7 +57,7 @@ pub(super) struct Choice {
     /// The sensor, if there are several: two cameras on an iCub's head, the left one first.
     #[arg(long, value_name = "NAME")]
     pub(super) sensor: Option<String>,
-    /// The behavior of the run, for a folder without config.json, such as that of `mobee torture --keep`.
+    /// The behavior of the run, for a folder without config.json, such as one of `mobee torture`.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Maximum speed of any motor of the looking robot for a valid image, deg/s.
@@ -107,10 +107,10 @@ pub fn command(args: &CollectArgs) -> Result<String, Report> {
     if let Some(dir) = &args.images {
         pictures::may_fill(dir)?;
     }
-    let Collection { table, said, cameras, exposed } = collected(&args.run, &args.choice)?;
-    let told = args.images.as_ref().map(|dir| pictures::write(&args.run, dir, &cameras, &exposed)).transpose()?;
+    let Collection { table, text, cameras, exposed } = collected(&args.run, &args.choice)?;
+    let images = args.images.as_ref().map(|dir| pictures::write(&args.run, dir, &cameras, &exposed)).transpose()?;
     save_text(&args.out, &table)?;
-    Ok(format!("{}: {said}{}", args.out.display(), told.unwrap_or_default()))
+    Ok(format!("{}: {text}{}", args.out.display(), images.unwrap_or_default()))
 }
 
 /// The views collected from a run.
@@ -118,7 +118,7 @@ pub(super) struct Collection {
     /// The table.
     pub table: String,
     /// The report of its contents and of the dropped views.
-    pub said: String,
+    pub text: String,
     /// The cameras, left and right, by their names in the run.
     cameras: [String; 2],
     /// Exposure times of each row's images, left and right.
@@ -168,8 +168,8 @@ pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Repor
         let what = format!("{}: nothing that was seen is of use: {dropped}", run.display());
         return Err(ConfigError::plain(what, "let both robots rest for a second or two in sight of each other").into());
     }
-    let said = format!("{} rows\n{}", check.known.len(), check.text(&collected, &dropped));
-    Ok(Collection { table: table(&check.known), said, cameras: scene.cameras.clone(), exposed: check.exposed })
+    let text = format!("{} rows\n{}", check.known.len(), check.text(&collected, &dropped));
+    Ok(Collection { table: table(&check.known), text, cameras: scene.cameras.clone(), exposed: check.exposed })
 }
 
 /// The composition of the run.
@@ -198,10 +198,10 @@ impl Scene {
                 return Err(ConfigError::plain("which sensor's pictures?", help));
             }
             (None, _) => {
-                let asked = choice.sensor.as_deref().unwrap_or_default();
+                let wanted = choice.sensor.as_deref().unwrap_or_default();
                 let help = match names.as_slice() {
                     [] => "run a behavior with a table [[sensor]], such as configs/behaviors/collect.toml".into(),
-                    names => suggestion(asked, "sensor", names),
+                    names => suggestion(wanted, "sensor", names),
                 };
                 return Err(ConfigError::plain(format!("{file}: no sensor looked there"), help));
             }

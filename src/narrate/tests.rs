@@ -95,7 +95,7 @@ fn what_was_asked_for_is_no_fault() {
     narrator.line(&commit(&[0]));
     let text = |narrator: &mut Narrator| narrator.line(&outcome(Outcome::Faulted, Cause::Asked)).unwrap();
     let stopped = text(&mut narrator);
-    assert_eq!((stopped.weight, stopped.text.as_str()), (Weight::Detail, "arm: motion 12 stopped, as asked for"));
+    assert_eq!((stopped.weight, stopped.text.as_str()), (Weight::Detail, "arm: motion 12 stopped on request"));
     narrator.line(&Event::Halted { robot: "arm".into() });
     assert_eq!(text(&mut narrator).text, "arm: motion 12 stopped: halted");
     narrator.line(&Event::Released { robot: "arm".into() });

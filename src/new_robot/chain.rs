@@ -1,11 +1,11 @@
 //! Selects the motors of the exploration of a new robot: its arm, without the fingers.
 
-use super::FEWEST_MOTORS;
+use super::MIN_ARM_MOTORS;
 use mobee_model::{Imported, NodeKind, Robot};
 use std::collections::BTreeSet;
 
 /// Maximum number of motors: with more, an exploration by trial covers little.
-const MOST_MOTORS: usize = 12;
+const MAX_MOTORS: usize = 12;
 /// Parts of the names of motors that open and close a hand.
 const FINGER_WORDS: [&str; 6] = ["finger", "gripper", "thumb", "pinky", "jaw", "knuckle"];
 /// Share of the chain's length: motors that branch off within it are the fingers of a hand, not limbs.
@@ -29,14 +29,14 @@ pub(super) fn choose(imported: &Imported) -> Option<Chain> {
         name.contains("arm") || name.contains("manipulator")
     });
     let arms = arms.map(|(name, motors)| (name, without_fingers(robot, motors)));
-    let arms = arms.filter(|(_, (motors, _))| (FEWEST_MOTORS..=MOST_MOTORS).contains(&motors.len()));
+    let arms = arms.filter(|(_, (motors, _))| (MIN_ARM_MOTORS..=MAX_MOTORS).contains(&motors.len()));
     if let Some((name, (motors, fingers))) = arms.max_by_key(|(_, (motors, _))| motors.len()) {
         return Some(Chain { named: format!("the SRDF's group `{name}`"), motors, fingers });
     }
     let (mut motors, fingers) = without_fingers(robot, &robot.longest_chain());
     let length = motors.len();
-    motors.truncate(MOST_MOTORS);
-    let cut = if length > MOST_MOTORS { format!(", the first {MOST_MOTORS} of {length}") } else { String::new() };
+    motors.truncate(MAX_MOTORS);
+    let cut = if length > MAX_MOTORS { format!(", the first {MAX_MOTORS} of {length}") } else { String::new() };
     (!motors.is_empty()).then(|| Chain { named: format!("the longest chain{cut}"), motors, fingers })
 }
 

@@ -29,7 +29,7 @@ pub(super) struct DriverText {
     /// The driver's table, with comments.
     pub table: String,
     /// The line for the terminal.
-    pub told: String,
+    pub note: String,
 }
 
 /// The driver of a robot named `name` in the behavior, with the file name `model` and this margin.
@@ -53,13 +53,13 @@ pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str)
                 + &format!(
                     "driver = {{ kind = \"sim\", profile = \"{word}\" }} # simulated as {like}; kinematic joints: profile = \"ideal\"\n"
                 ),
-            told: format!("  driver: simulated as {like} (profile `{word}`)\n"),
+            note: format!("  driver: simulated as {like} (profile `{word}`)\n"),
         },
         NewDriver::Mujoco => DriverText {
             top: String::new(),
             controller,
             table: remark + &mujoco(word),
-            told: format!(
+            note: format!(
                 "  driver: simulated as {like} (profile `{word}`) by MuJoCo; the program needs the feature `mujoco`, which this one {}\n",
                 if cfg!(feature = "mujoco") { "has" } else { "lacks: cargo build --release --features mujoco" }
             ),
@@ -113,7 +113,7 @@ fn yarp(robot: &Robot, name: &str) -> DriverText {
              driver = {{ kind = \"yarp\", parts = [{}] }}\n",
             parts.join(", ")
         ),
-        told: "  driver: control boards behind YARP; give their ports in the file\n".into(),
+        note: "  driver: control boards behind YARP; give their ports in the file\n".into(),
     }
 }
 

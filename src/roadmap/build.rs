@@ -23,7 +23,7 @@ const AUDIT: (usize, usize, usize) = (100, 8, 3200);
 pub struct BuildArgs {
     /// Settings, such as configs/roadmaps/table.toml
     settings: PathBuf,
-    /// The map to write. While it is built, what was found is in FILE.part.
+    /// The map to write. An unfinished build is in FILE.part.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Override a setting: --set vertices=500
@@ -32,7 +32,7 @@ pub struct BuildArgs {
     /// Replace the map if it exists.
     #[arg(long)]
     force: bool,
-    /// Search a hundred of the places that stayed empty again, much longer, to see how many of them can be reached.
+    /// Search a hundred of the empty places again, much longer, to estimate the share that can be reached.
     #[arg(long)]
     audit: bool,
     /// Stop after this many searches, as an interrupt would.
@@ -88,9 +88,9 @@ pub fn command(args: &BuildArgs) -> Result<String, Report> {
     let map = map(&growth, &plan, robot, world_digest(&scene));
     save(&args.out, &map)?;
     part.remove()?;
-    let mut said = format!("{}: ", args.out.display()) + &info::text(&map, Some(&Labels::new(scene.robots())));
+    let mut report = format!("{}: ", args.out.display()) + &info::text(&map, Some(&Labels::new(scene.robots())));
     let _ = writeln!(
-        said,
+        report,
         "{} searches of {} judged poses, {found_in:.1} s; {} cells of the table stayed empty beside the map",
         growth.trials(),
         growth.evaluations(),
@@ -98,9 +98,9 @@ pub fn command(args: &BuildArgs) -> Result<String, Report> {
     );
     if args.audit {
         bar.step("searches empty places again");
-        said += &audit(&growth, &plan, robot, &mut search, &bar);
+        report += &audit(&growth, &plan, robot, &mut search, &bar);
     }
-    Ok(said)
+    Ok(report)
 }
 
 /// All errors of the settings as complaints, with their places.
@@ -128,10 +128,10 @@ fn audit(growth: &Growth, plan: &TableMapPlan, robot: &Robot, search: &mut PoseS
     // without vertices, so that no pose is too close to another one
     let empty = Growth::new(plan, &robot.home());
     let vain = growth.searched_in_vain();
-    let asked: Vec<u32> = vain.iter().copied().step_by(vain.len().div_ceil(most).max(1)).collect();
+    let sampled: Vec<u32> = vain.iter().copied().step_by(vain.len().div_ceil(most).max(1)).collect();
     let mut reached = 0;
-    for (i, cell) in asked.iter().enumerate() {
-        bar.show(i as f64 / asked.len() as f64);
+    for (i, cell) in sampled.iter().enumerate() {
+        bar.show(i as f64 / sampled.len() as f64);
         let [x, y] = growth.middle(*cell);
         let mut near: Vec<_> = growth.found().iter().collect();
         near.sort_by(|a, b| {
@@ -142,11 +142,11 @@ fn audit(growth: &Growth, plan: &TableMapPlan, robot: &Robot, search: &mut PoseS
         reached +=
             usize::from(near.iter().step_by(7).take(starts).any(|v| search.reaches(&empty, &wish(&v.q), budget)));
     }
-    let share = reached as f64 / asked.len().max(1) as f64;
+    let share = reached as f64 / sampled.len().max(1) as f64;
     let have = growth.found().len() as f64;
     format!(
         "audit: of {} empty places searched again, {reached} can be reached: the map has {:.1} % of the reachable places\n",
-        asked.len(),
+        sampled.len(),
         100.0 * have / (have + share * vain.len() as f64).max(1.0)
     )
 }

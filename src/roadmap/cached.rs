@@ -9,7 +9,7 @@
 
 use super::build::map;
 use super::part::{VERSION, inputs};
-use super::{LONGEST, robot, save_text, scene};
+use super::{MAX_MAP_BYTES, robot, save_text, scene};
 use crate::config::{Complaints, ConfigError};
 use miette::Report;
 use mobee_behaviors::map_file::{MapFile, robot_digest, world_digest};
@@ -43,11 +43,11 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
     let robot = robot(&scene).map_err(|e| unusable(e.to_string()))?;
     let plan = Arc::new(settings.plan(robot).map_err(|e| super::build::complaints(&source, e))?);
     let inputs = inputs(&format!("{VERSION} {plan:?}"), &robot_digest(robot), &world_digest(&scene));
-    let kept = place(&inputs);
-    match kept.as_deref().map(|kept| cached(kept, &inputs, &scene, &plan)) {
+    let cache_file = place(&inputs);
+    match cache_file.as_deref().map(|cache_file| cached(cache_file, &inputs, &scene, &plan)) {
         Some(Ok(Some(map))) => return Ok(map),
         Some(Err(why)) => {
-            let at = kept.as_deref().unwrap_or(path).display();
+            let at = cache_file.as_deref().unwrap_or(path).display();
             eprintln!("warning: the map in the cache is not used, and is built again: {at}: {why}");
         }
         Some(Ok(None)) | None => {}
@@ -55,11 +55,11 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
     eprintln!("building the map of {} (about a minute; it is kept in the cache for the next time)", path.display());
     let text = built(&scene, robot, &plan).map_err(|e| unusable(e.to_string()))?.text();
     let map = MapFile::parse(&text).map_err(|e| unusable(e.what))?;
-    if let Some(kept) = kept {
+    if let Some(cache_file) = cache_file {
         let head = serde_json::to_string(&Head { inputs, map_sha256: digest(&text) }).unwrap_or_default();
         // without a cache, the map is built again next time
-        let saved = kept.parent().is_some_and(|folder| std::fs::create_dir_all(folder).is_ok());
-        let _ = saved.then(|| save_text(&kept, &format!("{head}\n{text}")));
+        let saved = cache_file.parent().is_some_and(|folder| std::fs::create_dir_all(folder).is_ok());
+        let _ = saved.then(|| save_text(&cache_file, &format!("{head}\n{text}")));
     }
     Ok(map)
 }
@@ -68,8 +68,8 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
 ///
 /// # Errors
 /// The reason why it is not the requested map.
-fn cached(kept: &Path, inputs: &str, scene: &Scene, plan: &TableMapPlan) -> Result<Option<MapFile>, String> {
-    let text = match read_text(kept, LONGEST) {
+fn cached(cache_file: &Path, inputs: &str, scene: &Scene, plan: &TableMapPlan) -> Result<Option<MapFile>, String> {
+    let text = match read_text(cache_file, MAX_MAP_BYTES) {
         Ok(text) => text,
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(e.to_string()),

@@ -14,7 +14,7 @@ pub(super) struct CertifiedArgs {
     pub(super) map: PathBuf,
     #[command(flatten)]
     place: PlaceArgs,
-    /// What edges must keep between all shapes, millimeters: the reflex's margin and 2 mm.
+    /// Clearance of edges between all shapes, millimeters: the reflex's margin and 2 mm.
     #[arg(long, value_name = "MM", default_value_t = 12.0, value_parser = millimeters(0.0, 500.0))]
     clearance: f64,
     /// Write the map into this file; default: into the map itself.

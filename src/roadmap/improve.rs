@@ -13,26 +13,26 @@ use mobee_model::{Robot, Scene};
 use std::fmt::Write;
 
 /// Maximum number of poses to add at once: a typing error must not exhaust the memory.
-const MOST_GROWN: i64 = 100_000;
+const MAX_GROWN: i64 = 100_000;
 
 /// Arguments of `mobee roadmap improve`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ImproveArgs {
     #[command(flatten)]
     of: CertifiedArgs,
-    /// Pairs of vertices between which a way to each part is looked for.
+    /// Number of pairs of vertices between which a path to each part is planned.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..))]
     pairs: u16,
-    /// Straight lines that one plan may judge.
+    /// Maximum number of straight lines that one plan checks.
     #[arg(long, value_name = "N", default_value_t = 5000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     budget: u64,
-    /// Also add so many free poses where vertices are far apart.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MOST_GROWN))]
+    /// Also add this number of free poses where vertices are far apart.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_GROWN))]
     grow: u32,
-    /// A pose that is added is joined to so many of its nearest.
+    /// Number of nearest vertices to which an added pose is joined.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
     neighbors: u16,
-    /// Then leave out what can't be reached or left, unless it has a name. Vertices are numbered anew.
+    /// Then remove vertices that can't be reached or left, unless they have a name. Vertices are renumbered.
     #[arg(long)]
     prune: bool,
     /// Seed of all randomness.
@@ -61,27 +61,27 @@ pub fn command(args: &ImproveArgs) -> Result<String, Report> {
     bar.step("joins parts");
     let settings = JoinSettings { pairs: usize::from(args.pairs), budget: args.budget, seed: args.seed };
     let planner = RrtConnect::default();
-    let report = map.join_islands(&mut space, &planner, settings, &rest, &shown, &mut |share| bar.show(share));
-    let (before, after) = report.islands;
-    let mut said = format!(
-        "parts of the map: {before}, now {after}; joined by {} more vertices and {} edges; {} plans in vain, {} lines judged\n",
-        report.vertices, report.edges, report.in_vain, report.evaluations
+    let joined = map.join_islands(&mut space, &planner, settings, &rest, &shown, &mut |share| bar.show(share));
+    let (before, after) = joined.islands;
+    let mut report = format!(
+        "parts of the map: {before}, now {after}; joined by {} more vertices and {} edges; {} failed plans, {} lines checked\n",
+        joined.vertices, joined.edges, joined.in_vain, joined.evaluations
     );
     if args.grow > 0 {
         bar.step("grows");
         let much = (args.grow as usize, usize::from(args.neighbors), args.seed);
         let grown = map.grow(&mut space, much, &rest, &shown);
-        let _ = writeln!(said, "poses added where the map was thin: {grown}");
+        let _ = writeln!(report, "poses added where the map was thin: {grown}");
     }
     if args.prune {
         let pruned = map.pruned();
-        let _ = writeln!(said, "left out: {} vertices", map.len() - pruned.map.len());
+        let _ = writeln!(report, "left out: {} vertices", map.len() - pruned.map.len());
         map = pruned.map;
     }
     let mut better = map.file(robot);
     args.of.certify(&mut better, &scene, &bar)?;
     drop(bar);
-    Ok(said + &args.of.save(&better, &scene)?)
+    Ok(report + &args.of.save(&better, &scene)?)
 }
 
 /// The map, without the edges that are not certified free.

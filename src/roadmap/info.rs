@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Maximum number of groups that are listed.
-const MOST: usize = 12;
+const MAX_GROUPS: usize = 12;
 
 /// Maximum number of listed pairs of shapes that block edges.
 const MAX_PAIRS: usize = 5;
@@ -58,8 +58,8 @@ pub fn verdicts(map: &MapFile) -> String {
     }
     let mut by: Vec<(&str, usize)> = by.into_iter().collect();
     by.sort_by_key(|(what, n)| (std::cmp::Reverse(*n), *what));
-    let more = by.len().saturating_sub(MOST);
-    let mut words: Vec<String> = by.iter().take(MOST).map(|(what, n)| format!("{what} {n}")).collect();
+    let more = by.len().saturating_sub(MAX_GROUPS);
+    let mut words: Vec<String> = by.iter().take(MAX_GROUPS).map(|(what, n)| format!("{what} {n}")).collect();
     if more > 0 {
         words.push(format!("{more} more"));
     }
@@ -113,8 +113,8 @@ fn spacing(map: &MapFile) -> String {
     if found.nearest_mm.is_empty() {
         return String::new();
     }
-    let bars: Vec<String> = found.nearest_mm.iter().take(MOST).map(|(mm, n)| format!("{mm} mm {n}")).collect();
-    let dots = if found.nearest_mm.len() > MOST { ", ..." } else { "" };
+    let bars: Vec<String> = found.nearest_mm.iter().take(MAX_GROUPS).map(|(mm, n)| format!("{mm} mm {n}")).collect();
+    let dots = if found.nearest_mm.len() > MAX_GROUPS { ", ..." } else { "" };
     format!(
         "spacing: median {:.1} mm; poses by the distance of their nearest: {}{dots}\n",
         found.median * 1e3,

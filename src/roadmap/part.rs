@@ -10,11 +10,11 @@ use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Maximum size of the file, bytes.
-const LONGEST: u64 = 256 * MIB;
+const MAX_PART_BYTES: u64 = 256 * MIB;
 /// Version of the search, to be raised if it finds other poses for the same settings.
 pub(super) const VERSION: u32 = 1;
 /// Number of lines that are written at a time: so many are lost at most.
-const LINES: usize = 50;
+const LINES_PER_WRITE: usize = 50;
 
 /// The first line.
 #[derive(Serialize, Deserialize)]
@@ -52,14 +52,14 @@ impl Part {
             writeln!(file, "{}", serde_json::to_string(&head).unwrap_or_default()).map_err(no)?;
             return Ok((Part { path, file, waiting: Vec::new(), lines: 0 }, Vec::new()));
         }
-        let bytes = read(&path, LONGEST).map_err(no)?;
+        let bytes = read(&path, MAX_PART_BYTES).map_err(no)?;
         let whole = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |end| end + 1);
         let text = String::from_utf8_lossy(bytes.get(..whole).unwrap_or_default()).into_owned();
         let mut lines = text.lines();
         let head: Option<Head> = lines.next().and_then(|line| serde_json::from_str(line).ok());
         if head.is_none_or(|head| head.version != VERSION || head.inputs != inputs) {
             let what = format!("{} is of a build with other settings, or of another robot or world", path.display());
-            return Err(ConfigError::plain(what, "go on with those, or remove the file to begin anew"));
+            return Err(ConfigError::plain(what, "go on with those, or remove the file to start over"));
         }
         let mut trials = Vec::new();
         for (number, line) in (2..).zip(lines) {
@@ -78,7 +78,7 @@ impl Part {
         self.waiting.extend(serde_json::to_string(trial).unwrap_or_default().into_bytes());
         self.waiting.push(b'\n');
         self.lines += 1;
-        if self.lines < LINES {
+        if self.lines < LINES_PER_WRITE {
             return Ok(());
         }
         self.lines = 0;
@@ -99,7 +99,7 @@ impl Part {
 
 fn damaged(path: &Path, line: usize, why: &str) -> ConfigError {
     let what = format!("{}:{line}: {why}", path.display());
-    ConfigError::plain(what, "the file is damaged: remove it to begin the build anew")
+    ConfigError::plain(what, "the file is damaged: remove it to start the build over")
 }
 
 fn unwritable(path: &Path, e: &std::io::Error) -> ConfigError {

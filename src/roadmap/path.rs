@@ -38,7 +38,7 @@ pub struct PathArgs {
     /// Maximum speed of motors whose robot file states none, deg/s or mm/s.
     #[arg(long, value_name = "DEG_PER_S", default_value_t = 100.0, value_parser = positive)]
     max_speed: f64,
-    /// Write joint values every so many seconds, and at the end, instead of at each vertex.
+    /// Write joint values at this interval, seconds, and at the end, instead of at each vertex.
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     every: Option<f64>,
     /// Replace the written files if they exist.

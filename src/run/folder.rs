@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Mode bits: only the owner may read or write, because the folder holds the address of the control port.
-const OWNER: u32 = 0o700;
+const OWNER_ONLY: u32 = 0o700;
 
 /// A new folder for one run.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ impl Folder {
             Some(path) => given(path)?,
             None => unused(name)?,
         };
-        take(&path)?;
+        claim(&path)?;
         Folder::at(path)
     }
 
@@ -40,12 +40,12 @@ impl Folder {
     /// If it is not a run's folder, or belongs to another user.
     pub fn of_run(path: &Path) -> Result<Folder, ConfigError> {
         Folder::must_be_run(path)?;
-        take(path)?;
+        claim(path)?;
         Folder::at(path.to_owned())
     }
 
     fn at(path: PathBuf) -> Result<Folder, ConfigError> {
-        let handle = File::open(&path).map_err(|e| unmade(&path, &e))?;
+        let handle = File::open(&path).map_err(|e| cannot_create(&path, &e))?;
         Ok(Folder { path, handle: Arc::new(handle) })
     }
 
@@ -105,7 +105,7 @@ impl Folder {
 
 /// Creates the given folder; an existing empty folder is accepted.
 fn given(path: &Path) -> Result<PathBuf, ConfigError> {
-    path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(|e| unmade(path, &e))?;
+    path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(|e| cannot_create(path, &e))?;
     let empty = || path.read_dir().is_ok_and(|mut d| d.next().is_none());
     match make(path) {
         Ok(()) => Ok(path.to_owned()),
@@ -114,7 +114,7 @@ fn given(path: &Path) -> Result<PathBuf, ConfigError> {
             format!("{} exists already", path.display()),
             "give another --out; a run never writes over another one",
         )),
-        Err(e) => Err(unmade(path, &e)),
+        Err(e) => Err(cannot_create(path, &e)),
     }
 }
 
@@ -129,37 +129,37 @@ fn unused(name: &str) -> Result<PathBuf, ConfigError> {
     let stamp = stamp(now.duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs()));
     let names = std::iter::once(format!("{name}-{stamp}")).chain((2..).map(|n| format!("{name}-{stamp}-{n}")));
     let runs = Path::new("runs");
-    std::fs::create_dir_all(runs).map_err(|e| unmade(runs, &e))?;
+    std::fs::create_dir_all(runs).map_err(|e| cannot_create(runs, &e))?;
     for path in names.map(|n| runs.join(n)) {
         match make(&path) {
             Ok(()) => return Ok(path),
             Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
-            Err(e) => return Err(unmade(&path, &e)),
+            Err(e) => return Err(cannot_create(&path, &e)),
         }
     }
     Err(ConfigError::plain("there is no name left for a folder in runs/", "give an --out"))
 }
 
 fn make(path: &Path) -> io::Result<()> {
-    DirBuilder::new().mode(OWNER).create(path)?;
+    DirBuilder::new().mode(OWNER_ONLY).create(path)?;
     // the umask may have removed bits
-    std::fs::set_permissions(path, Permissions::from_mode(OWNER))
+    std::fs::set_permissions(path, Permissions::from_mode(OWNER_ONLY))
 }
 
-fn unmade(path: &Path, why: &io::Error) -> ConfigError {
+fn cannot_create(path: &Path, why: &io::Error) -> ConfigError {
     let what = format!("can't make the folder {}: {why}", path.display());
     ConfigError::plain(what, "give an --out that can be written")
 }
 
 /// Checks that the folder belongs to this user, and closes it to all others. Another owner could replace files that the
 /// run reads again.
-fn take(path: &Path) -> Result<(), ConfigError> {
+fn claim(path: &Path) -> Result<(), ConfigError> {
     let ours = || -> io::Result<bool> {
         // a temporary file shows our user id, and whether we may write here
         let us = tempfile::tempfile_in(path)?.metadata()?.uid();
         let ours = std::fs::metadata(path)?.uid() == us;
         if ours {
-            std::fs::set_permissions(path, Permissions::from_mode(OWNER))?;
+            std::fs::set_permissions(path, Permissions::from_mode(OWNER_ONLY))?;
         }
         Ok(ours)
     };

@@ -7,7 +7,7 @@ use std::io::Write;
 use tokio::sync::mpsc;
 
 /// Exit code of a run that is abandoned at the third signal: the shells' code for SIGINT.
-const ABANDONED: i32 = 130;
+const EXIT_ABANDONED: i32 = 130;
 
 /// Listens for Ctrl-C, SIGTERM and hang-up. First: end in order. Second: stop now. Third: exit at once.
 ///
@@ -24,18 +24,18 @@ pub(super) fn listen(controls: mpsc::Sender<Control>) -> Result<(), ConfigError>
     let listen = move || {
         runtime.block_on(async {
             interrupt.wait().await;
-            wish(&controls, Control::Stop, "stopping; again to stop now");
+            request(&controls, Control::Stop, "stopping; again to stop now");
             interrupt.wait().await;
-            wish(&controls, Control::Abort, "stopping now; again to quit at once");
+            request(&controls, Control::Abort, "stopping now; again to quit at once");
             interrupt.wait().await;
-            std::process::exit(ABANDONED);
+            std::process::exit(EXIT_ABANDONED);
         });
     };
     std::thread::Builder::new().name("signals".into()).spawn(listen).map(drop).map_err(no)
 }
 
 /// Sends in a task of its own: a busy run must not delay the next signal.
-fn wish(controls: &mpsc::Sender<Control>, control: Control, words: &str) {
+fn request(controls: &mpsc::Sender<Control>, control: Control, words: &str) {
     let controls = controls.clone();
     tokio::spawn(async move { controls.send(control).await });
     // the terminal may be gone

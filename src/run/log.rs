@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Lines that are stored.
-const LINES: usize = 1000;
+const MAX_LINES: usize = 1000;
 /// Ends of motions that are stored.
-const ENDS: usize = 200;
+const MAX_ENDS: usize = 200;
 
 /// The newest lines. Cheap to clone; all clones are one.
 #[derive(Clone, Debug, Default)]
@@ -67,8 +67,8 @@ impl LogBook {
             name: "log".into(),
             essential: false,
             // scenes come with the poses, and contain the names of objects
-            poses: Some(SCENES),
-            capacity: super::QUEUE,
+            poses: Some(SCENE_INTERVAL),
+            capacity: super::QUEUE_ENTRIES,
             patience: Duration::from_secs(3),
             open: Some(Arc::new(move || Ok(Box::new(Log { book: book.clone(), narrator: Narrator::new(&scene) })))),
         }
@@ -76,7 +76,7 @@ impl LogBook {
 }
 
 /// Interval of the poses that a sink of sentences receives: it needs the scenes only.
-pub(super) const SCENES: Duration = Duration::from_secs(3600);
+pub(super) const SCENE_INTERVAL: Duration = Duration::from_secs(3600);
 
 struct Log {
     book: LogBook,
@@ -91,7 +91,7 @@ impl Sink for Log {
                 let Some(line) = self.narrator.line(event) else { return Ok(()) };
                 let mut lines = self.book.lines();
                 if let Some(end) = Narrator::ended(event) {
-                    if lines.ends.len() >= ENDS {
+                    if lines.ends.len() >= MAX_ENDS {
                         lines.ends.pop_front();
                     }
                     lines.ends.push_back((end.robot, end.id, end.outcome, line.text.clone()));
@@ -99,7 +99,7 @@ impl Sink for Log {
                 if let Event::Done { .. } = &**event {
                     lines.done = Some(line.text.clone());
                 }
-                if lines.lines.len() >= LINES {
+                if lines.lines.len() >= MAX_LINES {
                     lines.lines.pop_front();
                 }
                 lines.lines.push_back(timed(at, &line.text));

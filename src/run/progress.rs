@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Wall-clock time between two progress lines of a run in virtual time without a terminal.
-const LINES: Duration = Duration::from_secs(10);
+const LINE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// A bar with counters. Clones are the same bar.
 #[derive(Clone)]
@@ -62,17 +62,17 @@ impl Bar {
         #[expect(clippy::disallowed_methods, reason = "lines are spaced for a person, who lives by the wall's clock")]
         let now = Instant::now();
         let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
-        if now.duration_since(*last) < LINES {
+        if now.duration_since(*last) < LINE_INTERVAL {
             return;
         }
         *last = now;
         let minutes = p.at.secs() / 60.0;
         let c = &p.counts;
-        self.say(&format!("{minutes:.1} min simulated: {} motions, {} rolled back", c.commits, c.rolled_back));
+        self.print_line(&format!("{minutes:.1} min simulated: {} motions, {} rolled back", c.commits, c.rolled_back));
     }
 
     /// Prints a line above the bar, on standard error.
-    pub fn say(&self, line: &str) {
+    pub fn print_line(&self, line: &str) {
         self.bar.suspend(|| {
             // the terminal may be gone
             let _ = writeln!(std::io::stderr(), "{}", mobee_model::printable(line));

@@ -9,7 +9,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// Time within which a viewer must answer.
-const PATIENCE: Duration = Duration::from_secs(3);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The recorder's switch and the access to a viewer.
 pub(crate) struct Recording {
@@ -43,19 +43,19 @@ impl Recording {
         Ok(())
     }
 
-    /// Connects a viewer in place of the present one. Waits up to [`PATIENCE`] for its answer.
+    /// Connects a viewer in place of the present one. Waits up to [`ANSWER_TIMEOUT`] for its answer.
     ///
     /// # Errors
     /// If nothing listens at the address, or it is not a viewer.
     pub(crate) fn connect(&self, address: SocketAddr) -> Result<(), String> {
         let (taps, settings) = self.viewer.get().ok_or("the run is about to start; try again")?;
         let help = format!("start one with `rerun --port {}`, or give the address of one", address.port());
-        TcpStream::connect_timeout(&address, PATIENCE)
+        TcpStream::connect_timeout(&address, ANSWER_TIMEOUT)
             .map_err(|e| format!("there is no viewer at {address}: {e}; {help}"))?;
         let settings = Settings { live: Some(address.to_string()), ..settings.clone() };
         let open = move || Recorder::new(&settings).map_err(|e| e.to_string());
         let viewer = open()?;
-        viewer.reach(PATIENCE).map_err(|e| format!("the program at {address} is not a viewer: {e}; {help}"))?;
+        viewer.reach(ANSWER_TIMEOUT).map_err(|e| format!("the program at {address} is not a viewer: {e}; {help}"))?;
         let again: OpenSink = Arc::new(move || Ok(Box::new(open()?)));
         taps.attach(VIEWER, Box::new(viewer), again)
     }

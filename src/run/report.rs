@@ -53,8 +53,8 @@ fn rest(step: &RestStep) -> String {
 fn reason(reason: Reason) -> &'static str {
     match reason {
         Reason::Done => "done: all agents have finished",
-        Reason::Time => "time: the run was to last so long",
-        Reason::Interrupted => "stopped, as asked for",
+        Reason::Time => "time: the run reached its time limit",
+        Reason::Interrupted => "stopped on request",
         Reason::GaveUp => "gave up: a part used up its restarts",
         Reason::NoJournal => "no journal: it could no longer be written",
     }
@@ -67,7 +67,7 @@ fn counters(counts: &Value, verbose: bool) -> Vec<(String, String)> {
         ("committed", "committed"),
         ("rolled_back", "rolled back"),
         ("faulted", "faulted"),
-        ("stopped", "aborted, as asked for"),
+        ("stopped", "aborted on request"),
         ("contacts", "contacts"),
         ("hard_contacts", "hard contacts"),
     ];
@@ -189,7 +189,7 @@ mod tests {
             "committed 2",
             "rolled back 0",
             "faulted 0",
-            "aborted, as asked for 1",
+            "aborted on request 1",
             "contacts 0",
             "hard contacts 2, at most 1.5 mm deep",
             "refused 4",

@@ -6,7 +6,7 @@
 
 mod evidence;
 
-use super::{CtlAt, Extras, Folder, Output, conduct, limits, space};
+use super::{CtlAt, Extras, Folder, Output, conduct, disk_space, resource_limits};
 use crate::compose::{Composition, compose_again};
 use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
@@ -27,7 +27,7 @@ use tokio::sync::mpsc;
 pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result<ExitCode, Report> {
     let folder = Folder::of_run(dir)?;
     let (_, stored) = Config::load_resolved(&dir.join("config.json"))?;
-    let ended = evidence::summed_up(dir)?;
+    let ended = evidence::summary_hash(dir)?;
     let mut damage: Vec<String> = files::changed(dir);
     damage.iter_mut().for_each(|what| what.push_str("; the run goes on with what can be read"));
     let mut reaches = ended.is_none();
@@ -37,7 +37,7 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
         past.on(line);
     };
     let journal = Journal::resume(dir, lines).map_err(journal_error)?;
-    evidence::agrees(dir, &past, &stored.value)?;
+    evidence::check_config(dir, &past, &stored.value)?;
     if let Some(hash) = ended.filter(|_| !reaches) {
         return Err(evidence::cut_off(dir, &hash).into());
     }
@@ -45,7 +45,7 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
     for assignment in set {
         source.set(assignment)?;
     }
-    space::to_begin(Some(dir))?;
+    disk_space::check(Some(dir))?;
     let composition = compose_again(Config::from_source(&source)?, &source)?;
     for (r, model) in composition.config.robot.iter().zip(composition.scene.robots()) {
         let file = ring::file(dir, &r.name);
@@ -62,10 +62,10 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
             ));
         }
     }
-    let mut composition = stand(composition, source, &past)?;
+    let mut composition = place_simulated(composition, source, &past)?;
     let (scene, missing) = past.world(composition.scene);
     composition.scene = scene;
-    limits::check(&composition.config, ctl)?;
+    resource_limits::check(&composition.config, ctl)?;
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }
@@ -79,7 +79,7 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
 }
 
 /// Places simulated robots at their last recorded configurations. Real robots are where they are.
-fn stand(composition: Composition, mut source: Source, past: &Past) -> Result<Composition, Report> {
+fn place_simulated(composition: Composition, mut source: Source, past: &Past) -> Result<Composition, Report> {
     let mut moved = false;
     for (i, (setup, model)) in composition.robots.iter().zip(composition.scene.robots()).enumerate() {
         let RobotSetup { name, .. } = setup;

@@ -1,13 +1,13 @@
 //! The sinks of a run's entries: each behind a queue and on a thread of its own.
 
 use super::BUILD;
+use super::disk_space::DiskSpace;
+use super::event_printer::{EventPrinter, TerminalSettings};
 use super::folder::Folder;
-use super::guarded::Guarded;
-use super::log::SCENES;
+use super::log::SCENE_INTERVAL;
 use super::progress::Bar;
-use super::said::{Said, Talk};
-use super::space::Room;
-use super::switched::Switched;
+use super::record_switch::RecordSwitch;
+use super::space_guard::SpaceGuard;
 use crate::config::{ClockMode, Config, RobotConfig};
 use crate::narrate::Narrator;
 use mobee_actors::record::journal::Journal;
@@ -22,11 +22,11 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// Maximum number of entries that wait for a sink's thread.
-pub(crate) const QUEUE: usize = 8192;
+pub(crate) const QUEUE_ENTRIES: usize = 8192;
 /// Time limit for writing one entry at the end; a disk that takes longer is considered dead.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
+pub(crate) const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
 /// The same for a viewer or terminal, which must not delay the end.
-const IMPATIENCE: Duration = Duration::from_secs(3);
+const VIEWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The name of the viewer's sink.
 pub(super) const VIEWER: &str = "viewer";
@@ -41,8 +41,8 @@ pub(super) fn journal(journal: &Journal) -> SinkSpec {
         name: "journal".into(),
         essential: true,
         poses: None,
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(Arc::new(move || journal.is_in_place().map(|()| journal.sink()))),
     }
 }
@@ -57,8 +57,8 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
         name: "poses".into(),
         essential: false,
         poses: Some(Duration::ZERO),
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _))),
     })
 }
@@ -69,8 +69,8 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
 /// # Errors
 /// If the file can't be written.
 pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Result<Option<SinkSpec>, String> {
-    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
-        eprintln!("warning: the measured poses of this run are not kept: {why}");
+    if let Some(why) = DiskSpace::at(folder.path()).and_then(DiskSpace::too_little_to_record) {
+        eprintln!("warning: the measured poses of this run are not stored: {why}");
         return Ok(None);
     }
     let robots = config.robot.iter().zip(motors);
@@ -82,11 +82,11 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
         name: "track".into(),
         essential: false,
         poses: Some(Duration::ZERO),
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(Arc::new(move || {
-            Room::at(&dir).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
-            Ok(Box::new(Guarded::new(tracks.sink(), dir.clone())))
+            DiskSpace::at(&dir).and_then(DiskSpace::too_little_to_record).map_or(Ok(()), Err)?;
+            Ok(Box::new(SpaceGuard::new(tracks.sink(), dir.clone())))
         })),
     }))
 }
@@ -97,12 +97,12 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
 /// # Errors
 /// If the file can't be written.
 pub(super) fn frames(config: &Config, folder: &Folder, damage: &mut Vec<String>) -> Result<Option<SinkSpec>, String> {
-    let cameras = config.kept_cameras();
+    let cameras = config.stored_cameras();
     if cameras.is_empty() {
         return Ok(None);
     }
-    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
-        eprintln!("warning: the frames of this run are not kept: {why}");
+    if let Some(why) = DiskSpace::at(folder.path()).and_then(DiskSpace::too_little_to_record) {
+        eprintln!("warning: the frames of this run are not stored: {why}");
         return Ok(None);
     }
     let frames = KeptFrames::open(folder.path(), &cameras)?;
@@ -113,26 +113,28 @@ pub(super) fn frames(config: &Config, folder: &Folder, damage: &mut Vec<String>)
         name: "frames".into(),
         essential: false,
         poses: None,
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(Arc::new(move || {
-            Room::at(&dir).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
-            Ok(Box::new(Guarded::new(frames.sink(), dir.clone())))
+            DiskSpace::at(&dir).and_then(DiskSpace::too_little_to_record).map_or(Ok(()), Err)?;
+            Ok(Box::new(SpaceGuard::new(frames.sink(), dir.clone())))
         })),
     }))
 }
 
 /// The events as lines on the terminal.
-pub(super) fn terminal(bar: Bar, talk: Talk, scene: &Arc<Scene>) -> SinkSpec {
+pub(super) fn terminal(bar: Bar, settings: TerminalSettings, scene: &Arc<Scene>) -> SinkSpec {
     let scene = scene.clone();
     SinkSpec {
         pictures: Pictures::None,
         name: TERMINAL.into(),
         essential: false,
-        poses: Some(SCENES),
-        capacity: QUEUE,
-        patience: IMPATIENCE,
-        open: Some(Arc::new(move || Ok(Box::new(Said::new(bar.clone(), talk.clone(), Narrator::new(&scene)))))),
+        poses: Some(SCENE_INTERVAL),
+        capacity: QUEUE_ENTRIES,
+        patience: VIEWER_TIMEOUT,
+        open: Some(Arc::new(move || {
+            Ok(Box::new(EventPrinter::new(bar.clone(), settings.clone(), Narrator::new(&scene))))
+        })),
     }
 }
 
@@ -146,7 +148,7 @@ pub(super) fn recorder(
     if !config.record.enabled {
         return None;
     }
-    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
+    if let Some(why) = DiskSpace::at(folder.path()).and_then(DiskSpace::too_little_to_record) {
         eprintln!("warning: there is no recording of this run: {why}");
         return None;
     }
@@ -154,12 +156,12 @@ pub(super) fn recorder(
     let dir = folder.clone();
     let open = given.unwrap_or_else(|| {
         Arc::new(move || {
-            Room::at(dir.path()).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
+            DiskSpace::at(dir.path()).and_then(DiskSpace::too_little_to_record).map_or(Ok(()), Err)?;
             // a recorder that is opened again must not overwrite the earlier file
             let settings = mobee_recorder::Settings { path: dir.unused("recording", "rrd"), ..settings.clone() };
             let recorder = Recorder::new(&settings).map_err(|e| e.to_string())?;
-            let switched = Switched::new(recorder, recording.clone());
-            Ok(Box::new(Guarded::new(Box::new(switched), dir.path().to_owned())))
+            let switched = RecordSwitch::new(recorder, recording.clone());
+            Ok(Box::new(SpaceGuard::new(Box::new(switched), dir.path().to_owned())))
         })
     });
     Some(SinkSpec {
@@ -167,8 +169,8 @@ pub(super) fn recorder(
         name: "recorder".into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(open),
     })
 }
@@ -186,8 +188,8 @@ pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
         name: VIEWER.into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
-        capacity: QUEUE,
-        patience: IMPATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: VIEWER_TIMEOUT,
         open,
     })
 }

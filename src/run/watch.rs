@@ -7,7 +7,7 @@
 
 use crate::compose::Composition;
 use crate::config::{Config, Source};
-use crate::ctl::offer::{self, Wanted, WantedBridge, Which};
+use crate::ctl::swap_offer::{self, Wanted, WantedBridge, Which};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
@@ -20,9 +20,9 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
 /// Interval between two looks at the files.
-const LOOK: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Time for which the files must be unchanged: editors write in several steps.
-const STILL: Duration = Duration::from_millis(300);
+const QUIET_TIME: Duration = Duration::from_millis(300);
 
 /// Watches the files of a running configuration.
 #[derive(Clone)]
@@ -34,7 +34,7 @@ pub struct WatchService {
     bridges: Vec<String>,
     world: Option<PathBuf>,
     /// Hash of the world's file when the run began.
-    world_print: u64,
+    world_hash: u64,
     controls: mpsc::Sender<Control>,
 }
 
@@ -50,8 +50,8 @@ impl WatchService {
         let bridges = composition.bridge_names();
         let world = config.world.file.as_ref().map(|file| Config::beside(&source, file));
         let running = serde_json::to_value(config).unwrap_or_default();
-        let world_print = print_of(world.as_slice());
-        WatchService { set: set.to_vec(), source, running, bridges, world, world_print, controls }
+        let world_hash = hash_of(world.as_slice());
+        WatchService { set: set.to_vec(), source, running, bridges, world, world_hash, controls }
     }
 
     /// The files that the configuration was read from, and its world.
@@ -70,7 +70,7 @@ impl WatchService {
         let bridges = self.bridges.clone();
         let models = running.models();
         let names: Vec<String> = running.robots().iter().map(|r| r.name().to_owned()).collect();
-        if print_of(self.world.as_slice()) != self.world_print {
+        if hash_of(self.world.as_slice()) != self.world_hash {
             let file = self.world.clone().unwrap_or_default();
             let file = file.display();
             return Err(format!(
@@ -92,12 +92,12 @@ impl WatchService {
             for (name, part) in changes.swaps {
                 let offered = if part == SwapPart::Bridge {
                     let which = Which::At(bridges.iter().position(|b| *b == name).unwrap_or_default());
-                    offer::take_bridge(config.clone(), &source, &WantedBridge { which, models: &models, terms })?
+                    swap_offer::take_bridge(config.clone(), &source, &WantedBridge { which, models: &models, terms })?
                 } else {
                     let model = names.iter().position(|n| *n == name).and_then(|i| models.get(i));
                     let model = model.ok_or_else(|| format!("there is no robot {name} in this run"))?;
                     let wanted = Wanted { part, name: &name, model, fresh: false, terms };
-                    offer::take(config.clone(), &source, &wanted)?
+                    swap_offer::take(config.clone(), &source, &wanted)?
                 };
                 offers.push((name, part, offered));
             }
@@ -110,11 +110,11 @@ impl WatchService {
         for (name, part, offered) in offers {
             let (reply, taken) = oneshot::channel();
             self.controls.send(offered.control(name.clone(), reply)).await.map_err(|_| "the run is ending")?;
-            let said = |why: &str| format!("{name}.{part}: {why}");
-            taken.await.map_err(|_| said("the run is ending"))?.map_err(|why| said(&why))?;
+            let failure = |why: &str| format!("{name}.{part}: {why}");
+            taken.await.map_err(|_| failure("the run is ending"))?.map_err(|why| failure(&why))?;
             match self.last_step(&name, part, running).await? {
-                SwapStep::Settled => put(&mut self.running, &now, &self.bridges, &name, part),
-                step => return Err(said(&step.to_string())),
+                SwapStep::Settled => record_swap(&mut self.running, &now, &self.bridges, &name, part),
+                step => return Err(failure(&step.to_string())),
             }
             done.push(format!("{name}.{part} is exchanged"));
         }
@@ -123,10 +123,10 @@ impl WatchService {
 
     /// Waits for the last step of a swap. An edit during the wait is announced at once, and applied after it.
     async fn last_step(&self, name: &str, part: SwapPart, running: &Arc<dyn Running>) -> Result<SwapStep, String> {
-        let before = print_of(&self.files());
+        let before = hash_of(&self.files());
         let mut answered = false;
         loop {
-            if !answered && print_of(&self.files()) != before {
+            if !answered && hash_of(&self.files()) != before {
                 answered = true;
                 let text = format!(
                     "the configuration was edited while the swap of {name}.{part} is under way: the edit is taken up once that has ended"
@@ -138,7 +138,7 @@ impl WatchService {
             let report = report.await.map_err(|_| "the run is ending")?;
             match report.swap(name, part) {
                 Some(step) if step.is_last() => return Ok(step.clone()),
-                _ => tokio::time::sleep(LOOK).await,
+                _ => tokio::time::sleep(POLL_INTERVAL).await,
             }
         }
     }
@@ -157,11 +157,11 @@ impl Service for WatchService {
         Box::pin(async move {
             // each edit that is applied changes the running configuration
             let mut own = (*self).clone();
-            let mut debounce = Debounce::new(print_of(&own.files()));
+            let mut debounce = Debounce::new(hash_of(&own.files()));
             let watch = async {
                 loop {
-                    tokio::time::sleep(LOOK).await;
-                    if !debounce.look(running.now(), print_of(&own.files())) {
+                    tokio::time::sleep(POLL_INTERVAL).await;
+                    if !debounce.has_settled(running.now(), hash_of(&own.files())) {
                         continue;
                     }
                     let text = match own.reload(&running).await {
@@ -181,7 +181,7 @@ impl Service for WatchService {
 }
 
 /// Hash of the contents of the files; a file that can't be read counts as well.
-fn print_of(files: &[PathBuf]) -> u64 {
+fn hash_of(files: &[PathBuf]) -> u64 {
     let mut hasher = DefaultHasher::new();
     files.iter().for_each(|file| read(file, MIB).ok().hash(&mut hasher));
     hasher.finish()
@@ -195,21 +195,21 @@ struct Debounce {
 }
 
 impl Debounce {
-    fn new(print: u64) -> Debounce {
-        Debounce { taken: print, pending: None }
+    fn new(hash: u64) -> Debounce {
+        Debounce { taken: hash, pending: None }
     }
 
-    /// True if this hash is new and has been the same for [`STILL`].
-    fn look(&mut self, now: Time, print: u64) -> bool {
+    /// True if this hash is new and has been the same for [`QUIET_TIME`].
+    fn has_settled(&mut self, now: Time, hash: u64) -> bool {
         match self.pending {
-            _ if print == self.taken => self.pending = None,
-            Some((seen, since)) if seen == print => {
-                if now.since(since) >= STILL {
-                    (self.taken, self.pending) = (print, None);
+            _ if hash == self.taken => self.pending = None,
+            Some((seen, since)) if seen == hash => {
+                if now.since(since) >= QUIET_TIME {
+                    (self.taken, self.pending) = (hash, None);
                     return true;
                 }
             }
-            _ => self.pending = Some((print, now)),
+            _ => self.pending = Some((hash, now)),
         }
         false
     }
@@ -281,7 +281,7 @@ fn differing(old: &Value, new: &Value) -> Vec<String> {
 }
 
 /// Records that a part is now as in the new configuration; `names` are those of the bridges.
-fn put(running: &mut Value, new: &Value, names: &[String], name: &str, part: SwapPart) {
+fn record_swap(running: &mut Value, new: &Value, names: &[String], name: &str, part: SwapPart) {
     if part == SwapPart::Bridge {
         let place = bridges(new).into_iter().zip(names).find(|(_, n)| *n == name);
         match place {
@@ -308,14 +308,14 @@ mod tests {
         let at = |ms: u64| Time(ms * 1_000_000);
         let mut debounce = Debounce::new(1);
         // half-written, then written on, then still
-        for (ms, print, counts) in
+        for (ms, hash, counts) in
             [(0, 1, false), (200, 2, false), (400, 3, false), (600, 3, false), (800, 3, true), (1000, 3, false)]
         {
-            assert_eq!(debounce.look(at(ms), print), counts, "at {ms} ms");
+            assert_eq!(debounce.has_settled(at(ms), hash), counts, "at {ms} ms");
         }
         // changed back in time: nothing happened
-        for (ms, print) in [(1200, 4), (1400, 3), (1600, 4), (1800, 3), (2000, 3)] {
-            assert!(!debounce.look(at(ms), print), "at {ms} ms");
+        for (ms, hash) in [(1200, 4), (1400, 3), (1600, 4), (1800, 3), (2000, 3)] {
+            assert!(!debounce.has_settled(at(ms), hash), "at {ms} ms");
         }
     }
 
@@ -346,7 +346,7 @@ mod tests {
         let mut new = config.clone();
         new["robot"][0]["agent"]["speed"] = json!(0.3);
         let mut running = config.clone();
-        put(&mut running, &new, &[], "left", SwapPart::Agent);
+        record_swap(&mut running, &new, &[], "left", SwapPart::Agent);
         assert_eq!(running, new);
     }
 
@@ -368,7 +368,7 @@ mod tests {
             let (changes, new) = edited(key, value);
             assert_eq!(changes, Changes { swaps: vec![(name.to_owned(), SwapPart::Bridge)], restart: Vec::new() });
             let mut running = config.clone();
-            put(&mut running, &new, &names, name, SwapPart::Bridge);
+            record_swap(&mut running, &new, &names, name, SwapPart::Bridge);
             assert_eq!(running, new);
         }
         for (key, value) in [("/yarp", Value::Null), ("/bridge", json!([{ "kind": "yarp" }]))] {

@@ -1,6 +1,6 @@
 //! The boards of a robot under torture: simulated ones with direct access, or behind YARP over a simulated wire.
 
-use super::faults::What;
+use super::faults::FaultAction;
 use super::plan::Planned;
 use crate::config::{Config, ConfigError, RobotConfig, Source, simulated};
 use mobee_contract::{Context, Hardware, KindError, Time};
@@ -99,15 +99,15 @@ impl Boards {
     }
 
     /// Plans a fault if it is one of a board or a wire of this robot.
-    pub fn suffer(&self, this: usize, Planned { at, what }: &Planned) {
+    pub fn plan_fault(&self, this: usize, Planned { at, what }: &Planned) {
         match (what, self) {
-            (What::Board { robot, fault, lasts, .. }, Boards::Sim(hardware)) if *robot == this => {
+            (FaultAction::Board { robot, fault, lasts, .. }, Boards::Sim(hardware)) if *robot == this => {
                 hardware.faults().plan(fault.clone(), *at, *at + *lasts);
             }
-            (What::Board { robot, fault, lasts, .. }, Boards::Yarp(hardware)) if *robot == this => {
+            (FaultAction::Board { robot, fault, lasts, .. }, Boards::Yarp(hardware)) if *robot == this => {
                 hardware.plan_hardware(fault, *at, *at + *lasts);
             }
-            (What::Wire { robot, board, fault, lasts }, Boards::Yarp(hardware)) if *robot == this => {
+            (FaultAction::Wire { robot, board, fault, lasts }, Boards::Yarp(hardware)) if *robot == this => {
                 hardware.plan(*board, *fault, *at, *at + *lasts);
             }
             _ => {}

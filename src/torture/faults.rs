@@ -78,7 +78,7 @@ const LATER: [&str; 4] = ["F24", "F29", "F31", "F32"];
 
 /// A fault of a plan.
 #[derive(Clone, Debug, PartialEq)]
-pub enum What {
+pub enum FaultAction {
     /// F1 and F3.
     Strike {
         /// The actor.
@@ -174,55 +174,55 @@ pub enum What {
     },
 }
 
-impl What {
+impl FaultAction {
     /// The name of its fault kind.
     pub fn kind(&self) -> &'static str {
         match self {
-            What::Strike { blow: Blow::Panic, .. } => "F1",
-            What::Strike { .. } => "F3",
-            What::Kill(_) => "F2",
-            What::Storm { .. } => "F5",
-            What::Lose { .. } => "F6",
-            What::Board { kind, .. } | What::Commit { kind, .. } => kind,
-            What::Wire { .. } => WIRES,
-            What::Suspend(_) => "F14",
-            What::Edits(_) => "F18",
-            What::Obstruct { .. } => "F19",
-            What::Swap(Swap { part: SwapPart::Agent, .. }) => "F21",
-            What::Swap(_) => "F22",
-            What::ShortHistory(_) => "F23",
-            What::Sight { .. } | What::Blind { .. } => "F24",
+            FaultAction::Strike { blow: Blow::Panic, .. } => "F1",
+            FaultAction::Strike { .. } => "F3",
+            FaultAction::Kill(_) => "F2",
+            FaultAction::Storm { .. } => "F5",
+            FaultAction::Lose { .. } => "F6",
+            FaultAction::Board { kind, .. } | FaultAction::Commit { kind, .. } => kind,
+            FaultAction::Wire { .. } => WIRES,
+            FaultAction::Suspend(_) => "F14",
+            FaultAction::Edits(_) => "F18",
+            FaultAction::Obstruct { .. } => "F19",
+            FaultAction::Swap(Swap { part: SwapPart::Agent, .. }) => "F21",
+            FaultAction::Swap(_) => "F22",
+            FaultAction::ShortHistory(_) => "F23",
+            FaultAction::Sight { .. } | FaultAction::Blind { .. } => "F24",
         }
     }
 }
 
-impl fmt::Display for What {
+impl fmt::Display for FaultAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: ", self.kind())?;
         match self {
-            What::Strike { actor, after, blow } => write!(f, "{blow} in {actor} after {after} messages"),
-            What::Kill(actor) => write!(f, "{actor} is killed"),
-            What::Storm { actor, kills } => write!(f, "{actor} is killed {kills} times"),
-            What::Lose { link, count } => write!(f, "{count} pulses are lost on {link}"),
-            What::Board { robot, fault, lasts, .. } => {
+            FaultAction::Strike { actor, after, blow } => write!(f, "{blow} in {actor} after {after} messages"),
+            FaultAction::Kill(actor) => write!(f, "{actor} is killed"),
+            FaultAction::Storm { actor, kills } => write!(f, "{actor} is killed {kills} times"),
+            FaultAction::Lose { link, count } => write!(f, "{count} pulses are lost on {link}"),
+            FaultAction::Board { robot, fault, lasts, .. } => {
                 write!(f, "the board of robot {robot} for {:.3} s: {fault:?}", lasts.as_secs_f64())
             }
-            What::Wire { robot, board, fault, lasts } => {
+            FaultAction::Wire { robot, board, fault, lasts } => {
                 write!(f, "board {board} of robot {robot} for {:.3} s: {fault}", lasts.as_secs_f64())
             }
-            What::Commit { robot, target, times, .. } => write!(f, "{times} commits to {robot}: {target:?}"),
-            What::Suspend(time) => write!(f, "suspended for {:.3} s", time.as_secs_f64()),
-            What::Edits(n) => write!(f, "{n} edits of the world at once"),
-            What::Obstruct { object, robot, spot, lasts } => {
+            FaultAction::Commit { robot, target, times, .. } => write!(f, "{times} commits to {robot}: {target:?}"),
+            FaultAction::Suspend(time) => write!(f, "suspended for {:.3} s", time.as_secs_f64()),
+            FaultAction::Edits(n) => write!(f, "{n} edits of the world at once"),
+            FaultAction::Obstruct { object, robot, spot, lasts } => {
                 write!(f, "{object} is on the way of {robot} for {:.3} s: {spot:?}", lasts.as_secs_f64())
             }
-            What::Swap(swap) => write!(f, "{swap}"),
-            What::ShortHistory(poses) => write!(f, "a history of {poses} poses"),
-            What::Sight { sensor, fault, lasts } => {
+            FaultAction::Swap(swap) => write!(f, "{swap}"),
+            FaultAction::ShortHistory(poses) => write!(f, "a history of {poses} poses"),
+            FaultAction::Sight { sensor, fault, lasts } => {
                 write!(f, "sensor {sensor} for {:.3} s: {fault}", lasts.as_secs_f64())
             }
-            What::Blind { actor, blow: Some(blow) } => write!(f, "{blow} in {actor}"),
-            What::Blind { actor, blow: None } => write!(f, "{actor} is killed"),
+            FaultAction::Blind { actor, blow: Some(blow) } => write!(f, "{blow} in {actor}"),
+            FaultAction::Blind { actor, blow: None } => write!(f, "{actor} is killed"),
         }
     }
 }

@@ -3,11 +3,11 @@
 use mobee_contract::Time;
 
 /// Interval between samples, seconds of the run.
-const EVERY: f64 = 60.0;
+const SAMPLE_INTERVAL_S: f64 = 60.0;
 /// Share of a run in which maps, queues and histories fill.
-const WARM: f64 = 0.25;
+const WARMUP_SHARE: f64 = 0.25;
 /// Minimum number of samples for a slope.
-const LEAST: usize = 60;
+const MIN_SAMPLES: usize = 60;
 
 /// The resident memory of the process over a run.
 #[derive(Debug, Default)]
@@ -17,8 +17,8 @@ pub struct Memory {
 
 impl Memory {
     /// Takes a sample if one is due. Does nothing without `/proc`.
-    pub fn look(&mut self, at: Time) {
-        if self.samples.last().is_some_and(|(last, _)| at.secs() < last + EVERY) {
+    pub fn sample(&mut self, at: Time) {
+        if self.samples.last().is_some_and(|(last, _)| at.secs() < last + SAMPLE_INTERVAL_S) {
             return;
         }
         let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -30,8 +30,8 @@ impl Memory {
     /// Growth after the warm-up, megabytes per hour of the run, by least squares. `None` for short runs.
     pub fn slope(&self) -> Option<f64> {
         let end = self.samples.last()?.0;
-        let warm: Vec<_> = self.samples.iter().filter(|(at, _)| *at >= WARM * end).collect();
-        if warm.len() < LEAST {
+        let warm: Vec<_> = self.samples.iter().filter(|(at, _)| *at >= WARMUP_SHARE * end).collect();
+        if warm.len() < MIN_SAMPLES {
             return None;
         }
         let n = warm.len() as f64;

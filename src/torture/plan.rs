@@ -3,7 +3,7 @@
 //! Faults come in clusters: for a few seconds one actor, link or robot has the same fault repeatedly. Evenly spread
 //! faults would miss errors in a recovery that is under way. Then all faults are healed, and progress is required.
 
-use super::faults::{WIRES, What};
+use super::faults::{FaultAction, WIRES};
 use super::sight::SightFault;
 use super::swaps::{Flaw, Swap};
 use super::wires;
@@ -37,11 +37,11 @@ pub struct Planned {
     /// Time of the fault.
     pub at: Time,
     /// The fault.
-    pub what: What,
+    pub what: FaultAction,
 }
 
 /// Kills and panics per minute of a run; more could use up a group's restarts, which is another fault (F5).
-const DEATHS: u32 = 6;
+const MAX_DEATHS_PER_MIN: u32 = 6;
 /// The parts of a robot's controller and its agent.
 const ACTORS: [&str; 5] = ["driver", "history", "supervise", "reflex", "agent"];
 
@@ -122,49 +122,49 @@ impl Planner<'_> {
         }
     }
 
-    fn died_enough(&self) -> bool {
-        f64::from(self.deaths) >= f64::from(DEATHS) * (self.facts.secs / 60.0).max(1.0)
+    fn is_death_limit_reached(&self) -> bool {
+        f64::from(self.deaths) >= f64::from(MAX_DEATHS_PER_MIN) * (self.facts.secs / 60.0).max(1.0)
     }
 
     fn fault(&mut self, kind: &'static str, at: Time, robot: usize, name: &str, actor: &str, link: &str) {
         let what = match kind {
-            "F1" | "F2" if self.died_enough() => return,
+            "F1" | "F2" if self.is_death_limit_reached() => return,
             "F1" => {
                 self.deaths += 1;
-                What::Strike { actor: actor.into(), after: self.rng.random_range(0..50), blow: Blow::Panic }
+                FaultAction::Strike { actor: actor.into(), after: self.rng.random_range(0..50), blow: Blow::Panic }
             }
             "F2" => {
                 self.deaths += 1;
-                What::Kill(actor.into())
+                FaultAction::Kill(actor.into())
             }
             "F3" => {
                 let blow = Blow::Stall(self.secs(0.01, 1.5));
-                What::Strike { actor: actor.into(), after: self.rng.random_range(0..20), blow }
+                FaultAction::Strike { actor: actor.into(), after: self.rng.random_range(0..20), blow }
             }
-            "F5" => What::Storm { actor: actor.into(), kills: 12 },
-            "F6" if self.rng.random() => What::Lose { link: link.into(), count: self.rng.random_range(1..60) },
+            "F5" => FaultAction::Storm { actor: actor.into(), kills: 12 },
+            "F6" if self.rng.random() => FaultAction::Lose { link: link.into(), count: self.rng.random_range(1..60) },
             "F19" => return self.obstruct(at, name),
-            "F14" => What::Suspend(self.secs(0.05, 30.0)),
-            "F18" if self.rng.random() => What::Edits(self.rng.random_range(10..100)),
+            "F14" => FaultAction::Suspend(self.secs(0.05, 30.0)),
+            "F18" if self.rng.random() => FaultAction::Edits(self.rng.random_range(10..100)),
             "F8" if self.rng.random() => {
-                let target = self.nonsense(robot);
-                What::Commit { kind, robot: name.into(), target, times: 1 }
+                let target = self.invalid_target(robot);
+                FaultAction::Commit { kind, robot: name.into(), target, times: 1 }
             }
             "F18" | "F20" => {
                 let times = if kind == "F18" { self.rng.random_range(50..500) } else { 1 };
                 let other = self.rng.random_range(0..self.facts.robots.len());
                 let target = self.target(other);
-                What::Commit { kind, robot: self.facts.robots[other].0.clone(), target, times }
+                FaultAction::Commit { kind, robot: self.facts.robots[other].0.clone(), target, times }
             }
-            "F21" | "F22" => What::Swap(self.swap(kind)),
+            "F21" | "F22" => FaultAction::Swap(self.swap(kind)),
             "F24" => match self.sight() {
-                Some(What::Sight { sensor, fault, lasts }) => {
-                    What::Sight { sensor, fault, lasts: lasts.min(self.facts.healed().since(at)) }
+                Some(FaultAction::Sight { sensor, fault, lasts }) => {
+                    FaultAction::Sight { sensor, fault, lasts: lasts.min(self.facts.healed().since(at)) }
                 }
                 Some(other) => other,
                 None => return,
             },
-            "F23" => What::ShortHistory(self.rng.random_range(60..400)),
+            "F23" => FaultAction::ShortHistory(self.rng.random_range(60..400)),
             "F6" | "F7" | "F8" | "F11" | "F12" | "F29" | "F31" | "F32" => {
                 let (fault, lasts) = match kind {
                     "F29" => self.freeze(),
@@ -173,7 +173,7 @@ impl Planner<'_> {
                     _ => self.board(kind, robot),
                 };
                 let most = self.facts.healed().since(at);
-                What::Board { kind, robot, fault, lasts: lasts.min(most) }
+                FaultAction::Board { kind, robot, fault, lasts: lasts.min(most) }
             }
             // not planned; a test detects such kinds
             _ => return,
@@ -224,10 +224,10 @@ impl Planner<'_> {
     }
 
     /// A sensor that is wrong, or one of its actors that fails; `None` without sensors.
-    fn sight(&mut self) -> Option<What> {
+    fn sight(&mut self) -> Option<FaultAction> {
         let sensor = self.rng.random_range(0..self.facts.sensors.len().max(1));
         let actors = self.facts.sensors.get(sensor)?;
-        if self.rng.random_range(0..4) == 0 && !self.died_enough() {
+        if self.rng.random_range(0..4) == 0 && !self.is_death_limit_reached() {
             self.deaths += 1;
             let actor = actors.get(self.rng.random_range(0..actors.len().max(1)))?.clone();
             let blow = match self.rng.random_range(0..3) {
@@ -235,7 +235,7 @@ impl Planner<'_> {
                 1 => Some(Blow::Panic),
                 _ => Some(Blow::Stall(self.secs(0.01, 1.5))),
             };
-            return Some(What::Blind { actor, blow });
+            return Some(FaultAction::Blind { actor, blow });
         }
         let mut within = |most: f64| self.rng.random_range(-most..most);
         let off = [within(80.0), within(50.0)];
@@ -246,7 +246,7 @@ impl Planner<'_> {
             3 => SightFault::Nonsense,
             _ => SightFault::Far { by: self.rng.random_range(0.02..0.6) },
         };
-        Some(What::Sight { sensor, fault, lasts: self.secs(0.05, 6.0) })
+        Some(FaultAction::Sight { sensor, fault, lasts: self.secs(0.05, 6.0) })
     }
 
     fn obstruct(&mut self, at: Time, robot: &str) {
@@ -260,7 +260,7 @@ impl Planner<'_> {
             radius: self.rng.random_range(0.005..0.06),
         };
         let lasts = self.secs(0.2, 12.0).min(self.facts.healed().since(at));
-        self.all.push(Planned { at, what: What::Obstruct { object, robot: robot.into(), spot, lasts } });
+        self.all.push(Planned { at, what: FaultAction::Obstruct { object, robot: robot.into(), spot, lasts } });
     }
 
     /// A swap of a part of some robot.
@@ -313,7 +313,7 @@ impl Planner<'_> {
     }
 
     /// A target that every filter should refuse.
-    fn nonsense(&mut self, robot: usize) -> Target {
+    fn invalid_target(&mut self, robot: usize) -> Target {
         let mut target = self.target(robot);
         let limits = self.facts.robots[robot].1.first().copied().unwrap_or_default();
         (target.motors, target.q) = (vec![0], vec![limits.0]);
@@ -359,10 +359,10 @@ mod tests {
             assert!(planned.is_sorted_by_key(|p| p.at));
             for p in &planned {
                 let lasts = match &p.what {
-                    What::Board { lasts, .. }
-                    | What::Wire { lasts, .. }
-                    | What::Obstruct { lasts, .. }
-                    | What::Sight { lasts, .. } => *lasts,
+                    FaultAction::Board { lasts, .. }
+                    | FaultAction::Wire { lasts, .. }
+                    | FaultAction::Obstruct { lasts, .. }
+                    | FaultAction::Sight { lasts, .. } => *lasts,
                     _ => Duration::ZERO,
                 };
                 assert!(p.at + lasts <= facts.healed(), "seed {seed}: {p:?}");

@@ -8,7 +8,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Minimum number of seeds for which shares are meaningful.
-const ENOUGH: u64 = 50;
+const MIN_SEEDS: u64 = 50;
 
 /// Share in percent.
 fn share(part: u64, of: u64) -> f64 {
@@ -111,7 +111,7 @@ impl Tally {
 
     /// True if more commits ended as faulted than the behavior allows. Always false for a few seeds.
     pub fn is_over(&self) -> bool {
-        self.seeds >= ENOUGH && self.most_faulted.is_some_and(|most| self.faulted_share() > most)
+        self.seeds >= MIN_SEEDS && self.most_faulted.is_some_and(|most| self.faulted_share() > most)
     }
 
     /// Ratio of simulated to wall-clock time.

@@ -1,6 +1,6 @@
 //! F24: faults of the cameras and locators of a run, and a check of the model's objects under them (I33).
 
-use super::faults::What;
+use super::faults::FaultAction;
 use super::plan::Planned;
 use mobee_actors::record::names::{CAMERA, DETECTOR, LOCATOR};
 use mobee_actors::system::{CameraSetup, PartMaker, SensorSetup, TruthCell};
@@ -17,9 +17,9 @@ use std::time::Duration;
 
 /// Maximum distance of an object in the model from its true place, meters, in addition to the gate's jump: the greatest
 /// error of a run without faults, in which the object appears at an image's border.
-const OFF: f64 = 0.05;
+const MAX_ERROR_M: f64 = 0.05;
 /// Time for which the model may have a moved object at its former place.
-const LATE: Duration = Duration::from_secs(2);
+const MAX_LAG: Duration = Duration::from_secs(2);
 
 /// A fault of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,7 +49,7 @@ impl fmt::Display for SightFault {
             SightFault::Blind => f.write_str("it sees nothing"),
             SightFault::Twice { off: [x, y] } => write!(f, "it sees everything twice, {x:.0} by {y:.0} pixels away"),
             SightFault::Elsewhere => f.write_str("it sees things anywhere"),
-            SightFault::Nonsense => f.write_str("it tells numbers that are none"),
+            SightFault::Nonsense => f.write_str("it returns invalid numbers"),
             SightFault::Far { by } => write!(f, "its locator is off by up to {by:.2} m"),
         }
     }
@@ -76,10 +76,10 @@ pub fn actors(sensor: &SensorSetup) -> Vec<String> {
 }
 
 /// Wraps the detectors and locators of the sensors that have planned faults.
-pub fn befall(sensors: &mut [SensorSetup], planned: &[Planned], seed: u64) {
+pub fn install_faults(sensors: &mut [SensorSetup], planned: &[Planned], seed: u64) {
     for (i, sensor) in sensors.iter_mut().enumerate() {
         let own = planned.iter().filter_map(|Planned { at, what }| match what {
-            What::Sight { sensor, fault, lasts } if *sensor == i => Some((*at, *at + *lasts, *fault)),
+            FaultAction::Sight { sensor, fault, lasts } if *sensor == i => Some((*at, *at + *lasts, *fault)),
             _ => None,
         });
         let faults: Arc<[_]> = own.collect();
@@ -183,7 +183,7 @@ impl Locator for Mistaken<dyn Locator> {
 }
 
 /// A sensor whose gate updates the model.
-struct Judged {
+struct GatedSensor {
     name: String,
     /// The jump that its gate accepts at once, meters.
     jump: f64,
@@ -192,33 +192,33 @@ struct Judged {
 }
 
 /// Compares the positions of objects that sensors report with the true ones.
-pub struct Belief {
+pub struct ObjectChecker {
     truth: Arc<TruthCell>,
-    sensors: Vec<Judged>,
+    sensors: Vec<GatedSensor>,
     /// The true positions of each object, each from a time to a time.
     places: BTreeMap<String, Vec<(Vector3<f64>, Time, Time)>>,
 }
 
-impl Belief {
+impl ObjectChecker {
     /// A comparison for a run with this ground truth, these sensors and these faults.
-    pub fn new(truth: Arc<TruthCell>, sensors: &[SensorSetup], planned: &[Planned]) -> Belief {
+    pub fn new(truth: Arc<TruthCell>, sensors: &[SensorSetup], planned: &[Planned]) -> ObjectChecker {
         let of = |(i, sensor): (usize, &SensorSetup)| {
             let twice = planned.iter().filter_map(|Planned { at, what }| match what {
-                What::Sight { sensor, fault: SightFault::Twice { .. }, lasts } if *sensor == i => {
+                FaultAction::Sight { sensor, fault: SightFault::Twice { .. }, lasts } if *sensor == i => {
                     Some((*at, *at + *lasts))
                 }
                 _ => None,
             });
             let gate = sensor.locator.as_ref().and_then(|locator| locator.gate.as_ref());
-            gate.map(|gate| Judged { name: sensor.name.clone(), jump: gate.jump, twice: twice.collect() })
+            gate.map(|gate| GatedSensor { name: sensor.name.clone(), jump: gate.jump, twice: twice.collect() })
         };
-        Belief { truth, sensors: sensors.iter().enumerate().filter_map(of).collect(), places: BTreeMap::new() }
+        ObjectChecker { truth, sensors: sensors.iter().enumerate().filter_map(of).collect(), places: BTreeMap::new() }
     }
 
     /// Processes an event; returns a violation of I33.
     pub fn event(&mut self, at: Time, event: &Event) -> Option<String> {
         let Event::Located { sensor, exposed, objects, admissions } = event else { return None };
-        let Judged { jump, twice, .. } = self.sensors.iter().find(|judged| judged.name == *sensor)?;
+        let GatedSensor { jump, twice, .. } = self.sensors.iter().find(|judged| judged.name == *sensor)?;
         let truth = self.truth.now()?;
         let mut broken = None;
         for (object, admission) in objects.iter().zip(admissions) {
@@ -229,13 +229,13 @@ impl Belief {
                 Some((_, _, until)) => *until = at,
                 None => places.push((is, at, at)),
             }
-            places.retain(|(_, _, until)| exposed.since(*until) <= LATE);
+            places.retain(|(_, _, until)| exposed.since(*until) <= MAX_LAG);
             let off = |(place, ..): &(Vector3<f64>, Time, Time)| (place - Vector3::from(object.position)).norm();
             let nearest = places.iter().map(off).fold(f64::INFINITY, f64::min);
-            // two detections that appear at once can't be told apart
+            // two detections that appear at once are indistinguishable
             let since = places.last().map_or(at, |(_, since, _)| *since);
-            let is_double = twice.iter().any(|(from, to)| (*from..*to + LATE).contains(exposed) && since >= *from);
-            if *admission == Admission::Moved && nearest > jump + OFF && !is_double {
+            let is_double = twice.iter().any(|(from, to)| (*from..*to + MAX_LAG).contains(exposed) && since >= *from);
+            if *admission == Admission::Moved && nearest > jump + MAX_ERROR_M && !is_double {
                 let name = &object.object;
                 let mm = nearest * 1e3;
                 broken.get_or_insert(format!("{name} is moved to {mm:.0} mm from where it was, at {at}"));

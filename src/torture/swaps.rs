@@ -2,7 +2,7 @@
 //! working or a flawed one.
 
 use crate::config::{Config, Source};
-use crate::ctl::offer::{Offered, Wanted, take};
+use crate::ctl::swap_offer::{Offered, Wanted, take};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_actors::wiring::Maker;
@@ -90,13 +90,13 @@ impl fmt::Display for Swap {
             write!(f, ", {key} = {value}")?;
         }
         match flaw {
-            None if *fresh => f.write_str(", by one that begins anew")?,
+            None if *fresh => f.write_str(", by one with fresh state")?,
             None => {}
-            Some(Flaw::Useless) => f.write_str(", by one that is of no use")?,
+            Some(Flaw::Useless) => f.write_str(", by an unusable one")?,
             Some(Flaw::Breaks) => f.write_str(", by one that breaks")?,
         }
         let [shadow, probation] = [terms.shadow, terms.probation].map(|t| t.as_secs_f64());
-        write!(f, "; it looks on for {shadow:.3} s, and is on probation for {probation:.3} s")
+        write!(f, "; it observes for {shadow:.3} s, and is on probation for {probation:.3} s")
     }
 }
 

@@ -2,10 +2,10 @@
 
 use super::boards::{Boards, Driven};
 use super::counted;
-use super::faults::What;
+use super::faults::FaultAction;
 use super::memory::Memory;
 use super::plan::{Facts, Planned};
-use super::sight::{self, Belief};
+use super::sight::{self, ObjectChecker};
 use super::witness::{Joint, Witness};
 use crate::compose::{compose, derive_seed};
 use crate::config::{ClockMode, Config, RobotConfig, Source};
@@ -26,19 +26,19 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 /// Time for which a run may continue after the faults have healed, a little more than I15 allows.
-const LIVE: Duration = Duration::from_secs(122);
+const RECOVERY_TIME: Duration = Duration::from_secs(122);
 /// Maximum growth of the process, megabytes per hour of the run.
-const GROWS: f64 = 1.0;
+const MAX_GROWTH_MB_PER_H: f64 = 1.0;
 /// A board's fault that is shorter may remain undetected.
-const LASTS: Duration = Duration::from_millis(60);
+const MIN_FAULT_TIME: Duration = Duration::from_millis(60);
 /// Cause of faulted motions whose outcome gives none.
-const UNTOLD: &str = "no cause given";
+const NO_CAUSE: &str = "no cause given";
 /// Cause of faulted escapes: an escape has no retreat, and stops before it makes a contact worse.
 pub(super) const ESCAPE: &str = "escape";
 /// Cause of commits that the end of the run cut off.
 pub(super) const END: &str = "end of run";
 /// The object that floods of edits move, far from everything.
-const FLOODED: &str = "torture";
+const FLOOD_OBJECT: &str = "torture";
 
 /// A behavior under torture.
 pub struct TortureTrial {
@@ -78,7 +78,7 @@ pub struct Ran {
 struct Watch {
     checker: Checker,
     witness: Witness,
-    belief: Belief,
+    objects: ObjectChecker,
     n: u64,
     hash: Fingerprint,
     /// Causes of faulted commits, with their numbers.
@@ -104,7 +104,7 @@ impl Sink for Watch {
             Entry::Event(event) => {
                 self.hash.add(at, event);
                 self.witness.event(at, event);
-                self.witness.found.extend(self.belief.event(at, event).map(|what| ("I33", what)));
+                self.witness.found.extend(self.objects.event(at, event).map(|what| ("I33", what)));
                 if let Event::Died { actor, reason } = &**event {
                     let planned = ["planted", "killed", "used up its restarts"].iter().any(|p| reason.contains(p));
                     if !planned {
@@ -118,7 +118,7 @@ impl Sink for Watch {
                         let why = match self.escapes.get(robot) {
                             Some(true) => ESCAPE,
                             _ if self.ending && *cause == Some(Cause::Asked) => END,
-                            _ => cause.as_ref().map_or(UNTOLD, Cause::word),
+                            _ => cause.as_ref().map_or(NO_CAUSE, Cause::word),
                         };
                         *self.faulted.entry(why).or_default() += 1;
                     }
@@ -148,7 +148,7 @@ impl Sink for Watch {
                 self.witness.pose(*robot, at, q);
                 let truth = |board: &Option<SimHardware>| board.as_ref().map(|board| board.positions(at));
                 if let Some(truth) = self.boards.iter().map(truth).collect::<Option<Vec<_>>>() {
-                    self.witness.really(at, &truth);
+                    self.witness.true_positions(at, &truth);
                 }
             }
             Entry::Picture { .. } => {}
@@ -210,12 +210,12 @@ impl TortureTrial {
         let mut boards = Vec::new();
         for (i, robot) in composed.robots.iter_mut().enumerate() {
             let own = self.boards(i, seed, composed.scene.robots())?;
-            planned.iter().for_each(|p| own.suffer(i, p));
+            planned.iter().for_each(|p| own.plan_fault(i, p));
             robot.hardware = own.hardware();
             robot.hardware.place(&composed.scene, i).map_err(|e| Report::msg(e.to_string()))?;
             boards.push(own);
             for p in planned {
-                if let What::ShortHistory(poses) = p.what {
+                if let FaultAction::ShortHistory(poses) = p.what {
                     robot.controller.history = robot.controller.history.min(poses);
                 }
             }
@@ -223,7 +223,7 @@ impl TortureTrial {
         let mut watch = Watch {
             checker: Checker::default(),
             witness: Witness::default(),
-            belief: Belief::new(composed.truth.clone(), &composed.sensors, planned),
+            objects: ObjectChecker::new(composed.truth.clone(), &composed.sensors, planned),
             n: 0,
             hash: Fingerprint::default(),
             faulted: BTreeMap::new(),
@@ -235,11 +235,11 @@ impl TortureTrial {
             bugs: Vec::new(),
             sinks,
         };
-        sight::befall(&mut composed.sensors, planned, seed);
+        sight::install_faults(&mut composed.sensors, planned, seed);
         watch.witness.board_faults(board_faults(planned, &watch.boards));
         watch.witness.late_boards((0..boards.len()).map(|board| late(planned, board)).collect());
         let watch = Arc::new(Mutex::new(watch));
-        let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);
+        let sample = || watch.lock().unwrap_or_else(PoisonError::into_inner);
         let taps = Taps::in_place(watch.clone());
         let setup = Setup {
             script: composed.script,
@@ -249,11 +249,11 @@ impl TortureTrial {
         };
         let bound = |robot: &RobotConfig| robot.controller.stall_deg.map(f64::to_radians);
         let bounds: Vec<Option<f64>> = self.config.robot.iter().map(bound).collect();
-        let (tell, controls) = mpsc::channel(1);
+        let (stop, controls) = mpsc::channel(1);
         let mut memory = Memory::default();
         let enough = |p: &RunProgress| {
-            memory.look(p.at);
-            let mut watch = look();
+            memory.sample(p.at);
+            let mut watch = sample();
             for (i, board) in boards.iter().enumerate() {
                 watch.witness.speed(i, p.at, board.fastest(p.at));
                 if let (Some(board), Some(bound)) = (board.simulated(), bounds.get(i).copied().flatten()) {
@@ -264,13 +264,13 @@ impl TortureTrial {
             let seen = !watch.witness.found.is_empty() || !watch.bugs.is_empty();
             let broken = watch.checker.violations().iter().any(|v| counted::counts(v, planned)) || seen;
             if broken || (p.at.secs() >= self.facts.secs && !watch.checker.waits()) {
-                let _ = tell.try_send(Control::Stop);
+                let _ = stop.try_send(Control::Stop);
             }
         };
         let healed = self.facts.healed();
-        let limit = healed.since(Time::ZERO) + LIVE;
+        let limit = healed.since(Time::ZERO) + RECOVERY_TIME;
         let swaps = planned.iter().filter_map(|Planned { at, what }| match what {
-            What::Swap(swap) => {
+            FaultAction::Swap(swap) => {
                 let board = boards.get(swap.robot).and_then(|b| b.simulated());
                 Some((*at, swap.control(&config, &self.source, setup.scene.robots(), board)?))
             }
@@ -281,7 +281,7 @@ impl TortureTrial {
         faults.sort_by_key(|(at, _)| *at);
         let end = run_under(setup, faults, controls, Some(limit), enough).map_err(|e| Report::msg(e.to_string()))?;
         taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });
-        let mut watch = look();
+        let mut watch = sample();
         let _ = watch.flush();
         let (_, violations) = std::mem::take(&mut watch.checker).end();
         let counted = violations.into_iter().filter(|v| counted::counts(v, planned));
@@ -298,7 +298,7 @@ impl TortureTrial {
         let faulted = std::mem::take(&mut watch.faulted);
         let closed = std::mem::take(&mut watch.closed);
         let growth = memory.slope();
-        if let Some(slope) = growth.filter(|slope| *slope > GROWS) {
+        if let Some(slope) = growth.filter(|slope| *slope > MAX_GROWTH_MB_PER_H) {
             violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
         }
         Ok(Ran {
@@ -327,7 +327,7 @@ impl TortureTrial {
 /// The intervals in which this board's latency exceeds its stated one.
 fn late(planned: &[Planned], board: usize) -> Vec<(Time, Time)> {
     let of = |p: &Planned| match &p.what {
-        What::Board { robot, fault: Fault::Slow { extra }, lasts, .. } if *robot == board => {
+        FaultAction::Board { robot, fault: Fault::Slow { extra }, lasts, .. } if *robot == board => {
             Some((p.at, p.at + *lasts + *extra))
         }
         _ => None,
@@ -339,9 +339,9 @@ fn late(planned: &[Planned], board: usize) -> Vec<(Time, Time)> {
 fn board_faults(planned: &[Planned], boards: &[Option<SimHardware>]) -> Vec<Vec<Time>> {
     let of = |board: usize| {
         let begins = planned.iter().filter_map(move |p| match &p.what {
-            What::Board { robot, fault: Fault::Hardware { .. }, lasts, .. } => {
+            FaultAction::Board { robot, fault: Fault::Hardware { .. }, lasts, .. } => {
                 let is_own = *robot == board && boards.get(board).is_some_and(Option::is_some);
-                (is_own && *lasts >= LASTS).then_some(p.at)
+                (is_own && *lasts >= MIN_FAULT_TIME).then_some(p.at)
             }
             _ => None,
         });
@@ -355,38 +355,42 @@ fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
     let mut all: Vec<(Time, Control)> = Vec::new();
     for Planned { at, what } in planned {
         match what.clone() {
-            What::Strike { actor, after, blow } => {
+            FaultAction::Strike { actor, after, blow } => {
                 all.push((*at, Control::Inject(Injection::Strike { actor, after, blow })));
             }
-            What::Kill(actor) => all.push((*at, Control::Kill(actor))),
-            What::Storm { actor, kills } => {
+            FaultAction::Kill(actor) => all.push((*at, Control::Kill(actor))),
+            FaultAction::Storm { actor, kills } => {
                 let gap = Duration::from_millis(300);
                 all.extend((0..kills).map(|k| (*at + gap * k, Control::Kill(actor.clone()))));
             }
-            What::Lose { link, count } => all.push((*at, Control::Inject(Injection::Lose { link, count }))),
-            What::Commit { robot, target, times, .. } => {
+            FaultAction::Lose { link, count } => all.push((*at, Control::Inject(Injection::Lose { link, count }))),
+            FaultAction::Commit { robot, target, times, .. } => {
                 let commit = Commit { agent: "stranger".into(), target, speeds: None };
                 all.push((*at, Control::Inject(Injection::Commit { robot, commit, times })));
             }
-            What::Suspend(time) => all.push((*at, Control::Inject(Injection::Suspend(time)))),
-            What::Edits(n) => {
+            FaultAction::Suspend(time) => all.push((*at, Control::Inject(Injection::Suspend(time)))),
+            FaultAction::Edits(n) => {
                 let far = |k: u64| Isometry3::translation(100.0, 0.001 * k as f64, 0.0);
-                all.push((*at, Control::Edit(Edit::Add(ball(FLOODED, far(0))))));
-                let moved = |k| Control::Edit(Edit::Move { name: FLOODED.into(), pose: far(k) });
+                all.push((*at, Control::Edit(Edit::Add(ball(FLOOD_OBJECT, far(0))))));
+                let moved = |k| Control::Edit(Edit::Move { name: FLOOD_OBJECT.into(), pose: far(k) });
                 all.extend((0..n).map(|k| (*at, moved(k))));
             }
-            What::Obstruct { object, robot, spot, lasts } => {
+            FaultAction::Obstruct { object, robot, spot, lasts } => {
                 let name = object.clone();
                 all.push((*at, Control::Inject(Injection::Obstruct { object, robot, spot })));
                 all.push((*at + lasts, Control::Edit(Edit::Remove { name: name.clone() })));
                 // the first edit may have been lost with the model
                 all.push((healed, Control::Edit(Edit::Remove { name })));
             }
-            What::Blind { actor, blow: Some(blow) } => {
+            FaultAction::Blind { actor, blow: Some(blow) } => {
                 all.push((*at, Control::Inject(Injection::Strike { actor, after: 0, blow })));
             }
-            What::Blind { actor, blow: None } => all.push((*at, Control::Kill(actor))),
-            What::Board { .. } | What::Wire { .. } | What::ShortHistory(_) | What::Swap(_) | What::Sight { .. } => {}
+            FaultAction::Blind { actor, blow: None } => all.push((*at, Control::Kill(actor))),
+            FaultAction::Board { .. }
+            | FaultAction::Wire { .. }
+            | FaultAction::ShortHistory(_)
+            | FaultAction::Swap(_)
+            | FaultAction::Sight { .. } => {}
         }
     }
     all.push((healed, Control::Inject(Injection::Heal)));

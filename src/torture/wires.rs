@@ -1,7 +1,7 @@
 //! Faults of the wires to boards behind YARP (F30). They are drawn separately from a seed's other faults, so that known
 //! seeds stay the same.
 
-use super::faults::What;
+use super::faults::FaultAction;
 use super::plan::{Facts, Planned};
 use mobee_contract::Time;
 use mobee_drivers::{Who, WireFault};
@@ -28,7 +28,7 @@ pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
         for _ in 0..rng.random_range(1..=3) {
             let most = facts.healed().since(at);
             for board in (0..boards).filter(|b| every || *b == board) {
-                let planned = Planned { at, what: What::Wire { robot, board, fault, lasts: lasts.min(most) } };
+                let planned = Planned { at, what: FaultAction::Wire { robot, board, fault, lasts: lasts.min(most) } };
                 if !all.iter().any(|before| deafen_together(before, &planned)) {
                     all.push(planned);
                 }
@@ -45,7 +45,7 @@ pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
 /// True if two simultaneous faults make one board ignore more stops than a driver can compensate.
 fn deafen_together(one: &Planned, other: &Planned) -> bool {
     let deaf = |p: &Planned| match p.what {
-        What::Wire { robot, board, fault: WireFault::Deaf(_), lasts } => Some((robot, board, lasts)),
+        FaultAction::Wire { robot, board, fault: WireFault::Deaf(_), lasts } => Some((robot, board, lasts)),
         _ => None,
     };
     let (Some((robot, board, lasts)), Some((other_robot, other_board, other_lasts))) = (deaf(one), deaf(other)) else {

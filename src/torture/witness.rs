@@ -15,38 +15,38 @@ use std::time::Duration;
 
 /// Distance below the margin at which a pair counts as too close, meters: the robots' poses in a scene are one reading
 /// apart.
-const NEARER: f64 = 0.003;
+const READING_SKEW_M: f64 = 0.003;
 /// Distance by which a pair may get closer during a retreat than its margin or its start, meters: 1 mm, and as above.
-const DEEPER: f64 = 0.001 + NEARER;
+const RETREAT_TOLERANCE_M: f64 = 0.001 + READING_SKEW_M;
 /// The same for two robots that are both retreating, meters (I14).
-const TOGETHER: f64 = 0.001;
+const JOINT_TOLERANCE_M: f64 = 0.001;
 /// Encoder error above which readings don't show where the motors are, rad.
-const LIE: f64 = 0.5 * std::f64::consts::PI / 180.0;
+const MAX_ENCODER_ERROR_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Distance up to which pairs of robots are tracked, meters: beyond the margins in use.
-const NEAR: f64 = 0.02;
+const TRACKED_DISTANCE_M: f64 = 0.02;
 /// Maximum number of control periods until a contact is answered.
-const PERIODS: u32 = 3;
+const RESPONSE_PERIODS: u32 = 3;
 /// Number of control periods in which an escape starts.
-const SETS_OUT: u32 = 2;
+const ESCAPE_START_PERIODS: u32 = 2;
 /// Time in which a robot with a closed filter must stop: late commands, a lease that expires, braking.
-const BRAKES: Duration = Duration::from_millis(1500);
+const STOP_TIME: Duration = Duration::from_millis(1500);
 /// Time in which a robot whose readings are lost must stop: its lease, and braking.
-const BLIND: Duration = Duration::from_millis(700);
+const BLIND_STOP_TIME: Duration = Duration::from_millis(700);
 /// Ratio to the rest speed above which a motor is in motion.
-const MOVES: f64 = 4.0;
+const MOTION_SPEED_RATIO: f64 = 4.0;
 /// Time for which motors may move behind bitwise equal readings, and the distance that they may move after it, rad.
-const UNSEEN: (Duration, f64) = (Duration::from_millis(1500), std::f64::consts::PI / 180.0);
+const EQUAL_READINGS_LIMIT: (Duration, f64) = (Duration::from_millis(1500), std::f64::consts::PI / 180.0);
 /// Gap between events or speed samples after which the process counts as suspended.
-const SUSPENDED: Duration = Duration::from_millis(100);
+const SUSPENSION_GAP: Duration = Duration::from_millis(100);
 /// Time after an external disturbance in which timing promises are not checked: an actor may stall.
-const DISTURBED: Duration = Duration::from_secs(3);
+const DISTURBANCE_TIME: Duration = Duration::from_secs(3);
 
 /// Observes all robots of a run.
 #[derive(Debug, Default)]
 pub struct Witness {
     scene: Option<Arc<Scene>>,
     poses: Vec<Pose>,
-    robots: Vec<Seen>,
+    robots: Vec<WatchedRobot>,
     /// Tracks the true distances between robots, also between readings.
     sweep: Option<Sweep>,
     /// Minimum distances of pairs of robots since the motions that a retreat rolls back began, meters; pairs below the
@@ -72,13 +72,13 @@ pub struct Witness {
 }
 
 #[derive(Debug)]
-struct Seen {
+struct WatchedRobot {
     name: String,
     units: MotorUnits,
     margin: f64,
     /// True if its joints are compliant: its sag differs, so it may come half as close during the retreat as it has
     /// been.
-    gives: bool,
+    is_compliant: bool,
     period: Duration,
     rest_speed: f64,
     /// True if its controller has a reflex.
@@ -123,13 +123,13 @@ struct Seen {
     pushed: Option<Time>,
 }
 
-impl Seen {
-    fn new(name: &str, (margin, period, rest_speed): (f64, Duration, f64), at: Time) -> Seen {
-        Seen {
+impl WatchedRobot {
+    fn new(name: &str, (margin, period, rest_speed): (f64, Duration, f64), at: Time) -> WatchedRobot {
+        WatchedRobot {
             name: name.into(),
             units: MotorUnits::default(),
             margin,
-            gives: false,
+            is_compliant: false,
             period,
             rest_speed,
             reflex: true,
@@ -162,25 +162,28 @@ impl Seen {
     }
 
     /// The promise to check now, and the distance below which a new contact breaks it.
-    fn watched(&self) -> Option<(&'static str, f64)> {
+    fn active_promise(&self) -> Option<(&'static str, f64)> {
         match (&self.back, self.open, self.status) {
-            (Some(_), false, _) if self.waits.is_none() => Some(("I9", self.margin - self.granted(self.margin))),
-            (None, true, Status::Moving) if self.reflex => Some(("I19", self.margin - NEARER)),
-            (None, true, Status::Escaping) => Some(("I24", self.margin - self.granted(self.margin))),
+            (Some(_), false, _) if self.waits.is_none() => {
+                Some(("I9", self.margin - self.allowed_approach(self.margin)))
+            }
+            (None, true, Status::Moving) if self.reflex => Some(("I19", self.margin - READING_SKEW_M)),
+            (None, true, Status::Escaping) => Some(("I24", self.margin - self.allowed_approach(self.margin))),
             _ => None,
         }
     }
 
     /// Distance by which a pair may get closer while the motion is rolled back or an escape runs, meters.
-    fn granted(&self, least: f64) -> f64 {
-        if self.gives { DEEPER.max(0.5 * least + NEARER) } else { DEEPER }
+    fn allowed_approach(&self, least: f64) -> f64 {
+        if self.is_compliant { RETREAT_TOLERANCE_M.max(0.5 * least + READING_SKEW_M) } else { RETREAT_TOLERANCE_M }
     }
 
-    /// True if a contact below the distance of [`Seen::watched`] breaks the promise: those at the start may stay.
+    /// True if a contact below the distance of [`WatchedRobot::watched`] breaks the promise: those at the start may
+    /// stay.
     fn is_too_near(&self, contact: &Contact) -> bool {
         let escape = self.escape.0.iter().flatten().filter(|_| self.status == Status::Escaping);
         let start = self.back.iter().flatten().chain(escape).find(|c| c.pair == contact.pair);
-        start.is_none_or(|start| contact.distance < start.distance - self.granted(start.distance))
+        start.is_none_or(|start| contact.distance < start.distance - self.allowed_approach(start.distance))
     }
 }
 
@@ -196,7 +199,7 @@ impl Witness {
         match &mut self.sweep {
             Some(sweep) => sweep.set_scene(scene.clone()),
             // beyond any margin, so that margins of robots reported later count as well
-            None => self.sweep = Some(Sweep::new(scene.clone(), NEAR)),
+            None => self.sweep = Some(Sweep::new(scene.clone(), TRACKED_DISTANCE_M)),
         }
         self.scene = Some(scene.clone());
     }
@@ -222,34 +225,34 @@ impl Witness {
                 let units = MotorUnits::new(motors.len(), sliding);
                 if let Some(known) = self.robots.iter_mut().find(|r| r.name == *robot) {
                     (known.margin, known.period, known.rest_speed) = rules;
-                    (known.units, known.gives) = (units, *deflection > 0.0);
+                    (known.units, known.is_compliant) = (units, *deflection > 0.0);
                 } else {
-                    let mut seen = Seen::new(robot, rules, at);
-                    (seen.units, seen.gives) = (units, *deflection > 0.0);
+                    let mut seen = WatchedRobot::new(robot, rules, at);
+                    (seen.units, seen.is_compliant) = (units, *deflection > 0.0);
                     seen.faults = self.faults.get(self.robots.len()).cloned().unwrap_or_default();
                     self.robots.push(seen);
                 }
             }
-            Event::Controller { robot, reflex, .. } => self.turn(robot, |r| r.reflex = *reflex),
-            Event::Enabled { robot, .. } => self.turn(robot, |r| {
+            Event::Controller { robot, reflex, .. } => self.update(robot, |r| r.reflex = *reflex),
+            Event::Enabled { robot, .. } => self.update(robot, |r| {
                 (r.open, r.since) = (true, at);
                 r.sets_out(at);
             }),
             Event::Commit { robot, .. } => {
                 self.sets_out(robot);
-                self.turn(robot, |r| {
+                self.update(robot, |r| {
                     r.escape = (None, at);
                     (r.moves, r.honest) = (true, true);
                     r.sets_out(at);
                 });
             }
-            Event::Outcome { robot, .. } => self.turn(robot, |r| (r.moves, r.joint) = (false, false)),
-            Event::Amended { robot, .. } => self.turn(robot, |r| r.sets_out(at)),
+            Event::Outcome { robot, .. } => self.update(robot, |r| (r.moves, r.joint) = (false, false)),
+            Event::Amended { robot, .. } => self.update(robot, |r| r.sets_out(at)),
             Event::Disabled { robot, .. } => {
-                self.turn(robot, |r| (r.open, r.since, r.back, r.waits, r.fault) = (false, at, None, None, None));
+                self.update(robot, |r| (r.open, r.since, r.back, r.waits, r.fault) = (false, at, None, None, None));
             }
             Event::RetreatBegan { robot, near, poses, secs, .. } => {
-                self.turn(robot, |r| {
+                self.update(robot, |r| {
                     (r.back, r.waits) = (Some(near.clone()), None);
                     (r.plan, r.holds_up) = ((*poses, secs.to_bits()), false);
                     r.sets_out(at);
@@ -264,21 +267,21 @@ impl Witness {
             }
             Event::RetreatWaits { robot, .. } => {
                 self.joint.waited += 1;
-                self.turn(robot, |r| (r.waits, r.holds_up) = (Some(at), true));
+                self.update(robot, |r| (r.waits, r.holds_up) = (Some(at), true));
             }
             // after a joint retreat breaks up, a stopped robot rests until its own retreat begins; contacts are caused
             // by others
             Event::Command { robot, writer: Writer::Reflex, kind: CommandKind::Stop, .. } => {
-                self.turn(robot, |r| r.waits = r.waits.or(Some(at)).filter(|_| r.back.is_some()));
+                self.update(robot, |r| r.waits = r.waits.or(Some(at)).filter(|_| r.back.is_some()));
             }
-            Event::RetreatGoesOn { robot } => self.turn(robot, |r| (r.waits, r.holds_up) = (None, false)),
+            Event::RetreatGoesOn { robot } => self.update(robot, |r| (r.waits, r.holds_up) = (None, false)),
             Event::RetreatStopped { robot, reason, what, .. } => {
                 if self.robots.iter().any(|r| r.name == *robot && r.joint) {
                     *self.joint.stopped.entry(stopped_by(*reason, what)).or_default() += 1;
                 }
-                self.turn(robot, |r| (r.back, r.waits, r.joint) = (None, None, false));
+                self.update(robot, |r| (r.back, r.waits, r.joint) = (None, None, false));
             }
-            Event::State { robot, status } => self.turn(robot, |r| {
+            Event::State { robot, status } => self.update(robot, |r| {
                 (r.status, r.since) = (*status, at);
                 r.back = r.back.take().filter(|_| matches!(status, Status::Stopping | Status::Retreating));
             }),
@@ -286,18 +289,18 @@ impl Witness {
         }
     }
 
-    fn turn(&mut self, robot: &str, change: impl FnMut(&mut Seen)) {
+    fn update(&mut self, robot: &str, change: impl FnMut(&mut WatchedRobot)) {
         self.robots.iter_mut().filter(|r| r.name == robot).for_each(change);
     }
 
-    /// Advances the time, and checks I28: the filter closes within [`PERIODS`] after a board reports a fault.
+    /// Advances the time, and checks I28: the filter closes within [`RESPONSE_PERIODS`] after a board reports a fault.
     fn pass(&mut self, now: Time) {
         // the process was suspended: no actor ran
-        if now.since(self.now) > SUSPENDED {
+        if now.since(self.now) > SUSPENSION_GAP {
             self.disturbed = now;
         }
         self.now = self.now.max(now);
-        let disturbed = now.since(self.disturbed) < DISTURBED && self.disturbed > Time::ZERO;
+        let disturbed = now.since(self.disturbed) < DISTURBANCE_TIME && self.disturbed > Time::ZERO;
         for seen in &mut self.robots {
             while seen.faults.first().is_some_and(|at| *at <= now) {
                 let at = seen.faults.remove(0);
@@ -305,7 +308,7 @@ impl Witness {
                 let reads = at.since(seen.last) <= seen.period;
                 seen.fault = seen.fault.or(Some(at).filter(|_| seen.open && reads && !disturbed));
             }
-            let late = seen.fault.take_if(|at| now.since(*at) > seen.period * PERIODS);
+            let late = seen.fault.take_if(|at| now.since(*at) > seen.period * RESPONSE_PERIODS);
             if let Some(at) = late.filter(|_| !disturbed) {
                 let what =
                     format!("{}: its board reports a fault since {at}, and its filter is open at {now}", seen.name);
@@ -318,18 +321,19 @@ impl Witness {
     pub fn truth(&mut self, robot: usize, at: Time, q: &Pose, truth: &[f64]) {
         let Some(seen) = self.robots.get_mut(robot) else { return };
         // a robot with wrong encoders is not where its readings are
-        seen.honest &= q.len() == truth.len() && q.iter().zip(truth).all(|(q, is)| (q - is).abs() <= LIE);
+        seen.honest &=
+            q.len() == truth.len() && q.iter().zip(truth).all(|(q, is)| (q - is).abs() <= MAX_ENCODER_ERROR_RAD);
         match &seen.news {
             Some((last, since)) if *last == *q => {
-                if at.since(*since) <= UNSEEN.0 {
+                if at.since(*since) <= EQUAL_READINGS_LIMIT.0 {
                     return;
                 }
                 let then = seen.late.get_or_insert_with(|| truth.to_vec());
                 let way = then.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                if way > UNSEEN.1 {
+                if way > EQUAL_READINGS_LIMIT.1 {
                     let name = &seen.name;
                     let way = seen.units.told(way, 1);
-                    let more = UNSEEN.0.as_secs_f64();
+                    let more = EQUAL_READINGS_LIMIT.0.as_secs_f64();
                     let what = format!(
                         "{name}: the readings are equal since {since}, and {more} s later a motor goes on by {way} at {at}"
                     );
@@ -349,12 +353,14 @@ impl Witness {
         *pose = q.clone();
         (seen.poses, seen.last) = (seen.poses + 1, at);
         let (Some(seen), Some(scene)) = (self.robots.get_mut(robot), &self.scene) else { return };
-        let Some((promise, within)) = seen.watched() else {
+        let Some((promise, within)) = seen.active_promise() else {
             seen.near = None;
             return;
         };
         // objects put onto the robot at the start of an escape are not its fault: judge it from its first readings on
-        if promise == "I24" && (seen.escape.0.is_none() || at.since(seen.escape.1) <= seen.period * SETS_OUT) {
+        if promise == "I24"
+            && (seen.escape.0.is_none() || at.since(seen.escape.1) <= seen.period * ESCAPE_START_PERIODS)
+        {
             let known = seen.escape.0.get_or_insert_default();
             // an encoder may begin to be wrong during the start: the deepest contact counts
             for contact in scene.contacts(&self.poses, seen.margin) {
@@ -377,7 +383,7 @@ impl Witness {
             return;
         };
         let near = *seen.near.get_or_insert(at);
-        if at.since(near) > seen.period * PERIODS {
+        if at.since(near) > seen.period * RESPONSE_PERIODS {
             let a = scene.label(contact.pair.0);
             let b = scene.label(contact.pair.1);
             let mm = contact.distance * 1e3;
@@ -400,14 +406,15 @@ impl Witness {
     }
 
     /// Processes the true positions of all motors at one instant: checks the distances between retreating robots (I14).
-    pub fn really(&mut self, at: Time, truth: &[Vec<f64>]) {
+    pub fn true_positions(&mut self, at: Time, truth: &[Vec<f64>]) {
         let (Some(sweep), Some(scene)) = (&mut self.sweep, &self.scene) else { return };
         for c in sweep.to(truth) {
             let of = |shape: ShapeId| shape.robot().and_then(|robot| self.robots.get(robot));
             let (Some(a), Some(b)) = (of(c.pair.0), of(c.pair.1)) else { continue };
             let margin = a.margin.min(b.margin);
-            let is_held_up = |r: &Seen| self.robots.iter().any(|o| o.back.is_some() && o.holds_up && o.plan == r.plan);
-            let goes_back = |r: &Seen| r.back.is_some() && r.waits.is_none() && !is_held_up(r);
+            let is_held_up =
+                |r: &WatchedRobot| self.robots.iter().any(|o| o.back.is_some() && o.holds_up && o.plan == r.plan);
+            let goes_back = |r: &WatchedRobot| r.back.is_some() && r.waits.is_none() && !is_held_up(r);
             if !(goes_back(a) && goes_back(b)) {
                 let least = self.least.entry(c.pair).or_insert(margin);
                 *least = least.min(c.distance);
@@ -416,12 +423,13 @@ impl Witness {
             let start = self.least.get(&c.pair).copied().unwrap_or(margin);
             // the reflex of a robot that comes too close stops it anyway (I9)
             let late = |shape: ShapeId| shape.robot().and_then(|robot| self.late.get(robot)).into_iter().flatten();
-            let is_late = late(c.pair.0).chain(late(c.pair.1)).any(|(from, to)| (*from..*to + DISTURBED).contains(&at));
+            let is_late =
+                late(c.pair.0).chain(late(c.pair.1)).any(|(from, to)| (*from..*to + DISTURBANCE_TIME).contains(&at));
             if start - c.distance <= self.joint.nearer || !(a.honest && b.honest) || is_late {
                 continue;
             }
             self.joint.nearer = start - c.distance;
-            if self.joint.nearer > TOGETHER {
+            if self.joint.nearer > JOINT_TOLERANCE_M {
                 let a = scene.label(c.pair.0);
                 let b = scene.label(c.pair.1);
                 let [now, start] = [c.distance, start].map(|m| m * 1e3);
@@ -434,13 +442,13 @@ impl Witness {
     /// Processes the true speed of a robot's fastest motor, rad/s. Must be called often: a long gap means that the
     /// process was suspended, and timing promises are not checked.
     pub fn speed(&mut self, robot: usize, at: Time, speed: f64) {
-        if at.since(self.looked) > SUSPENDED {
+        if at.since(self.looked) > SUSPENSION_GAP {
             self.woke = at;
         }
         self.looked = at;
         let lasts = |since: Time| at.since(since.max(self.woke));
         let Some(seen) = self.robots.get(robot) else { return };
-        if speed <= MOVES * seen.rest_speed {
+        if speed <= MOTION_SPEED_RATIO * seen.rest_speed {
             return;
         }
         let name = &seen.name;
@@ -448,15 +456,15 @@ impl Witness {
         let since = seen.since;
         let speed = seen.units.told_speed(speed, 2);
         let goes_back = matches!(status, Status::Retreating | Status::Settling);
-        if !seen.open && !goes_back && lasts(since) > BRAKES {
+        if !seen.open && !goes_back && lasts(since) > STOP_TIME {
             let what = format!("{name}: moves at {speed} at {at}, though closed and {status:?} since {since}");
             self.found.push(("I17", what));
         }
-        if let Some(waits) = seen.waits.filter(|waits| lasts(*waits) > BRAKES) {
+        if let Some(waits) = seen.waits.filter(|waits| lasts(*waits) > STOP_TIME) {
             let what = format!("{name}: moves at {speed} at {at}, though its retreat waits since {waits}");
             self.found.push(("I9", what));
         }
-        if lasts(seen.last) > BLIND {
+        if lasts(seen.last) > BLIND_STOP_TIME {
             let what = format!("{name}: moves at {speed} at {at}, and no reading came through since {}", seen.last);
             self.found.push(("I8", what));
         }

@@ -6,7 +6,7 @@ use mobee_yarp::{Bottle, Contact, Network};
 use std::time::Duration;
 
 /// Interval of checks for a port that does not exist yet.
-const AGAIN: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// `list`: the registered ports.
 pub(super) async fn list(network: &Network, prefix: &str) -> Result<(), Failure> {
@@ -17,7 +17,7 @@ pub(super) async fn list(network: &Network, prefix: &str) -> Result<(), Failure>
 }
 
 /// `name`: sends any request, and prints the answer unchanged.
-pub(super) async fn say(network: &Network, words: &[String]) -> Result<(), Failure> {
+pub(super) async fn request(network: &Network, words: &[String]) -> Result<(), Failure> {
     let words: Vec<&str> = words.iter().flat_map(|w| w.split_whitespace()).collect();
     let lines = network.ask(&words).await.map_err(because)?;
     if words.first() == Some(&"query") && lines.is_empty() {
@@ -79,7 +79,7 @@ pub(super) async fn wait(network: &Network, port: &str, to: Option<&str>) {
         if there {
             return;
         }
-        tokio::time::sleep(AGAIN).await;
+        tokio::time::sleep(POLL_INTERVAL).await;
     }
 }
 
@@ -92,8 +92,8 @@ pub(super) async fn connect(
     persist: Option<&str>,
 ) -> Result<(), Failure> {
     let Some(mode) = persist else {
-        let said = remote::connect(network, from, to, carrier.as_deref()).await.map_err(because)?;
-        println!("Success: {said}");
+        let reply = remote::connect(network, from, to, carrier.as_deref()).await.map_err(because)?;
+        println!("Success: {reply}");
         return Ok(());
     };
     let to = match carrier {
@@ -139,7 +139,7 @@ pub(super) async fn disconnect(network: &Network, from: &str, to: &str, persist:
         return network.ask(&["unsubscribe", from, to]).await.map(drop).map_err(because);
     }
     match remote::disconnect(network, from, to).await {
-        Ok(said) => println!("Success: {said}"),
+        Ok(reply) => println!("Success: {reply}"),
         Err(e @ RemoteError::NoConnection(..)) => return Err(because(format!("Failure: {e}"))),
         Err(e) => return Err(because(e)),
     }
@@ -170,7 +170,7 @@ pub(super) async fn clean(network: &Network) -> Result<(), Failure> {
         }
     }
     println!("Giving name server a chance to do garbage collection.");
-    let said = network.ask(&["gc"]).await.map_err(because)?;
-    println!("Name server says: {}", said.join(" "));
+    let reply = network.ask(&["gc"]).await.map_err(because)?;
+    println!("Name server says: {}", reply.join(" "));
     Ok(())
 }

@@ -80,7 +80,7 @@ fn show(network: &Network, message: &Message, envelope: bool, trim: usize) -> bo
     let bottle = match message.payload.bottle(network.dialect()) {
         Ok(bottle) => bottle,
         Err(e) => {
-            info(format_args!("a message from {} was left out: {e}", message.from));
+            info(format_args!("a message from {} was dropped: {e}", message.from));
             return true;
         }
     };

@@ -17,17 +17,17 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 /// Distance by which the object moves to either side, meters.
-const TO_SIDE: f64 = 0.025;
+const SIDE_M: f64 = 0.025;
 /// Interval between two moves of the object, seconds.
-const EVERY: f64 = 1.0;
+const MOVE_INTERVAL_S: f64 = 1.0;
 /// Share of the maximum speeds, so low that a reach takes long.
 const SPEED: f64 = 0.04;
 /// Duration of a reach at that speed, seconds.
-const REACH: f64 = 45.0;
+const REACH_S: f64 = 45.0;
 /// Number of moves of the object during a reach.
-const WHILE_GOING: f64 = 15.0;
+const MOVES_PER_REACH: f64 = 15.0;
 /// Maximum delay of an answer to a move, seconds.
-const LATE: f64 = 0.9;
+const MAX_DELAY_S: f64 = 0.9;
 
 /// Moves the object repeatedly, until `count` moves were followed or twice the expected time is over.
 ///
@@ -37,7 +37,7 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
     if !(1..=10_000).contains(&count) {
         return Err(miette!(help = "give a number from 1 to 10000, such as 100", "{count} moves can't be measured"));
     }
-    let secs = 10.0 + 2.0 * REACH * (count as f64 / WHILE_GOING).ceil();
+    let secs = 10.0 + 2.0 * REACH_S * (count as f64 / MOVES_PER_REACH).ceil();
     let (config, _) = Config::load(&args.file, &args.set).map_err(Report::new)?;
     let robot = config.robot.first().map_or("", |r| r.name.as_str());
     let own = [
@@ -53,26 +53,26 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
     let (_, cup) = composition.scene.object(CUP_NAME).ok_or_else(|| miette!("the world has no `{CUP_NAME}`"))?;
     let pose = cup.pose;
     let step = |i: u64| {
-        let side = if i.is_multiple_of(2) { TO_SIDE } else { -TO_SIDE };
+        let side = if i.is_multiple_of(2) { SIDE_M } else { -SIDE_M };
         let pose = Isometry3::from_parts(Translation3::new(0.0, side, 0.0) * pose.translation, pose.rotation);
-        let at = Time::from_secs(2.0 + EVERY * i as f64);
+        let at = Time::from_secs(2.0 + MOVE_INTERVAL_S * i as f64);
         ScriptStep { when: CueTrigger::At(at), edit: Edit::Move { name: CUP_NAME.to_owned(), pose } }
     };
-    composition.script = (0..(secs / EVERY) as u64).map(step).collect();
+    composition.script = (0..(secs / MOVE_INTERVAL_S) as u64).map(step).collect();
     let scratch = tempfile::tempdir().into_diagnostic()?;
     let path = args.keep.as_ref().map_or_else(|| scratch.path().join("run"), |keep| keep.join("moves"));
     let folder = Folder::create("bench", Some(&path)).into_diagnostic()?;
     let (_controls, receiver) = mpsc::channel(1);
     let done = run(composition, &folder, receiver, |_| ())?;
-    let (mut led, taken_back) = answers(&folder)?;
-    led.truncate(count as usize);
-    led.sort_by(f64::total_cmp);
-    let at = |share: f64| led.get((led.len().saturating_sub(1) as f64 * share).round() as usize).copied();
+    let (mut delays, rolled_back) = answers(&folder)?;
+    delays.truncate(count as usize);
+    delays.sort_by(f64::total_cmp);
+    let at = |share: f64| delays.get((delays.len().saturating_sub(1) as f64 * share).round() as usize).copied();
     Ok(json!({
-        "moves_followed": led.len(),
+        "moves_followed": delays.len(),
         "in_motion_after_ms": { "median": at(0.5), "p95": at(0.95), "most": at(1.0) },
-        "taken_back_first": taken_back,
-        "within_100_ms": led.iter().filter(|ms| **ms < 100.0).count(),
+        "taken_back_first": rolled_back,
+        "within_100_ms": delays.iter().filter(|ms| **ms < 100.0).count(),
         "hard_contacts": done.end.counts.hard_contacts,
         "late_periods": done.end.counts.late.periods,
     }))
@@ -82,8 +82,8 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
 /// first.
 fn answers(folder: &Folder) -> Result<(Vec<f64>, u64), Report> {
     let mut moved: Option<Time> = None;
-    let mut led = Vec::new();
-    let mut taken_back = 0;
+    let mut delays = Vec::new();
+    let mut rolled_back = 0;
     let mut follows = false;
     for line in journal::read(folder.path()).map_err(|e| miette!("{e}"))? {
         let line = line.map_err(|e| miette!("{e}"))?;
@@ -92,15 +92,15 @@ fn answers(folder: &Folder) -> Result<(Vec<f64>, u64), Report> {
             Event::World { object, .. } if object == CUP_NAME => (moved, follows) = (Some(line.at), false),
             Event::Note { note: Note::Log { text }, .. } if text.contains("has moved") => follows = true,
             Event::Amended { .. } => {
-                let since = moved.take().filter(|since| after(*since) < Duration::from_secs_f64(LATE));
-                led.extend(since.map(|since| after(since).as_secs_f64() * 1e3));
+                let since = moved.take().filter(|since| after(*since) < Duration::from_secs_f64(MAX_DELAY_S));
+                delays.extend(since.map(|since| after(since).as_secs_f64() * 1e3));
             }
             Event::Commit { .. } if follows => {
-                taken_back += u64::from(moved.take().is_some());
+                rolled_back += u64::from(moved.take().is_some());
                 follows = false;
             }
             _ => {}
         }
     }
-    Ok((led, taken_back))
+    Ok((delays, rolled_back))
 }

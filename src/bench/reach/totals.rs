@@ -14,12 +14,12 @@ pub(super) fn totals(all: &[&Outcome]) -> Value {
     let solvable = all.iter().filter(|o| o.solvable);
     let count = solvable.clone().count();
     let reached = solvable.filter(|o| o.end == "reached").count();
-    let told = |(end, [a, b]): (&&str, &[u64; 2])| ((*end).to_owned(), json!({ "solvable": a, "others": b }));
+    let row = |(end, [a, b]): (&&str, &[u64; 2])| ((*end).to_owned(), json!({ "solvable": a, "others": b }));
     json!({
         "scenes": all.len(),
         "solvable": count,
         "reached_of_solvable": if count > 0 { reached as f64 / count as f64 } else { 0.0 },
-        "ends": ends.iter().map(told).collect::<BTreeMap<_, _>>(),
+        "ends": ends.iter().map(row).collect::<BTreeMap<_, _>>(),
         "set_out_s": quantiles(all, |o| o.set_out_s),
         "pre_grasp_s": quantiles(all, |o| o.pre_grasp_s),
         "off_mm": quantiles(all, |o| o.off_mm),

@@ -18,15 +18,15 @@ use std::sync::Arc;
 use tokio::sync::mpsc;
 
 /// Clearance of plans: the reflex's margin and 2 mm, meters.
-const CLEARANCE: f64 = 0.012;
+const CLEARANCE_M: f64 = 0.012;
 /// Distance of the hand from its goal, in ground truth, above which it is beside the cup, mm.
-const BESIDE_MM: f64 = 30.0;
+const MAX_HAND_ERROR_MM: f64 = 30.0;
 /// Time at which things move in a moving scene: the hand is under way by then, seconds.
-const MOVED_AT: f64 = 4.0;
+const MOVE_TIME_S: f64 = 4.0;
 
 /// The variants of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum Variant {
     /// The behavior as configured.
     Whole,
     /// Sense, plan, act: the cup is localized once, the path is planned on that basis, and nothing stops the robot.
@@ -82,7 +82,7 @@ impl Outcome {
 ///
 /// # Errors
 /// Complaints about the behavior.
-pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Way) -> Result<Outcome, Report> {
+pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Variant) -> Result<Outcome, Report> {
     let composed = |set: &[String]| compose::read(&args.file, set).map_err(Report::new);
     let Composition { scene, config, .. } = composed(&args.set)?;
     let bare = bare(&scene)?;
@@ -117,7 +117,7 @@ pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Way) -> Result<Outc
         _ if figures.is_empty() => "unfinished",
         Some((cause, _)) => cause,
         None if figure("reached") < 1.0 => "unfinished",
-        None if off_mm > BESIDE_MM => "beside",
+        None if off_mm > MAX_HAND_ERROR_MM => "beside",
         None => "reached",
     };
     Ok(Outcome {
@@ -144,7 +144,7 @@ fn finish(args: &ReachBenchArgs, seed: u64, composition: Composition) -> Result<
     let robot = composition.robots.first().map(|r| r.name.clone()).unwrap_or_default();
     let (_controls, receiver) = mpsc::channel(1);
     let done = run(composition, &folder, receiver, |_| ())?;
-    let figures = done.end.counts.done.get(&robot).map(|told| told.figures.clone()).unwrap_or_default();
+    let figures = done.end.counts.done.get(&robot).map(|summary| summary.figures.clone()).unwrap_or_default();
     Ok((done, figures))
 }
 
@@ -165,7 +165,7 @@ fn with_posts(bare: &Scene, drawn: &ReachScene) -> Result<Scene, Report> {
 
 /// The moves during a reach as steps of the script: the cup in the ground truth only, the post in the model, too.
 fn steps(moved: &Moved) -> Vec<ScriptStep> {
-    let step = |edit: Edit| ScriptStep { when: CueTrigger::At(Time::from_secs(MOVED_AT)), edit };
+    let step = |edit: Edit| ScriptStep { when: CueTrigger::At(Time::from_secs(MOVE_TIME_S)), edit };
     let [x, y, z] = moved.cup;
     let pose = Isometry3::from_parts(Translation3::new(x, y, z), moved.upright);
     let cup = step(Edit::Move { name: CUP_NAME.to_owned(), pose });
@@ -188,7 +188,7 @@ fn overrides(
     seed: u64,
     drawn: &ReachScene,
     (config, cameras): (&Config, &[(String, [f64; 3])]),
-    way: Way,
+    way: Variant,
 ) -> Vec<String> {
     let [x, y, z] = drawn.cup;
     let robot = config.robot.first();
@@ -205,10 +205,10 @@ fn overrides(
         let turned: Vec<f64> = is.iter().zip(by).map(|(is, by)| is + by).collect();
         own.extend([format!("{at}.rotation_deg={turned:?}"), format!("{at}.scenery.seed={seed}")]);
     }
-    if way != Way::Whole {
+    if way != Variant::Whole {
         own.push(format!("robot.{name}.agent.follow=false"));
     }
-    if let Some(robot) = robot.filter(|_| way == Way::NoReflex) {
+    if let Some(robot) = robot.filter(|_| way == Variant::NoReflex) {
         let period = robot.controller.period_ms;
         let history = robot.controller.history;
         let plain = format!("{{kind=\"rollback\",reflex=false,period_ms={period},history={history}}}");
@@ -237,7 +237,7 @@ fn is_solvable(file: &Path, agent: &Value, drawn: &ReachScene) -> Result<bool, R
         poses: drawn.truth.home(),
         scene: Arc::new(drawn.truth.clone()),
         contacts: Arc::new([]),
-        clearance: CLEARANCE,
+        clearance: CLEARANCE_M,
         seen: Arc::new([]),
     };
     Ok(reach.can_reach(drawn.cup_at_last(), &view))

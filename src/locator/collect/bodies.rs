@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Duration;
 
 /// Maximum gap between readings for an interpolation; a robot at rest has one reading per second.
-const GAP: Duration = Duration::from_millis(1500);
+const MAX_GAP: Duration = Duration::from_millis(1500);
 
 /// A robot's configurations; times must be requested in order.
 pub(super) struct Body {
@@ -52,7 +52,7 @@ impl Body {
         let after = self.after.as_ref()?;
         let span = after.at.since(before.at);
         let since = time.since(before.at);
-        if !after.follows || span > GAP || span.is_zero() || before.q.len() != after.q.len() {
+        if !after.follows || span > MAX_GAP || span.is_zero() || before.q.len() != after.q.len() {
             return None;
         }
         let span = span.as_secs_f64();

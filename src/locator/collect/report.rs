@@ -8,15 +8,15 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 /// Maximum distance between rows of one place, meters: the holding robot was sent to one configuration.
-const ONE_PLACE: f64 = 0.002;
+const PLACE_RADIUS_M: f64 = 0.002;
 /// Number of rows at a place below which the report marks it.
-const FEW: usize = 5;
+const FEW_ROWS: usize = 5;
 /// Edge length of a cell of the workspace, meters.
-const CELL: f64 = 0.1;
+const CELL_M: f64 = 0.1;
 /// Number of cells of the left image across and down.
 const CELLS: [f64; 2] = [4.0, 3.0];
 /// Size of the image, pixels.
-const PICTURE: [f64; 2] = [640.0, 480.0];
+const IMAGE_PX: [f64; 2] = [640.0, 480.0];
 
 /// Counts of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -58,7 +58,8 @@ impl Check {
         let mut groups: Vec<Vec<RawRow>> = Vec::new();
         for row in good {
             let place = row.known.place;
-            let is_here = |g: &&mut Vec<RawRow>| g.first().is_some_and(|k| (k.known.place - place).norm() < ONE_PLACE);
+            let is_here =
+                |g: &&mut Vec<RawRow>| g.first().is_some_and(|k| (k.known.place - place).norm() < PLACE_RADIUS_M);
             match groups.iter_mut().find(is_here) {
                 Some(group) => group.push(row),
                 None => groups.push(vec![row]),
@@ -74,25 +75,25 @@ impl Check {
             let place = group.iter().map(|row| row.known.place).sum::<Vector3<f64>>() / group.len() as f64;
             spread = group.iter().map(|row| (row.known.place - place).norm()).fold(spread, f64::max);
             let step = if per_place == 0 { 1 } else { group.len().div_ceil(per_place) };
-            let kept = group.iter().step_by(step.max(1));
-            places.push((place, group.len(), kept.len()));
+            let selected = group.iter().step_by(step.max(1));
+            places.push((place, group.len(), selected.len()));
             // whole places are held out, so the rows of one place must have the same position
-            known.extend(kept.clone().map(|row| KnownView { place, ..row.known }));
-            exposed.extend(kept.map(|row| row.exposed));
+            known.extend(selected.clone().map(|row| KnownView { place, ..row.known }));
+            exposed.extend(selected.map(|row| row.exposed));
         }
         Check { known, exposed, places, gross, sparse, usual, spread }
     }
 
     /// The report as text.
     pub fn text(&self, run: &Collected, dropped: &Dropped) -> String {
-        let mut said = String::new();
+        let mut text = String::new();
         let _ = writeln!(
-            said,
+            text,
             "run         {:.0} s, {} pictures, {} motions taken back",
             run.secs, run.pictures, run.rolled_back
         );
         let _ = writeln!(
-            said,
+            text,
             "left out    {dropped}, {} gross errors, {} of places seen too seldom",
             self.gross, self.sparse
         );
@@ -100,7 +101,7 @@ impl Check {
         counts.sort_unstable();
         let at = |share: usize| counts.get((counts.len().saturating_sub(1)) * share / 2).copied().unwrap_or_default();
         let _ = writeln!(
-            said,
+            text,
             "balance     {} places; rows that a place has: least {}, median {}, most {}; positions of one place within {:.2} mm",
             self.places.len(),
             at(0),
@@ -114,12 +115,12 @@ impl Check {
             (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
         };
         let [x, y, z] = [0, 1, 2].map(range);
-        let cells: BTreeSet<[i64; 3]> = all().map(|p| [0, 1, 2].map(|i| (p[i] / CELL).floor() as i64)).collect();
+        let cells: BTreeSet<[i64; 3]> = all().map(|p| [0, 1, 2].map(|i| (p[i] / CELL_M).floor() as i64)).collect();
         let eyes = self.known.iter().map(|k| k.view.eyes[0].center);
         let seen: BTreeSet<[i64; 2]> =
-            eyes.map(|c| [0, 1].map(|i| (c[i] / PICTURE[i] * CELLS[i]).clamp(0.0, CELLS[i] - 1.0) as i64)).collect();
+            eyes.map(|c| [0, 1].map(|i| (c[i] / IMAGE_PX[i] * CELLS[i]).clamp(0.0, CELLS[i] - 1.0) as i64)).collect();
         let _ = writeln!(
-            said,
+            text,
             "coverage    x {:.0} to {:.0}, y {:.0} to {:.0}, z {:.0} to {:.0} mm: {} cells of 100 mm; {} of {:.0} parts of the left picture",
             x.0,
             x.1,
@@ -133,16 +134,16 @@ impl Check {
         );
         let u = self.usual;
         let _ = writeln!(
-            said,
+            text,
             "drawings    most rows are off by {:.1} and {:.1} (left), {:.1} and {:.1} pixels (right)",
             u[0], u[1], u[2], u[3]
         );
-        for (n, (place, had, kept)) in self.places.iter().enumerate() {
-            let few = if *had < FEW { "  (few)" } else { "" };
+        for (n, (place, had, selected)) in self.places.iter().enumerate() {
+            let few = if *had < FEW_ROWS { "  (few)" } else { "" };
             let [x, y, z] = [0, 1, 2].map(|i| 1e3 * place[i]);
-            let _ = writeln!(said, "place {:<5} {x:7.1} {y:7.1} {z:7.1} mm  {kept} of {had} rows{few}", n + 1);
+            let _ = writeln!(text, "place {:<5} {x:7.1} {y:7.1} {z:7.1} mm  {selected} of {had} rows{few}", n + 1);
         }
-        said
+        text
     }
 }
 

@@ -15,7 +15,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Maximum difference of exposure times of one view.
-const TOGETHER: Duration = Duration::from_millis(5);
+const MAX_SKEW: Duration = Duration::from_millis(5);
 
 /// A view that may become a row.
 pub(super) struct RawRow {
@@ -82,7 +82,7 @@ impl<'a> Rows<'a> {
             *slot = Some((exposed, seen));
         }
         let [Some((l, left)), Some((r, right))] = self.waiting else { return };
-        if l.since(r).max(r.since(l)) > TOGETHER {
+        if l.since(r).max(r.since(l)) > MAX_SKEW {
             return;
         }
         self.waiting = [None, None];

@@ -11,21 +11,21 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 /// Maximum size of a summary, bytes.
-const LONGEST: u64 = MIB;
+const MAX_SUMMARY_BYTES: u64 = MIB;
 /// Maximum number of differences in a complaint.
-const MOST: usize = 5;
+const MAX_DIFFERENCES: usize = 5;
 
 /// The last hash of the journal according to the summary; `None` if no process of this run ended in order.
 ///
 /// # Errors
 /// If the summary was changed.
-pub(super) fn summed_up(dir: &Path) -> Result<Option<String>, ConfigError> {
+pub(super) fn summary_hash(dir: &Path) -> Result<Option<String>, ConfigError> {
     let file = dir.join("summary.json");
     let foreign = |what: String| {
         let help = "put the file back as it was written, or take it away to go by the journal alone";
         ConfigError::plain(format!("{}: {what}", file.display()), help)
     };
-    let text = match read_text(&file, LONGEST) {
+    let text = match read_text(&file, MAX_SUMMARY_BYTES) {
         Ok(text) => text,
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(foreign(e.to_string())),
@@ -43,11 +43,11 @@ pub(super) fn summed_up(dir: &Path) -> Result<Option<String>, ConfigError> {
 ///
 /// # Errors
 /// The contradiction to the journal.
-pub(super) fn agrees(dir: &Path, past: &Past, stored: &Value) -> Result<(), ConfigError> {
+pub(super) fn check_config(dir: &Path, past: &Past, stored: &Value) -> Result<(), ConfigError> {
     let journal = dir.join(mobee_actors::record::journal::FILE);
     if past.events == 0 {
         let what = format!("{} holds no event: nothing tells what this run was, and did", journal.display());
-        let help = "use a copy of the journal that is whole; if the run ended as it began, run its configuration anew";
+        let help = "use a copy of the journal that is whole; if the run ended as it began, run its configuration again";
         return Err(ConfigError::plain(what, help));
     }
     let Some(begun) = &past.begun else { return Ok(()) };
@@ -55,13 +55,13 @@ pub(super) fn agrees(dir: &Path, past: &Past, stored: &Value) -> Result<(), Conf
     if found.is_empty() {
         return Ok(());
     }
-    let mut said: Vec<String> = found.iter().take(MOST).map(ToString::to_string).collect();
-    if let Some(more @ 1..) = found.len().checked_sub(MOST) {
-        said.push(format!("and {more} more"));
+    let mut lines: Vec<String> = found.iter().take(MAX_DIFFERENCES).map(ToString::to_string).collect();
+    if let Some(more @ 1..) = found.len().checked_sub(MAX_DIFFERENCES) {
+        lines.push(format!("and {more} more"));
     }
     let what = format!("{} is not what the journal says that the run began with", dir.join("config.json").display());
     let help = "put the file back as it was written; what is to be otherwise from now on is given by --set";
-    Err(ConfigError::plain(format!("{what}: {}", said.join("; ")), help))
+    Err(ConfigError::plain(format!("{what}: {}", lines.join("; ")), help))
 }
 
 /// The complaint about a journal that ends before the hash in the summary.

@@ -1,9 +1,9 @@
 //! Handler of requests at the control port.
 
-use super::offer::{Offered, Wanted, WantedBridge, WantedDetector, WantedLocator, Which};
+use super::swap_offer::{Offered, Wanted, WantedBridge, WantedDetector, WantedLocator, Which};
 use super::wire::{Reply, Request, Sent};
-use super::{offer, show};
-use crate::narrate::{fresh_remedy, in_words};
+use super::{show, swap_offer};
+use crate::narrate::{fresh_remedy, swap_step_text};
 use crate::run::{LogBook, Recording};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, SystemReport};
@@ -18,7 +18,7 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
 /// Time in which the system must reply. A swap is built and checked within its own budget.
-pub(super) const PATIENCE: Duration = Duration::from_secs(30);
+pub(super) const SYSTEM_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Default address of a viewer.
 const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
@@ -36,7 +36,7 @@ pub(crate) struct BesideNames {
 }
 
 /// Handles requests.
-pub(super) struct Desk {
+pub(super) struct RequestHandler {
     pub(super) running: Arc<dyn Running>,
     world: Arc<WorldService>,
     controls: mpsc::Sender<Control>,
@@ -52,7 +52,7 @@ const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW
                     swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swap SENSOR locator [0 PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover|halt|release|pose [ROBOT]; go ROBOT SPEED MOTOR=DEG...; home ROBOT SPEED; restart [NAME]; ended ROBOT ID; brake ROBOT; log last|from N; stop [now]; world ...; \
                     record on|off|connect [ADDRESS].";
 
-impl Desk {
+impl RequestHandler {
     /// A handler for a running system: `controls` sends to the system, `beside` are the names of the parts that do not
     /// belong to its robots.
     pub(super) fn new(
@@ -61,9 +61,9 @@ impl Desk {
         recording: Arc<Recording>,
         beside: BesideNames,
         log: LogBook,
-    ) -> Arc<Desk> {
+    ) -> Arc<RequestHandler> {
         let world = Arc::new(WorldService::new(running.clone(), None));
-        Arc::new(Desk { running, world, controls, recording, beside, log, before: Mutex::new(None) })
+        Arc::new(RequestHandler { running, world, controls, recording, beside, log, before: Mutex::new(None) })
     }
 
     /// Keeps grabbed objects at their markers; never returns.
@@ -102,16 +102,16 @@ impl Desk {
             [verb @ ("pause" | "resume"), rest @ ..] => self.act(rest, *verb == "resume"),
             ["recover", rest @ ..] => {
                 let all = self.running.robots();
-                let asked: Vec<_> = self.robots(rest)?.iter().filter_map(|i| all.get(*i)).collect();
-                let mut said = Vec::new();
+                let selected: Vec<_> = self.robots(rest)?.iter().filter_map(|i| all.get(*i)).collect();
+                let mut lines = Vec::new();
                 let mut tried = false;
-                for robot in asked {
+                for robot in selected {
                     let answer = robot.recover();
                     tried |= answer.is_ok();
                     let answer = answer.map_or_else(|why| why, |()| "the retreat is being retried".into());
-                    said.push(format!("{}: {answer}", robot.name()));
+                    lines.push(format!("{}: {answer}", robot.name()));
                 }
-                if tried { Ok(said) } else { Err(said.join("\n")) }
+                if tried { Ok(lines) } else { Err(lines.join("\n")) }
             }
             ["restart", name @ ..] => self.restart(name).await,
             ["halt", rest @ ..] => self.halt(rest).await,
@@ -122,8 +122,8 @@ impl Desk {
             ["ended", robot, id] => self.ended(robot, id).await,
             ["brake", robot] => self.brake(robot),
             ["log", which @ ("last" | "from"), number] => self.lines_of_log(which, number),
-            ["stop"] => self.tell(Control::Stop).await.map(|()| vec!["the run ends".into()]),
-            ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
+            ["stop"] => self.send(Control::Stop).await.map(|()| vec!["the run ends".into()]),
+            ["stop", "now"] => self.send(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
             ["world", words @ ..] => {
                 let request = Bottle::parse(words.join(" "), Dialect::V3).map_err(|e| e.to_string())?;
                 let reply = mobee_bridge::yarp::world::judged(&self.world, &request).await;
@@ -143,15 +143,15 @@ impl Desk {
         }
     }
 
-    pub(super) async fn tell(&self, control: Control) -> Result<(), String> {
-        let sent = tokio::time::timeout(PATIENCE, self.controls.send(control)).await;
+    pub(super) async fn send(&self, control: Control) -> Result<(), String> {
+        let sent = tokio::time::timeout(SYSTEM_TIMEOUT, self.controls.send(control)).await;
         sent.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| ENDING.to_owned())
     }
 
     pub(super) async fn report(&self) -> Result<SystemReport, String> {
         let (reply, report) = oneshot::channel();
-        self.tell(Control::Status(reply)).await?;
-        let report = tokio::time::timeout(PATIENCE, report).await;
+        self.send(Control::Status(reply)).await?;
+        let report = tokio::time::timeout(SYSTEM_TIMEOUT, report).await;
         report.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| ENDING.into())
     }
 
@@ -278,15 +278,16 @@ impl Desk {
             let offer = |name: &String| match (part, &model) {
                 (SwapPart::Bridge, _) => {
                     let wanted = WantedBridge { which: Which::Named(name), models: &models, terms };
-                    offer::sent_bridge(sent.clone(), &wanted)
+                    swap_offer::sent_bridge(sent.clone(), &wanted)
                 }
                 (SwapPart::Detector, _) => {
-                    offer::sent_detector(sent.clone(), &WantedDetector { camera: name, fresh, terms })
+                    swap_offer::sent_detector(sent.clone(), &WantedDetector { camera: name, fresh, terms })
                 }
-                (SwapPart::Locator, _) => {
-                    offer::sent_locator(sent.clone(), &WantedLocator { sensor: name, models: &models, fresh, terms })
-                }
-                (part, Some(model)) => offer::sent(sent.clone(), &Wanted { part, name, model, fresh, terms }),
+                (SwapPart::Locator, _) => swap_offer::sent_locator(
+                    sent.clone(),
+                    &WantedLocator { sensor: name, models: &models, fresh, terms },
+                ),
+                (part, Some(model)) => swap_offer::sent(sent.clone(), &Wanted { part, name, model, fresh, terms }),
                 (part, None) => Err(format!("there is no {part} of {name}")),
             };
             // build all before the first is offered
@@ -296,8 +297,9 @@ impl Desk {
         let offers = built.map_err(|e| format!("it could not be built: {e}"))??;
         for (name, offer) in owners.into_iter().zip(offers) {
             let (reply, done) = oneshot::channel();
-            self.tell(offer.control(name, reply)).await?;
-            let done = tokio::time::timeout(PATIENCE, done).await.map_err(|_| "the run does not answer".to_owned())?;
+            self.send(offer.control(name, reply)).await?;
+            let done =
+                tokio::time::timeout(SYSTEM_TIMEOUT, done).await.map_err(|_| "the run does not answer".to_owned())?;
             let done = done.map_err(|_| ENDING.to_owned())?;
             done.map_err(|why| format!("{why}{}", fresh_remedy(part, &why)))?;
         }
@@ -318,7 +320,7 @@ impl Desk {
             SwapStep::Settled => (4, "settled"),
         };
         let step = steps.into_iter().min_by_key(|step| word(step).0).ok_or("it was never swapped")?;
-        Ok(vec![word(step).1.into(), in_words(part, step)])
+        Ok(vec![word(step).1.into(), swap_step_text(part, step)])
     }
 
     /// Connects a viewer, by default at [`VIEWER`].

@@ -1,8 +1,8 @@
 //! The events of a run on the terminal, while it runs.
 //!
-//! With a real clock, each rollback, hold, death, swap and warning is a line, at most [`MOST`] in [`WINDOW`]; further
-//! ones are summed up. In virtual time, thousands of times faster, only warnings are printed. All lines go to standard
-//! error.
+//! With a real clock, each rollback, hold, death, swap and warning is a line, at most [`MAX_LINES`] in [`WINDOW`];
+//! further ones are summed up. In virtual time, thousands of times faster, only warnings are printed. All lines go to
+//! standard error.
 
 use super::progress::Bar;
 use crate::narrate::{Line, Narrator, Weight, timed};
@@ -12,19 +12,19 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Lines printed per window; further ones are counted.
-const MOST: usize = 12;
+const MAX_LINES: usize = 12;
 /// Duration of a window.
 const WINDOW: Duration = Duration::from_secs(10);
 /// Warnings that a run in virtual time prints; the journal has all of them.
-const MOST_VIRTUAL: u32 = 20;
+const MAX_VIRTUAL_WARNINGS: u32 = 20;
 /// Number of failed motions in the summary.
-const RECENT: usize = 5;
+const MAX_RECENT: usize = 5;
 
 /// The last failed motions of a run, as lines for its summary.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Recent(Arc<Mutex<VecDeque<String>>>);
+pub(crate) struct RecentFailures(Arc<Mutex<VecDeque<String>>>);
 
-impl Recent {
+impl RecentFailures {
     /// The lines, oldest first.
     pub(crate) fn lines(&self) -> Vec<String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
@@ -32,7 +32,7 @@ impl Recent {
 
     fn push(&self, line: String) {
         let mut lines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if lines.len() >= RECENT {
+        if lines.len() >= MAX_RECENT {
             lines.pop_front();
         }
         lines.push_back(line);
@@ -41,7 +41,7 @@ impl Recent {
 
 /// Settings of the terminal's output.
 #[derive(Clone, Debug)]
-pub(crate) struct Talk {
+pub(crate) struct TerminalSettings {
     /// True if all news is printed, not only warnings: with a real clock a person can follow.
     pub(super) live: bool,
     /// True if only warnings are printed.
@@ -49,22 +49,22 @@ pub(crate) struct Talk {
     /// Lines that are printed when the run begins.
     pub(super) ready: Vec<String>,
     /// Receives the failed motions for the summary.
-    pub(super) recent: Recent,
+    pub(super) recent: RecentFailures,
 }
 
 /// The sink that prints events.
-pub(super) struct Said {
+pub(super) struct EventPrinter {
     bar: Bar,
-    talk: Talk,
+    settings: TerminalSettings,
     narrator: Narrator,
-    bound: Bound,
+    rate: RateLimit,
     warnings: u32,
 }
 
-impl Said {
+impl EventPrinter {
     /// Prints above this progress bar.
-    pub(super) fn new(bar: Bar, talk: Talk, narrator: Narrator) -> Said {
-        Said { bar, talk, narrator, bound: Bound::default(), warnings: 0 }
+    pub(super) fn new(bar: Bar, settings: TerminalSettings, narrator: Narrator) -> EventPrinter {
+        EventPrinter { bar, settings, narrator, rate: RateLimit::default(), warnings: 0 }
     }
 
     fn line(&mut self, at: Time, line: &Line) {
@@ -73,25 +73,25 @@ impl Said {
             true => format!("warning, {}", timed(at, &line.text)),
             false => timed(at, &line.text),
         };
-        if self.talk.live {
-            if is_warning || (line.weight == Weight::News && !self.talk.quiet) {
-                self.bound.line(at, line.kind, text).iter().for_each(|line| self.bar.say(line));
+        if self.settings.live {
+            if is_warning || (line.weight == Weight::News && !self.settings.quiet) {
+                self.rate.line(at, line.kind, text).iter().for_each(|line| self.bar.print_line(line));
             }
             return;
         }
         if is_warning {
             self.warnings += 1;
-            if self.warnings <= MOST_VIRTUAL {
-                self.bar.say(&text);
+            if self.warnings <= MAX_VIRTUAL_WARNINGS {
+                self.bar.print_line(&text);
             }
-            if self.warnings == MOST_VIRTUAL {
-                self.bar.say("warning: further ones are in the journal");
+            if self.warnings == MAX_VIRTUAL_WARNINGS {
+                self.bar.print_line("warning: further ones are in the journal");
             }
         }
     }
 }
 
-impl Sink for Said {
+impl Sink for EventPrinter {
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
         let event = match entry {
             Entry::Event(event) => event,
@@ -102,16 +102,16 @@ impl Sink for Said {
             _ => return Ok(()),
         };
         if let Event::Started { .. } | Event::Resumed { .. } = &**event {
-            self.talk.ready.iter().filter(|_| !self.talk.quiet).for_each(|line| self.bar.say(line));
+            self.settings.ready.iter().filter(|_| !self.settings.quiet).for_each(|line| self.bar.print_line(line));
         }
         if let Some(line) = self.narrator.line(event) {
             if ["rolled back", "faulted"].contains(&line.kind) {
-                self.talk.recent.push(timed(at, &line.text));
+                self.settings.recent.push(timed(at, &line.text));
             }
             self.line(at, &line);
         }
         if let Event::Ended { .. } = &**event {
-            self.bound.rest().iter().for_each(|line| self.bar.say(line));
+            self.rate.summed_up().iter().for_each(|line| self.bar.print_line(line));
         }
         Ok(())
     }
@@ -123,23 +123,23 @@ impl Sink for Said {
 
 /// Bounds the rate of lines: counts those above the limit, and reports them as one line after the window.
 #[derive(Debug, Default)]
-struct Bound {
+struct RateLimit {
     since: Option<Time>,
-    told: usize,
+    printed: usize,
     more: BTreeMap<&'static str, u64>,
 }
 
-impl Bound {
+impl RateLimit {
     /// The lines to print now for a new line: the sum of the last window if that has ended, and the line itself unless
     /// the window is full.
     fn line(&mut self, at: Time, kind: &'static str, text: String) -> Vec<String> {
         let mut lines = Vec::new();
         if self.since.is_none_or(|since| at.since(since) >= WINDOW) {
-            lines = self.rest();
-            (self.since, self.told) = (Some(at), 0);
+            lines = self.summed_up();
+            (self.since, self.printed) = (Some(at), 0);
         }
-        if self.told < MOST {
-            self.told += 1;
+        if self.printed < MAX_LINES {
+            self.printed += 1;
             lines.push(text);
         } else {
             *self.more.entry(kind).or_default() += 1;
@@ -148,7 +148,7 @@ impl Bound {
     }
 
     /// The sum of the lines above the limit, as one line.
-    fn rest(&mut self) -> Vec<String> {
+    fn summed_up(&mut self) -> Vec<String> {
         let more = std::mem::take(&mut self.more);
         let total: u64 = more.values().sum();
         if total == 0 {
@@ -165,14 +165,14 @@ mod tests {
 
     #[test]
     fn a_storm_is_summed_up() {
-        let mut bound = Bound::default();
+        let mut rate = RateLimit::default();
         let at = |ms: u64| Time(ms * 1_000_000);
         let storm: Vec<String> =
-            (0..100).flat_map(|i| bound.line(at(i * 10), "rolled back", format!("line {i}"))).collect();
-        assert_eq!(storm.len(), MOST, "{storm:?}");
-        assert_eq!(bound.line(at(1100), "holds", "hold".into()), Vec::<String>::new());
-        let after = bound.line(at(30_000), "holds", "later".into());
+            (0..100).flat_map(|i| rate.line(at(i * 10), "rolled back", format!("line {i}"))).collect();
+        assert_eq!(storm.len(), MAX_LINES, "{storm:?}");
+        assert_eq!(rate.line(at(1100), "holds", "hold".into()), Vec::<String>::new());
+        let after = rate.line(at(30_000), "holds", "later".into());
         assert_eq!(after, ["89 more lines in these 10 s (1 holds, 88 rolled back); the journal has them", "later"]);
-        assert_eq!(bound.rest(), Vec::<String>::new(), "once");
+        assert_eq!(rate.summed_up(), Vec::<String>::new(), "once");
     }
 }

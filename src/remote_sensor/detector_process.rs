@@ -1,6 +1,6 @@
 //! `mobee detector run`: the cameras and detectors of a sensor in a process of their own.
 
-use super::{AGAIN, Outside, OutsideArgs, Said};
+use super::{RETRY_DELAY, RemoteSensor, RemoteSensorArgs, WarnOnce};
 use crate::config::ConfigError;
 use crate::signals::Interrupt;
 use miette::{IntoDiagnostic, Report};
@@ -13,40 +13,40 @@ use std::time::Duration;
 use tokio::task::{JoinSet, spawn_blocking};
 
 /// Time limit for a frame in progress at the end.
-const PATIENCE: Duration = Duration::from_secs(2);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Runs the cameras and detectors of a sensor until Ctrl-C.
 ///
 /// # Errors
 /// Complaints about the configuration or the network, before any port is opened.
-pub(crate) fn command(args: &OutsideArgs) -> Result<(), Report> {
-    let mut outside = Outside::load(args)?;
-    let sensor = outside.sensor()?;
+pub(crate) fn command(args: &RemoteSensorArgs) -> Result<(), Report> {
+    let mut configured = RemoteSensor::load(args)?;
+    let sensor = configured.sensor()?;
     if sensor.is_simulated {
-        let at = format!("sensor[{}].eye[0].camera.kind", outside.index);
+        let at = format!("sensor[{}].eye[0].camera.kind", configured.index);
         let help = "serve them by `mobee sim`, and read their ports: camera = { kind = \"yarp\", port = \"/icubSim/cam/left\" }";
         let what = "this sensor's cameras are simulated, and only a run has a world that they could see";
-        return Err(outside.source.error(&at, what, help).into());
+        return Err(configured.source.error(&at, what, help).into());
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().into_diagnostic()?;
-    let done = runtime.block_on(serve(&outside, sensor.cameras));
-    runtime.shutdown_timeout(PATIENCE);
+    let done = runtime.block_on(serve(&configured, sensor.cameras));
+    runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
     done
 }
 
-async fn serve(outside: &Outside, cameras: Vec<CameraSetup>) -> Result<(), Report> {
-    outside.reach().await?;
+async fn serve(configured: &RemoteSensor, cameras: Vec<CameraSetup>) -> Result<(), Report> {
+    configured.reach().await?;
     let mut interrupt = Interrupt::new();
     let clock = Clock::new(ClockKind::Real);
     let mut eyes = JoinSet::new();
     let mut count = 0;
     for setup in cameras {
-        let ports = Ports::open(outside, &setup.name).await?;
+        let ports = Ports::open(configured, &setup.name).await?;
         println!("{}\n{}", ports.regions.name(), ports.mask.name());
-        eyes.spawn(Eye { setup, ports, clock: clock.clone(), said: Said::default() }.look());
+        eyes.spawn(CameraProcess { setup, ports, clock: clock.clone(), warnings: WarnOnce::default() }.look());
         count += 1;
     }
-    let (host, port) = outside.network.server();
+    let (host, port) = configured.network.server();
     println!("{count} cameras at the name server {host}:{port}; Ctrl-C ends");
     tokio::select! {
         () = interrupt.wait() => {}
@@ -64,11 +64,11 @@ struct Ports {
 }
 
 impl Ports {
-    async fn open(outside: &Outside, eye: &str) -> Result<Ports, ConfigError> {
+    async fn open(configured: &RemoteSensor, eye: &str) -> Result<Ports, ConfigError> {
         let open = async |what: &str| {
-            let name = format!("{}/{eye}/{what}:o", outside.ports);
+            let name = format!("{}/{eye}/{what}:o", configured.ports);
             let help = "end the program that has it, or choose other names by --prefix";
-            let opened = OutputPort::open(&outside.network, &name, Delivery::Newest).await;
+            let opened = OutputPort::open(&configured.network, &name, Delivery::Newest).await;
             opened.map_err(|e| ConfigError::plain(e.to_string(), help))
         };
         Ok(Ports { regions: open("regions").await?, mask: open("mask").await? })
@@ -76,11 +76,11 @@ impl Ports {
 }
 
 /// A camera with its detector.
-struct Eye {
+struct CameraProcess {
     setup: CameraSetup,
     ports: Ports,
     clock: Clock,
-    said: Said,
+    warnings: WarnOnce,
 }
 
 /// The parts that are rebuilt after a failure.
@@ -98,12 +98,12 @@ struct Found {
 
 /// The result of one step of a camera.
 #[derive(Default)]
-struct Look {
+struct StepResult {
     found: Option<Found>,
     warnings: Vec<String>,
 }
 
-impl Eye {
+impl CameraProcess {
     /// Processes frames forever; rebuilds a camera or detector that fails.
     async fn look(mut self) {
         let mut stamp = Stamp::default();
@@ -116,7 +116,7 @@ impl Eye {
                 Ok(parts) => parts,
                 Err(why) => {
                     self.complain(&why);
-                    tokio::time::sleep(AGAIN).await;
+                    tokio::time::sleep(RETRY_DELAY).await;
                     continue;
                 }
             };
@@ -143,24 +143,24 @@ impl Eye {
                     }
                 };
                 for what in look.warnings {
-                    self.said.warn(format!("{}: {what}", self.setup.name));
+                    self.warnings.warn(format!("{}: {what}", self.setup.name));
                 }
                 if let Some(found) = look.found {
                     stamp = stamp.next(self.clock.time_of_day(found.frame.exposed));
-                    self.tell(found, stamp);
+                    self.publish(found, stamp);
                 }
                 self.clock.sleep_until(now + parts.camera.period()).await;
             }
-            tokio::time::sleep(AGAIN).await;
+            tokio::time::sleep(RETRY_DELAY).await;
         }
     }
 
     fn complain(&mut self, why: &str) {
         let name = &self.setup.name;
-        self.said.warn(format!("{name}: {why}; it is made anew"));
+        self.warnings.warn(format!("{name}: {why}; it is rebuilt"));
     }
 
-    fn tell(&mut self, found: Found, stamp: Stamp) {
+    fn publish(&mut self, found: Found, stamp: Stamp) {
         let Found { frame, regions, mask } = found;
         let seen = SeenRegions { intrinsics: frame.intrinsics, regions };
         self.ports.regions.write(seen.bottle(), Some(stamp.envelope()));
@@ -176,9 +176,9 @@ impl Eye {
 
 impl Parts {
     /// Processes the newest frame, if there is one, and returns at most `most` regions of each object.
-    fn step(&mut self, now: Time, most: usize) -> Result<Look, String> {
+    fn step(&mut self, now: Time, most: usize) -> Result<StepResult, String> {
         let frame = self.camera.frame(now)?;
-        let mut look = Look::default();
+        let mut look = StepResult::default();
         look.warnings.extend(self.camera.skipped().map(|s| format!("{}; such pictures are skipped", s.why)));
         let Some(frame) = frame else { return Ok(look) };
         let mut regions = self.detector.detect(&frame);
@@ -186,8 +186,7 @@ impl Parts {
             return Err(why);
         }
         if self.detector.omitted() + limit_regions(&mut regions, most) > 0 {
-            look.warnings
-                .push(format!("more than {most} regions of an object in one picture; the others are left out"));
+            look.warnings.push(format!("more than {most} regions of an object in one image; the others are dropped"));
         }
         look.warnings.extend(self.detector.complaint());
         look.found = Some(Found { frame, regions, mask: self.detector.mask() });

@@ -1,41 +1,41 @@
 //! A sink that ends before it uses disk space that the journal needs.
 
-use super::space::Room;
+use super::disk_space::DiskSpace;
 use mobee_contract::{Entry, Sink, Time};
 use std::path::PathBuf;
 
 /// Entries between two checks of the disk.
-const OFTEN: u32 = 1000;
+const ENTRIES_PER_CHECK: u32 = 1000;
 
 /// Forwards entries while there is enough disk space.
-pub(super) struct Guarded {
+pub(super) struct SpaceGuard {
     sink: Box<dyn Sink>,
     folder: PathBuf,
     entries: u32,
 }
 
-impl Guarded {
+impl SpaceGuard {
     /// Wraps a sink that writes into this folder.
-    pub(super) fn new(sink: Box<dyn Sink>, folder: PathBuf) -> Guarded {
-        Guarded { sink, folder, entries: 0 }
+    pub(super) fn new(sink: Box<dyn Sink>, folder: PathBuf) -> SpaceGuard {
+        SpaceGuard { sink, folder, entries: 0 }
     }
 
-    fn look(&self) -> Result<(), String> {
-        Room::at(&self.folder).and_then(Room::forbids_recording).map_or(Ok(()), Err)
+    fn check_space(&self) -> Result<(), String> {
+        DiskSpace::at(&self.folder).and_then(DiskSpace::too_little_to_record).map_or(Ok(()), Err)
     }
 }
 
-impl Sink for Guarded {
+impl Sink for SpaceGuard {
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
         self.entries += 1;
-        if self.entries.is_multiple_of(OFTEN) {
-            self.look()?;
+        if self.entries.is_multiple_of(ENTRIES_PER_CHECK) {
+            self.check_space()?;
         }
         self.sink.write(at, entry)
     }
 
     fn flush(&mut self) -> Result<(), String> {
-        self.look()?;
+        self.check_space()?;
         self.sink.flush()
     }
 

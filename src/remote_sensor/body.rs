@@ -1,6 +1,6 @@
 //! A robot's configuration at past times, from the states that its boards publish.
 
-use super::{Outside, Said};
+use super::{RemoteSensor, WarnOnce};
 use crate::compose::driver_of;
 use miette::Report;
 use mobee_actors::runtime::clock::Clock;
@@ -15,11 +15,11 @@ use std::time::Duration;
 use tokio::task::JoinSet;
 
 /// Number of stored states per board: some seconds.
-const KEPT: usize = 512;
+const MAX_STATES: usize = 512;
 /// Maximum difference between a state's stamp and its arrival, s; a greater one is the time of another clock.
-const ANOTHER_CLOCK: f64 = 0.1;
+const MAX_STAMP_AGE_S: f64 = 0.1;
 /// Maximum gap between states for an interpolation.
-const GAP: Duration = Duration::from_millis(500);
+const MAX_GAP: Duration = Duration::from_millis(500);
 
 /// The boards of a robot. They are never commanded.
 pub(super) struct Body {
@@ -57,29 +57,29 @@ impl Body {
     ///
     /// # Errors
     /// If the driver is not of kind `yarp`, with the remedy.
-    pub(super) fn watch(outside: &Outside, name: &str, robot: &Robot, clock: &Clock) -> Result<Body, Report> {
-        let found = outside.config.robot.iter().position(|r| r.name == name).unwrap_or_default();
+    pub(super) fn watch(configured: &RemoteSensor, name: &str, robot: &Robot, clock: &Clock) -> Result<Body, Report> {
+        let found = configured.config.robot.iter().position(|r| r.name == name).unwrap_or_default();
         let at = format!("robot[{found}].driver");
-        let table = outside.config.robot.get(found).map(|r| r.driver.clone()).unwrap_or_default();
-        let (kind, settings) = driver_of(&outside.source, &at, &table)?;
+        let table = configured.config.robot.get(found).map(|r| r.driver.clone()).unwrap_or_default();
+        let (kind, settings) = driver_of(&configured.source, &at, &table)?;
         if kind != YARP {
             let what = format!("the driver is of the kind `{kind}`, which has no ports that tell where the head is");
             let help = "give the kind `yarp` and the boards of torso and head; configs/sensing/eyes-yarp.toml has them";
-            return Err(outside.source.error(&format!("{at}.kind"), what, help).into());
+            return Err(configured.source.error(&format!("{at}.kind"), what, help).into());
         }
         let settings: YarpDriverSettings =
-            mobee_contract::settings(&settings).map_err(|e| outside.source.error(&at, e.what, e.help))?;
+            mobee_contract::settings(&settings).map_err(|e| configured.source.error(&at, e.what, e.help))?;
         let mut body =
             Body { boards: Vec::new(), home: robot.motors.iter().map(|m| m.home).collect(), tasks: JoinSet::new() };
         for part in &settings.parts {
             let Some(known) = robot.parts.iter().find(|p| p.name == part.part) else { continue };
             let options = RemoteOptions {
-                local: format!("{}/locator/{}", outside.ports, part.part),
+                local: format!("{}/locator/{}", configured.ports, part.part),
                 carrier: settings.carrier.parse().unwrap_or_default(),
                 timeout: millis(settings.timeout_ms),
                 stale: millis(settings.stale_ms),
             };
-            let remote = Arc::new(RemoteBoard::new(&outside.network, &part.port, options));
+            let remote = Arc::new(RemoteBoard::new(&configured.network, &part.port, options));
             let motors = robot.motors.get(known.motors.clone()).unwrap_or_default();
             let units = Units::new(motors.iter().map(|m| joint_kind(m.motion)));
             let past = Arc::new(Mutex::new(Past::default()));
@@ -104,13 +104,13 @@ impl Body {
     }
 
     /// Warns about boards that send no states, with the reason.
-    pub(super) fn complain(&self, said: &mut Said) {
+    pub(super) fn complain(&self, warnings: &mut WarnOnce) {
         for board in &self.boards {
             let past = board.past.lock().unwrap_or_else(PoisonError::into_inner);
             let port = &board.port;
             let motors = board.motors.len();
             if let Some(joints) = past.wrong {
-                said.warn(format!(
+                warnings.warn(format!(
                     "{port} has {joints} joints and the part of the model {motors} motors: correct `parts`"
                 ));
             } else if past.ring.is_empty() {
@@ -119,7 +119,7 @@ impl Body {
                     LinkState::Taken(by) => format!("another program has our port names: {by}"),
                     LinkState::Up(_) => "it sends none".into(),
                 };
-                said.warn(format!("no states of {port} yet ({why}): what is seen is not placed"));
+                warnings.warn(format!("no states of {port} yet ({why}): detections are not located"));
             }
         }
     }
@@ -134,7 +134,7 @@ impl Past {
         }
         let (before, here) = next.checked_sub(1).and_then(|i| self.ring.get(i)).ok_or(Unknown::NoMore)?;
         let span = after.since(*before);
-        if span > GAP {
+        if span > MAX_GAP {
             return Err(Unknown::NoMore);
         }
         let share = at.since(*before).as_secs_f64() / span.as_secs_f64();
@@ -143,7 +143,7 @@ impl Past {
 
     fn push(&mut self, at: Time, q: Vec<f64>) {
         if self.ring.back().is_none_or(|(last, _)| *last < at) {
-            if self.ring.len() >= KEPT {
+            if self.ring.len() >= MAX_STATES {
                 self.ring.pop_front();
             }
             self.ring.push_back((at, q));
@@ -174,7 +174,7 @@ fn read_at(state: &RemoteState, clock: &Clock) -> Time {
     let age = state.arrived.elapsed();
     let arrived = Time(clock.now().0.saturating_sub(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)));
     let late = state.stamp.map(|stamp| clock.time_of_day(arrived) - stamp.time);
-    match late.filter(|late| (0.0..ANOTHER_CLOCK).contains(late)) {
+    match late.filter(|late| (0.0..MAX_STAMP_AGE_S).contains(late)) {
         Some(late) => Time(arrived.0.saturating_sub((late * 1e9) as u64)),
         None => arrived,
     }

@@ -21,50 +21,50 @@ pub(super) const SOCKET: &str = "ctl.sock";
 /// The file in a run's folder with the address and the key of a port that `--ctl` opened.
 pub(super) const ADDRESS: &str = "ctl.tcp";
 /// Maximum length of a socket's path that operating systems accept, bytes.
-const LONGEST: usize = 100;
+const MAX_SOCKET_PATH_BYTES: usize = 100;
 /// Length of a key, bytes.
-const KEY: usize = 32;
+const KEY_BYTES: usize = 32;
 
 /// The listener of the control port.
-pub(super) enum Door {
+pub(super) enum CtlListener {
     Unix(UnixListener),
     Tcp(TcpListener, Key),
 }
 
 /// A connection that is not yet authenticated.
-pub(super) enum Guest {
+pub(super) enum CtlPeer {
     Unix(UnixStream),
     Tcp(TcpStream, Key),
 }
 
-impl Door {
+impl CtlListener {
     /// Opens the listener for the run in this folder, at an address or else as a socket in the folder; an address is
     /// written into the folder.
     ///
     /// # Errors
     /// A sentence with the remedy.
-    pub(super) async fn open(folder: &Path, at: Option<SocketAddr>) -> Result<Door, String> {
-        Door::forget(folder);
+    pub(super) async fn open(folder: &Path, at: Option<SocketAddr>) -> Result<CtlListener, String> {
+        CtlListener::remove_files(folder);
         let Some(at) = at else {
             let wrong = |e: io::Error| format!("no control port at {}: {e}", folder.join(SOCKET).display());
-            let (path, _open) = socket(folder).map_err(wrong)?;
+            let (path, _open) = socket_path(folder).map_err(wrong)?;
             let listener = UnixListener::bind(&path).map_err(wrong)?;
             std::fs::set_permissions(&path, Permissions::from_mode(0o600)).map_err(wrong)?;
-            return Ok(Door::Unix(listener));
+            return Ok(CtlListener::Unix(listener));
         };
         let listener = TcpListener::bind(at).await.map_err(|e| format!("{e}; give another address with --ctl"))?;
         let at = listener.local_addr().map_err(|e| e.to_string())?;
-        let mut key = [0; KEY];
+        let mut key = [0; KEY_BYTES];
         getrandom::fill(&mut key).map_err(|e| format!("no key for the control port: {e}"))?;
         let key: String = key.iter().map(|b| format!("{b:02x}")).collect();
         let file = folder.join(ADDRESS);
         let written = create_private(&file, Before::Empty).and_then(|mut f| writeln!(f, "{at} {key}"));
         written.map_err(|e| format!("can't write {}: {e}", file.display()))?;
-        Ok(Door::Tcp(listener, Key::new(key)))
+        Ok(CtlListener::Tcp(listener, Key::new(key)))
     }
 
     /// Removes the socket and the address file, so that clients no longer find them.
-    pub(super) fn forget(folder: &Path) {
+    pub(super) fn remove_files(folder: &Path) {
         for file in [SOCKET, ADDRESS] {
             let _ = std::fs::remove_file(folder.join(file));
         }
@@ -74,29 +74,29 @@ impl Door {
     ///
     /// # Errors
     /// If the system can't accept a connection.
-    pub(super) async fn knock(&self) -> io::Result<Guest> {
+    pub(super) async fn accept(&self) -> io::Result<CtlPeer> {
         Ok(match self {
-            Door::Unix(listener) => Guest::Unix(listener.accept().await?.0),
-            Door::Tcp(listener, key) => Guest::Tcp(listener.accept().await?.0, key.clone()),
+            CtlListener::Unix(listener) => CtlPeer::Unix(listener.accept().await?.0),
+            CtlListener::Tcp(listener, key) => CtlPeer::Tcp(listener.accept().await?.0, key.clone()),
         })
     }
 }
 
-impl Guest {
+impl CtlPeer {
     /// Accepts the run's own user, root, or a client that has the key.
     ///
     /// # Errors
-    /// For anybody else, who gets no reply.
+    /// If the client is none of these; it gets no reply.
     pub(super) async fn admit(self) -> io::Result<Box<dyn Line>> {
         match self {
-            Guest::Unix(line) => {
+            CtlPeer::Unix(line) => {
                 let user = line.peer_cred()?.uid();
-                if user != us()? && user != 0 {
+                if user != own_user()? && user != 0 {
                     return Err(io::ErrorKind::PermissionDenied.into());
                 }
                 Ok(Box::new(line))
             }
-            Guest::Tcp(mut line, key) => {
+            CtlPeer::Tcp(mut line, key) => {
                 auth::accept(&mut line, &key).await?;
                 Ok(Box::new(line))
             }
@@ -109,12 +109,12 @@ impl Guest {
 ///
 /// # Errors
 /// If nothing listens there, or the run belongs to another user.
-pub(super) async fn enter(folder: &Path) -> io::Result<Box<dyn Line>> {
-    let (path, _open) = socket(folder)?;
+pub(super) async fn connect_socket(folder: &Path) -> io::Result<Box<dyn Line>> {
+    let (path, _open) = socket_path(folder)?;
     let line = UnixStream::connect(path).await?;
     let user = line.peer_cred()?.uid();
-    let us = us()?;
-    if user != us && us != 0 {
+    let own_user = own_user()?;
+    if user != own_user && own_user != 0 {
         return Err(io::Error::new(io::ErrorKind::PermissionDenied, "this is the run of another user"));
     }
     Ok(Box::new(line))
@@ -124,28 +124,28 @@ pub(super) async fn enter(folder: &Path) -> io::Result<Box<dyn Line>> {
 ///
 /// # Errors
 /// If nothing listens there, or the key is another one.
-pub(super) async fn enter_at(address: &str, key: &str) -> io::Result<Box<dyn Line>> {
+pub(super) async fn connect_address(address: &str, key: &str) -> io::Result<Box<dyn Line>> {
     let mut line = TcpStream::connect(address).await?;
     auth::connect(&mut line, &Key::new(key)).await?;
     Ok(Box::new(line))
 }
 
 /// The user id of this process.
-fn us() -> io::Result<u32> {
+fn own_user() -> io::Result<u32> {
     UnixStream::pair()?.0.peer_cred().map(|c| c.uid())
 }
 
 /// The path of a folder's socket, short enough for the system. It is valid while the returned file is open.
-fn socket(folder: &Path) -> io::Result<(PathBuf, Option<File>)> {
+fn socket_path(folder: &Path) -> io::Result<(PathBuf, Option<File>)> {
     let path = folder.join(SOCKET);
-    if path.as_os_str().len() <= LONGEST {
+    if path.as_os_str().len() <= MAX_SOCKET_PATH_BYTES {
         return Ok((path, None));
     }
     // Linux has a short path for an open folder
     let open = File::open(folder)?;
     let path = PathBuf::from(format!("/proc/self/fd/{}", open.as_raw_fd()));
     if !path.exists() {
-        let what = format!("the folder's path is longer than {LONGEST} bytes; give a shorter --out");
+        let what = format!("the folder's path is longer than {MAX_SOCKET_PATH_BYTES} bytes; give a shorter --out");
         return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
     }
     Ok((path.join(SOCKET), Some(open)))
@@ -162,25 +162,25 @@ mod tests {
         let deep = dir.path().join("d".repeat(120)).join("e".repeat(120));
         std::fs::create_dir_all(&deep).unwrap();
         for folder in [dir.path(), &deep] {
-            let door = Door::open(folder, None).await.unwrap();
+            let door = CtlListener::open(folder, None).await.unwrap();
             let mode = folder.join(SOCKET).metadata().unwrap().permissions().mode();
             assert_eq!(mode & 0o777, 0o600);
-            let (client, guest) = tokio::join!(enter(folder), async { door.knock().await?.admit().await });
+            let (client, guest) = tokio::join!(connect_socket(folder), async { door.accept().await?.admit().await });
             client.unwrap().write_all(b"x").await.unwrap();
             assert_eq!(guest.unwrap().read_u8().await.unwrap(), b'x');
-            Door::forget(folder);
-            assert!(enter(folder).await.is_err());
+            CtlListener::remove_files(folder);
+            assert!(connect_socket(folder).await.is_err());
         }
     }
 
     #[tokio::test]
     async fn an_address_is_of_no_use_without_the_key() {
         let dir = tempfile::tempdir().unwrap();
-        let door = Door::open(dir.path(), Some(SocketAddr::from(([127, 0, 0, 1], 0)))).await.unwrap();
+        let door = CtlListener::open(dir.path(), Some(SocketAddr::from(([127, 0, 0, 1], 0)))).await.unwrap();
         let text = std::fs::read_to_string(dir.path().join(ADDRESS)).unwrap();
         let (at, key) = text.trim().split_once(' ').unwrap();
         for (key, comes_in) in [(key, true), ("", false), ("00", false)] {
-            let (client, guest) = tokio::join!(enter_at(at, key), async { door.knock().await?.admit().await });
+            let (client, guest) = tokio::join!(connect_address(at, key), async { door.accept().await?.admit().await });
             assert_eq!((client.is_ok(), guest.is_ok()), (comes_in, comes_in));
         }
     }

@@ -7,19 +7,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Forwards entries while it is on. When it is switched on again, it first forwards the state of world and robots that
 /// it missed.
-pub(super) struct Switched<S> {
+pub(super) struct RecordSwitch<S> {
     sink: S,
     on: Arc<AtomicBool>,
     missed: Option<Kept>,
 }
 
-impl<S: Sink> Switched<S> {
-    pub(super) fn new(sink: S, on: Arc<AtomicBool>) -> Switched<S> {
-        Switched { sink, on, missed: None }
+impl<S: Sink> RecordSwitch<S> {
+    pub(super) fn new(sink: S, on: Arc<AtomicBool>) -> RecordSwitch<S> {
+        RecordSwitch { sink, on, missed: None }
     }
 }
 
-impl<S: Sink> Sink for Switched<S> {
+impl<S: Sink> Sink for RecordSwitch<S> {
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
         if !self.on.load(Ordering::SeqCst) {
             self.missed.get_or_insert_default().note(at, entry);

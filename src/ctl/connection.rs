@@ -1,7 +1,7 @@
 //! Finding the control port of a run: by its folder, or by an address and the key.
 
 use super::CtlArgs;
-use super::door::{ADDRESS, SOCKET, enter, enter_at};
+use super::listener::{ADDRESS, SOCKET, connect_address, connect_socket};
 use super::wire::{self, Line, Reply, Request};
 use crate::config::ConfigError;
 use std::io;
@@ -13,9 +13,9 @@ use tokio::time::error::Elapsed;
 use tokio::time::timeout;
 
 /// Time limit for a connection.
-const CONNECT: Duration = Duration::from_secs(5);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time limit for a reply; a swap is built and checked within it.
-const PATIENCE: Duration = Duration::from_secs(60);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A connection to a run.
 pub(super) struct Client(BufReader<Box<dyn Line>>);
@@ -25,8 +25,8 @@ impl Client {
     ///
     /// # Errors
     /// If there is no reply in time, or the run has ended.
-    pub(super) async fn ask(&mut self, request: &Request) -> Result<Reply, ConfigError> {
-        let asked = async {
+    pub(super) async fn call(&mut self, request: &Request) -> Result<Reply, ConfigError> {
+        let exchange = async {
             // a run that has ended has sent its farewell before it closed the connection
             let written = wire::write(self.0.get_mut(), request).await;
             match wire::read(&mut self.0).await {
@@ -38,7 +38,7 @@ impl Client {
             }
         };
         let late = |_| Err(io::Error::new(io::ErrorKind::TimedOut, "the run does not answer"));
-        timeout(PATIENCE, asked).await.unwrap_or_else(late).map_err(|e| {
+        timeout(REPLY_TIMEOUT, exchange).await.unwrap_or_else(late).map_err(|e| {
             ConfigError::plain(format!("no answer: {e}"), "check whether the run is still active, and ask again")
         })
     }
@@ -57,7 +57,7 @@ pub(super) async fn connect(args: &CtlArgs) -> Result<Client, ConfigError> {
     let (what, line) = match (&args.at, &args.key) {
         (Some(at), Some(file)) => {
             let (_, key) = address(file)?;
-            (at.clone(), timeout(CONNECT, enter_at(at, &key)).await)
+            (at.clone(), timeout(CONNECT_TIMEOUT, connect_address(at, &key)).await)
         }
         _ => return connect_in(&args.run.clone().map_or_else(newest, Ok)?).await,
     };
@@ -67,10 +67,10 @@ pub(super) async fn connect(args: &CtlArgs) -> Result<Client, ConfigError> {
 /// Connects to the run in this folder.
 pub(super) async fn connect_in(folder: &Path) -> Result<Client, ConfigError> {
     let line = if folder.join(SOCKET).exists() {
-        timeout(CONNECT, enter(folder)).await
+        timeout(CONNECT_TIMEOUT, connect_socket(folder)).await
     } else {
         let (at, key) = address(&folder.join(ADDRESS))?;
-        timeout(CONNECT, enter_at(&at, &key)).await
+        timeout(CONNECT_TIMEOUT, connect_address(&at, &key)).await
     };
     connected(format!("the run {}", folder.display()), line)
 }

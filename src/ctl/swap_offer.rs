@@ -3,7 +3,7 @@
 use super::wire::Sent;
 use crate::compose::{compose, margin_warning};
 use crate::config::{Config, Source, simulated};
-use crate::run::guarded;
+use crate::run::check_network_access;
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{BesideOffer, Control, NewBeside, NewPart, PartOffer};
 use mobee_actors::wiring::{Maker, SwapRequest};
@@ -137,7 +137,7 @@ fn read(sent: Sent) -> Result<(Config, Source), String> {
 /// All complaints about it, as they would be printed.
 pub(crate) fn take_bridge(mut config: Config, source: &Source, wanted: &WantedBridge<'_>) -> Result<Offered, String> {
     let file = source.path.display();
-    guarded(&config).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+    check_network_access(&config).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
     // no board is touched
     config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
     let kinds: Vec<Value> = config.bridges().map(|(_, table)| table["kind"].clone()).collect();
@@ -304,7 +304,7 @@ fn ports(robot: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::gather;
+    use super::super::config_payload;
     use super::*;
     use std::path::{Path, PathBuf};
 
@@ -316,7 +316,7 @@ mod tests {
     }
 
     fn explore() -> Sent {
-        gather::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml")).unwrap()
+        config_payload::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml")).unwrap()
     }
 
     #[test]

@@ -7,8 +7,8 @@
 //! Both use the configuration of a run, and one table `[[sensor]]` of it.
 
 mod body;
-pub(crate) mod looking;
-pub(crate) mod placing;
+pub(crate) mod detector_process;
+pub(crate) mod locator_process;
 
 use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError, Source};
@@ -22,11 +22,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 /// Pause before a retry.
-const AGAIN: Duration = Duration::from_millis(500);
+const RETRY_DELAY: Duration = Duration::from_millis(500);
 
 /// Arguments of both commands.
 #[derive(clap::Args, Clone, Debug)]
-pub struct OutsideArgs {
+pub struct RemoteSensorArgs {
     /// The configuration file with a table [[sensor]], such as configs/sensing/eyes-yarp.toml
     file: PathBuf,
     /// The sensor, if there are several.
@@ -52,7 +52,7 @@ fn port_name(text: &str) -> Result<String, String> {
 }
 
 /// A sensor of a configuration, with its composition and network.
-struct Outside {
+struct RemoteSensor {
     config: Config,
     source: Source,
     /// Its index in the configuration.
@@ -63,12 +63,12 @@ struct Outside {
     ports: String,
 }
 
-impl Outside {
+impl RemoteSensor {
     /// Reads the file, and builds its parts; opens and queries nothing.
     ///
     /// # Errors
     /// Every complaint about the configuration, with its place and remedy.
-    fn load(args: &OutsideArgs) -> Result<Outside, Report> {
+    fn load(args: &RemoteSensorArgs) -> Result<RemoteSensor, Report> {
         let (mut config, source) = Config::load(&args.file, &args.set)?;
         let index = config.sensor_called(args.sensor.as_deref(), &args.file)?;
         // these belong to the run
@@ -84,7 +84,7 @@ impl Outside {
         let network = network.with_bind(args.listen);
         let name = config.sensor.get(index).map(|s| s.name.clone()).unwrap_or_default();
         let ports = format!("{}/{name}", args.prefix);
-        Ok(Outside { config, source, index, composition, network, ports })
+        Ok(RemoteSensor { config, source, index, composition, network, ports })
     }
 
     /// Takes the built sensor.
@@ -112,9 +112,9 @@ impl Outside {
 
 /// Warnings on standard error; each is printed once.
 #[derive(Default)]
-struct Said(BTreeSet<String>);
+struct WarnOnce(BTreeSet<String>);
 
-impl Said {
+impl WarnOnce {
     fn warn(&mut self, text: impl Into<String>) {
         let text = text.into();
         // bounded, in case that warnings contain changing numbers
