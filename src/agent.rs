@@ -1,14 +1,14 @@
-//! `mobee agent`: the agent of a behavior's robot alone in a process of its own, against the filtered control boards of a
-//! running system, as in the paper. It speaks only YARP.
+//! `mobee agent`: runs only the agent of a behavior's robot in a process of its own, against the filtered control
+//! boards of a running system, as in the paper. It uses YARP only.
 //!
 //! ```text
 //! FILE: robot, world, agent ──> Agent::next ──MoveTo──> /MoBeE/icub/<part>/rpc:i   [velg] [posg], then [dons]
-//!                                    ^                        │ [fail]: the reflex took the robot back, or refused
-//!                                    └── poses, places <──────┴ [encs];  /MoBeE/world: ls, get
+//!                                    ^                        │ [fail]: the reflex rolled the motion back, or refused
+//!                                    └── poses, objects <─────┴ [encs];  /MoBeE/world: ls, get
 //! ```
 //!
-//! What it can't know over YARP: what touched the robot (present contacts are computed at the pose that is read), where other
-//! robots of the world are (they are taken to be at home), and objects that are not in FILE's world.
+//! Not available over YARP: contacts of the robot (they are computed at the pose that is read), the configurations of
+//! other robots (they are assumed to be at home), and objects that are not in FILE's world.
 
 mod body;
 mod surroundings;
@@ -31,8 +31,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use surroundings::Surroundings;
 
-/// How long to wait before a commit that the filter was not ready for is tried again.
-const PAUSE: Duration = Duration::from_millis(100);
+/// Pause before a commit is retried that the filter was not ready for.
+const RETRY_DELAY: Duration = Duration::from_millis(100);
 
 /// The arguments of `mobee agent`.
 #[derive(clap::Args)]
@@ -68,7 +68,7 @@ struct Counts {
     waited: u64,
 }
 
-/// An agent at work.
+/// A running agent.
 struct Session {
     agent: Box<dyn Agent>,
     body: Body,
@@ -83,14 +83,14 @@ struct Session {
     quiet: bool,
 }
 
-/// Runs it to its end and prints the agent's summary.
+/// Runs the agent to its end and prints its summary.
 ///
 /// # Errors
-/// Complaints about the configuration and the ports, before anything is moved, and boards that answer nonsense.
+/// Complaints about the configuration and the ports, before anything moves, and boards with malformed answers.
 pub fn command(args: AgentArgs) -> Result<ExitCode, Report> {
     let (mut config, source) = Config::load(&args.file, &args.set)?;
     let robot = chosen(&config, &args)?;
-    // the boards are reached through the filter: no driver of this file is to touch them
+    // the boards are accessed through the filter: no driver of this file may touch them
     for r in &mut config.robot {
         r.simulate();
     }
@@ -141,17 +141,17 @@ pub fn command(args: AgentArgs) -> Result<ExitCode, Report> {
     })
 }
 
-/// The robot of the file whose agent is meant.
+/// The index of the robot whose agent is to run.
 fn chosen(config: &Config, args: &AgentArgs) -> Result<usize, ConfigError> {
     let names: Vec<&str> = config.robot.iter().map(|r| r.name.as_str()).collect();
-    let asked = args.name.as_deref().or_else(|| args.robot.rsplit('/').next()).unwrap_or_default();
-    match names.iter().position(|n| *n == asked) {
+    let wanted = args.name.as_deref().or_else(|| args.robot.rsplit('/').next()).unwrap_or_default();
+    match names.iter().position(|n| *n == wanted) {
         Some(found) => Ok(found),
         None if names.len() == 1 && args.name.is_none() => Ok(0),
         None => {
-            let near = nearest(asked, &names).map_or(String::new(), |n| format!("did you mean `{n}`? "));
+            let near = nearest(wanted, &names).map_or(String::new(), |n| format!("did you mean `{n}`? "));
             let help = format!("{near}choose with --name; the robots are: {}", names.join(", "));
-            Err(ConfigError::plain(format!("there is no robot `{asked}` in this file"), help))
+            Err(ConfigError::plain(format!("there is no robot `{wanted}` in this file"), help))
         }
     }
 }
@@ -166,7 +166,7 @@ impl Session {
             () = tokio::time::sleep(limit) => None,
         };
         if ended.is_none() {
-            // whatever was under way ends here; a closed filter has ended it already
+            // stop the motion under way; a closed filter has stopped it already
             let _ = tokio::time::timeout(Duration::from_secs(2), self.body.stop()).await;
         }
         let text = ended.as_ref().map_or("stopped before it was done", |s| s.text.as_str());
@@ -184,13 +184,13 @@ impl Session {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Asks the agent and does what it wants, until it is done.
+    /// Runs the agent: carries out its intents until it is done.
     async fn work(&mut self) -> Result<Summary, Report> {
         let mut last = None;
         loop {
             let view = self.view().await?;
             let intent = self.agent.next(last.take(), &view);
-            self.tell();
+            self.print_notes();
             match intent {
                 Intent::MoveTo(target) => last = self.drive(&target, None, &view).await?,
                 Intent::MoveEach(target, speeds) => last = self.drive(&target, Some(&speeds), &view).await?,
@@ -201,14 +201,14 @@ impl Session {
                     )
                     .into());
                 }
-                Intent::Stop => tokio::time::sleep(PAUSE).await,
+                Intent::Stop => tokio::time::sleep(RETRY_DELAY).await,
                 Intent::Wait(time) => tokio::time::sleep(time.max(Duration::from_millis(1))).await,
                 Intent::Done(summary) => return Ok(summary),
             }
         }
     }
 
-    /// Makes a motion, and says how it ended; `None`: the filter is closed, and it did not begin.
+    /// Drives a motion, and returns its end; `None` if the filter is closed, and it did not begin.
     async fn drive(
         &mut self,
         target: &Target,
@@ -221,14 +221,14 @@ impl Session {
             Some(MotionEnd::Failed) => self.counts.failed += 1,
             None => {
                 self.counts.waited += 1;
-                tokio::time::sleep(PAUSE).await;
+                tokio::time::sleep(RETRY_DELAY).await;
             }
         }
         self.counts.motions += u64::from(end.is_some());
         Ok(end)
     }
 
-    /// What the agent sees, as soon as the filter is open.
+    /// The agent's view, as soon as the filter is open.
     async fn view(&mut self) -> Result<View, Report> {
         let q: Pose = self.body.pose().await.into_diagnostic()?.into();
         if let Some(slot) = self.poses.get_mut(self.robot) {
@@ -253,7 +253,7 @@ impl Session {
         })
     }
 
-    fn tell(&mut self) {
+    fn print_notes(&mut self) {
         for note in self.agent.notes() {
             if let Note::Log { text } = note
                 && !self.quiet

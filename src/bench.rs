@@ -1,4 +1,4 @@
-//! `mobee bench`: what behaviors achieve, over many seeded scenes in virtual time, and how fast planners are.
+//! `mobee bench`: the success of behaviors over many seeded scenes in virtual time, and the speed of planners.
 
 mod plan;
 mod reach;
@@ -7,7 +7,7 @@ mod scene;
 use miette::Report;
 use std::process::ExitCode;
 
-/// What to measure.
+/// The benchmarks.
 #[derive(clap::Subcommand, Clone, Debug)]
 pub enum BenchCommand {
     /// Reach for an object in random scenes: how often it is reached, how fast, how exactly, and why not.
@@ -16,7 +16,7 @@ pub enum BenchCommand {
     Plan(plan::PlanBenchArgs),
 }
 
-/// Measures, and says what came of it.
+/// Runs a benchmark and prints its results.
 ///
 /// # Errors
 /// Complaints about the arguments or the configuration.

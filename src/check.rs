@@ -1,4 +1,4 @@
-//! `mobee check`: a configuration before it runs, or a journal after it ran.
+//! `mobee check`: checks a configuration before it runs, or a journal after the run.
 
 use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError};
@@ -15,13 +15,13 @@ use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// How long the roadmap in a run's folder may be, bytes.
+/// Maximum size of the roadmap in a run's folder, bytes.
 const LONGEST_ROADMAP: u64 = 64 * MIB;
 
-/// Checks what stands at `path`: a run's folder, a journal, or a configuration file.
+/// Checks a run's folder, a journal, or a configuration file at `path`.
 ///
 /// # Errors
-/// If it can't be read, or is not as it was written.
+/// If it can't be read, or was changed.
 pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Report> {
     let is_run = path.is_dir() || path.extension().is_some_and(|e| e == "jsonl");
     if !is_run {
@@ -45,12 +45,12 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
         Some(reason) => println!("the run ended in order: {reason}"),
         None => println!("the run did not end in order; open commits and links are not judged"),
     }
-    say_poses(&report.poses);
-    say_files(&report.files);
+    print_poses(&report.poses);
+    print_files(&report.files);
     if report.hard.episodes > 0 {
         println!("{}", report.hard);
     }
-    // what a journal names stably has labels where people read
+    // the journal's stable names of shapes are shown as labels
     let labels = if report.violations.is_empty() { Labels::default() } else { labels_of(path) };
     for v in &report.violations {
         println!("{}", labels.read(&v.to_string()));
@@ -68,14 +68,15 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
     }
 }
 
-/// What measured poses there were to judge by.
-fn say_poses(poses: &JudgedPoses) {
+/// Prints the number of measured poses, and the robots without any.
+fn print_poses(poses: &JudgedPoses) {
     let JudgedPoses { readings, missing, wrong, .. } = poses;
     if *readings > 0 {
         println!("{readings} measured poses");
     }
     if !missing.is_empty() {
-        let (robots, not) = (missing.join(", "), wants_poses());
+        let robots = missing.join(", ");
+        let not = wants_poses();
         println!("no measured poses of {robots} beside the journal: {not} are not judged there");
     }
     for why in wrong {
@@ -83,7 +84,7 @@ fn say_poses(poses: &JudgedPoses) {
     }
 }
 
-/// Which invariants hold, and where some of them could not be judged.
+/// The invariants that hold, and those that could be judged only in part.
 fn verdict(poses: &JudgedPoses) -> String {
     let holds = |poses: bool| format!("invariants {} hold", judged(poses));
     match (poses.readings > 0, poses.wrong.is_empty() && poses.missing.is_empty()) {
@@ -94,8 +95,8 @@ fn verdict(poses: &JudgedPoses) -> String {
     }
 }
 
-/// Whether the run's files are as they were when it ended.
-fn say_files(files: &JudgedFiles) {
+/// Prints the state of the run's files since its end.
+fn print_files(files: &JudgedFiles) {
     let JudgedFiles { whole, damage, unjudged } = files;
     match unjudged {
         Some(why) => println!("whether files of the run are damaged is not judged: {why}"),
@@ -117,7 +118,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
     let stored = dir.join("config.json");
     let (config, source) = Config::load_resolved(&stored)?;
     let c = compose(config, &source)?;
-    // the world as the run left it: what the script did was done before the last edges were driven
+    // the world at the end of the run: the script was over before the last edges were driven
     let scene = c.script.iter().fold(c.scene.clone(), |scene, step| scene.edit(&step.edit).unwrap_or(scene));
     let labels = Labels::new(c.scene.robots());
     let mut good = true;

@@ -36,7 +36,7 @@ enum Command {
         /// Override a setting: --set robot.icub.agent.vertices=30
         #[arg(long = "set", value_name = "KEY=VALUE")]
         set: Vec<String>,
-        /// Also judge every attempted edge offline, along its straight line (a run's folder only).
+        /// Also check every attempted edge offline, along its straight line (a run's folder only).
         #[arg(long)]
         edges: bool,
     },
@@ -47,22 +47,22 @@ enum Command {
     },
     /// Plan a certified path of a robot among the objects of a world.
     Plan(Box<plan::PlanArgs>),
-    /// Build, look at, validate, merge and plan on roadmaps in files.
+    /// Build, show, validate, merge and plan on roadmaps in files.
     Roadmap {
         #[command(subcommand)]
         command: roadmap::RoadmapCommand,
     },
-    /// Teach detectors an object from pictures with masks, judge them, and show what they learned.
+    /// Train detectors of an object on images with masks, evaluate them, and show them.
     Detector {
         #[command(subcommand)]
         command: detector::DetectorCommand,
     },
-    /// Teach locators where things are from recorded views of known places, judge them, and show what they learned.
+    /// Train locators on recorded views of known positions, evaluate them, and show them.
     Locator {
         #[command(subcommand)]
         command: locator::LocatorCommand,
     },
-    /// Take pictures with simulated eyes, to teach detectors and locators.
+    /// Render images of simulated cameras, as training data for detectors and locators.
     Eyes {
         #[command(subcommand)]
         command: eyes::EyesCommand,
@@ -92,7 +92,7 @@ enum Command {
     Sim(sim::SimArgs),
     /// Search for faults: run a behavior in virtual time under seeded random faults, checking all invariants.
     Torture(torture::TortureArgs),
-    /// Measure what a behavior achieves in many random scenes, in virtual time, or how fast planning problems are solved.
+    /// Measure the success of a behavior in many random scenes, in virtual time, or the speed of planners.
     Bench {
         #[command(subcommand)]
         command: bench::BenchCommand,
@@ -120,7 +120,7 @@ enum Command {
         /// The URDF of your own robot: it is converted, and explores.
         #[arg(long, value_name = "URDF")]
         robot: Option<PathBuf>,
-        /// What drives it.
+        /// The kind of driver.
         #[arg(long, value_name = "DRIVER", value_enum, default_value_t, requires = "robot")]
         driver: NewDriver,
         #[command(flatten)]
@@ -169,23 +169,23 @@ struct RunArgs {
     /// Override a setting: --set robot.icub.agent.vertices=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Where `mobee ctl` reaches a run with a real clock: ADDRESS:PORT (with a key in the run's folder) or `off`; default: a socket
-    /// in the run's folder, for its own user only.
+    /// Control port of a run with a real clock: ADDRESS:PORT (with a key in the run's folder) or `off`; default: a
+    /// socket in the run's folder, for its own user only.
     #[arg(long, value_name = "WHERE", value_parser = ctl_at)]
     ctl: Option<run::CtlAt>,
     /// Apply edits of FILE during the run by swapping agents, controllers and drivers. Needs a real clock.
     #[arg(long, conflicts_with = "resume")]
     watch: bool,
-    /// Make no recording (the journal is always kept).
+    /// Make no recording (the journal is always written).
     #[arg(long)]
     no_record: bool,
     /// Print only the summary, as JSON, on standard output.
     #[arg(long)]
     json: bool,
-    /// Print nothing while the run goes on but warnings.
+    /// Print only warnings during the run.
     #[arg(long)]
     quiet: bool,
-    /// Show all counters in the summary, those that are zero as well.
+    /// Show all counters in the summary, including those that are zero.
     #[arg(long)]
     verbose: bool,
 }
@@ -226,9 +226,9 @@ enum ModelCommand {
     },
     /// Convert a URDF file to robot XML.
     Convert(model_convert::ConvertArgs),
-    /// Compare a converted robot with the meshes of its URDF: contacts that its shapes have falsely, and those that they miss.
+    /// Compare a converted robot with the meshes of its URDF: false contacts of its shapes, and missed ones.
     Compare(model_compare::CompareArgs),
-    /// Look at a robot in the Rerun viewer: shapes over meshes, motor after motor through its range, what comes near in red.
+    /// Show a robot in the Rerun viewer: shapes over meshes, each motor through its range, close pairs in red.
     View(model_view::ViewArgs),
 }
 
@@ -250,18 +250,19 @@ fn clock(text: &str) -> Result<ClockMode, String> {
     }
 }
 
-/// How the panic message of a failed print begins.
+/// Prefix of the panic message of a failed print.
 const NO_OUTPUT: &str = "failed printing to stdout";
 /// The log filter unless `MOBEE_LOG` is set: warnings, except those of Rerun's encoder and of its connection to a viewer, whose
-/// errors the recorder reports, and of the kd-tree, which finds its own leaves odd while its answers are exact.
+/// errors the recorder reports, and of the kd-tree, which warns about its own leaves although its results are exact.
 const LOG: &str = "warn,re_log_encoding=error,re_grpc_client=off,kiddo=off";
-/// The same for `mobee torture`, where parts fail by the dozen, on purpose.
+/// The same for `mobee torture`, where parts fail on purpose.
 const TORTURE_LOG: &str = "off";
 
 /// Runs the program: every subcommand, with all kinds that are linked into the binary.
 ///
-/// A crate of your own registers its kinds (agents, drivers, cameras, ...) by `inventory::submit!` and has this as its whole program, so
-/// that `run`, `check`, `kinds`, `ctl`, `torture`, `replay` and `doctor` work with them. `mobee new --crate NAME` writes such a crate.
+/// A crate of your own registers its kinds (agents, drivers, cameras, ...) with `inventory::submit!`, and this call is
+/// its whole program: `run`, `check`, `kinds`, `ctl`, `torture`, `replay` and `doctor` work with those kinds. `mobee
+/// new --crate NAME` writes such a crate.
 ///
 /// # Examples
 /// ```no_run
@@ -272,7 +273,7 @@ const TORTURE_LOG: &str = "off";
 pub fn main() -> ExitCode {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| match info.payload_as_str() {
-        // `mobee kinds | head` ends quietly: a closed pipe is no complaint of ours
+        // `mobee kinds | head` ends quietly: a closed pipe is not an error
         Some(what) if what.starts_with(NO_OUTPUT) && what.contains("Broken pipe") => std::process::exit(0),
         Some(what) if what.starts_with(NO_OUTPUT) => {
             let _ = writeln!(std::io::stderr(), "{what}");

@@ -1,4 +1,4 @@
-//! From a configuration to a system that is ready to run: every file read, every part built, every name checked.
+//! Builds a configuration into a system that is ready to run: reads every file, builds every part, checks every name.
 
 mod checks;
 mod rest;
@@ -25,33 +25,33 @@ use tempfile::NamedTempFile;
 /// The kind of an agent that is Python code, which the Python package registers.
 pub const PYTHON: &str = "python";
 
-/// Everything built and checked, nothing started.
+/// A system that is built and checked, but not started.
 pub struct Composition {
     /// The configuration it was built from.
     pub config: Config,
-    /// The file it stood in.
+    /// The configuration file.
     pub file: PathBuf,
     /// Robots and objects.
     pub scene: Scene,
     /// The robots with their hardware, controllers and agents.
     pub robots: Vec<RobotSetup>,
-    /// What looks at the world.
+    /// The sensors.
     pub sensors: Vec<SensorSetup>,
-    /// What simulated cameras see.
+    /// The world that simulated cameras see.
     pub truth: Arc<TruthCell>,
-    /// What happens to the world.
+    /// Scheduled edits of the world.
     pub script: Vec<ScriptStep>,
-    /// What programs outside move robots through.
+    /// Bridges through which external programs move robots.
     pub bridges: Vec<Arc<dyn Bridge>>,
-    /// What else runs beside the safety chain.
+    /// Services beside the safety chain.
     pub services: Vec<Arc<dyn Service>>,
-    /// What deserves attention but does not forbid to run.
+    /// Warnings, which do not prevent a run.
     pub warnings: Vec<String>,
-    /// Joint values that were found for poses that are given by the hand, each with its robot.
+    /// Configurations found for poses that are given by the hand, each with its robot.
     pub resolved_goals: Vec<(String, ResolvedGoal)>,
 }
 
-/// Reads a file with its layers, and builds everything that it names.
+/// Reads a file with its layers, and builds every part of it.
 ///
 /// # Errors
 /// Every complaint, with its place and remedy.
@@ -59,39 +59,39 @@ pub fn read(path: &Path, overrides: &[String]) -> Result<Composition, Complaints
     from_source(&Source::load(path, overrides)?)
 }
 
-/// The same for values that were read.
+/// Like [`read`], for values that were read already.
 ///
 /// # Errors
 /// Every complaint, with its place and remedy.
 pub fn from_source(source: &Source) -> Result<Composition, Complaints> {
     let (config, wrong) = Config::partly(source)?;
-    build(config, source, wrong, Begin::Anew)
+    build(config, source, wrong, Begin::New)
 }
 
-/// Builds everything that a configuration names.
+/// Builds every part of a configuration.
 ///
 /// # Errors
 /// Every complaint, with its place and remedy.
 pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::Report> {
-    build(config, source, Complaints::default(), Begin::Anew).map_err(miette::Report::new)
+    build(config, source, Complaints::default(), Begin::New).map_err(miette::Report::new)
 }
 
-/// The same for a run that goes on: its robots stand where they stand, in contact perhaps.
+/// Like [`compose`], for a run that is resumed: its robots stay where they are, possibly in contact.
 ///
 /// # Errors
 /// As for [`compose`].
 pub fn compose_again(config: Config, source: &Source) -> Result<Composition, miette::Report> {
-    build(config, source, Complaints::default(), Begin::Again).map_err(miette::Report::new)
+    build(config, source, Complaints::default(), Begin::Resumed).map_err(miette::Report::new)
 }
 
-/// Whether the run begins, with robots at poses that somebody chose, or goes on.
+/// Start of a run: new, with the robots at chosen configurations, or resumed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Begin {
-    Anew,
-    Again,
+    New,
+    Resumed,
 }
 
-/// One robot with what was built for it, and what is known of it before it moves.
+/// One robot with the parts built for it, before it moves.
 struct Built {
     model: Arc<Robot>,
     hardware: Option<Arc<dyn Hardware>>,
@@ -110,7 +110,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             let context = Context { robot: model.clone(), seed };
             let hardware = wrong.keep(driver(source, &at("driver"), &r.driver, &context));
             if config.clock == ClockMode::Virtual && hardware.as_ref().is_some_and(|h| !h.runs_in_virtual_time()) {
-                wrong.push(by_the_wall(source, &at("driver"), "driver"));
+                wrong.push(needs_real_clock(source, &at("driver"), "driver"));
             }
             Built { hardware, agent: None, rest: None, model }
         }));
@@ -124,7 +124,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     let (Some(built), Some(scene)) = (whole, scene) else { return Err(wrong.of_something()) };
     let scene = match scene {
         Ok(scene) => scene,
-        // two robots of one name, say, were told before
+        // an error of the robots, such as a duplicate name, was reported before
         Err(_) if !wrong.is_empty() => return Err(wrong),
         Err(e) => {
             return Err(source.error("world.file", e.to_string(), "mend the world's or the robots' files").into());
@@ -164,7 +164,8 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             });
         }
     }
-    let (bridges, services) = (bridges.into_iter().map(|(_, bridge)| bridge).collect(), Vec::new());
+    let bridges = bridges.into_iter().map(|(_, bridge)| bridge).collect();
+    let services = Vec::new();
     let file = source.path.clone();
     wrong.none_or(Composition {
         config,
@@ -181,7 +182,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     })
 }
 
-/// The scene of all robots; none if one of them could not be read.
+/// The scene of all robots; `None` if one of them could not be read.
 fn scene(
     config: &Config,
     built: &[Option<Built>],
@@ -197,8 +198,8 @@ fn scene(
     models.map(|models| Scene::new(models, objects))
 }
 
-/// Builds all agents; answers the joint values of poses that are given by the hand. These need the scene: without one, which was complained
-/// of before, their agents are left out.
+/// Builds all agents; returns the configurations of poses that are given by the hand. These need the scene: without
+/// one, which is reported elsewhere, agents with such poses are skipped.
 fn agents(
     config: &Config,
     source: &Source,
@@ -209,7 +210,7 @@ fn agents(
     let mut all_found = Vec::new();
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let (Some(value), Some(b)) = (&r.agent, b) else { continue };
-        // a margin out of bounds was complained of before
+        // a margin out of bounds is reported elsewhere
         let margin_mm = Some(r.controller.margin_mm).filter(|mm| (0.0..=500.0).contains(mm));
         let seed = derive_seed(config.seed, &format!("{}/agent", r.name));
         let goals =
@@ -308,7 +309,7 @@ fn kind<R: Role + ?Sized>(source: &Source, at: &str, value: &Value) -> Result<(&
     let kinds = kinds::<R>();
     let known: Vec<&str> = kinds.iter().map(|k| k.name).collect();
     let Value::Object(map) = value else {
-        return Err(source.error(at, "this is no table", "write a table with `kind` and its settings"));
+        return Err(source.error(at, "this is not a table", "write a table with `kind` and its settings"));
     };
     let Some(name) = map.get("kind").and_then(Value::as_str) else {
         let help = format!("add kind = \"...\"; known: {}", known.join(", "));
@@ -328,7 +329,7 @@ fn kind<R: Role + ?Sized>(source: &Source, at: &str, value: &Value) -> Result<(&
     Ok((found, Value::Object(settings)))
 }
 
-/// The complaints about a kind's table that stands at `at`.
+/// Converts the complaints about a kind's table at `at`.
 fn placed(source: &Source, at: &str, e: KindError) -> Complaints {
     let mut wrong = Complaints::default();
     for e in e.all() {
@@ -346,13 +347,14 @@ pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(&'s
 
 fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, Complaints> {
     let (kind, mut settings) = kind::<dyn Hardware>(source, at, value)?;
-    // files that were sent are there for as long as the kind reads them
+    // temporary files must exist until the kind has read them
     let _sent = localize(source, at, kind, &mut settings)?;
     (kind.build)(&settings, context).map_err(|e| placed(source, at, e))
 }
 
-/// Makes the paths of a kind's settings relative to the working directory: kinds do not know the configuration file. A file that was sent with
-/// the configuration is written to a temporary one, which lives as long as the answer.
+/// Makes the paths of a kind's settings relative to the working directory, because kinds do not have the configuration
+/// file's path. Writes each file that was sent with the configuration to a temporary one, which lives as long as the
+/// result.
 fn localize<R: Role + ?Sized>(
     source: &Source,
     at: &str,
@@ -379,7 +381,7 @@ fn localize<R: Role + ?Sized>(
     Ok(sent)
 }
 
-/// What programs outside move robots through, each with the place of its table.
+/// Builds the bridges, through which external programs move robots, each with the place of its table.
 fn bridges(config: &Config, source: &Source, wrong: &mut Complaints) -> Vec<(String, Arc<dyn Bridge>)> {
     let folder = Config::beside(source, Path::new(""));
     let mut all = Vec::new();
@@ -391,14 +393,14 @@ fn bridges(config: &Config, source: &Source, wrong: &mut Complaints) -> Vec<(Str
             });
         let Some(bridge) = wrong.keep(built) else { continue };
         if config.clock == ClockMode::Virtual && !bridge.runs_in_virtual_time() {
-            wrong.push(by_the_wall(source, &at, "bridge"));
+            wrong.push(needs_real_clock(source, &at, "bridge"));
         }
         all.push((at, bridge));
     }
     all
 }
 
-fn by_the_wall(source: &Source, at: &str, role: &str) -> ConfigError {
+fn needs_real_clock(source: &Source, at: &str, role: &str) -> ConfigError {
     let what = format!("this {role} runs by the wall clock, and this behavior's clock is virtual");
     source.error(at, what, "set clock = \"real\"")
 }
@@ -429,8 +431,8 @@ fn agent(
     Ok((maker, means, found.unwrap_or_default()))
 }
 
-/// Whether the robot can stop in time at the speed its agent uses, or foreign programs may: within its margin under Algorithm 6, and
-/// otherwise within its braking clearance of where it is foreseen to.
+/// A warning if the robot can't stop in time at the speed of its agent or of external programs: within its margin under
+/// Algorithm 6, otherwise within its braking clearance of the predicted stop.
 pub(crate) fn margin_warning(
     r: &crate::config::RobotConfig,
     robot: &Robot,
@@ -450,7 +452,7 @@ pub(crate) fn margin_warning(
         let reaction = board.latency + period * 2;
         let needed = match controller.reserve_m {
             Some(_) => clearance_needed(robot, &board.axes, reaction, speed),
-            // it grows with the speed
+            // the automatic clearance grows with the speed
             None => stop_error(robot, &board.axes, reaction, speed),
         };
         let clearance = controller.reserve_m.unwrap_or(controller.margin_m);

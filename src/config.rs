@@ -1,9 +1,9 @@
-//! The configuration file: robots, world, controllers, agents and what happens, in one TOML file.
+//! The configuration file: robots, world, controllers, agents and script, in one TOML file.
 //!
 //! ```text
 //! text ──Source (values + places)──> Config (typed) ──compose──> Setup (everything built and checked)
 //! ```
-//! Nothing is started before all of it has been read, built and checked.
+//! Everything is read, built and checked before anything is started.
 
 mod check;
 mod complaints;
@@ -43,8 +43,8 @@ use serde_json::Value;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-/// How long the resolved configuration in a run's folder may be, bytes.
-const LONGEST: u64 = 16 * MIB;
+/// Maximum size of the resolved configuration in a run's folder, bytes.
+const MAX_RESOLVED_BYTES: u64 = 16 * MIB;
 
 /// A whole configuration.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
@@ -70,7 +70,7 @@ pub struct Config {
     pub world: World,
     /// The robots.
     pub robot: Vec<RobotConfig>,
-    /// What looks at the world.
+    /// Sensors: cameras, detectors and locators.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensor: Vec<SensorConfig>,
     /// Changes to the world while the robots move.
@@ -82,10 +82,10 @@ pub struct Config {
     /// MoBeE's own YARP ports: the port filter, the world RPC. Absent: none are opened.
     #[serde(default)]
     pub yarp: Option<YarpSettings>,
-    /// What programs outside move robots through: `kind` and settings of each; see `mobee kinds`.
+    /// Bridges to external programs: `kind` and settings of each; see `mobee kinds`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bridge: Vec<Value>,
-    /// What `mobee torture` demands of this behavior beside the invariants.
+    /// Requirements of `mobee torture` for this behavior beside the invariants.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torture: Option<Torture>,
 }
@@ -99,7 +99,7 @@ pub struct Torture {
     pub faulted_percent: f64,
 }
 
-/// How time passes.
+/// The run's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ClockMode {
@@ -128,7 +128,7 @@ pub struct RobotConfig {
     pub name: String,
     /// Robot XML, relative to this file.
     pub model: PathBuf,
-    /// Where its root frame stands in the world.
+    /// Pose of its root frame in the world.
     #[serde(default)]
     pub base: Base,
     /// `kind` and settings of the driver; see `mobee kinds`.
@@ -139,8 +139,9 @@ pub struct RobotConfig {
     /// `kind` and settings of the agent; see `mobee kinds`. Absent: no agent.
     #[serde(default)]
     pub agent: Option<Value>,
-    /// Where the robot is moved when the run ends, over edges that are certified free, under the reflex: `home` (the robot file's), the name of a
-    /// pose of its agent, or a table with `pose` or `q_deg`, and `speed` and `within_s`. Absent: it stops where it is.
+    /// Rest pose, to which the robot moves at the end of the run, over edges that are certified free, under the reflex:
+    /// `home` (from the robot's file), the name of a pose of its agent, or a table with `pose` or `q_deg`, and `speed`
+    /// and `within_s`. Absent: the robot stops where it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest: Option<RestConfig>,
 }
@@ -159,23 +160,23 @@ pub struct Base {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StepConfig {
-    /// When.
+    /// The trigger.
     pub when: StepTrigger,
-    /// What.
+    /// The change.
     pub edit: EditStep,
 }
 
-/// When a step happens.
+/// The trigger of a step.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub enum StepTrigger {
     /// At this many seconds of the run.
     AtS(f64),
-    /// When this robot rests after this many outcomes.
+    /// At this robot's rest after this many outcomes.
     AfterOutcomes {
         /// The robot.
         robot: String,
-        /// How many outcomes.
+        /// Number of outcomes.
         count: u64,
     },
 }
@@ -202,7 +203,7 @@ pub struct EditStep {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Record {
-    /// Whether to record.
+    /// True: make a recording.
     pub enabled: bool,
     /// Poses per second of the run's clock.
     pub poses_hz: f64,
@@ -216,7 +217,7 @@ impl Default for Record {
     }
 }
 
-/// What a run keeps of its configuration: the values, and the file that their paths are relative to.
+/// The configuration as a run stores it: the values, and the file that their paths are relative to.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Resolved {
     /// The configuration file.
@@ -238,12 +239,12 @@ pub(crate) fn simulated() -> Value {
 }
 
 impl RobotConfig {
-    /// What drives it; empty if the file does not say so in the right way.
+    /// The kind of its driver; empty if the file does not name it correctly.
     pub(crate) fn driver_kind(&self) -> &str {
         self.driver.get("kind").and_then(Value::as_str).unwrap_or_default()
     }
 
-    /// Has it simulated, as its settings say if it was so already: its board is not touched.
+    /// Replaces its driver with a simulated one, unless it is simulated already; the board stays untouched.
     pub(crate) fn simulate(&mut self) {
         if self.driver_kind() != SIM {
             self.driver = simulated();
@@ -252,7 +253,7 @@ impl RobotConfig {
 }
 
 impl Config {
-    /// Reads a file with its layers: what it includes, the environment, and overrides, later ones over earlier ones.
+    /// Reads a file with its layers: included files, the environment, and overrides. Later layers take precedence.
     ///
     /// # Errors
     /// Every complaint, with its place and remedy.
@@ -261,21 +262,21 @@ impl Config {
         Ok((Config::from_source(&source)?, source))
     }
 
-    /// Reads the resolved configuration that a run left in its folder.
+    /// Reads the resolved configuration in a run's folder.
     ///
     /// # Errors
-    /// If it is not what a run writes.
+    /// If a run did not write it.
     pub fn load_resolved(path: &Path) -> Result<(Config, Source), Complaints> {
         let foreign = |what: String| {
             ConfigError::plain(format!("{}: {what}", path.display()), "give the folder of a run, as it was written")
         };
-        let text = read_text(path, LONGEST).map_err(|e| foreign(e.to_string()))?;
+        let text = read_text(path, MAX_RESOLVED_BYTES).map_err(|e| foreign(e.to_string()))?;
         let stored: Resolved = serde_json::from_str(&text).map_err(|e| foreign(e.to_string()))?;
         let source = Source::resolved(&stored.file, stored.config);
         Ok((Config::from_source(&source)?, source))
     }
 
-    /// Understands parsed values.
+    /// Converts parsed values into a configuration.
     ///
     /// # Errors
     /// Every complaint, with its place and remedy.
@@ -284,8 +285,8 @@ impl Config {
         wrong.none_or(config)
     }
 
-    /// Understands what can be understood, so that as much as possible can be checked: the complaints so far, and a
-    /// configuration without the tables that don't have their shape.
+    /// Converts as many values as possible, so that much can be checked at once: returns a configuration without the
+    /// tables of the wrong shape, and the complaints so far.
     ///
     /// # Errors
     /// The complaints, if too little is left.
@@ -293,7 +294,7 @@ impl Config {
         let mut wrong = Complaints::default();
         let mut value = source.value.clone();
         for m in shape::misfits(crate::schema::whole(), &source.value) {
-            leave_out(&mut value, &m);
+            remove_misfit(&mut value, &m);
             if wrong.is_full() {
                 continue;
             }
@@ -334,12 +335,12 @@ impl Config {
         self.relocate_kinds(source);
     }
 
-    /// The clock, in the actors' words.
+    /// The clock as the actors' type.
     pub fn clock_kind(&self) -> ClockKind {
         if self.clock == ClockMode::Real { ClockKind::Real } else { ClockKind::Virtual }
     }
 
-    /// The tables of all bridges, each with the place where it stands. The table `[yarp]` is one of the kind of its name.
+    /// The tables of all bridges, each with its place. The table `[yarp]` is a bridge of that kind.
     pub fn bridges(&self) -> impl Iterator<Item = (String, Value)> {
         let yarp = self.yarp.iter().filter_map(|yarp| {
             let mut table = serde_json::to_value(yarp).ok()?;
@@ -349,7 +350,7 @@ impl Config {
         yarp.chain(self.bridge.iter().enumerate().map(|(i, table)| (format!("bridge[{i}]"), table.clone())))
     }
 
-    /// The settings of all YARP ports, in whichever table they stand, each with its place.
+    /// The settings of all YARP ports, each with the place of its table.
     pub fn yarp_ports(&self) -> impl Iterator<Item = (String, YarpSettings)> {
         self.bridges().filter_map(|(at, mut table)| {
             let kind = table.as_object_mut()?.remove("kind")?;
@@ -357,14 +358,14 @@ impl Config {
         })
     }
 
-    /// A path of the configuration, seen from where the file stands.
+    /// A path of the configuration, resolved against the file's folder.
     pub fn beside(source: &Source, path: &Path) -> PathBuf {
         source.path.parent().map_or_else(|| path.to_owned(), |dir| dir.join(path))
     }
 }
 
-/// Takes a table out that does not have its shape, and what would be misjudged without it.
-fn leave_out(value: &mut Value, m: &shape::Misfit) {
+/// Removes a table of the wrong shape, and the tables that could not be checked without it.
+fn remove_misfit(value: &mut Value, m: &shape::Misfit) {
     let step = |i: usize| m.steps.get(i).map(String::as_str).unwrap_or_default();
     let out = |at: &mut Value, key: &str| drop(at.as_object_mut().map(|map| map.remove(key)));
     let robot = step(1).parse::<usize>().ok().filter(|_| step(0) == "robot");

@@ -3,22 +3,22 @@
 //! ```text
 //! mobee ctl ──RUN/ctl.sock (JSON lines)──> a service of the run ──Control──> the system
 //! ```
-//! The run's own user and root may do anything, nobody else anything. `mobee ctl` reads the files; the run opens none on
-//! request.
+//! The run's own user and root may request anything, other users nothing. `mobee ctl` reads the files; the run opens
+//! none on request.
 
 mod client;
-mod desk;
-mod door;
-mod find;
-mod gather;
-pub(crate) mod offer;
+mod config_payload;
+mod connection;
+mod handler;
+mod listener;
 mod operate;
 mod restart;
 mod service;
 mod show;
+pub(crate) mod swap_offer;
 mod wire;
 
-pub(crate) use desk::BesideNames;
+pub(crate) use handler::BesideNames;
 pub use service::CtlService;
 pub(crate) use service::{CtlPort, LastLines};
 
@@ -69,21 +69,21 @@ enum CtlCommand {
     Release(OfRobot),
     /// Retry a failed retreat.
     Recover(OfRobot),
-    /// Show where the motors (degrees, or millimeters) and the markers of robots are.
+    /// Show the positions of motors (degrees, or millimeters) and markers of robots.
     Pose(OfRobot),
     /// Move motors of a robot whose agent is paused, in a transaction under the reflex, and wait for the outcome. Exit code 0: reached.
     Go {
-        /// Motors and positions in degrees, or millimeters where they slide: r_elbow=60.
+        /// Motors and positions in degrees, or millimeters for prismatic joints: r_elbow=60.
         #[arg(required = true, value_name = "MOTOR=DEG")]
         motors: Vec<String>,
         /// The robot; required if there are several.
         #[arg(long)]
         robot: Option<String>,
-        /// Share of each motor's greatest speed.
+        /// Share of each motor's maximum speed.
         #[arg(long, value_name = "SHARE", default_value_t = 0.2)]
         speed: f64,
     },
-    /// Start a sensor or a bridge again: one that runs, or one that has given up.
+    /// Restart a sensor or a bridge: one that runs, or one that has used up its restarts.
     Restart {
         /// The sensor or bridge, as `mobee ctl status` names it; required if there are several.
         name: Option<String>,
@@ -92,16 +92,16 @@ enum CtlCommand {
     Home {
         #[command(flatten)]
         of: OfRobot,
-        /// Share of each motor's greatest speed.
+        /// Share of each motor's maximum speed.
         #[arg(long, value_name = "SHARE", default_value_t = 0.2)]
         speed: f64,
     },
-    /// Show the newest events in words.
+    /// Show the newest events as sentences.
     Log {
-        /// Go on with the events as they happen, until Ctrl-C or the end of the run.
+        /// Follow the events until Ctrl-C or the end of the run.
         #[arg(short, long)]
         follow: bool,
-        /// How many.
+        /// Number of events.
         #[arg(short = 'n', long = "lines", value_name = "N", default_value_t = 20)]
         lines: u32,
     },
@@ -117,17 +117,18 @@ enum CtlCommand {
         #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },
-    /// Turn the recording `on` or `off` (the journal is always kept), or `connect` a Rerun viewer that follows the run.
+    /// Turn the recording `on` or `off` (the journal is always written), or `connect` a Rerun viewer that follows the
+    /// run.
     Record {
         /// `on`, `off` or `connect`.
         what: String,
-        /// Where the viewer listens, as seen from the run; default: 127.0.0.1:9876.
+        /// Address of the viewer, as seen from the run; default: 127.0.0.1:9876.
         #[arg(value_name = "ADDRESS:PORT")]
         address: Option<String>,
     },
 }
 
-/// Which robot is meant.
+/// The robot that a request is for.
 #[derive(Args)]
 struct OfRobot {
     /// Only this robot.
@@ -159,16 +160,16 @@ struct SwapArgs {
     /// The sensor whose detectors or locator are swapped, or for a detector one camera of it as SENSOR/CAMERA; required if there are several sensors.
     #[arg(long)]
     sensor: Option<String>,
-    /// Seconds for which a new agent or detector only observes; the journal records what it would have done, or what it sees.
+    /// Seconds for which a new agent or detector only observes; the journal records its intents or its detections.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     shadow: f64,
     /// Seconds after the takeover during which the old part returns if the new one fails.
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
     probation: f64,
-    /// The longest time that the new part may take to answer during its probation, seconds.
+    /// Time limit for an answer of the new part during its probation, seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
     budget: f64,
-    /// Start without what the old agent, detector or locator knew: for an agent of another kind.
+    /// Start without the state of the old agent, detector or locator: for an agent of another kind.
     #[arg(long)]
     fresh: bool,
     /// Return once the part is built and checked, without waiting for the end of its probation.
@@ -176,10 +177,10 @@ struct SwapArgs {
     no_wait: bool,
 }
 
-/// Carries out `mobee ctl ...`.
+/// Runs `mobee ctl ...`.
 ///
 /// # Errors
-/// A run that can't be found or reached, or a request that it refused, with its own explanation.
+/// If the run can't be found or reached, or refuses the request, with its reason.
 pub fn command(args: CtlArgs) -> Result<ExitCode, Report> {
     runtime()?.block_on(client::run(args))
 }
@@ -189,17 +190,17 @@ fn runtime() -> Result<Runtime, Report> {
     runtime.map_err(|e| Report::msg(format!("no asynchronous runtime: {e}")))
 }
 
-/// Puts a learned locator into a sensor of a run that is going, in place of the one that it has, and waits until that is settled.
-/// What else its table says of a learned locator stays.
+/// Swaps a trained locator into a sensor of a running run, and waits until the swap has settled. Other settings of a
+/// trained locator's table stay.
 ///
 /// # Arguments
 /// * `run`: the run's folder.
-/// * `sensor`: the sensor's name; `None`: the only one.
-/// * `learned`: the locator's kind, and its file.
-/// * `probation`: seconds for which the old one may return.
+/// * `sensor`: the sensor's name; `None` for the only one.
+/// * `learned`: the locator's kind and file.
+/// * `probation`: time during which the old one may return, seconds.
 ///
 /// # Errors
-/// If the run can't be reached or has no such sensor, or keeps its locator, with the reason.
+/// If the run can't be reached, has no such sensor, or retains its locator, with the reason.
 pub(crate) fn put_locator(
     run: &Path,
     sensor: Option<&str>,
@@ -222,6 +223,6 @@ pub(crate) fn put_locator(
     let file = file.canonicalize().unwrap_or_else(|_| file.to_owned());
     locator.insert("kind".into(), kind.name().into());
     locator.insert("file".into(), file.to_string_lossy().into());
-    let offer = gather::of(source.path.clone(), &Source::resolved(&source.path, value))?;
+    let offer = config_payload::of(source.path.clone(), &Source::resolved(&source.path, value))?;
     Ok(runtime()?.block_on(client::put_locator(run, &name, offer, probation))?)
 }

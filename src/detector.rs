@@ -1,4 +1,4 @@
-//! `mobee detector`: detectors in files, learned from pictures with masks and judged by others.
+//! `mobee detector`: detectors in files, trained on images with masks and evaluated on others.
 
 mod eval;
 mod part;
@@ -6,63 +6,63 @@ mod tag;
 mod train;
 
 use crate::config::ConfigError;
-use crate::outside::{OutsideArgs, looking};
+use crate::remote_sensor::{RemoteSensorArgs, detector_process};
 use miette::Report;
 use mobee_behaviors::detectors::file::DetectorFile;
 use mobee_behaviors::detectors::picture::PictureFault;
 use mobee_model::file::{MIB, read_text};
 use std::path::{Path, PathBuf};
 
-/// How long a detector file may be, bytes.
-const LONGEST: u64 = 64 * MIB;
+/// Maximum size of a detector file, bytes.
+const MAX_DETECTOR_BYTES: u64 = 64 * MIB;
 
-/// What to do with detectors.
+/// The commands on detectors.
 #[derive(clap::Subcommand, Clone, Debug)]
 pub enum DetectorCommand {
-    /// Learn an object from a folder of pictures NAME.jpg with masks NAME_mask.png, in the order of their names. An interrupted
-    /// training goes on where it was.
+    /// Train a detector of an object on a folder of images NAME.jpg with masks NAME_mask.png, in the order of their
+    /// names. An interrupted training is continued.
     Train(train::TrainArgs),
-    /// Judge a detector of any kind by pictures, with masks as far as there are any: Matthews' correlation, pooled over all pixels of all
-    /// pictures, how far center and box of what it tells are from the mask's, and where it told nothing, or too much.
+    /// Evaluate a detector of any kind on images, with masks where there are any: Matthews' correlation, pooled over
+    /// all pixels of all images, the errors of center and box, missed objects and false alarms.
     Eval(eval::EvalArgs),
-    /// Show what a detector has learned: how it cuts, and its program as expressions.
+    /// Show a trained detector: its cut, and its program as expressions.
     Show {
         /// The detector.
         file: PathBuf,
     },
-    /// Look at what the cameras of a sensor see, in a process of its own over YARP, until Ctrl-C: pictures come from image ports, regions and
-    /// masks go to PREFIX/SENSOR/EYE/regions:o and mask:o.
-    Run(OutsideArgs),
-    /// Make the picture of a tag, for a printer or for the scenery of simulated cameras.
+    /// Run a sensor's detectors in a process of its own over YARP, until Ctrl-C: images come from image ports, regions
+    /// and masks go to PREFIX/SENSOR/EYE/regions:o and mask:o.
+    Run(RemoteSensorArgs),
+    /// Make the image of a tag, for a printer or for the scenery of simulated cameras.
     Tag(tag::TagArgs),
 }
 
-/// Does it.
+/// Runs the command.
 ///
 /// # Errors
-/// If a file can't be read or written, or is not what it should be, with place and remedy.
+/// If a file can't be read or written, or is invalid, with its place and the remedy.
 pub fn command(command: &DetectorCommand) -> Result<(), Report> {
-    let said = match command {
+    let text = match command {
         DetectorCommand::Train(args) => train::command(args)?,
         DetectorCommand::Eval(args) => eval::command(args)?,
         DetectorCommand::Show { file } => show(&load(file)?),
         DetectorCommand::Tag(args) => tag::command(args)?,
-        DetectorCommand::Run(args) => return looking::command(args),
+        DetectorCommand::Run(args) => return detector_process::command(args),
     };
-    crate::terminal::out(&said);
+    crate::terminal::out(&text);
     Ok(())
 }
 
 fn load(path: &Path) -> Result<DetectorFile, ConfigError> {
-    let text = read_text(path, LONGEST).map_err(|e| {
+    let text = read_text(path, MAX_DETECTOR_BYTES).map_err(|e| {
         let help = "give a detector as `mobee detector train` wrote it";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
     DetectorFile::parse(&text).map_err(|e| ConfigError::plain(format!("{}: {}", path.display(), e.what), e.help))
 }
 
-/// What is wrong with a picture, as it is told.
-fn unseen(fault: PictureFault) -> ConfigError {
+/// A complaint about an image.
+fn image_complaint(fault: PictureFault) -> ConfigError {
     ConfigError::plain(fault.to_string(), fault.help)
 }
 

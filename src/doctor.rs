@@ -1,6 +1,6 @@
-//! `mobee doctor [FILE]`: can this machine run it? One line per thing that was looked at, with what to do about it.
+//! `mobee doctor [FILE]`: checks that this machine can run it. One line per check, with a remedy.
 //!
-//! It reads and asks only: nothing is written to a board, and no robot moves, unless `--move` asks for that.
+//! It only reads and queries: it writes nothing to a board and moves no robot, unless `--move` requests that.
 
 mod boards;
 mod machine;
@@ -24,8 +24,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How long an answer may take.
-const PATIENCE: Duration = Duration::from_secs(3);
+/// Time limit for an answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The arguments of `mobee doctor`.
 #[derive(clap::Args)]
@@ -45,7 +45,7 @@ pub struct DoctorArgs {
     write: Option<PathBuf>,
 }
 
-/// How something is.
+/// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Grade {
     Ok,
@@ -63,7 +63,7 @@ impl fmt::Display for Grade {
     }
 }
 
-/// Something that was looked at.
+/// The result of a check as a sentence, with its remedy.
 #[derive(Clone, Debug, PartialEq)]
 struct Finding {
     grade: Grade,
@@ -90,7 +90,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Looks at everything and prints it as it goes; exit code 1 if anything is bad.
+/// Runs all checks and prints their results as they come; exit code 1 if any is bad.
 ///
 /// # Errors
 /// If there is no asynchronous runtime, or the file of `--write` exists or can't be written.
@@ -101,21 +101,21 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| miette::Report::msg(format!("no asynchronous runtime: {e}")))?;
     let worst = Cell::new(Grade::Ok);
-    let tell = |findings: Vec<Finding>| {
+    let report = |findings: Vec<Finding>| {
         for finding in findings {
             worst.set(worst.get().max(finding.grade));
             println!("{finding}");
         }
     };
-    tell(vec![machine::processors(), runtime.block_on(machine::timers())]);
-    tell(machine::folder(Path::new("runs")));
-    tell(vec![machine::viewer()]);
-    let Looked { found, robots, motors } =
+    report(vec![machine::processors(), runtime.block_on(machine::timers())]);
+    report(machine::folder(Path::new("runs")));
+    report(vec![machine::viewer()]);
+    let CheckedFile { found, robots, motors } =
         args.file.as_deref().map(|file| configuration(file, &args.set)).unwrap_or_default();
-    tell(found);
+    report(found);
     let needed = robots.iter().any(|r| r.settings.server.is_none());
     let own = if needed { config::network_or_default(&Env::real()) } else { Network::from_env() };
-    tell(vec![match own {
+    report(vec![match own {
         Ok(network) => runtime.block_on(boards::name_server(&network, needed)),
         Err(e) if needed => {
             let remedy = "fix yarp.conf (`mobee yarp conf HOST PORT`), or set `server` in the driver's table";
@@ -127,16 +127,16 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
         }
     }]);
     for robot in &robots {
-        tell(runtime.block_on(boards::robot(robot)));
+        report(runtime.block_on(boards::robot(robot)));
     }
     if let (Some(file), Some(motor)) = (&args.file, &args.moves) {
         let motors: Vec<&str> = motors.iter().map(String::as_str).collect();
         let not = |why: String| Finding::bad(format!("{motor} was not moved"), why);
         if worst.get() == Grade::Bad {
-            tell(vec![not("fix what is bad first".into())]);
+            report(vec![not("fix what is bad first".into())]);
         } else if motors.contains(&motor.as_str()) {
             let (findings, settings) = moves::measure(file, &args.set, motor)?;
-            tell(findings);
+            report(findings);
             if !settings.is_empty() {
                 let printed = settings.toml();
                 println!("\nsettings for {}, as measured with {motor}:\n\n{printed}", file.display());
@@ -151,20 +151,21 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
                 None => {}
             }
         } else {
-            tell(vec![not(suggestion(motor, "motor with a board", &motors))]);
+            report(vec![not(suggestion(motor, "motor with a board", &motors))]);
         }
     }
     Ok(if worst.get() == Grade::Bad { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The path by which a new file includes this one: its name in the same folder, or the whole path.
+/// The path by which a new file includes this one: its name in the same folder, or the full path.
 fn included(file: &Path, new: &Path) -> Result<String, miette::Report> {
     let whole = |path: &Path| {
         let why = |e: std::io::Error| miette::Report::msg(format!("can't find {}: {e}", path.display()));
         path.canonicalize().map_err(why)
     };
     let parent = new.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let (file, folder) = (whole(file)?, whole(parent)?);
+    let file = whole(file)?;
+    let folder = whole(parent)?;
     let path = file.strip_prefix(&folder).unwrap_or(&file);
     Ok(path.to_string_lossy().into_owned())
 }
@@ -181,13 +182,13 @@ struct Remote {
 struct ModelMotor {
     name: String,
     motion: JointMotion,
-    /// Rad of encoder.
+    /// Limits, rad of encoder.
     limits: JointLimits,
 }
 
-/// What was found in a file.
+/// The results for a file.
 #[derive(Default)]
-struct Looked {
+struct CheckedFile {
     found: Vec<Finding>,
     /// Its robots behind YARP.
     robots: Vec<Remote>,
@@ -196,11 +197,11 @@ struct Looked {
 }
 
 /// Checks a file as `mobee check` does.
-fn configuration(file: &Path, set: &[String]) -> Looked {
+fn configuration(file: &Path, set: &[String]) -> CheckedFile {
     let bad = |report: miette::Report| {
         let remedy = "fix the file; `mobee check` reports the same";
         let found = vec![Finding::bad(format!("{}: {report:?}", file.display()), remedy)];
-        Looked { found, ..Looked::default() }
+        CheckedFile { found, ..CheckedFile::default() }
     };
     let (config, source) = match Config::load(file, set) {
         Ok(loaded) => loaded,
@@ -212,7 +213,8 @@ fn configuration(file: &Path, set: &[String]) -> Looked {
     };
     let mut found = vec![Finding::ok(format!("{} is right", file.display()))];
     found.extend(composition.warnings.iter().map(|w| Finding::warn(w.clone(), "see docs/configuration.md")));
-    let (mut robots, mut motors) = (Vec::new(), Vec::new());
+    let mut robots = Vec::new();
+    let mut motors = Vec::new();
     for (robot, setup) in composition.scene.robots().iter().zip(&composition.robots) {
         let driven = setup.hardware.known().motors;
         let has_board = |m: &usize| driven.as_ref().is_none_or(|driven| driven.contains(m));
@@ -239,7 +241,7 @@ fn configuration(file: &Path, set: &[String]) -> Looked {
             None => found.push(Finding::ok(format!("{} is simulated: there is nothing to reach", robot.name))),
         }
     }
-    Looked { found, robots, motors }
+    CheckedFile { found, robots, motors }
 }
 
 fn remote(source: &Source, robot: usize, driver: &serde_json::Value) -> Option<YarpDriverSettings> {

@@ -1,4 +1,4 @@
-//! `mobee inspect`: a run in figures, from its journal alone.
+//! `mobee inspect`: figures of a run, from its journal alone.
 
 use crate::config::{Config, ConfigError};
 use crate::narrate::labels_of;
@@ -10,10 +10,10 @@ use mobee_recorder::RecordedPoses;
 use std::fmt::Write;
 use std::path::Path;
 
-/// The figures of a run, for people or as JSON.
+/// The figures of a run, as text or as JSON.
 ///
 /// # Errors
-/// If the journal can't be read, or is not as it was written.
+/// If the journal can't be read, or was changed.
 pub fn text(run: &Path, json: bool) -> Result<String, Report> {
     let s = summary(run).map_err(journal_error)?;
     let value = serde_json::to_value(&s).into_diagnostic()?;
@@ -45,12 +45,12 @@ pub fn text(run: &Path, json: bool) -> Result<String, Report> {
             }
         }
     }
-    // what a journal names stably has labels where people read
+    // the journal's stable names of shapes are shown as labels
     let labels = if out.contains('#') { labels_of(run) } else { Labels::default() };
     Ok(labels.read(&out).into_owned())
 }
 
-/// Writes the poses of a run's recording as a table for the driver kind `replay`, and says what was written.
+/// Writes the poses of a run's recording as a table for the driver kind `replay`; returns a summary.
 ///
 /// # Errors
 /// If there is no such run, robot or recording, the file exists already, or it can't be written.
@@ -79,7 +79,7 @@ pub fn poses(run: &Path, robot: Option<&str>, file: &Path) -> Result<String, Rep
     Ok(format!("{} poses of {robot} in {}", table.lines().count() - 1, file.display()))
 }
 
-/// A journal's complaint as one of ours.
+/// A journal's error as a complaint.
 pub fn journal_error(e: JournalError) -> ConfigError {
     ConfigError::plain(e.to_string(), "give the folder of a run, or its journal.jsonl as it was written")
 }

@@ -1,4 +1,4 @@
-//! `mobee kinds`: what a configuration file can name, with docs and settings, as registered where it is defined.
+//! `mobee kinds`: the registered kinds that a configuration file can name, with docs and settings.
 
 use crate::config::{ConfigError, controller_schema, nearest};
 use mobee_contract::{AnyKind, Role, registered};
@@ -8,11 +8,11 @@ use std::fmt::Write;
 
 /// A registered kind.
 pub(crate) struct Entry {
-    /// What it is a kind of.
+    /// Its role.
     pub role: &'static str,
     /// Its name.
     pub name: &'static str,
-    /// What it does.
+    /// Its documentation.
     pub doc: &'static str,
     /// Its settings.
     pub schema: Value,
@@ -21,7 +21,7 @@ pub(crate) struct Entry {
 /// All registered kinds, by role and name.
 pub(crate) fn entries() -> Vec<Entry> {
     let schema = |k: &dyn AnyKind| match k.role() {
-        // a controller's table has what all controllers have beside what is its kind's own
+        // a controller's table has the settings of all controllers beside those of its kind
         Drive::NAME => controller_schema(k),
         _ => k.schema().to_value(),
     };
@@ -75,7 +75,7 @@ pub fn listing(name: Option<&str>) -> Result<String, ConfigError> {
     Ok(out)
 }
 
-/// A line per setting, and indented below it those of the tables in it.
+/// One line per setting, with those of nested tables indented below.
 fn rows(out: &mut String, root: &Value, schema: &Value, indent: usize) {
     let required = |key: &str| schema["required"].as_array().is_some_and(|r| r.iter().any(|k| k == key));
     for (key, s) in schema["properties"].as_object().into_iter().flatten().filter(|(key, _)| *key != "kind") {
@@ -87,7 +87,8 @@ fn rows(out: &mut String, root: &Value, schema: &Value, indent: usize) {
         let inner = resolved(root, s);
         let element = [&inner["items"], &inner["additionalProperties"]].map(|e| resolved(root, e));
         let doc = s["description"].as_str().or(inner["description"].as_str()).unwrap_or("").replace('\n', " ");
-        let (name, width) = (type_name(root, s), 28usize.saturating_sub(indent));
+        let name = type_name(root, s);
+        let width = 28usize.saturating_sub(indent);
         let _ = writeln!(out, "{:indent$}{key:width$} {name:10} {default:16} {doc}", "");
         if indent < 8
             && let Some(table) = [inner].into_iter().chain(element).find(|t| t["properties"].is_object())
@@ -97,7 +98,7 @@ fn rows(out: &mut String, root: &Value, schema: &Value, indent: usize) {
     }
 }
 
-/// What a link leads to, or the type that is optional.
+/// Follows a link, or takes the type of an optional value.
 fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
     let optional = schema["anyOf"].as_array().and_then(|o| o.iter().find(|o| o["type"] != "null"));
     let schema = optional.unwrap_or(schema);
@@ -132,7 +133,8 @@ mod tests {
 
     #[test]
     fn a_role_has_a_heading_once_it_has_a_kind() {
-        let (listed, schema) = (listing(None).expect("all of them"), crate::schema::text());
+        let listed = listing(None).expect("all of them");
+        let schema = crate::schema::text();
         let roles = [
             (<dyn Camera>::NAME, kinds::<dyn Camera>().is_empty()),
             (<dyn Detector>::NAME, kinds::<dyn Detector>().is_empty()),

@@ -1,11 +1,11 @@
-//! `mobee locator`: locators in files, learned from recorded views of known places and judged by others.
+//! `mobee locator`: locators in files, trained on recorded views of known positions and evaluated on others.
 
 mod best;
 mod collect;
 mod train;
 
 use crate::config::ConfigError;
-use crate::outside::placing::{self, LocatorRunArgs};
+use crate::remote_sensor::locator_process::{self, LocatorRunArgs};
 use miette::{IntoDiagnostic, Report};
 use mobee_behaviors::locators::file::{LearnedPlaces, LocatorFile};
 use mobee_behaviors::locators::head::JOINTS;
@@ -18,20 +18,24 @@ use sha2::{Digest, Sha256};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// How long a locator file may be, and a table, bytes.
-const LONGEST: (u64, u64) = (16 * MIB, 32 * MIB);
+/// Maximum size of a locator file, bytes.
+const MAX_LOCATOR_BYTES: u64 = 16 * MIB;
+/// Maximum size of a table of views, bytes.
+const MAX_TABLE_BYTES: u64 = 32 * MIB;
 
-/// What to do with locators.
+/// The commands on locators.
 #[derive(clap::Subcommand, Clone, Debug)]
 pub enum LocatorCommand {
-    /// Learn from a table of recorded views of known places.
+    /// Train a locator on a table of recorded views of known positions.
     Train(train::LocatorTrainArgs),
-    /// Take a table of views of known places from a run in which one robot looks at what another one holds, and check it.
+    /// Extract a checked table of views of known positions from a run in which one robot looks at an object that
+    /// another one holds.
     Collect(collect::CollectArgs),
-    /// Learn every kind from a run or a table, compare them by whole places held out, keep the best, and put it into a sensor of a run that
-    /// is going.
+    /// Train every kind on a run or a table, compare them on held-out places, store the best, and optionally swap it
+    /// into a sensor of a running run.
     Best(best::BestArgs),
-    /// Judge a locator by a table of views of known places: by single views, and by all views of each place together.
+    /// Evaluate a locator on a table of views of known positions: by single views, and by all views of each place
+    /// together.
     Eval {
         /// The locator.
         #[arg(long, value_name = "FILE")]
@@ -43,29 +47,30 @@ pub enum LocatorCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Place what the detectors of a sensor see, in a process of its own over YARP, until Ctrl-C: regions come from `mobee detector run`, the
-    /// pose from the state ports of the robot's boards, and objects are moved in the world of a `mobee run`.
+    /// Run a sensor's locator in a process of its own over YARP, until Ctrl-C: regions come from `mobee detector run`,
+    /// the configuration from the state ports of the robot's boards, and objects are moved in the world of a `mobee
+    /// run`.
     Run(LocatorRunArgs),
-    /// Show what a locator has learned.
+    /// Show a trained locator.
     Show {
         /// The locator.
         file: PathBuf,
     },
 }
 
-/// Does it.
+/// Runs the command.
 ///
 /// # Errors
-/// If a file can't be read or written, or is not what it should be, with place and remedy.
+/// If a file can't be read or written, or is invalid, with its place and the remedy.
 pub fn command(command: &LocatorCommand) -> Result<(), Report> {
     crate::terminal::out(&done(command)?);
     Ok(())
 }
 
-/// Does what the words after `mobee locator` say, and returns what it says: for examples and tests.
+/// Runs the words after `mobee locator`, and returns the output: for examples and tests.
 ///
 /// # Errors
-/// As for [`command`], and words that are no command.
+/// As for [`command`], and for words that are not a command.
 pub fn example(words: &[&str]) -> Result<String, Box<dyn std::error::Error>> {
     #[derive(clap::Parser)]
     struct Words {
@@ -83,12 +88,12 @@ fn done(command: &LocatorCommand) -> Result<String, Report> {
         LocatorCommand::Best(args) => best::command(args)?,
         LocatorCommand::Eval { locator, data, json } => eval(&load(locator)?, data, *json)?,
         LocatorCommand::Show { file } => show(&load(file)?),
-        LocatorCommand::Run(args) => placing::command(args).map(|()| String::new())?,
+        LocatorCommand::Run(args) => locator_process::command(args).map(|()| String::new())?,
     })
 }
 
 fn load(path: &Path) -> Result<LocatorFile, ConfigError> {
-    let text = read_text(path, LONGEST.0).map_err(|e| {
+    let text = read_text(path, MAX_LOCATOR_BYTES).map_err(|e| {
         let help = "give a locator as `mobee locator train` wrote it";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
@@ -97,15 +102,15 @@ fn load(path: &Path) -> Result<LocatorFile, ConfigError> {
 
 /// A table, and the digest of its text.
 fn table(path: &Path) -> Result<(ViewTable, String), ConfigError> {
-    let text = read_text(path, LONGEST.1).map_err(|e| {
+    let text = read_text(path, MAX_TABLE_BYTES).map_err(|e| {
         let help = "give a table of recorded views, as comma-separated text";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
-    understood(&path.display().to_string(), &text)
+    parsed_table(&path.display().to_string(), &text)
 }
 
-/// A table of this text, which complaints call so, and the text's digest.
-fn understood(name: &str, text: &str) -> Result<(ViewTable, String), ConfigError> {
+/// Parses a table and computes its digest; complaints use `name`.
+fn parsed_table(name: &str, text: &str) -> Result<(ViewTable, String), ConfigError> {
     let table = parse(text).map_err(|e| ConfigError::plain(format!("{name}, line {}: {}", e.line, e.what), e.help))?;
     Ok((table, Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()))
 }
@@ -114,14 +119,15 @@ fn eval(file: &LocatorFile, data: &Path, json: bool) -> Result<String, Report> {
     let known = table(data)?.0.known;
     let unclipped: Vec<KnownView> = known.iter().filter(|k| !k.view.is_clipped()).copied().collect();
     let ready = file.ready();
-    let (all, unclipped) = (judge(&ready, &known), judge(&ready, &unclipped));
+    let all = judge(&ready, &known);
+    let unclipped = judge(&ready, &unclipped);
     if json {
-        let said = json!({ "kind": file.kind(), "all": all, "unclipped": unclipped });
-        return Ok(serde_json::to_string(&said).into_diagnostic()? + "\n");
+        let text = json!({ "kind": file.kind(), "all": all, "unclipped": unclipped });
+        return Ok(serde_json::to_string(&text).into_diagnostic()? + "\n");
     }
-    let mut said = format!("{}, errors in mm\n", file.kind().name());
+    let mut text = format!("{}, errors in mm\n", file.kind().name());
     let _ = writeln!(
-        said,
+        text,
         "{:32}{:>7}{:>9}{:>9}{:>9}{:>9}{:>12}",
         "", "asked", "located", "median", "mean", "95 %", "in region"
     );
@@ -133,7 +139,7 @@ fn eval(file: &LocatorFile, data: &Path, json: bool) -> Result<String, Report> {
     ];
     for (name, e) in rows {
         let _ = writeln!(
-            said,
+            text,
             "{name:32}{:>7}{:>9}{:>9.1}{:>9.1}{:>9.1}{:>10.1} %",
             e.n,
             e.located,
@@ -143,41 +149,41 @@ fn eval(file: &LocatorFile, data: &Path, json: bool) -> Result<String, Report> {
             100.0 * e.inside_95
         );
     }
-    Ok(said)
+    Ok(text)
 }
 
 fn show(file: &LocatorFile) -> String {
-    let mut said = format!("{}, seed {}, learned from the table {}\n", file.kind().name(), file.seed, file.data);
+    let mut text = format!("{}, seed {}, learned from the table {}\n", file.kind().name(), file.seed, file.data);
     let model = match &file.learned {
         LearnedPlaces::Triangulate(t) => &t.model,
         LearnedPlaces::Calibrated(c) => &c.model,
         LearnedPlaces::Ensemble(e) => {
-            let _ = writeln!(said, "{} networks", e.members.len());
-            return said;
+            let _ = writeln!(text, "{} networks", e.members.len());
+            return text;
         }
         LearnedPlaces::Network(n) => {
             let units: usize = n.axes.iter().map(|a| a.hidden.len()).sum();
-            let _ = writeln!(said, "{} networks, {units} hidden units", n.axes.len());
-            return said;
+            let _ = writeln!(text, "{} networks, {units} hidden units", n.axes.len());
+            return text;
         }
     };
     for (joint, offset) in JOINTS.iter().zip(model.offsets()) {
-        let _ = writeln!(said, "{joint:12} reads {:+.2} deg too little", offset.to_degrees());
+        let _ = writeln!(text, "{joint:12} reads {:+.2} deg too little", offset.to_degrees());
     }
     if let LearnedPlaces::Calibrated(c) = &file.learned {
         let deviation = c.noise.resting.diagonal().map(f64::sqrt);
         let _ = writeln!(
-            said,
+            text,
             "pixels scatter by {:.1} and {:.1} (left), {:.1} and {:.1} (right)",
             deviation[0], deviation[1], deviation[2], deviation[3]
         );
         let warp = if c.model.warp.is_some() { "warped: places left out are found better so" } else { "believed" };
         let _ = writeln!(
-            said,
+            text,
             "places are {warp}; {} of them, bandwidth {} m",
             c.workspace.places.len(),
             c.workspace.bandwidth
         );
     }
-    said
+    text
 }

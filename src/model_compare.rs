@@ -1,4 +1,4 @@
-//! `mobee model compare`: contact by a robot's shapes against contact by the meshes of its URDF.
+//! `mobee model compare`: compares contacts of a robot's shapes with contacts of the meshes of its URDF.
 
 use crate::robot_import::{Steps, UrdfArgs};
 use crate::terminal;
@@ -8,14 +8,14 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// What to compare, and at how many poses.
+/// Arguments of `mobee model compare`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct CompareArgs {
     /// Robot XML.
     robot: PathBuf,
     /// The URDF that it was converted from.
     urdf: PathBuf,
-    /// How many random poses.
+    /// Number of random poses.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     poses: u32,
     /// The seed of the poses.
@@ -25,7 +25,7 @@ pub struct CompareArgs {
     read: UrdfArgs,
 }
 
-/// Compares, and prints what came of it.
+/// Compares, and prints the result.
 ///
 /// # Errors
 /// If a file can't be read, or the two are not of one robot.
@@ -41,7 +41,7 @@ pub fn command(args: &CompareArgs) -> Result<ExitCode, Report> {
         .map_err(|e| miette!("{e}"))?;
     drop(bar);
     terminal::out(&text(&seen));
-    // a contact that nobody sees is what this is run to find
+    // a missed contact is the error that this command looks for
     Ok(if seen.missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 

@@ -1,4 +1,4 @@
-//! `mobee model convert`: a URDF becomes a robot file.
+//! `mobee model convert`: converts a URDF into a robot file.
 
 use crate::roadmap::save_text;
 use crate::robot_import::ImportArgs;
@@ -8,25 +8,25 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// What to convert, and how.
+/// Arguments of `mobee model convert`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ConvertArgs {
     /// The URDF file (expand macros with xacro first).
     urdf: PathBuf,
-    /// The robot file to write. One that exists is kept: if it was made from the same files and options, nothing is to be done.
+    /// The robot file to write. An existing one stays: if it was made from the same files and options, nothing is done.
     xml: PathBuf,
     #[command(flatten)]
     import: ImportArgs,
-    /// Convert anew and replace the robot file if it exists.
+    /// Convert again and replace the robot file if it exists.
     #[arg(long)]
     force: bool,
 }
 
-/// Converts the URDF, writes the robot file and says what came of it.
+/// Converts the URDF, writes the robot file and returns a summary.
 ///
 /// # Errors
-/// If the URDF can't be read or converted (with place and remedy), or the robot file can't be written. Nothing is left
-/// half-written.
+/// If the URDF can't be read or converted (with place and remedy), or the robot file can't be written. No partial file
+/// remains.
 pub fn command(args: &ConvertArgs) -> Result<String, Report> {
     if args.xml.exists() && !args.force {
         if args.import.made(&args.xml, &args.urdf)? {
@@ -44,7 +44,7 @@ pub fn command(args: &ConvertArgs) -> Result<String, Report> {
     Ok(summary(&args.xml, &imported))
 }
 
-/// What came of it, for people.
+/// A summary of the conversion as text.
 pub fn summary(path: &Path, imported: &Imported) -> String {
     let Imported { robot, warnings, decided, .. } = imported;
     let mut out = String::new();
@@ -70,7 +70,7 @@ pub fn summary(path: &Path, imported: &Imported) -> String {
     out
 }
 
-/// Why pairs are left out, and how many for each reason. What follows a comma is about one pair alone.
+/// The reasons of disabled pairs, with their numbers. The part after a comma is specific to a pair.
 fn reasons(robot: &Robot) -> BTreeMap<&str, usize> {
     let mut reasons = BTreeMap::new();
     for left_out in robot.left_out.iter().flatten() {

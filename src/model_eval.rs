@@ -13,12 +13,12 @@ use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The largest table of poses that is read, bytes.
+/// Maximum size of a table of poses, bytes.
 const LARGEST_TABLE: u64 = 64 * MIB;
-/// How far beyond a limit a value may be for having been rounded, encoder units.
+/// Tolerance of limits for rounded values, encoder units.
 const ROUNDING_DEG: f64 = 1e-6;
 
-/// What to evaluate.
+/// Arguments of an evaluation.
 #[derive(Clone, Copy, Debug)]
 pub struct Evaluation<'a> {
     /// The robot, ZRP XML.
@@ -27,11 +27,11 @@ pub struct Evaluation<'a> {
     pub world: Option<&'a Path>,
     /// The table of poses: `pose_id`, optionally `kind`, and `part.motor` columns in encoder units.
     pub poses: &'a Path,
-    /// The folder for the results; made if missing.
+    /// The folder for the results; created if missing.
     pub out: &'a Path,
 }
 
-/// What was written.
+/// The result of an evaluation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Evaluated {
     /// Number of poses.
@@ -47,9 +47,8 @@ pub struct Evaluated {
 /// Evaluates a robot at every pose of a table and writes `markers.csv`, `transforms.csv`, `constraints.csv`, `self_pairs.csv`
 /// and, with a world, `world_pairs.csv`.
 ///
-/// # Errors
 /// If a file can't be read or understood (with place and remedy; nothing is written then), or the results can't be
-/// written (none of the tables is replaced then).
+/// written (no table is replaced then).
 pub fn evaluate(what: Evaluation<'_>) -> miette::Result<Evaluated> {
     let robot = Arc::new(load_robot(what.robot)?.value);
     let objects: Vec<Object> = what.world.map(load_world).transpose()?.map(|w| w.value).unwrap_or_default();
@@ -139,7 +138,8 @@ fn parse_poses(robot: &Robot, name: &str, text: &str) -> Result<Vec<PoseRow>, Co
                             format!("give the encoder value of `{}` in {}", motor.name, motor.motion.unit()),
                         ));
                     };
-                    let (min, max) = (motor.min.to_degrees(), motor.max.to_degrees());
+                    let min = motor.min.to_degrees();
+                    let max = motor.max.to_degrees();
                     if degrees < min - ROUNDING_DEG || degrees > max + ROUNDING_DEG {
                         let message = format!("{degrees} is outside the limits of motor `{}`", motor.name);
                         return Err(complain(
@@ -191,7 +191,7 @@ fn column(
     Err(complain(field, format!("there is no motor `{}` in robot `{}`", field.text, robot.name), help))
 }
 
-/// A value of a table and where it stands.
+/// A value of a table, and its position in the text.
 #[derive(Clone, Copy, Debug, Default)]
 struct Field<'a> {
     text: &'a str,
@@ -204,7 +204,7 @@ impl Field<'_> {
     }
 }
 
-/// The lines of a table that hold anything, cut at commas.
+/// The non-empty lines of a table, split at commas.
 fn fields(text: &str) -> impl Iterator<Item = Vec<Field<'_>>> {
     let offset = |part: &str| part.as_ptr() as usize - text.as_ptr() as usize;
     text.trim_start_matches('\u{feff}').lines().filter(|line| !line.trim().is_empty()).map(move |line| {
@@ -217,7 +217,7 @@ fn fields(text: &str) -> impl Iterator<Item = Vec<Field<'_>>> {
     })
 }
 
-/// The results, under names of their own until they are complete.
+/// The result tables, under temporary names until they are complete.
 struct Tables {
     markers: Table,
     transforms: Table,
@@ -246,7 +246,8 @@ impl Tables {
     fn pose(&mut self, scene: &Scene, robot: &Robot, pose: &PoseRow) -> miette::Result<()> {
         let id = pose.id;
         for (marker, at) in robot.markers.iter().zip(robot.markers_at(&pose.q)) {
-            let (p, n) = (at.position(), at.normal);
+            let p = at.position();
+            let n = at.normal;
             let name = quoted(&marker.name);
             self.markers.row(format_args!("{id},{name},{},{},{},{},{},{}", p.x, p.y, p.z, n.x, n.y, n.z))?;
         }
@@ -318,12 +319,12 @@ fn satisfied(value: f64) -> bool {
     value > 0.0
 }
 
-/// A name as a table can hold it.
+/// A name, quoted if necessary.
 fn quoted(name: &str) -> String {
     if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_string() }
 }
 
-/// One table; its temporary file goes away if it is not finished.
+/// One table; its temporary file is removed if it is not finished.
 struct Table {
     temporary: PathBuf,
     name: PathBuf,
@@ -360,7 +361,7 @@ impl Drop for Table {
             return;
         }
         self.file = None;
-        // Nothing more can be done about a left-over file here.
+        // A remaining temporary file can't be handled here.
         let _ = std::fs::remove_file(&self.temporary);
     }
 }
@@ -379,7 +380,8 @@ mod tests {
 
     #[test]
     fn the_edge_robot_gives_the_reference_tables() {
-        let (edge, out) = (edge(), out("eval"));
+        let edge = edge();
+        let out = out("eval");
         let what = Evaluation {
             robot: &edge.join("edge_a.xml"),
             world: None,

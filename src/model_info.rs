@@ -1,4 +1,4 @@
-//! `mobee model info`: a robot file at a glance.
+//! `mobee model info`: an overview of a robot file.
 
 use miette::Report;
 use mobee_model::{Shape, load_robot};

@@ -1,4 +1,5 @@
-//! `mobee model view`: a robot's shapes over the meshes of its URDF, motor after motor, to be looked at in Rerun.
+//! `mobee model view`: a robot's shapes over the meshes of its URDF, one motor moving after the other, as a recording
+//! for Rerun.
 
 use crate::robot_import::{UrdfArgs, millimeters};
 use crate::view;
@@ -9,10 +10,10 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// More pairs that come near are not printed; the recording has all.
-const PRINTED: usize = 10;
+/// Maximum number of printed pairs that come close; the recording has all.
+const MAX_PRINTED: usize = 10;
 
-/// What to look at, and where the recording goes.
+/// Arguments of `mobee model view`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ViewArgs {
     /// Robot XML.
@@ -26,14 +27,15 @@ pub struct ViewArgs {
     /// Replace the recording if it exists.
     #[arg(long, requires = "out")]
     force: bool,
-    /// Show pairs in red that are nearer to each other than this, millimeters; the reflex of a robot acts at `controller.margin_mm`.
+    /// Show pairs in red that get closer to each other than this, millimeters; the reflex of a robot acts at
+    /// `controller.margin_mm`.
     #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = millimeters(0.0, 500.0), allow_negative_numbers = true)]
     margin: f64,
     #[command(flatten)]
     read: UrdfArgs,
 }
 
-/// Writes the recording, opens it unless a file for it was named, and says what came near.
+/// Writes the recording, opens it unless a file for it was named, and returns the pairs that came close.
 ///
 /// # Errors
 /// If a file can't be read or written, the two are not of one robot, or there is no viewer.
@@ -59,14 +61,14 @@ pub fn command(args: &ViewArgs) -> Result<String, Report> {
     };
     let view = ModelView { robot: &robot, meshes: &meshes, margin: args.margin * 1e-3 };
     let seen = view_model(&settings, &view).map_err(|why| miette!("{}: {why}", args.robot.display()))?;
-    let said = summary(&out, &robot, &seen, args.margin);
+    let text = summary(&out, &robot, &seen, args.margin);
     Ok(match args.out {
-        Some(_) => format!("{said}now: mobee view {}\n", out.display()),
-        None => format!("{said}{}\n", view::open(&out)?),
+        Some(_) => format!("{text}now: mobee view {}\n", out.display()),
+        None => format!("{text}{}\n", view::open(&out)?),
     })
 }
 
-/// What the links of the URDF collide with, if one was given.
+/// The collision meshes of the URDF's links, if one was given.
 fn meshes(args: &ViewArgs, robot: &Robot) -> Result<Vec<LinkSurface>, Report> {
     let Some(urdf) = &args.urdf else {
         if args.read.is_given() {
@@ -88,7 +90,7 @@ fn meshes(args: &ViewArgs, robot: &Robot) -> Result<Vec<LinkSurface>, Report> {
     }
 }
 
-/// A file for a recording that is looked at once.
+/// A temporary file for a recording.
 fn passing_file(robot: &Path) -> Result<PathBuf, Report> {
     let dir = tempfile::Builder::new().prefix("mobee-").tempdir().into_diagnostic();
     let dir = dir.wrap_err("can't make a folder for the recording; name a file for it with --out FILE")?.keep();
@@ -99,7 +101,8 @@ fn summary(out: &Path, robot: &Robot, seen: &SeenModel, margin: f64) -> String {
     let shapes: usize = robot.nodes.iter().map(|n| n.solids.len()).sum();
     let hulls: usize = robot.nodes.iter().map(|n| n.hulls.len()).sum();
     let hulled = if hulls > 0 { format!(" ({hulls} with hulls)") } else { String::new() };
-    let (motors, count) = (robot.motors.len(), seen.near.len());
+    let motors = robot.motors.len();
+    let count = seen.near.len();
     let mut text = format!(
         "{}: robot `{}`, {motors} motors, {shapes} shapes{hulled}, {:.0} s; nearer than {margin} mm: ",
         out.display(),
@@ -107,11 +110,11 @@ fn summary(out: &Path, robot: &Robot, seen: &SeenModel, margin: f64) -> String {
         seen.secs
     );
     text += if count == 0 { "none\n" } else { "\n" };
-    for near in seen.near.iter().take(PRINTED) {
+    for near in seen.near.iter().take(MAX_PRINTED) {
         let _ = writeln!(text, "  {}", near.in_words(robot));
     }
-    if count > PRINTED {
-        let _ = writeln!(text, "  and {} more", count - PRINTED);
+    if count > MAX_PRINTED {
+        let _ = writeln!(text, "  and {} more", count - MAX_PRINTED);
     }
     text
 }

@@ -1,6 +1,6 @@
 //! Events as sentences for operators: the terminal of a run, `mobee ctl log`, and the last lines of a summary.
 //!
-//! Journals carry stable names of shapes; here they are read as labels ([`Labels`]).
+//! Journals contain stable names of shapes; the sentences contain their labels ([`Labels`]).
 
 use crate::compose::compose;
 use crate::config::Config;
@@ -13,32 +13,32 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Motors that a line names; of more only the number.
+/// Maximum number of motors that a line names; further ones are counted.
 const MAX_NAMED: usize = 3;
 
-/// How much a line matters.
+/// Importance of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Weight {
-    /// For `mobee ctl log` alone.
+    /// For `mobee ctl log` only.
     Detail,
-    /// What an operator should see as it happens.
+    /// An operator should see it as it happens.
     News,
-    /// Something to look after, also in a run that nobody watches.
+    /// Needs attention, also in an unattended run.
     Warning,
 }
 
-/// An event in words.
+/// An event as a sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Line {
-    /// How much it matters.
+    /// Its importance.
     pub(crate) weight: Weight,
-    /// Of what a sum of such lines counts, in the plural.
+    /// The plural by which a sum counts such lines.
     pub(crate) kind: &'static str,
     /// The sentence, without its time.
     pub(crate) text: String,
 }
 
-/// The end of a motion, in words.
+/// The end of a motion.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MotionLine {
     /// The robot.
@@ -49,7 +49,7 @@ pub(crate) struct MotionLine {
     pub(crate) outcome: Outcome,
 }
 
-/// What is known of one robot by its events.
+/// The state of one robot, derived from its events.
 #[derive(Default)]
 struct Story {
     motors: Vec<String>,
@@ -57,15 +57,15 @@ struct Story {
     tolerance: f64,
     /// The motors that the open commit names.
     named: Vec<usize>,
-    /// Whether the safe pose of the open commit has moved.
+    /// True if the safe pose of the open commit has moved.
     moved: bool,
-    /// The pairs in contact, as the journal names them.
+    /// The pairs in contact by their names in the journal, with their distances, meters.
     touches: BTreeMap<(String, String), f64>,
     status: Option<Status>,
     halted: bool,
 }
 
-/// The labels of the robots of a run in a folder, or beside a journal; none if its configuration can't be read any more.
+/// The labels of the robots of a run, by its folder or journal; empty if its configuration can't be read any more.
 pub(crate) fn labels_of(run: &Path) -> Labels {
     let dir = if run.is_dir() { run } else { run.parent().unwrap_or(Path::new(".")) };
     let loaded = Config::load_resolved(&dir.join("config.json")).ok();
@@ -73,25 +73,26 @@ pub(crate) fn labels_of(run: &Path) -> Labels {
     composition.map(|c| Labels::new(c.scene.robots())).unwrap_or_default()
 }
 
-/// Makes sentences of events, in their order.
+/// Converts events into sentences, in their order.
 pub(crate) struct Narrator {
     robots: Vec<Arc<Robot>>,
     labels: Labels,
-    /// The names of all objects that there ever were.
+    /// The names of all objects of the run, also of removed ones.
     objects: BTreeMap<u32, String>,
     stories: BTreeMap<String, Story>,
 }
 
 impl Narrator {
-    /// For a run that begins in this scene.
+    /// A narrator for a run that begins in this scene.
     pub(crate) fn new(scene: &Scene) -> Narrator {
-        let (robots, labels) = (scene.robots().to_vec(), Labels::new(scene.robots()));
+        let robots = scene.robots().to_vec();
+        let labels = Labels::new(scene.robots());
         let mut narrator = Narrator { robots, labels, objects: BTreeMap::new(), stories: BTreeMap::new() };
         narrator.edited(scene);
         narrator
     }
 
-    /// The world has changed to this.
+    /// Updates the names of objects after an edit of the world.
     pub(crate) fn edited(&mut self, scene: &Scene) {
         self.objects.extend(scene.objects().map(|(id, object)| (id, object.name.clone())));
     }
@@ -102,9 +103,9 @@ impl Narrator {
         Some(MotionLine { robot: robot.clone(), id: id.0, outcome: *outcome })
     }
 
-    /// The event as a line. `None`: of no interest to an operator.
+    /// The event as a line. `None` if it does not concern an operator.
     pub(crate) fn line(&mut self, event: &Event) -> Option<Line> {
-        let (weight, kind, text) = self.of_robot(event).or_else(|| of_system(event))?;
+        let (weight, kind, text) = self.robot_line(event).or_else(|| system_line(event))?;
         Some(Line { weight, kind, text: self.labels.read(&text).into_owned() })
     }
 
@@ -112,7 +113,7 @@ impl Narrator {
         self.stories.entry(robot.to_owned()).or_default()
     }
 
-    fn of_robot(&mut self, event: &Event) -> Option<(Weight, &'static str, String)> {
+    fn robot_line(&mut self, event: &Event) -> Option<(Weight, &'static str, String)> {
         use Weight::{Detail, News};
         Some(match event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {
@@ -164,7 +165,7 @@ impl Narrator {
                 let (weight, begun) = if *lasting { (News, "has been pushing") } else { (Detail, "pushed") };
                 (weight, "pushes", format!("{robot} {begun} something for {secs:.2} s, at most with {newtons:.1} N"))
             }
-            Event::State { robot, status } => return self.story(robot).turned(robot, *status),
+            Event::State { robot, status } => return self.story(robot).status_line(robot, *status),
             Event::Halted { robot } => {
                 let story = self.story(robot);
                 if std::mem::replace(&mut story.halted, true) {
@@ -190,11 +191,11 @@ impl Narrator {
         })
     }
 
-    /// Why a motion failed, as the second half of a sentence.
+    /// The cause of a failed motion, as a clause.
     fn why(&self, robot: &str, cause: &Cause) -> String {
         match cause {
-            Cause::Contact(contacts) => self.met(robot, contacts, ""),
-            Cause::Foreseen(contacts) => self.met(robot, contacts, "would have "),
+            Cause::Contact(contacts) => self.contact_cause(robot, contacts, ""),
+            Cause::Foreseen(contacts) => self.contact_cause(robot, contacts, "would have "),
             Cause::Stall { motor, by, motion } => {
                 let by = motion.told(*by, 1);
                 format!("{motor} does not follow, by {by}: something holds it that the model does not have")
@@ -214,12 +215,12 @@ impl Narrator {
                 let by = motion.told(*by, 1);
                 format!("{motor} was moved by {by} at rest: by another program, by hand or by its weight")
             }
-            Cause::Asked => "a person or a program asked for it".into(),
+            Cause::Asked => "requested by a person or a program".into(),
         }
     }
 
-    /// Of the pairs that met the nearest, and the motors that brought them together.
-    fn met(&self, robot: &str, contacts: &[Contact], would: &str) -> String {
+    /// The closest pair in contact, and the motors that moved it.
+    fn contact_cause(&self, robot: &str, contacts: &[Contact], would: &str) -> String {
         let nearest = contacts.iter().min_by(|a, b| a.distance.total_cmp(&b.distance));
         let Some(contact) = nearest else { return "something was met".into() };
         let index = self.robots.iter().position(|r| r.name == robot);
@@ -259,12 +260,12 @@ impl Narrator {
 }
 
 impl Story {
-    /// How a motion ended, and where the robot rests.
+    /// The end of a motion, and the place where the robot rests.
     fn ended(&self, outcome: Outcome, cause: Option<&Cause>, why: Option<&str>, at: (&Pose, Option<&Pose>)) -> String {
         let why = why.map(|why| format!(": {why}")).unwrap_or_default();
         match outcome {
             Outcome::Committed => "reached its target".into(),
-            Outcome::RolledBack if self.moved => format!("was rolled back{why}; rests at an earlier rest"),
+            Outcome::RolledBack if self.moved => format!("was rolled back{why}; rests at an earlier configuration"),
             Outcome::RolledBack => {
                 let (q, safe) = at;
                 let away = safe.map(|safe| distance(q, safe)).filter(|away| away.is_finite());
@@ -274,20 +275,20 @@ impl Story {
             Outcome::Faulted if cause == Some(&Cause::Asked) => match self.status {
                 Some(Status::Holding(Hold::ShuttingDown)) => "aborted: run ended".into(),
                 _ if self.halted => "stopped: halted".into(),
-                _ => "stopped, as asked for".into(),
+                _ => "stopped on request".into(),
             },
             Outcome::Faulted => format!("failed{why}; rests on the way, neither at its target nor where it began"),
         }
     }
 
-    fn turned(&mut self, robot: &str, status: Status) -> Option<(Weight, &'static str, String)> {
+    fn status_line(&mut self, robot: &str, status: Status) -> Option<(Weight, &'static str, String)> {
         let before = self.status.replace(status);
         let news = |text: String| Some((Weight::News, "holds", format!("{robot}: {text}")));
         let detail = |text: &str| Some((Weight::Detail, "states", format!("{robot}: {text}")));
         match status {
-            Status::Holding(Hold::ShuttingDown) => detail("comes to rest: the run is ending"),
+            Status::Holding(Hold::ShuttingDown) => detail("stops: the run is ending"),
             Status::Holding(Hold::Halted) => detail("holds: halted"),
-            // the motor that was moved has been named
+            // an earlier line names the motor
             Status::Holding(Hold::Displaced) => detail("holds: it was moved at rest"),
             Status::Holding(Hold::InContact) => match self.touches.iter().next() {
                 Some((pair, distance)) => {
@@ -301,19 +302,19 @@ impl Story {
                 Some(Status::Starting) => Some((Weight::Detail, "states", format!("{robot}: ready for motions"))),
                 _ => None,
             },
-            Status::Retreating => detail("goes back along its path"),
+            Status::Retreating => detail("retreats along its path"),
             _ => None,
         }
     }
 }
 
-/// What is no matter of one robot's motions.
-fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
+/// Lines for events that do not belong to one robot's motions.
+fn system_line(event: &Event) -> Option<(Weight, &'static str, String)> {
     use Weight::{Detail, News, Warning};
     Some(match event {
-        Event::RetreatWaits { robot, what, .. } => (Detail, "waits", format!("{robot}: waits on its way back: {what}")),
+        Event::RetreatWaits { robot, what, .. } => (Detail, "waits", format!("{robot}: its retreat waits: {what}")),
         Event::RetreatStopped { robot, what, .. } => {
-            (News, "retreats given up", format!("{robot}: gave up its way back: {what}"))
+            (News, "retreats aborted", format!("{robot}: its retreat was aborted: {what}"))
         }
         Event::Refused { robot, agent, refusal } => {
             (Detail, "refusals", format!("{robot}: refused {agent}: {refusal}; {}", refusal.remedy()))
@@ -341,7 +342,7 @@ fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
         Event::Swap { robot: name, part, step } | Event::SwapBeside { name, part, step } => {
             let trouble = matches!(step, SwapStep::Refused { .. } | SwapStep::Reverted { .. });
             let weight = if trouble { Warning } else { News };
-            (weight, "swaps", format!("{name}: swap of the {part}: {}", in_words(*part, step)))
+            (weight, "swaps", format!("{name}: swap of the {part}: {}", swap_step_text(*part, step)))
         }
         Event::Stale { sensor, object } => (News, "objects lost", format!("{sensor} does not see {object} any more")),
         Event::Died { actor, reason } => (News, "deaths", format!("{actor} died: {reason}")),
@@ -359,8 +360,8 @@ fn of_system(event: &Event) -> Option<(Weight, &'static str, String)> {
     })
 }
 
-/// A step of a swap, with the remedy where there is one.
-pub(crate) fn in_words(part: SwapPart, step: &SwapStep) -> String {
+/// A step of a swap as a phrase, with a remedy if there is one.
+pub(crate) fn swap_step_text(part: SwapPart, step: &SwapStep) -> String {
     let why = match step {
         SwapStep::Refused { why } | SwapStep::Reverted { why } => why.as_str(),
         _ => return step.to_string(),
@@ -368,7 +369,7 @@ pub(crate) fn in_words(part: SwapPart, step: &SwapStep) -> String {
     format!("{step}{}", fresh_remedy(part, why))
 }
 
-/// What to do about a new part that can't take over the old one's state.
+/// The remedy for a new part that can't take over the old one's state.
 pub(crate) fn fresh_remedy(part: SwapPart, why: &str) -> String {
     if !why.contains("the state can't be taken over") {
         return String::new();

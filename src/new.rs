@@ -1,4 +1,4 @@
-//! `mobee new`: a starting file for one's own behavior, with the robot and the world that it names beside it.
+//! `mobee new`: a starting file for a behavior of your own, with the robot and the world that it names beside it.
 
 use crate::config::{ConfigError, suggestion};
 use crate::kinds::entries;
@@ -8,10 +8,10 @@ use serde_json::Value;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// A file that ships: as behaviors name it, as it is called beside a new behavior, and its text.
+/// A shipped file: its path in behaviors, its name beside a new behavior, and its text.
 type Shipped = (&'static str, &'static str, &'static str);
 
-/// A behavior to start from: its name, its text, and the files that it names, and those that these name.
+/// A behavior to start from: its name, its text, and all files that it needs.
 struct Template {
     name: &'static str,
     text: &'static str,
@@ -55,13 +55,13 @@ const TEMPLATES: &[Template] = &[
     template!("explore-yarp", &[ICUB, EXPLORE]),
 ];
 
-/// The schema's file, which editors look for.
+/// The name of the schema's file, which editors look for.
 pub(crate) const SCHEMA: &str = "mobee.schema.json";
 
-/// Writes `NAME.toml`, and beside it what it names. Answers the files that were written.
+/// Writes `NAME.toml`, and the files that it names beside it. Returns the written files.
 ///
 /// # Errors
-/// If the name is none, there is no such behavior, or a file would be written over. Nothing is written then.
+/// If the name is invalid, there is no such behavior, or a file would be overwritten. Nothing is written then.
 pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
     let names: Vec<&str> = TEMPLATES.iter().map(|t| t.name).collect();
     let template = TEMPLATES.iter().find(|t| t.name == from).ok_or_else(|| {
@@ -71,7 +71,7 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
     let mut files = vec![(dir.join(format!("{stem}.toml")), text(template, &stem))];
     files.extend(template.files.iter().map(|(_, name, text)| (dir.join(name), beside(template, text))));
     files.push((dir.join(SCHEMA), crate::schema::text()));
-    // what stands there already and says the same is left; the behavior itself is always new
+    // existing files with the same text stay; the behavior itself must be new
     let mut missing = Vec::new();
     for (i, (file, text)) in files.into_iter().enumerate() {
         match read_text(&file, MIB) {
@@ -88,10 +88,11 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
     Ok(missing.into_iter().map(|(file, _)| file).collect())
 }
 
-/// Writes new files, all or none: each is whole beside its place before the first gets its name. Only the schema may replace an older one.
+/// Writes new files, all or none: all are complete under temporary names before the first is renamed. Only the schema
+/// may replace an older one.
 ///
 /// # Errors
-/// If one can't be written, or has appeared meanwhile. None of them is there then.
+/// If one can't be written, or has been created by another program. None of the files remains then.
 pub(crate) fn save_all(files: &[(&Path, &str)]) -> Result<(), ConfigError> {
     let refused = |file: &Path, why: &dyn std::fmt::Display| {
         let help = "check the folder's space and permissions; none of the files was written";
@@ -119,7 +120,7 @@ pub(crate) fn save_all(files: &[(&Path, &str)]) -> Result<(), ConfigError> {
 /// The folder and the stem of a behavior's file.
 ///
 /// # Errors
-/// If the name is none, or the folder does not exist.
+/// If the name is invalid, or the folder does not exist.
 pub(crate) fn file_stem(name: &str) -> Result<(PathBuf, String), ConfigError> {
     let path = PathBuf::from(name.strip_suffix(".toml").unwrap_or(name));
     let stem = path.file_name().and_then(|s| s.to_str()).unwrap_or_default();
@@ -134,12 +135,12 @@ pub(crate) fn file_stem(name: &str) -> Result<(PathBuf, String), ConfigError> {
     Ok((dir.to_owned(), stem.to_owned()))
 }
 
-/// The text with the files that it names beside it.
+/// The text with the paths of its files beside it.
 fn beside(template: &Template, text: &str) -> String {
     template.files.iter().fold(text.to_owned(), |text, (shipped, name, _)| text.replace(shipped, name))
 }
 
-/// The behavior with its files beside it, and the settings that it leaves out as comments.
+/// The behavior with its files beside it, and with the settings that it omits as comments.
 fn text(template: &Template, stem: &str) -> String {
     let mut text = format!("#:schema ./{SCHEMA}\n{}", beside(template, template.text));
     text = text.replace(&format!("configs/behaviors/{}.toml", template.name), &format!("{stem}.toml"));

@@ -1,4 +1,4 @@
-//! `mobee new --robot`: a behavior for a robot of one's own, from its URDF.
+//! `mobee new --robot`: a behavior for your own robot, from its URDF.
 
 mod chain;
 mod driver;
@@ -16,24 +16,24 @@ use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
-/// An SRDF's group of fewer is not an arm.
-const FEWEST_MOTORS: usize = 3;
-/// The control period of what is written, and the speed with which it explores.
+/// Minimum number of motors of an SRDF group that counts as an arm.
+const MIN_ARM_MOTORS: usize = 3;
+/// Control period of the written behavior, milliseconds.
 const PERIOD_MS: u64 = 20;
-/// See above.
+/// Share of the maximum speeds with which it explores.
 const SPEED: f64 = 0.1;
-/// The margin of a controller that states none.
+/// The margin of a controller that states none, millimeters.
 const MARGIN_MM: f64 = 10.0;
 
-/// Writes the robot, an empty world and a behavior that explores; says what was decided.
+/// Writes the robot, an empty world and a behavior that explores; returns a summary of the decisions.
 ///
 /// # Errors
-/// If the URDF can't be converted, or a file would be written over. Nothing is written then.
+/// If the URDF can't be converted, or a file would be overwritten. Nothing is written then.
 pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &ImportArgs) -> Result<String, Report> {
     if from != "explore" {
         return Err(miette!(
             help = "leave --from out, and change the agent in the file that is written",
-            "a robot of one's own starts from `explore`, not from `{from}`"
+            "`--robot` can only be combined with `--from explore`, not with `{from}`"
         ));
     }
     let (dir, stem) = file_stem(name)?;
@@ -46,7 +46,7 @@ pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &
     }
     let imported = import.import(urdf)?;
     let chain = chain::choose(&imported).ok_or_else(|| {
-        miette!(help = "a robot explores with a motor at least", "{} has no motor that moves", urdf.display())
+        miette!(help = "an exploration needs at least one movable joint", "{} has no motor that moves", urdf.display())
     })?;
     let driver = driver::text(
         driver,
@@ -63,12 +63,12 @@ pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &
     save_all(&texts.each_ref().map(|(file, text)| (file.as_path(), text.as_str())))?;
     let mut out = model_convert::summary(&robot, &imported);
     out += &explored(&imported.robot, &chain);
-    out += &driver.told;
+    out += &driver.note;
     texts.iter().for_each(|(file, _)| out += &format!("{}\n", file.display()));
     Ok(out + &format!("now: mobee run {}\n", behavior.display()))
 }
 
-/// The line about the motors to explore with: whose they are, from which to which, and the fingers that are not among them.
+/// The line about the motors of the exploration: their origin, the first and the last, and the excluded fingers.
 fn explored(robot: &Robot, chain: &Chain) -> String {
     let names = names(robot, &chain.motors);
     let ends = match names.as_slice() {
@@ -86,8 +86,8 @@ fn names(robot: &Robot, motors: &[usize]) -> Vec<String> {
     motors.iter().filter_map(|m| robot.motors.get(*m)).map(|m| m.name.clone()).collect()
 }
 
-/// One turn about home for each motor that may turn farther: positions a turn apart look alike, and free space between them is rarely
-/// connected.
+/// Limits one revolution about home for each motor with a greater range: configurations a revolution apart are
+/// equivalent, and free space between them is rarely connected.
 fn one_turn(robot: &Robot, motors: &[usize]) -> String {
     let range = |m: &usize| {
         let motor = robot.motors.get(*m)?;
@@ -115,7 +115,7 @@ const WORLD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 fn behavior_text(stem: &str, imported: &Imported, (model, driver): (&str, &DriverText), chain: &[usize]) -> String {
     let robot: &Robot = &imported.robot;
     let name = plain_name(&robot.name);
-    // what TOML writes between quotes is what it reads
+    // quote as TOML requires
     let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
     let motors: Vec<String> = names(robot, chain).iter().map(|m| text(m)).collect();
     format!(
@@ -154,7 +154,7 @@ validation = "lazy"
     )
 }
 
-/// An agent that goes through the SRDF's named poses, for whoever wants it instead: as a comment.
+/// An alternative agent that visits the SRDF's named poses, as a comment.
 fn poses_text(poses: &BTreeMap<String, Vec<(String, f64)>>) -> String {
     if poses.is_empty() {
         return String::new();
@@ -165,7 +165,7 @@ fn poses_text(poses: &BTreeMap<String, Vec<(String, f64)>>) -> String {
         .to_owned();
     for (name, motors) in poses {
         let q: Vec<String> = motors.iter().map(|(motor, q)| format!("{} = {q:.2}", text(motor))).collect();
-        // a name from outside may not end the comment
+        // a foreign name must not end the comment
         let name: String = name.chars().filter(|c| !c.is_control()).collect();
         out += &format!("#   {{ q_deg = {{ {} }} }}, # {name}\n", q.join(", "));
     }

@@ -1,4 +1,4 @@
-//! `mobee replay`: a run in virtual time once more, from what its folder says.
+//! `mobee replay`: repeats a run in virtual time, from its folder.
 //!
 //! ```text
 //! unchanged        run again ──every event──> compare with the journal: equal, or the first difference
@@ -11,7 +11,9 @@ mod compare;
 use crate::compose::{Composition, compose};
 use crate::config::{ClockMode, Config, ConfigError, Source};
 use crate::inspect::journal_error;
-use crate::run::{CtlAt, Done, Extras, Folder, Output, PATIENCE, QUEUE, recorder_settings, run_with, show};
+use crate::run::{
+    CtlAt, Done, Extras, Folder, Output, QUEUE_ENTRIES, WRITE_TIMEOUT, recorder_settings, run_in_terminal, run_with,
+};
 use changes::changes;
 use compare::{Compare, Verdict};
 use miette::{IntoDiagnostic, Report};
@@ -25,7 +27,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use tokio::sync::mpsc;
 
-/// `mobee replay`.
+/// Arguments of `mobee replay`.
 #[derive(clap::Args)]
 pub struct ReplayArgs {
     /// The folder of a run in virtual time.
@@ -48,7 +50,7 @@ pub struct ReplayArgs {
 pub struct Recorded {
     dir: PathBuf,
     source: Source,
-    /// When its last event happened.
+    /// Time of its last event.
     until: Time,
 }
 
@@ -143,18 +145,18 @@ impl Recorded {
             name: "compare".into(),
             essential: false,
             poses: None,
-            capacity: QUEUE,
-            patience: PATIENCE,
+            capacity: QUEUE_ENTRIES,
+            patience: WRITE_TIMEOUT,
             open: Some(Arc::new(move || Ok(Box::new(compare.clone())))),
         };
         Ok((spec, verdict))
     }
 }
 
-/// `mobee replay`.
+/// Runs `mobee replay`.
 ///
 /// # Errors
-/// Complaints about the folder, its journal, or what is to be changed, before anything is run.
+/// Complaints about the folder, its journal, or the changes, before anything runs.
 pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     let output = Output { json: args.json, ..Output::default() };
     let recorded = Recorded::open(&args.run)?;
@@ -165,7 +167,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
         let (controls, receiver) = mpsc::channel(16);
         let (sink, verdict) = recorded.watch(None, controls.clone())?;
         let extras = Extras { sinks: vec![sink], ..Extras::default() };
-        let done = show(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
+        let done = run_in_terminal(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
         return Ok(judged(&verdict.after(&done), "the run matched the journal", &done));
     }
     let at = moment(args.at, &recorded)?;
@@ -188,27 +190,28 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
         false => None,
     };
     if let Some(recording) = &recording {
-        // the future that was, beside the one that would have been
+        // the recorded course, beside the changed one
         eprintln!("first unchanged, for the recording");
         again(&recorded, recording)?;
     }
-    let told = serde_json::to_value(&composition.config).into_diagnostic()?;
+    let journaled_config = serde_json::to_value(&composition.config).into_diagnostic()?;
     composition.script = other.script;
     composition.config.for_s = other.config.for_s;
     let (controls, receiver) = mpsc::channel(16);
     let (sink, verdict) = recorded.watch(Some(at), controls.clone())?;
     let recorder = recording.map(|r| opener(r, "changed"));
-    let extras = Extras { sinks: vec![sink], planned, recorder, told: Some(told), ..Extras::default() };
-    let done = show(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
+    let extras =
+        Extras { sinks: vec![sink], planned, recorder, journaled_config: Some(journaled_config), ..Extras::default() };
+    let done = run_in_terminal(composition, &folder, extras, output, CtlAt::Off, (controls, receiver))?;
     Ok(judged(&verdict.after(&done), &format!("as recorded up to {:.2} s, then changed", at.secs()), &done))
 }
 
-/// Opens a recorder of a recording that others draw into too.
+/// Opens a recorder of a shared recording.
 fn opener(recording: Recording, name: &'static str) -> OpenSink {
     Arc::new(move || recording.recorder(name).map(|r| Box::new(r) as _))
 }
 
-/// The instant of the change.
+/// Time of the change.
 fn moment(at: Option<f64>, recorded: &Recorded) -> Result<Time, ConfigError> {
     let at = at.unwrap_or(0.0);
     let end = recorded.until.secs();
@@ -221,7 +224,7 @@ fn moment(at: Option<f64>, recorded: &Recorded) -> Result<Time, ConfigError> {
     ))
 }
 
-/// The recorded run once more, drawn as `recorded`.
+/// Runs the recorded run again, drawn as `recorded`.
 fn again(recorded: &Recorded, recording: &Recording) -> Result<(), Report> {
     let scratch = tempfile::tempdir().map_err(|e| Report::msg(e.to_string()))?;
     let folder = Folder::create("recorded", Some(scratch.path()))?;

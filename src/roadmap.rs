@@ -1,4 +1,4 @@
-//! `mobee roadmap`: maps in files, from the first pose to a plan.
+//! `mobee roadmap`: maps in files, from their first pose to a plan.
 
 mod build;
 mod cached;
@@ -30,15 +30,15 @@ use std::sync::Arc;
 
 pub use settings::{read as read_settings, read_table};
 
-/// How long a map file may be, bytes.
-const LONGEST: u64 = 64 * MIB;
+/// Maximum size of a map file, bytes.
+const MAX_MAP_BYTES: u64 = 64 * MIB;
 
-/// What to do with maps.
+/// The commands on maps.
 #[derive(clap::Subcommand, Clone, Debug)]
 pub enum RoadmapCommand {
-    /// Find poses of a hand over a table, and join them to a map. An interrupted build goes on where it was.
+    /// Find poses of a hand over a table, and join them to a map. An interrupted build is continued.
     Build(build::BuildArgs),
-    /// Show what a map holds.
+    /// Show the contents of a map.
     Info {
         /// The map.
         map: PathBuf,
@@ -46,24 +46,24 @@ pub enum RoadmapCommand {
         #[arg(long, value_name = "FILE")]
         robot: Option<PathBuf>,
     },
-    /// Certify every edge of a map by continuous collision checking, and store what blocks it.
+    /// Certify every edge of a map by continuous collision checking, and store its obstacle.
     Validate(validate::ValidateArgs),
-    /// Join parts of a map that can't be reached to the rest, by a planner; let it grow; leave out what stays apart.
+    /// Join unreachable parts of a map to the rest by a planner, add poses, and remove parts that stay apart.
     Improve(improve::ImproveArgs),
     /// Merge maps of one robot and world; their order does not matter.
     Merge(merge::MergeArgs),
     /// Plan a path on a map, from one vertex to another.
     Path(path::PathArgs),
-    /// Look at a map in the Rerun viewer: hand positions over the table, edges by what blocks them.
+    /// Show a map in the Rerun viewer: hand positions over the table, edges by obstacle.
     View(view::ViewMapArgs),
 }
 
-/// Does it. Exit code 1 means that there is no path.
+/// Runs the command. Exit code 1 means that there is no path.
 ///
 /// # Errors
-/// If a file can't be read or written, or does not fit the others, with place and remedy.
+/// If a file can't be read or written, or does not fit the others, with its place and the remedy.
 pub fn command(command: &RoadmapCommand) -> Result<ExitCode, Report> {
-    let said = match command {
+    let text = match command {
         RoadmapCommand::Build(args) => build::command(args)?,
         RoadmapCommand::Info { map, robot: None } => info::text(&load(map)?.0, None),
         RoadmapCommand::Info { map, robot: Some(file) } => {
@@ -76,11 +76,11 @@ pub fn command(command: &RoadmapCommand) -> Result<ExitCode, Report> {
         RoadmapCommand::Path(args) => return path::command(args),
         RoadmapCommand::View(args) => view::command(args)?,
     };
-    crate::terminal::out(&said);
+    crate::terminal::out(&text);
     Ok(ExitCode::SUCCESS)
 }
 
-/// The robot that a map is for, and the world to look at it in.
+/// The robot of a map, and a world to show it in.
 #[derive(clap::Args, Clone, Debug)]
 struct PlaceArgs {
     /// Robot XML: the one that the map was made for.
@@ -97,7 +97,7 @@ impl PlaceArgs {
     }
 }
 
-/// A robot alone in a world.
+/// A scene of one robot in a world.
 pub(crate) fn scene(robot: &Path, world: Option<&Path>) -> Result<Scene, Report> {
     let loaded = Arc::new(load_robot(robot)?.value);
     let objects = world.map(load_world).transpose()?.map(|w| w.value).unwrap_or_default();
@@ -109,9 +109,9 @@ pub(crate) fn robot(scene: &Scene) -> Result<&Arc<Robot>, Report> {
     scene.robots().first().ok_or_else(|| miette!("the scene has no robot"))
 }
 
-/// A map with its text, to point into.
+/// Loads a map and its text, for complaints.
 fn load(path: &Path) -> Result<(MapFile, String), ConfigError> {
-    let text = read_text(path, LONGEST).map_err(|e| {
+    let text = read_text(path, MAX_MAP_BYTES).map_err(|e| {
         let help = "give a map as `mobee roadmap build` or `mobee run` wrote it";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
@@ -122,10 +122,10 @@ fn parsed(path: &Path, text: &str) -> Result<MapFile, ConfigError> {
     MapFile::parse(text).map_err(|e| ConfigError::at(&path.display().to_string(), text, e.span, e.what, e.help))
 }
 
-/// A map for an agent, which takes it as JSON: from the disk, as it was sent, or built from settings (a file `.toml`).
+/// A map for an agent, as JSON: from the disk, as sent by a client, or built from settings (a file `.toml`).
 ///
 /// # Errors
-/// If it can't be read, or is no map; settings that were sent.
+/// If it can't be read, is not a map, or a client sent settings.
 pub(crate) fn for_agent(path: &Path, sent: Option<&str>) -> Result<Value, Complaints> {
     let map = match sent {
         Some(_) if is_settings(path) => {
@@ -144,14 +144,14 @@ fn is_settings(path: &Path) -> bool {
     path.extension().is_some_and(|e| e == "toml")
 }
 
-/// The text of the map that an agent left behind at the end of a run; `None` if it is none of ours.
+/// The text of the map that an agent left at the end of a run; `None` if it is not a map of ours.
 pub(crate) fn left_behind(map: &Value, run: &str) -> Option<String> {
     let mut map = MapFile::from_value(map).ok()?;
     map.label(run);
     Some(map.text())
 }
 
-/// A map that is one for this robot.
+/// Loads a map and checks that it belongs to this robot.
 fn load_for(path: &Path, robot: &Robot) -> Result<MapFile, Report> {
     let (map, text) = load(path)?;
     match map.check(robot) {
@@ -163,12 +163,12 @@ fn load_for(path: &Path, robot: &Robot) -> Result<MapFile, Report> {
     }
 }
 
-/// Writes a map beside the place where it belongs and puts it there whole: whoever reads it meanwhile finds the old one.
+/// Writes a map atomically: a concurrent reader gets the old one.
 fn save(path: &Path, map: &MapFile) -> Result<(), Report> {
     save_text(path, &map.text())
 }
 
-/// As [`save`], for any text.
+/// Like [`save`], for any text.
 pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), Report> {
     is_replaceable(path)?;
     let written = stage(path, text).and_then(|file| file.persist(path).map(drop).map_err(|e| e.error));
@@ -178,13 +178,13 @@ pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), Report> {
     })
 }
 
-/// A text in a file without a name of its own yet, in the folder where it belongs.
+/// Writes a text into a temporary file in the target's folder.
 pub(crate) fn stage(path: &Path, text: &str) -> std::io::Result<tempfile::NamedTempFile> {
     let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut file = tempfile::NamedTempFile::new_in(dir)?;
     file.write_all(text.as_bytes())?;
     file.as_file().sync_all()?;
-    // as any file that is made, and not only for its owner
+    // readable by all, as ordinary files are
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -193,7 +193,7 @@ pub(crate) fn stage(path: &Path, text: &str) -> std::io::Result<tempfile::NamedT
     Ok(file)
 }
 
-/// Whether a file may be written.
+/// Checks that a file may be written.
 pub(crate) fn may_write(path: &Path, force: bool) -> Result<(), Report> {
     is_replaceable(path)?;
     if !path.exists() || force {
@@ -203,7 +203,7 @@ pub(crate) fn may_write(path: &Path, force: bool) -> Result<(), Report> {
     Err(ConfigError::plain(format!("{} exists already", path.display()), help).into())
 }
 
-/// Whether nothing or a regular file is at this path: what else is there, such as a device, is not replaced by a file.
+/// Checks that there is nothing or a regular file at this path: a device must not be replaced by a file.
 fn is_replaceable(path: &Path) -> Result<(), ConfigError> {
     match std::fs::metadata(path) {
         Ok(there) if !there.is_file() => {

@@ -1,4 +1,4 @@
-//! How the command line imports a robot from a URDF (`mobee_model::ImportOptions`): options, and a progress bar.
+//! Options and progress bar for the import of a robot from a URDF on the command line (`mobee_model::ImportOptions`).
 
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
@@ -6,35 +6,36 @@ use mobee_model::{FitOptions, ImportOptions, Imported, UpAxis, UrdfOptions, ros_
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// How a URDF is read.
+/// Options of reading a URDF.
 #[derive(clap::Args, Clone, Debug)]
 pub struct UrdfArgs {
-    /// Where a package is that the URDF names as `package://NAME/...` (repeatable).
+    /// Folder of a package that the URDF names as `package://NAME/...` (repeatable).
     #[arg(long, value_name = "NAME=DIR", value_parser = package)]
     package: Vec<(String, PathBuf)>,
     /// Also search this folder for packages and meshes (repeatable). Those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH and the
     /// five above the URDF are always searched.
     #[arg(long, value_name = "DIR")]
     meshes: Vec<PathBuf>,
-    /// Leave out meshes instead of fitting shapes around them.
+    /// Drop meshes instead of fitting shapes around them.
     #[arg(long)]
     drop_meshes: bool,
-    /// Whether COLLADA meshes that declare y as up are turned: `respect` or `ignore` that; by default, whichever brings the links'
-    /// centers of mass nearer to their meshes.
+    /// Up axis of COLLADA meshes: `respect` or `ignore` a declared y axis; default: the one that brings the links'
+    /// centers of mass closer to their meshes.
     #[arg(long, value_name = "WORD", value_parser = up_axis)]
     up_axis: Option<UpAxis>,
-    /// Fit shapes around the visuals of links that have no collision shapes (what they show may be more or less than what is there).
+    /// Fit shapes around the visuals of links that have no collision shapes (visuals may show more or less than the
+    /// real link).
     #[arg(long)]
     visual: bool,
-    /// Hold planar joints at zero instead of refusing them (a floating base stands still anyhow).
+    /// Hold planar joints at zero instead of refusing them (a floating base is fixed in any case).
     #[arg(long)]
     fix_unsupported: bool,
 }
 
-/// How a URDF is read, and what is made of it.
+/// Options of the import of a URDF.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ImportArgs {
-    /// The SRDF that belongs to it: pairs of links that need no test, named poses (home among them), groups.
+    /// The SRDF that belongs to it: disabled pairs of links, named poses (home among them), groups.
     #[arg(long, value_name = "FILE")]
     pub srdf: Option<PathBuf>,
     #[command(flatten)]
@@ -42,19 +43,19 @@ pub struct ImportArgs {
     /// Name of the one body part that contains all motors (default: a part for each group of the SRDF, or one of the robot's name).
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
-    /// How far the shapes around a mesh may stick out of it, millimeters.
+    /// Maximum distance by which the shapes around a mesh may protrude from it, millimeters.
     #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = millimeters(0.1, 1000.0))]
     overshoot: f64,
-    /// How many shapes a link may have.
+    /// Maximum number of shapes per link.
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=64))]
     shapes: u16,
-    /// How many random poses are tried to find the pairs of links that need no test; 0: none.
+    /// Number of random poses in the search for pairs of links that need no test; 0: none.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     poses: usize,
 }
 
 impl UrdfArgs {
-    /// Whether any of them is given.
+    /// True if any of them is given.
     pub fn is_given(&self) -> bool {
         !self.package.is_empty()
             || !self.meshes.is_empty()
@@ -91,7 +92,7 @@ impl UrdfArgs {
 }
 
 impl ImportArgs {
-    /// Reads the URDF and makes a robot of it that can run, with a progress bar.
+    /// Converts the URDF into a robot that can run, with a progress bar.
     ///
     /// # Errors
     /// If a file can't be read or converted, with place and remedy.
@@ -100,7 +101,8 @@ impl ImportArgs {
         Ok(self.options()?.import(urdf, &mut |step, share| bar.show_step(step, share))?)
     }
 
-    /// Whether a robot file was made from this URDF, its meshes, the SRDF and these options: then there is nothing to fit.
+    /// True if a robot file was made from this URDF, its meshes, the SRDF and these options: then there is nothing to
+    /// fit.
     ///
     /// # Errors
     /// If one of them can't be read.
@@ -115,7 +117,7 @@ impl ImportArgs {
     }
 }
 
-/// What to make of a declared axis.
+/// Parses the handling of a declared axis.
 fn up_axis(text: &str) -> Result<UpAxis, String> {
     match text {
         "respect" => Ok(UpAxis::Respect),
@@ -129,7 +131,7 @@ fn package(text: &str) -> Result<(String, PathBuf), String> {
     let (name, folder) = text.split_once('=').ok_or("write NAME=DIR, such as ur_description=../ur_description")?;
     let folder = PathBuf::from(folder);
     if !folder.is_dir() {
-        return Err(format!("{} is no folder", folder.display()));
+        return Err(format!("{} is not a folder", folder.display()));
     }
     Ok((name.to_owned(), folder))
 }
@@ -142,7 +144,7 @@ pub fn millimeters(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> +
     }
 }
 
-/// A progress bar for one step after the other. Silent when standard error is no terminal.
+/// A progress bar for consecutive steps. Silent if standard error is not a terminal.
 pub struct Steps(ProgressBar);
 
 impl Steps {
@@ -160,13 +162,13 @@ impl Steps {
         self.0.set_position(0);
     }
 
-    /// The step that is under way, and the share of it that is done.
+    /// Shows the present step and the share of it that is done.
     pub fn show_step(&self, what: &'static str, share: f64) {
         self.0.set_message(what);
         self.show(share);
     }
 
-    /// The share of the step that is done.
+    /// Shows the share of the step that is done.
     pub fn show(&self, share: f64) {
         self.0.set_position((share * 1000.0) as u64);
     }

@@ -1,35 +1,36 @@
 //! `mobee run`: a run from its configuration file to its folder.
 
+mod disk_space;
 mod embedded;
+mod event_printer;
 mod folder;
-mod guarded;
 mod interrupt;
-mod limits;
 mod log;
 mod progress;
 mod ready;
 mod record;
+mod record_switch;
 mod report;
+mod resource_limits;
 mod resume;
-mod said;
 mod sinks;
-mod space;
-mod switched;
+mod space_guard;
 mod watch;
 
 pub use embedded::{embedded, event_sink};
 pub use folder::Folder;
-pub(crate) use limits::guarded;
 pub(crate) use log::LogBook;
 pub(crate) use record::Recording;
 pub use report::Output;
 pub use report::summary;
+pub(crate) use resource_limits::check_network_access;
 pub use resume::command as resume;
-pub(crate) use sinks::{PATIENCE, QUEUE, recorder_settings};
+pub(crate) use sinks::{QUEUE_ENTRIES, WRITE_TIMEOUT, recorder_settings};
 
 use crate::compose::{Composition, compose};
 use crate::config::{ClockMode, Config, ConfigError, Resolved, Source};
 use crate::ctl::{BesideNames, CtlPort, CtlService, LastLines};
+use event_printer::RecentFailures;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::record::journal::Journal;
 use mobee_actors::record::tap::{OpenSink, SinkSpec, Taps};
@@ -37,7 +38,6 @@ use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Control, Past, Reason, RunCounts, RunEnd, RunProgress, Setup};
 use mobee_contract::{Event, Service, Time};
 use mobee_model::Labels;
-use said::Recent;
 use serde_json::json;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -48,11 +48,11 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use watch::WatchService;
 
-/// Exit code of a run that ended in order on a machine that was too slow for it.
-const OVERLOADED: u8 = 3;
+/// Exit code of a run that ended in order but whose machine was too slow for it.
+const EXIT_OVERLOADED: u8 = 3;
 
-/// Exit code of a run that ended in order without a sensor or service that had used up its restarts.
-const GAVE_UP: u8 = 4;
+/// Exit code of a run that ended in order, but with a sensor or service down after using up its restarts.
+const EXIT_GAVE_UP: u8 = 4;
 
 /// The program's name and version.
 const BUILD: &str = concat!("mobee ", env!("CARGO_PKG_VERSION"));
@@ -78,8 +78,8 @@ pub fn command(
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }
-    space::to_begin(out)?;
-    limits::check(&composition.config, ctl)?;
+    disk_space::check(out)?;
+    resource_limits::check(&composition.config, ctl)?;
     let folder = Folder::create(&composition.config.name, out)?;
     let (controls, receiver) = mpsc::channel(16);
     if watch {
@@ -89,26 +89,26 @@ pub fn command(
     conduct(composition, &folder, Extras::default(), output, ctl, (controls, receiver))
 }
 
-/// What a run can have beside its composition.
+/// Optional parts of a run beside its composition.
 #[derive(Default)]
 pub(crate) struct Extras {
-    /// What an earlier process left of the run.
+    /// The journal and the state that an earlier process left of the run.
     pub(crate) past: Option<(Journal, Past)>,
-    /// What of it is damaged, in words.
+    /// Damage found in the run's files, one sentence each.
     pub(crate) damage: Vec<String>,
-    /// Controls at set instants.
+    /// Controls that are applied at given times.
     pub(crate) planned: Vec<(Time, Control)>,
-    /// Who else is told.
+    /// Further sinks for the run's entries.
     pub(crate) sinks: Vec<SinkSpec>,
     /// A recorder in place of the run's own.
     pub(crate) recorder: Option<OpenSink>,
-    /// The configuration that the journal tells of, if it is not the composition's.
-    pub(crate) told: Option<serde_json::Value>,
-    /// What can be done about the recording while the run goes on.
+    /// The configuration that the journal records, if it is not the composition's.
+    pub(crate) journaled_config: Option<serde_json::Value>,
+    /// The switch of the recording, for `mobee ctl record`.
     pub(crate) recording: Option<Arc<Recording>>,
-    /// The terminal, and how the run talks there.
-    pub(crate) terminal: Option<(progress::Bar, said::Talk)>,
-    /// Where the newest events are stored in words.
+    /// The progress bar and the settings of the terminal's output.
+    pub(crate) terminal: Option<(progress::Bar, event_printer::TerminalSettings)>,
+    /// The log that holds the newest events as sentences.
     pub(crate) log: Option<LogBook>,
 }
 
@@ -121,17 +121,17 @@ fn conduct(
     ctl: CtlAt,
     controls: (mpsc::Sender<Control>, mpsc::Receiver<Control>),
 ) -> Result<ExitCode, Report> {
-    let done = show(composition, folder, extras, output, ctl, controls)?;
+    let done = run_in_terminal(composition, folder, extras, output, ctl, controls)?;
     Ok(match &done.overload {
         _ if !in_order(&done.end) => ExitCode::FAILURE,
-        _ if !done.end.counts.down.is_empty() => ExitCode::from(GAVE_UP),
-        Some((_, true)) => ExitCode::from(OVERLOADED),
+        _ if !done.end.counts.down.is_empty() => ExitCode::from(EXIT_GAVE_UP),
+        Some((_, true)) => ExitCode::from(EXIT_OVERLOADED),
         _ => ExitCode::SUCCESS,
     })
 }
 
-/// [`conduct`] for who wants to know how it ended.
-pub(crate) fn show(
+/// Like [`conduct`], but returns the end of the run.
+pub(crate) fn run_in_terminal(
     mut composition: Composition,
     folder: &Folder,
     mut extras: Extras,
@@ -154,14 +154,14 @@ pub(crate) fn show(
         attach_ctl(&mut composition, &mut extras, folder, address, (controls, &recording, &lasts));
     }
     extras.recording = Some(recording);
-    let recent = Recent::default();
-    let talk = said::Talk { live, quiet: output.quiet, ready, recent: recent.clone() };
-    extras.terminal = Some((bar.clone(), talk));
+    let recent = RecentFailures::default();
+    let settings = event_printer::TerminalSettings { live, quiet: output.quiet, ready, recent: recent.clone() };
+    extras.terminal = Some((bar.clone(), settings));
     let labels = Labels::new(composition.scene.robots());
     let done = run_with(composition, folder, extras, receiver, |p| bar.show(p))?;
     bar.finish();
     report::print(&done, folder, output, &labels, &recent.lines())?;
-    // whoever asked for the end is told by the end of its connection that the run is over
+    // the client that requested the end waits until its connection is closed
     lasts.close();
     Ok(done)
 }
@@ -180,45 +180,45 @@ fn attach_ctl(
     composition.services.push(Arc::new(CtlService::new(folder, port, controls, recording.clone(), beside)));
 }
 
-/// Where a run with a real clock can be controlled by `mobee ctl`.
+/// Address at which `mobee ctl` controls a run with a real clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CtlAt {
-    /// At a socket in its folder, which only its own user can reach.
+    /// At a socket in its folder, which only its user can reach.
     #[default]
     Folder,
-    /// At this address, by a key in its folder.
+    /// At this address, with the key in its folder.
     Address(SocketAddr),
-    /// Nowhere.
+    /// No control port.
     Off,
 }
 
 /// A run that has ended.
 pub struct Done {
-    /// What the system says.
+    /// The end as the system reports it.
     pub end: RunEnd,
-    /// The journal's last hash.
+    /// The last hash of the journal.
     pub hash: String,
-    /// Whether the journal is on the disk up to there.
+    /// True if the whole journal is on disk.
     pub whole: bool,
-    /// Seconds by the wall clock.
+    /// Elapsed wall-clock time.
     pub wall: Duration,
-    /// When this process began, on the run's clock.
+    /// Start of this process on the run's clock.
     pub began: Time,
-    /// Whether the run's clock was the wall's.
+    /// True if the run used the wall clock.
     pub real: bool,
-    /// What went wrong with journal or recording.
+    /// Errors of the journal, the recording or other files.
     pub complaints: Vec<String>,
-    /// That the machine was too slow, in words; and whether that lasted, or something was lost by it.
+    /// The overload of the machine as a sentence; true if it lasted, or data was lost by it.
     pub overload: Option<(String, bool)>,
 }
 
-/// Whether a run ended as it was meant to.
+/// True if a run ended as intended.
 pub fn in_order(end: &RunEnd) -> bool {
     matches!(end.reason, Reason::Done | Reason::Time | Reason::Interrupted)
 }
 
-/// [`mobee_actors::system::overload`], with what the run's own files lost: a viewer or terminal that can't keep up is its own
-/// concern.
+/// Like [`mobee_actors::system::overload`], but counts only losses of the run's own files: a viewer or terminal that
+/// lags behind does not harm the run.
 pub(crate) fn overload(counts: &RunCounts, dropped: impl IntoIterator<Item = (String, u64)>) -> Option<(String, bool)> {
     let own = |name: &str| ![sinks::VIEWER, sinks::TERMINAL].contains(&name);
     let dropped: Vec<_> = dropped.into_iter().filter(|(name, _)| own(name)).collect();
@@ -249,13 +249,13 @@ pub(crate) fn run_with(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&RunProgress),
 ) -> Result<Done, Report> {
-    let Extras { past, mut damage, planned, sinks, recorder, told, recording, terminal, log } = extras;
+    let Extras { past, mut damage, planned, sinks, recorder, journaled_config, recording, terminal, log } = extras;
     let Composition { config, file, scene, robots, sensors, truth, script, bridges, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
     let resolved = Resolved { file, config: values.clone() };
     let (journal, past) = match past {
-        // the file goes on saying what the run began with; what it goes on with stands in the journal, at `resumed`
+        // config.json keeps the initial configuration; that of the resumed run is in the journal's `resumed` event
         Some((journal, past)) => (journal, Some(past)),
         None => {
             folder.write("config.json", &serde_json::to_string_pretty(&resolved).into_diagnostic()?)?;
@@ -269,7 +269,7 @@ pub(crate) fn run_with(
     specs.extend(sinks::frames(&config, folder, &mut damage).map_err(Report::msg)?);
     let began = past.as_ref().map_or(Time::ZERO, |past| past.at);
     let in_words = Arc::new(scene.clone());
-    specs.extend(terminal.map(|(bar, talk)| sinks::terminal(bar, talk, &in_words)));
+    specs.extend(terminal.map(|(bar, settings)| sinks::terminal(bar, settings, &in_words)));
     specs.extend(log.map(|log| log.sink(&in_words)));
     let on = recording.as_ref().map_or_else(|| Arc::new(AtomicBool::new(true)), |r| r.on.clone());
     specs.extend(sinks::recorder(&config, folder, recorder, on));
@@ -277,7 +277,7 @@ pub(crate) fn run_with(
     specs.extend(sinks);
     let taps =
         Taps::spawn(config.clock_kind(), specs).map_err(Report::msg).wrap_err("the run's folder can't be written")?;
-    // in the journal, too: the next process to resume finds no trace of it where the files were continued
+    // also in the journal: once the files are continued, the next process to resume finds no trace of the damage
     let begins = past.as_ref().map_or(Time::ZERO, |past| past.at);
     damage.into_iter().for_each(|text| taps.event(begins, Event::Warning { text }));
     if let Some(recording) = recording {
@@ -290,9 +290,9 @@ pub(crate) fn run_with(
         seed: config.seed,
         clock: kind,
         taps: taps.clone(),
-        config: told.unwrap_or(values),
+        config: journaled_config.unwrap_or(values),
         script,
-        // bridges first: their names in the run are those of the composition
+        // bridges first: the names of the bridges in the run must be those of the composition
         services: bridges.into_iter().map(|bridge| bridge as Arc<dyn Service>).chain(services).collect(),
         sensors,
         truth: Some(truth),
@@ -305,18 +305,20 @@ pub(crate) fn run_with(
     let (at, reason) =
         end.as_ref().map_or((Time::ZERO, "failed to start".to_owned()), |e| (e.ended_at, e.reason.to_string()));
     let reports = taps.finish(at, Event::Ended { reason });
-    // whoever recorded closes its file
+    // the recorders close their files
     drop(taps);
     let end = end.map_err(|e| Report::msg(e.to_string()))?;
-    // an error says by itself why something is missing
+    // a sink that failed has reported an error already
     let dropped: Vec<_> = reports.iter().filter(|r| r.error.is_none()).map(|r| (r.name.clone(), r.dropped)).collect();
     let overload = Some(()).filter(|()| kind == ClockKind::Real).and_then(|()| overload(&end.counts, dropped));
     let complaints = reports.into_iter().filter_map(|r| r.error.map(|e| format!("{}: {e}", r.name))).collect();
-    let (wall, real) = (started.elapsed(), kind == ClockKind::Real);
-    let (hash, whole) = (journal.hash(), journal.is_whole());
+    let wall = started.elapsed();
+    let real = kind == ClockKind::Real;
+    let hash = journal.hash();
+    let whole = journal.is_whole();
     let mut done = Done { hash, whole, wall, began, real, complaints, overload, end };
     for (robot, snapshot) in &done.end.snapshots {
-        // an agent with a map leaves it behind
+        // a map that an agent leaves is written into the run's folder
         if let Some(map) = snapshot.state.get("map") {
             let run = folder.path().file_name().unwrap_or_default().to_string_lossy();
             let ours = crate::roadmap::left_behind(map, &run);
@@ -326,7 +328,7 @@ pub(crate) fn run_with(
         }
     }
     let text = serde_json::to_string_pretty(&summary(&done)).into_diagnostic()?;
-    // it is printed as well
+    // an error is printed, too
     done.complaints.extend(folder.write("summary.json", &text).err().map(|e| e.message().to_owned()));
     if done.whole {
         done.complaints.extend(journal.seal_files(&folder.now()).err());
@@ -344,7 +346,7 @@ pub fn example(file: &str, set: &[&str]) -> Result<Done, Box<dyn std::error::Err
     example_in(scratch.path(), file, set)
 }
 
-/// The same in this folder, which is empty, and stays.
+/// Like [`example`], but in this folder, which must be empty and remains.
 ///
 /// # Errors
 /// As for [`command`].

@@ -1,5 +1,5 @@
-//! `mobee schema`: the JSON Schema of a configuration file, with the settings of every kind that is registered. The same
-//! schema checks the shape of files when they are read, so the two can't differ.
+//! `mobee schema`: the JSON Schema of a configuration file, with the settings of every registered kind. The same schema
+//! checks the shape of files when they are read, so the two can't differ.
 
 use crate::config::Config;
 use crate::kinds::{Entry, entries};
@@ -8,7 +8,7 @@ use mobee_controller::{DEFAULT_KIND, Drive};
 use serde_json::{Map, Value, json};
 use std::sync::OnceLock;
 
-/// The schema of a whole file, in draft 7, which editors know best.
+/// The schema of a whole file, in draft 7, which editors support best.
 pub fn whole() -> &'static Value {
     static WHOLE: OnceLock<Value> = OnceLock::new();
     WHOLE.get_or_init(make)
@@ -42,7 +42,7 @@ fn make() -> Value {
         }
     }
     for (role, links) in roles {
-        // a role stands in each robot's table, a sensor's or an eye's, or in tables of its own
+        // a role is a key of each robot, sensor or eye, or a list of tables at the top level
         let holder = ["Robot", "Sensor", "Eye"].into_iter().find(|h| !definitions[*h]["properties"][role].is_null());
         let property = match holder.and_then(|h| definitions.get_mut(h)) {
             Some(holder) => &mut holder["properties"][role],
@@ -65,7 +65,7 @@ fn make() -> Value {
     root
 }
 
-/// An object's table, taken out of it.
+/// Takes a table out of an object.
 fn taken(value: &mut Value, key: &str) -> Map<String, Value> {
     match value.as_object_mut().and_then(|map| map.remove(key)) {
         Some(Value::Object(map)) => map,
@@ -73,7 +73,7 @@ fn taken(value: &mut Value, key: &str) -> Map<String, Value> {
     }
 }
 
-/// The same with the links to its own definitions as they are called in the whole.
+/// A schema whose links to its own definitions have the prefix `id`, as in the whole schema.
 fn relinked(value: Value, id: &str) -> Value {
     mapped(value, &|key, v| match v {
         Value::String(link) if key == "$ref" => Value::String(link.replace("#/$defs/", &format!("#/$defs/{id}_"))),
@@ -81,7 +81,7 @@ fn relinked(value: Value, id: &str) -> Value {
     })
 }
 
-/// Draft 7 calls definitions so, and ignores what stands beside a link.
+/// Converts to draft 7, which has another name for definitions, and ignores keys beside a link.
 fn draft7(value: Value) -> Value {
     let renamed = mapped(value, &|key, v| match v {
         Value::String(link) if key == "$ref" => Value::String(link.replace("#/$defs/", "#/definitions/")),
@@ -100,7 +100,7 @@ fn draft7(value: Value) -> Value {
     root
 }
 
-/// Every value under its key (elements of lists under none) changed, the inner ones first.
+/// Changes every value with its key (no key for elements of lists), inner values first.
 fn mapped(value: Value, change: &impl Fn(&str, Value) -> Value) -> Value {
     match value {
         Value::Object(map) => map

@@ -1,4 +1,4 @@
-//! `mobee sim`: simulated robots as YARP devices, for other programs and for our own driver in another process.
+//! `mobee sim`: serves simulated robots as YARP devices, for other programs and for our own driver in another process.
 
 mod cameras;
 
@@ -14,16 +14,16 @@ use mobee_yarp::{NameServer, Network};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What `mobee sim` was told.
+/// The arguments of `mobee sim`.
 #[derive(clap::Args)]
 pub struct SimArgs {
-    /// A configuration file whose robots have drivers of kind `sim`, such as configs/behaviors/explore.toml; what its simulated cameras
-    /// see, with objects moved by its script as time goes, is at PREFIX/cam/EYE
+    /// A configuration file whose robots have drivers of kind `sim`, such as configs/behaviors/explore.toml; the images
+    /// of its simulated cameras, with objects moved by its script, are at PREFIX/cam/EYE
     file: PathBuf,
     /// Prefix of the port names (one robot only); default: `/NAMESim` for a robot called NAME.
     #[arg(long)]
     prefix: Option<String>,
-    /// How many times faster than real time to simulate.
+    /// Ratio of simulated to real time.
     #[arg(long, default_value_t = 1.0)]
     speed: f64,
     /// The name server, HOST:PORT; default: from YARP's own configuration. If this machine has none, one is started.
@@ -34,7 +34,7 @@ pub struct SimArgs {
     set: Vec<String>,
 }
 
-/// Serves the robots of a file, and what their simulated cameras see, until Ctrl-C.
+/// Serves the robots of a file, and the images of their simulated cameras, until Ctrl-C.
 ///
 /// # Errors
 /// Complaints about the configuration or the network, before any port is opened.
@@ -50,7 +50,7 @@ pub fn command(args: &SimArgs) -> Result<(), Report> {
     runtime.block_on(serve(args, simulated))
 }
 
-/// What is served.
+/// The served devices.
 struct Simulated {
     /// Devices by the first part of their port names.
     boards: Vec<(String, Arc<SimBoard>)>,
@@ -67,7 +67,9 @@ impl Simulated {
         }
         let prefix = |robot: &str| args.prefix.clone().unwrap_or_else(|| format!("/{robot}Sim"));
         let clock = SimClock::start(args.speed, wall());
-        let (mut all, mut by_robot, mut arms) = (Vec::new(), Vec::new(), false);
+        let mut all = Vec::new();
+        let mut by_robot = Vec::new();
+        let mut arms = false;
         for (i, robot) in config.robot.iter().enumerate() {
             let prefix = prefix(&robot.name);
             let model = Config::beside(&source, &robot.model);
@@ -91,7 +93,7 @@ impl Simulated {
     }
 }
 
-/// Gives the arms weight, and the things around them to touch.
+/// Gives the arms gravity and objects to touch.
 fn place(robots: &[cameras::RobotBoards], config: &Config, source: &Source) -> Result<(), Report> {
     let scene = compose(cameras::bare(config), source)?.scene;
     for (i, boards) in robots.iter().enumerate() {
@@ -139,7 +141,7 @@ async fn serve(args: &SimArgs, simulated: Simulated) -> Result<(), Report> {
     Ok(())
 }
 
-/// The network to serve on, with a name server of our own if there is none on this machine.
+/// The network to serve on, with a name server of our own if none answers on this machine.
 async fn network(server: Option<Network>) -> Result<(Network, Option<NameServer>), Report> {
     let network = match server {
         Some(network) => network,
@@ -163,7 +165,7 @@ fn wall() -> f64 {
     std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
 }
 
-/// For tests: that a file can be served.
+/// The ports of a file: a check that it can be served, for tests.
 ///
 /// # Errors
 /// As for [`command`].

@@ -1,19 +1,19 @@
-//! What the program prints. It tells of files, ports and runs that others wrote, and their words must not move the cursor,
-//! set colors or turn the direction of writing: whatever does is printed in digits, as in `\u001b`.
+//! Output of the program. Texts come from files, ports and runs of others, and must not move the cursor, set colors or
+//! change the direction of writing: such characters are printed as digits, as in `\u001b`.
 //!
-//! The macros here stand in the place of those of the standard library in all of this crate, so that nothing can be printed
-//! by another way unawares.
+//! The macros here replace those of the standard library in this whole crate, so that nothing bypasses this module by
+//! mistake.
 
 use crate::config::{Complaints, ConfigError};
 use miette::{GraphicalReportHandler, GraphicalTheme, Report};
 use mobee_model::{FileError, printable};
 
-/// As that of the standard library, for text that may be anybody's.
+/// Like the standard library's, for untrusted text.
 macro_rules! println {
     ($($text:tt)*) => { $crate::terminal::out(&(format!($($text)*) + "\n")) };
 }
 
-/// As that of the standard library, for text that may be anybody's.
+/// Like the standard library's, for untrusted text.
 macro_rules! eprintln {
     ($($text:tt)*) => { $crate::terminal::err(&format!($($text)*)) };
 }
@@ -30,7 +30,7 @@ pub fn err(text: &str) {
 
 /// Prints a complaint on standard error.
 pub fn complain(report: &Report) {
-    // these are plain text from the beginning, and so what is left of control characters is our own colors
+    // these are plain text already, so remaining control characters are our own colors
     let plain = report.is::<ConfigError>() || report.is::<Complaints>() || report.is::<FileError>();
     if plain {
         return std::eprintln!("{report:?}");

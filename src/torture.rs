@@ -29,13 +29,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trial::{Ran, TortureTrial};
 
-/// Runs up to so many seconds are made a second and a third time, for I13.
-const TWICE: f64 = 600.0;
+/// Maximum duration of runs that are repeated twice to check I13, seconds.
+const MAX_REPEATED_S: f64 = 600.0;
 
 /// The arguments of `mobee torture`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct TortureArgs {
-    /// The behavior to torture. Its robots are always simulated; those behind YARP keep their driver.
+    /// The behavior to torture. Its robots are always simulated; those behind YARP retain their driver.
     pub file: PathBuf,
     /// Number of seeds, one run each.
     #[arg(long, default_value_t = 200)]
@@ -61,12 +61,12 @@ pub struct TortureArgs {
     /// Stop at the first seed that fails.
     #[arg(long)]
     pub stop: bool,
-    /// Keep the journals in this new folder.
+    /// Store the journals in this new folder.
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
 }
 
-/// Tortures, and says what was found.
+/// Runs a torture battery and prints its result.
 ///
 /// # Errors
 /// Complaints about the arguments or the configuration.
@@ -79,11 +79,12 @@ pub fn command(args: &TortureArgs) -> Result<ExitCode, Report> {
     Ok(if tally.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs the seeds one after the other; `say` hears of each that fails, and now and then how far it is.
+/// Runs the seeds one after the other; `report` receives a text for each failed seed, and the progress from time to
+/// time.
 ///
 /// # Errors
 /// As for [`command`].
-pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, Report> {
+pub fn torture(args: &TortureArgs, mut report: impl FnMut(&str)) -> Result<Tally, Report> {
     let kinds = chosen(&args.faults).map_err(Report::msg)?;
     let trial = TortureTrial::load(&args.file, &args.set, args.secs, args.faults == "mild")?;
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares simulated time with the wall's")]
@@ -103,18 +104,18 @@ pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, R
         let ran = one(&trial, seed, &planned, args.keep.as_deref())?;
         tally.add(&planned, &ran, started.elapsed());
         if !ran.violations.is_empty() {
-            say(&failure(args, &trial, seed, &planned, &ran)?);
+            report(&failure(args, &trial, seed, &planned, &ran)?);
             tally.failed.push(seed);
             if args.stop {
                 break;
             }
         }
         if tally.seeds.is_multiple_of(100) && tally.seeds < args.seeds {
-            say(&tally.line());
+            report(&tally.line());
         }
     }
-    // a long run is not made three times
-    if tally.seeds > 0 && tally.failed.is_empty() && args.secs <= TWICE {
+    // a long run is not repeated
+    if tally.seeds > 0 && tally.failed.is_empty() && args.secs <= MAX_REPEATED_S {
         tally.twice = again(args, &trial, &kinds)?;
     }
     Ok(tally)
@@ -127,8 +128,8 @@ fn one(trial: &TortureTrial, seed: u64, planned: &[Planned], keep: Option<&Path>
     trial.run(seed, planned, vec![journal.sink(), trial.tracks(folder.path())?])
 }
 
-/// I13: the first seed again, with a journal and measured poses on the disk. Its hash is the same, the chain is intact, and a check of
-/// them finds what was found in the run.
+/// Checks I13: runs the first seed again, with journal and measured poses on disk. The hash must be the same and the
+/// chain intact; returns further violations that a check of the files finds.
 fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Result<Vec<String>, Report> {
     let planned = plan(args.first, &trial.facts, kinds);
     let scratch = tempfile::tempdir().map_err(|e| Report::msg(e.to_string()))?;
@@ -137,7 +138,9 @@ fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Re
     let second = trial.run(args.first, &planned, vec![journal.sink(), trial.tracks(scratch.path())?])?;
     let mut wrong = Vec::new();
     if first.hash != second.hash || journal.hash() != second.hash {
-        let (a, b, c) = (first.hash, second.hash, journal.hash());
+        let a = first.hash;
+        let b = second.hash;
+        let c = journal.hash();
         wrong.push(format!(
             "I13 broken: seed {} ran twice, and its hashes are {a}, {b}, and {c} in a journal",
             args.first
@@ -153,7 +156,7 @@ fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Re
     Ok(wrong)
 }
 
-/// What is said of a seed that fails: the shortest list of faults, and how to see it again.
+/// The report of a failed seed: the shortest list of faults, and the command that reproduces it.
 fn failure(
     args: &TortureArgs,
     trial: &TortureTrial,
@@ -184,7 +187,7 @@ fn failure(
     for set in &args.set {
         again += &format!(" --set '{set}'");
     }
-    // with no fault at all it fails as well: any list will do
+    // if the run fails without any fault, every list reproduces it
     if !only.is_empty() {
         again += &format!(" --only {}", only.join(","));
     }

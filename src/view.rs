@@ -10,7 +10,7 @@ pub(crate) const VIEWER_VERSION: &str = "0.36.3";
 /// The recording of a run's folder, or the file itself.
 ///
 /// # Errors
-/// If there is none.
+/// If there is no such file.
 pub fn recording(run: &Path) -> Result<PathBuf, ConfigError> {
     let file = if run.is_dir() { run.join("recording.rrd") } else { run.to_owned() };
     if file.is_file() {
@@ -25,7 +25,7 @@ pub fn recording(run: &Path) -> Result<PathBuf, ConfigError> {
 /// Starts the viewer and returns at once.
 ///
 /// # Errors
-/// If there is no recording, or no viewer; the remedy says how to get one.
+/// If there is no recording, or no viewer, with the way to install it.
 pub fn open(run: &Path) -> Result<String, ConfigError> {
     let file = recording(run)?;
     let advice = format!(

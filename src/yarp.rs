@@ -1,7 +1,7 @@
-//! `mobee yarp`: the commands of the `yarp` program that a YARP user's fingers know, without libYARP.
+//! `mobee yarp`: the usual subcommands of the `yarp` program, without libYARP.
 //!
-//! Data goes to standard output as the original prints it; what the original logs (`[INFO]`, `[ERROR]`) goes to
-//! standard error, so that output can be piped. Exit codes are the original's too: 0 done, 1 not done.
+//! Data goes to standard output as the original prints it; the original's log (`[INFO]`, `[ERROR]`) goes to standard
+//! error, so that output can be piped. Exit codes are the original's, too: 0 done, 1 not done.
 
 mod conf;
 mod input;
@@ -28,7 +28,7 @@ pub struct YarpArgs {
     /// The address of this computer to listen on; loopback unless the name server is on another computer.
     #[arg(long, global = true, value_name = "ADDRESS")]
     ip: Option<IpAddr>,
-    /// How long to wait for any answer.
+    /// Time limit for any answer.
     #[arg(long, global = true, value_name = "SECONDS", default_value_t = 5.0)]
     timeout: f64,
     #[command(subcommand)]
@@ -67,7 +67,7 @@ enum YarpCommand {
     },
     /// Print the version.
     Version,
-    /// Ask a port for information about itself.
+    /// Request information from a port about itself.
     Ping {
         /// The port.
         port: String,
@@ -78,7 +78,7 @@ enum YarpCommand {
         port: String,
         /// The receiving port.
         to: Option<String>,
-        /// How long to wait for it.
+        /// Time to wait for it.
         #[arg(long, value_name = "SECONDS")]
         wait: Option<f64>,
     },
@@ -122,11 +122,11 @@ enum YarpCommand {
         /// tcp, fast_tcp, text or text_ack.
         #[arg(long, default_value = "tcp")]
         carrier: Carrier,
-        /// Speak to the port's administrative interface (`[help]`).
+        /// Use the port's administrative interface (`[help]`).
         #[arg(long)]
         admin: bool,
     },
-    /// Speak to a port's administrative interface, as `rpc --admin` does.
+    /// Use a port's administrative interface, as `rpc --admin` does.
     Admin {
         /// The port.
         port: String,
@@ -193,7 +193,7 @@ impl Persist {
     }
 }
 
-/// Why a command ends unsuccessfully: a sentence with the remedy, or nothing where the exit code says it all.
+/// Failure of a command: a sentence with the remedy, or nothing if the exit code is enough.
 type Failure = Option<String>;
 
 /// Turns any error into a sentence.
@@ -206,7 +206,7 @@ fn info(line: impl Display) {
     eprintln!("[INFO] {line}");
 }
 
-/// Carries out `mobee yarp ...`.
+/// Runs `mobee yarp ...`.
 pub fn command(args: YarpArgs) -> ExitCode {
     let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
         Ok(runtime) => runtime,
@@ -244,7 +244,7 @@ async fn dispatch(args: YarpArgs) -> Result<(), Failure> {
     }
     let network = network(&args).await?;
     match args.command {
-        // done above, without a network
+        // handled above, without a network
         YarpCommand::Server(_) | YarpCommand::Conf(_) | YarpCommand::Namespace { .. } | YarpCommand::Version => Ok(()),
         YarpCommand::Detect { .. } => Ok(()),
         YarpCommand::Wait { port, to } => {
@@ -258,7 +258,7 @@ async fn dispatch(args: YarpArgs) -> Result<(), Failure> {
         YarpCommand::Sample(args) => streams::sample(&network, args).await,
         YarpCommand::Merge(args) => streams::merge(&network, args).await,
         YarpCommand::List { prefix } => names::list(&network, prefix.as_deref().unwrap_or_default()).await,
-        YarpCommand::Name { words } => names::say(&network, &words).await,
+        YarpCommand::Name { words } => names::request(&network, &words).await,
         YarpCommand::Where => names::whereabouts(&network).await,
         YarpCommand::Ping { port } => names::ping(&network, &port).await,
         YarpCommand::Exists { port, to, wait: None } => names::exists(&network, &port, to.as_deref()).await,
@@ -294,19 +294,18 @@ async fn network(args: &YarpArgs) -> Result<Network, Failure> {
     let away = !(host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback()));
     let bind = match args.ip {
         Some(ip) => ip,
-        // others have to reach the ports that we open
+        // other programs must reach the ports that we open
         None if away && network.bind().is_loopback() => local_address(Some((host, port))).await,
         None => network.bind(),
     };
     Ok(network.with_bind(bind).with_timeout(seconds(args.timeout, "--timeout")?))
 }
 
-/// Carriers that other programs speak with each other.
+/// Carriers between two other programs.
 const FOREIGN: &[&str] =
     &["mcast", "shmem", "unix_stream", "mjpeg", "h264", "mpi", "bcast", "human", "xmlrpc", "tcpros", "rossrv"];
 
-/// A carrier between two other programs, which know what they speak: any of YARP's, also with modifiers
-/// (`tcp+recv.portmonitor+type.lua`).
+/// Checks a carrier between two other programs: any of YARP's, also with modifiers (`tcp+recv.portmonitor+type.lua`).
 fn between_others(text: &str) -> Result<String, String> {
     let base = text.split('+').next().unwrap_or_default();
     if !text.chars().all(|c| c.is_ascii_graphic()) {

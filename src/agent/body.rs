@@ -1,8 +1,8 @@
-//! A robot's body as the agent in another process has it: the filtered control boards of its parts, spoken to by RPC alone.
+//! The robot's body for an agent in another process: the filtered control boards of its parts, used by RPC only.
 //!
-//! A motion is told to every part that has a share in it. The first part's command opens the transaction, those of the
-//! others join it, and `[don]` is 0 until the transaction has its outcome. If that was no success, each part's connection
-//! says `[fail]` once.
+//! A motion is commanded to every part that takes part in it. The first part's command opens the transaction, those of
+//! the others join it, and `[don]` is 0 until the transaction has its outcome. If it fails, each part's connection
+//! answers `[fail]` once.
 
 use mobee_contract::{Axis, MotionEnd, Move, Target};
 use mobee_model::{Part, Robot};
@@ -11,18 +11,19 @@ use mobee_yarp::{Bottle, CallError, Carrier, Network, PortError, RpcClient, Valu
 use std::ops::Range;
 use std::time::Duration;
 
-/// How often the boards are asked whether a motion has ended.
-const POLL: Duration = Duration::from_millis(20);
-/// How long to rest before a closed or lost board is asked again.
-const AGAIN: Duration = Duration::from_millis(50);
-/// Motors whose way is shorter, deg, have no share in a motion.
-const SHARE_DEG: f64 = 1e-3;
-/// The least reference speed, deg/s.
-const LEAST_DEG: f64 = 0.01;
-/// The peak speed of a minimum-jerk motion over its mean speed, and of its acceleration over way and time squared.
+/// Interval at which the boards are polled for the end of a motion.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// Pause before a closed or lost board is polled again.
+const RETRY_DELAY: Duration = Duration::from_millis(50);
+/// Minimum distance of a motor that takes part in a motion, deg.
+const MIN_MOVE_DEG: f64 = 1e-3;
+/// Minimum reference speed, deg/s.
+const MIN_SPEED_DEG_PER_S: f64 = 0.01;
+/// Of a minimum-jerk motion: ratio of its peak speed to its mean speed, and of its peak acceleration to distance over
+/// time squared.
 const PEAKS: (f64, f64) = (1.875, 5.774);
 
-/// Why the body can't be used.
+/// Errors of the body.
 #[derive(Debug, thiserror::Error)]
 pub enum BodyError {
     /// A port is not there.
@@ -31,14 +32,14 @@ pub enum BodyError {
     /// A board does not answer.
     #[error(transparent)]
     Call(#[from] CallError),
-    /// A board says something else than this version of the protocol.
+    /// A board's answer does not follow the protocol.
     #[error("{port} answers {said} to {asked}")]
     Answer {
         /// The board's port.
         port: String,
-        /// What was asked.
+        /// The request.
         asked: String,
-        /// What it said.
+        /// The answer.
         said: String,
     },
     /// A board of another part.
@@ -55,8 +56,8 @@ pub enum BodyError {
     },
 }
 
-/// What came of a command.
-enum Said {
+/// The answer to a command.
+enum Reply {
     Ok(Bottle),
     /// `[fail]`: closed, refused, or a motion that failed.
     Fail,
@@ -65,39 +66,39 @@ enum Said {
 struct Board {
     port: String,
     motors: Range<usize>,
-    /// What its joints count on the wire.
+    /// The units of its joints on the wire.
     units: Units,
     rpc: RpcClient,
 }
 
 impl Board {
-    async fn say(&mut self, request: &Bottle) -> Result<Said, BodyError> {
+    async fn call(&mut self, request: &Bottle) -> Result<Reply, BodyError> {
         let said = self.rpc.call(request).await?;
         match said.0.last().and_then(Value::as_vocab) {
-            Some(v) if v == Vocab::new("ok") => Ok(Said::Ok(said)),
-            _ if said.get(0).and_then(Value::as_vocab) == Some(Vocab::new("fail")) => Ok(Said::Fail),
+            Some(v) if v == Vocab::new("ok") => Ok(Reply::Ok(said)),
+            _ if said.get(0).and_then(Value::as_vocab) == Some(Vocab::new("fail")) => Ok(Reply::Fail),
             _ => Err(BodyError::Answer { port: self.port.clone(), asked: request.to_string(), said: said.to_string() }),
         }
     }
 
-    /// Asks until the board is open and there: a closed one says `[fail]`, a lost one is connected to anew.
+    /// Polls until the board answers: a closed one answers `[fail]`, a lost one is reconnected.
     async fn reading(&mut self, request: &Bottle) -> Result<Bottle, BodyError> {
         let mut waited = Duration::ZERO;
         loop {
-            match self.say(request).await {
-                Ok(Said::Ok(said)) => return Ok(said),
+            match self.call(request).await {
+                Ok(Reply::Ok(said)) => return Ok(said),
                 Err(e @ (BodyError::Answer { .. } | BodyError::Axes { .. })) => return Err(e),
-                Ok(Said::Fail) => {}
+                Ok(Reply::Fail) => {}
                 Err(e) if waited.is_zero() => eprintln!("waiting: {e}"),
                 Err(_) => {}
             }
-            waited += AGAIN;
-            tokio::time::sleep(AGAIN).await;
+            waited += RETRY_DELAY;
+            tokio::time::sleep(RETRY_DELAY).await;
         }
     }
 }
 
-/// The body.
+/// The robot's body.
 pub struct Body {
     boards: Vec<Board>,
     axes: Vec<Axis>,
@@ -119,10 +120,10 @@ fn group(code: &str, joints: &[usize], values: &[f64]) -> Bottle {
 }
 
 impl Body {
-    /// Connects to the boards `PREFIX/<part>/rpc:i`, and learns their limits.
+    /// Connects to the boards `PREFIX/<part>/rpc:i`, and reads their limits.
     ///
     /// # Errors
-    /// A board that is not there, or not that of the part.
+    /// If a board is missing, or belongs to another part.
     pub async fn connect(
         network: &Network,
         prefix: &str,
@@ -134,7 +135,7 @@ impl Body {
         for Part { name, motors, .. } in robot.parts.iter().filter(|p| !p.motors.is_empty()) {
             let port = format!("{prefix}/{name}/rpc:i");
             let own = format!("{prefix}/{name}/agent{}/rpc:o", std::process::id());
-            // the first connection must come about; later ones are made anew
+            // the first connection must succeed; later ones are retried
             drop(RpcClient::connect(network, &own, &port, Carrier::Tcp).await?);
             let rpc = RpcClient::keep(network, &own, &port, Carrier::Tcp);
             let moved = robot.motors.get(motors.clone()).unwrap_or_default();
@@ -143,18 +144,19 @@ impl Body {
             let said = board.reading(&words(&["get", "axes"])).await?;
             let axes = said.get(2).and_then(Value::as_i64).unwrap_or(-1);
             if usize::try_from(axes) != Ok(motors.len()) {
-                let (port, part) = (board.port, name.clone());
+                let port = board.port;
+                let part = name.clone();
                 return Err(BodyError::Axes { port, axes, part, motors: motors.len() });
             }
             boards.push(board);
         }
         let mut body = Body { boards, axes: axes.to_vec(), tolerance };
-        body.learn().await?;
+        body.read_limits().await?;
         Ok(body)
     }
 
-    /// The boards' own limits count, as far as they tell them.
-    async fn learn(&mut self) -> Result<(), BodyError> {
+    /// Reads the boards' own limits, which replace the model's where they are reported.
+    async fn read_limits(&mut self) -> Result<(), BodyError> {
         for board in &mut self.boards {
             for (joint, motor) in board.motors.clone().enumerate() {
                 let Some(axis) = self.axes.get_mut(motor) else { continue };
@@ -184,10 +186,11 @@ impl Body {
         &self.axes
     }
 
-    /// The robot's pose, rad, as soon as all boards give it: all are open then, and know that we know of any failure.
+    /// Reads the robot's configuration, rad. Waits until all boards answer: all are open then, and have reported their
+    /// failures.
     ///
     /// # Errors
-    /// A board that answers nonsense.
+    /// If a board's answer is malformed.
     pub async fn pose(&mut self) -> Result<Vec<f64>, BodyError> {
         let mut q = vec![0.0; self.axes.len()];
         let request = words(&["get", "encs"]);
@@ -202,7 +205,8 @@ impl Body {
                     }
                 }
                 None => {
-                    let (port, asked) = (board.port.clone(), request.to_string());
+                    let port = board.port.clone();
+                    let asked = request.to_string();
                     return Err(BodyError::Answer { port, asked, said: said.to_string() });
                 }
             }
@@ -210,22 +214,22 @@ impl Body {
         Ok(q)
     }
 
-    /// Brakes everything.
+    /// Stops all motors.
     ///
     /// # Errors
-    /// A board that does not answer.
+    /// If a board does not answer.
     pub async fn stop(&mut self) -> Result<(), BodyError> {
         for board in &mut self.boards {
-            board.say(&words(&["set", "stos"])).await?;
+            board.call(&words(&["set", "stos"])).await?;
         }
         Ok(())
     }
 
-    /// Drives to a target, all motors arriving together or each at its own speed (rad/s), and waits for the end (WAITFORMOTION). `None`: it was not begun,
-    /// since the filter was not ready for it.
+    /// Drives to a target, with all motors arriving together or each at its own speed (rad/s), and waits for the end
+    /// (WAITFORMOTION). `None`: the motion did not begin, because the filter was not ready.
     ///
     /// # Errors
-    /// A board that answers nonsense. One that is lost in mid-motion is a motion that failed.
+    /// If a board's answer is malformed. If a board is lost during the motion, the motion has failed.
     pub async fn drive(
         &mut self,
         target: &Target,
@@ -247,11 +251,11 @@ impl Body {
         let commands: Vec<(usize, Bottle)> = speeds.chain(goals).collect();
         for (k, (b, command)) in commands.iter().enumerate() {
             let Some(board) = self.boards.get_mut(*b) else { continue };
-            match board.say(command).await {
-                Ok(Said::Ok(_)) => {}
-                // not one motor has been told to move
-                Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) if k <= shares.len() => return Ok(None),
-                Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => {
+            match board.call(command).await {
+                Ok(Reply::Ok(_)) => {}
+                // no motor has received its target yet
+                Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) if k <= shares.len() => return Ok(None),
+                Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => {
                     let _ = self.stop().await;
                     return Ok(Some(MotionEnd::Failed));
                 }
@@ -275,19 +279,19 @@ impl Body {
         Ok(Some(if reached { MotionEnd::Reached } else { MotionEnd::Failed }))
     }
 
-    /// Waits until these boards say that the motion is done: `false` if one says that it failed, or is lost.
+    /// Waits until these boards report the motion as done; `false` if one reports a failure, or is lost.
     async fn wait(&mut self, boards: &[usize]) -> Result<bool, BodyError> {
         let request = words(&["get", "dons"]);
         for b in boards {
             let Some(board) = self.boards.get_mut(*b) else { continue };
             loop {
-                match board.say(&request).await {
-                    Ok(Said::Ok(said)) if said.get(2).and_then(Value::as_i64) == Some(1) => break,
-                    Ok(Said::Ok(_)) => {}
-                    Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => return Ok(false),
+                match board.call(&request).await {
+                    Ok(Reply::Ok(said)) if said.get(2).and_then(Value::as_i64) == Some(1) => break,
+                    Ok(Reply::Ok(_)) => {}
+                    Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => return Ok(false),
                     Err(e) => return Err(e),
                 }
-                tokio::time::sleep(POLL).await;
+                tokio::time::sleep(POLL_INTERVAL).await;
             }
         }
         Ok(true)
@@ -304,7 +308,7 @@ impl Body {
                     let wire = |v: f64| board.units.kind(joint).to_wire(v);
                     share.joints.push(joint);
                     share.goals.push(wire(to.to_degrees()));
-                    share.speeds.push(wire(speed.to_degrees().max(LEAST_DEG)));
+                    share.speeds.push(wire(speed.to_degrees().max(MIN_SPEED_DEG_PER_S)));
                 }
             }
             (!share.joints.is_empty()).then_some(share)
@@ -315,25 +319,26 @@ impl Body {
 
 /// One board's share in a motion.
 struct Share {
-    /// Which board.
+    /// The board's index.
     board: usize,
-    /// Its joints that move.
+    /// Its moving joints.
     joints: Vec<usize>,
-    /// Where to, as the wire has it.
+    /// Their targets in wire units.
     goals: Vec<f64>,
-    /// How fast, as the wire has it.
+    /// Their speeds in wire units.
     speeds: Vec<f64>,
 }
 
-/// The motors that have a way to go, at speeds at which they arrive together, and the seconds that it takes. A client sets
-/// no accelerations, so the speeds are low enough for every motor's greatest acceleration not to matter.
+/// A motion of all motors with a distance to go, which arrive together, and its duration in seconds. A client sets no
+/// accelerations, so the speeds are low enough for every motor's maximum acceleration.
 fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
     let mut motion = Move { motors: Vec::new(), q: Vec::new(), relative: false, speed: None, acceleration: None };
-    let (mut ways, mut secs) = (Vec::new(), 0.0);
+    let mut ways = Vec::new();
+    let mut secs = 0.0;
     for (m, q) in target.motors.iter().zip(&target.q) {
         let (Some(axis), Some(here)) = (axes.get(*m), from.get(*m)) else { continue };
         let way = (q - here).abs();
-        if way.to_degrees() < SHARE_DEG {
+        if way.to_degrees() < MIN_MOVE_DEG {
             continue;
         }
         motion.motors.push(*m);
@@ -347,9 +352,10 @@ fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
     (motion, secs)
 }
 
-/// The motors at speeds of their own, rad/s, and the seconds that the slowest of them takes.
+/// A motion with a speed per motor, rad/s, and the duration of the slowest in seconds.
 fn each(target: &Target, speeds: &[f64], from: &[f64]) -> (Move, f64) {
-    let (motors, q) = (target.motors.clone(), target.q.clone());
+    let motors = target.motors.clone();
+    let q = target.q.clone();
     let legs = motors.iter().zip(&q).zip(speeds);
     let secs = legs.filter_map(|((m, q), v)| Some(PEAKS.0 * (q - from.get(*m)?).abs() / v.max(1e-9)));
     let secs = secs.fold(0.0, f64::max);

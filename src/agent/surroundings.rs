@@ -1,14 +1,14 @@
-//! The world as the agent in another process has it: shapes and classes from its own file, places by the world's RPC.
+//! The world for an agent in another process: shapes and classes from its own file, poses by the world's RPC.
 //!
-//! That RPC tells neither shape nor class of an object. So an object that was made while running is not seen, and one whose
-//! class was changed is taken for what the file says.
+//! The RPC reports neither shape nor class of an object. So objects that were created during the run are not seen, and
+//! a changed class is not noticed.
 
 use mobee_model::{Edit, Scene};
 use mobee_yarp::{Bottle, CallError, Carrier, Network, PortError, RpcClient, Text, Value};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use std::collections::BTreeSet;
 
-/// The line to the world.
+/// The connection to the world.
 pub struct Surroundings {
     rpc: RpcClient,
     strange: BTreeSet<String>,
@@ -26,12 +26,12 @@ impl Surroundings {
         Ok(Surroundings { rpc, strange: BTreeSet::new() })
     }
 
-    /// The scene with its objects where they are now.
+    /// The scene with its objects at their present poses; `None` if nothing changed.
     ///
     /// # Errors
-    /// If the world does not answer; the scene as it was is then the best there is.
+    /// If the world does not answer. The previous scene then remains the best one.
     pub async fn refresh(&mut self, scene: &Scene) -> Result<Option<Scene>, CallError> {
-        let listed = self.rpc.call(&said(&["ls"])).await?;
+        let listed = self.rpc.call(&request(&["ls"])).await?;
         let names: BTreeSet<String> = listed.iter().filter_map(|v| v.as_text().map(|t| t.into_owned())).collect();
         let mut edits = Vec::new();
         for (_, object) in scene.objects() {
@@ -40,8 +40,8 @@ impl Surroundings {
                 edits.push(Edit::Remove { name });
                 continue;
             }
-            let told = self.rpc.call(&said(&["get", &name])).await?;
-            match pose(&told) {
+            let reply = self.rpc.call(&request(&["get", &name])).await?;
+            match pose(&reply) {
                 Some(pose) if !near(&pose, &object.pose) => edits.push(Edit::Move { name, pose }),
                 _ => {}
             }
@@ -53,7 +53,7 @@ impl Surroundings {
         }
         let mut edited: Option<Scene> = None;
         for edit in edits {
-            // what the local world does not take, it does not see
+            // ignore edits that the local world refuses
             if let Ok(next) = edited.as_ref().unwrap_or(scene).edit(&edit) {
                 edited = Some(next);
             }
@@ -62,7 +62,7 @@ impl Surroundings {
     }
 }
 
-fn said(words: &[&str]) -> Bottle {
+fn request(words: &[&str]) -> Bottle {
     words.iter().map(|w| Value::String(Text(w.as_bytes().to_vec()))).collect()
 }
 
@@ -71,9 +71,9 @@ fn near(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
     apart < 1e-6 && a.rotation.angle_to(&b.rotation) < 1e-6
 }
 
-/// An object's place from the answer to `get`: a sentence and sixteen numbers, a 4x4 matrix column by column.
-fn pose(told: &Bottle) -> Option<Isometry3<f64>> {
-    let numbers: Vec<f64> = told.iter().filter_map(Value::as_f64).collect();
+/// An object's pose from the answer to `get`: a sentence and sixteen numbers, a 4x4 matrix column by column.
+fn pose(reply: &Bottle) -> Option<Isometry3<f64>> {
+    let numbers: Vec<f64> = reply.iter().filter_map(Value::as_f64).collect();
     let m: [f64; 16] = numbers.try_into().ok()?;
     if !m.iter().all(|v| v.is_finite()) {
         return None;
@@ -89,13 +89,13 @@ mod tests {
 
     #[test]
     fn a_place_is_read_column_by_column() {
-        let mut told = said(&["Object sph1 found."]);
+        let mut reply = request(&["Object sph1 found."]);
         for v in [0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 4.0, 5.0, 6.0, 1.0] {
-            told.push(Value::Float64(v));
+            reply.push(Value::Float64(v));
         }
-        let got = pose(&told).unwrap();
+        let got = pose(&reply).unwrap();
         let want = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2);
         assert!(near(&got, &Isometry3::from_parts(Translation3::new(4.0, 5.0, 6.0), want)), "{got:?}");
-        assert_eq!(pose(&said(&["Object sph1 not found."])), None);
+        assert_eq!(pose(&request(&["Object sph1 not found."])), None);
     }
 }

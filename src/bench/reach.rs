@@ -1,9 +1,9 @@
-//! `mobee bench reach`: a reach in each of many random scenes, in virtual time, and every failure by its cause.
+//! `mobee bench reach`: a reach in each of many random scenes, in virtual time, with the cause of every failure.
 //!
 //! ```text
-//! seed ──> cup, posts, cameras that are off ──> run of the behavior, repeat = 1 ──> reached, or why not; seconds, mm, rollbacks
-//!                     ├──> a slow exhaustive search: can it be reached at all?
-//!                     └──> the same scene met in other ways: no reflex, no eye on the cup, a stop that nobody undoes
+//! seed ──> cup, posts, cameras with errors ──> run of the behavior, repeat = 1 ──> reached, or the cause; seconds, mm, rollbacks
+//!                     ├──> a slow exhaustive search: is it reachable at all?
+//!                     └──> alternatives: no reflex, cup localized once, a stop without retreat
 //! ```
 
 mod moves;
@@ -15,7 +15,7 @@ use miette::{IntoDiagnostic, Report, miette};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use trial::{Outcome, Way};
+use trial::{Outcome, Variant};
 
 /// The arguments of `mobee bench reach`.
 #[derive(Clone, Debug, clap::Args)]
@@ -23,10 +23,10 @@ pub struct ReachBenchArgs {
     /// The behavior: its first robot's agent reaches, and its world has a `cup`, obstacles that stay, and others, which are left out.
     #[arg(long, default_value = "configs/behaviors/reach.toml")]
     file: PathBuf,
-    /// Where on the table the cup's middle may be: least and greatest x, least and greatest y, meters.
+    /// Area of the cup's middle on the table: minimum and maximum x, minimum and maximum y, meters.
     #[arg(long, value_name = "X,X,Y,Y", default_value = "-0.48,-0.26,-0.10,0.26", value_parser = area, allow_hyphen_values = true)]
     cup_m: Area,
-    /// Where posts may stand.
+    /// Area of the posts.
     #[arg(long, value_name = "X,X,Y,Y", default_value = "-0.60,-0.20,-0.25,0.45", value_parser = area, allow_hyphen_values = true)]
     posts_m: Area,
     /// Number of scenes, a seed for each.
@@ -35,22 +35,24 @@ pub struct ReachBenchArgs {
     /// The first seed.
     #[arg(long, default_value_t = 1)]
     first: u64,
-    /// How far the cameras are turned at most from where they are thought to be, about each axis, degrees.
+    /// Maximum rotation error of the cameras about each axis, degrees.
     #[arg(long, default_value_t = 1.0)]
     offset_deg: f64,
     /// Simulated seconds for one reach.
     #[arg(long, default_value_t = 60.0)]
     secs: f64,
-    /// In mid-reach the cup is put elsewhere, and a post beside it.
+    /// During the reach, move the cup, and a post beside it.
     #[arg(long)]
     moving: bool,
-    /// Meet the same scenes in other ways as well: without the reflex, with one look at the cup, and with a stop that nobody undoes.
+    /// Also run each scene in three variants: without the reflex, with the cup localized once, and with a stop that is
+    /// not rolled back.
     #[arg(long)]
     alternatives: bool,
-    /// Instead of scenes: move the cup so often while the hand is on its way, by the wall clock, and measure how soon the hand goes there.
+    /// Instead of scenes: move the cup this often while the hand is under way, and measure the delay of the hand by the
+    /// wall clock.
     #[arg(long, conflicts_with_all = ["alternatives", "moving"])]
     moves: Option<u64>,
-    /// Keep each scene's run in a folder of this folder.
+    /// Store each scene's run in a folder of this folder.
     #[arg(long)]
     keep: Option<PathBuf>,
     /// Override a setting: --set robot.icub.agent.validation=optimistic
@@ -73,10 +75,10 @@ fn area(text: &str) -> Result<Area, String> {
     }
 }
 
-/// Measures.
+/// Runs the benchmark.
 ///
 /// # Errors
-/// Complaints about arguments or behavior.
+/// Complaints about the arguments or the behavior.
 pub(super) fn command(args: &ReachBenchArgs) -> Result<ExitCode, Report> {
     if !(0.0..=10.0).contains(&args.offset_deg) || !(1.0..=1e4).contains(&args.secs) {
         return Err(miette!(
@@ -90,18 +92,18 @@ pub(super) fn command(args: &ReachBenchArgs) -> Result<ExitCode, Report> {
         return Err(miette!(help = "give at least --seeds 1", "no scenes have no figures"));
     }
     if let Some(count) = args.moves {
-        let told = moves::measure(args, count)?;
-        say(args, &told, &told)?;
+        let figures = moves::measure(args, count)?;
+        print(args, &figures, &figures)?;
         return Ok(ExitCode::SUCCESS);
     }
     let mut all: Vec<(&str, Outcome)> = Vec::new();
     for seed in args.first..args.first.saturating_add(args.seeds) {
-        let whole = trial::run_one(args, seed, Way::Whole)?;
+        let whole = trial::run_one(args, seed, Variant::Whole)?;
         let mut others = Vec::new();
         if args.alternatives {
             others.push(("stop_only", whole.stopped_for_good()));
-            others.push(("no_reflex", trial::run_one(args, seed, Way::NoReflex)?));
-            others.push(("one_look", trial::run_one(args, seed, Way::OneLook)?));
+            others.push(("no_reflex", trial::run_one(args, seed, Variant::NoReflex)?));
+            others.push(("one_look", trial::run_one(args, seed, Variant::OneLook)?));
         }
         for (way, outcome) in [("mobee", whole)].into_iter().chain(others) {
             if !args.json {
@@ -112,7 +114,7 @@ pub(super) fn command(args: &ReachBenchArgs) -> Result<ExitCode, Report> {
         }
     }
     let of = |way: &str| -> Vec<&Outcome> { all.iter().filter(|(w, _)| *w == way).map(|(_, o)| o).collect() };
-    let told = if args.alternatives {
+    let figures = if args.alternatives {
         let rows =
             ["mobee", "stop_only", "no_reflex", "one_look"].map(|way| (way.to_owned(), totals::totals(&of(way))));
         Value::Object(rows.into_iter().collect::<Map<String, Value>>())
@@ -120,12 +122,12 @@ pub(super) fn command(args: &ReachBenchArgs) -> Result<ExitCode, Report> {
         totals::totals(&of("mobee"))
     };
     let scenes: Vec<Value> = all.iter().map(|(way, o)| json!({ "way": way, "outcome": o })).collect();
-    say(args, &told, &json!({ "totals": told, "scenes": scenes }))?;
+    print(args, &figures, &json!({ "totals": figures, "scenes": scenes }))?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Prints a table, or all as JSON.
-fn say(args: &ReachBenchArgs, table: &Value, all: &Value) -> Result<(), Report> {
+/// Prints a table, or everything as JSON.
+fn print(args: &ReachBenchArgs, table: &Value, all: &Value) -> Result<(), Report> {
     if args.json {
         crate::terminal::out(&(serde_json::to_string_pretty(all).into_diagnostic()? + "\n"));
         return Ok(());

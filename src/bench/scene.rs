@@ -1,4 +1,4 @@
-//! A random scene to reach in: where the cup is, what stands about it, and how far the cameras are from where they are thought to be.
+//! A random scene for a reach: the cup, the posts around it, and the errors of the cameras' poses.
 
 use miette::{Report, miette};
 use mobee_contract::suggestion;
@@ -8,61 +8,66 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::FRAC_PI_2;
 
-/// Obstacles at most; their radius and height, meters; how near to the cup's middle none stands.
-const OBSTACLES: usize = 5;
-const RADIUS: [f64; 2] = [0.012, 0.035];
-const HEIGHT: [f64; 2] = [0.08, 0.34];
-const APART: f64 = 0.09;
-/// What a robot at home keeps from all of them, meters.
-const CLEARANCE: f64 = 0.02;
-/// Draws of an obstacle before there are fewer.
-const TRIES: usize = 200;
-/// How far the cup is put elsewhere at least, and how far beside its new place a post is put then, meters.
-const ELSEWHERE: f64 = 0.06;
-const BESIDE: [f64; 2] = [0.10, 0.16];
+/// Maximum number of obstacles.
+const MAX_OBSTACLES: usize = 5;
+/// Radius of obstacles, meters.
+const RADIUS_M: [f64; 2] = [0.012, 0.035];
+/// Height of obstacles, meters.
+const HEIGHT_M: [f64; 2] = [0.08, 0.34];
+/// Minimum distance of obstacles from the cup's middle, meters.
+const MIN_CUP_DISTANCE_M: f64 = 0.09;
+/// Clearance of a robot at home from all of them, meters.
+const CLEARANCE_M: f64 = 0.02;
+/// Maximum number of draws of obstacles.
+const MAX_DRAWS: usize = 200;
+/// Minimum distance by which the cup moves, meters.
+const MIN_MOVE_M: f64 = 0.06;
+/// Distance of the moved post from the cup's new position, meters.
+const BESIDE_M: [f64; 2] = [0.10, 0.16];
 /// The object's name in the world.
 pub(super) const CUP_NAME: &str = "cup";
 
-/// Least and greatest x, least and greatest y, meters.
+/// Minimum and maximum x, minimum and maximum y, meters.
 pub(super) type Area = [[f64; 2]; 2];
 
-/// Where on the table things may be.
+/// Areas on the table.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Areas {
     /// The cup's middle.
     pub cup: Area,
-    /// What stands about it.
+    /// The posts.
     pub posts: Area,
 }
 
-/// What is drawn of a seed.
+/// A drawn scene.
 #[derive(Clone, Debug)]
 pub(super) struct ReachScene {
-    /// The cup's middle in truth, meters.
+    /// The cup's true middle, meters.
     pub cup: [f64; 3],
-    /// What stands about it.
+    /// The posts.
     pub posts: Vec<Object>,
-    /// How the cameras are turned in truth, deg about their axes.
+    /// Rotation errors of the cameras, deg about their axes.
     pub turned: Vec<[f64; 3]>,
-    /// What moves in mid-reach, if anything does.
+    /// The moves during the reach, if any.
     pub moved: Option<Moved>,
-    /// The world with all of it, as it is at last.
+    /// The final true world.
     pub truth: Scene,
 }
 
-/// What moves in mid-reach.
+/// The moves during a reach.
 #[derive(Clone, Debug)]
 pub(super) struct Moved {
-    /// Where the cup's middle is from then on, meters, and how it stands.
+    /// The cup's new middle, meters.
     pub cup: [f64; 3],
+    /// The cup's orientation, which is unchanged.
     pub upright: UnitQuaternion<f64>,
-    /// A post's name, and where that is from then on.
+    /// A post's name and new pose.
     pub post: Option<(String, Isometry3<f64>)>,
 }
 
 impl ReachScene {
-    /// The scene of a seed, in a world whose robots are at home, free of everything: the cup and the posts stand as high as the cup does
-    /// in the file. So many cameras are off by up to `offset_deg`.
+    /// Draws the scene of a seed, in a world whose robots are at home and touch nothing. The cup stands as high as in
+    /// the file, and the posts on the same surface. `cameras` cameras have errors of up to `offset_deg`.
     ///
     /// # Errors
     /// If the world has no cup.
@@ -82,19 +87,19 @@ impl ReachScene {
         let o = offset_deg;
         let mut turned = |_| [0, 1, 2].map(|_| if o > 0.0 { within([-o, o]) } else { 0.0 });
         let turned = (0..cameras).map(&mut turned).collect();
-        let count = (within([0.0, OBSTACLES as f64 + 1.0]) as usize).min(OBSTACLES);
+        let count = (within([0.0, MAX_OBSTACLES as f64 + 1.0]) as usize).min(MAX_OBSTACLES);
         let pose = Isometry3::translation(cup[0], cup[1], cup[2]);
         let mut truth = edited(world, &Edit::Move { name: CUP_NAME.to_owned(), pose })?;
         let mut posts = Vec::new();
-        for _ in 0..TRIES {
+        for _ in 0..MAX_DRAWS {
             if posts.len() == count {
                 break;
             }
             let [x, y] = areas.posts.map(&mut within);
-            let post = post(posts.len(), [x, y, top], within(RADIUS), within(HEIGHT));
+            let post = post(posts.len(), [x, y, top], within(RADIUS_M), within(HEIGHT_M));
             let with = edited(&truth, &Edit::Add(post.clone()))?;
-            let is_clear = (x - cup[0]).hypot(y - cup[1]) >= APART;
-            if is_clear && (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE)) {
+            let is_clear = (x - cup[0]).hypot(y - cup[1]) >= MIN_CUP_DISTANCE_M;
+            if is_clear && (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE_M)) {
                 truth = with;
                 posts.push(post);
             }
@@ -107,22 +112,23 @@ impl ReachScene {
         Ok(drawn)
     }
 
-    /// Where the cup's middle is at last, meters.
+    /// The cup's final middle, meters.
     pub fn cup_at_last(&self) -> [f64; 3] {
         self.moved.as_ref().map_or(self.cup, |moved| moved.cup)
     }
 
-    /// The cup put elsewhere, and the first post beside it; `None` if there is no room.
+    /// Moves the cup, and the first post beside it; `None` if there is no room.
     fn moved(&self, rng: &mut ChaCha8Rng, area: &Area) -> Option<Moved> {
         let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
         let stands = |post: &Object| [post.pose.translation.x, post.pose.translation.y];
         let upright = self.truth.object(CUP_NAME)?.1.pose.rotation;
-        for _ in 0..TRIES {
+        for _ in 0..MAX_DRAWS {
             let to = area.map(|[from, to]| rng.random_range(from..=to));
-            let (turn, off) = (rng.random_range(0.0..=std::f64::consts::TAU), rng.random_range(BESIDE[0]..=BESIDE[1]));
+            let turn = rng.random_range(0.0..=std::f64::consts::TAU);
+            let off = rng.random_range(BESIDE_M[0]..=BESIDE_M[1]);
             let beside = [to[0] + off * turn.cos(), to[1] + off * turn.sin()];
-            let is_elsewhere = far(to, [self.cup[0], self.cup[1]]) >= ELSEWHERE;
-            let is_clear = self.posts.iter().skip(1).all(|post| far(to, stands(post)) >= APART);
+            let is_elsewhere = far(to, [self.cup[0], self.cup[1]]) >= MIN_MOVE_M;
+            let is_clear = self.posts.iter().skip(1).all(|post| far(to, stands(post)) >= MIN_CUP_DISTANCE_M);
             if !is_elsewhere || !is_clear {
                 continue;
             }
@@ -133,7 +139,7 @@ impl ReachScene {
             });
             let moved = Moved { cup: [to[0], to[1], self.cup[2]], upright, post };
             let with = moved.apply(&self.truth).ok()?;
-            if (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE)) {
+            if (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE_M)) {
                 return Some(moved);
             }
         }
@@ -142,7 +148,7 @@ impl ReachScene {
 }
 
 impl Moved {
-    /// The world after that.
+    /// The world after the moves.
     fn apply(&self, scene: &Scene) -> Result<Scene, Report> {
         let [x, y, z] = self.cup;
         let pose = Isometry3::from_parts(nalgebra::Translation3::new(x, y, z), self.upright);

@@ -1,4 +1,4 @@
-//! Whether parts that are each fine go together: robots and world, poses and obstacles, agents and boards, ports and names.
+//! Checks that valid parts fit together: robots and world, poses and obstacles, agents and boards, ports and names.
 
 use super::{Begin, Built};
 use crate::config::{Complaints, Config, Source};
@@ -7,10 +7,11 @@ use mobee_model::{Contact, Scene, ShapeId};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// So many pairs of links in each other's way are named with what leaves them out; of more, something else is wrong.
-const LINES: usize = 5;
+/// Maximum number of link pairs that a complaint lists with a line that disables them; more of them indicate another
+/// error.
+const MAX_DISABLE_LINES: usize = 5;
 
-/// All of them.
+/// Runs all checks.
 pub(super) fn all(
     config: &Config,
     source: &Source,
@@ -21,10 +22,10 @@ pub(super) fn all(
     warnings: &mut Vec<String>,
 ) {
     let poses = Poses { config, source, scene, moved: config.script.iter().map(|s| s.edit.object.as_str()).collect() };
-    if begin == Begin::Anew {
+    if begin == Begin::New {
         poses.starts(built, wrong);
     }
-    // a robot that can't even start is not judged by its poses
+    // the poses of a robot that can't start are not checked
     if wrong.is_empty() {
         poses.named(built, wrong, warnings);
     }
@@ -41,7 +42,7 @@ struct Poses<'a> {
 }
 
 impl Poses<'_> {
-    /// A motion that starts in contact could never be committed.
+    /// Checks the start configurations: a motion that starts in contact could never be committed.
     fn starts(&self, built: &[Built], wrong: &mut Complaints) {
         let mut poses = self.scene.home();
         let known = |b: &Built| b.hardware.as_ref().and_then(|h| h.known().start);
@@ -51,14 +52,15 @@ impl Poses<'_> {
                 *pose = Arc::from(start.q.clone());
             }
         }
-        let mut told: Vec<(ShapeId, ShapeId)> = Vec::new();
+        let mut reported: Vec<(ShapeId, ShapeId)> = Vec::new();
         for (i, r) in self.config.robot.iter().enumerate() {
-            // a margin that is none was told before
+            // an invalid margin is reported elsewhere
             let judged = (0.0..=500.0).contains(&r.controller.margin_mm);
-            let near = self.nearest(i, &poses, r.controller.margin_mm).filter(|c| judged && !told.contains(&c.pair));
+            let near =
+                self.nearest(i, &poses, r.controller.margin_mm).filter(|c| judged && !reported.contains(&c.pair));
             let Some(c) = near else { continue };
-            told.push(c.pair);
-            // a recorded robot does what it did
+            reported.push(c.pair);
+            // a recorded robot repeats its recording
             if matches!(starts.get(i), Some(Some(start)) if start.optional) {
                 continue;
             }
@@ -66,14 +68,14 @@ impl Poses<'_> {
                 Some(Some(start)) => (format!("robot[{i}].driver.{}", start.path), "at the start"),
                 _ => (format!("robot[{i}].model"), "at home"),
             };
-            let others = self.near_in_itself(i, &poses, r.controller.margin_mm);
+            let others = self.close_own_pairs(i, &poses, r.controller.margin_mm);
             let itself = matches!(c.pair, (ShapeId::Robot { robot: a, .. }, ShapeId::Robot { robot: b, .. }) if a == b);
-            let mut what = format!("{when}, {}", self.words(&c, r.controller.margin_mm));
+            let mut what = format!("{when}, {}", self.describe(&c, r.controller.margin_mm));
             if itself && others.len() > 1 {
                 what += &format!("; {} pairs of its links are as near", others.len());
             }
             let help = match itself {
-                true => self.free_itself(i, &others),
+                true => self.self_collision_remedy(i, &others),
                 false => "move the object or the robot's base, let the robot start elsewhere (`start_deg` of the driver `sim`, `home` in \
                           the robot's file), or choose a smaller margin"
                     .to_owned(),
@@ -82,8 +84,8 @@ impl Poses<'_> {
         }
     }
 
-    /// The pairs of a robot's own nodes that are nearer than the margin, the nearest first.
-    fn near_in_itself(&self, robot: usize, poses: &[mobee_contract::Pose], margin_mm: f64) -> Vec<(usize, usize)> {
+    /// Pairs of a robot's own nodes that are closer than the margin, the closest first.
+    fn close_own_pairs(&self, robot: usize, poses: &[mobee_contract::Pose], margin_mm: f64) -> Vec<(usize, usize)> {
         let own = |id: ShapeId| match id {
             ShapeId::Robot { robot: r, node, .. } if usize::from(r) == robot => Some(usize::from(node)),
             _ => None,
@@ -99,8 +101,8 @@ impl Poses<'_> {
         pairs
     }
 
-    /// What to do about a robot that is in its own way: among others, the lines that leave the pairs out, as its file has them.
-    fn free_itself(&self, robot: usize, pairs: &[(usize, usize)]) -> String {
+    /// Remedies for a robot in self-collision, among them the lines that disable the pairs in its file.
+    fn self_collision_remedy(&self, robot: usize, pairs: &[(usize, usize)]) -> String {
         let mut help =
             "let it start elsewhere (`start_deg` of the driver `sim`, `home` in the robot's file), or choose a \
                         smaller margin"
@@ -108,7 +110,7 @@ impl Poses<'_> {
         let of = self.scene.robots().get(robot).zip(self.config.robot.get(robot));
         let Some((model, r)) = of else { return help };
         let line = |pair: &(usize, usize)| model.leave_out_line(*pair, "can't hurt each other");
-        let lines: Vec<String> = pairs.iter().take(LINES).filter_map(line).collect();
+        let lines: Vec<String> = pairs.iter().take(MAX_DISABLE_LINES).filter_map(line).collect();
         if !lines.is_empty() {
             let file = r.model.display();
             help += &format!(
@@ -120,7 +122,7 @@ impl Poses<'_> {
         help
     }
 
-    /// Poses that an agent's settings name, while the other robots are at home.
+    /// Checks the poses that an agent's settings name, with the other robots at home.
     fn named(&self, built: &[Built], wrong: &mut Complaints, warnings: &mut Vec<String>) {
         for (i, (r, b)) in self.config.robot.iter().zip(built).enumerate() {
             let of_agent = b.agent.iter().flat_map(|(_, means)| &means.poses).map(|pose| ("agent.", pose));
@@ -132,7 +134,7 @@ impl Poses<'_> {
                 }
                 let near = self.nearest(i, &poses, r.controller.margin_mm);
                 let what = match &near {
-                    Some(c) => format!("in this pose {}", self.words(c, r.controller.margin_mm)),
+                    Some(c) => format!("in this pose {}", self.describe(c, r.controller.margin_mm)),
                     None if !self.scene.satisfies_constraints(i, q) => {
                         "this pose breaks a constraint of the robot's file".to_owned()
                     }
@@ -166,8 +168,9 @@ impl Poses<'_> {
         moved(c.pair.0) || moved(c.pair.1)
     }
 
-    fn words(&self, c: &Contact, margin_mm: f64) -> String {
-        let (a, b) = (self.scene.label(c.pair.0), self.scene.label(c.pair.1));
+    fn describe(&self, c: &Contact, margin_mm: f64) -> String {
+        let a = self.scene.label(c.pair.0);
+        let b = self.scene.label(c.pair.1);
         let mm = c.distance * 1e3;
         if mm < 0.0 {
             return format!("{a} is {:.1} mm deep in {b}", -mm);
@@ -176,11 +179,12 @@ impl Poses<'_> {
     }
 }
 
-/// A controller whose readings are always old would never open its filter.
+/// Checks the age of samples: a controller whose samples are always stale would never open its filter.
 fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let Some(period) = b.hardware.as_ref().and_then(|h| h.known().period) else { continue };
-        let (board_ms, fresh_ms) = (period.as_secs_f64() * 1e3, r.controller.stale_after_ms());
+        let board_ms = period.as_secs_f64() * 1e3;
+        let fresh_ms = r.controller.stale_after_ms();
         if board_ms > fresh_ms && r.controller.period_ms >= 1.0 {
             let what = format!(
                 "a reading counts for {fresh_ms} ms (`stale_ms`, or five control periods), and the board gives one every \
@@ -192,7 +196,8 @@ fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Compl
     }
 }
 
-/// An agent whose motors have no board would move nothing; two drivers of one board would fight.
+/// Checks the boards: an agent whose motors have no board would move nothing, and two drivers of one board would
+/// conflict.
 fn boards(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
     for (i, b) in built.iter().enumerate() {
         let (Some(hardware), Some((_, means))) = (&b.hardware, &b.agent) else { continue };

@@ -1,4 +1,4 @@
-//! Rest poses: where robots are moved when the run ends.
+//! Rest poses: the configurations that robots move to when the run ends.
 
 use super::{Built, derive_seed, placed};
 use crate::config::{Complaints, Config, RestTable, RobotConfig, Source, suggestion};
@@ -12,11 +12,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The pose of the robot's file.
-const HOME: &str = "home";
-/// Speed and tolerance where the agent's settings have none.
-const SPEED: f64 = 0.1;
-const TOLERANCE_DEG: f64 = 0.5;
+/// The name of the home configuration in the robot's file.
+const HOME_POSE: &str = "home";
+/// Share of the maximum speeds if neither the table nor the agent has a speed.
+const DEFAULT_SPEED: f64 = 0.1;
+/// Tolerance if the agent's settings have none, degrees.
+const DEFAULT_TOLERANCE_DEG: f64 = 0.5;
 
 /// The motion to a robot's rest pose, and the pose.
 pub(super) type Rest = (RestSetup, SetPose);
@@ -32,7 +33,7 @@ pub(super) fn all(
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let (Some(rest), Some(b)) = (&r.rest, b) else { continue };
         let table = rest.table();
-        // settings that are out of bounds were complained of before
+        // settings that are out of bounds are reported elsewhere
         if table.pose.is_some() == table.q_deg.is_some()
             || !(0.1..=3600.0).contains(&table.within_s)
             || table.speed.is_some_and(|speed| !(speed > 0.0 && speed <= 1.0))
@@ -66,7 +67,7 @@ fn one(
             }
             positions
         }
-        (None, Some(name)) if name == HOME => Vec::new(),
+        (None, Some(name)) if name == HOME_POSE => Vec::new(),
         (None, name) => {
             let q_deg = agents_pose(r, name.as_deref().unwrap_or_default(), found)?;
             group::positions("", &q_deg, robot)?
@@ -78,8 +79,8 @@ fn one(
         }
     }
     let of_agent = |key: &str| r.agent.as_ref().and_then(|agent| agent.get(key)).and_then(Value::as_f64);
-    let speed = table.speed.or(of_agent("speed")).unwrap_or(SPEED);
-    let tolerance_deg = of_agent("tolerance_deg").unwrap_or(TOLERANCE_DEG.max(r.controller.tolerance_deg));
+    let speed = table.speed.or(of_agent("speed")).unwrap_or(DEFAULT_SPEED);
+    let tolerance_deg = of_agent("tolerance_deg").unwrap_or(DEFAULT_TOLERANCE_DEG.max(r.controller.tolerance_deg));
     let context = Context { robot: robot.clone(), seed };
     let make = {
         let q = q.clone();
@@ -106,7 +107,7 @@ fn agents_pose(
     let name_of = |pose: &Value| pose.get("name").and_then(Value::as_str).map(str::to_owned);
     let known: Vec<String> = poses.iter().filter_map(name_of).collect();
     let Some(pose) = poses.iter().find(|pose| name_of(pose).as_deref() == Some(name)) else {
-        let names: Vec<&str> = std::iter::once(HOME).chain(known.iter().map(String::as_str)).collect();
+        let names: Vec<&str> = std::iter::once(HOME_POSE).chain(known.iter().map(String::as_str)).collect();
         let help = match suggestion(name, "pose", &names) {
             help if poses.is_empty() => format!("{help}; or give joint values: rest = {{ q_deg = {{ MOTOR = 10 }} }}"),
             help => help,

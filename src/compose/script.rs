@@ -1,4 +1,4 @@
-//! What happens to the world: the steps of a configuration as edits of the scene, each tried on it first.
+//! The script: steps of a configuration as edits of the scene, each tried on it first.
 
 use crate::config::{Complaints, Config, EditStep, Source, StepConfig, StepTrigger, suggestion};
 use mobee_actors::system::ScriptStep;
@@ -6,7 +6,7 @@ use mobee_contract::Time;
 use mobee_model::{Edit, Scene};
 use nalgebra::{Isometry3, Translation3};
 
-/// All steps; those that can't be are told.
+/// All steps; reports those that are not possible.
 pub(super) fn steps(config: &Config, source: &Source, scene: &Scene, wrong: &mut Complaints) -> Vec<ScriptStep> {
     let names: Vec<&str> = scene.objects().map(|(_, o)| o.name.as_str()).collect();
     let mut steps = Vec::new();

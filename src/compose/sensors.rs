@@ -1,6 +1,6 @@
-//! Sensors as a configuration names them: each part built once to see that it can be, and again whenever its actor starts.
+//! Sensors of a configuration: each part is built once as a check, and again whenever its actor starts.
 
-use super::{by_the_wall, derive_seed, kind, localize, must_exist, placed};
+use super::{derive_seed, kind, localize, must_exist, needs_real_clock, placed};
 use crate::config::{
     ClockMode, Complaints, Config, PathSetting, SensorConfig, Source, WorldGateConfig, paths, suggestion,
 };
@@ -13,10 +13,10 @@ use std::sync::Arc;
 use std::time::Duration;
 use tempfile::NamedTempFile;
 
-/// The longest file that a detector or locator may be, bytes.
-const LONGEST: u64 = 256 << 20;
+/// Maximum size of a file of a detector or locator, bytes.
+const MAX_PART_FILE_BYTES: u64 = 256 << 20;
 
-/// All sensors; those that can't be are told.
+/// All sensors; reports those that can't be built.
 pub(super) fn all(
     config: &Config,
     source: &Source,
@@ -28,10 +28,10 @@ pub(super) fn all(
     sensors.filter_map(|(i, sensor)| Sensing { config, source, scene, truth, i, sensor }.setup(wrong)).collect()
 }
 
-/// One camera that somebody serves or looks through outside of a run.
+/// Builds one camera that is served or viewed outside of a run.
 ///
 /// # Errors
-/// Complaints about its table, which stands at `at`.
+/// Complaints about its table at `at`.
 pub(crate) fn camera(
     source: &Source,
     at: &str,
@@ -43,7 +43,7 @@ pub(crate) fn camera(
     (kind.build)(&settings, context).map_err(|e| placed(source, at, e))
 }
 
-/// One sensor, and what it is built from.
+/// One sensor and the inputs to build it.
 struct Sensing<'a> {
     config: &'a Config,
     source: &'a Source,
@@ -56,7 +56,7 @@ struct Sensing<'a> {
 impl Sensing<'_> {
     fn setup(&self, wrong: &mut Complaints) -> Option<SensorSetup> {
         let Sensing { config, source, scene, i, sensor, .. } = self;
-        // told by the checks of numbers and names
+        // errors are reported by the checks of numbers and names
         let index = sensor.carrier(config)?;
         let robot = scene.robots().get(index)?;
         let seed = |part: &str| derive_seed(config.seed, &format!("{}/{part}", sensor.name));
@@ -70,7 +70,7 @@ impl Sensing<'_> {
             let truth = Arc::new(move || truth.now());
             let carried = CameraContext { robot: robot.clone(), index, seed, truth };
             let camera = match source.was_sent() {
-                // who swaps a detector sends no pictures, and none are opened for others
+                // a client that swaps a detector sends no images, and the run opens no files on its behalf
                 true => None,
                 false => wrong.keep(self.part::<dyn Camera>(&at("camera"), &eye.camera, carried)),
             };
@@ -87,7 +87,7 @@ impl Sensing<'_> {
             if let Some((_, first)) = &camera {
                 is_simulated |= first.is_simulated();
                 if config.clock == ClockMode::Virtual && !first.runs_in_virtual_time() {
-                    wrong.push(by_the_wall(source, &at("camera"), "camera"));
+                    wrong.push(needs_real_clock(source, &at("camera"), "camera"));
                 }
             }
             let none: PartMaker<dyn Camera> = Arc::new(|| Err("no camera was built".into()));
@@ -117,12 +117,12 @@ impl Sensing<'_> {
             confirmations: gate.confirmations,
             uncertainty: gate.uncertainty_mm * 1e-3,
             least_move: gate.least_move_mm * 1e-3,
-            // what is out of range was told
+            // values out of range are reported elsewhere
             stale: Duration::try_from_secs_f64(gate.stale_s).unwrap_or(Duration::MAX),
         }
     }
 
-    /// A part of some kind: what makes it, and the first that was made.
+    /// Builds a part: returns its maker and the first instance.
     fn part<R>(&self, at: &str, table: &Value, context: R::Context) -> Result<(PartMaker<R>, Box<R>), Complaints>
     where
         R: Role<Built = Box<R>> + ?Sized,
@@ -132,7 +132,7 @@ impl Sensing<'_> {
         let copies = self.copies(at, kind, &mut settings)?;
         let build = kind.build;
         let first = build(&settings, &context).map_err(|e| placed(self.source, at, e))?;
-        // a part that is restarted is what it was, whatever has become of its files
+        // a restarted part must be the same, even if its files have changed
         for PathSetting { place, path: file, .. } in paths(R::NAME, kind.name, &mut settings) {
             if let Some((_, copy)) = copies.iter().find(|(copied, _)| *copied == place) {
                 *file = copy.path().to_string_lossy().into();
@@ -145,8 +145,8 @@ impl Sensing<'_> {
         Ok((Arc::new(maker), first))
     }
 
-    /// Copies of the files that a part is made from, each with the place of its setting. The settings then have the whole paths of the
-    /// originals, or of the copies where the files were sent. Folders are not copied.
+    /// Copies of the files that a part is built from, each with the place of its setting. Afterwards the settings have
+    /// the full paths of the originals, or of the copies if the files were sent. Folders are not copied.
     fn copies<R: Role + ?Sized>(
         &self,
         at: &str,
@@ -161,7 +161,7 @@ impl Sensing<'_> {
             let io = |e: std::io::Error| {
                 self.source.error(&key, format!("no copy can be made of it: {e}"), "make room on the disk")
             };
-            // cameras report a missing file in their own words
+            // cameras report a missing file themselves
             let is_missing = R::NAME == <dyn Camera>::NAME && !self.source.was_sent() && !path.is_file();
             if is_folder || path.is_dir() || is_missing {
                 continue;
@@ -179,8 +179,8 @@ impl Sensing<'_> {
                 None => {
                     let mut original = mobee_model::file::open(&path).map_err(io)?;
                     let size = original.metadata().map_err(io)?.len();
-                    if size > LONGEST {
-                        let what = format!("{} has {size} bytes, more than {LONGEST}", path.display());
+                    if size > MAX_PART_FILE_BYTES {
+                        let what = format!("{} has {size} bytes, more than {MAX_PART_FILE_BYTES}", path.display());
                         return Err(self.source.error(&key, what, "give a smaller file").into());
                     }
                     std::io::copy(&mut original, copy.as_file_mut()).map_err(io)?;

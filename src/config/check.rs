@@ -1,33 +1,34 @@
-//! What the types of a configuration can't say, before any file that it names is read.
+//! Checks of a configuration beyond its types, before any file that it names is read.
 
 use super::{ClockMode, Complaints, Config, Source, StepTrigger, did_you_mean, suggestion};
 use mobee_bridge::YarpSettings;
 
-/// The farthest from the world's origin that anything may stand, meters: what is farther was meant in millimeters.
-const FARTHEST_M: f64 = 50.0;
-/// The longest name of a behavior, bytes: with the time of a run behind it, it is a folder's name.
-const LONGEST_NAME: usize = 100;
+/// Maximum coordinate in the world, meters: a greater one was meant in millimeters.
+const MAX_COORDINATE_M: f64 = 50.0;
+/// Maximum length of a behavior's name, bytes: the name and the run's time are a folder's name.
+const MAX_NAME_BYTES: usize = 100;
 
-/// The checks of one configuration, and what they have found.
+/// The checks of one configuration, and the complaints so far.
 pub(super) struct Checks<'a> {
     source: &'a Source,
     wrong: Complaints,
 }
 
 impl Checks<'_> {
-    pub(super) fn say(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
+    pub(super) fn complain(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
         if self.wrong.is_full() {
             return;
         }
         self.wrong.push(self.source.error(path, message, help));
     }
 
-    /// Not-a-number is out of every range.
+    /// Checks a range; NaN is out of every range.
     pub(super) fn range(&mut self, path: &str, x: f64, low: f64, high: f64, unit: &str) {
         self.range_or(path, x, (low, high), unit, None);
     }
 
-    /// A range of a value that may have been meant in another unit: its name, and how many of ours are one of it.
+    /// Checks a range of a value that may have been meant in another unit: `other` is that unit's name and its factor
+    /// to ours.
     pub(super) fn range_or(
         &mut self,
         path: &str,
@@ -41,31 +42,31 @@ impl Checks<'_> {
             let hint = meant.map_or(String::new(), |(name, factor)| {
                 format!("; if {name} are meant, write {}", (x * factor * 1e6).round() / 1e6)
             });
-            self.say(path, format!("{x} {unit} is out of range"), format!("give {low} to {high} {unit}{hint}"));
+            self.complain(path, format!("{x} {unit} is out of range"), format!("give {low} to {high} {unit}{hint}"));
         }
     }
 
-    /// Names become parts of other names, paths and ports.
+    /// Checks a name: names become parts of other names, paths and ports.
     pub(super) fn name(&mut self, path: &str, name: &str, of: &str) {
         if name.is_empty() || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
-            self.say(path, format!("not a {of}'s name"), "use letters, digits, - and _");
+            self.complain(path, format!("not a {of}'s name"), "use letters, digits, - and _");
         }
     }
 
     pub(super) fn position(&mut self, path: &str, p: &[f64; 3]) {
-        let near = |p: &[f64; 3]| p.iter().all(|x| x.abs() <= FARTHEST_M);
+        let near = |p: &[f64; 3]| p.iter().all(|x| x.abs() <= MAX_COORDINATE_M);
         if !near(p) {
             let meters = p.map(|x| (x * 1e3).round() / 1e6);
             let hint =
                 if near(&meters) { format!("; if millimeters are meant, write {meters:?}") } else { String::new() };
-            let help = format!("give meters, up to {FARTHEST_M} from the origin{hint}");
-            self.say(path, format!("{p:?} m is far away from everything"), help);
+            let help = format!("give meters, up to {MAX_COORDINATE_M} from the origin{hint}");
+            self.complain(path, format!("{p:?} m is far away from everything"), help);
         }
     }
 }
 
 impl Config {
-    /// Everything that is wrong with numbers, names and combinations.
+    /// Checks all numbers, names and combinations.
     pub(super) fn check(&self, source: &Source) -> Complaints {
         let mut c = Checks { source, wrong: Complaints::default() };
         self.check_run(&mut c);
@@ -80,13 +81,13 @@ impl Config {
 
     fn check_run(&self, c: &mut Checks<'_>) {
         if self.name.contains(['/', '\\']) || self.name.starts_with('.') {
-            c.say("name", "the name can't be part of a folder's name", "use letters, digits, - and _");
-        } else if self.name.len() > LONGEST_NAME {
+            c.complain("name", "the name can't be part of a folder's name", "use letters, digits, - and _");
+        } else if self.name.len() > MAX_NAME_BYTES {
             let what = format!("the name has {} bytes, too many for a folder's name", self.name.len());
-            c.say("name", what, format!("{LONGEST_NAME} are enough"));
+            c.complain("name", what, format!("{MAX_NAME_BYTES} are enough"));
         }
         if self.robot.is_empty() {
-            c.say("robot", "there is no robot", "add a [[robot]] table with name, model and controller");
+            c.complain("robot", "there is no robot", "add a [[robot]] table with name, model and controller");
         }
         if let Some(secs) = self.for_s {
             c.range("for_s", secs, 0.001, 1e7, "s");
@@ -94,7 +95,7 @@ impl Config {
         c.range("record.poses_hz", self.record.poses_hz, 0.1, 1000.0, "Hz");
         if self.record.live.is_some() && self.clock == ClockMode::Virtual {
             let what = "a viewer can't follow a run in virtual time, which waits for nobody";
-            c.say(
+            c.complain(
                 "record.live",
                 what,
                 "set clock = \"real\", or take this away and open the recording with `mobee view`",
@@ -107,22 +108,22 @@ impl Config {
             let at = |key: &str| format!("robot[{i}].{key}");
             if self.robot.iter().take(i).any(|other| other.name == r.name) {
                 let what = format!("there are two robots `{}`", r.name);
-                c.say(&at("name"), what, "name one of them differently");
+                c.complain(&at("name"), what, "name one of them differently");
             }
             c.name(&at("name"), &r.name, "robot");
             let k = &r.controller;
             c.range_or(&at("controller.period_ms"), k.period_ms, (1.0, 1000.0), "ms", Some(("seconds", 1e3)));
             c.range(&at("controller.history"), r.controller.history as f64, 10.0, 1e7, "poses");
-            // no margin at all may be wanted in a simulation; one of micrometers is a mistake
+            // a margin of zero is allowed for simulations; one of micrometers is a mistake
             let least = if k.margin_mm == 0.0 { 0.0 } else { 0.5 };
             c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("meters", 1e3)));
             // zero: the paper's Algorithm 6
             if let Some(mm) = k.reserve_mm.filter(|mm| *mm != 0.0) {
-                // beyond the margin it is the margin that stops a robot that goes slowly
+                // beyond the margin, the margin stops a slow robot
                 c.range_or(&at("controller.reserve_mm"), mm, (0.5, k.margin_mm.max(0.5)), "mm", Some(("meters", 1e3)));
             }
             if let Some(deg) = k.stall_deg {
-                // below the tolerance a motor that rests beside its target would count as held
+                // below the tolerance, a motor that rests beside its target would count as held
                 c.range(&at("controller.stall_deg"), deg, k.tolerance_deg.clamp(0.05, 45.0), 45.0, "deg");
             }
             if let Some(nm) = k.contact_nm {
@@ -137,7 +138,7 @@ impl Config {
             if let Err(e) = k.drive() {
                 for e in e.under(&at("controller")).all() {
                     let help = did_you_mean(&e.what).unwrap_or(e.help);
-                    c.say(e.path.trim_end_matches('.'), e.what, help);
+                    c.complain(e.path.trim_end_matches('.'), e.what, help);
                 }
             }
             if let Some(rest) = &r.rest {
@@ -154,16 +155,16 @@ impl Config {
                 StepTrigger::AtS(t) => {
                     let at = format!("script[{i}].when.at_s");
                     c.range(&at, *t, 0.0, 1e7, "s");
-                    // who shortens one run by --for knows that it ends early
+                    // with --for, a user shortens one run on purpose
                     let end = self.for_s.filter(|end| t >= end && c.source.in_file("for_s"));
                     if let Some(end) = end {
                         let what = format!("this never happens: the run ends at {end} s");
-                        c.say(&at, what, "choose an earlier time, or a longer `for_s`");
+                        c.complain(&at, what, "choose an earlier time, or a longer `for_s`");
                     }
                 }
                 StepTrigger::AfterOutcomes { robot, .. } if !names.contains(&robot.as_str()) => {
                     let at = format!("script[{i}].when.after_outcomes.robot");
-                    c.say(&at, format!("there is no robot `{robot}`"), suggestion(robot, "robot", &names));
+                    c.complain(&at, format!("there is no robot `{robot}`"), suggestion(robot, "robot", &names));
                 }
                 StepTrigger::AfterOutcomes { robot, .. } => {
                     let planless = self.robot.iter().any(|r| r.name == *robot && r.agent.is_none());
@@ -171,7 +172,7 @@ impl Config {
                     if planless && self.bridge.is_empty() && !self.yarp.as_ref().is_some_and(ports) {
                         let at = format!("script[{i}].when.after_outcomes.robot");
                         let what = format!("this never happens: nobody moves {robot}");
-                        c.say(&at, what, "give the robot an agent, or use at_s");
+                        c.complain(&at, what, "give the robot an agent, or use at_s");
                     }
                 }
             }
@@ -180,10 +181,14 @@ impl Config {
             }
             if s.edit.remove && (s.edit.class.is_some() || s.edit.position_m.is_some()) {
                 let what = "a removed object has no class or position";
-                c.say(&format!("script[{i}].edit"), what, "remove either `remove` or the others");
+                c.complain(&format!("script[{i}].edit"), what, "remove either `remove` or the others");
             }
             if s.edit.class.is_none() && s.edit.position_m.is_none() && !s.edit.remove {
-                c.say(&format!("script[{i}].edit"), "this step changes nothing", "give class, position_m or remove");
+                c.complain(
+                    &format!("script[{i}].edit"),
+                    "this step changes nothing",
+                    "give class, position_m or remove",
+                );
             }
         }
     }

@@ -5,8 +5,8 @@ use miette::{Diagnostic, LabeledSpan, Severity, SourceCode};
 use mobee_model::FileError;
 use std::fmt;
 
-/// So many complaints are told at once: nobody mends more before asking again.
-pub(super) const MOST: usize = 50;
+/// Maximum number of complaints reported at once: a user fixes no more before the next try.
+pub(super) const MAX_COMPLAINTS: usize = 50;
 
 /// A complaint about the configuration, or about a robot's or world's file that it names.
 #[derive(Debug)]
@@ -25,7 +25,7 @@ impl Complaint {
         }
     }
 
-    /// What to do about it.
+    /// The remedy.
     pub fn remedy(&self) -> &str {
         match self {
             Complaint::Config(e) => e.help_text(),
@@ -54,39 +54,39 @@ impl From<FileError> for Complaint {
     }
 }
 
-/// What is wrong, all of it. Shown as one complaint if there is one, else as a list.
+/// All complaints about a configuration. Shown as one complaint if there is only one, else as a list.
 #[derive(Debug, Default)]
 pub struct Complaints(Vec<Complaint>);
 
 impl Complaints {
-    /// Adds one, if there is room.
+    /// Adds one, if fewer than [`MAX_COMPLAINTS`] are stored.
     pub fn push(&mut self, e: impl Into<Complaint>) {
         if !self.is_full() {
             self.0.push(e.into());
         }
     }
 
-    /// Adds all of another list that there is room for.
+    /// Adds all of another list, up to [`MAX_COMPLAINTS`].
     pub fn append(&mut self, other: Complaints) {
         other.0.into_iter().for_each(|e| self.push(e));
     }
 
-    /// Whether no more are kept.
+    /// True if no more complaints are stored.
     pub fn is_full(&self) -> bool {
-        self.0.len() >= MOST
+        self.0.len() >= MAX_COMPLAINTS
     }
 
-    /// The good result, or `None` with the complaint kept.
+    /// The value of a good result; `None` if it is a complaint, which is stored.
     pub fn keep<T>(&mut self, result: Result<T, impl Into<Complaints>>) -> Option<T> {
         result.map_err(|e| self.append(e.into())).ok()
     }
 
-    /// Whether there is none.
+    /// True if there is no complaint.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Each of them.
+    /// The complaints, in the order in which they were found.
     pub fn iter(&self) -> impl Iterator<Item = &Complaint> {
         self.0.iter()
     }
@@ -99,7 +99,7 @@ impl Complaints {
         if self.0.is_empty() { Ok(value) } else { Err(self) }
     }
 
-    /// The same, known to be some.
+    /// The complaints, of which there must be at least one.
     pub(crate) fn of_something(self) -> Complaints {
         debug_assert!(!self.is_empty(), "nothing can be missing without a complaint");
         self
@@ -129,7 +129,7 @@ impl fmt::Display for Complaints {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.only() {
             Some(one) => fmt::Display::fmt(one, f),
-            None if self.is_full() => write!(f, "many things are wrong; these are the first {MOST}"),
+            None if self.is_full() => write!(f, "many things are wrong; these are the first {MAX_COMPLAINTS}"),
             None => write!(f, "{} things are wrong", self.0.len()),
         }
     }

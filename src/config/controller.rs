@@ -1,4 +1,5 @@
-//! A robot's controller in the configuration: what all kinds share, and the settings of its kind beside it in one table.
+//! A robot's controller in the configuration: the settings that all kinds share, and those of its kind in the same
+//! table.
 
 use mobee_contract::{AnyKind, Kind, KindError, kinds};
 use mobee_controller::{ControllerSettings, DEFAULT_KIND, Drive, FRESH_PERIODS};
@@ -6,48 +7,49 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-/// The longest period of controllers under forces, milliseconds.
-const LONGEST_MS: f64 = 50.0;
+/// Maximum period of controllers under forces, milliseconds.
+const MAX_FORCE_PERIOD_MS: f64 = 50.0;
 
 /// History, Supervise and Reflex of one robot. Two settings are required; the others have defaults.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 pub struct Controller {
-    /// How motions are driven; see `mobee kinds`.
+    /// The kind of controller; see `mobee kinds`.
     #[serde(default = "kind")]
     pub kind: String,
     /// Control period, milliseconds.
     pub period_ms: f64,
-    /// How many poses the history holds.
+    /// Number of poses in the history.
     pub history: usize,
-    /// The reflex acts when anything comes nearer than this, millimeters.
+    /// The reflex acts when anything gets closer than this, millimeters.
     #[serde(default = "margin")]
     pub margin_mm: f64,
-    /// Braking clearance, millimeters. The reflex looks ahead: it acts when the path on which the robot would brake leads nearer to
-    /// anything than this, so that fast robots come to rest before they touch. Default: as much as a stop may end elsewhere than
-    /// foreseen, by the motors' speeds and accelerations, the period and the board's latency; at least 2 mm, at most the margin. 0: the
-    /// reflex does not look ahead (the paper's Algorithm 6), and only the margin counts.
+    /// Braking clearance, millimeters. The reflex looks ahead: it acts when the robot's braking path leads closer to
+    /// anything than this, so that fast robots stop before they touch. Default: the possible error of the predicted
+    /// stop, from the motors' speeds and accelerations, the period and the board's latency; at least 2 mm, at most the
+    /// margin. 0: the reflex does not look ahead (the paper's Algorithm 6), and only the margin counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reserve_mm: Option<f64>,
-    /// A motor that lags behind what it was told by more than this, degrees, and by more than twice what it did in its own free
-    /// motions, is held by something that no model knows: the motion is taken back as after a contact. Without it nobody
-    /// looks.
+    /// A motor stalls if it lags its command by more than this, degrees, and by more than twice its lag in free
+    /// motions. Something unmodelled is assumed to hold it, and the motion is rolled back as after a contact. Absent:
+    /// stalls are not detected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stall_deg: Option<f64>,
-    /// A torque from outside of more than this, N m (N for joints that slide), is a contact with something that no model knows: the motion is
-    /// taken back. Default: what the driver states per motor, where its board reports torque, load or current. 0: not watched.
+    /// An external torque above this, N m (N for prismatic joints), is a contact with something unmodelled: the motion
+    /// is rolled back. Default: the driver's value per motor, if its board reports torque, load or current. 0: not
+    /// watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact_nm: Option<f64>,
     /// A pose counts as reached within this, degrees per motor.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
-    /// By how much a stream of set-points is undone that is stopped by something, seconds: the robot goes back to where it was
-    /// so long before, or farther, to where it touches nothing. With 0 it stops in front of what it met, which `reserve_mm`
-    /// makes safe. Moves to a target are undone whole.
-    #[serde(default = "undo", skip_serializing_if = "is_usual")]
+    /// Duration by which a stopped stream of setpoints is rolled back, seconds: the robot retreats to its configuration
+    /// of that time before, or farther, until it touches nothing. 0: it stops in front of the obstacle, which
+    /// `reserve_mm` makes safe. Moves to a target are rolled back completely.
+    #[serde(default = "undo", skip_serializing_if = "is_default")]
     pub undo_s: f64,
     /// A reading older than this, milliseconds, is stale and closes the filter. Default: five control periods. A longer
-    /// time tolerates a slow network or a busy machine, but a board may go on with its last command, unwatched, for that
-    /// long.
+    /// time tolerates a slow network or a busy machine, but during it a board may continue its last command
+    /// unsupervised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stale_ms: Option<f64>,
     /// The settings of the kind.
@@ -56,7 +58,7 @@ pub struct Controller {
     pub own: Map<String, Value>,
 }
 
-/// The settings that all kinds have.
+/// The keys of the settings that all kinds have.
 pub(super) const SHARED: &[&str] = &[
     "period_ms",
     "history",
@@ -82,8 +84,8 @@ fn tolerance() -> f64 {
 fn undo() -> f64 {
     ControllerSettings::default().undo_s
 }
-/// Journals tell what a file sets.
-fn is_usual(undo_s: &f64) -> bool {
+/// True for the default, which is not serialized, so that journals record only values that a file sets.
+fn is_default(undo_s: &f64) -> bool {
     *undo_s == undo()
 }
 
@@ -115,22 +117,22 @@ impl Controller {
         self.stale_ms.unwrap_or(self.period_ms * f64::from(FRESH_PERIODS))
     }
 
-    /// How the kind drives motions.
+    /// The drive of motions that the kind builds.
     ///
     /// # Errors
     /// The first of its settings that can't be used; its path starts at the controller's table.
     pub fn drive(&self) -> Result<Drive, KindError> {
         let unknown = || KindError::new("kind", format!("there is no kind `{}`", self.kind), "see `mobee kinds`");
         let drive = (find(&self.kind).ok_or_else(unknown)?.build)(&Value::Object(self.own.clone()), &())?;
-        // forces that act seldom make a motion swing instead of driving it
-        if !drive.is_straight() && self.period_ms > LONGEST_MS {
+        // forces that act at long intervals make a motion oscillate
+        if !drive.is_straight() && self.period_ms > MAX_FORCE_PERIOD_MS {
             let what = format!("{} ms is too long a period for forces", self.period_ms);
-            return Err(KindError::new("period_ms", what, format!("give 1 to {LONGEST_MS} ms")));
+            return Err(KindError::new("period_ms", what, format!("give 1 to {MAX_FORCE_PERIOD_MS} ms")));
         }
         Ok(drive)
     }
 
-    /// The settings in the actors' words.
+    /// The settings as the actors' type.
     ///
     /// # Errors
     /// As for [`Controller::drive`].

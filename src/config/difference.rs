@@ -1,12 +1,12 @@
-//! How two configurations differ.
+//! Differences between two configurations.
 
 use serde_json::Value;
 use std::fmt;
 
-/// A value that is not the same in both.
+/// A value that differs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
-    /// Where: `robot.0.controller.margin_mm`.
+    /// Its key, such as `robot.0.controller.margin_mm`.
     pub key: String,
     /// The value in the first one.
     pub old: Option<Value>,
@@ -21,7 +21,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// All values that differ, each by the longest key that leads to it.
+/// All values that differ, each with its full key.
 pub fn differences(old: &Value, new: &Value) -> Vec<Difference> {
     let mut found = Vec::new();
     compare(Some(old), Some(new), "", &mut found);

@@ -1,4 +1,4 @@
-//! A complaint about something the user wrote: what, where, and what to do.
+//! A complaint about user input: the error, its place, and the remedy.
 
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 use mobee_model::{Excerpt, printable, readable};
@@ -31,18 +31,18 @@ impl ConfigError {
         ConfigError { place: Some(Box::new(place)), ..ConfigError::plain(message, help) }
     }
 
-    /// The same with another remedy.
+    /// The same complaint with another remedy.
     #[must_use]
     pub fn with_help(self, help: impl Into<String>) -> ConfigError {
         ConfigError { help: readable(&help.into()), ..self }
     }
 
-    /// What is wrong, in one sentence.
+    /// The error, in one sentence.
     pub fn message(&self) -> &str {
         &self.message
     }
 
-    /// What to do about it.
+    /// The remedy.
     pub fn help_text(&self) -> &str {
         &self.help
     }

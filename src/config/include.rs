@@ -1,4 +1,5 @@
-//! A configuration file with the files that it includes, as one tree of values: the file itself over what it includes.
+//! A configuration file and the files that it includes, as one tree of values. The file overrides the files that it
+//! includes.
 
 use super::layer::{Content, LayerNode};
 use super::{Complaints, ConfigError};
@@ -9,29 +10,29 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
-/// How deep includes may nest.
-const DEEPEST: usize = 8;
-/// So many files at most make a configuration; one that is included twice counts twice.
-const MOST_FILES: usize = 64;
-/// How long a file may be, bytes.
-const LONGEST: u64 = MIB;
-/// How long all files of a configuration may be together, bytes.
-const LONGEST_TOGETHER: usize = 2 * MIB as usize;
+/// Maximum nesting depth of includes.
+const MAX_DEPTH: usize = 8;
+/// Maximum number of files in a configuration; a file that is included twice counts twice.
+const MAX_FILES: usize = 64;
+/// Maximum size of a file, bytes.
+const MAX_FILE_BYTES: u64 = MIB;
+/// Maximum size of all files of a configuration together, bytes.
+const MAX_TOTAL_BYTES: usize = 2 * MIB as usize;
 
-/// What to do about a hidden character.
-const UNSEEN: &str = "use only visible characters in names and texts";
-/// What to do about a backslash in a text, which is mostly a path as on Windows.
-const ESCAPE: &str =
+/// The remedy for a hidden character.
+const HIDDEN_REMEDY: &str = "use only visible characters in names and texts";
+/// The remedy for a backslash in a text, which is usually a Windows path.
+const ESCAPE_REMEDY: &str =
     "in \"...\" a backslash begins an escape such as \\n: write paths with /, or the text in single quotes: '...'";
 
 /// One file of a configuration.
 #[derive(Clone, Debug)]
 pub struct TextFile {
-    /// The path to say to people.
+    /// The path to show to users.
     pub name: String,
-    /// Its folder as seen from the main file's: empty for the main file.
+    /// Its folder relative to the main file's: empty for the main file.
     pub folder: PathBuf,
-    /// What stands in it.
+    /// The contents.
     pub text: String,
 }
 
@@ -47,12 +48,12 @@ impl TextFile {
     }
 }
 
-/// Reads a file and what it includes.
+/// Reads a file and its includes.
 pub struct IncludeReader {
     /// All files read so far.
     pub files: Vec<TextFile>,
     main_folder: PathBuf,
-    /// The files that are being read, the outermost first, as the disk names them.
+    /// The canonical paths of the files that are being read, the outermost first.
     open: Vec<PathBuf>,
 }
 
@@ -69,9 +70,9 @@ impl IncludeReader {
     /// Reads a main file.
     ///
     /// # Errors
-    /// What can't be read or is not TOML, here and in all included files.
+    /// Complaints about this file and all included ones that can't be read or are not TOML.
     pub fn main(&mut self, path: &Path) -> Result<LayerNode, Complaints> {
-        let text = read_text(path, LONGEST).map_err(|e| {
+        let text = read_text(path, MAX_FILE_BYTES).map_err(|e| {
             ConfigError::plain(
                 format!("can't read {}: {e}", path.display()),
                 "give the path of a configuration file; `configs/behaviors/` has some to start from",
@@ -81,7 +82,7 @@ impl IncludeReader {
         self.parse(path.display().to_string(), PathBuf::new(), text)
     }
 
-    /// Parses a text and reads what it includes.
+    /// Parses a text and reads its includes.
     ///
     /// # Errors
     /// As for [`IncludeReader::main`].
@@ -90,12 +91,13 @@ impl IncludeReader {
         self.files.push(TextFile { name, folder, text: text.clone() });
         let mut wrong = Complaints::default();
         let (document, errors) = DeTable::parse_recoverable(&text);
-        // one mistake leads to others on its line
-        let mut told = Vec::new();
-        for e in errors.into_iter().take(super::complaints::MOST) {
-            let (span, file) = (e.span().unwrap_or(0..0), &self.files[number]);
-            if !told.contains(&file.line(span.start)) {
-                told.push(file.line(span.start));
+        // one mistake leads to further errors on its line
+        let mut reported = Vec::new();
+        for e in errors.into_iter().take(super::complaints::MAX_COMPLAINTS) {
+            let span = e.span().unwrap_or(0..0);
+            let file = &self.files[number];
+            if !reported.contains(&file.line(span.start)) {
+                reported.push(file.line(span.start));
                 let line = text.lines().nth(file.line(span.start) - 1).unwrap_or_default();
                 wrong.push(file.error(span, e.message().to_owned(), remedy(e.message(), line)));
             }
@@ -110,12 +112,12 @@ impl IncludeReader {
                 break;
             }
             let written = text.get(span.clone()).unwrap_or_default();
-            // it was meant to be two characters, unless it stands there itself, or by its number
+            // two characters were meant, unless the hidden character is in the text itself or by its number
             let escape = ["\\b", "\\e", "\\f", "\\n", "\\r", "\\t"].iter().any(|e| written.contains(e));
             let escape = escape && !written.contains(is_hidden);
             let (what, help) = match what.contains("hidden") {
-                true if escape => (format!("{what}, by an escape that a backslash begins"), ESCAPE),
-                true => (what, UNSEEN),
+                true if escape => (format!("{what}, by an escape that a backslash begins"), ESCAPE_REMEDY),
+                true => (what, HIDDEN_REMEDY),
                 false => (what, "write an ordinary finite number"),
             };
             wrong.push(self.files[number].error(span, what, help));
@@ -166,21 +168,21 @@ impl IncludeReader {
                 "remove this include; an included file need not include the file that includes it",
             ));
         }
-        if self.open.len() > DEEPEST {
+        if self.open.len() > MAX_DEPTH {
             return Err(wrong(
-                format!("includes are nested more than {DEEPEST} deep"),
+                format!("includes are nested more than {MAX_DEPTH} deep"),
                 "include fewer files in a chain",
             ));
         }
         let length = |files: &[TextFile]| files.iter().map(|f| f.text.len()).sum::<usize>();
-        if self.files.len() >= MOST_FILES || length(&self.files) >= LONGEST_TOGETHER {
+        if self.files.len() >= MAX_FILES || length(&self.files) >= MAX_TOTAL_BYTES {
             let what = format!(
-                "the configuration is made of more than {MOST_FILES} files, or of more than {} MiB",
-                LONGEST_TOGETHER as u64 / MIB
+                "the configuration is made of more than {MAX_FILES} files, or of more than {} MiB",
+                MAX_TOTAL_BYTES as u64 / MIB
             );
             return Err(wrong(what, "include fewer and smaller files"));
         }
-        let text = read_text(&path, LONGEST).map_err(|e| {
+        let text = read_text(&path, MAX_FILE_BYTES).map_err(|e| {
             wrong(format!("can't read {}: {e}", path.display()), "give the path of a text file, relative to this file")
         })?;
         let folder = from_main.parent().map(Path::to_owned).unwrap_or_default();
@@ -191,9 +193,9 @@ impl IncludeReader {
     }
 }
 
-/// A path with the user's home folder for the `~/`, `$HOME/` or `${HOME}/` that it may begin with.
+/// Replaces a leading `~/`, `$HOME/` or `${HOME}/` with the user's home folder.
 ///
-/// All paths of configuration files pass here. A shell would have done it, and no folder is named so.
+/// All paths of configuration files pass through here, since no shell expands them.
 pub fn from_home(path: &Path) -> PathBuf {
     let home = std::env::var_os("HOME").filter(|home| !home.is_empty());
     let inside = ["~", "$HOME", "${HOME}"].iter().find_map(|begin| path.strip_prefix(begin).ok());
@@ -203,11 +205,11 @@ pub fn from_home(path: &Path) -> PathBuf {
     }
 }
 
-/// What to do about an error of syntax in a line.
+/// The remedy for a syntax error in a line.
 fn remedy(message: &str, line: &str) -> &'static str {
     let remedies = [
-        ("escaped value", ESCAPE),
-        ("too few unicode value digits", ESCAPE),
+        ("escaped value", ESCAPE_REMEDY),
+        ("too few unicode value digits", ESCAPE_REMEDY),
         ("duplicate key", "remove one of the two"),
         ("must be quoted", "put text in quotes, and write numbers without a unit"),
         ("expected newline", "write one setting per line, and decimals with a point, such as 0.1"),
@@ -217,6 +219,6 @@ fn remedy(message: &str, line: &str) -> &'static str {
         ("string, expected", "close the quotes"),
     ];
     let found = remedies.iter().find(|(part, _)| message.contains(part)).map_or("fix the TOML syntax here", |(_, h)| h);
-    // the backslash at the end of a folder's name hides the quotes after it
-    if found == "close the quotes" && line.contains("\\\"") { ESCAPE } else { found }
+    // a backslash at the end of a folder's name escapes the quote after it
+    if found == "close the quotes" && line.contains("\\\"") { ESCAPE_REMEDY } else { found }
 }

@@ -1,4 +1,4 @@
-//! A tree of values in which each knows where it was written, and the merging of two such trees: later wins.
+//! A tree of values with their origins, and the merging of two such trees, in which the later one takes precedence.
 
 use mobee_model::hidden_in;
 use serde_json::{Map, Value};
@@ -6,36 +6,36 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use toml::de::{DeTable, DeValue};
 
-/// Where a value was written.
+/// The place in which a value was written.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Origin {
     /// In a file.
     File {
-        /// Which: an index into the source's files.
+        /// The index into the source's files.
         file: usize,
         /// The span of its key; `None` for elements of lists.
         key: Option<Range<usize>>,
         /// The span of the value.
         value: Range<usize>,
     },
-    /// By a variable of the environment: the whole assignment.
+    /// By an environment variable: the whole assignment.
     Environment(String),
     /// By `--set`: the whole assignment.
     Set(String),
-    /// In no text: values that were resolved before.
+    /// In no text: the values come resolved.
     Resolved,
 }
 
 /// A value with its origin.
 #[derive(Clone, Debug)]
 pub struct LayerNode {
-    /// Where it was written.
+    /// The place of the value.
     pub origin: Origin,
     /// The value.
     pub content: Content,
 }
 
-/// What a node holds.
+/// The content of a node.
 #[derive(Clone, Debug)]
 pub enum Content {
     /// A value without parts.
@@ -46,11 +46,11 @@ pub enum Content {
     List(Vec<LayerNode>),
 }
 
-/// A value that can't be used: its span and what is wrong.
+/// A value that can't be used: its span and the problem.
 pub type Unusable = (Range<usize>, String);
 
 impl LayerNode {
-    /// A plain value, all of one origin.
+    /// A tree of a plain value, all of one origin.
     pub fn plain(value: Value, origin: &Origin) -> LayerNode {
         let content = match value {
             Value::Object(map) => {
@@ -62,7 +62,7 @@ impl LayerNode {
         LayerNode { origin: origin.clone(), content }
     }
 
-    /// A parsed TOML document; numbers and texts that can't be used are told in `bad` and left out.
+    /// A parsed TOML document; numbers and texts that can't be used are added to `bad` and omitted.
     pub fn document(table: &DeTable<'_>, span: Range<usize>, file: usize, bad: &mut Vec<Unusable>) -> LayerNode {
         let origin = Origin::File { file, key: None, value: span };
         LayerNode { origin, content: Content::Table(table_nodes(table, file, bad)) }
@@ -79,7 +79,7 @@ impl LayerNode {
         }
     }
 
-    /// The child of that key, or the element of that index.
+    /// The child of this key, or the element of this index.
     pub fn child(&self, step: &str) -> Option<&LayerNode> {
         match &self.content {
             Content::Leaf(_) => None,
@@ -96,8 +96,9 @@ impl LayerNode {
         }
     }
 
-    /// This layer with a later one over it. Tables merge; a table that names another `kind` replaces the earlier one, whose
-    /// settings were for the other kind. Lists of tables that all have a `name` merge by it; other lists are replaced.
+    /// This layer with a later one over it. Tables merge, unless the later one names another `kind`: then it replaces
+    /// the earlier one, whose settings were for its own kind. Lists of tables that all have a `name` merge by name;
+    /// other lists are replaced.
     pub fn under(self, later: LayerNode) -> LayerNode {
         let other_kind = later.text("kind").is_some_and(|k| self.text("kind").is_some_and(|old| old != k));
         match (self.content, later.content) {
@@ -119,7 +120,7 @@ impl LayerNode {
     }
 }
 
-/// Whether all elements are tables with a name.
+/// True if all elements are tables with a name.
 fn named(list: &[LayerNode]) -> bool {
     list.iter().all(|n| n.text("name").is_some())
 }
@@ -127,7 +128,7 @@ fn named(list: &[LayerNode]) -> bool {
 fn by_name(list: Vec<LayerNode>, over: Vec<LayerNode>) -> Vec<LayerNode> {
     let mut merged: Vec<(LayerNode, bool)> = list.into_iter().map(|n| (n, false)).collect();
     for node in over {
-        // an element that has met its later self is not met again: two of one name in one list stay two
+        // merge each element once: two elements of one name in one list stay two
         let old = merged.iter().position(|(old, met)| !met && old.text("name") == node.text("name"));
         match old {
             Some(i) => {
@@ -175,10 +176,10 @@ fn content(value: &DeValue<'_>, span: Range<usize>, file: usize, bad: &mut Vec<U
     })
 }
 
-/// A TOML value without its place.
+/// Converts a TOML value without its place.
 ///
 /// # Errors
-/// What is wrong with a number or a text.
+/// The problem of a number or a text.
 pub fn plain(value: &DeValue<'_>) -> Result<Value, String> {
     Ok(match value {
         DeValue::String(s) => hidden_in(s).map_or_else(|| Ok(Value::String(s.to_string())), Err)?,

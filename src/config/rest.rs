@@ -1,4 +1,4 @@
-//! Where a robot is moved when a run ends, as files have it.
+//! The rest pose of a robot in the configuration: the target of the motion when a run ends.
 
 use super::check::Checks;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
@@ -16,7 +16,7 @@ pub enum RestConfig {
     Table(RestTable),
 }
 
-/// The rest pose of a robot, and how it is moved there.
+/// The rest pose of a robot, and the motion to it.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RestTable {
@@ -29,7 +29,7 @@ pub struct RestTable {
     /// Share of each motor's maximum speed, above 0 and up to 1. Default: the agent's `speed`, or 0.1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed: Option<f64>,
-    /// The longest time that the motion may take, seconds of the run's clock.
+    /// Time limit of the motion, seconds of the run's clock.
     #[serde(default = "within_s")]
     pub within_s: f64,
 }
@@ -52,13 +52,13 @@ impl RestConfig {
     pub(super) fn check(&self, at: &str, c: &mut Checks<'_>) {
         let table = self.table();
         if let Some(speed) = table.speed.filter(|speed| !(*speed > 0.0 && *speed <= 1.0)) {
-            c.say(&format!("{at}.speed"), format!("{speed} is out of range"), "give a share above 0 and up to 1");
+            c.complain(&format!("{at}.speed"), format!("{speed} is out of range"), "give a share above 0 and up to 1");
         }
         c.range(&format!("{at}.within_s"), table.within_s, 0.1, 3600.0, "s");
         if table.pose.is_some() == table.q_deg.is_some() {
             let what =
                 if table.pose.is_some() { "a rest pose has two positions" } else { "a rest pose has no position" };
-            c.say(at, what, "give either `pose` or `q_deg`, such as rest = \"home\"");
+            c.complain(at, what, "give either `pose` or `q_deg`, such as rest = \"home\"");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The tables `[[sensor]]`: what looks at the world.
+//! The tables `[[sensor]]`: cameras, detectors and locators.
 
 use super::{Checks, Config, ConfigError, suggestion};
 use mobee_contract::{DEFAULT_MAX_REGIONS, MAX_REGIONS};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
 
-/// What looks at the world: cameras, a detector behind each of them, and a locator that places what these see.
+/// A sensor: cameras, a detector behind each of them, and a locator that estimates the positions of detected objects.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Sensor")]
@@ -19,14 +19,14 @@ pub struct SensorConfig {
     pub robot: Option<String>,
     /// Its cameras, each with its detector.
     pub eye: Vec<EyeConfig>,
-    /// Whether the run keeps every frame that its detectors look at, in files of its folder: for cameras of the kind `recorded`, and for
-    /// `mobee locator collect --images`.
+    /// True: the run stores every frame that its detectors process in files of its folder, for cameras of the kind
+    /// `recorded`, and for `mobee locator collect --images`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub keep_frames: bool,
-    /// `kind` and settings of the locator; see `mobee kinds`. Absent: what is seen is recorded, and not placed.
+    /// `kind` and settings of the locator; see `mobee kinds`. Absent: detections are recorded, but not located.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub locator: Option<Value>,
-    /// Which of the places become the objects' places in the model. Absent: none of them.
+    /// The filter of positions for the model. Absent: the sensor does not change the model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gate: Option<WorldGateConfig>,
 }
@@ -42,7 +42,7 @@ pub struct EyeConfig {
     pub camera: Value,
     /// `kind` and settings of the detector; see `mobee kinds`.
     pub detector: Value,
-    /// Greatest number of regions of each object that are reported of one picture, 1 to 256: the detector's first ones. The others are
+    /// Maximum number of regions per object and image, 1 to 256: the detector's first ones are reported, further ones
     /// counted.
     #[serde(default = "max_regions", skip_serializing_if = "is_default_max_regions")]
     pub max_regions: usize,
@@ -55,30 +55,30 @@ fn is_default_max_regions(n: &usize) -> bool {
     *n == DEFAULT_MAX_REGIONS
 }
 
-/// The world gate: what a sensor may change in the model.
+/// The world gate: the changes that a sensor may make to the model.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "WorldGate")]
 pub struct WorldGateConfig {
-    /// The objects that it keeps where it sees them, by their names in the world. If its cameras are simulated, scripts and programs
-    /// move these objects in truth alone, and the model learns of it by this sensor.
+    /// The objects that it tracks, by their names in the world. If its cameras are simulated, scripts and programs move
+    /// these objects in the ground truth only, and the model is updated by this sensor.
     pub objects: Vec<String>,
-    /// The least and the greatest coordinates of a place that is believed, in the world, meters.
+    /// Minimum and maximum coordinates of an accepted position, in the world, meters.
     #[serde(default = "workspace")]
     pub workspace_m: [[f64; 3]; 2],
-    /// How far from where it was last an object is believed at once, mm.
+    /// Distance from its last position up to which an object's new position is accepted at once, mm.
     #[serde(default = "jump")]
     pub jump_mm: f64,
-    /// How often in a row an object must be seen at another place to be believed there.
+    /// Number of consecutive detections after which a position farther away is accepted.
     #[serde(default = "confirmations")]
     pub confirmations: u32,
-    /// The greatest standard deviation of a place that is believed, in its least certain direction, mm.
+    /// Maximum standard deviation of an accepted position, in its least certain direction, mm.
     #[serde(default = "uncertainty")]
     pub uncertainty_mm: f64,
-    /// An object that is less far than this from where the model has it is left there, mm.
+    /// Distance from the model's position below which the model is not changed, mm.
     #[serde(default = "least_move")]
     pub least_move_mm: f64,
-    /// An object that was not seen for so long is stale, s.
+    /// Time without a detection after which an object is stale, s.
     #[serde(default = "stale")]
     pub stale_s: f64,
 }
@@ -103,7 +103,7 @@ fn stale() -> f64 {
 }
 
 impl SensorConfig {
-    /// Which robot carries it.
+    /// The index of the robot that carries it.
     pub fn carrier(&self, config: &Config) -> Option<usize> {
         match &self.robot {
             Some(name) => config.robot.iter().position(|r| r.name == *name),
@@ -114,7 +114,7 @@ impl SensorConfig {
 }
 
 impl Config {
-    /// The index of the sensor of this name, or of the only one. `file` is what complaints say has it.
+    /// The index of the sensor of this name, or of the only one. Complaints name `file`.
     pub(crate) fn sensor_called(&self, name: Option<&str>, file: &Path) -> Result<usize, ConfigError> {
         let names: Vec<&str> = self.sensor.iter().map(|s| s.name.as_str()).collect();
         let file = file.display();
@@ -135,8 +135,8 @@ impl Config {
         }
     }
 
-    /// The cameras whose frames the run keeps, as `<sensor>/<camera>`.
-    pub(crate) fn kept_cameras(&self) -> Vec<String> {
+    /// The cameras whose frames the run stores, as `<sensor>/<camera>`.
+    pub(crate) fn stored_cameras(&self) -> Vec<String> {
         let keeping = self.sensor.iter().filter(|s| s.keep_frames);
         keeping.flat_map(|s| s.eye.iter().map(|eye| format!("{}/{}", s.name, eye.name))).collect()
     }
@@ -153,21 +153,21 @@ impl Config {
             c.name(&at("name"), &s.name, "sensor");
             if self.sensor.iter().take(i).any(|other| other.name == s.name) || robots.contains(&s.name.as_str()) {
                 let what = format!("there is another sensor or robot `{}`", s.name);
-                c.say(&at("name"), what, "name one of them differently");
+                c.complain(&at("name"), what, "name one of them differently");
             }
             match &s.robot {
                 Some(name) if !robots.contains(&name.as_str()) => {
-                    c.say(&at("robot"), format!("there is no robot `{name}`"), suggestion(name, "robot", &robots));
+                    c.complain(&at("robot"), format!("there is no robot `{name}`"), suggestion(name, "robot", &robots));
                 }
                 None if robots.len() > 1 => {
                     let help = format!("add robot = \"...\"; there are: {}", robots.join(", "));
-                    c.say(&at("name"), "it is not said which robot carries it", help);
+                    c.complain(&at("name"), "the robot that carries it is not named", help);
                 }
                 _ => {}
             }
             if s.eye.is_empty() {
                 let help = "add a [[sensor.eye]] table with name, camera and detector";
-                c.say(&at("eye"), "a sensor without a camera sees nothing", help);
+                c.complain(&at("eye"), "a sensor without a camera sees nothing", help);
             }
             for (k, eye) in s.eye.iter().enumerate() {
                 c.name(&at(&format!("eye[{k}].name")), &eye.name, "camera");
@@ -180,13 +180,13 @@ impl Config {
                 );
                 if eye.name == "locator" || s.eye.iter().take(k).any(|other| other.name == eye.name) {
                     let what = format!("there is another part of the sensor called `{}`", eye.name);
-                    c.say(&at(&format!("eye[{k}].name")), what, "name one of them differently");
+                    c.complain(&at(&format!("eye[{k}].name")), what, "name one of them differently");
                 }
             }
             if let Some(gate) = &s.gate {
                 if s.locator.is_none() {
                     let help = "add a table [sensor.locator], or take the gate away";
-                    c.say(&at("gate"), "without a locator there are no places to believe", help);
+                    c.complain(&at("gate"), "without a locator there are no places to believe", help);
                 }
                 gate.check(&at("gate"), c);
                 for (k, name) in gate.objects.iter().enumerate() {
@@ -194,7 +194,7 @@ impl Config {
                     let mut before = gates.flat_map(|g| &g.objects).chain(gate.objects.iter().take(k));
                     if before.any(|other| other == name) {
                         let what = format!("the object `{name}` is kept twice");
-                        c.say(&at(&format!("gate.objects[{k}]")), what, "let one sensor keep it, once");
+                        c.complain(&at(&format!("gate.objects[{k}]")), what, "let one sensor keep it, once");
                     }
                 }
             }
@@ -205,7 +205,7 @@ impl Config {
 impl WorldGateConfig {
     fn check(&self, at: &str, c: &mut Checks<'_>) {
         if self.objects.is_empty() {
-            c.say(
+            c.complain(
                 &format!("{at}.objects"),
                 "it keeps no object",
                 "name those that the sensor sees, or take the gate away",
@@ -214,10 +214,10 @@ impl WorldGateConfig {
         let [low, high] = &self.workspace_m;
         c.position(&format!("{at}.workspace_m"), low);
         c.position(&format!("{at}.workspace_m"), high);
-        // not-a-number is no order either
+        // false for NaN
         if !low.iter().zip(high).all(|(a, b)| a < b) {
             let help = "give the least x, y, z, then the greatest";
-            c.say(&format!("{at}.workspace_m"), "there is no place in this workspace", help);
+            c.complain(&format!("{at}.workspace_m"), "there is no place in this workspace", help);
         }
         c.range_or(&format!("{at}.jump_mm"), self.jump_mm, (1.0, 10_000.0), "mm", Some(("meters", 1e3)));
         c.range(&format!("{at}.confirmations"), f64::from(self.confirmations), 1.0, 1000.0, "times");

@@ -1,23 +1,23 @@
-//! Whether values have the shape that the schema gives them: their keys, types and choices. All that don't fit are told at once.
+//! Checks that values match the schema: keys, types and choices. Reports all mismatches at once.
 
-use super::complaints::MOST;
+use super::complaints::MAX_COMPLAINTS;
 use mobee_contract::{nearest, suggestion};
 use serde_json::{Map, Value};
 
-/// A value that does not fit.
+/// A value that does not match.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Misfit {
-    /// The way to it.
+    /// Keys and indices that lead to it.
     pub steps: Vec<String>,
-    /// Whether the key is wrong, not the value.
+    /// True if the key is wrong, not the value.
     pub at_key: bool,
-    /// What is wrong.
+    /// The problem.
     pub what: String,
-    /// What to do about it.
+    /// The remedy.
     pub help: String,
 }
 
-/// All that does not fit.
+/// All values that do not match the schema.
 pub fn misfits(schema: &Value, value: &Value) -> Vec<Misfit> {
     let mut walk = Walk { root: schema, steps: Vec::new(), found: Vec::new() };
     walk.value(schema, value);
@@ -31,7 +31,7 @@ struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    fn say(&mut self, at_key: bool, what: String, help: String) {
+    fn complain(&mut self, at_key: bool, what: String, help: String) {
         self.found.push(Misfit { steps: self.steps.clone(), at_key, what, help });
     }
 
@@ -41,7 +41,7 @@ impl<'a> Walk<'a> {
         self.steps.pop();
     }
 
-    /// What a schema's links lead to.
+    /// Follows a schema's links.
     fn resolve(&self, mut schema: &'a Value) -> &'a Value {
         // links don't nest deeper than types do
         for _ in 0..16 {
@@ -58,7 +58,7 @@ impl<'a> Walk<'a> {
         let outer = schema;
         let mut schema = self.resolve(schema);
         if let Some(options) = schema["anyOf"].as_array() {
-            // an optional value: TOML has none that is null
+            // an optional value; TOML has no null
             let Some(some) = options.iter().find(|o| o["type"] != "null") else { return };
             schema = self.resolve(some);
         }
@@ -76,13 +76,14 @@ impl<'a> Walk<'a> {
             Value::Object(map) => self.table(schema, map),
             Value::Array(list) => self.list(schema, list, doc),
             Value::Number(n) => {
-                let (least, most) = (schema["minimum"].as_f64(), schema["maximum"].as_f64());
+                let least = schema["minimum"].as_f64();
+                let most = schema["maximum"].as_f64();
                 let n = n.as_f64().unwrap_or_default();
                 if let Some(least) = least.filter(|least| n < *least) {
-                    self.say(false, format!("{n} is below {least}"), format!("give a number of {least} or more"));
+                    self.complain(false, format!("{n} is below {least}"), format!("give a number of {least} or more"));
                 }
                 if let Some(most) = most.filter(|most| n > *most) {
-                    self.say(false, format!("{n} is above {most}"), format!("give a number up to {most}"));
+                    self.complain(false, format!("{n} is above {most}"), format!("give a number up to {most}"));
                 }
             }
             _ => {}
@@ -93,19 +94,20 @@ impl<'a> Walk<'a> {
         let names: Vec<&str> = expected.iter().map(|t| name(t)).collect();
         let help = [hint(value, expected), doc.replace('\n', " ")];
         let help: Vec<String> = help.into_iter().filter(|h| !h.is_empty()).collect();
-        self.say(false, format!("expected {}, found {}", names.join(" or "), given(value)), help.join("\n"));
+        self.complain(false, format!("expected {}, found {}", names.join(" or "), given(value)), help.join("\n"));
     }
 
     fn list(&mut self, schema: &'a Value, list: &[Value], doc: &str) {
-        let (least, most) = (schema["minItems"].as_u64(), schema["maxItems"].as_u64());
+        let least = schema["minItems"].as_u64();
+        let most = schema["maxItems"].as_u64();
         let n = list.len() as u64;
         if least.is_some_and(|least| n < least) || most.is_some_and(|most| n > most) {
             let wanted = least.or(most).unwrap_or(0);
             let help = if doc.is_empty() { format!("give {wanted} values") } else { doc.replace('\n', " ") };
-            self.say(false, format!("expected {wanted} values, found {n}"), help);
+            self.complain(false, format!("expected {wanted} values, found {n}"), help);
         }
         for (i, element) in list.iter().enumerate() {
-            if self.found.len() >= MOST {
+            if self.found.len() >= MAX_COMPLAINTS {
                 return;
             }
             self.within(&i.to_string(), |w| w.value(&schema["items"], element));
@@ -117,9 +119,9 @@ impl<'a> Walk<'a> {
         let known = schema["properties"].as_object();
         let names: Vec<&str> = known.unwrap_or(&none).keys().map(String::as_str).collect();
         let mut meant = Vec::new();
-        // nothing is written for what is null: only what was read before holds such
+        // null is never written; it occurs only in values that were resolved before
         for (key, value) in map.iter().filter(|(_, value)| !value.is_null()) {
-            if self.found.len() >= MOST {
+            if self.found.len() >= MAX_COMPLAINTS {
                 return;
             }
             match (known.and_then(|k| k.get(key)), schema.get("additionalProperties")) {
@@ -127,7 +129,7 @@ impl<'a> Walk<'a> {
                 (None, Some(Value::Bool(false))) => {
                     meant.extend(nearest(key, &names));
                     let help = suggestion(key, "key", &names);
-                    self.within(key, |w| w.say(true, format!("there is no key `{key}` here"), help));
+                    self.within(key, |w| w.complain(true, format!("there is no key `{key}` here"), help));
                 }
                 (None, Some(inner)) if inner.is_object() => self.within(key, |w| w.value(inner, value)),
                 _ => {}
@@ -144,12 +146,12 @@ impl<'a> Walk<'a> {
                     ["string"] => format!("{key} = \"...\""),
                     _ => format!("{key} = ..."),
                 };
-                self.say(true, format!("`{key}` is missing"), format!("add {example}\n{doc}"));
+                self.complain(true, format!("`{key}` is missing"), format!("add {example}\n{doc}"));
             }
         }
     }
 
-    /// One of several: words, kinds, or tables of one key.
+    /// Checks a choice: words, kinds, or tables of one key.
     fn choice(&mut self, options: &[&'a Value], value: &Value, doc: &str) {
         let words: Vec<&str> = options.iter().filter_map(|o| o["const"].as_str()).collect();
         if words.len() == options.len() {
@@ -165,36 +167,36 @@ impl<'a> Walk<'a> {
         let names: Vec<&str> = keys.iter().map(|(k, _)| *k).collect();
         if map.len() != 1 {
             let what = format!("expected one key, found {}", map.len());
-            return self.say(false, what, format!("choose one of {}", names.join(", ")));
+            return self.complain(false, what, format!("choose one of {}", names.join(", ")));
         }
         for (key, value) in map {
             match keys.iter().find(|(k, _)| k == key) {
                 Some((_, inner)) => self.within(key, |w| w.value(inner, value)),
                 None => {
                     let help = suggestion(key, "key", &names);
-                    self.within(key, |w| w.say(true, format!("there is no key `{key}` here"), help));
+                    self.within(key, |w| w.complain(true, format!("there is no key `{key}` here"), help));
                 }
             }
         }
     }
 
-    /// A table that says by its `tag` (`kind`, mostly) which of several it is.
+    /// Checks a table whose `tag` (usually `kind`) names its variant.
     fn tagged(&mut self, options: &[&'a Value], tag: &str, names: &[&str], map: &Map<String, Value>) {
         let known = || names.join(", ");
         match map.get(tag) {
-            // one that need not be named is that of tables that name none
+            // tables without a tag are of the variant whose tag is optional
             None => match options.iter().find(|o| o["required"].as_array().is_none_or(|r| !r.contains(&tag.into()))) {
                 Some(option) => self.table(option, map),
                 None => {
                     let help = format!("add {tag} = \"...\"; known: {}", known());
-                    self.say(true, format!("there is no `{tag}` here"), help);
+                    self.complain(true, format!("there is no `{tag}` here"), help);
                 }
             },
             Some(Value::String(name)) => match options.iter().zip(names).find(|(_, known)| *known == name) {
                 Some((option, _)) => self.table(option, map),
                 None => {
                     let help = suggestion(name, tag, names);
-                    self.within(tag, |w| w.say(false, format!("there is no {tag} `{name}`"), help));
+                    self.within(tag, |w| w.complain(false, format!("there is no {tag} `{name}`"), help));
                 }
             },
             Some(other) => {
@@ -208,14 +210,14 @@ impl<'a> Walk<'a> {
         match value {
             Value::String(word) if words.contains(&word.as_str()) => {}
             Value::String(word) => {
-                self.say(false, format!("`{word}` can't be chosen here"), suggestion(word, "choice", words));
+                self.complain(false, format!("`{word}` can't be chosen here"), suggestion(word, "choice", words));
             }
             other => self.mistyped(other, &["string"], &format!("choose {}", words.join(" or "))),
         }
     }
 }
 
-/// The key by which tables of several sorts are told apart, and the word that each has there.
+/// The key that distinguishes the variants of a table, and the word of each.
 fn tag<'a>(options: &[&'a Value]) -> Option<(&'a str, Vec<&'a str>)> {
     let first = options.first()?["properties"].as_object()?;
     first.keys().find_map(|key| {
@@ -224,7 +226,7 @@ fn tag<'a>(options: &[&'a Value]) -> Option<(&'a str, Vec<&'a str>)> {
     })
 }
 
-/// The types that a schema allows; none: all.
+/// The types that a schema allows; empty: all.
 fn types(schema: &Value) -> Vec<&str> {
     match &schema["type"] {
         Value::String(one) => vec![one],
@@ -264,7 +266,7 @@ fn given(value: &Value) -> String {
     }
 }
 
-/// What the writer may have had in mind.
+/// A guess at the intended value.
 fn hint(value: &Value, expected: &[&str]) -> String {
     let number = expected.iter().any(|t| matches!(*t, "number" | "integer"));
     match value {

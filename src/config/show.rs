@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use std::fmt::Write;
 use std::path::Path;
 
-/// The resolved configuration of a file: TOML that says the same, with the origin of every value as a comment.
+/// The resolved configuration of a file as equivalent TOML, with the origin of every value as a comment.
 ///
 /// # Errors
 /// As for [`Config::load`].
@@ -38,7 +38,7 @@ struct Shown<'a> {
 impl Shown<'_> {
     fn table(&mut self, map: &Map<String, Value>, node: Option<&LayerNode>, path: &[String]) {
         let child = |key: &str| node.and_then(|n| n.child(key));
-        // a key after a table's head would belong to that table: values first
+        // values first: a key after the header of a table would belong to that table
         for (key, value) in map.iter().filter(|(_, v)| !is_section(v)) {
             if !value.is_null() {
                 self.line(key, value, child(key));
@@ -70,7 +70,7 @@ impl Shown<'_> {
     }
 }
 
-/// What is written under a head of its own: tables, and lists of tables.
+/// True for values with a header of their own: tables, and lists of tables.
 fn is_section(value: &Value) -> bool {
     match value {
         Value::Object(_) => true,

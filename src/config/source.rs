@@ -1,5 +1,5 @@
-//! The values of a configuration as layers put them together: included files, the file, the environment, `--set`. Each knows its
-//! place, so that every complaint can point at one.
+//! The values of a configuration, merged from its layers: included files, the file, the environment, `--set`. Each has
+//! its place, so that every complaint can point at one.
 //!
 //! ```text
 //! include = [a, b]  <  the file  <  MOBEE_SET__robot__icub__agent__vertices=30  <  --set robot.icub.agent.vertices=30
@@ -15,10 +15,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
-/// What the names of variables begin with that set values; the steps of the key follow, joined by two underscores.
+/// Prefix of environment variables that set values; the steps of the key follow, joined by two underscores.
 const VARIABLE: &str = "MOBEE_SET__";
 
-/// A configuration, read but not yet understood.
+/// A configuration as values, before conversion to its types.
 #[derive(Clone, Debug)]
 pub struct Source {
     /// The path as the user gave it.
@@ -27,12 +27,13 @@ pub struct Source {
     pub value: Value,
     root: LayerNode,
     files: Vec<TextFile>,
-    /// What stands in the files that it names, if it was sent along: then none of them is opened.
+    /// The contents of the files that it names, if they were sent along: then none of them is opened.
     files_sent: Option<BTreeMap<PathBuf, Vec<u8>>>,
 }
 
 impl Source {
-    /// Reads a file, what it includes, this process's environment, and assignments as of `--set`, later ones over earlier ones.
+    /// Reads a file, its includes, this process's environment, and assignments as of `--set`. Later layers take
+    /// precedence.
     ///
     /// # Errors
     /// All files and assignments that can't be read.
@@ -43,7 +44,7 @@ impl Source {
         Source::layers(path, &environment, assignments)
     }
 
-    /// The same with a given environment.
+    /// Like [`Source::load`], with a given environment.
     ///
     /// # Errors
     /// As for [`Source::load`].
@@ -69,46 +70,47 @@ impl Source {
         wrong.none_or(source)
     }
 
-    /// Values that were resolved before, for a file that stands at `path`. Complaints then have no place in a text.
+    /// Values that were resolved before, for a file at `path`. Complaints then have no place in a text.
     pub fn resolved(path: &Path, value: Value) -> Source {
         let root = LayerNode::plain(value.clone(), &Origin::Resolved);
         Source { path: path.to_owned(), value, root, files: Vec::new(), files_sent: None }
     }
 
-    /// Values that somebody else resolved, with what stands in the files that they name: nothing is read from this disk.
+    /// Values that a client resolved, with the contents of the files that they name: nothing is read from this disk.
     pub fn sent(path: &Path, value: Value, files: BTreeMap<PathBuf, Vec<u8>>) -> Source {
         Source { files_sent: Some(files), ..Source::resolved(path, value) }
     }
 
-    /// Whether the configuration was sent to a run, so that nothing is opened that it names.
+    /// True if the configuration was sent to a run, which then opens none of the files that it names.
     pub fn was_sent(&self) -> bool {
         self.files_sent.is_some()
     }
 
-    /// What was sent in place of the file at `path`, which the value at `at` names; `None` if files are to be read from the disk.
+    /// The bytes sent in place of the file at `path`, which the value at `at` names; `None` if files are read from the
+    /// disk.
     ///
     /// # Errors
-    /// If this one was not sent.
+    /// If this file was not sent.
     pub fn bytes_sent(&self, at: &str, path: &Path) -> Option<Result<&[u8], ConfigError>> {
         let bytes = self.files_sent.as_ref()?.get(path).map(Vec::as_slice);
         let missing = || self.error(at, format!("{} was not sent", path.display()), "send all files that it names");
         Some(bytes.ok_or_else(missing))
     }
 
-    /// The same of a file that is a text.
+    /// Like [`Source::bytes_sent`], for a text file.
     ///
     /// # Errors
-    /// If it was not sent, or is no text.
+    /// If it was not sent, or is not text.
     pub fn text_sent(&self, at: &str, path: &Path) -> Option<Result<&str, ConfigError>> {
         let foreign =
-            |_| self.error(at, format!("{} is no text", path.display()), "give a file of the kind that is named");
+            |_| self.error(at, format!("{} is not text", path.display()), "give a file of the kind that is named");
         Some(self.bytes_sent(at, path)?.and_then(|bytes| std::str::from_utf8(bytes).map_err(foreign)))
     }
 
     /// Overrides one value: `robot.icub.agent.vertices=30`. Elements of lists are named by index or by their `name`.
     ///
     /// # Errors
-    /// If the assignment is malformed or leads through something that is no table.
+    /// If the assignment is malformed, or its key leads through a value that is not a table.
     pub fn set(&mut self, assignment: &str) -> Result<(), ConfigError> {
         let origin = Origin::Set(assignment.to_owned());
         let (key, raw) =
@@ -128,7 +130,7 @@ impl Source {
             Ok(t) => t.get_ref().get("v").map_or(Ok(Value::Null), |v| plain(v.get_ref())).map_err(&bad)?,
             Err(_) => Value::String(raw.to_owned()),
         };
-        // the way to the value as a layer of its own, merged as any other
+        // the assignment is a layer of its own, merged as any other
         let mut at = &self.root;
         let mut elements: Vec<Option<usize>> = Vec::new();
         let nothing = LayerNode { origin: origin.clone(), content: Content::Table(BTreeMap::new()) };
@@ -141,7 +143,7 @@ impl Source {
                         .ok_or_else(|| bad(not_in(list, step)))?,
                 ),
                 Content::Table(_) => None,
-                Content::Leaf(_) => return Err(bad(format!("`{step}` leads through something that is no table"))),
+                Content::Leaf(_) => return Err(bad(format!("`{step}` leads through a value that is not a table"))),
             });
             let index = elements.last().copied().flatten().map(|i| i.to_string());
             at = at.child(index.as_deref().unwrap_or(step)).unwrap_or(&nothing);
@@ -164,16 +166,17 @@ impl Source {
         self.complain(&steps, unknown.is_some(), message, help)
     }
 
-    /// A complaint about a key: its caret stands at the key, not at the value.
+    /// A complaint about a key: the caret is at the key, not at the value.
     pub fn key_error(&self, path: &str, message: impl Into<String>, help: impl Into<String>) -> ConfigError {
         self.complain(&steps(path), true, message.into(), help)
     }
 
-    /// A complaint about the value these steps lead to, or the nearest table if there is none; at its key, or at the value.
+    /// A complaint about the value at these steps, or about the nearest table if there is none; at its key, or at the
+    /// value.
     pub fn complain(&self, steps: &[String], at_key: bool, message: String, help: impl Into<String>) -> ConfigError {
         let node = self.nearest(steps);
         let help = match (message.ends_with(" is missing"), node.child("kind").map(|kind| &kind.origin)) {
-            // the file that is pointed at has the key, for the kind that it names
+            // the caret is at a file that has the key for another kind
             (true, Some(Origin::Set(by) | Origin::Environment(by))) if matches!(node.origin, Origin::File { .. }) => {
                 let first = "a changed kind starts without the other kind's settings; give them with it";
                 format!(
@@ -199,7 +202,7 @@ impl Source {
         }
     }
 
-    /// The node of these steps, or of as many of them as there are.
+    /// The node at these steps, or the deepest one on the path to it.
     fn nearest(&self, steps: &[String]) -> &LayerNode {
         let mut at = &self.root;
         for step in steps {
@@ -211,12 +214,12 @@ impl Source {
         at
     }
 
-    /// The files it was read from.
+    /// The files that it was read from.
     pub fn files(&self) -> Vec<PathBuf> {
         self.files.iter().map(|f| PathBuf::from(&f.name)).collect()
     }
 
-    /// Whether a file sets the value at `path`, and not the environment, `--set` or an earlier run.
+    /// True if a file sets the value at `path`, and not the environment, `--set` or an earlier run.
     pub fn in_file(&self, path: &str) -> bool {
         matches!(self.nearest(&steps(path)).origin, Origin::File { .. })
     }
@@ -241,26 +244,26 @@ impl Source {
         }
     }
 
-    /// A path that stands at `at` in the configuration, as seen from the main file's folder; `~/` is the user's home.
+    /// A path at `at` in the configuration, relative to the main file's folder; `~/` is the user's home.
     pub fn relocated(&self, at: &str, path: &Path) -> PathBuf {
         match &self.nearest(&steps(at)).origin {
             Origin::File { file, .. } => {
                 let path = from_home(path);
                 self.files.get(*file).map_or(path.clone(), |f| f.folder.join(&path))
             }
-            // it was expanded by the program that resolved it
+            // the program that resolved it has expanded it
             Origin::Resolved => path.to_owned(),
             Origin::Environment(_) | Origin::Set(_) => from_home(path),
         }
     }
 }
 
-/// `robot[0].agent` as steps.
+/// Splits `robot[0].agent` into steps.
 fn steps(path: &str) -> Vec<String> {
     path.replace('[', ".").replace(']', "").split('.').filter(|s| !s.is_empty()).map(str::to_owned).collect()
 }
 
-/// What to write of a step that names no element of a list.
+/// The complaint about a step that names no element of a list.
 fn not_in(list: &[LayerNode], step: &str) -> String {
     let names: Vec<&str> = list.iter().filter_map(|n| n.text("name")).collect();
     let near = nearest(step, &names).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
@@ -285,7 +288,7 @@ fn misassigned(origin: &Origin, what: String) -> ConfigError {
     }
 }
 
-/// Puts a value where the steps lead; elements of lists by their index.
+/// Writes a value at the steps; elements of lists by their index.
 fn put(at: &mut LayerNode, steps: &[&str], elements: &[Option<usize>], value: LayerNode, origin: &Origin) {
     let (Some((step, steps)), Some((element, elements))) = (steps.split_first(), elements.split_first()) else {
         return;
@@ -296,7 +299,7 @@ fn put(at: &mut LayerNode, steps: &[&str], elements: &[Option<usize>], value: La
             if last {
                 let same = map.get("kind").is_none_or(|old| old.value() == value.value());
                 if *step == "kind" && !same {
-                    // another kind has other settings
+                    // settings of the previous kind do not apply to another one
                     map.clear();
                 }
                 map.insert((*step).to_owned(), value);
@@ -318,7 +321,7 @@ fn put(at: &mut LayerNode, steps: &[&str], elements: &[Option<usize>], value: La
     }
 }
 
-/// A span cut to its first line, so that a complaint about a table points at its head.
+/// A span cut to its first line, so that a complaint about a table points at its header.
 fn first_line(text: &str, span: Range<usize>) -> Range<usize> {
     let end = text.get(span.clone()).and_then(|t| t.find('\n')).map_or(span.end, |n| span.start + n);
     span.start..end

@@ -1,8 +1,8 @@
-//! What a misspelt key may have meant.
+//! Suggestions for misspelled keys.
 
 use mobee_contract::nearest;
 
-/// The nearest of the names that serde says it expected, as a remedy.
+/// A remedy from the names that serde expected: the nearest one first.
 pub fn did_you_mean(message: &str) -> Option<String> {
     let (wrong, rest) = message
         .strip_prefix("unknown field `")

@@ -1,8 +1,8 @@
-//! What `mobee ctl` says to a run, and how it shows the answers.
+//! Requests of `mobee ctl` to a run, and the output of their replies.
 
-use super::find::{self, Client};
+use super::connection::{self, Client};
 use super::wire::{Reply, Request, Sent};
-use super::{CtlArgs, CtlCommand, SwapArgs, gather};
+use super::{CtlArgs, CtlCommand, SwapArgs, config_payload};
 use crate::config::ConfigError;
 use miette::Report;
 use std::io::{IsTerminal, Write};
@@ -10,17 +10,17 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How often a swap is looked after.
-const PERIOD: Duration = Duration::from_millis(500);
-/// How often the log, or the end of a motion, is asked for.
-const POLL: Duration = Duration::from_millis(200);
-/// How long a run may take to end in order.
-const OVER: Duration = Duration::from_secs(120);
-/// How often `top` is drawn.
-const REDRAWN: Duration = Duration::from_secs(1);
+/// Interval between two requests for the state of a swap.
+const SWAP_POLL_INTERVAL: Duration = Duration::from_millis(500);
+/// Interval between two requests for the log, or for the end of a motion.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
+/// Maximum time in which a run ends in order.
+const END_TIMEOUT: Duration = Duration::from_secs(120);
+/// Interval of updates by `top`.
+const REDRAW_INTERVAL: Duration = Duration::from_secs(1);
 
 pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
-    let mut client = find::connect(&args).await?;
+    let mut client = connection::connect(&args).await?;
     let words = |words: &[&str], robot: Option<String>| {
         words.iter().map(|w| (*w).to_owned()).chain(robot).collect::<Vec<String>>()
     };
@@ -36,11 +36,13 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
         CtlCommand::Release(of) => words(&["release"], of.name()),
         CtlCommand::Pose(of) => words(&["pose"], of.name()),
         CtlCommand::Go { motors, robot, speed } => {
-            let (robot, speed) = (robot.unwrap_or_default(), speed.to_string());
+            let robot = robot.unwrap_or_default();
+            let speed = speed.to_string();
             return go(&mut client, words(&["go", &robot, &speed], None).into_iter().chain(motors).collect()).await;
         }
         CtlCommand::Home { of, speed } => {
-            let (robot, speed) = (of.name().unwrap_or_default(), speed.to_string());
+            let robot = of.name().unwrap_or_default();
+            let speed = speed.to_string();
             return go(&mut client, words(&["home", &robot, &speed], None)).await;
         }
         CtlCommand::Log { follow, lines } => return log(&mut client, lines, follow).await,
@@ -48,11 +50,11 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
         CtlCommand::Record { what, address } => words(&["record", &what], address),
         CtlCommand::World { words } => std::iter::once("world".to_owned()).chain(words).collect(),
     };
-    finish(&client.ask(&say(request)).await?)
+    finish(&client.call(&plain_request(request)).await?)
 }
 
-/// A request of words alone.
-fn say(words: Vec<String>) -> Request {
+/// A request without an attached configuration.
+fn plain_request(words: Vec<String>) -> Request {
     Request { words, offer: None }
 }
 
@@ -66,31 +68,31 @@ fn finish(answer: &Reply) -> Result<ExitCode, Report> {
     Ok(ExitCode::from(2))
 }
 
-/// Ends the run, and waits until it is over: its journal and folder are then as they stay.
+/// Ends the run, and waits until its journal and folder are final.
 async fn stop(client: &mut Client, words: Vec<String>) -> Result<ExitCode, Report> {
-    let answer = client.ask(&say(words)).await?;
+    let answer = client.call(&plain_request(words)).await?;
     if !answer.done {
         return finish(&answer);
     }
     println!("{}", answer.lines.join("\n"));
-    if client.closed(OVER).await {
+    if client.closed(END_TIMEOUT).await {
         println!("the run is over");
         return Ok(ExitCode::SUCCESS);
     }
-    let what = format!("the run has not ended within {} s", OVER.as_secs());
+    let what = format!("the run has not ended within {} s", END_TIMEOUT.as_secs());
     Err(ConfigError::plain(what, "look at it with `mobee ctl status`, or end it by `mobee ctl stop --now`").into())
 }
 
-/// Commits a motion, and waits for its outcome; Ctrl-C brakes it.
+/// Commits a motion and waits for its outcome; Ctrl-C brakes it.
 async fn go(client: &mut Client, words: Vec<String>) -> Result<ExitCode, Report> {
-    let answer = client.ask(&say(words)).await?;
+    let answer = client.call(&plain_request(words)).await?;
     let [robot, id] = answer.lines.as_slice() else { return finish(&answer) };
     if !answer.done {
         return finish(&answer);
     }
     let mut brakes = false;
     loop {
-        let ended = client.ask(&say(vec!["ended".to_owned(), robot.clone(), id.clone()])).await?;
+        let ended = client.call(&plain_request(vec!["ended".to_owned(), robot.clone(), id.clone()])).await?;
         match ended.lines.as_slice() {
             [word, text] if ended.done => {
                 println!("{text}");
@@ -102,9 +104,9 @@ async fn go(client: &mut Client, words: Vec<String>) -> Result<ExitCode, Report>
         tokio::select! {
             _ = tokio::signal::ctrl_c(), if !brakes => {
                 brakes = true;
-                client.ask(&say(vec!["brake".to_owned(), robot.clone()])).await?;
+                client.call(&plain_request(vec!["brake".to_owned(), robot.clone()])).await?;
             }
-            () = tokio::time::sleep(POLL) => {}
+            () = tokio::time::sleep(POLL_INTERVAL) => {}
         }
     }
 }
@@ -114,7 +116,7 @@ async fn log(client: &mut Client, lines: u32, follow: bool) -> Result<ExitCode, 
     let mut request = vec!["log".to_owned(), "last".to_owned(), lines.to_string()];
     let mut shown = false;
     loop {
-        let answer = match client.ask(&say(request)).await {
+        let answer = match client.call(&plain_request(request)).await {
             Ok(answer) if answer.over && shown => return Ok(ended(&answer)),
             Ok(answer) if answer.done && !answer.over => answer,
             Ok(answer) => return finish(&answer),
@@ -135,23 +137,23 @@ async fn log(client: &mut Client, lines: u32, follow: bool) -> Result<ExitCode, 
         request = vec!["log".to_owned(), "from".to_owned(), next.clone()];
         tokio::select! {
             _ = tokio::signal::ctrl_c() => return Ok(ExitCode::SUCCESS),
-            () = tokio::time::sleep(POLL) => {}
+            () = tokio::time::sleep(POLL_INTERVAL) => {}
         }
     }
 }
 
-/// The run has ended while it was looked at.
+/// Prints the end of a run that was being observed.
 fn ended(answer: &Reply) -> ExitCode {
     println!("{}", answer.lines.join("\n"));
     ExitCode::SUCCESS
 }
 
-/// Draws the status again and again, in place in a terminal, one after the other elsewhere; until Ctrl-C, or the run has ended.
+/// Prints the status repeatedly until Ctrl-C or the end of the run: in place on a terminal, in sequence elsewhere.
 async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report> {
     let terminal = std::io::stdout().is_terminal();
     let mut drawn = 0;
     loop {
-        let answer = match client.ask(&say(vec!["status".into()])).await {
+        let answer = match client.call(&plain_request(vec!["status".into()])).await {
             Ok(answer) if answer.over && drawn > 0 => return Ok(ended(&answer)),
             Ok(answer) if answer.done => answer,
             Ok(answer) => return finish(&answer),
@@ -162,7 +164,7 @@ async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report
             Err(e) => return Err(e.into()),
         };
         let lines = mobee_model::printable(&answer.lines.join("\n")).into_owned();
-        // at the top left, over what was there: clearing all first would flicker
+        // overwrite from the top left: clearing first would flicker
         let lines = if terminal {
             format!("\x1b[H{}\x1b[K\n\x1b[J", lines.replace('\n', "\x1b[K\n"))
         } else {
@@ -179,13 +181,13 @@ async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report
         }
         tokio::select! {
             _ = tokio::signal::ctrl_c() => return Ok(ExitCode::SUCCESS),
-            () = tokio::time::sleep(REDRAWN) => {}
+            () = tokio::time::sleep(REDRAW_INTERVAL) => {}
         }
     }
 }
 
 async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
-    let offer = gather::read(&args.file)?;
+    let offer = config_payload::read(&args.file)?;
     let mut names = [("bridge", args.bridge), ("sensor", args.sensor), ("robot", args.robot)];
     let own = match args.part.as_str() {
         "bridge" => "bridge",
@@ -202,14 +204,14 @@ async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     let mut words = vec!["swap".to_owned(), name.clone(), args.part.clone()];
     words.extend(numbers);
     words.extend(args.fresh.then(|| "fresh".to_owned()));
-    let offered = client.ask(&Request { words, offer: Some(offer) }).await?;
+    let offered = client.call(&Request { words, offer: Some(offer) }).await?;
     if !offered.done || args.no_wait {
         return finish(&offered);
     }
     println!("{}", offered.lines.join("\n"));
     let end = end(client, &name, &args.part).await?;
     if end.over && end.done {
-        // the new agent has finished before its probation was over
+        // the new agent has finished before the end of its probation
         return Ok(ended(&end));
     }
     match end.lines.first().map(String::as_str) {
@@ -219,35 +221,35 @@ async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     }
 }
 
-/// Waits for the end of a swap, and says each step; the answer that tells the last one, or that there is none.
+/// Waits for the end of a swap, and prints each step; returns the reply with the last step, or the first without one.
 async fn end(client: &mut Client, name: &str, part: &str) -> Result<Reply, ConfigError> {
-    let mut said = String::new();
+    let mut printed = String::new();
     loop {
-        let answer = client.ask(&say(vec!["swapped".to_owned(), name.to_owned(), part.to_owned()])).await?;
+        let answer = client.call(&plain_request(vec!["swapped".to_owned(), name.to_owned(), part.to_owned()])).await?;
         let [step, text] = answer.lines.as_slice() else { return Ok(answer) };
         if answer.over {
             return Ok(answer);
         }
-        if *text != said {
+        if *text != printed {
             println!("{text}");
-            said.clone_from(text);
+            printed.clone_from(text);
         }
         if !answer.done || ["settled", "refused", "reverted"].contains(&step.as_str()) {
             return Ok(answer);
         }
-        tokio::time::sleep(PERIOD).await;
+        tokio::time::sleep(SWAP_POLL_INTERVAL).await;
     }
 }
 
-/// Offers the locator of this sensor, as a configuration has it, to the run in this folder, and waits for the end.
+/// Offers a locator for this sensor to the run in this folder, and waits for the end of the swap.
 ///
 /// # Errors
-/// If the run can't be reached, refuses it or goes back to the old one, with its own explanation.
+/// If the run can't be reached, refuses the locator or returns to the old one, with its reason.
 pub(super) async fn put_locator(run: &Path, sensor: &str, offer: Sent, probation: f64) -> Result<(), ConfigError> {
-    let mut client = find::connect_in(run).await?;
+    let mut client = connection::connect_in(run).await?;
     let [sensor, part] = [sensor, "locator"];
     let words = ["swap", sensor, part, "0", &probation.to_string(), "1"].map(str::to_owned).into();
-    let offered = client.ask(&Request { words, offer: Some(offer) }).await?;
+    let offered = client.call(&Request { words, offer: Some(offer) }).await?;
     let end = if offered.done { end(&mut client, sensor, part).await? } else { offered };
     if end.done && end.lines.first().is_some_and(|step| step == "settled") {
         return Ok(());

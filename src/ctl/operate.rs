@@ -1,6 +1,6 @@
-//! The verbs by which an operator moves, stops and looks at robots: halt, release, pose, go, home.
+//! The commands by which an operator moves, stops and observes robots: halt, release, pose, go, home.
 
-use super::desk::Desk;
+use super::handler::RequestHandler;
 use crate::ctl::wire::Reply;
 use mobee_contract::{Commit, CommitId, Filtered, Hold, MotionEnd, Outcome, Status, Target};
 use mobee_model::{Robot, nearest};
@@ -8,34 +8,34 @@ use std::fmt::Write;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The agent in whose name an operator's motions are committed.
+/// The agent name under which an operator's motions are committed.
 const AGENT: &str = "ctl";
-/// How long a halted robot is waited for to come to rest.
-const REST: Duration = Duration::from_secs(5);
-/// How often it is looked at, and the log for the end of a motion.
-const LOOK: Duration = Duration::from_millis(50);
-/// How long the log may be behind the end of a motion.
-const BEHIND: Duration = Duration::from_secs(2);
+/// Time in which a halted robot must stop.
+const STOP_TIMEOUT: Duration = Duration::from_secs(5);
+/// Interval at which its state, and the log for the end of a motion, are polled.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Maximum lag of the log behind the end of a motion.
+const LOG_TIMEOUT: Duration = Duration::from_secs(2);
 
-impl Desk {
+impl RequestHandler {
     /// Halts robots, and waits until they rest.
     pub(super) async fn halt(&self, names: &[&str]) -> Result<Vec<String>, String> {
         let all = self.running.robots();
         let robots: Vec<_> = self.robots(names)?.into_iter().filter_map(|i| all.get(i)).collect();
-        // all are stopped before any is waited for
+        // stop all before waiting for any
         for robot in &robots {
             robot.halt()?;
         }
         let mut lines = Vec::new();
-        let mut left = REST;
+        let mut left = STOP_TIMEOUT;
         for robot in robots {
             let rests = |robot: &Arc<dyn Filtered>| {
                 let latest = robot.latest();
                 latest.ready && latest.status == Status::Holding(Hold::Halted)
             };
             while !rests(robot) && !left.is_zero() {
-                tokio::time::sleep(LOOK).await;
-                left = left.saturating_sub(LOOK);
+                tokio::time::sleep(POLL_INTERVAL).await;
+                left = left.saturating_sub(POLL_INTERVAL);
             }
             let name = robot.name();
             lines.push(match rests(robot) {
@@ -50,19 +50,21 @@ impl Desk {
     pub(super) fn release(&self, names: &[&str]) -> Result<Vec<String>, String> {
         let all = self.running.robots();
         let robots: Vec<_> = self.robots(names)?.into_iter().filter_map(|i| all.get(i)).collect();
-        let said: Vec<_> = robots.iter().map(|robot| (robot.name(), robot.release())).collect();
-        let any = said.iter().any(|(_, released)| released.is_ok());
+        let results: Vec<_> = robots.iter().map(|robot| (robot.name(), robot.release())).collect();
+        let any = results.iter().any(|(_, released)| released.is_ok());
         let line = |(name, released): (&str, Result<(), String>)| match released {
             Ok(()) => format!("{name}: released; its filter opens once it rests free of contact"),
             Err(why) => format!("{name}: {why}"),
         };
-        let lines: Vec<String> = said.into_iter().map(line).collect();
+        let lines: Vec<String> = results.into_iter().map(line).collect();
         if any { Ok(lines) } else { Err(lines.join("\n")) }
     }
 
-    /// Where the motors and markers of robots are.
+    /// The positions of the robots' motors and markers.
     pub(super) fn pose(&self, names: &[&str]) -> Result<Vec<String>, String> {
-        let (all, models, scene) = (self.running.robots(), self.running.models(), self.running.scene());
+        let all = self.running.robots();
+        let models = self.running.models();
+        let scene = self.running.scene();
         let mut lines = Vec::new();
         for index in self.robots(names)? {
             let (Some(robot), Some(model)) = (all.get(index), models.get(index)) else { continue };
@@ -74,8 +76,8 @@ impl Desk {
                 lines.push(format!("  {}", part.name));
                 for m in part.motors.clone() {
                     let (Some(motor), Some(q)) = (model.motors.get(m), latest.q.get(m)) else { continue };
-                    let told = format!("{:9.2} {}", q.to_degrees(), motor.motion.unit());
-                    lines.push(format!("    {:wide$} {told}", motor.name));
+                    let value_text = format!("{:9.2} {}", q.to_degrees(), motor.motion.unit());
+                    lines.push(format!("    {:wide$} {value_text}", motor.name));
                 }
             }
             if latest.q.len() == model.motors.len() {
@@ -89,7 +91,7 @@ impl Desk {
         Ok(lines)
     }
 
-    /// Commits a motion of motors by their names, each as `MOTOR=VALUE`; the robot's name and the commit's number.
+    /// Commits a motion of motors, each as `MOTOR=VALUE`; returns the robot's name and the commit's number.
     pub(super) async fn go(&self, robot: &str, speed: &str, motors: &[&str]) -> Result<Vec<String>, String> {
         let index = self.robot(robot)?;
         let model = self.running.models().get(index).cloned().ok_or("this robot has no model")?;
@@ -132,12 +134,12 @@ impl Desk {
         Ok(vec![name.to_owned(), id.0.to_string()])
     }
 
-    /// How an operator's motion ended: a word and a sentence; nothing while it is under way.
+    /// The end of an operator's motion as a word and a sentence; empty while it is under way.
     pub(super) async fn ended(&self, robot: &str, id: &str) -> Result<Vec<String>, String> {
         let filtered = self.running.robots().get(self.robot(robot)?).ok_or("there is no such robot")?;
         let number: u64 = id.parse().map_err(|_| format!("{id} is not the number of a motion"))?;
         let Some(end) = filtered.end_of(CommitId(number)) else { return Ok(Vec::new()) };
-        let mut left = BEHIND;
+        let mut left = LOG_TIMEOUT;
         loop {
             if let Some((outcome, text)) = self.log.end_of(robot, number) {
                 let word = if outcome == Outcome::Committed { "committed" } else { "failed" };
@@ -147,8 +149,8 @@ impl Desk {
                 let word = if end == MotionEnd::Reached { "committed" } else { "failed" };
                 return Ok(vec![word.into(), format!("{robot}: motion {number} {word}")]);
             }
-            tokio::time::sleep(LOOK).await;
-            left = left.saturating_sub(LOOK);
+            tokio::time::sleep(POLL_INTERVAL).await;
+            left = left.saturating_sub(POLL_INTERVAL);
         }
     }
 
@@ -159,7 +161,7 @@ impl Desk {
         Ok(vec![format!("{robot}: brakes")])
     }
 
-    /// Lines of the log, behind the number of the next: the newest, or all from a number on.
+    /// Lines of the log, preceded by the number of the next line: the newest ones, or all from a number on.
     pub(super) fn lines_of_log(&self, which: &str, number: &str) -> Result<Vec<String>, String> {
         let number: u64 = number.parse().map_err(|_| format!("{number} is not a number of lines"))?;
         let (next, lines) = match which {
@@ -169,7 +171,7 @@ impl Desk {
         Ok(std::iter::once(next.to_string()).chain(lines).collect())
     }
 
-    /// What is said to whoever is connected as the run ends: whether it ends because its agents are done.
+    /// The reply to connected clients as the run ends; `done` if it ends because its agents are done.
     pub(super) fn farewell(&self) -> Reply {
         let done = self.log.done();
         let mut line = "the run has ended".to_owned();
@@ -180,7 +182,8 @@ impl Desk {
     }
 }
 
-/// A motor and its position, rad of encoder, of `MOTOR=VALUE` in degrees, or millimeters where it slides.
+/// Parses `MOTOR=VALUE`, in degrees, or millimeters for prismatic joints: returns the motor and its position, rad of
+/// encoder.
 fn assignment(model: &Robot, word: &str) -> Result<(usize, f64), String> {
     let (name, value) =
         word.split_once('=').ok_or_else(|| format!("`{word}`: write MOTOR=DEGREES, such as r_elbow=60"))?;

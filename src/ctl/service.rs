@@ -1,7 +1,7 @@
 //! The control port as a service of a run.
 
-use super::desk::{BesideNames, Desk, ENDING};
-use super::door::{Door, Guest};
+use super::handler::{BesideNames, ENDING, RequestHandler};
+use super::listener::{CtlListener, CtlPeer};
 use super::wire::{self, Line, Reply, Request};
 use crate::run::{Folder, LogBook, Recording};
 use mobee_actors::system::Control;
@@ -15,38 +15,38 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 
-/// Connections at a time; more are closed at once.
-const GUESTS: usize = 16;
-/// How long a connection may be silent between two requests.
-const IDLE: Duration = Duration::from_secs(60);
-/// How long a reply may take to be taken.
-const WRITE: Duration = Duration::from_secs(5);
-/// How long replies that are under way may take at the end of the run.
-const LEAVE: Duration = Duration::from_secs(1);
-/// How long to wait if the system gives no connection now.
-const PAUSE: Duration = Duration::from_millis(50);
+/// Maximum number of connections; further ones are closed at once.
+const MAX_CONNECTIONS: usize = 16;
+/// Time without a request after which a connection is closed.
+const IDLE_TIMEOUT: Duration = Duration::from_secs(60);
+/// Time limit for sending a reply.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time limit for replies that are under way at the end of the run.
+const DRAIN_TIMEOUT: Duration = Duration::from_secs(1);
+/// Pause after a failure to accept a connection.
+const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(50);
 
-/// Where a run's control port is, and what it shares with the rest of the run.
+/// The address of a run's control port, and the state that it shares with the rest of the run.
 pub(crate) struct CtlPort {
-    /// An address (port 0: any that is free); `None`: a socket in the run's folder.
+    /// An address (port 0: any free one); `None`: a socket in the run's folder.
     pub(crate) address: Option<SocketAddr>,
-    /// The newest events in words.
+    /// The newest events as sentences.
     pub(crate) log: LogBook,
-    /// The connections that are open until the run is over.
+    /// The connections that stay open until the run is over.
     pub(crate) lasts: LastLines,
 }
 
-/// The connections by which the run was stopped. They are closed when the run is over, its folder written: that is how
-/// `mobee ctl stop` waits for it. Clones are the same.
+/// The connections by which the run was stopped. They are closed when the run is over and its folder is written: `mobee
+/// ctl stop` waits for that. Clones share them.
 #[derive(Clone, Default)]
 pub(crate) struct LastLines(Arc<Mutex<Vec<Box<dyn Line>>>>);
 
 impl LastLines {
-    fn keep(&self, line: Box<dyn Line>) {
+    fn push(&self, line: Box<dyn Line>) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(line);
     }
 
-    /// The run is over.
+    /// Closes the connections when the run is over.
     pub(crate) fn close(&self) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
@@ -62,8 +62,7 @@ pub struct CtlService {
 }
 
 impl CtlService {
-    /// For the run in this folder. `recording` is how
-    /// it is recorded, `beside` are the names of what runs beside its robots.
+    /// A control port for the run in this folder; `beside` are the names of the parts that do not belong to its robots.
     pub(crate) fn new(
         folder: &Folder,
         port: CtlPort,
@@ -86,61 +85,67 @@ impl Service for CtlService {
 
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
-            let door = Door::open(&self.folder, self.port.address).await?;
-            let desk = Desk::new(
+            let door = CtlListener::open(&self.folder, self.port.address).await?;
+            let desk = RequestHandler::new(
                 running,
                 self.controls.clone(),
                 self.recording.clone(),
                 self.beside.clone(),
                 self.port.log.clone(),
             );
-            let (mut guests, ending) = (JoinSet::new(), watch::Sender::new(false));
+            let mut connections = JoinSet::new();
+            let ending = watch::Sender::new(false);
             tokio::select! {
                 () = until => {}
                 () = desk.follow() => {}
-                () = receive(&door, &desk, &mut guests, (&ending, &self.port.lasts)) => {}
+                () = accept_connections(&door, &desk, &mut connections, (&ending, &self.port.lasts)) => {}
             }
-            Door::forget(&self.folder);
+            CtlListener::remove_files(&self.folder);
             ending.send_replace(true);
-            let _ = timeout(LEAVE, async { while guests.join_next().await.is_some() {} }).await;
+            let _ = timeout(DRAIN_TIMEOUT, async { while connections.join_next().await.is_some() {} }).await;
             Ok(())
         })
     }
 }
 
-/// Receives guests; for ever.
-async fn receive(
-    door: &Door,
-    desk: &Arc<Desk>,
-    guests: &mut JoinSet<()>,
+/// Accepts connections; never returns.
+async fn accept_connections(
+    door: &CtlListener,
+    desk: &Arc<RequestHandler>,
+    connections: &mut JoinSet<()>,
     (ending, lasts): (&watch::Sender<bool>, &LastLines),
 ) {
     loop {
         tokio::select! {
-            Some(_) = guests.join_next() => {}
-            knock = door.knock() => match knock {
-                Ok(guest) if guests.len() < GUESTS => {
-                    guests.spawn(attend(guest, desk.clone(), ending.subscribe(), lasts.clone()));
+            Some(_) = connections.join_next() => {}
+            accept = door.accept() => match accept {
+                Ok(guest) if connections.len() < MAX_CONNECTIONS => {
+                    connections.spawn(serve_connection(guest, desk.clone(), ending.subscribe(), lasts.clone()));
                 }
                 Ok(_) => {}
-                Err(_) => tokio::time::sleep(PAUSE).await,
+                Err(_) => tokio::time::sleep(ACCEPT_RETRY_DELAY).await,
             }
         }
     }
 }
 
-/// Answers one guest until it goes, falls silent, or the run ends.
-async fn attend(guest: Guest, desk: Arc<Desk>, mut ending: watch::Receiver<bool>, lasts: LastLines) {
+/// Serves one connection until it closes, is idle for too long, or the run ends.
+async fn serve_connection(
+    guest: CtlPeer,
+    desk: Arc<RequestHandler>,
+    mut ending: watch::Receiver<bool>,
+    lasts: LastLines,
+) {
     let Ok(line) = guest.admit().await else { return };
     let mut line = BufReader::new(line);
     loop {
         let request = tokio::select! {
             () = async { drop(ending.wait_for(|ends| *ends).await) } => None,
-            request = timeout(IDLE, wire::read::<Request>(&mut line)) => Some(request),
+            request = timeout(IDLE_TIMEOUT, wire::read::<Request>(&mut line)) => Some(request),
         };
         let Some(request) = request else {
-            // whoever asks next reads this in place of an answer
-            let _ = timeout(WRITE, wire::write(line.get_mut(), &desk.farewell())).await;
+            // the client reads this in place of a reply to its next request
+            let _ = timeout(WRITE_TIMEOUT, wire::write(line.get_mut(), &desk.farewell())).await;
             return;
         };
         let (mut reply, last) = match request {
@@ -148,20 +153,20 @@ async fn attend(guest: Guest, desk: Arc<Desk>, mut ending: watch::Receiver<bool>
                 let stops = request.words.first().is_some_and(|word| word == "stop");
                 (desk.reply(request).await, stops)
             }
-            // what follows on a line that was not understood would not be either
+            // after a malformed line the rest of the connection is unusable
             Ok(Err(why)) => (Reply { done: false, lines: vec![why.to_string()], over: false }, true),
             Ok(Ok(None)) | Err(_) => return,
         };
         if !reply.done && reply.lines == [ENDING] {
-            let _ = timeout(LEAVE / 2, async { drop(ending.wait_for(|ends| *ends).await) }).await;
+            let _ = timeout(DRAIN_TIMEOUT / 2, async { drop(ending.wait_for(|ends| *ends).await) }).await;
             reply = desk.farewell();
         }
-        if !matches!(timeout(WRITE, wire::write(line.get_mut(), &reply)).await, Ok(Ok(()))) {
+        if !matches!(timeout(WRITE_TIMEOUT, wire::write(line.get_mut(), &reply)).await, Ok(Ok(()))) {
             return;
         }
         if last {
             if reply.done {
-                lasts.keep(line.into_inner());
+                lasts.push(line.into_inner());
             }
             return;
         }

@@ -1,6 +1,6 @@
-//! A running system in words: one line per robot, then the tree and the links.
+//! A running system as text: one line per robot, then the tree of actors and the links.
 
-use crate::narrate::in_words;
+use crate::narrate::swap_step_text;
 use mobee_actors::runtime::supervision::Health;
 use mobee_actors::system::{KeptObject, RobotReport, SystemReport};
 use mobee_contract::{Hold, Status, SwapPart, SwapStep};
@@ -8,10 +8,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::time::Duration;
 
-/// How long the end of a swap is shown.
-const NEWS: Duration = Duration::from_secs(30);
+/// Time for which the end of a swap is shown.
+const SWAP_NEWS_TIME: Duration = Duration::from_secs(30);
 
-/// The state of a robot in the words of a status line.
+/// The state of a robot as the word of a status line.
 pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
     if gave_up {
         return "FAULT(gave_up)".into();
@@ -33,7 +33,7 @@ pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
     }
 }
 
-/// Whether a robot will move, why not, and what can be done about it.
+/// The robot's next motion, or the reason why it does not move and the remedy.
 fn outlook(robot: &RobotReport, gave_up: bool, now: &SystemReport) -> String {
     let name = &robot.name;
     let done = now.counts.done.contains_key(name);
@@ -78,7 +78,7 @@ fn outlook(robot: &RobotReport, gave_up: bool, now: &SystemReport) -> String {
     }
 }
 
-/// The nearest pair, and the number of the others.
+/// The closest pair in contact, and the number of the others.
 fn touching(robot: &RobotReport) -> Option<String> {
     let (a, b, distance) = robot.touches.first()?;
     let mm = distance * 1e3;
@@ -90,10 +90,10 @@ fn touching(robot: &RobotReport) -> Option<String> {
     Some(format!("{a} is {how} {b}{more}"))
 }
 
-/// Whether a swap is under way, or ended not long ago.
+/// True if a swap is under way, or ended recently.
 fn is_news(now: &SystemReport, name: &str, part: SwapPart, step: &SwapStep) -> bool {
     let at = now.swapped_at.get(&(name.to_owned(), part));
-    !step.is_last() || at.is_none_or(|at| now.at.since(*at) < NEWS)
+    !step.is_last() || at.is_none_or(|at| now.at.since(*at) < SWAP_NEWS_TIME)
 }
 
 /// The lines of `mobee ctl status`. Rates and shares are taken between `before`, an earlier report, and `now`.
@@ -111,12 +111,14 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
             let _ = write!(line, "; hold offsets: {} deg", each.collect::<Vec<_>>().join(", "));
         }
         for (part, step) in robot.swaps.iter().filter(|(part, step)| is_news(now, &robot.name, **part, step)) {
-            let _ = write!(line, "; swap of the {part}: {}", in_words(*part, step));
+            let _ = write!(line, "; swap of the {part}: {}", swap_step_text(*part, step));
         }
         lines.push(line);
     }
     let beside = now.beside.iter().filter(|((name, part), step)| is_news(now, name, *part, step));
-    lines.extend(beside.map(|((name, part), step)| format!("{name}  swap of the {part}: {}", in_words(*part, step))));
+    lines.extend(
+        beside.map(|((name, part), step)| format!("{name}  swap of the {part}: {}", swap_step_text(*part, step))),
+    );
     for sensor in &now.sensors {
         for KeptObject { object, place, seen, is_stale } in &sensor.objects {
             let age = now.at.since(*seen).as_secs_f64();
@@ -146,8 +148,9 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     ));
     lines.extend(c.failed_by().map(|causes| format!("motions failed by: {causes}")));
     if c.pictures_skipped + c.regions_omitted > 0 {
-        let (pictures, regions) = (c.pictures_skipped, c.regions_omitted);
-        lines.push(format!("{pictures} pictures were skipped, {regions} regions left out; the journal says why"));
+        let pictures = c.pictures_skipped;
+        let regions = c.regions_omitted;
+        lines.push(format!("{pictures} pictures were skipped, {regions} regions omitted; see the journal"));
     }
     if c.hard_contacts > 0 {
         lines.push(format!("{} hard contacts, at most {:.1} mm deep", c.hard_contacts, c.hard_contact_depth_mm));
@@ -172,15 +175,14 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
             (name.clone(), share(*time, before.busy.get(name).copied().unwrap_or_default(), secs))
         };
         shares = now.busy.iter().map(of).collect();
-        let (all, known) = (share(now.process, before.process, secs), shares.values().sum::<f64>());
-        lines.push(format!(
-            "processor: {all:.1} % of a core, {known:.1} % by these and what they have computed elsewhere"
-        ));
+        let all = share(now.process, before.process, secs);
+        let known = shares.values().sum::<f64>();
+        lines.push(format!("processor: {all:.1} % of a core, {known:.1} % by these actors and their tasks"));
     }
     for group in &now.tree {
         branch(group, 0, &shares, &mut lines);
     }
-    // those who watch over the sinks are no part of this tree
+    // the supervisors of the sinks are not part of this tree
     let sink = |(name, _): &(String, _)| {
         let sink = name.strip_prefix("tap>")?;
         shares.get(sink).map(|share| format!("  {sink}  {share:.1} %"))
@@ -224,7 +226,8 @@ mod tests {
     use mobee_contract::{AnswerTime, Time};
 
     fn robot(status: Status, age_ms: u64) -> RobotReport {
-        let (age, fresh) = (Duration::from_millis(age_ms), Duration::from_millis(100));
+        let age = Duration::from_millis(age_ms);
+        let fresh = Duration::from_millis(100);
         RobotReport {
             name: "icub".into(),
             status,
@@ -339,7 +342,7 @@ eyes  cup at 0.300 -0.100 1.000 m, seen 3.0 s ago, STALE
 112.0 s: 0 motions, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
 overload: 2 entries dropped by the recorder; reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms
 
-processor: 9.0 % of a core, 4.0 % by these and what they have computed elsewhere
+processor: 9.0 % of a core, 4.0 % by these actors and their tasks
 controller
   model  2.0 %
   icub/driver  2 restarts  DOWN

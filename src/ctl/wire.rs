@@ -1,4 +1,4 @@
-//! What `mobee ctl` and a run say to each other: one JSON object per line, a request and its reply in turn.
+//! The protocol between `mobee ctl` and a run: one JSON object per line, requests and replies in turn.
 //!
 //! ```text
 //! {"words":["swap","icub","agent"],"offer":{"file":"faster.toml","config":{...},"texts":{"icub.xml":"<ZRP>..."}}}
@@ -13,37 +13,37 @@ use std::io;
 use std::path::PathBuf;
 use tokio::io::{AsyncBufRead, AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 
-/// The longest line, bytes: a configuration with its models and a table of recorded poses.
-pub(super) const LONGEST: usize = 32 << 20;
+/// Maximum length of a line, bytes: a configuration with its models and a table of recorded poses.
+pub(super) const MAX_LINE_BYTES: usize = 32 << 20;
 
-/// What a run is asked.
+/// A request to a run.
 #[derive(Debug, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Request {
     /// The command and its arguments.
     pub(super) words: Vec<String>,
-    /// With `swap`: where the new part is to be found.
+    /// With `swap`: the configuration of the new part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) offer: Option<Sent>,
 }
 
-/// A configuration as its sender read it. The run opens no file that is named here.
+/// A configuration as its client read it. The run opens no file that is named here.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Sent {
-    /// What its sender calls it.
+    /// The client's path of the configuration.
     pub(super) file: PathBuf,
-    /// Its values, all layers put together.
+    /// Its values, with all layers merged.
     pub(super) config: Value,
-    /// What stands in the files that it names.
+    /// The contents of the files that it names.
     pub(super) texts: BTreeMap<PathBuf, String>,
-    /// Those that are no text, two hexadecimal digits for each byte.
+    /// The contents of files that are not text, two hexadecimal digits per byte.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub(super) binaries: BTreeMap<PathBuf, String>,
 }
 
 impl Sent {
-    /// Takes a file along.
+    /// Adds a file.
     pub(super) fn put(&mut self, path: PathBuf, bytes: Vec<u8>) {
         match String::from_utf8(bytes) {
             Ok(text) => self.texts.insert(path, text),
@@ -51,10 +51,10 @@ impl Sent {
         };
     }
 
-    /// All files.
+    /// The contents of all files.
     ///
     /// # Errors
-    /// Digits that are none, in words.
+    /// If a file's digits are malformed.
     pub(super) fn files(&self) -> Result<BTreeMap<PathBuf, Vec<u8>>, String> {
         let mut files: BTreeMap<PathBuf, Vec<u8>> =
             self.texts.iter().map(|(path, text)| (path.clone(), text.clone().into_bytes())).collect();
@@ -72,48 +72,48 @@ impl Sent {
     }
 }
 
-/// What it answers.
+/// The reply to a request.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Reply {
-    /// Whether it was done.
+    /// True if the request succeeded.
     pub(super) done: bool,
-    /// What there is to say.
+    /// The text of the reply.
     pub(super) lines: Vec<String>,
-    /// Whether the run has ended: nothing more is answered on this connection.
+    /// True if the run has ended: no further reply follows on this connection.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub(super) over: bool,
 }
 
-/// A connection, of whatever kind.
+/// A connection of any kind.
 pub(super) trait Line: AsyncRead + AsyncWrite + Send + Unpin {}
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Line for T {}
 
-/// The next line; `None` at the end of the connection.
+/// Reads the next line; `None` at the end of the connection.
 ///
 /// # Errors
-/// A line that is too long or not what is expected, or a connection that broke.
+/// If the line is too long or malformed, or the connection broke.
 pub(super) async fn read<T: DeserializeOwned>(from: &mut (impl AsyncBufRead + Unpin)) -> io::Result<Option<T>> {
     let mut line = Vec::new();
-    let most = LONGEST as u64 + 1;
+    let most = MAX_LINE_BYTES as u64 + 1;
     if from.take(most).read_until(b'\n', &mut line).await? == 0 {
         return Ok(None);
     }
     let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
-    if line.len() > LONGEST {
-        return Err(invalid(format!("more than {} MiB were sent at once", LONGEST >> 20)));
+    if line.len() > MAX_LINE_BYTES {
+        return Err(invalid(format!("more than {} MiB were sent at once", MAX_LINE_BYTES >> 20)));
     }
-    serde_json::from_slice(&line).map(Some).map_err(|e| invalid(format!("this is no request of `mobee ctl`: {e}")))
+    serde_json::from_slice(&line).map(Some).map_err(|e| invalid(format!("this is not a request of `mobee ctl`: {e}")))
 }
 
-/// Sends one line.
+/// Writes one line.
 ///
 /// # Errors
-/// A line that would be too long, or a connection that broke.
+/// If the line would be too long, or the connection broke.
 pub(super) async fn write(to: &mut (impl AsyncWrite + Unpin), what: &impl Serialize) -> io::Result<()> {
     let mut line = serde_json::to_vec(what)?;
-    if line.len() >= LONGEST {
-        let what = format!("the files exceed {} MiB in total", LONGEST >> 20);
+    if line.len() >= MAX_LINE_BYTES {
+        let what = format!("the files exceed {} MiB in total", MAX_LINE_BYTES >> 20);
         return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
     }
     line.push(b'\n');
@@ -143,7 +143,8 @@ mod tests {
     fn files_of_any_kind_arrive_as_they_are() {
         let mut sent =
             Sent { file: "a.toml".into(), config: Value::Null, texts: BTreeMap::new(), binaries: BTreeMap::new() };
-        let (text, network) = ("<ZRP>".as_bytes().to_vec(), (0..=255).collect::<Vec<u8>>());
+        let text = "<ZRP>".as_bytes().to_vec();
+        let network = (0..=255).collect::<Vec<u8>>();
         sent.put("icub.xml".into(), text.clone());
         sent.put("cup.onnx".into(), network.clone());
         assert!(sent.texts.len() == 1 && sent.binaries.len() == 1, "texts can be read by people");
@@ -160,7 +161,7 @@ mod tests {
         for bytes in [&b"GET / HTTP/1.1\r\n"[..], b"CONNECT attacker\n", b"{\"words\":[\"stop\"]", b"{}\n", b"\xff\n"] {
             assert_eq!(heard(bytes).await.expect_err("no request").kind(), io::ErrorKind::InvalidData);
         }
-        let flood = vec![b'['; LONGEST + 2];
+        let flood = vec![b'['; MAX_LINE_BYTES + 2];
         let error = heard(&flood).await.expect_err("too long").to_string();
         assert!(error.contains("MiB"), "{error}");
     }

@@ -1,6 +1,6 @@
-//! `mobee detector eval`: a detector of any kind, judged by pictures.
+//! `mobee detector eval`: evaluates a detector of any kind on images.
 
-use super::{load, unseen};
+use super::{image_complaint, load};
 use crate::compose::compose;
 use crate::config::{Config, ConfigError, simulated, suggestion};
 use miette::{IntoDiagnostic, Report};
@@ -11,19 +11,19 @@ use mobee_contract::{Detector, Frame, Intrinsics, Region, Time};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// What is judged, and by what.
+/// Arguments of `mobee detector eval`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct EvalArgs {
     /// The detector: a file of `mobee detector train`, or a behavior FILE.toml with a sensor, of any kind.
     #[arg(long, value_name = "FILE")]
     detector: PathBuf,
-    /// Which detector of a behavior, if its cameras have several: SENSOR or SENSOR/CAMERA.
+    /// The detector of a behavior, if its cameras have several: SENSOR or SENSOR/CAMERA.
     #[arg(long, value_name = "NAME")]
     sensor: Option<String>,
-    /// What the masks show, if the detector tells several objects.
+    /// The object that the masks show, if the detector has several.
     #[arg(long, value_name = "NAME")]
     object: Option<String>,
-    /// The folder of pictures NAME.jpg with masks NAME_mask.png; pictures without a mask only show how much is told.
+    /// The folder of images NAME.jpg with masks NAME_mask.png; images without a mask only count detections.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
     /// Print JSON.
@@ -37,15 +37,15 @@ struct Judged {
     kind: String,
 }
 
-/// Looks at all pictures, and says how well.
+/// Evaluates the detector on all images, and returns the result as text.
 ///
 /// # Errors
-/// If detector or pictures can't be read, or there is nothing to compare what it tells with.
+/// If detector or images can't be read, or no mask can be compared with its output.
 pub fn command(args: &EvalArgs) -> Result<String, Report> {
     let mut judged = Judged::read(args)?;
     let objects = judged.detector.objects();
     let object = object(&objects, args)?;
-    let pictures = read_pictures(&args.images).map_err(unseen)?;
+    let pictures = read_pictures(&args.images).map_err(image_complaint)?;
     let mut tally = Tally::default();
     for picture in &pictures {
         tally.look(judged.detector.as_mut(), &objects, &object, picture)?;
@@ -96,7 +96,7 @@ impl Judged {
 
     fn of_behavior(path: &Path, wanted: Option<&str>) -> Result<Judged, Report> {
         let (mut config, source) = Config::load(path, &[])?;
-        // no board is touched
+        // no board may be touched
         config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
         let all: Vec<(String, Value)> = config.detectors().map(|(name, table)| (name, table.clone())).collect();
         let is_meant =
@@ -126,19 +126,19 @@ impl Judged {
     }
 }
 
-/// What was told of pictures, and what they show.
+/// Counts of detections and of the truth.
 #[derive(Default)]
 struct Tally {
     images: usize,
-    /// Pictures whose truth is known.
+    /// Images with a mask.
     masks: usize,
-    /// Pictures in which the object was told.
+    /// Images in which the object was detected.
     told: usize,
-    /// Pictures that show it, and it was not told.
-    unseen: usize,
-    /// Pictures that don't, and it was told.
+    /// Images that show the object, without a detection.
+    image_complaint: usize,
+    /// Images that don't show the object, with a detection.
     false_alarms: usize,
-    /// By how much the first region's center is off, pixels, and the worst side of its box.
+    /// Errors of the first region: of its center, and of the worst side of its box, pixels.
     off: [Vec<f64>; 2],
     tells_pixels: bool,
     pixels: Confusion,
@@ -168,7 +168,7 @@ impl Tally {
         self.masks += 1;
         self.place(region, truth);
         if let Some(mask) = mask {
-            // what does not say which objects it tells has one
+            // a detector that does not list its objects has one
             let is_object =
                 |n: &u8| n.checked_sub(1).is_some_and(|k| objects.get(usize::from(k)).is_none_or(|o| o == object));
             let data = mask.objects.iter().map(is_object).collect();
@@ -184,13 +184,13 @@ impl Tally {
                 self.off[0].push((region.center[0] - u).hypot(region.center[1] - v));
                 self.off[1].push(region.bounds.iter().zip(&bounds).map(side).fold(0.0, f64::max));
             }
-            (Some(_), None) => self.unseen += 1,
+            (Some(_), None) => self.image_complaint += 1,
             (None, Some(_)) => self.false_alarms += 1,
             (None, None) => {}
         }
     }
 
-    /// Median, and what 95 % are within, of centers and boxes.
+    /// Median and 95 % quantile of the errors of centers and boxes.
     fn quantiles(&self) -> [[Option<f64>; 2]; 2] {
         self.off.each_ref().map(|off| {
             let mut sorted = off.clone();
@@ -199,7 +199,7 @@ impl Tally {
         })
     }
 
-    /// The correlation, if pixels were told and there are masks.
+    /// Matthews' correlation, if the detector reports pixels and there are masks.
     fn mcc(&self) -> Option<f64> {
         (self.tells_pixels && self.masks > 0).then(|| self.pixels.mcc())
     }
@@ -209,37 +209,37 @@ impl Tally {
         json!({
             "object": object, "kind": kind, "images": self.images, "masks": self.masks, "mcc": self.mcc(),
             "center_off_pixels": center, "box_off_pixels": corners,
-            "told": self.told, "unseen": self.unseen, "false_alarms": self.false_alarms,
+            "told": self.told, "unseen": self.image_complaint, "false_alarms": self.false_alarms,
             "pixels": self.mcc().map(|_| self.pixels),
         })
     }
 
     fn text(&self, object: &str, kind: &str) -> String {
-        let mut said = format!(
+        let mut text = format!(
             "{object}, kind {kind}: told in {} of {} pictures, {} with masks\n",
             self.told, self.images, self.masks
         );
         if let Some(mcc) = self.mcc() {
             let Confusion { hit, false_alarm, miss, .. } = self.pixels;
-            said += &format!("correlation {mcc:.3}; pixels: {hit} hit, {false_alarm} false alarms, {miss} missed\n");
+            text += &format!("correlation {mcc:.3}; pixels: {hit} hit, {false_alarm} false alarms, {miss} missed\n");
         }
         if let [[Some(center), Some(center_most)], [Some(side), Some(side_most)]] = self.quantiles() {
-            said += &format!(
+            text += &format!(
                 "of the first region, off in the median and at 95 %: center {center:.2} and {center_most:.2} pixels, box {side:.2} and \
                  {side_most:.2}\n"
             );
         }
         if self.masks > 0 {
-            said += &format!(
+            text += &format!(
                 "not told in {} pictures that show it, told in {} that don't\n",
-                self.unseen, self.false_alarms
+                self.image_complaint, self.false_alarms
             );
         }
-        said
+        text
     }
 }
 
-/// A picture as a camera gives it: what a lens does is not known of a file, and no pixel depends on it.
+/// An image as a camera's frame. The lens of a file is unknown, and pixels do not depend on it.
 fn frame(picture: &Picture) -> Frame {
     let size = [picture.width, picture.height];
     let focal = [size[1] as f64; 2];

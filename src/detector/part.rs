@@ -1,6 +1,6 @@
-//! Where an interrupted training was: beside the detector that it will be, in FILE.part.
+//! The state of an interrupted training, in FILE.part beside the future detector.
 
-use super::LONGEST;
+use super::MAX_DETECTOR_BYTES;
 use crate::config::ConfigError;
 use crate::roadmap::save_text;
 use miette::Report;
@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 pub(super) struct TrainingPart {
     path: PathBuf,
     inputs: String,
-    /// Where the evolution was, if it had begun.
+    /// The state of the evolution, if it had begun.
     pub(super) state: Option<EvolutionState>,
-    /// How long it had gone on, seconds.
+    /// Duration so far, seconds.
     pub(super) seconds: f64,
 }
 
@@ -30,7 +30,7 @@ struct Noted {
     state: EvolutionState,
 }
 
-/// What a training is of.
+/// Digest of a training's inputs.
 pub(super) fn digest(pictures: &[LabeledPicture], seed: u64) -> String {
     let mut hash = Sha256::new();
     hash.update(DETECTOR_VERSION.to_le_bytes());
@@ -43,7 +43,7 @@ pub(super) fn digest(pictures: &[LabeledPicture], seed: u64) -> String {
 }
 
 impl TrainingPart {
-    /// What there is beside `out`.
+    /// Opens the unfinished training beside `out`, if there is one.
     pub(super) fn open(out: &Path, inputs: String) -> Result<TrainingPart, Report> {
         let mut name = out.as_os_str().to_owned();
         name.push(".part");
@@ -53,9 +53,9 @@ impl TrainingPart {
             return Ok(part);
         }
         let at = part.path.display();
-        let help = format!("remove {at} to begin anew");
-        let text =
-            read_text(&part.path, LONGEST).map_err(|e| ConfigError::plain(format!("can't read {at}: {e}"), &help))?;
+        let help = format!("remove {at} to start over");
+        let text = read_text(&part.path, MAX_DETECTOR_BYTES)
+            .map_err(|e| ConfigError::plain(format!("can't read {at}: {e}"), &help))?;
         let noted: Noted =
             serde_json::from_str(&text).map_err(|e| ConfigError::plain(format!("{at} is damaged: {e}"), &help))?;
         if noted.inputs != part.inputs {
@@ -69,13 +69,13 @@ impl TrainingPart {
         Ok(part)
     }
 
-    /// Writes down where the evolution is.
+    /// Stores the state of the evolution.
     pub(super) fn note(&self, state: &EvolutionState, seconds: f64) -> Result<(), Report> {
         let noted = Noted { inputs: self.inputs.clone(), seconds, state: state.clone() };
         save_text(&self.path, &serde_json::to_string(&noted).unwrap_or_default())
     }
 
-    /// The training is done.
+    /// Removes the file when the training is done.
     pub(super) fn remove(&self) -> Result<(), Report> {
         match std::fs::remove_file(&self.path) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => {

@@ -1,4 +1,4 @@
-//! `mobee detector tag`: pictures of tags.
+//! `mobee detector tag`: images of tags.
 
 use crate::config::ConfigError;
 use image::RgbImage;
@@ -6,7 +6,7 @@ use miette::Report;
 use mobee_behaviors::detectors::tag::TagFamilyName;
 use std::path::PathBuf;
 
-/// What is asked for.
+/// Arguments of `mobee detector tag`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct TagArgs {
     /// The tag's number in its family.
@@ -18,7 +18,7 @@ pub struct TagArgs {
     /// The edge of one bit, pixels.
     #[arg(long, value_name = "N", default_value_t = 40)]
     pixels: usize,
-    /// The file to write, a PNG; one that is there already is kept.
+    /// The file to write, a PNG; an existing one is not replaced.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
 }
@@ -28,12 +28,13 @@ fn family(name: &str) -> Result<TagFamilyName, String> {
     known.ok_or_else(|| "give 36h11, 25h9 or 16h5".into())
 }
 
-/// Makes it, and tells how large it must be printed.
+/// Writes the image, and returns the size at which it must be printed.
 ///
 /// # Errors
-/// If the family has no such tag, or the picture can't be written.
+/// If the family has no such tag, or the image can't be written.
 pub fn command(args: &TagArgs) -> Result<String, Report> {
-    let (name, count) = (args.family.name(), args.family.count());
+    let name = args.family.name();
+    let count = args.family.count();
     if args.id >= count {
         let help = format!("give a number from 0 to {}", count - 1);
         return Err(ConfigError::plain(format!("the family {name} has no tag {}", args.id), help).into());
@@ -51,7 +52,8 @@ pub fn command(args: &TagArgs) -> Result<String, Report> {
     if args.out.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
         return Err(fail("its name does not end in .png".into()).into());
     }
-    let (width, height) = (picture.width as u32, picture.height as u32);
+    let width = picture.width as u32;
+    let height = picture.height as u32;
     let image =
         RgbImage::from_raw(width, height, picture.rgb).ok_or_else(|| fail("the picture is not whole".into()))?;
     let mut file = std::fs::File::create_new(&args.out).map_err(|e| fail(e.to_string()))?;

@@ -15,25 +15,25 @@ use std::time::Instant;
 
 /// Generations if no time is given: the same seed then gives the same detector.
 const GENERATIONS: u64 = 40;
-/// Time between two notes of where the evolution is, seconds.
+/// Interval at which the state of the evolution is stored, seconds.
 const NOTED_S: f64 = 10.0;
 
-/// What to learn, and where it goes.
+/// Arguments of `mobee detector train`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct TrainArgs {
-    /// The folder of pictures NAME.jpg with masks NAME_mask.png.
+    /// The folder of images NAME.jpg with masks NAME_mask.png.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
-    /// The detector to write. While it is learned, where that is is in FILE.part.
+    /// The detector to write. An unfinished training is in FILE.part.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// What to learn: `color` (seconds) or `cgp` (as long as you let it).
+    /// The kind of detector: `color` (seconds) or `cgp` (as long as you let it).
     #[arg(long, value_parser = kind, default_value = "cgp")]
     kind: DetectorKind,
     /// The object's name; default: the folder's.
     #[arg(long, value_name = "NAME")]
     object: Option<String>,
-    /// How long programs evolve, minutes; default: forty generations, however long they take.
+    /// Duration of the evolution, minutes; default: forty generations.
     #[arg(long, value_name = "M", value_parser = minutes)]
     minutes: Option<f64>,
     /// The seed of all randomness.
@@ -60,10 +60,10 @@ fn minutes(text: &str) -> Result<f64, String> {
     minutes.ok_or_else(|| "give a number of minutes from 0 to 100000".into())
 }
 
-/// Learns the detector and says how good it is on pictures that it was not learned from.
+/// Trains the detector and reports its correlation on images that were held out.
 ///
 /// # Errors
-/// If pictures can't be read or teach nothing, what was found so far is of others, or a file can't be written.
+/// If images can't be read or are insufficient, the unfinished training is of others, or a file can't be written.
 #[expect(clippy::disallowed_methods, reason = "how long a training takes is asked for in real time")]
 pub fn command(args: &TrainArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
@@ -72,7 +72,7 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
     }
     let bar = Steps::new();
     bar.step("reads pictures");
-    let pictures = read_folder(&args.images).map_err(super::unseen)?;
+    let pictures = read_folder(&args.images).map_err(super::image_complaint)?;
     let folder = args.images.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
     let object = args.object.clone().or(folder).unwrap_or_else(|| "object".into());
     if let Err(why) = check_object_name(&object) {
@@ -94,14 +94,16 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
         DetectorKind::Cgp => {
             let mut part = TrainingPart::open(&args.out, digest(&pictures, args.seed))?;
             bar.step("learns surroundings");
-            let mut tell = |share| bar.show(share);
-            let (network, inputs) = lessons.network(&pictures, &mut tell).map_err(fault)?;
+            let mut progress = |share| bar.show(share);
+            let (network, inputs) = lessons.network(&pictures, &mut progress).map_err(fault)?;
             let mut evolution = match part.state.take() {
                 Some(state) => Evolution::resume(inputs, lessons.masks(), state),
                 None => Evolution::new(inputs, lessons.masks(), args.seed),
             };
             bar.step("evolves programs");
-            let (began, before, mut noted) = (Instant::now(), part.seconds, 0.0);
+            let began = Instant::now();
+            let before = part.seconds;
+            let mut noted = 0.0;
             loop {
                 let now = began.elapsed().as_secs_f64();
                 let generation = evolution.state().generation;

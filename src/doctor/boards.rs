@@ -1,20 +1,20 @@
 //! The network: the name server, and the control boards of a robot.
 
-use super::{Finding, ModelMotor, PATIENCE, Remote};
+use super::{ANSWER_TIMEOUT, Finding, ModelMotor, Remote};
 use mobee_drivers::joint_kind;
 use mobee_yarp::board::{Ask, Get, LinkState, RemoteBoard, RemoteOptions, Units};
 use mobee_yarp::config::{self, Env};
 use mobee_yarp::{Carrier, Network};
 use std::time::Duration;
 
-/// How often a board is asked something to see how long it takes.
-const ASKED: usize = 10;
-/// For how long states are counted.
-const COUNTED: Duration = Duration::from_secs(1);
+/// Number of round trips for the answer time.
+const ROUND_TRIPS: usize = 10;
+/// Time for which states are counted.
+const COUNT_TIME: Duration = Duration::from_secs(1);
 
-/// Whether the name server answers.
+/// Checks that the name server answers.
 pub(super) async fn name_server(network: &Network, needed: bool) -> Finding {
-    match network.clone().with_timeout(PATIENCE).list("").await {
+    match network.clone().with_timeout(ANSWER_TIMEOUT).list("").await {
         Ok(ports) => {
             let (host, port) = network.server();
             Finding::ok(format!("the YARP name server at {host}:{port} answers; it knows {} ports", ports.len()))
@@ -24,14 +24,14 @@ pub(super) async fn name_server(network: &Network, needed: bool) -> Finding {
     }
 }
 
-/// Looks for each board of a robot, and counts its states.
+/// Checks each board of a robot, and counts its states.
 pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
     let network = match &robot.settings.server {
         Some(server) => match server.parse::<Network>() {
             Ok(network) => network,
             Err(e) => return vec![Finding::bad(e.to_string(), "mend `server` in the driver's table")],
         },
-        // said already
+        // reported already
         None => match config::network_or_default(&Env::real()) {
             Ok(network) => network,
             Err(_) => return Vec::new(),
@@ -48,7 +48,7 @@ pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
     found
 }
 
-/// Looks at a board through ports of our own, whose names are gone when it has.
+/// Checks a board through ports of our own, whose names are removed afterwards.
 async fn board(robot: &Remote, network: &Network, port: &str, motors: &[ModelMotor], what: String) -> Vec<Finding> {
     let options = RemoteOptions {
         local: format!("/MoBeE/doctor/{}{port}", std::process::id()),
@@ -57,12 +57,12 @@ async fn board(robot: &Remote, network: &Network, port: &str, motors: &[ModelMot
         stale: robot.settings.stale(),
     };
     let board = RemoteBoard::new(network, port, options);
-    let found = looked_at(robot, &board, port, motors, what).await;
-    let _ = tokio::time::timeout(PATIENCE, board.close()).await;
+    let found = check_link(robot, &board, port, motors, what).await;
+    let _ = tokio::time::timeout(ANSWER_TIMEOUT, board.close()).await;
     found
 }
 
-async fn looked_at(
+async fn check_link(
     robot: &Remote,
     board: &RemoteBoard,
     port: &str,
@@ -71,7 +71,7 @@ async fn looked_at(
 ) -> Vec<Finding> {
     let mut link = board.link();
     let up = async { link.wait_for(|link| matches!(link, LinkState::Up(_))).await.is_ok() };
-    if !tokio::time::timeout(PATIENCE, up).await.unwrap_or(false) {
+    if !tokio::time::timeout(ANSWER_TIMEOUT, up).await.unwrap_or(false) {
         let why = match &*board.link().borrow() {
             LinkState::Down(why) | LinkState::Taken(why) => why.clone(),
             LinkState::Up(_) => String::new(),
@@ -104,18 +104,18 @@ async fn looked_at(
     found
 }
 
-/// How a board answers, and whether its states come.
+/// Checks the answer time of a board, and its stream of states.
 async fn states(robot: &Remote, board: &RemoteBoard, port: &str, axes: usize, what: String) -> Finding {
     let mut state = board.state();
     let answers = answer_time(board).await;
     let first = async { state.wait_for(Option::is_some).await.is_ok() };
-    let streams = tokio::time::timeout(PATIENCE, first).await.unwrap_or(false);
+    let streams = tokio::time::timeout(ANSWER_TIMEOUT, first).await.unwrap_or(false);
     let seq = || board.state().borrow().as_ref().map_or(0, |s| s.seq);
     let before = seq();
     if streams {
-        tokio::time::sleep(COUNTED).await;
+        tokio::time::sleep(COUNT_TIME).await;
     }
-    let rate = seq().saturating_sub(before) as f64 / COUNTED.as_secs_f64();
+    let rate = seq().saturating_sub(before) as f64 / COUNT_TIME.as_secs_f64();
     let wanted = 1.0 / robot.settings.period().as_secs_f64();
     let what = format!("{what}: {axes} joints, {rate:.0} states per second of {wanted:.0}, answers in {answers:.0?}");
     if rate == 0.0 {
@@ -132,17 +132,17 @@ async fn states(robot: &Remote, board: &RemoteBoard, port: &str, axes: usize, wh
     Finding::ok(what)
 }
 
-/// The longest of some round trips but for one.
+/// The second longest of some round trips.
 async fn answer_time(board: &RemoteBoard) -> Duration {
     let mut took = Vec::new();
-    for _ in 0..ASKED {
+    for _ in 0..ROUND_TRIPS {
         let begun = now();
         if board.ask(&Ask::Get(Get::Axes)).await.is_ok() {
             took.push(begun.elapsed());
         }
     }
     took.sort();
-    took.get(took.len().saturating_sub(2)).copied().unwrap_or(PATIENCE)
+    took.get(took.len().saturating_sub(2)).copied().unwrap_or(ANSWER_TIMEOUT)
 }
 
 #[expect(clippy::disallowed_methods, reason = "it is real time that a board takes to answer")]

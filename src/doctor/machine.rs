@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-/// How many timers are tried.
-const TRIES: u32 = 50;
+/// Number of timers that are measured.
+const TIMERS: u32 = 50;
 
 pub(super) fn processors() -> Finding {
     match std::thread::available_parallelism().map_or(1, usize::from) {
@@ -19,18 +19,19 @@ pub(super) fn processors() -> Finding {
     }
 }
 
-/// How late timers of a millisecond come: the control loop waits by them.
+/// Measures the delay of timers of one millisecond: the control loop depends on them.
 #[expect(clippy::disallowed_methods, reason = "it is the machine's own clock that is looked at")]
 pub(super) async fn timers() -> Finding {
     let mut late = Vec::new();
-    for _ in 0..TRIES {
+    for _ in 0..TIMERS {
         let begun = std::time::Instant::now();
         tokio::time::sleep(Duration::from_millis(1)).await;
         late.push(begun.elapsed().saturating_sub(Duration::from_millis(1)));
     }
     late.sort();
     let ms = |d: Option<&Duration>| d.map_or(0.0, |d| d.as_secs_f64() * 1e3);
-    let (median, worst) = (ms(late.get(late.len() / 2)), ms(late.last()));
+    let median = ms(late.get(late.len() / 2));
+    let worst = ms(late.last());
     let what = format!("timers are {median:.1} ms late, {worst:.1} ms at worst");
     if median > 5.0 || worst > 50.0 {
         return Finding::warn(
@@ -41,7 +42,7 @@ pub(super) async fn timers() -> Finding {
     Finding::ok(what)
 }
 
-/// Whether runs can be written, and how much room there is.
+/// Checks that runs can be written, and the free disk space.
 pub(super) fn folder(runs: &Path) -> Vec<Finding> {
     let here = if runs.is_dir() { runs } else { Path::new(".") };
     let written = match tempfile::tempfile_in(here) {
@@ -67,7 +68,7 @@ fn room(folder: &Path) -> Finding {
     }
 }
 
-/// Free gigabytes and percent, from what `df -Pk` says.
+/// Free gigabytes and percent in the output of `df -Pk`.
 fn free(text: &str) -> Option<(f64, f64)> {
     let mut numbers = text.lines().nth(1)?.split_whitespace().skip(1);
     let (total, _, free): (f64, f64, f64) =

@@ -1,9 +1,9 @@
-//! `mobee doctor FILE --move MOTOR`: what a board does with its commands, measured on a few small motions of one motor.
+//! `mobee doctor FILE --move MOTOR`: measures a board's reaction to commands on a few small motions of one motor.
 //!
-//! The only thing that moves here, and it moves as in every run: in transactions, under the reflex that the file sets, with a journal.
+//! Nothing else moves, and the motor moves as in every run: in transactions, under the file's reflex, with a journal.
 //!
 //! ```text
-//! ToAndFro (agent) ──> the run ──> WatchedDriver ──> board         moves, set-points to and fro, a move that is halted halfway
+//! ToAndFro (agent) ──> the run ──> WatchedDriver ──> board         moves, setpoints to and fro, a move that is halted halfway
 //!                                       └──> Record ──> Figures ──> findings, settings
 //! ```
 
@@ -13,7 +13,7 @@ use super::verdict::{Measured, Settings, verdict};
 use super::watched::{Observed, Shared, StopTrial, Watched, lock};
 use crate::compose::{Composition, compose};
 use crate::config::Config;
-use crate::run::{CtlAt, Extras, Folder, Output, show};
+use crate::run::{CtlAt, Extras, Folder, Output, run_in_terminal};
 use miette::Report;
 use mobee_actors::system::{AgentMaker, Control};
 use mobee_contract::{
@@ -25,19 +25,20 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
 
-/// How far a motor is moved, rad; a move that is halted on its way is twice as long.
-const WAY: f64 = 6.0 * std::f64::consts::PI / 180.0;
-/// Slow moves: each is timed twice, and a dozen times show whether speeds are honored.
+/// Distance of a move, rad; the halted move is twice as long.
+const MOVE_RAD: f64 = 6.0 * std::f64::consts::PI / 180.0;
+/// Number of slow moves: each is timed twice, and a dozen times show whether speeds are honored.
 pub(super) const MOVES: usize = 6;
-/// Shares of the motor's greatest speed: of slow moves, and of quick moves.
-const SPEED: f64 = 0.05;
-const QUICK: f64 = 0.2;
-/// A joint that rests this far beside its target has arrived: its sag is measured, and no reason to take a motion back.
+/// Share of the motor's maximum speed of slow moves.
+const SLOW_SPEED: f64 = 0.05;
+/// Share of the motor's maximum speed of quick moves.
+const QUICK_SPEED: f64 = 0.2;
+/// Distance from its target within which a joint has arrived: its sag is measured, and must not cause a rollback.
 const TOLERANCE_DEG: f64 = 6.0;
-/// Set-points go to and fro in this time, unless that were too quick for the motor, s.
+/// Duration of the setpoints to and fro, unless that is too fast for the motor, s.
 const STREAM_S: f64 = 5.0;
-/// How long the motor rests after each motion.
-const REST: Duration = Duration::from_millis(1200);
+/// Rest of the motor after each motion.
+const REST_TIME: Duration = Duration::from_millis(1200);
 
 /// One motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,36 +51,36 @@ enum Act {
     Halted,
 }
 
-/// All of them; the slow moves first.
+/// All motions; the slow moves first.
 const ACTS: [Act; MOVES + 5] = {
     use Act::{Away, Back, Halted, QuickAway, QuickBack, Stream};
     [Away, Back, Away, Back, Away, Back, Stream, QuickAway, QuickBack, Halted, QuickBack]
 };
 
-/// Makes them, with a rest after each.
+/// Commits the motions, with a rest after each.
 struct ToAndFro {
     motor: usize,
     shared: Shared,
-    /// Where it began, rad.
+    /// Position at the start, rad.
     begin: Option<f64>,
     made: usize,
-    /// Whether it has rested since.
+    /// True if the motor has rested since the last motion.
     rested: bool,
     arrived: u32,
     stream: Option<Stream>,
 }
 
-/// Set-points to and fro, at a constant speed.
+/// Setpoints to and fro, at a constant speed.
 struct Stream {
     since: Time,
     from: f64,
     away: f64,
-    /// Rad/s.
+    /// Speed, rad/s.
     speed: f64,
 }
 
 impl Stream {
-    /// The set-point of this time; `None`: the motor is back.
+    /// The setpoint at this time; `None` once the motor is back.
     fn point(&self, at: Time) -> Option<f64> {
         let gone = self.speed * at.since(self.since).as_secs_f64();
         let most = self.away.abs();
@@ -104,7 +105,7 @@ impl Agent for ToAndFro {
         self.arrived += u32::from(last == Some(MotionEnd::Reached));
         self.stream = None;
         if !std::mem::replace(&mut self.rested, true) {
-            return Intent::Wait(REST);
+            return Intent::Wait(REST_TIME);
         }
         let (Some(axis), Some(here)) = (view.axes.get(self.motor), view.pose().get(self.motor)) else {
             return self.done();
@@ -120,14 +121,14 @@ impl Agent for ToAndFro {
         let halted = *act == Act::Halted;
         lock(&self.shared).trial = if halted { StopTrial::Armed(here.to_degrees()) } else { StopTrial::Off };
         let (q, speed) = match act {
-            Act::Away => (to(WAY), SPEED),
-            Act::Back => (begin, SPEED),
-            Act::QuickAway => (to(WAY), QUICK),
-            Act::QuickBack => (begin, QUICK),
-            Act::Halted => (to(2.0 * WAY), QUICK),
+            Act::Away => (to(MOVE_RAD), SLOW_SPEED),
+            Act::Back => (begin, SLOW_SPEED),
+            Act::QuickAway => (to(MOVE_RAD), QUICK_SPEED),
+            Act::QuickBack => (begin, QUICK_SPEED),
+            Act::Halted => (to(2.0 * MOVE_RAD), QUICK_SPEED),
             Act::Stream => {
-                let away = to(WAY) - here;
-                let speed = (2.0 * away.abs() / STREAM_S).min(QUICK * axis.max_speed);
+                let away = to(MOVE_RAD) - here;
+                let speed = (2.0 * away.abs() / STREAM_S).min(QUICK_SPEED * axis.max_speed);
                 self.stream = Some(Stream { since: view.at, from: *here, away, speed });
                 return self.points(*here);
             }
@@ -149,14 +150,14 @@ impl Agent for ToAndFro {
     }
 }
 
-/// Moves the motor; what was found, and the settings that follow from it.
+/// Moves the motor; returns the findings, and the settings that follow from them.
 ///
 /// # Errors
-/// If the run can't be begun.
+/// If the run can't be started.
 pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<(Vec<Finding>, Settings), Report> {
     let (mut config, source) = Config::load(file, set)?;
     config.name = format!("doctor-{motor}");
-    // it ends when all is measured
+    // the run ends when all is measured
     config.for_s = None;
     let file_has = config.robot.clone();
     for controller in config.robot.iter_mut().map(|robot| &mut robot.controller) {
@@ -169,12 +170,13 @@ pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<(Vec<F
         only(&mut composition, motor, &controls).ok_or_else(|| Report::msg(format!("{motor} is gone")))?;
     let config = file_has.get(robot).ok_or_else(|| Report::msg(format!("the robot of {motor} is gone")))?;
     let folder = Folder::create(&composition.config.name, None)?;
-    show(composition, &folder, Extras::default(), Output::default(), CtlAt::Folder, (controls, receiver))?;
+    run_in_terminal(composition, &folder, Extras::default(), Output::default(), CtlAt::Folder, (controls, receiver))?;
     let seen = lock(&shared);
     let figures: Figures = seen.record.figures();
     let axis = seen.board.as_ref().and_then(|board| board.axes.iter().find(|axis| axis.name == motor)).cloned();
     let axis = axis.ok_or_else(|| Report::msg(format!("the board of {motor} was not reached")))?;
-    let (paces, coarse) = (hardware.paces(), seen.coarse());
+    let paces = hardware.paces();
+    let coarse = seen.coarse();
     Ok(verdict(&Measured {
         figures: &figures,
         axis: &axis,
@@ -185,7 +187,7 @@ pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<(Vec<F
     }))
 }
 
-/// Leaves nothing in the composition that moves but this motor. Its robot, the robot's hardware, and what will be seen of it.
+/// Leaves only this motor to move in the composition. Returns its robot, the robot's hardware, and its observations.
 fn only(
     composition: &mut Composition,
     motor: &str,

@@ -1,4 +1,4 @@
-//! What the figures of a motor mean for the file: findings, and settings to copy into it.
+//! Interprets the figures of a motor: findings, and settings to copy into the file.
 
 use super::Finding;
 use super::measures::{Figures, StopEnd, StopFigures};
@@ -8,30 +8,32 @@ use mobee_contract::{Axis, Paces};
 use mobee_drivers::{Moves, YARP, YarpDriverSettings};
 use std::path::Path;
 
-/// Smaller differences are nobody's concern: sag, and resolution, deg.
-const SAG: f64 = 0.1;
-const FINE: f64 = 0.02;
-/// The load differs with the pose: a sag that was seen may be twice as great elsewhere, and so may a torque.
-const ELSEWHERE: f64 = 2.0;
-/// A single reading may be off by so many standard deviations of the noise.
-const SPREAD: f64 = 4.0;
-/// Settings in degrees and N m are given in steps of this.
-const STEP: f64 = 0.5;
-/// A driver that takes the resolution for this share of what was seen takes it for what it is: both are measured.
-const TAKEN: f64 = 0.7;
-/// The controller waits for a joint to settle for so long after *done*, s.
-const SETTLES: f64 = 1.0;
+/// Sag below which no setting is suggested, deg.
+const MIN_SAG_DEG: f64 = 0.1;
+/// Resolution below which no setting is suggested, deg.
+const FINE_RESOLUTION_DEG: f64 = 0.02;
+/// Factor between the sag or torque that was seen and that at other poses, where the load may be greater.
+const POSE_FACTOR: f64 = 2.0;
+/// Maximum deviation of a single reading in standard deviations of the noise.
+const NOISE_SIGMAS: f64 = 4.0;
+/// Step of settings in degrees and N m.
+const SETTING_STEP: f64 = 0.5;
+/// Ratio of the driver's to the measured resolution above which they count as equal: both are measured.
+const EQUAL_RATIO: f64 = 0.7;
+/// Time for which the controller waits for a joint to settle after *done*, s.
+const SETTLE_S: f64 = 1.0;
 /// Ratios of measured and commanded speed of a board that honors reference speeds.
-const FAIR: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+const HONORED_RATIOS: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 
-/// What is judged.
+/// The inputs of a verdict.
 pub(super) struct Measured<'a> {
     pub figures: &'a Figures,
     pub axis: &'a Axis,
     pub paces: &'a [Paces],
     pub robot: &'a RobotConfig,
     pub folder: &'a Path,
-    /// The motor with the greatest count of those whose encoders the driver takes for finer than they are.
+    /// Of the motors whose encoders are coarser than the driver's setting: the one with the greatest count, and that
+    /// count.
     pub coarse: Option<(String, f64)>,
 }
 
@@ -44,7 +46,7 @@ pub(super) struct Settings {
     controller: Vec<String>,
 }
 
-/// One finding for each measure, and the settings to write into the file; empty if it needs none.
+/// One finding per measure, and the settings to write into the file; empty if it needs none.
 pub(super) fn verdict(measured: &Measured) -> (Vec<Finding>, Settings) {
     let mut settings = Settings { robot: measured.robot.name.clone(), ..Settings::default() };
     let findings = [
@@ -66,7 +68,7 @@ impl Settings {
         self.driver.is_empty() && self.controller.is_empty()
     }
 
-    /// For a person, who copies them.
+    /// The settings as text for a user to copy.
     pub(super) fn toml(&self) -> String {
         let table = |name: &str, lines: &[String]| match lines {
             [] => String::new(),
@@ -75,7 +77,7 @@ impl Settings {
         table("driver", &self.driver) + &table("controller", &self.controller)
     }
 
-    /// A configuration that includes the measured one and adds these.
+    /// A configuration that includes the measured one and adds these settings.
     pub(super) fn layer(&self, included: &str, motor: &str) -> String {
         let text = |s: &str| toml::Value::String(s.into()).to_string();
         let table = |name: &str, lines: &[String]| match lines {
@@ -105,19 +107,22 @@ impl Measured<'_> {
     }
 }
 
-/// The next greater step.
+/// Rounds up to the next step.
 fn up(x: f64) -> f64 {
-    ((x / STEP).ceil() * STEP).max(STEP)
+    ((x / SETTING_STEP).ceil() * SETTING_STEP).max(SETTING_STEP)
 }
 
 fn resolution(m: &Measured, settings: &mut Settings) -> Option<Finding> {
-    let (name, unit, count, noise) = (&m.axis.name, m.unit(), m.figures.count, m.figures.noise);
+    let name = &m.axis.name;
+    let unit = m.unit();
+    let count = m.figures.count;
+    let noise = m.figures.noise;
     let counts = if count > 0.0 { format!("counts in steps of {count:.4} {unit}") } else { "shows no steps".into() };
     let what = format!("the encoder of {name} {counts}, with noise of {noise:.4} {unit} at rest");
-    let off = count.max(SPREAD * noise);
+    let off = count.max(NOISE_SIGMAS * noise);
     let stated = m.axis.resolution.to_degrees();
-    let is_finer = off > FINE && stated < TAKEN * off;
-    let coarse = m.coarse.as_ref().filter(|(_, count)| *count > FINE);
+    let is_finer = off > FINE_RESOLUTION_DEG && stated < EQUAL_RATIO * off;
+    let coarse = m.coarse.as_ref().filter(|(_, count)| *count > FINE_RESOLUTION_DEG);
     if !is_finer && coarse.is_none() || m.yarp().is_none() {
         return Some(Finding::ok(what));
     }
@@ -132,20 +137,23 @@ fn resolution(m: &Measured, settings: &mut Settings) -> Option<Finding> {
 }
 
 fn sag(m: &Measured, settings: &mut Settings) -> Option<Finding> {
-    let (name, unit, most, sags) = (&m.axis.name, m.unit(), m.sag(), &m.figures.sags);
+    let name = &m.axis.name;
+    let unit = m.unit();
+    let most = m.sag();
+    let sags = &m.figures.sags;
     if sags.is_empty() {
         let remedy = format!("see why in {}: it did not come to rest after any move", m.folder.display());
         return Some(Finding::warn(format!("how {name} rests was not measured"), remedy));
     }
     let what = format!("{name} rests up to {most:.2} {unit} from its commanded position, in {} rests", sags.len());
     let stated = m.axis.hold_error.to_degrees();
-    if most <= SAG.max(1.5 * m.figures.count) || stated >= most {
+    if most <= MIN_SAG_DEG.max(1.5 * m.figures.count) || stated >= most {
         return Some(Finding::ok(what));
     }
     let yarp = m.yarp().filter(|_| m.axis.motion.is_turn());
     let remedy = match yarp {
         Some(_) => {
-            settings.driver.push(format!("hold_error_deg = {:.1}    # twice what was seen", up(ELSEWHERE * most)));
+            settings.driver.push(format!("hold_error_deg = {:.1}    # twice what was seen", up(POSE_FACTOR * most)));
             format!(
                 "the driver expects {stated:.2} {unit}: state hold_error_deg, and the controller learns the difference per joint"
             )
@@ -156,11 +164,13 @@ fn sag(m: &Measured, settings: &mut Settings) -> Option<Finding> {
 }
 
 fn lag(m: &Measured) -> Option<Finding> {
-    let (name, unit) = (&m.axis.name, m.unit());
+    let name = &m.axis.name;
+    let unit = m.unit();
     let early = m.figures.done.iter().fold(0.0_f64, |most, (by, _)| most.max(*by));
     Some(match m.figures.lag {
         Some((lag, speed)) => {
-            let (ms, behind) = (lag * 1e3, lag * speed);
+            let ms = lag * 1e3;
+            let behind = lag * speed;
             Finding::ok(format!(
                 "{name} is {ms:.0} ms behind its set-points, {behind:.2} {unit} at {speed:.1} {unit}/s"
             ))
@@ -177,7 +187,9 @@ fn lag(m: &Measured) -> Option<Finding> {
 }
 
 fn done(m: &Measured) -> Option<Finding> {
-    let (name, unit, tolerance) = (&m.axis.name, m.unit(), m.robot.controller.tolerance_deg);
+    let name = &m.axis.name;
+    let unit = m.unit();
+    let tolerance = m.robot.controller.tolerance_deg;
     let worst = m.figures.done.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1));
     let Some((early, off)) = worst else {
         let what = format!("when *done* is reported for {name} was not measured");
@@ -190,7 +202,7 @@ fn done(m: &Measured) -> Option<Finding> {
     let what = format!(
         "*done* is reported {early:.2} s before {name} has arrived, {off:.2} {unit} from where it comes to rest"
     );
-    Some(if early < SETTLES {
+    Some(if early < SETTLE_S {
         Finding::ok(format!("{what}; the controller waits for that"))
     } else {
         Finding::warn(
@@ -201,7 +213,8 @@ fn done(m: &Measured) -> Option<Finding> {
 }
 
 fn stop(m: &Measured) -> Option<Finding> {
-    let (name, unit) = (&m.axis.name, m.unit());
+    let name = &m.axis.name;
+    let unit = m.unit();
     let Some(StopFigures { speed, on, took, drift, end }) = m.figures.stop else {
         let what = format!("what a stop does to {name} was not measured");
         return Some(Finding::warn(
@@ -228,13 +241,14 @@ fn stop(m: &Measured) -> Option<Finding> {
 }
 
 fn speeds(m: &Measured, settings: &mut Settings) -> Option<Finding> {
-    let (name, seen) = (&m.axis.name, &m.figures.speeds);
+    let name = &m.axis.name;
+    let seen = &m.figures.speeds;
     let of_board = m.paces.iter().find(|paces| !paces.fair || paces.seen.len() > MOVES);
     let (seen, fair, board) = match of_board {
         Some(paces) => (&paces.seen, paces.fair, paces.board.as_str()),
-        // a simulation counts no stretches of its own, and a driver may have counted too few
+        // a simulation counts no stretches, and a driver may have counted too few
         None if !seen.is_empty() && m.yarp().is_none_or(|yarp| yarp.moves == Moves::Position) => {
-            (seen, seen.iter().all(|ratio| FAIR.contains(ratio)), "its board")
+            (seen, seen.iter().all(|ratio| HONORED_RATIOS.contains(ratio)), "its board")
         }
         None => {
             let what = format!("the speed of {name} against its commands could not be measured");
@@ -274,27 +288,28 @@ fn accelerations(m: &Measured) -> Option<Finding> {
 
 fn torque(m: &Measured, settings: &mut Settings) -> Option<Finding> {
     let (most, change) = m.figures.torque?;
-    let (name, unit) = (&m.axis.name, m.axis.motion.effort_unit());
+    let name = &m.axis.name;
+    let unit = m.axis.motion.effort_unit();
     let what =
         format!("its board reports up to {most:.2} {unit} on {name} in free motion, changing by {change:.2} {unit}");
     let rated = m.axis.contact_effort > 0.0 && m.axis.contact_effort < Axis::UNRATED;
     if rated || m.robot.controller.contact_nm.is_some() {
         return Some(Finding::ok(what));
     }
-    let limit = up(ELSEWHERE * change);
+    let limit = up(POSE_FACTOR * change);
     settings
         .controller
         .push(format!("contact_nm = {limit:.1}    # twice what {name} shows in free motion; measure the others, too"));
     Some(Finding::warn(what, "state contact_nm for the controller to take greater changes for contacts"))
 }
 
-/// The least threshold of a stall that free motions don't reach.
+/// Suggests the least stall threshold that free motions don't reach.
 fn stall(m: &Measured, settings: &mut Settings) {
     if m.figures.sags.is_empty() {
         return;
     }
     let behind = m.figures.lag.map_or(0.0, |(lag, speed)| lag * speed);
-    let least = up(ELSEWHERE * (behind + m.sag()).max(m.robot.controller.tolerance_deg));
+    let least = up(POSE_FACTOR * (behind + m.sag()).max(m.robot.controller.tolerance_deg));
     match m.robot.controller.stall_deg {
         Some(stated) if stated < least => {
             settings

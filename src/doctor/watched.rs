@@ -1,4 +1,4 @@
-//! Hardware under observation: whatever its driver sends for one motor and reads of it is recorded.
+//! Hardware under observation: records the commands for one motor, and its readings.
 
 use super::measures::{Order, Reading, Record};
 use mobee_actors::system::Control;
@@ -11,16 +11,16 @@ use mobee_model::Scene;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::mpsc;
 
-/// A halt of the robot is released after so long, s.
-const HALTED: f64 = 3.0;
+/// Time after which a halted robot is released, s.
+const HALT_S: f64 = 3.0;
 
-/// What was seen so far, shared by the agent, the driver and the evaluation.
+/// The observations so far, shared by the agent, the driver and the evaluation.
 #[derive(Debug)]
 pub(super) struct Observed {
     pub record: Record,
-    /// The board, once it was connected to.
+    /// The board, once connected.
     pub board: Option<Board>,
-    /// The stop in mid-motion.
+    /// The stop during a motion.
     pub trial: StopTrial,
     /// The encoders of all motors.
     encoders: Vec<Encoder>,
@@ -29,31 +29,34 @@ pub(super) struct Observed {
     controls: mpsc::Sender<Control>,
 }
 
-/// How far the trial of a stop is. Times are seconds.
+/// State of the stop trial. Times are seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum StopTrial {
     Off,
-    /// The robot is halted as soon as the motor is halfway from here to its target.
+    /// The robot will be halted when the motor is halfway from here to its target.
     Armed(f64),
-    /// Halted, and since when.
+    /// Halted, with the time of the halt.
     Halted(f64),
 }
 
 pub(super) type Shared = Arc<Mutex<Observed>>;
 
-/// An agent or a driver that died has left a record all the same.
+/// Locks the observations; an agent or driver that panicked leaves a usable record.
 pub(super) fn lock(shared: &Mutex<Observed>) -> MutexGuard<'_, Observed> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Observed {
-    /// Nothing yet, of this motor of a robot that can be halted through these controls.
+    /// Empty observations of this motor, of a robot that can be halted through these controls.
     pub fn new(robot: &str, motor: usize, controls: mpsc::Sender<Control>) -> Shared {
-        let (record, trial, robot) = (Record::default(), StopTrial::Off, robot.to_owned());
+        let record = Record::default();
+        let trial = StopTrial::Off;
+        let robot = robot.to_owned();
         Arc::new(Mutex::new(Observed { record, board: None, trial, encoders: Vec::new(), robot, motor, controls }))
     }
 
-    /// The motor with the greatest count, deg, of those whose encoders the board's driver takes for finer than they are.
+    /// Of the motors whose encoders are coarser than the driver's setting: the one with the greatest count, and that
+    /// count, deg.
     pub fn coarse(&self) -> Option<(String, f64)> {
         let axes = self.board.iter().flat_map(|board| &board.axes).zip(&self.encoders);
         let counts = axes.filter(|(axis, encoder)| axis.resolution.to_degrees() < 0.7 * encoder.count());
@@ -83,19 +86,20 @@ impl Observed {
         }
         self.encoders.resize_with(sample.q.len(), Encoder::default);
         self.encoders.iter_mut().zip(sample.q.iter()).for_each(|(encoder, q)| encoder.read(q.to_degrees(), false));
-        let (q, torque) = (q.to_degrees(), sample.external.get(self.motor).copied().filter(|nm| nm.is_finite()));
+        let q = q.to_degrees();
+        let torque = sample.external.get(self.motor).copied().filter(|nm| nm.is_finite());
         self.record.readings.push(Reading { at: sample.at.secs(), q, done: *done, torque });
         let target = match self.record.orders.last() {
             Some((_, Order::Move { to, .. })) => Some(*to),
             _ => None,
         };
         match (self.trial, target) {
-            // the order before led to where it is now
+            // the previous order led to the present position
             (StopTrial::Armed(from), Some(to)) if (to - from).abs() > 1.0 && (q - from) / (to - from) >= 0.5 => {
                 self.control(Control::Halt(self.robot.clone()));
                 self.trial = StopTrial::Halted(now.secs());
             }
-            (StopTrial::Halted(since), _) if now.secs() - since >= HALTED => {
+            (StopTrial::Halted(since), _) if now.secs() - since >= HALT_S => {
                 self.control(Control::Release(self.robot.clone()));
                 self.trial = StopTrial::Off;
             }
@@ -104,12 +108,12 @@ impl Observed {
     }
 
     fn control(&self, control: Control) {
-        // a run that ends takes no more controls, and the stop then counts as not measured
+        // a run that is ending accepts no controls; the stop then counts as not measured
         let _ = self.controls.try_send(control);
     }
 }
 
-/// The hardware itself, and the record.
+/// The hardware with its record.
 pub(super) struct Watched {
     pub inner: Arc<dyn Hardware>,
     pub shared: Shared,
@@ -217,14 +221,15 @@ mod tests {
     use super::*;
     use mobee_contract::Move;
 
-    /// Moves motor 1 of two, and reads it there; what the run was told.
+    /// Moves motor 1 of two, and reads it; returns the control that the run received.
     #[test]
     fn a_robot_is_halted_halfway_to_its_new_target_and_released_later() {
         let (sender, mut controls) = mpsc::channel(4);
         let shared = Observed::new("arm", 1, sender);
         let mut seen = lock(&shared);
         let go = |seen: &mut Observed, to: f64| {
-            let (q, speed) = (vec![1.0, to.to_radians()], Some(vec![0.0, 0.5]));
+            let q = vec![1.0, to.to_radians()];
+            let speed = Some(vec![0.0, 0.5]);
             let to = Move { motors: vec![0, 1], q, relative: false, speed, acceleration: None };
             seen.sent(Time::ZERO, &Command::Move(to));
         };
@@ -247,7 +252,7 @@ mod tests {
         assert!(orders.len() == 2 && to(&orders[1]), "{orders:?}");
     }
 
-    /// Readings and orders of other motors, and positions that are no numbers, are none of it.
+    /// Ignores readings and orders of other motors, and positions that are not numbers.
     #[test]
     fn only_the_motor_is_recorded() {
         let (sender, _controls) = mpsc::channel(1);

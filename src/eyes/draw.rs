@@ -18,16 +18,16 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Poses that are tried for one picture.
+/// Maximum number of configurations that are tried for one image.
 const TRIES: u32 = 20_000;
-/// After so many, the object is put elsewhere.
+/// Number of configurations after which the object is placed elsewhere.
 const EACH_PLACE: u32 = 1_000;
-/// How far from the border the object's center is at least, as a share of the picture's side.
+/// Minimum distance of the object's center from the border, as a share of the image's side.
 const INSET: f64 = 0.06;
-/// An object of fewer pixels is not in view.
+/// Minimum number of pixels of an object in view.
 const LEAST_PIXELS: usize = 40;
 
-/// What to draw, and where it goes.
+/// Arguments of `mobee eyes draw`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct DrawArgs {
     /// Robot XML.
@@ -39,36 +39,36 @@ pub struct DrawArgs {
     /// The object, by its name in the world.
     #[arg(long, value_name = "NAME")]
     object: String,
-    /// How often the eyes look.
+    /// Number of poses; each eye takes an image of each.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     count: u32,
     /// The folder to write.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Cameras, scenery, and what moves: see docs/cameras.md.
+    /// Cameras, scenery, and moving motors: see docs/cameras.md.
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
     /// The seed of all randomness.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Replace pictures that are in the folder.
+    /// Replace images in the folder.
     #[arg(long)]
     force: bool,
 }
 
-/// What all pictures have in common.
+/// The setup that all images share.
 struct Studio {
     scene: Scene,
     robot: Arc<Robot>,
     settings: DrawSettings,
     /// The object's name and id.
     object: (String, u32),
-    /// The motors that are anywhere.
+    /// The motors with random positions.
     motors: Vec<usize>,
     eyes: Vec<SimulatedEye>,
 }
 
-/// Takes the pictures and says how many.
+/// Renders the images and returns their number as text.
 ///
 /// # Errors
 /// If a file can't be read or written, settings are wrong, or the object can't be seen.
@@ -113,7 +113,7 @@ pub fn command(args: &DrawArgs) -> Result<String, Report> {
     ))
 }
 
-/// What is wrong with settings, at their places if they are from a file.
+/// Errors of the settings as complaints, with their places if they are from a file.
 fn complaints(source: Option<&Source>, error: KindError) -> Report {
     let Some(source) = source else { return ConfigError::plain(error.what, error.help).into() };
     let mut wrong = Complaints::default();
@@ -147,7 +147,7 @@ impl Studio {
         }
         let mut eyes = Vec::new();
         for (k, camera) in settings.camera.iter().enumerate() {
-            // both eyes have noise of their own
+            // each eye has its own noise
             let eye = SimulatedEye::new(camera, &robot, 0, seed.wrapping_add(1 + k as u64));
             eyes.push(eye.map_err(|e| e.under(&format!("camera[{k}]")))?);
         }
@@ -170,14 +170,14 @@ impl Studio {
         Ok(Studio { scene, robot, settings, object: (name.into(), id), motors, eyes })
     }
 
-    /// Another room, another light.
+    /// Changes room and light.
     fn furnish(&mut self, seed: u64) -> Result<(), KindError> {
         self.settings.scenery.seed = seed;
         let scenery = &self.settings.scenery;
         self.eyes.iter_mut().try_for_each(|eye| eye.furnish(scenery).map_err(|e| e.under("scenery")))
     }
 
-    /// What all eyes see at a pose that has the object in view.
+    /// Images of all eyes at a random configuration in which they see the object.
     fn shots(&mut self, rng: &mut ChaCha8Rng) -> Result<(Truth, Vec<Shot>), Report> {
         let mut scene = Arc::new(self.scene.clone());
         for k in 0..TRIES {
@@ -191,7 +191,7 @@ impl Studio {
                 let lens = eye.intrinsics();
                 let place = project(&lens, [x / z, y / z]);
                 let inside = |(p, n): (&f64, u32)| (INSET..1.0 - INSET).contains(&(p / f64::from(n)));
-                // a lens bends what is far outside back into the picture
+                // a lens model bends points far outside back into the image
                 z > 0.05 && x.hypot(y) < 1.5 * z && place.iter().zip(lens.size).all(inside)
             };
             if !self.eyes.iter().all(sees) || !truth.scene.free(&truth.poses, 0.0) {
@@ -213,17 +213,18 @@ impl Studio {
         ))
     }
 
-    /// All motors that are to be anywhere, anywhere.
+    /// A random configuration of the moving motors; the others are at home.
     fn pose(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {
         let mut q = self.robot.home();
         for motor in &self.motors {
-            let (m, q) = (&self.robot.motors[*motor], &mut q[*motor]);
+            let m = &self.robot.motors[*motor];
+            let q = &mut q[*motor];
             *q = rng.random_range(m.min..=m.max);
         }
         q
     }
 
-    /// The world, with the object somewhere in its area.
+    /// The world with the object at a random place in its area.
     fn placed(&self, rng: &mut ChaCha8Rng) -> Result<Scene, Report> {
         let scene = self.scene.clone();
         let Some(([x0, x1, y0, y1], (_, object))) = self.settings.area_m.zip(scene.object(&self.object.0)) else {
@@ -234,7 +235,7 @@ impl Studio {
         scene.edit(&Edit::Move { name: self.object.0.clone(), pose }).into_diagnostic()
     }
 
-    /// The table's first line.
+    /// The table's header.
     fn head(&self) -> String {
         let mut line = String::from("name");
         self.robot.motors.iter().for_each(|m| line += &format!(",{}_{}", m.name, m.motion.unit()));
@@ -244,7 +245,8 @@ impl Studio {
         line + ",x_m,y_m,z_m\n"
     }
 
-    /// A line: where the motors are, where each eye sees the object's center and how many pixels it has, and where it is.
+    /// A row: motor positions, the pixel of the object's center and its number of pixels for each eye, and its
+    /// position.
     fn row(&self, name: &str, truth: &Truth, shots: &[Shot]) -> String {
         let mut line = String::from(name);
         for q in truth.poses.iter().flat_map(|p| p.iter()) {
@@ -266,7 +268,7 @@ fn center(scene: &Scene, name: &str) -> Point3<f64> {
     scene.object(name).map_or_else(Point3::origin, |(_, object)| object.pose * Point3::from(object.middle()))
 }
 
-/// A picture and the mask of an object.
+/// Writes an image and the mask of an object.
 fn save(path: &Path, shot: &Shot, object: u32) -> Result<(), Report> {
     let [width, height] = shot.frame.intrinsics.size;
     let mask = shot.owner.iter().map(|o| 255 * u8::from(*o == Owner::Object(object))).collect();

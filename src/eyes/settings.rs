@@ -1,4 +1,4 @@
-//! What is drawn: `configs/cameras/*.toml`.
+//! Settings of the rendered images: `configs/cameras/*.toml`.
 
 use crate::config::{Complaints, ConfigError, Source};
 use mobee_drivers::eyes::{ScenerySettings, SimulatedCameraSettings};
@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::Path;
 
-/// What is drawn, and how.
+/// Cameras, scenery, and the random parts of a scene.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DrawSettings {
@@ -15,17 +15,19 @@ pub struct DrawSettings {
     pub camera: Vec<SimulatedCameraSettings>,
     /// The scenery of all cameras; its seed is drawn for each picture.
     pub scenery: ScenerySettings,
-    /// Motors, or parts, that are anywhere within their limits; default: those that move the first camera. All others are at home.
+    /// Motors, or parts, with random positions within their limits; default: those that move the first camera. All
+    /// others are at home.
     pub motors: Vec<String>,
-    /// Where the object is put: least and greatest x, least and greatest y in the world, m; default: where the world has it.
+    /// Area of the object: minimum and maximum x, minimum and maximum y in the world, m; default: its position in the
+    /// world's file.
     pub area_m: Option<[f64; 4]>,
 }
 
 impl DrawSettings {
-    /// From a file, or the defaults for a robot.
+    /// Loads a file, or the defaults for a robot.
     ///
     /// # Errors
-    /// All that is wrong, each with its place.
+    /// All errors, each with its place.
     pub fn load(path: Option<&Path>, robot: &Robot) -> Result<(DrawSettings, Option<Source>), Complaints> {
         let (mut settings, source): (DrawSettings, _) = match path {
             None => (DrawSettings::default(), None),

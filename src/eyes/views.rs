@@ -1,4 +1,4 @@
-//! What two eyes saw of an object, as a table that locators learn from.
+//! Rendered views of an object by two eyes, as a table of training data for locators.
 
 use mobee_behaviors::detectors::plane::Plane;
 use mobee_behaviors::detectors::regions::Cut;
@@ -11,10 +11,10 @@ use mobee_drivers::eyes::{Owner, Shot};
 use mobee_model::Robot;
 use nalgebra::Point3;
 
-/// What a detector without fault does with what is the object and what is not.
+/// The cut of a perfect detector.
 const FAULTLESS: Cut = Cut { threshold: 128.0, open: false, keep: 0.0 };
 
-/// The views so far, and where the joints are in a pose.
+/// The views so far, and the indices of the head's joints.
 pub(super) struct Views {
     joints: [usize; 9],
     /// The views.
@@ -31,7 +31,7 @@ impl Views {
         (eyes == 2).then(|| Views { joints, known: Vec::new() })
     }
 
-    /// Takes note of an object that both eyes see whole; another teaches where the picture's border is.
+    /// Adds a view of an object that both eyes see completely; a clipped one would only show the image's border.
     pub(super) fn add(&mut self, q: &[f64], shots: &[Shot], object: u32, place: &Point3<f64>) {
         let [left, right] = shots else { return };
         let [first, second] = &Lens::icub();
@@ -45,7 +45,7 @@ impl Views {
     }
 }
 
-/// The weightiest region that a detector without fault would tell of an object, if the border does not cut it off.
+/// The heaviest region that a perfect detector would report of an object, unless the border clips it.
 fn seen(shot: &Shot, lens: &Lens, object: u32) -> Option<Glimpse> {
     let [width, height] = shot.frame.intrinsics.size.map(|n| n as usize);
     let is_object = |owner: &Owner| if *owner == Owner::Object(object) { 255.0 } else { 0.0 };

@@ -1,5 +1,5 @@
-//! `mobee locator best`: every kind learns from what was collected, is judged by whole places that it has not seen, and the best one is kept,
-//! and put into a sensor that is running.
+//! `mobee locator best`: trains every kind on the collected views, evaluates it on held-out places, stores the best
+//! one, and swaps it into a running sensor.
 
 use super::collect::{Choice, Collection, collected};
 use crate::config::ConfigError;
@@ -15,13 +15,13 @@ use mobee_behaviors::locators::view::KnownView;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// The least share of held-out views that a kind must answer to be the best.
-const ANSWERED: f64 = 0.9;
+/// Minimum share of held-out views that the best kind must locate.
+const MIN_LOCATED_SHARE: f64 = 0.9;
 
-/// What to learn from, and where the best goes.
+/// Arguments of `mobee locator best`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct BestArgs {
-    /// The folder of a run, ended or not, of which is collected what there is to learn from.
+    /// The folder of a run, ended or not, from which training data are collected.
     #[arg(value_name = "RUN", required_unless_present = "data", conflicts_with = "data")]
     run: Option<PathBuf>,
     /// Instead of a run, a table of views of known places, such as `mobee locator collect` writes.
@@ -29,10 +29,11 @@ pub struct BestArgs {
     data: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,
-    /// The locator to write: the best kind, learned from all places.
+    /// The locator to write: the best kind, trained on all places.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The head's drawings that learning starts from: `v1` (iCubs of 2012) or `v2` (later ones, and the shipped model).
+    /// The nominal head kinematics that training starts from: `v1` (iCubs of 2012) or `v2` (later ones, and the shipped
+    /// model).
     #[arg(long, value_parser = super::train::head, default_value = "v2")]
     head: HeadKind,
     /// The seed of all randomness.
@@ -41,32 +42,32 @@ pub struct BestArgs {
     /// Replace the locator if it exists.
     #[arg(long)]
     force: bool,
-    /// The folder of a run that is going, whose sensor locates by the best from then on (`--sensor` if there are several); it may be RUN.
+    /// The folder of a running run whose sensor gets the best locator (`--sensor` if there are several); it may be RUN.
     #[arg(long, value_name = "RUN")]
     into: Option<PathBuf>,
-    /// Seconds after that during which the old locator returns if the new one fails.
+    /// Seconds after the swap during which the old locator returns if the new one fails.
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = super::collect::positive, requires = "into")]
     probation: f64,
 }
 
-/// What became of a kind: how good it is at places held out, or why it did not learn.
+/// The result of a kind: its score at held-out places, or the reason why it could not be trained.
 type Judged = (LocatorKind, Result<LocatorScore, Untaught>);
 
-/// Learns, compares, keeps the best, and puts it where it is asked for.
+/// Trains, compares, stores the best, and swaps it in if requested.
 ///
 /// # Errors
-/// If run or table can't be read, no kind learns from it, the locator can't be written, or the run that it is for keeps its own.
+/// If run or table can't be read, no kind can be trained, the locator can't be written, or the run retains its own.
 pub fn command(args: &BestArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
     let bar = Steps::new();
     bar.step("reads views");
-    let (name, (table, digest), mut said) = match (&args.run, &args.data) {
+    let (name, (table, digest), mut report) = match (&args.run, &args.data) {
         (Some(run), _) => {
-            let Collection { table: text, said, .. } = collected(run, &args.choice)?;
+            let Collection { table: csv, text, .. } = collected(run, &args.choice)?;
             let name = run.display().to_string();
-            let understood = super::understood(&name, &text)?;
-            let report = format!("{name}: {said}");
-            (name, understood, report)
+            let parsed_table = super::parsed_table(&name, &csv)?;
+            let report = format!("{name}: {text}");
+            (name, parsed_table, report)
         }
         (None, Some(data)) => (data.display().to_string(), super::table(data)?, String::new()),
         // the command line demands one of them
@@ -95,18 +96,18 @@ pub fn command(args: &BestArgs) -> Result<String, Report> {
     let file = LocatorFile::train(best, &table.known, digest, &from, &mut |share| bar.show(share));
     save_text(&args.out, &file.map_err(|e| untaught(&e))?.text())?;
     let views = table.known.len();
-    said += &text(&judged);
-    let _ = writeln!(said, "{}: {}, from all {views} views", args.out.display(), best.name());
+    report += &text(&judged);
+    let _ = writeln!(report, "{}: {}, from all {views} views", args.out.display(), best.name());
     if let Some(run) = &args.into {
         drop(bar);
-        // what was learned is said before anything is waited for
-        crate::terminal::out(&std::mem::take(&mut said));
+        // print the result before waiting for the swap
+        crate::terminal::out(&std::mem::take(&mut report));
         crate::ctl::put_locator(run, args.choice.sensor.as_deref(), (best, &args.out), args.probation)?;
     }
-    Ok(said)
+    Ok(report)
 }
 
-/// How good a kind is at whole places that it has not seen: each fifth of them judged by what learned the others.
+/// The score of a kind at held-out places: each fifth of them is located after training on the others.
 fn held_out(kind: LocatorKind, known: &[KnownView], from: &Beginning) -> Result<LocatorScore, Untaught> {
     let mut answers = PlaceAnswers::default();
     for fold in folds(known, from.seed)? {
@@ -116,36 +117,36 @@ fn held_out(kind: LocatorKind, known: &[KnownView], from: &Beginning) -> Result<
     Ok(answers.score())
 }
 
-/// The kind whose single views are least off in the mean, of those that answer nearly all.
+/// The kind with the least mean error of single views, of those that locate nearly all.
 fn best(judged: &[Judged]) -> Option<LocatorKind> {
     let able = judged.iter().filter_map(|(kind, score)| Some((*kind, score.as_ref().ok()?.single)));
-    let able = able.filter(|(_, e)| e.n > 0 && e.located as f64 >= ANSWERED * e.n as f64);
+    let able = able.filter(|(_, e)| e.n > 0 && e.located as f64 >= MIN_LOCATED_SHARE * e.n as f64);
     able.min_by(|(_, a), (_, b)| a.mean_mm.total_cmp(&b.mean_mm)).map(|(kind, _)| kind)
 }
 
 fn text(judged: &[Judged]) -> String {
-    let mut said = String::from("errors at places held out, mm\n");
+    let mut text = String::from("errors at places held out, mm\n");
     let of = ["one view: median", "mean", "95 %", "all of a place: mean", "95 %"];
-    let _ = write!(said, "{:12}{:>16}", "", "answered");
+    let _ = write!(text, "{:12}{:>16}", "", "answered");
     for name in of {
-        let _ = write!(said, "  {name}");
+        let _ = write!(text, "  {name}");
     }
-    said.push_str("  in region of 95 %\n");
+    text.push_str("  in region of 95 %\n");
     for (kind, score) in judged {
         match score {
             Ok(LocatorScore { single: s, fused: f }) => {
                 let answered = format!("{} of {}", s.located, s.n);
-                let _ = write!(said, "{:12}{answered:>16}", kind.name());
+                let _ = write!(text, "{:12}{answered:>16}", kind.name());
                 let values = [s.median_mm, s.mean_mm, s.p95_mm, f.mean_mm, f.p95_mm];
                 for (name, mm) in of.iter().zip(values) {
-                    let _ = write!(said, "  {mm:>0$.1}", name.len());
+                    let _ = write!(text, "  {mm:>0$.1}", name.len());
                 }
-                let _ = writeln!(said, "  {:>15.1} %", 100.0 * s.inside_95);
+                let _ = writeln!(text, "  {:>15.1} %", 100.0 * s.inside_95);
             }
             Err(why) => {
-                let _ = writeln!(said, "{:12}learned nothing: {why}", kind.name());
+                let _ = writeln!(text, "{:12}learned nothing: {why}", kind.name());
             }
         }
     }
-    said
+    text
 }

@@ -1,11 +1,12 @@
-//! `mobee locator collect`: what a run saw of something that a robot held, as a table that locators learn from.
+//! `mobee locator collect`: extracts from a run the views of an object that a robot held, as training data for
+//! locators.
 //!
 //! ```text
-//! journal: what both eyes saw ──┐
-//! track of who looks: its joints ┼──> row, if both robots rested and the picture's border cut nothing off ──> check ──> table
-//! track of who holds: its marker ┘
+//! journal: detections of both eyes ─────┐
+//! track of the looking robot: its joints ┼──> row, if both robots rested and no detection was clipped ──> check ──> table
+//! track of the holding robot: its marker ┘
 //! ```
-//! A run that is still going can be read too: what its journal and its tracks have so far is taken.
+//! A running run can be read, too: the table then has the views so far.
 
 mod bodies;
 mod pictures;
@@ -28,7 +29,7 @@ use rows::Rows;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// What to read, and where the table goes.
+/// Arguments of `mobee locator collect`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct CollectArgs {
     /// The folder of a run, ended or not.
@@ -36,7 +37,8 @@ pub struct CollectArgs {
     /// The table to write.
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
-    /// Also writes the pictures of the rows, NUMBER_CAMERA.png, into this folder, new or empty: of a run whose sensor kept its frames.
+    /// Also write the images of the rows, NUMBER_CAMERA.png, into this folder, new or empty; the run's sensor must have
+    /// stored its frames.
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
     #[command(flatten)]
@@ -46,31 +48,32 @@ pub struct CollectArgs {
     force: bool,
 }
 
-/// What of a run is collected.
+/// Selection of views.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct Choice {
-    /// The marker that is at the center of what is held, of another robot than the one that looks.
+    /// The marker at the center of the held object, of another robot than the one that looks.
     #[arg(long, value_name = "NAME", default_value = "block")]
     marker: String,
-    /// The sensor that looks, if there are several: two cameras on an iCub's head, the left one first.
+    /// The sensor, if there are several: two cameras on an iCub's head, the left one first.
     #[arg(long, value_name = "NAME")]
     pub(super) sensor: Option<String>,
-    /// The behavior that ran, for a folder that has no config.json, as `mobee torture --keep` leaves them.
+    /// The behavior of the run, for a folder without config.json, such as one of `mobee torture`.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// The greatest speed of any motor of the robot that looks at which a picture counts, deg/s.
+    /// Maximum speed of any motor of the looking robot for a valid image, deg/s.
     #[arg(long, value_name = "DEG_S", default_value_t = 3.0, value_parser = positive)]
     still: f64,
-    /// The same for the robot that holds: what creeps is at no place. A step of an encoder of 0.01 degrees in 20 ms is 0.5.
+    /// The same for the holding robot, which must not creep. One encoder step of 0.01 degrees in 20 ms is 0.5 deg/s.
     #[arg(long, value_name = "DEG_S", default_value_t = 0.6, value_parser = positive)]
     held: f64,
-    /// Rows that are off by more pixels (of 640x480) than the drawings say, beside what most rows are off by, are gross errors, and left out.
+    /// Maximum deviation of a row from the nominal kinematics, after subtraction of the median, in pixels of 640x480;
+    /// others are dropped as gross errors.
     #[arg(long, value_name = "PIXELS", default_value_t = 60.0, value_parser = positive)]
     gross: f64,
-    /// The most rows of one place, spread over the run; 0: all.
+    /// Maximum number of rows per place, spread over the run; 0: all.
     #[arg(long, value_name = "N", default_value_t = 60)]
     per_place: usize,
-    /// Places of fewer rows are left out.
+    /// Minimum number of rows per place; places with fewer are dropped.
     #[arg(long, value_name = "N", default_value_t = 2)]
     least: usize,
 }
@@ -80,21 +83,22 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "give a number above 0".into())
 }
 
-/// Who looks, who holds, and through what.
+/// The cameras and robots of a run.
 pub(super) struct Scene {
-    /// The sensor's cameras in the journal, left and right.
+    /// The sensor's cameras by their names in the journal, left and right.
     cameras: [String; 2],
     lenses: [Intrinsics; 2],
-    /// Indices of the robots that look and hold.
+    /// Index of the looking robot.
     looks: usize,
+    /// Index of the holding robot.
     holds: usize,
-    /// Where the nine joints are in the pose of who looks.
+    /// Indices of the nine joints in the looking robot's configuration.
     joints: [usize; 9],
-    /// Which marker of who holds.
+    /// Index of the marker of the holding robot.
     marker: usize,
 }
 
-/// Reads a run, writes the table, and says what is in it and what is not.
+/// Reads a run, writes the table, and reports its contents and the dropped views.
 ///
 /// # Errors
 /// As for [`collected`]; if the table can't be written.
@@ -103,27 +107,28 @@ pub fn command(args: &CollectArgs) -> Result<String, Report> {
     if let Some(dir) = &args.images {
         pictures::may_fill(dir)?;
     }
-    let Collection { table, said, cameras, exposed } = collected(&args.run, &args.choice)?;
-    let told = args.images.as_ref().map(|dir| pictures::write(&args.run, dir, &cameras, &exposed)).transpose()?;
+    let Collection { table, text, cameras, exposed } = collected(&args.run, &args.choice)?;
+    let images = args.images.as_ref().map(|dir| pictures::write(&args.run, dir, &cameras, &exposed)).transpose()?;
     save_text(&args.out, &table)?;
-    Ok(format!("{}: {said}{}", args.out.display(), told.unwrap_or_default()))
+    Ok(format!("{}: {text}{}", args.out.display(), images.unwrap_or_default()))
 }
 
-/// What was collected of a run.
+/// The views collected from a run.
 pub(super) struct Collection {
     /// The table.
     pub table: String,
-    /// What is in it, and what is not.
-    pub said: String,
-    /// The cameras, left and right, by their names in the run, and when each row's pictures were exposed.
+    /// The report of its contents and of the dropped views.
+    pub text: String,
+    /// The cameras, left and right, by their names in the run.
     cameras: [String; 2],
+    /// Exposure times of each row's images, left and right.
     exposed: Vec<[Time; 2]>,
 }
 
-/// The table of a run, ended or not, and what is in it and what is not.
+/// Collects the table of a run, ended or not, with a report.
 ///
 /// # Errors
-/// If the run can't be read, has no such sensor or marker, or teaches nothing.
+/// If the run can't be read, has no such sensor or marker, or has no usable view.
 pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Report> {
     let c = composition(run, choice)?;
     let scene = Scene::find(&c, choice)?;
@@ -142,7 +147,7 @@ pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Repor
     for line in journal::read(run).map_err(journal_error)? {
         let line = match line {
             Ok(line) => line,
-            // a run that is going, or that died
+            // a running run, or one that crashed
             Err(e) if e.truncated => break,
             Err(e) => return Err(journal_error(e).into()),
         };
@@ -163,11 +168,11 @@ pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Repor
         let what = format!("{}: nothing that was seen is of use: {dropped}", run.display());
         return Err(ConfigError::plain(what, "let both robots rest for a second or two in sight of each other").into());
     }
-    let said = format!("{} rows\n{}", check.known.len(), check.text(&collected, &dropped));
-    Ok(Collection { table: table(&check.known), said, cameras: scene.cameras.clone(), exposed: check.exposed })
+    let text = format!("{} rows\n{}", check.known.len(), check.text(&collected, &dropped));
+    Ok(Collection { table: table(&check.known), text, cameras: scene.cameras.clone(), exposed: check.exposed })
 }
 
-/// The run as it was composed.
+/// The composition of the run.
 fn composition(run: &Path, choice: &Choice) -> Result<Composition, Report> {
     if !run.join(journal::FILE).is_file() {
         let what = format!("{} is no run: it has no {}", run.display(), journal::FILE);
@@ -193,10 +198,10 @@ impl Scene {
                 return Err(ConfigError::plain("which sensor's pictures?", help));
             }
             (None, _) => {
-                let asked = choice.sensor.as_deref().unwrap_or_default();
+                let wanted = choice.sensor.as_deref().unwrap_or_default();
                 let help = match names.as_slice() {
                     [] => "run a behavior with a table [[sensor]], such as configs/behaviors/collect.toml".into(),
-                    names => suggestion(asked, "sensor", names),
+                    names => suggestion(wanted, "sensor", names),
                 };
                 return Err(ConfigError::plain(format!("{file}: no sensor looked there"), help));
             }

@@ -9,20 +9,21 @@ use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
 use mobee_behaviors::locators::head::HeadKind;
 use std::path::PathBuf;
 
-/// What to learn, and where it goes.
+/// Arguments of `mobee locator train`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct LocatorTrainArgs {
-    /// The table of recorded views of known places.
+    /// The table of recorded views of known positions.
     #[arg(long, value_name = "FILE.csv")]
     data: PathBuf,
     /// The locator to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// What to learn: `triangulate` (where the places' frame is), `network` (as published), `ensemble` (networks that are
-    /// told more) or `calibrated` (by how much the head is off from its drawings).
+    /// The kind to train: `triangulate` (fits the frame of the positions), `network` (as published), `ensemble`
+    /// (networks with more inputs) or `calibrated` (fits the deviations of the head from its nominal kinematics).
     #[arg(long, value_parser = kind, default_value = "calibrated")]
     kind: LocatorKind,
-    /// The head's drawings that learning starts from: `v1` (iCubs of 2012) or `v2` (later ones, and the shipped model).
+    /// The nominal head kinematics that training starts from: `v1` (iCubs of 2012) or `v2` (later ones, and the shipped
+    /// model).
     #[arg(long, value_parser = head, default_value = "v1")]
     head: HeadKind,
     /// The seed of all randomness.
@@ -47,10 +48,10 @@ pub(super) fn head(text: &str) -> Result<HeadKind, String> {
     }
 }
 
-/// Learns the locator and says from how much.
+/// Trains the locator, and reports the number of views.
 ///
 /// # Errors
-/// If the table can't be read or teaches nothing, or the locator can't be written.
+/// If the table can't be read or is insufficient, or the locator can't be written.
 pub fn command(args: &LocatorTrainArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
     let bar = Steps::new();

@@ -12,7 +12,8 @@ const ARM: &str = r#"<ZeroPositionKinematicTree robotName="arm"><bodypart name="
 fn narrator() -> Narrator {
     let robot = parse_robot("arm.xml", ARM).unwrap().value;
     let shapes = vec![Primitive { shape: Shape::Sphere { radius: 0.05 }, pose: Isometry3::identity() }];
-    let (class, pose) = (ObjectClass::Obstacle, Isometry3::translation(9.0, 0.0, 0.0));
+    let class = ObjectClass::Obstacle;
+    let pose = Isometry3::translation(9.0, 0.0, 0.0);
     let ball = Object { name: "ball".into(), class, persistent: false, pose, shapes, color: None };
     let scene = Scene::new(vec![(robot.into(), Isometry3::identity())], vec![ball]).unwrap();
     let mut narrator = Narrator::new(&scene);
@@ -45,7 +46,9 @@ fn met(distance: f64) -> Contact {
 
 fn commit(motors: &[usize]) -> Event {
     let motors = motors.iter().map(|m| (*m, 0.5)).collect();
-    let (robot, agent, target) = ("arm".into(), "arm/agent".into(), vec![1.0, 0.0].into());
+    let robot = "arm".into();
+    let agent = "arm/agent".into();
+    let target = vec![1.0, 0.0].into();
     Event::Commit { robot, id: CommitId(12), agent, target, escape: false, motors, stream: false }
 }
 
@@ -92,7 +95,7 @@ fn what_was_asked_for_is_no_fault() {
     narrator.line(&commit(&[0]));
     let text = |narrator: &mut Narrator| narrator.line(&outcome(Outcome::Faulted, Cause::Asked)).unwrap();
     let stopped = text(&mut narrator);
-    assert_eq!((stopped.weight, stopped.text.as_str()), (Weight::Detail, "arm: motion 12 stopped, as asked for"));
+    assert_eq!((stopped.weight, stopped.text.as_str()), (Weight::Detail, "arm: motion 12 stopped on request"));
     narrator.line(&Event::Halted { robot: "arm".into() });
     assert_eq!(text(&mut narrator).text, "arm: motion 12 stopped: halted");
     narrator.line(&Event::Released { robot: "arm".into() });

@@ -1,23 +1,23 @@
-//! Which motors a robot of one's own explores with: its arm, without the fingers.
+//! Selects the motors of the exploration of a new robot: its arm, without the fingers.
 
-use super::FEWEST_MOTORS;
+use super::MIN_ARM_MOTORS;
 use mobee_model::{Imported, NodeKind, Robot};
 use std::collections::BTreeSet;
 
-/// With more motors than this, an exploration by trial reaches little of what there is.
-const MOST_MOTORS: usize = 12;
-/// Words in the names of motors that open and close a hand.
+/// Maximum number of motors: with more, an exploration by trial covers little.
+const MAX_MOTORS: usize = 12;
+/// Parts of the names of motors that open and close a hand.
 const FINGER_WORDS: [&str; 6] = ["finger", "gripper", "thumb", "pinky", "jaw", "knuckle"];
-/// Motors that branch off within this share of the chain's length from its base are the fingers of a hand, not limbs.
+/// Share of the chain's length: motors that branch off within it are the fingers of a hand, not limbs.
 const HAND_SHARE: f64 = 0.3;
 
-/// The motors to explore with.
+/// The motors of the exploration.
 pub(super) struct Chain {
-    /// Where they are from, for people.
+    /// Their origin, as text.
     pub(super) named: String,
     /// Their indices, from the base outward.
     pub(super) motors: Vec<usize>,
-    /// Motors of a hand that were left out of it.
+    /// Excluded motors of a hand.
     pub(super) fingers: Vec<usize>,
 }
 
@@ -29,18 +29,18 @@ pub(super) fn choose(imported: &Imported) -> Option<Chain> {
         name.contains("arm") || name.contains("manipulator")
     });
     let arms = arms.map(|(name, motors)| (name, without_fingers(robot, motors)));
-    let arms = arms.filter(|(_, (motors, _))| (FEWEST_MOTORS..=MOST_MOTORS).contains(&motors.len()));
+    let arms = arms.filter(|(_, (motors, _))| (MIN_ARM_MOTORS..=MAX_MOTORS).contains(&motors.len()));
     if let Some((name, (motors, fingers))) = arms.max_by_key(|(_, (motors, _))| motors.len()) {
         return Some(Chain { named: format!("the SRDF's group `{name}`"), motors, fingers });
     }
     let (mut motors, fingers) = without_fingers(robot, &robot.longest_chain());
     let length = motors.len();
-    motors.truncate(MOST_MOTORS);
-    let cut = if length > MOST_MOTORS { format!(", the first {MOST_MOTORS} of {length}") } else { String::new() };
+    motors.truncate(MAX_MOTORS);
+    let cut = if length > MAX_MOTORS { format!(", the first {MAX_MOTORS} of {length}") } else { String::new() };
     (!motors.is_empty()).then(|| Chain { named: format!("the longest chain{cut}"), motors, fingers })
 }
 
-/// Motors of an arm and motors of the hand at its end. A chain of nothing but a hand stays whole.
+/// Splits a chain into the motors of an arm and those of the hand at its end. A chain that is only a hand stays whole.
 fn without_fingers(robot: &Robot, chain: &[usize]) -> (Vec<usize>, Vec<usize>) {
     let branched = beyond_branch(robot, chain);
     let is_finger = |m: &usize| {
@@ -48,7 +48,7 @@ fn without_fingers(robot: &Robot, chain: &[usize]) -> (Vec<usize>, Vec<usize>) {
         let name = motor.name.to_lowercase();
         branched.contains(m) || motor.joints.len() > 1 || FINGER_WORDS.iter().any(|word| name.contains(word))
     };
-    // only what is at the end of the chain: a motor with several joints may lie at its base
+    // only the end of the chain: a motor with several joints may be at its base
     let arm = chain.iter().rposition(|m| !is_finger(m)).map_or(0, |last| last + 1);
     if arm == 0 { (chain.to_vec(), Vec::new()) } else { (chain[..arm].to_vec(), chain[arm..].to_vec()) }
 }
@@ -69,7 +69,7 @@ fn beyond_branch(robot: &Robot, chain: &[usize]) -> BTreeSet<usize> {
     let mut beyond = BTreeSet::new();
     for (i, joint) in joints.iter().enumerate().skip(1) {
         let Some(parent) = robot.nodes.get(*joint).and_then(|n| n.parent) else { continue };
-        // other motors below the node from which this joint starts, and not below an earlier joint's own link only
+        // other motors below the node from which this joint starts, and not only below an earlier joint's own link
         let others: Vec<usize> = (0..robot.nodes.len())
             .filter(|n| match robot.nodes[*n].kind {
                 NodeKind::Joint { motor, .. } => !own.contains(&motor) && is_above(parent, *n),

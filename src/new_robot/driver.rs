@@ -1,4 +1,5 @@
-//! Which driver the behavior of a robot of one's own gets: a simulated arm like the robot, by our physics or MuJoCo's, or its boards behind YARP.
+//! The driver in the behavior of a new robot: a similar simulated arm, by our physics or MuJoCo's, or its boards behind
+//! YARP.
 
 use super::{PERIOD_MS, SPEED};
 use crate::compose::clearance_needed;
@@ -19,23 +20,23 @@ pub enum NewDriver {
     Mujoco,
 }
 
-/// What a behavior says of its driver.
+/// The driver's parts of a behavior file.
 pub(super) struct DriverText {
-    /// Settings of the run, a line each.
+    /// Settings of the run, one per line.
     pub top: String,
-    /// Settings of the controller that follow from the arm.
+    /// Settings of the controller that depend on the arm.
     pub controller: String,
-    /// The driver's table, and remarks.
+    /// The driver's table, with comments.
     pub table: String,
-    /// What is to be told on the terminal.
-    pub told: String,
+    /// The line for the terminal.
+    pub note: String,
 }
 
-/// The driver of a robot whose name in the behavior is `name`, and whose file is called `model`, with this margin.
+/// The driver of a robot named `name` in the behavior, with the file name `model` and this margin.
 pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str), margin_mm: f64) -> DriverText {
     let profile = profile([robot.name.as_str(), model]);
     let [word, controller, like] = match profile {
-        // hobby servos lag by degrees: what is beyond is held by something
+        // hobby servos lag by degrees: a greater lag is a stall
         ArmProfile::So101 => ["so101", ", stall_deg = 8", "an SO-101"],
         ArmProfile::Panda => ["panda", "", "a Panda"],
         ArmProfile::Ur5 => ["ur5", "", "a UR5"],
@@ -52,13 +53,13 @@ pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str)
                 + &format!(
                     "driver = {{ kind = \"sim\", profile = \"{word}\" }} # simulated as {like}; kinematic joints: profile = \"ideal\"\n"
                 ),
-            told: format!("  driver: simulated as {like} (profile `{word}`)\n"),
+            note: format!("  driver: simulated as {like} (profile `{word}`)\n"),
         },
         NewDriver::Mujoco => DriverText {
             top: String::new(),
             controller,
             table: remark + &mujoco(word),
-            told: format!(
+            note: format!(
                 "  driver: simulated as {like} (profile `{word}`) by MuJoCo; the program needs the feature `mujoco`, which this one {}\n",
                 if cfg!(feature = "mujoco") { "has" } else { "lacks: cargo build --release --features mujoco" }
             ),
@@ -67,9 +68,9 @@ pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str)
     }
 }
 
-/// The braking clearance of an arm that explores, as a setting of its controller, and a remark on it. By default it is that of full speed, and
-/// grows with the speed: the reflex then follows pairs that are far apart, which takes many times as much processor time. Nothing where
-/// the margin is too small for it.
+/// The braking clearance of an exploring arm, as a setting of its controller and a comment. The default is that of full
+/// speed, and grows with the speed: the reflex then tracks pairs that are far apart, at many times the processor time.
+/// Empty if the margin is too small for it.
 fn reserve(robot: &Robot, profile: ArmProfile, margin_mm: f64) -> (String, String) {
     let settings = SimSettings { profile, ..SimSettings::default() };
     let axes = settings.axes(robot);
@@ -112,11 +113,11 @@ fn yarp(robot: &Robot, name: &str) -> DriverText {
              driver = {{ kind = \"yarp\", parts = [{}] }}\n",
             parts.join(", ")
         ),
-        told: "  driver: control boards behind YARP; give their ports in the file\n".into(),
+        note: "  driver: control boards behind YARP; give their ports in the file\n".into(),
     }
 }
 
-/// The profile of the arm that one of these names is of.
+/// The profile of the arm that one of these names belongs to.
 fn profile(names: [&str; 2]) -> ArmProfile {
     let of = |name: &str| {
         let name = name.to_lowercase();

@@ -1,4 +1,4 @@
-//! What is otherwise from an instant on, as controls of the running system.
+//! Changes to a run from a given time on, as controls of the running system.
 
 use crate::compose::Composition;
 use crate::config::{ConfigError, differences};
@@ -9,10 +9,10 @@ use mobee_contract::Time;
 use mobee_model::{Edit, Object, Scene};
 use serde_json::Value;
 
-/// The controls that make `old` go on as `new` at the instant `at`. The script and the time limit are the caller's.
+/// The controls that change `old` into `new` at the time `at`. The caller applies the script and the time limit.
 ///
 /// # Errors
-/// If something differs that can't be changed while a run goes on, or nothing does.
+/// If something differs that can't be changed during a run, or nothing differs.
 pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<Vec<(Time, Control)>, ConfigError> {
     fixed(&values(old), &values(new))?;
     let mut controls: Vec<Control> = world(&old.scene, &new.scene).into_iter().map(Control::Edit).collect();
@@ -38,7 +38,7 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
         let offer = SwapRequest {
             maker: Maker(maker),
             what: what.into(),
-            // another kind knows nothing of this one's state
+            // an agent of another kind can't use this one's state
             fresh: kind(&was.agent) != kind(&is.agent),
             terms: SwapPolicy::default(),
         };
@@ -59,7 +59,7 @@ fn values_of(what: &impl serde::Serialize) -> Value {
     serde_json::to_value(what).unwrap_or_default()
 }
 
-/// The configuration without what may change.
+/// The configuration without the values that may change.
 fn values(composition: &Composition) -> Value {
     let mut value = values_of(&composition.config);
     for key in ["world", "script", "for_s", "record", "name"] {
@@ -79,7 +79,7 @@ fn fixed(old: &Value, new: &Value) -> Result<(), ConfigError> {
     Err(ConfigError::plain(format!("{key} can't change during a run"), help))
 }
 
-/// The edits that make one world the other.
+/// The edits that change one world into the other.
 fn world(old: &Scene, new: &Scene) -> Vec<Edit> {
     let remove = |o: &Object| Edit::Remove { name: o.name.clone() };
     let mut edits = Vec::new();
@@ -95,7 +95,7 @@ fn world(old: &Scene, new: &Scene) -> Vec<Edit> {
         };
         let changed = Object { pose: is.pose, class: is.class, ..(**was).clone() };
         if changed != **is {
-            // another shape: another object of the same name
+            // another shape: replace the object by one of the same name
             edits.extend([remove(was), Edit::Add((**is).clone())]);
             continue;
         }

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::mpsc;
 
-/// What the comparison came to, shared with the sink.
+/// The result of the comparison, shared with the sink.
 #[derive(Clone, Default)]
 pub(super) struct Verdict(Arc<Mutex<Found>>);
 
@@ -16,7 +16,7 @@ pub(super) struct Verdict(Arc<Mutex<Found>>);
 struct Found {
     equal: u64,
     difference: Option<String>,
-    /// The recorded event that should have come next, when the run ended.
+    /// The next recorded event, if the run ended before it.
     missing: Option<JournalLine>,
 }
 
@@ -25,10 +25,10 @@ impl Verdict {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How many events were equal, once the run is over.
+    /// The number of equal events, once the run is over.
     ///
     /// # Errors
-    /// The first difference, in words.
+    /// The first difference, as text.
     pub(super) fn after(&self, done: &Done) -> Result<u64, String> {
         let found = self.lock();
         if let Some(difference) = &found.difference {
@@ -41,7 +41,7 @@ impl Verdict {
     }
 }
 
-/// The sink; clones go on where the others are.
+/// The sink; clones share its state.
 #[derive(Clone)]
 pub(super) struct Compare(Arc<Mutex<Core>>);
 
@@ -55,7 +55,7 @@ struct Core {
 }
 
 impl Compare {
-    /// Compares with the journal in `dir`, up to the instant `until` if there is one.
+    /// Compares with the journal in `dir`, up to the time `until` if it is given.
     ///
     /// # Errors
     /// If the journal can't be opened.
@@ -72,7 +72,7 @@ impl Compare {
 }
 
 impl Core {
-    /// Reads what must come next. A journal that was cut off by a crash ends where it was cut.
+    /// Reads the next expected event. A journal that a crash cut off ends there.
     fn expect(&mut self) {
         let next = self.lines.next().and_then(Result::ok);
         self.verdict.lock().missing = next.filter(|line| self.until.is_none_or(|until| line.at < until));
@@ -90,7 +90,7 @@ impl Core {
             return self.expect();
         }
         self.verdict.lock().difference = Some(differ(self.n, expected.as_ref(), at, Some(event)));
-        // full or closed: the run is ending anyway
+        // full or closed: the run is ending already
         let _ = self.stop.try_send(Control::Abort);
     }
 }

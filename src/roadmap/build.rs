@@ -15,15 +15,15 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Cells that an audit searches again, at most, from how many starts, and with how many samples.
+/// Limits of an audit: number of cells, starts per cell, samples.
 const AUDIT: (usize, usize, usize) = (100, 8, 3200);
 
-/// What to build, and where it goes.
+/// Arguments of `mobee roadmap build`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct BuildArgs {
     /// Settings, such as configs/roadmaps/table.toml
     settings: PathBuf,
-    /// The map to write. While it is built, what was found is in FILE.part.
+    /// The map to write. An unfinished build is in FILE.part.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Override a setting: --set vertices=500
@@ -32,7 +32,7 @@ pub struct BuildArgs {
     /// Replace the map if it exists.
     #[arg(long)]
     force: bool,
-    /// Search a hundred of the places that stayed empty again, much longer, to see how many of them can be reached.
+    /// Search a hundred of the empty places again, much longer, to estimate the share that can be reached.
     #[arg(long)]
     audit: bool,
     /// Stop after this many searches, as an interrupt would.
@@ -40,10 +40,10 @@ pub struct BuildArgs {
     stop_after: Option<u64>,
 }
 
-/// Builds the map and says how good it is.
+/// Builds the map and reports its quality.
 ///
 /// # Errors
-/// If the settings are wrong, what was found so far is of other settings, or a file can't be written.
+/// If the settings are wrong, the unfinished build is of other settings, or a file can't be written.
 #[expect(clippy::disallowed_methods, reason = "how long a build takes is told in real time")]
 pub fn command(args: &BuildArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
@@ -88,9 +88,9 @@ pub fn command(args: &BuildArgs) -> Result<String, Report> {
     let map = map(&growth, &plan, robot, world_digest(&scene));
     save(&args.out, &map)?;
     part.remove()?;
-    let mut said = format!("{}: ", args.out.display()) + &info::text(&map, Some(&Labels::new(scene.robots())));
+    let mut report = format!("{}: ", args.out.display()) + &info::text(&map, Some(&Labels::new(scene.robots())));
     let _ = writeln!(
-        said,
+        report,
         "{} searches of {} judged poses, {found_in:.1} s; {} cells of the table stayed empty beside the map",
         growth.trials(),
         growth.evaluations(),
@@ -98,12 +98,12 @@ pub fn command(args: &BuildArgs) -> Result<String, Report> {
     );
     if args.audit {
         bar.step("searches empty places again");
-        said += &audit(&growth, &plan, robot, &mut search, &bar);
+        report += &audit(&growth, &plan, robot, &mut search, &bar);
     }
-    Ok(said)
+    Ok(report)
 }
 
-/// All that is wrong with settings, at their places.
+/// All errors of the settings as complaints, with their places.
 pub(super) fn complaints(source: &Source, error: KindError) -> Complaints {
     let mut wrong = Complaints::default();
     error.all().into_iter().for_each(|e| wrong.push(source.error(&e.path, e.what, e.help)));
@@ -122,16 +122,16 @@ pub(super) fn map(growth: &Growth, plan: &TableMapPlan, robot: &Robot, world: St
     file
 }
 
-/// Which share of the places that can be reached has a pose, as far as a longer search tells.
+/// Estimates the share of reachable places that have a pose, by a longer search.
 fn audit(growth: &Growth, plan: &TableMapPlan, robot: &Robot, search: &mut PoseSearch, bar: &Steps) -> String {
     let (most, starts, budget) = AUDIT;
-    // one without vertices: no pose is too near to another
+    // without vertices, so that no pose is too close to another one
     let empty = Growth::new(plan, &robot.home());
     let vain = growth.searched_in_vain();
-    let asked: Vec<u32> = vain.iter().copied().step_by(vain.len().div_ceil(most).max(1)).collect();
+    let sampled: Vec<u32> = vain.iter().copied().step_by(vain.len().div_ceil(most).max(1)).collect();
     let mut reached = 0;
-    for (i, cell) in asked.iter().enumerate() {
-        bar.show(i as f64 / asked.len() as f64);
+    for (i, cell) in sampled.iter().enumerate() {
+        bar.show(i as f64 / sampled.len() as f64);
         let [x, y] = growth.middle(*cell);
         let mut near: Vec<_> = growth.found().iter().collect();
         near.sort_by(|a, b| {
@@ -142,11 +142,11 @@ fn audit(growth: &Growth, plan: &TableMapPlan, robot: &Robot, search: &mut PoseS
         reached +=
             usize::from(near.iter().step_by(7).take(starts).any(|v| search.reaches(&empty, &wish(&v.q), budget)));
     }
-    let share = reached as f64 / asked.len().max(1) as f64;
+    let share = reached as f64 / sampled.len().max(1) as f64;
     let have = growth.found().len() as f64;
     format!(
         "audit: of {} empty places searched again, {reached} can be reached: the map has {:.1} % of the reachable places\n",
-        asked.len(),
+        sampled.len(),
         100.0 * have / (have + share * vain.len() as f64).max(1.0)
     )
 }

@@ -1,15 +1,15 @@
-//! Maps that a behavior names by their settings: built when they are first asked for, and kept in the user's cache.
+//! Maps that a behavior names by their settings: built at their first use, and stored in the user's cache.
 //!
 //! ```text
 //! {"inputs":"<digest of builder's version, settings, robot and world>","map_sha256":"<digest of what follows>"}
 //! the map, as `mobee roadmap build` writes it
 //! ```
-//! A map that is not what its first line says, or not one for these settings, is built again. A map is used as it is read, so that the run
-//! that builds it is the run that later finds it.
+//! A map that does not match its first line, or these settings, is built again. A new map is read back before use, so
+//! that its first run is the same as later ones.
 
 use super::build::map;
 use super::part::{VERSION, inputs};
-use super::{LONGEST, robot, save_text, scene};
+use super::{MAX_MAP_BYTES, robot, save_text, scene};
 use crate::config::{Complaints, ConfigError};
 use miette::Report;
 use mobee_behaviors::map_file::{MapFile, robot_digest, world_digest};
@@ -29,7 +29,7 @@ struct Head {
     map_sha256: String,
 }
 
-/// The map that these settings describe.
+/// The map of these settings.
 ///
 /// # Errors
 /// If the settings, or the robot or world that they name, can't be used; or no pose is found.
@@ -43,11 +43,11 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
     let robot = robot(&scene).map_err(|e| unusable(e.to_string()))?;
     let plan = Arc::new(settings.plan(robot).map_err(|e| super::build::complaints(&source, e))?);
     let inputs = inputs(&format!("{VERSION} {plan:?}"), &robot_digest(robot), &world_digest(&scene));
-    let kept = place(&inputs);
-    match kept.as_deref().map(|kept| cached(kept, &inputs, &scene, &plan)) {
+    let cache_file = place(&inputs);
+    match cache_file.as_deref().map(|cache_file| cached(cache_file, &inputs, &scene, &plan)) {
         Some(Ok(Some(map))) => return Ok(map),
         Some(Err(why)) => {
-            let at = kept.as_deref().unwrap_or(path).display();
+            let at = cache_file.as_deref().unwrap_or(path).display();
             eprintln!("warning: the map in the cache is not used, and is built again: {at}: {why}");
         }
         Some(Ok(None)) | None => {}
@@ -55,11 +55,11 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
     eprintln!("building the map of {} (about a minute; it is kept in the cache for the next time)", path.display());
     let text = built(&scene, robot, &plan).map_err(|e| unusable(e.to_string()))?.text();
     let map = MapFile::parse(&text).map_err(|e| unusable(e.what))?;
-    if let Some(kept) = kept {
+    if let Some(cache_file) = cache_file {
         let head = serde_json::to_string(&Head { inputs, map_sha256: digest(&text) }).unwrap_or_default();
-        // whoever has no cache builds it again
-        let saved = kept.parent().is_some_and(|folder| std::fs::create_dir_all(folder).is_ok());
-        let _ = saved.then(|| save_text(&kept, &format!("{head}\n{text}")));
+        // without a cache, the map is built again next time
+        let saved = cache_file.parent().is_some_and(|folder| std::fs::create_dir_all(folder).is_ok());
+        let _ = saved.then(|| save_text(&cache_file, &format!("{head}\n{text}")));
     }
     Ok(map)
 }
@@ -67,9 +67,9 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
 /// The map in the cache, if there is one.
 ///
 /// # Errors
-/// Why it is not the one that is asked for, in words.
-fn cached(kept: &Path, inputs: &str, scene: &Scene, plan: &TableMapPlan) -> Result<Option<MapFile>, String> {
-    let text = match read_text(kept, LONGEST) {
+/// The reason why it is not the requested map.
+fn cached(cache_file: &Path, inputs: &str, scene: &Scene, plan: &TableMapPlan) -> Result<Option<MapFile>, String> {
+    let text = match read_text(cache_file, MAX_MAP_BYTES) {
         Ok(text) => text,
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(e.to_string()),
@@ -111,7 +111,7 @@ fn built(scene: &Scene, robot: &Robot, plan: &Arc<TableMapPlan>) -> Result<MapFi
     Ok(map(&growth, plan, robot, world_digest(scene)))
 }
 
-/// Where the user's programs keep what they can make again.
+/// Path of a map in the user's cache.
 fn place(digest: &str) -> Option<PathBuf> {
     let of = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let cache = of("XDG_CACHE_HOME").or_else(|| of("HOME").map(|home| home.join(".cache")))?;

@@ -1,4 +1,5 @@
-//! `mobee roadmap improve`: out of the traps. Parts that can't be reached are joined to the rest, thin places grow, what stays apart may go.
+//! `mobee roadmap improve`: joins unreachable parts of a map to the rest, grows it where it is sparse, and prunes parts
+//! that stay apart.
 
 use super::certified::CertifiedArgs;
 use super::robot;
@@ -11,27 +12,27 @@ use mobee_behaviors::roadmap::join::JoinSettings;
 use mobee_model::{Robot, Scene};
 use std::fmt::Write;
 
-/// The most poses that may be added at once: a typing error must not eat the memory.
-const MOST_GROWN: i64 = 100_000;
+/// Maximum number of poses to add at once: a typing error must not exhaust the memory.
+const MAX_GROWN: i64 = 100_000;
 
-/// What to improve, where, and how much of it.
+/// Arguments of `mobee roadmap improve`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ImproveArgs {
     #[command(flatten)]
     of: CertifiedArgs,
-    /// Pairs of vertices between which a way to each part is looked for.
+    /// Number of pairs of vertices between which a path to each part is planned.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..))]
     pairs: u16,
-    /// Straight lines that one plan may judge.
+    /// Maximum number of straight lines that one plan checks.
     #[arg(long, value_name = "N", default_value_t = 5000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     budget: u64,
-    /// Also add so many free poses where vertices are far apart.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MOST_GROWN))]
+    /// Also add this number of free poses where vertices are far apart.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_GROWN))]
     grow: u32,
-    /// A pose that is added is joined to so many of its nearest.
+    /// Number of nearest vertices to which an added pose is joined.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
     neighbors: u16,
-    /// Then leave out what can't be reached or left, unless it has a name. Vertices are numbered anew.
+    /// Then remove vertices that can't be reached or left, unless they have a name. Vertices are renumbered.
     #[arg(long)]
     prune: bool,
     /// Seed of all randomness.
@@ -39,10 +40,10 @@ pub struct ImproveArgs {
     seed: u64,
 }
 
-/// Certifies the map, joins, grows and prunes it, and stores it with what blocks its edges.
+/// Certifies the map, joins, grows and prunes it, and stores it with the obstacles of its edges.
 ///
 /// # Errors
-/// If a file can't be read or written, the map is of another robot, or there is nothing in it.
+/// If a file can't be read or written, the map is of another robot, or it is empty.
 pub fn command(args: &ImproveArgs) -> Result<String, Report> {
     let (scene, mut file) = args.of.load()?;
     let robot = robot(&scene)?;
@@ -60,27 +61,27 @@ pub fn command(args: &ImproveArgs) -> Result<String, Report> {
     bar.step("joins parts");
     let settings = JoinSettings { pairs: usize::from(args.pairs), budget: args.budget, seed: args.seed };
     let planner = RrtConnect::default();
-    let report = map.join_islands(&mut space, &planner, settings, &rest, &shown, &mut |share| bar.show(share));
-    let (before, after) = report.islands;
-    let mut said = format!(
-        "parts of the map: {before}, now {after}; joined by {} more vertices and {} edges; {} plans in vain, {} lines judged\n",
-        report.vertices, report.edges, report.in_vain, report.evaluations
+    let joined = map.join_islands(&mut space, &planner, settings, &rest, &shown, &mut |share| bar.show(share));
+    let (before, after) = joined.islands;
+    let mut report = format!(
+        "parts of the map: {before}, now {after}; joined by {} more vertices and {} edges; {} failed plans, {} lines checked\n",
+        joined.vertices, joined.edges, joined.in_vain, joined.evaluations
     );
     if args.grow > 0 {
         bar.step("grows");
         let much = (args.grow as usize, usize::from(args.neighbors), args.seed);
         let grown = map.grow(&mut space, much, &rest, &shown);
-        let _ = writeln!(said, "poses added where the map was thin: {grown}");
+        let _ = writeln!(report, "poses added where the map was thin: {grown}");
     }
     if args.prune {
         let pruned = map.pruned();
-        let _ = writeln!(said, "left out: {} vertices", map.len() - pruned.map.len());
+        let _ = writeln!(report, "left out: {} vertices", map.len() - pruned.map.len());
         map = pruned.map;
     }
     let mut better = map.file(robot);
     args.of.certify(&mut better, &scene, &bar)?;
     drop(bar);
-    Ok(said + &args.of.save(&better, &scene)?)
+    Ok(report + &args.of.save(&better, &scene)?)
 }
 
 /// The map, without the edges that are not certified free.
@@ -94,14 +95,14 @@ fn over_free_edges(file: &MapFile, robot: &Robot) -> Result<Roadmap, Report> {
     Ok(map)
 }
 
-/// The node of the marker that stands for the hand: the map's, or the one that most of its motors move.
+/// The node of the hand's marker: the map's, or that of the marker which most of the map's motors move.
 fn marker(file: &MapFile, robot: &Robot, map: &Roadmap) -> Option<usize> {
     let named = robot.markers.iter().find(|m| Some(&m.name) == file.hand.as_ref());
     let moved = || mobee_behaviors::group::hand(robot, map.motors()).and_then(|i| robot.markers.get(i));
     named.or_else(moved).map(|m| m.node)
 }
 
-/// Where that is at a pose, in the world, meters.
+/// The hand's position at a configuration, in the world, meters.
 fn at(scene: &Scene, hand: Option<usize>, q: &[f64]) -> [f64; 3] {
     let frames = scene.node_transforms(&[q]);
     let frame = hand.and_then(|node| frames.first()?.get(node).copied());

@@ -1,4 +1,4 @@
-//! `mobee roadmap info`: what a map holds, in a few lines.
+//! `mobee roadmap info`: the contents of a map, in a few lines.
 
 use mobee_behaviors::map_file::{MapFile, StoredVerdict};
 use mobee_behaviors::table_map::figures;
@@ -7,13 +7,13 @@ use mobee_model::Labels;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// More groups than this are not told apart.
-const MOST: usize = 12;
+/// Maximum number of groups that are listed.
+const MAX_GROUPS: usize = 12;
 
-/// So many pairs of shapes that block edges are named.
+/// Maximum number of listed pairs of shapes that block edges.
 const MAX_PAIRS: usize = 5;
 
-/// The lines; with labels of the robot's shapes, if its file is at hand.
+/// The lines, with labels of the robot's shapes if its file is given.
 pub fn text(map: &MapFile, labels: Option<&Labels>) -> String {
     let mut out = format!(
         "version {}, robot {}{}, {} vertices, {} directed edges\n",
@@ -46,7 +46,7 @@ pub fn text(map: &MapFile, labels: Option<&Labels>) -> String {
     out + &spacing(map)
 }
 
-/// How many edges are free, and how many are blocked by what.
+/// The number of free edges, and of blocked ones by obstacle.
 pub fn verdicts(map: &MapFile) -> String {
     let mut by: BTreeMap<&str, usize> = BTreeMap::new();
     let mut free = 0;
@@ -58,8 +58,8 @@ pub fn verdicts(map: &MapFile) -> String {
     }
     let mut by: Vec<(&str, usize)> = by.into_iter().collect();
     by.sort_by_key(|(what, n)| (std::cmp::Reverse(*n), *what));
-    let more = by.len().saturating_sub(MOST);
-    let mut words: Vec<String> = by.iter().take(MOST).map(|(what, n)| format!("{what} {n}")).collect();
+    let more = by.len().saturating_sub(MAX_GROUPS);
+    let mut words: Vec<String> = by.iter().take(MAX_GROUPS).map(|(what, n)| format!("{what} {n}")).collect();
     if more > 0 {
         words.push(format!("{more} more"));
     }
@@ -70,7 +70,7 @@ pub fn verdicts(map: &MapFile) -> String {
     }
 }
 
-/// The pairs of shapes that block most edges, a line; none if nothing does.
+/// The pairs of shapes that block most edges, as a line; empty if there are none.
 pub fn pairs(map: &MapFile, labels: Option<&Labels>) -> String {
     let mut by: BTreeMap<[String; 2], usize> = BTreeMap::new();
     for verdict in map.edges.iter().filter_map(|e| e.verdict.as_ref()) {
@@ -92,7 +92,8 @@ pub fn pairs(map: &MapFile, labels: Option<&Labels>) -> String {
     format!("pairs that block most edges: {}\n", words.join(", "))
 }
 
-/// A shape's stable name for people: its label, or without the robot's file the robot and its part or link, or the object.
+/// A shape's stable name as readable text: its label, or without the robot's file the robot and its part or link, or
+/// the object.
 fn readable(shape: &str, labels: Option<&Labels>) -> String {
     let body = shape.rsplit_once('#').map_or(shape, |(body, _)| body);
     if let Some(label) = labels.map(|labels| labels.read(shape)).filter(|label| label != body) {
@@ -105,15 +106,15 @@ fn readable(shape: &str, labels: Option<&Labels>) -> String {
     format!("{robot} {place}")
 }
 
-/// How far each hand position is from the next.
+/// Statistics of the distance of each hand position to the nearest other.
 fn spacing(map: &MapFile) -> String {
     let at: Vec<[f64; 3]> = map.vertices.iter().map(|v| v.at_m).collect();
     let found = figures(&at);
     if found.nearest_mm.is_empty() {
         return String::new();
     }
-    let bars: Vec<String> = found.nearest_mm.iter().take(MOST).map(|(mm, n)| format!("{mm} mm {n}")).collect();
-    let dots = if found.nearest_mm.len() > MOST { ", ..." } else { "" };
+    let bars: Vec<String> = found.nearest_mm.iter().take(MAX_GROUPS).map(|(mm, n)| format!("{mm} mm {n}")).collect();
+    let dots = if found.nearest_mm.len() > MAX_GROUPS { ", ..." } else { "" };
     format!(
         "spacing: median {:.1} mm; poses by the distance of their nearest: {}{dots}\n",
         found.median * 1e3,

@@ -1,11 +1,11 @@
-//! `mobee roadmap merge`: what several maps know, in one.
+//! `mobee roadmap merge`: merges several maps into one.
 
 use super::{info, load, may_write, save};
 use miette::{Report, miette};
 use mobee_behaviors::map_file::merge;
 use std::path::PathBuf;
 
-/// What to merge.
+/// Arguments of `mobee roadmap merge`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct MergeArgs {
     /// The maps.

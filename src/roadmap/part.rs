@@ -1,4 +1,4 @@
-//! A build under way: the trials so far, a line each, in a file beside the map. Who is interrupted tells them again.
+//! An unfinished build: the trials so far, one per line, in a file beside the map. An interrupted build replays them.
 
 use crate::config::ConfigError;
 use mobee_behaviors::table_map::Trial;
@@ -9,12 +9,12 @@ use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// How long it may be, bytes.
-const LONGEST: u64 = 256 * MIB;
-/// To be raised when a search finds other poses for the same settings.
+/// Maximum size of the file, bytes.
+const MAX_PART_BYTES: u64 = 256 * MIB;
+/// Version of the search, to be raised if it finds other poses for the same settings.
 pub(super) const VERSION: u32 = 1;
-/// Lines are written this many at a time: so much is lost at most.
-const LINES: usize = 50;
+/// Number of lines that are written at a time: so many are lost at most.
+const LINES_PER_WRITE: usize = 50;
 
 /// The first line.
 #[derive(Serialize, Deserialize)]
@@ -23,7 +23,7 @@ struct Head {
     inputs: String,
 }
 
-/// The file.
+/// The open file.
 pub(super) struct Part {
     path: PathBuf,
     file: File,
@@ -32,17 +32,17 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// Where the build of a map is kept.
+    /// Path of the unfinished build of a map.
     pub(super) fn beside(map: &Path) -> PathBuf {
         let mut name = map.as_os_str().to_owned();
         name.push(".part");
         PathBuf::from(name)
     }
 
-    /// Opens or begins it. Answers the trials in it; a line that was not written to its end is dropped.
+    /// Opens or creates the file. Returns the trials in it; drops an incomplete last line.
     ///
     /// # Errors
-    /// If it is of other settings, is damaged, or can't be read or written.
+    /// If it belongs to other settings, is damaged, or can't be read or written.
     pub(super) fn open(map: &Path, inputs: &str) -> Result<(Part, Vec<Trial>), ConfigError> {
         let path = Part::beside(map);
         let no = |e: std::io::Error| unwritable(&path, &e);
@@ -52,14 +52,14 @@ impl Part {
             writeln!(file, "{}", serde_json::to_string(&head).unwrap_or_default()).map_err(no)?;
             return Ok((Part { path, file, waiting: Vec::new(), lines: 0 }, Vec::new()));
         }
-        let bytes = read(&path, LONGEST).map_err(no)?;
+        let bytes = read(&path, MAX_PART_BYTES).map_err(no)?;
         let whole = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |end| end + 1);
         let text = String::from_utf8_lossy(bytes.get(..whole).unwrap_or_default()).into_owned();
         let mut lines = text.lines();
         let head: Option<Head> = lines.next().and_then(|line| serde_json::from_str(line).ok());
         if head.is_none_or(|head| head.version != VERSION || head.inputs != inputs) {
             let what = format!("{} is of a build with other settings, or of another robot or world", path.display());
-            return Err(ConfigError::plain(what, "go on with those, or remove the file to begin anew"));
+            return Err(ConfigError::plain(what, "go on with those, or remove the file to start over"));
         }
         let mut trials = Vec::new();
         for (number, line) in (2..).zip(lines) {
@@ -70,15 +70,15 @@ impl Part {
         Ok((Part { path, file, waiting: Vec::new(), lines: 0 }, trials))
     }
 
-    /// Notes a trial.
+    /// Records a trial.
     ///
     /// # Errors
-    /// If the disk takes no more.
+    /// If the file can't be written.
     pub(super) fn note(&mut self, trial: &Trial) -> Result<(), ConfigError> {
         self.waiting.extend(serde_json::to_string(trial).unwrap_or_default().into_bytes());
         self.waiting.push(b'\n');
         self.lines += 1;
-        if self.lines < LINES {
+        if self.lines < LINES_PER_WRITE {
             return Ok(());
         }
         self.lines = 0;
@@ -86,12 +86,12 @@ impl Part {
         self.file.write_all(&waiting).map_err(|e| unwritable(&self.path, &e))
     }
 
-    /// Takes it away: the map is written.
+    /// Removes the file once the map is written.
     pub(super) fn remove(self) -> Result<(), ConfigError> {
         std::fs::remove_file(&self.path).map_err(|e| unwritable(&self.path, &e))
     }
 
-    /// A complaint about a line that can't be, from 1.
+    /// A complaint about the line of a trial; trials count from 0.
     pub(super) fn damaged(&self, trial: usize, why: &str) -> ConfigError {
         damaged(&self.path, trial + 2, why)
     }
@@ -99,14 +99,14 @@ impl Part {
 
 fn damaged(path: &Path, line: usize, why: &str) -> ConfigError {
     let what = format!("{}:{line}: {why}", path.display());
-    ConfigError::plain(what, "the file is damaged: remove it to begin the build anew")
+    ConfigError::plain(what, "the file is damaged: remove it to start the build over")
 }
 
 fn unwritable(path: &Path, e: &std::io::Error) -> ConfigError {
     ConfigError::plain(format!("can't write {}: {e}", path.display()), "check the folder's space and permissions")
 }
 
-/// What a build is made from, as one number.
+/// Digest of a build's inputs.
 pub(super) fn inputs(settings: &str, robot: &str, world: &str) -> String {
     let mut sum = Sha256::new();
     for text in [settings, robot, world] {

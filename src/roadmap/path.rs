@@ -11,7 +11,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// From where to where.
+/// Arguments of `mobee roadmap path`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct PathArgs {
     /// The map.
@@ -38,7 +38,7 @@ pub struct PathArgs {
     /// Maximum speed of motors whose robot file states none, deg/s or mm/s.
     #[arg(long, value_name = "DEG_PER_S", default_value_t = 100.0, value_parser = positive)]
     max_speed: f64,
-    /// Write joint values every so many seconds, and at the end, instead of at each vertex.
+    /// Write joint values at this interval, seconds, and at the end, instead of at each vertex.
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     every: Option<f64>,
     /// Replace the written files if they exist.
@@ -88,11 +88,12 @@ pub fn command(args: &PathArgs) -> Result<ExitCode, Report> {
         file.edges.retain(|e| e.verdict == Some(StoredVerdict::Free));
     }
     let map = Roadmap::of_file(&file, robot).map_err(|e| ConfigError::plain(e.what, e.help))?;
-    let (from, to) = (vertex(&map, &args.from)?, vertex(&map, &args.to)?);
+    let from = vertex(&map, &args.from)?;
+    let to = vertex(&map, &args.to)?;
     let Some(path) = map.plan(from, to) else {
         let edges = if only_free { "edges that are certified free" } else { "edges that were not removed" };
         let name = |id: u32| called(&map, id);
-        // nothing but data goes to a standard output that a program reads
+        // if standard output receives data, nothing else may go there
         let text = format!("no path leads from {} to {} over {edges}", name(from), name(to));
         if to_terminal > 0 {
             eprintln!("{text}")
@@ -131,7 +132,7 @@ fn vertex(map: &Roadmap, name: &str) -> Result<u32, ConfigError> {
     map.find(name).ok_or_else(|| ConfigError::plain(what(), help()))
 }
 
-/// The path, a vertex on a line.
+/// The path, one vertex per line.
 fn text(file: &MapFile, path: &[u32]) -> String {
     let mut out = String::new();
     for id in path {
@@ -143,7 +144,8 @@ fn text(file: &MapFile, path: &[u32]) -> String {
     let legs = path.windows(2);
     let at = |id: u32| file.vertices.get(id as usize).map_or([0.0; 3], |v| v.at_m);
     let far = |leg: &[u32]| {
-        let (a, b) = (at(leg[0]), at(leg[1]));
+        let a = at(leg[0]);
+        let b = at(leg[1]);
         a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
     };
     let hand: f64 = legs.clone().map(far).sum();

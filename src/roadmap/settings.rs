@@ -6,10 +6,10 @@ use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
-/// Reads a file of settings, with overrides as of `--set`; paths in it are then as seen from here.
+/// Reads a settings file, with overrides as of `--set`; its paths are then relative to the working directory.
 ///
 /// # Errors
-/// All that is wrong, each with its place.
+/// All errors, each with its place.
 pub fn read(path: &Path, set: &[String]) -> Result<(TableMapSettings, Source), Complaints> {
     let (mut settings, source) = read_table::<TableMapSettings>(path, set, "docs/roadmaps.md")?;
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -18,10 +18,10 @@ pub fn read(path: &Path, set: &[String]) -> Result<(TableMapSettings, Source), C
     Ok((settings, source))
 }
 
-/// Reads a file of settings of any kind, which `docs` describes.
+/// Reads a settings file of any kind, which `docs` describes.
 ///
 /// # Errors
-/// All that is wrong, each with its place.
+/// All errors, each with its place.
 pub fn read_table<T: DeserializeOwned + JsonSchema>(
     path: &Path,
     set: &[String],

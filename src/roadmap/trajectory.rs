@@ -1,7 +1,7 @@
-//! A path with times: joint values for a program that drives them.
+//! A timed path: joint values for a program that drives them.
 //!
-//! Between two vertices all of the map's motors move at constant speed and arrive together: the one that needs longest goes at its share of its
-//! maximum speed. Accelerations are not accounted for.
+//! Between two vertices all of the map's motors move at constant speed and arrive together: the slowest one moves at
+//! its share of its maximum speed. Accelerations are not considered.
 
 use crate::config::ConfigError;
 use mobee_behaviors::roadmap::Roadmap;
@@ -9,15 +9,16 @@ use mobee_model::{Motor, Robot};
 use serde_json::json;
 use std::fmt::Write;
 
-/// More rows are refused: a typing error must not fill the disk.
+/// Maximum number of rows: a typing error must not fill the disk.
 const MAX_ROWS: f64 = 1e6;
-/// Two vertices are at least so far apart in time, s.
+/// Minimum time between two vertices, s.
 const MIN_LEG_S: f64 = 1e-3;
-/// Decimal places: a millionth of a degree or second is below what maps and clocks resolve.
+/// Decimal places: 1e-7 degrees or seconds is below the resolution of maps and clocks.
 const PLACES: usize = 7;
+/// The reciprocal of the last decimal place.
 const PER_UNIT: f64 = 1e7;
 
-/// How fast motors go.
+/// Speeds of motors.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Speeds {
     /// Share of each motor's maximum speed.
@@ -38,21 +39,21 @@ pub(crate) struct Trajectory<'a> {
 #[derive(Clone, Debug, PartialEq)]
 struct Point {
     t_s: f64,
-    /// The vertex and its name; none between two vertices.
+    /// The vertex and its name; `None` between two vertices.
     vertex: Option<(u32, Option<String>)>,
     /// Positions of the map's motors, rad of encoder.
     q: Vec<f64>,
 }
 
 impl<'a> Trajectory<'a> {
-    /// Over the vertices of a path, a point for each.
+    /// A trajectory over the vertices of a path, with a point for each.
     pub fn new(map: &Roadmap, path: &[u32], robot: &'a Robot, speeds: Speeds) -> Trajectory<'a> {
         let vertices = path.iter().filter_map(|id| Some((*id, map.vertex(*id)?)));
         let poses = vertices.map(|(id, vertex)| (Some((id, vertex.name.clone())), map.group(&vertex.q)));
         Self::over(poses, map.motors(), robot, speeds)
     }
 
-    /// Over the poses of a path of these motors, rad of encoder, a point for each.
+    /// A trajectory over the configurations of a path of these motors, rad of encoder, with a point for each.
     pub fn through(poses: &[Vec<f64>], motors: &[usize], robot: &'a Robot, speeds: Speeds) -> Trajectory<'a> {
         Self::over(poses.iter().map(|q| (None, q.clone())), motors, robot, speeds)
     }
@@ -70,7 +71,7 @@ impl<'a> Trajectory<'a> {
             let (t_s, q) = match points.last() {
                 None => (0.0, goal),
                 Some(last) => {
-                    // the short way round, as it is driven
+                    // continuous joints take the short way round, as they are driven
                     let q: Vec<f64> = motors
                         .iter()
                         .zip(last.q.iter().zip(&goal))
@@ -86,15 +87,15 @@ impl<'a> Trajectory<'a> {
         Trajectory { robot, motors, speeds, points }
     }
 
-    /// When it ends, s.
+    /// Duration, s.
     pub fn duration_s(&self) -> f64 {
         self.points.last().map_or(0.0, |p| p.t_s)
     }
 
-    /// The same with a point every so many seconds, and one at the end.
+    /// The same trajectory with a point every `every_s` seconds, and one at the end.
     ///
     /// # Errors
-    /// If that are too many.
+    /// If there are more than [`MAX_ROWS`].
     pub fn sampled(self, every_s: f64) -> Result<Trajectory<'a>, ConfigError> {
         let end = self.duration_s();
         let is_bounded = end / every_s <= MAX_ROWS;
@@ -106,7 +107,7 @@ impl<'a> Trajectory<'a> {
         let mut legs = self.points.windows(2).peekable();
         for i in 0_u32.. {
             let t_s = f64::from(i) * every_s;
-            // what is left to the end may be shorter than rounding
+            // the rest to the end may be a rounding error
             if t_s > end - every_s * 1e-6 {
                 break;
             }
@@ -120,7 +121,7 @@ impl<'a> Trajectory<'a> {
         Ok(Trajectory { points, ..self })
     }
 
-    /// A table: times in seconds, and a column for each motor in its unit, which the header names.
+    /// A table: times in seconds, and a column for each motor in the unit that the header names.
     pub fn csv(&self) -> String {
         let columns = self.motors.iter().map(|m| quoted(&format!("{}_{}", m.name, m.motion.unit())));
         let mut out = std::iter::once("t_s".to_owned()).chain(columns).collect::<Vec<_>>().join(",") + "\n";
@@ -134,7 +135,7 @@ impl<'a> Trajectory<'a> {
         out
     }
 
-    /// The same as JSON, a point on a line.
+    /// The same as JSON, one point per line.
     pub fn json(&self) -> String {
         let point = |p: &Point| {
             let positions: Vec<f64> = p.q.iter().map(|q| rounded(q.to_degrees())).collect();
@@ -161,12 +162,12 @@ impl<'a> Trajectory<'a> {
     }
 }
 
-/// To [`PLACES`]; a rounded zero has no sign.
+/// Rounds to [`PLACES`]; a rounded zero has no sign.
 fn rounded(x: f64) -> f64 {
     (x * PER_UNIT).round() / PER_UNIT + 0.0
 }
 
-/// A field of a table, in quotes if it needs them.
+/// A field of a table, quoted if necessary.
 fn quoted(field: &str) -> String {
     if field.contains([',', '"', '\n']) { format!("\"{}\"", field.replace('"', "\"\"")) } else { field.to_owned() }
 }

@@ -1,17 +1,17 @@
-//! `mobee roadmap validate`: every edge certified, with what blocks it.
+//! `mobee roadmap validate`: certifies every edge, and stores its obstacle.
 
 use super::certified::CertifiedArgs;
 use crate::robot_import::Steps;
 use miette::Report;
 
-/// What to validate, and in which world.
+/// Arguments of `mobee roadmap validate`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ValidateArgs {
     #[command(flatten)]
     of: CertifiedArgs,
 }
 
-/// Certifies all edges and stores what was found.
+/// Certifies all edges and stores the verdicts.
 ///
 /// # Errors
 /// If a file can't be read or written, or the map is of another robot.

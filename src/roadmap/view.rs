@@ -8,7 +8,7 @@ use mobee_recorder::{MapLines, MapView, Settings, view_map};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// What to look at, and where the recording goes.
+/// Arguments of `mobee roadmap view`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ViewMapArgs {
     /// The map.
@@ -62,7 +62,7 @@ pub fn command(args: &ViewMapArgs) -> Result<String, Report> {
     })
 }
 
-/// Undirected edges by what blocks them, those that nothing blocks first. A line is blocked if one of its directions is.
+/// Undirected edges by obstacle, free ones first. A line is blocked if one of its directions is.
 fn lines(map: &MapFile) -> Vec<MapLines> {
     let mut worst: BTreeMap<(u32, u32), Option<&str>> = BTreeMap::new();
     for e in &map.edges {

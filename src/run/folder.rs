@@ -1,4 +1,4 @@
-//! A run's folder: `runs/NAME-TIME/`, made new, never written over, and its user's alone.
+//! A run's folder: `runs/NAME-TIME/`, newly created, never overwritten, and accessible to its user only.
 
 use crate::config::ConfigError;
 use mobee_contract::{Before, create_private};
@@ -9,63 +9,64 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Only its owner may look into it or write to it: it holds the way to the control port.
-const OWNER: u32 = 0o700;
+/// Mode bits: only the owner may read or write, because the folder holds the address of the control port.
+const OWNER_ONLY: u32 = 0o700;
 
 /// A new folder for one run.
 #[derive(Clone, Debug)]
 pub struct Folder {
     path: PathBuf,
-    /// The folder itself, under whatever name.
+    /// The open folder; valid even if the folder is renamed.
     handle: Arc<File>,
 }
 
 impl Folder {
-    /// Makes `out`, or `runs/NAME-TIME` below the working directory.
+    /// Creates `out`, or `runs/NAME-TIME` below the working directory.
     ///
     /// # Errors
-    /// If it exists already and is not empty, belongs to another user, or can't be made.
+    /// If it exists and is not empty, belongs to another user, or can't be created.
     pub fn create(name: &str, out: Option<&Path>) -> Result<Folder, ConfigError> {
         let path = match out {
             Some(path) => given(path)?,
             None => unused(name)?,
         };
-        take(&path)?;
+        claim(&path)?;
         Folder::at(path)
     }
 
-    /// The folder of a run that goes on.
+    /// Opens the folder of a run that is continued.
     ///
     /// # Errors
-    /// If it is no run's folder, or another user's.
+    /// If it is not a run's folder, or belongs to another user.
     pub fn of_run(path: &Path) -> Result<Folder, ConfigError> {
         Folder::must_be_run(path)?;
-        take(path)?;
+        claim(path)?;
         Folder::at(path.to_owned())
     }
 
     fn at(path: PathBuf) -> Result<Folder, ConfigError> {
-        let handle = File::open(&path).map_err(|e| unmade(&path, &e))?;
+        let handle = File::open(&path).map_err(|e| cannot_create(&path, &e))?;
         Ok(Folder { path, handle: Arc::new(handle) })
     }
 
-    /// Where it is now: whoever renames it in mid-run finds all files of the run in it.
+    /// The current path, which follows the folder if it is renamed during the run.
     pub(crate) fn now(&self) -> PathBuf {
         let handle = PathBuf::from(format!("/proc/self/fd/{}", self.handle.as_raw_fd()));
         if handle.exists() { handle } else { self.path.clone() }
     }
 
-    /// That it has another name now, in words.
+    /// A complaint if the folder was renamed.
     pub(crate) fn renamed(&self) -> Option<String> {
-        let (now, own) = (self.now().canonicalize().ok()?, self.path.canonicalize().ok());
+        let now = self.now().canonicalize().ok()?;
+        let own = self.path.canonicalize().ok();
         (Some(&now) != own.as_ref())
             .then(|| format!("the run's folder was renamed while it was under way: to {}", now.display()))
     }
 
-    /// Sees that a folder is a run's; nothing is written.
+    /// Checks that a folder is a run's; writes nothing.
     ///
     /// # Errors
-    /// If it is not.
+    /// If it contains no `config.json`.
     pub fn must_be_run(path: &Path) -> Result<(), ConfigError> {
         if path.join("config.json").is_file() {
             return Ok(());
@@ -74,24 +75,25 @@ impl Folder {
         Err(ConfigError::plain(what, "give a folder that `mobee run` made, such as runs/explore-..."))
     }
 
-    /// A file's path that nothing stands at yet: `NAME.EXT`, or `NAME-2.EXT` and so on.
+    /// A path in the folder at which no file exists: `NAME.EXT`, else `NAME-2.EXT` and so on.
     pub fn unused(&self, name: &str, extension: &str) -> PathBuf {
         let names =
             std::iter::once(format!("{name}.{extension}")).chain((2..).map(|n| format!("{name}-{n}.{extension}")));
         names.map(|n| self.path.join(n)).find(|p| !p.exists()).unwrap_or_default()
     }
 
-    /// Its path.
+    /// The path at which the folder was created or opened.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes a file whole or not at all.
+    /// Writes a file atomically.
     ///
     /// # Errors
-    /// If the disk refuses.
+    /// If the file can't be written.
     pub fn write(&self, name: &str, text: &str) -> Result<(), ConfigError> {
-        let (now, file) = (self.now(), self.path.join(name));
+        let now = self.now();
+        let file = self.path.join(name);
         let part = now.join(format!("{name}.part"));
         let write = || create_private(&part, Before::Empty)?.write_all(text.as_bytes());
         write().and_then(|()| std::fs::rename(&part, now.join(name))).map_err(|e| {
@@ -101,9 +103,9 @@ impl Folder {
     }
 }
 
-/// Makes the folder that was asked for; an empty one may stand there.
+/// Creates the given folder; an existing empty folder is accepted.
 fn given(path: &Path) -> Result<PathBuf, ConfigError> {
-    path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(|e| unmade(path, &e))?;
+    path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(|e| cannot_create(path, &e))?;
     let empty = || path.read_dir().is_ok_and(|mut d| d.next().is_none());
     match make(path) {
         Ok(()) => Ok(path.to_owned()),
@@ -112,11 +114,12 @@ fn given(path: &Path) -> Result<PathBuf, ConfigError> {
             format!("{} exists already", path.display()),
             "give another --out; a run never writes over another one",
         )),
-        Err(e) => Err(unmade(path, &e)),
+        Err(e) => Err(cannot_create(path, &e)),
     }
 }
 
-/// Makes a folder that nothing stands at. Whoever makes it has it: somebody else may want the same name at this moment.
+/// Creates a folder with an unused name. Creating it is the test: another process may choose the same name at this
+/// moment.
 fn unused(name: &str) -> Result<PathBuf, ConfigError> {
     #[expect(
         clippy::disallowed_methods,
@@ -126,36 +129,37 @@ fn unused(name: &str) -> Result<PathBuf, ConfigError> {
     let stamp = stamp(now.duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs()));
     let names = std::iter::once(format!("{name}-{stamp}")).chain((2..).map(|n| format!("{name}-{stamp}-{n}")));
     let runs = Path::new("runs");
-    std::fs::create_dir_all(runs).map_err(|e| unmade(runs, &e))?;
+    std::fs::create_dir_all(runs).map_err(|e| cannot_create(runs, &e))?;
     for path in names.map(|n| runs.join(n)) {
         match make(&path) {
             Ok(()) => return Ok(path),
             Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
-            Err(e) => return Err(unmade(&path, &e)),
+            Err(e) => return Err(cannot_create(&path, &e)),
         }
     }
     Err(ConfigError::plain("there is no name left for a folder in runs/", "give an --out"))
 }
 
 fn make(path: &Path) -> io::Result<()> {
-    DirBuilder::new().mode(OWNER).create(path)?;
-    // the umask may have taken more away
-    std::fs::set_permissions(path, Permissions::from_mode(OWNER))
+    DirBuilder::new().mode(OWNER_ONLY).create(path)?;
+    // the umask may have removed bits
+    std::fs::set_permissions(path, Permissions::from_mode(OWNER_ONLY))
 }
 
-fn unmade(path: &Path, why: &io::Error) -> ConfigError {
+fn cannot_create(path: &Path, why: &io::Error) -> ConfigError {
     let what = format!("can't make the folder {}: {why}", path.display());
     ConfigError::plain(what, "give an --out that can be written")
 }
 
-/// Sees that the folder is this user's, and closes it to all others. Another owner could exchange what the run reads again.
-fn take(path: &Path) -> Result<(), ConfigError> {
+/// Checks that the folder belongs to this user, and closes it to all others. Another owner could replace files that the
+/// run reads again.
+fn claim(path: &Path) -> Result<(), ConfigError> {
     let ours = || -> io::Result<bool> {
-        // a file of our own tells who we are, and whether we may write here
+        // a temporary file shows our user id, and whether we may write here
         let us = tempfile::tempfile_in(path)?.metadata()?.uid();
         let ours = std::fs::metadata(path)?.uid() == us;
         if ours {
-            std::fs::set_permissions(path, Permissions::from_mode(OWNER))?;
+            std::fs::set_permissions(path, Permissions::from_mode(OWNER_ONLY))?;
         }
         Ok(ours)
     };

@@ -1,4 +1,4 @@
-//! The wish to end, by signals.
+//! Signals that end the run.
 
 use crate::config::ConfigError;
 use crate::signals::{Interrupt, let_large_writes_fail};
@@ -6,13 +6,13 @@ use mobee_actors::system::Control;
 use std::io::Write;
 use tokio::sync::mpsc;
 
-/// Exit code of a run that was left at the third signal, as shells give it for a first.
-const ABANDONED: i32 = 130;
+/// Exit code of a run that is abandoned at the third signal: the shells' code for SIGINT.
+const EXIT_ABANDONED: i32 = 130;
 
-/// Ctrl-C, SIGTERM or a hang-up once: end in order. Twice: stop now. Three times: leave at once.
+/// Listens for Ctrl-C, SIGTERM and hang-up. First: end in order. Second: stop now. Third: exit at once.
 ///
 /// # Errors
-/// If the system gives no thread or poller.
+/// If no thread or runtime can be created.
 pub(super) fn listen(controls: mpsc::Sender<Control>) -> Result<(), ConfigError> {
     let no = |e: std::io::Error| ConfigError::plain(format!("can't listen for signals: {e}"), "free some resources");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(no)?;
@@ -24,20 +24,20 @@ pub(super) fn listen(controls: mpsc::Sender<Control>) -> Result<(), ConfigError>
     let listen = move || {
         runtime.block_on(async {
             interrupt.wait().await;
-            wish(&controls, Control::Stop, "stopping; again to stop now");
+            request(&controls, Control::Stop, "stopping; again to stop now");
             interrupt.wait().await;
-            wish(&controls, Control::Abort, "stopping now; again to quit at once");
+            request(&controls, Control::Abort, "stopping now; again to quit at once");
             interrupt.wait().await;
-            std::process::exit(ABANDONED);
+            std::process::exit(EXIT_ABANDONED);
         });
     };
     std::thread::Builder::new().name("signals".into()).spawn(listen).map(drop).map_err(no)
 }
 
-/// Each wish waits by itself: a busy run must not keep the next one from being heard.
-fn wish(controls: &mpsc::Sender<Control>, control: Control, words: &str) {
+/// Sends in a task of its own: a busy run must not delay the next signal.
+fn request(controls: &mpsc::Sender<Control>, control: Control, words: &str) {
     let controls = controls.clone();
     tokio::spawn(async move { controls.send(control).await });
-    // with the terminal gone there is nobody to be told
+    // the terminal may be gone
     let _ = writeln!(std::io::stderr(), "\n{words}");
 }

@@ -1,4 +1,4 @@
-//! The newest events of a run in words, for `mobee ctl log` and for who waits for the end of a motion.
+//! The newest events of a run as sentences, for `mobee ctl log` and for clients that wait for the end of a motion.
 
 use crate::narrate::{Narrator, timed};
 use mobee_actors::record::tap::{Pictures, SinkSpec};
@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Lines that are stored.
-const LINES: usize = 1000;
+const MAX_LINES: usize = 1000;
 /// Ends of motions that are stored.
-const ENDS: usize = 200;
+const MAX_ENDS: usize = 200;
 
 /// The newest lines. Cheap to clone; all clones are one.
 #[derive(Clone, Debug, Default)]
@@ -19,11 +19,11 @@ pub(crate) struct LogBook(Arc<Mutex<Lines>>);
 
 #[derive(Debug, Default)]
 struct Lines {
-    /// The number of the line that comes next.
+    /// The number of the next line.
     next: u64,
     lines: VecDeque<String>,
     ends: VecDeque<(String, u64, Outcome, String)>,
-    /// The last agent that was done, in words.
+    /// The last event `Done` of an agent, as a sentence.
     done: Option<String>,
 }
 
@@ -32,7 +32,7 @@ impl LogBook {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The lines from this number on, and the number of the next. Older ones than are stored are skipped.
+    /// The lines from this number on, and the number of the next. Skips lines that are no longer stored.
     pub(crate) fn from(&self, first: u64) -> (u64, Vec<String>) {
         let lines = self.lines();
         let oldest = lines.next - lines.lines.len() as u64;
@@ -46,36 +46,37 @@ impl LogBook {
         self.from(first)
     }
 
-    /// The end of a motion of a robot, if it has ended and is stored.
+    /// The outcome of a robot's motion as a sentence, if it has ended and is stored.
     pub(crate) fn end_of(&self, robot: &str, id: u64) -> Option<(Outcome, String)> {
         let lines = self.lines();
         let found = lines.ends.iter().rev().find(|(r, i, ..)| r == robot && *i == id);
         found.map(|(_, _, outcome, text)| (*outcome, text.clone()))
     }
 
-    /// The last agent that was done, in words, if there is one.
+    /// The last event `Done` of an agent as a sentence, if there is one.
     pub(crate) fn done(&self) -> Option<String> {
         self.lines().done.clone()
     }
 
-    /// The sink that fills it.
+    /// The sink that fills the log.
     pub(super) fn sink(&self, scene: &Arc<Scene>) -> SinkSpec {
-        let (book, scene) = (self.clone(), scene.clone());
+        let book = self.clone();
+        let scene = scene.clone();
         SinkSpec {
             pictures: Pictures::None,
             name: "log".into(),
             essential: false,
-            // for the scenes: names of objects
-            poses: Some(SCENES),
-            capacity: super::QUEUE,
+            // scenes come with the poses, and contain the names of objects
+            poses: Some(SCENE_INTERVAL),
+            capacity: super::QUEUE_ENTRIES,
             patience: Duration::from_secs(3),
             open: Some(Arc::new(move || Ok(Box::new(Log { book: book.clone(), narrator: Narrator::new(&scene) })))),
         }
     }
 }
 
-/// How far apart the poses are that a sink of sentences gets: it wants scenes alone.
-pub(super) const SCENES: Duration = Duration::from_secs(3600);
+/// Interval of the poses that a sink of sentences receives: it needs the scenes only.
+pub(super) const SCENE_INTERVAL: Duration = Duration::from_secs(3600);
 
 struct Log {
     book: LogBook,
@@ -90,7 +91,7 @@ impl Sink for Log {
                 let Some(line) = self.narrator.line(event) else { return Ok(()) };
                 let mut lines = self.book.lines();
                 if let Some(end) = Narrator::ended(event) {
-                    if lines.ends.len() >= ENDS {
+                    if lines.ends.len() >= MAX_ENDS {
                         lines.ends.pop_front();
                     }
                     lines.ends.push_back((end.robot, end.id, end.outcome, line.text.clone()));
@@ -98,7 +99,7 @@ impl Sink for Log {
                 if let Event::Done { .. } = &**event {
                     lines.done = Some(line.text.clone());
                 }
-                if lines.lines.len() >= LINES {
+                if lines.lines.len() >= MAX_LINES {
                     lines.lines.pop_front();
                 }
                 lines.lines.push_back(timed(at, &line.text));

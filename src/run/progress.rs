@@ -1,4 +1,4 @@
-//! The progress bar: live counters while a run goes on. Silent when standard error is no terminal.
+//! The progress bar: live counters during a run. Silent if standard error is not a terminal.
 
 use super::Output;
 use crate::config::{ClockMode, Config};
@@ -8,19 +8,19 @@ use std::io::{IsTerminal, Write};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time by the wall clock between two lines of a run in virtual time whose terminal is none.
-const LINES: Duration = Duration::from_secs(10);
+/// Wall-clock time between two progress lines of a run in virtual time without a terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// A bar with counters. Clones are the same bar.
 #[derive(Clone)]
 pub struct Bar {
     bar: ProgressBar,
-    /// The last line of progress; none if no such lines are due.
+    /// The time of the last progress line; `None` if no such lines are printed.
     lines: Option<Arc<Mutex<Instant>>>,
 }
 
 impl Bar {
-    /// A bar for this run; with a known end it fills, else it spins.
+    /// A bar for this run; with a known end it fills, otherwise it spins.
     pub fn new(config: &Config, output: Output) -> Bar {
         let bar = match config.for_s {
             _ if output.json || output.quiet => ProgressBar::hidden(),
@@ -56,29 +56,30 @@ impl Bar {
         ));
     }
 
-    /// A line with the newest counters, every ten seconds, where there is no bar to be seen.
+    /// Prints a line with the newest counters every ten seconds if no bar is visible.
     fn line(&self, p: &RunProgress) {
         let Some(last) = &self.lines else { return };
         #[expect(clippy::disallowed_methods, reason = "lines are spaced for a person, who lives by the wall's clock")]
         let now = Instant::now();
         let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
-        if now.duration_since(*last) < LINES {
+        if now.duration_since(*last) < LINE_INTERVAL {
             return;
         }
         *last = now;
-        let (minutes, c) = (p.at.secs() / 60.0, &p.counts);
-        self.say(&format!("{minutes:.1} min simulated: {} motions, {} rolled back", c.commits, c.rolled_back));
+        let minutes = p.at.secs() / 60.0;
+        let c = &p.counts;
+        self.print_line(&format!("{minutes:.1} min simulated: {} motions, {} rolled back", c.commits, c.rolled_back));
     }
 
-    /// Says a line above the bar, on standard error.
-    pub fn say(&self, line: &str) {
+    /// Prints a line above the bar, on standard error.
+    pub fn print_line(&self, line: &str) {
         self.bar.suspend(|| {
-            // with the terminal gone there is nobody to be told
+            // the terminal may be gone
             let _ = writeln!(std::io::stderr(), "{}", mobee_model::printable(line));
         });
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }

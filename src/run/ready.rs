@@ -1,12 +1,13 @@
-//! What a run says as it begins: where it writes, what it serves, how to watch and how to stop it.
+//! The first lines that a run prints: its folder, its ports, and the commands to watch and to stop it.
 
 use super::{CtlAt, Folder};
 use crate::compose::Composition;
 use mobee_actors::runtime::clock::ClockKind;
 
-/// The lines.
+/// The lines, in order.
 pub(super) fn lines(composition: &Composition, folder: &Folder, ctl: CtlAt) -> Vec<String> {
-    let (name, path) = (&composition.config.name, folder.path().display());
+    let name = &composition.config.name;
+    let path = folder.path().display();
     let until = match composition.config.for_s {
         Some(secs) => format!("for {secs} s"),
         None => "until its agents are done or it is stopped".to_owned(),

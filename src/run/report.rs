@@ -7,22 +7,22 @@ use mobee_contract::RestStep;
 use mobee_model::Labels;
 use serde_json::{Value, json};
 
-/// What a run prints.
+/// Output options of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Output {
     /// The summary as JSON, on standard output.
     pub json: bool,
-    /// Nothing while it goes on but warnings.
+    /// Print only warnings during the run.
     pub quiet: bool,
-    /// All counters, those that are zero as well.
+    /// Print all counters, including those that are zero.
     pub verbose: bool,
 }
 
-/// The summary as JSON: what `summary.json` holds.
+/// The summary as JSON: the content of `summary.json`.
 pub fn summary(done: &Done) -> Value {
     let end = &done.end;
     let wall = done.wall.as_secs_f64();
-    // a resumed run has passed a part of its time in an earlier process
+    // a resumed run spent a part of its time in an earlier process
     let passed = end.ended_at.since(done.began).as_secs_f64();
     let mut summary = json!({
         "reason": end.reason.to_string(),
@@ -40,7 +40,7 @@ pub fn summary(done: &Done) -> Value {
     summary
 }
 
-/// How the motion to a robot's rest pose ended.
+/// The end of the motion to a robot's rest pose, as a phrase.
 fn rest(step: &RestStep) -> String {
     match step {
         RestStep::Reached => "reached".into(),
@@ -49,25 +49,25 @@ fn rest(step: &RestStep) -> String {
     }
 }
 
-/// Why a run has ended, for people.
+/// The reason for the run's end, as a phrase.
 fn reason(reason: Reason) -> &'static str {
     match reason {
         Reason::Done => "done: all agents have finished",
-        Reason::Time => "time: the run was to last so long",
-        Reason::Interrupted => "stopped, as asked for",
+        Reason::Time => "time: the run reached its time limit",
+        Reason::Interrupted => "stopped on request",
         Reason::GaveUp => "gave up: a part used up its restarts",
         Reason::NoJournal => "no journal: it could no longer be written",
     }
 }
 
-/// The rows of the counters: what happened first, then whatever is not zero, and all of them if `verbose`.
+/// The rows of the counters: motions and contacts first, then all others that are not zero, or all if `verbose`.
 fn counters(counts: &Value, verbose: bool) -> Vec<(String, String)> {
     const FIRST: [(&str, &str); 7] = [
         ("commits", "motions"),
         ("committed", "committed"),
         ("rolled_back", "rolled back"),
         ("faulted", "faulted"),
-        ("stopped", "aborted, as asked for"),
+        ("stopped", "aborted on request"),
         ("contacts", "contacts"),
         ("hard_contacts", "hard contacts"),
     ];
@@ -81,7 +81,7 @@ fn counters(counts: &Value, verbose: bool) -> Vec<(String, String)> {
         let secs = counts["push_s"].as_f64().unwrap_or_default();
         ("pushed".to_owned(), format!("at most with {newtons:.1} N, for at most {secs:.2} s"))
     });
-    // the end of the run cuts off a motion: no row of its own unless there is one
+    // a motion is aborted at most by the end of the run: no row unless there is one
     let first = FIRST.iter().filter(|(key, _)| verbose || *key != "stopped" || number(key) > 0);
     let first = first.map(|(key, name)| ((*name).to_owned(), text(key)));
     let others = counts.as_object().into_iter().flatten().filter(|(key, value)| {
@@ -94,10 +94,10 @@ fn counters(counts: &Value, verbose: bool) -> Vec<(String, String)> {
     first.chain(pushed).chain(others.map(|(key, value)| (key.replace('_', " "), value.to_string()))).collect()
 }
 
-/// Prints it.
+/// Prints the summary.
 ///
 /// # Errors
-/// None but those of formatting.
+/// If the summary can't be formatted.
 pub(super) fn print(
     done: &Done,
     folder: &Folder,
@@ -114,7 +114,8 @@ pub(super) fn print(
     let row = |name: &str, value: String| println!("  {name:22} {}", labels.read(&value));
     println!("\n{}", folder.path().display());
     row("ended", reason(done.end.reason).into());
-    let (secs, wall) = (done.end.ended_at.secs(), done.wall.as_secs_f64());
+    let secs = done.end.ended_at.secs();
+    let wall = done.wall.as_secs_f64();
     if done.real {
         row("duration", format!("{secs:.1} s ({:.1} min) by the run's clock", secs / 60.0));
         if done.began.secs() > 0.0 {
@@ -188,7 +189,7 @@ mod tests {
             "committed 2",
             "rolled back 0",
             "faulted 0",
-            "aborted, as asked for 1",
+            "aborted on request 1",
             "contacts 0",
             "hard contacts 2, at most 1.5 mm deep",
             "refused 4",

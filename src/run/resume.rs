@@ -1,12 +1,12 @@
-//! `mobee run --resume`: a run that ended, or whose process died, goes on where it was.
+//! `mobee run --resume`: continues a run that ended, or whose process died.
 //!
-//! What was learned and done stands in the journal, which goes on in the same file. An open transaction gets its outcome by
-//! measuring where the robot is, before anything moves; if it is at neither end, it holds (`after_crash`) until somebody asks
-//! to `recover`, and then goes back the way that the pose ring shows.
+//! The state of the run is in its journal, which is continued in the same file. An open transaction gets its outcome
+//! before anything moves, from the measured configuration. If the robot is at neither end of the motion, it holds
+//! (`after_crash`) until `recover` is requested; it then retreats along the path in the pose ring.
 
 mod evidence;
 
-use super::{CtlAt, Extras, Folder, Output, conduct, limits, space};
+use super::{CtlAt, Extras, Folder, Output, conduct, disk_space, resource_limits};
 use crate::compose::{Composition, compose_again};
 use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
@@ -20,14 +20,14 @@ use std::path::Path;
 use std::process::ExitCode;
 use tokio::sync::mpsc;
 
-/// Resumes the run in this folder, under overrides.
+/// Resumes the run in this folder, with overrides.
 ///
 /// # Errors
 /// Complaints about the folder, its journal or the configuration, before anything moves.
 pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result<ExitCode, Report> {
     let folder = Folder::of_run(dir)?;
     let (_, stored) = Config::load_resolved(&dir.join("config.json"))?;
-    let ended = evidence::summed_up(dir)?;
+    let ended = evidence::summary_hash(dir)?;
     let mut damage: Vec<String> = files::changed(dir);
     damage.iter_mut().for_each(|what| what.push_str("; the run goes on with what can be read"));
     let mut reaches = ended.is_none();
@@ -37,7 +37,7 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
         past.on(line);
     };
     let journal = Journal::resume(dir, lines).map_err(journal_error)?;
-    evidence::agrees(dir, &past, &stored.value)?;
+    evidence::check_config(dir, &past, &stored.value)?;
     if let Some(hash) = ended.filter(|_| !reaches) {
         return Err(evidence::cut_off(dir, &hash).into());
     }
@@ -45,7 +45,7 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
     for assignment in set {
         source.set(assignment)?;
     }
-    space::to_begin(Some(dir))?;
+    disk_space::check(Some(dir))?;
     let composition = compose_again(Config::from_source(&source)?, &source)?;
     for (r, model) in composition.config.robot.iter().zip(composition.scene.robots()) {
         let file = ring::file(dir, &r.name);
@@ -62,10 +62,10 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
             ));
         }
     }
-    let mut composition = stand(composition, source, &past)?;
+    let mut composition = place_simulated(composition, source, &past)?;
     let (scene, missing) = past.world(composition.scene);
     composition.scene = scene;
-    limits::check(&composition.config, ctl)?;
+    resource_limits::check(&composition.config, ctl)?;
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }
@@ -78,8 +78,8 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
     conduct(composition, &folder, extras, output, ctl, mpsc::channel(16))
 }
 
-/// Simulated robots stand where they were last known to be; real ones are where they are.
-fn stand(composition: Composition, mut source: Source, past: &Past) -> Result<Composition, Report> {
+/// Places simulated robots at their last recorded configurations. Real robots are where they are.
+fn place_simulated(composition: Composition, mut source: Source, past: &Past) -> Result<Composition, Report> {
     let mut moved = false;
     for (i, (setup, model)) in composition.robots.iter().zip(composition.scene.robots()).enumerate() {
         let RobotSetup { name, .. } = setup;
@@ -94,7 +94,7 @@ fn stand(composition: Composition, mut source: Source, past: &Past) -> Result<Co
     if moved { Ok(compose_again(Config::from_source(&source)?, &source)?) } else { Ok(composition) }
 }
 
-/// A pose as settings: motor names and degrees, within limits, which the noise of encoders may exceed.
+/// A configuration as settings: motor names and degrees, clamped to the limits, which encoder noise may exceed.
 fn degrees(model: &Robot, q: &[f64]) -> Vec<(String, f64)> {
     let motors = model.motors.iter().zip(q);
     motors.map(|(m, q)| (m.name.clone(), q.clamp(m.min, m.max).to_degrees())).collect()

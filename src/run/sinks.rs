@@ -1,13 +1,13 @@
-//! Who is told what happens in a run: each behind a queue and on a thread of its own.
+//! The sinks of a run's entries: each behind a queue and on a thread of its own.
 
 use super::BUILD;
+use super::disk_space::DiskSpace;
+use super::event_printer::{EventPrinter, TerminalSettings};
 use super::folder::Folder;
-use super::guarded::Guarded;
-use super::log::SCENES;
+use super::log::SCENE_INTERVAL;
 use super::progress::Bar;
-use super::said::{Said, Talk};
-use super::space::Room;
-use super::switched::Switched;
+use super::record_switch::RecordSwitch;
+use super::space_guard::SpaceGuard;
 use crate::config::{ClockMode, Config, RobotConfig};
 use crate::narrate::Narrator;
 use mobee_actors::record::journal::Journal;
@@ -21,19 +21,19 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-/// How many entries may wait for a sink's thread.
-pub(crate) const QUEUE: usize = 8192;
-/// How long one entry may take to be written at the end, before the disk is taken for dead.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
-/// The same of a viewer or terminal, which nobody has to wait for.
-const IMPATIENCE: Duration = Duration::from_secs(3);
+/// Maximum number of entries that wait for a sink's thread.
+pub(crate) const QUEUE_ENTRIES: usize = 8192;
+/// Time limit for writing one entry at the end; a disk that takes longer is considered dead.
+pub(crate) const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
+/// The same for a viewer or terminal, which must not delay the end.
+const VIEWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The name of the viewer's sink.
 pub(super) const VIEWER: &str = "viewer";
-/// The name of the terminal's.
+/// The name of the terminal's sink.
 pub(super) const TERMINAL: &str = "terminal";
 
-/// The journal.
+/// The journal's sink.
 pub(super) fn journal(journal: &Journal) -> SinkSpec {
     let journal = journal.clone();
     SinkSpec {
@@ -41,13 +41,13 @@ pub(super) fn journal(journal: &Journal) -> SinkSpec {
         name: "journal".into(),
         essential: true,
         poses: None,
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(Arc::new(move || journal.is_in_place().map(|()| journal.sink()))),
     }
 }
 
-/// What a crash leaves of the way that the robots came; in virtual time there is no robot to find again.
+/// The pose rings, from which a resumed run gets the path of a retreat. None in virtual time: there no robot remains.
 pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Option<SinkSpec> {
     let robots = config.robot.iter().zip(motors);
     let rings: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.history)).collect();
@@ -57,83 +57,88 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
         name: "poses".into(),
         essential: false,
         poses: Some(Duration::ZERO),
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _))),
     })
 }
 
-/// The measured poses beside the journal. They end before they take the room that the journal needs, and a run that finds too
-/// little of it goes without them: only the invariants that want poses are not judged then.
+/// The measured poses beside the journal. The sink ends before it uses disk space that the journal needs, and a run
+/// with too little space has none: then only the invariants that need poses are not checked.
 ///
 /// # Errors
-/// The file that can't be written, in words.
+/// If the file can't be written.
 pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Result<Option<SinkSpec>, String> {
-    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
-        eprintln!("warning: the measured poses of this run are not kept: {why}");
+    if let Some(why) = DiskSpace::at(folder.path()).and_then(DiskSpace::too_little_to_record) {
+        eprintln!("warning: the measured poses of this run are not stored: {why}");
         return Ok(None);
     }
     let robots = config.robot.iter().zip(motors);
     let robots: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.tolerance_deg.to_radians())).collect();
-    let (tracks, dir) = (Tracks::open(folder.path(), &robots)?, folder.path().to_owned());
+    let tracks = Tracks::open(folder.path(), &robots)?;
+    let dir = folder.path().to_owned();
     Ok(Some(SinkSpec {
         pictures: Pictures::None,
         name: "track".into(),
         essential: false,
         poses: Some(Duration::ZERO),
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(Arc::new(move || {
-            Room::at(&dir).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
-            Ok(Box::new(Guarded::new(tracks.sink(), dir.clone())))
+            DiskSpace::at(&dir).and_then(DiskSpace::too_little_to_record).map_or(Ok(()), Err)?;
+            Ok(Box::new(SpaceGuard::new(tracks.sink(), dir.clone())))
         })),
     }))
 }
 
-/// The frames of sensors that are to keep them; those of an earlier process that are damaged are added to `damage`. They end before they take the room that the journal needs, as the poses do.
+/// The frames of sensors that store them. Damaged frame files of an earlier process are added to `damage`. The sink
+/// ends before it uses disk space that the journal needs.
 ///
 /// # Errors
-/// The file that can't be written, in words.
+/// If the file can't be written.
 pub(super) fn frames(config: &Config, folder: &Folder, damage: &mut Vec<String>) -> Result<Option<SinkSpec>, String> {
-    let cameras = config.kept_cameras();
+    let cameras = config.stored_cameras();
     if cameras.is_empty() {
         return Ok(None);
     }
-    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
-        eprintln!("warning: the frames of this run are not kept: {why}");
+    if let Some(why) = DiskSpace::at(folder.path()).and_then(DiskSpace::too_little_to_record) {
+        eprintln!("warning: the frames of this run are not stored: {why}");
         return Ok(None);
     }
-    let (frames, dir) = (KeptFrames::open(folder.path(), &cameras)?, folder.path().to_owned());
+    let frames = KeptFrames::open(folder.path(), &cameras)?;
+    let dir = folder.path().to_owned();
     damage.extend(frames.damage().iter().cloned());
     Ok(Some(SinkSpec {
         pictures: Pictures::All(cameras.into()),
         name: "frames".into(),
         essential: false,
         poses: None,
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(Arc::new(move || {
-            Room::at(&dir).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
-            Ok(Box::new(Guarded::new(frames.sink(), dir.clone())))
+            DiskSpace::at(&dir).and_then(DiskSpace::too_little_to_record).map_or(Ok(()), Err)?;
+            Ok(Box::new(SpaceGuard::new(frames.sink(), dir.clone())))
         })),
     }))
 }
 
-/// What happens, as it happens.
-pub(super) fn terminal(bar: Bar, talk: Talk, scene: &Arc<Scene>) -> SinkSpec {
+/// The events as lines on the terminal.
+pub(super) fn terminal(bar: Bar, settings: TerminalSettings, scene: &Arc<Scene>) -> SinkSpec {
     let scene = scene.clone();
     SinkSpec {
         pictures: Pictures::None,
         name: TERMINAL.into(),
         essential: false,
-        poses: Some(SCENES),
-        capacity: QUEUE,
-        patience: IMPATIENCE,
-        open: Some(Arc::new(move || Ok(Box::new(Said::new(bar.clone(), talk.clone(), Narrator::new(&scene)))))),
+        poses: Some(SCENE_INTERVAL),
+        capacity: QUEUE_ENTRIES,
+        patience: VIEWER_TIMEOUT,
+        open: Some(Arc::new(move || {
+            Ok(Box::new(EventPrinter::new(bar.clone(), settings.clone(), Narrator::new(&scene))))
+        })),
     }
 }
 
-/// The recorder that the configuration wants: its own, or the one given.
+/// The recorder that the configuration requests: the given one, or the run's own.
 pub(super) fn recorder(
     config: &Config,
     folder: &Folder,
@@ -143,19 +148,20 @@ pub(super) fn recorder(
     if !config.record.enabled {
         return None;
     }
-    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
+    if let Some(why) = DiskSpace::at(folder.path()).and_then(DiskSpace::too_little_to_record) {
         eprintln!("warning: there is no recording of this run: {why}");
         return None;
     }
-    let (settings, dir) = (recorder_settings(config, folder), folder.clone());
+    let settings = recorder_settings(config, folder);
+    let dir = folder.clone();
     let open = given.unwrap_or_else(|| {
         Arc::new(move || {
-            Room::at(dir.path()).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
-            // one that is opened anew never writes over what was recorded
+            DiskSpace::at(dir.path()).and_then(DiskSpace::too_little_to_record).map_or(Ok(()), Err)?;
+            // a recorder that is opened again must not overwrite the earlier file
             let settings = mobee_recorder::Settings { path: dir.unused("recording", "rrd"), ..settings.clone() };
             let recorder = Recorder::new(&settings).map_err(|e| e.to_string())?;
-            let switched = Switched::new(recorder, recording.clone());
-            Ok(Box::new(Guarded::new(Box::new(switched), dir.path().to_owned())))
+            let switched = RecordSwitch::new(recorder, recording.clone());
+            Ok(Box::new(SpaceGuard::new(Box::new(switched), dir.path().to_owned())))
         })
     });
     Some(SinkSpec {
@@ -163,14 +169,14 @@ pub(super) fn recorder(
         name: "recorder".into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
-        capacity: QUEUE,
-        patience: PATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: WRITE_TIMEOUT,
         open: Some(open),
     })
 }
 
-/// The viewer that follows live, or may come later: a sink of its own, so that one that freezes takes nothing from the file. A
-/// run in virtual time waits for nobody.
+/// The viewer that follows live, or may connect later. It is a sink of its own, so that a frozen viewer takes nothing
+/// from the file. A run in virtual time has none: it does not wait.
 pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
     let settings = recorder_settings(config, folder);
     let open = config.record.live.map(|address| -> OpenSink {
@@ -182,13 +188,13 @@ pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
         name: VIEWER.into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
-        capacity: QUEUE,
-        patience: IMPATIENCE,
+        capacity: QUEUE_ENTRIES,
+        patience: VIEWER_TIMEOUT,
         open,
     })
 }
 
-/// Where and how a run is recorded.
+/// File, names and index of a run's recording.
 pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recorder::Settings {
     mobee_recorder::Settings {
         path: folder.unused("recording", "rrd"),
@@ -202,7 +208,8 @@ pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recor
     }
 }
 
-/// The poses that an agent's settings name, for labels: `poses = [{ name = "left", q_deg = { ... } }]`, as far as they have this form.
+/// The poses that an agent's settings name, for labels: `poses = [{ name = "left", q_deg = { ... } }]`. Skips other
+/// forms.
 fn pose_names(robot: &RobotConfig) -> Vec<PoseName> {
     let poses = robot.agent.as_ref().and_then(|agent| agent.get("poses")?.as_array());
     let named = |pose: &serde_json::Value| {

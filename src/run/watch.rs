@@ -1,13 +1,13 @@
-//! `mobee run --watch`: an edit of the running configuration becomes swaps, all of it or nothing.
+//! `mobee run --watch`: an edit of the running configuration becomes swaps, either all of it or nothing.
 //!
 //! ```text
-//! contents of the files ──Debounce──> still for a moment ──load, check, build──> compared per robot ──> swaps, one after the other
-//!                                                              │ anything wrong, or anything that needs a restart: said, nothing done
+//! contents of the files ──Debounce──> unchanged for a moment ──load, check, build──> compared per robot ──> swaps, in sequence
+//!                                                              │ an error, or a change that needs a restart: reported, nothing swapped
 //! ```
 
 use crate::compose::Composition;
 use crate::config::{Config, Source};
-use crate::ctl::offer::{self, Wanted, WantedBridge, Which};
+use crate::ctl::swap_offer::{self, Wanted, WantedBridge, Which};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
@@ -19,12 +19,12 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
-/// How often the files are looked at.
-const LOOK: Duration = Duration::from_millis(200);
-/// For how long they must have been still: editors write in several steps.
-const STILL: Duration = Duration::from_millis(300);
+/// Interval between two looks at the files.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
+/// Time for which the files must be unchanged: editors write in several steps.
+const QUIET_TIME: Duration = Duration::from_millis(300);
 
-/// Watches over the files of a running configuration.
+/// Watches the files of a running configuration.
 #[derive(Clone)]
 pub struct WatchService {
     set: Vec<String>,
@@ -33,40 +33,44 @@ pub struct WatchService {
     /// The names of its bridges, in their order.
     bridges: Vec<String>,
     world: Option<PathBuf>,
-    /// What stood in the world's file when the run began.
-    world_print: u64,
+    /// Hash of the world's file when the run began.
+    world_hash: u64,
     controls: mpsc::Sender<Control>,
 }
 
 impl WatchService {
-    /// For the configuration that runs, as it was loaded with these overrides.
+    /// A watch for the running configuration, which was loaded with these overrides.
     pub fn new(
         source: Source,
         composition: &Composition,
         set: &[String],
         controls: mpsc::Sender<Control>,
     ) -> WatchService {
-        let (config, bridges) = (&composition.config, composition.bridge_names());
+        let config = &composition.config;
+        let bridges = composition.bridge_names();
         let world = config.world.file.as_ref().map(|file| Config::beside(&source, file));
         let running = serde_json::to_value(config).unwrap_or_default();
-        let world_print = print_of(world.as_slice());
-        WatchService { set: set.to_vec(), source, running, bridges, world, world_print, controls }
+        let world_hash = hash_of(world.as_slice());
+        WatchService { set: set.to_vec(), source, running, bridges, world, world_hash, controls }
     }
 
-    /// The files that the configuration was put together from, and its world.
+    /// The files that the configuration was read from, and its world.
     fn files(&self) -> Vec<PathBuf> {
         self.source.files().into_iter().chain(self.world.clone()).collect()
     }
 
-    /// Takes over what was changed.
+    /// Swaps the parts that were edited.
     ///
     /// # Errors
-    /// Why nothing of it was, or not all.
+    /// The reason why nothing was swapped, or not all.
     async fn reload(&mut self, running: &Arc<dyn Running>) -> Result<Vec<String>, String> {
-        let (path, set) = (self.source.path.clone(), self.set.clone());
-        let (before, bridges, models) = (self.running.clone(), self.bridges.clone(), running.models());
+        let path = self.source.path.clone();
+        let set = self.set.clone();
+        let before = self.running.clone();
+        let bridges = self.bridges.clone();
+        let models = running.models();
         let names: Vec<String> = running.robots().iter().map(|r| r.name().to_owned()).collect();
-        if print_of(self.world.as_slice()) != self.world_print {
+        if hash_of(self.world.as_slice()) != self.world_hash {
             let file = self.world.clone().unwrap_or_default();
             let file = file.display();
             return Err(format!(
@@ -88,12 +92,12 @@ impl WatchService {
             for (name, part) in changes.swaps {
                 let offered = if part == SwapPart::Bridge {
                     let which = Which::At(bridges.iter().position(|b| *b == name).unwrap_or_default());
-                    offer::take_bridge(config.clone(), &source, &WantedBridge { which, models: &models, terms })?
+                    swap_offer::take_bridge(config.clone(), &source, &WantedBridge { which, models: &models, terms })?
                 } else {
                     let model = names.iter().position(|n| *n == name).and_then(|i| models.get(i));
                     let model = model.ok_or_else(|| format!("there is no robot {name} in this run"))?;
                     let wanted = Wanted { part, name: &name, model, fresh: false, terms };
-                    offer::take(config.clone(), &source, &wanted)?
+                    swap_offer::take(config.clone(), &source, &wanted)?
                 };
                 offers.push((name, part, offered));
             }
@@ -106,22 +110,23 @@ impl WatchService {
         for (name, part, offered) in offers {
             let (reply, taken) = oneshot::channel();
             self.controls.send(offered.control(name.clone(), reply)).await.map_err(|_| "the run is ending")?;
-            let said = |why: &str| format!("{name}.{part}: {why}");
-            taken.await.map_err(|_| said("the run is ending"))?.map_err(|why| said(&why))?;
+            let failure = |why: &str| format!("{name}.{part}: {why}");
+            taken.await.map_err(|_| failure("the run is ending"))?.map_err(|why| failure(&why))?;
             match self.last_step(&name, part, running).await? {
-                SwapStep::Settled => put(&mut self.running, &now, &self.bridges, &name, part),
-                step => return Err(said(&step.to_string())),
+                SwapStep::Settled => record_swap(&mut self.running, &now, &self.bridges, &name, part),
+                step => return Err(failure(&step.to_string())),
             }
             done.push(format!("{name}.{part} is exchanged"));
         }
         Ok(done)
     }
 
-    /// Waits for the end of a swap. An edit that comes meanwhile is answered at once, and taken up after it.
+    /// Waits for the last step of a swap. An edit during the wait is announced at once, and applied after it.
     async fn last_step(&self, name: &str, part: SwapPart, running: &Arc<dyn Running>) -> Result<SwapStep, String> {
-        let (before, mut answered) = (print_of(&self.files()), false);
+        let before = hash_of(&self.files());
+        let mut answered = false;
         loop {
-            if !answered && print_of(&self.files()) != before {
+            if !answered && hash_of(&self.files()) != before {
                 answered = true;
                 let text = format!(
                     "the configuration was edited while the swap of {name}.{part} is under way: the edit is taken up once that has ended"
@@ -133,7 +138,7 @@ impl WatchService {
             let report = report.await.map_err(|_| "the run is ending")?;
             match report.swap(name, part) {
                 Some(step) if step.is_last() => return Ok(step.clone()),
-                _ => tokio::time::sleep(LOOK).await,
+                _ => tokio::time::sleep(POLL_INTERVAL).await,
             }
         }
     }
@@ -150,13 +155,13 @@ impl Service for WatchService {
 
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
-            // what is in force changes with every edit that is taken over
+            // each edit that is applied changes the running configuration
             let mut own = (*self).clone();
-            let mut debounce = Debounce::new(print_of(&own.files()));
+            let mut debounce = Debounce::new(hash_of(&own.files()));
             let watch = async {
                 loop {
-                    tokio::time::sleep(LOOK).await;
-                    if !debounce.look(running.now(), print_of(&own.files())) {
+                    tokio::time::sleep(POLL_INTERVAL).await;
+                    if !debounce.has_settled(running.now(), hash_of(&own.files())) {
                         continue;
                     }
                     let text = match own.reload(&running).await {
@@ -175,14 +180,14 @@ impl Service for WatchService {
     }
 }
 
-/// What stands in the files, in one number; a file that can't be read counts as well.
-fn print_of(files: &[PathBuf]) -> u64 {
+/// Hash of the contents of the files; a file that can't be read counts as well.
+fn hash_of(files: &[PathBuf]) -> u64 {
     let mut hasher = DefaultHasher::new();
     files.iter().for_each(|file| read(file, MIB).ok().hash(&mut hasher));
     hasher.finish()
 }
 
-/// Tells when something has changed and is still again.
+/// Detects that something has changed and then stayed the same.
 #[derive(Debug)]
 struct Debounce {
     taken: u64,
@@ -190,40 +195,41 @@ struct Debounce {
 }
 
 impl Debounce {
-    fn new(print: u64) -> Debounce {
-        Debounce { taken: print, pending: None }
+    fn new(hash: u64) -> Debounce {
+        Debounce { taken: hash, pending: None }
     }
 
-    /// Whether what is seen now is new and has been so for long enough.
-    fn look(&mut self, now: Time, print: u64) -> bool {
+    /// True if this hash is new and has been the same for [`QUIET_TIME`].
+    fn has_settled(&mut self, now: Time, hash: u64) -> bool {
         match self.pending {
-            _ if print == self.taken => self.pending = None,
-            Some((seen, since)) if seen == print => {
-                if now.since(since) >= STILL {
-                    (self.taken, self.pending) = (print, None);
+            _ if hash == self.taken => self.pending = None,
+            Some((seen, since)) if seen == hash => {
+                if now.since(since) >= QUIET_TIME {
+                    (self.taken, self.pending) = (hash, None);
                     return true;
                 }
             }
-            _ => self.pending = Some((print, now)),
+            _ => self.pending = Some((hash, now)),
         }
         false
     }
 }
 
-/// What differs between two configurations.
+/// Differences between two configurations.
 #[derive(Debug, Default, PartialEq)]
 struct Changes {
-    /// What can be exchanged: which parts of which robot, and which bridges.
+    /// Changes that a swap can apply: name of the robot or bridge, and part.
     swaps: Vec<(String, SwapPart)>,
     /// The keys of everything else.
     restart: Vec<String>,
 }
 
-/// `called` are the names of the bridges.
+/// Compares two configurations; `called` are the names of the bridges.
 fn changes(old: &Value, new: &Value, called: &[String]) -> Changes {
     let mut found = Changes::default();
     let robots = |config: &Value| config["robot"].as_array().cloned().unwrap_or_default();
-    let (before, after) = (robots(old), robots(new));
+    let before = robots(old);
+    let after = robots(new);
     let names = |robots: &[Value]| robots.iter().map(|r| r["name"].clone()).collect::<Vec<Value>>();
     if names(&before) == names(&after) {
         for (old, new) in before.iter().zip(&after) {
@@ -242,7 +248,8 @@ fn changes(old: &Value, new: &Value, called: &[String]) -> Changes {
     } else {
         found.restart.push("robot".into());
     }
-    let (before, after) = (bridges(old), bridges(new));
+    let before = bridges(old);
+    let after = bridges(new);
     let places = |bridges: &[(Place, Value)]| bridges.iter().map(|(place, _)| *place).collect::<Vec<Place>>();
     let same = places(&before) == places(&after);
     let edited = before.iter().zip(&after).zip(called).filter(|((old, new), _)| same && old != new);
@@ -252,7 +259,7 @@ fn changes(old: &Value, new: &Value, called: &[String]) -> Changes {
     found
 }
 
-/// Where the table of a bridge stands: `[yarp]`, or so many tables `[[bridge]]` before it.
+/// Place of a bridge's table: `None` for `[yarp]`, else its index in `[[bridge]]`.
 type Place = Option<usize>;
 
 /// The tables of all bridges, as [`Config::bridges`] orders them.
@@ -273,8 +280,8 @@ fn differing(old: &Value, new: &Value) -> Vec<String> {
     all
 }
 
-/// Notes that a part is now as the new configuration has it; `names` are those of the bridges.
-fn put(running: &mut Value, new: &Value, names: &[String], name: &str, part: SwapPart) {
+/// Records that a part is now as in the new configuration; `names` are those of the bridges.
+fn record_swap(running: &mut Value, new: &Value, names: &[String], name: &str, part: SwapPart) {
     if part == SwapPart::Bridge {
         let place = bridges(new).into_iter().zip(names).find(|(_, n)| *n == name);
         match place {
@@ -301,14 +308,14 @@ mod tests {
         let at = |ms: u64| Time(ms * 1_000_000);
         let mut debounce = Debounce::new(1);
         // half-written, then written on, then still
-        for (ms, print, counts) in
+        for (ms, hash, counts) in
             [(0, 1, false), (200, 2, false), (400, 3, false), (600, 3, false), (800, 3, true), (1000, 3, false)]
         {
-            assert_eq!(debounce.look(at(ms), print), counts, "at {ms} ms");
+            assert_eq!(debounce.has_settled(at(ms), hash), counts, "at {ms} ms");
         }
         // changed back in time: nothing happened
-        for (ms, print) in [(1200, 4), (1400, 3), (1600, 4), (1800, 3), (2000, 3)] {
-            assert!(!debounce.look(at(ms), print), "at {ms} ms");
+        for (ms, hash) in [(1200, 4), (1400, 3), (1600, 4), (1800, 3), (2000, 3)] {
+            assert!(!debounce.has_settled(at(ms), hash), "at {ms} ms");
         }
     }
 
@@ -339,7 +346,7 @@ mod tests {
         let mut new = config.clone();
         new["robot"][0]["agent"]["speed"] = json!(0.3);
         let mut running = config.clone();
-        put(&mut running, &new, &[], "left", SwapPart::Agent);
+        record_swap(&mut running, &new, &[], "left", SwapPart::Agent);
         assert_eq!(running, new);
     }
 
@@ -361,7 +368,7 @@ mod tests {
             let (changes, new) = edited(key, value);
             assert_eq!(changes, Changes { swaps: vec![(name.to_owned(), SwapPart::Bridge)], restart: Vec::new() });
             let mut running = config.clone();
-            put(&mut running, &new, &names, name, SwapPart::Bridge);
+            record_swap(&mut running, &new, &names, name, SwapPart::Bridge);
             assert_eq!(running, new);
         }
         for (key, value) in [("/yarp", Value::Null), ("/bridge", json!([{ "kind": "yarp" }]))] {

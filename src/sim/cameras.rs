@@ -1,4 +1,4 @@
-//! What the simulated cameras of a file see, at image ports.
+//! Serves the images of a file's simulated cameras at image ports.
 
 use crate::compose::{Composition, compose, derive_seed, sensor_camera};
 use crate::config::{Config, ConfigError, Source, StepTrigger};
@@ -22,7 +22,8 @@ pub(super) struct Served {
 /// The boards of one robot.
 pub(super) type RobotBoards = Vec<Arc<SimBoard>>;
 
-/// The simulated cameras of a file's sensors, with the names of their ports: `PREFIX/cam/EYE`. Other cameras are left out.
+/// The simulated cameras of a file's sensors, with the names of their ports: `PREFIX/cam/EYE`. Other cameras are
+/// skipped.
 ///
 /// # Errors
 /// Complaints about the configuration.
@@ -59,7 +60,8 @@ pub(super) fn cameras(
     Ok(served)
 }
 
-/// The world and its robots alone: whatever looks at it or moves in it does so elsewhere, so that only time can tell when things are moved.
+/// The configuration of world and robots only: sensors and agents run in other processes, so only steps at a fixed time
+/// remain in the script.
 pub(super) fn bare(config: &Config) -> Config {
     let mut bare = config.clone();
     (bare.sensor, bare.yarp) = (Vec::new(), None);
@@ -69,10 +71,10 @@ pub(super) fn bare(config: &Config) -> Config {
     bare
 }
 
-/// What is there, and what the file's script does to it by the simulation's clock.
+/// The world, with the steps of the file's script by the simulation's clock.
 struct World {
     scene: Arc<Scene>,
-    /// The latest first.
+    /// Steps to come, the latest first.
     to_come: Vec<(Time, Edit)>,
 }
 
@@ -83,7 +85,7 @@ impl World {
             _ => None,
         });
         let mut to_come: Vec<(Time, Edit)> = timed.collect();
-        // those of one time in their order in the file
+        // steps of one time in their order in the file
         to_come.sort_by_key(|(at, _)| *at);
         to_come.reverse();
         World { scene: Arc::new(scene), to_come }
@@ -104,7 +106,7 @@ fn lock(world: &Mutex<World>) -> MutexGuard<'_, World> {
     world.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The world as it is by now, with the robots where their boards have them.
+/// The present ground truth, with the robots at the positions of their boards.
 fn truth(
     world: Arc<Mutex<World>>,
     clock: SimClock,
@@ -126,10 +128,10 @@ fn truth(
     })
 }
 
-/// Opens the cameras' ports, and serves their pictures for as long as the tasks live.
+/// Opens the cameras' ports, and serves their images while the tasks live.
 ///
 /// # Errors
-/// A port that can't be opened, with the remedy.
+/// If a port can't be opened, with the remedy.
 pub(super) async fn serve(
     network: &Network,
     cameras: Vec<Served>,
@@ -146,7 +148,7 @@ pub(super) async fn serve(
     Ok(tasks)
 }
 
-/// Sends what a camera sees while somebody looks.
+/// Sends a camera's images while the port has readers.
 async fn show(port: OutputPort, mut camera: Box<dyn Camera>, clock: SimClock, speed: f64) {
     let mut stamp = Stamp::default();
     let mut ticks = interval(camera.period().div_f64(speed).max(Duration::from_millis(1)));

@@ -1,6 +1,6 @@
-//! The boards of a robot that is tortured: simulated ones that its driver reaches at once, or behind YARP over a simulated wire.
+//! The boards of a robot under torture: simulated ones with direct access, or behind YARP over a simulated wire.
 
-use super::faults::What;
+use super::faults::FaultAction;
 use super::plan::Planned;
 use crate::config::{Config, ConfigError, RobotConfig, Source, simulated};
 use mobee_contract::{Context, Hardware, KindError, Time};
@@ -8,7 +8,7 @@ use mobee_drivers::{SIM, SimHardware, SimSettings, YARP, YarpDriverSettings, Yar
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// What robots are driven by.
+/// The driver of a robot under torture.
 #[derive(Clone, Debug)]
 pub enum Driven {
     /// A simulated robot.
@@ -18,8 +18,8 @@ pub enum Driven {
 }
 
 impl Driven {
-    /// What each robot of a configuration will be driven by: that of kind `yarp` by the same driver, every other is simulated. The
-    /// configuration is left with simulated robots only.
+    /// Chooses the driver of each robot: robots of kind `yarp` retain their driver, all others are simulated.
+    /// Afterwards the configuration has simulated robots only.
     ///
     /// # Errors
     /// The first setting that can't be used.
@@ -27,7 +27,7 @@ impl Driven {
         config.robot.iter_mut().enumerate().map(|(i, robot)| Driven::of(i, robot, source)).collect()
     }
 
-    /// The robots whose driver torture replaces by the simulated one, each with the kind of its own driver.
+    /// The robots whose driver is replaced by the simulated one, each with the kind of its own driver.
     pub fn replaced(config: &Config) -> Vec<(String, String)> {
         let kind =
             |robot: &RobotConfig| robot.driver.get("kind").and_then(Value::as_str).unwrap_or_default().to_owned();
@@ -43,7 +43,8 @@ impl Driven {
         if kind == YARP {
             let yarp: YarpDriverSettings = mobee_contract::settings(&settings).map_err(wrong)?;
             yarp.validate().map_err(wrong)?;
-            let (speed, acceleration) = (yarp.max_speed_deg_per_s, yarp.max_acceleration_deg_per_s2);
+            let speed = yarp.max_speed_deg_per_s;
+            let acceleration = yarp.max_acceleration_deg_per_s2;
             robot.driver =
                 json!({ "kind": SIM, "max_speed_deg_per_s": speed, "max_acceleration_deg_per_s2": acceleration });
             return Ok(Driven::Yarp(yarp));
@@ -55,7 +56,7 @@ impl Driven {
         Ok(Driven::Sim(mobee_contract::settings(&settings).map_err(wrong)?))
     }
 
-    /// How many boards there are behind wires.
+    /// Number of boards behind wires.
     pub fn wires(&self) -> usize {
         match self {
             Driven::Sim(_) => 0,
@@ -77,14 +78,14 @@ impl Driven {
 
 /// The boards of one robot in one run.
 pub enum Boards {
-    /// Reached at once.
+    /// With direct access.
     Sim(SimHardware),
     /// Behind wires.
     Yarp(Arc<YarpSim>),
 }
 
 impl Boards {
-    /// What the robot is driven as.
+    /// The robot's hardware.
     pub fn hardware(&self) -> Arc<dyn Hardware> {
         match self {
             Boards::Sim(hardware) => Arc::new(hardware.clone()),
@@ -92,28 +93,28 @@ impl Boards {
         }
     }
 
-    /// What other drivers can be made for while it runs.
+    /// The simulated hardware to which drivers can be swapped during the run; `None` behind wires.
     pub fn simulated(&self) -> Option<&SimHardware> {
         if let Boards::Sim(hardware) = self { Some(hardware) } else { None }
     }
 
-    /// Gives it a planned fault, if it is one of a board or a wire of this robot.
-    pub fn suffer(&self, this: usize, Planned { at, what }: &Planned) {
+    /// Plans a fault if it is one of a board or a wire of this robot.
+    pub fn plan_fault(&self, this: usize, Planned { at, what }: &Planned) {
         match (what, self) {
-            (What::Board { robot, fault, lasts, .. }, Boards::Sim(hardware)) if *robot == this => {
+            (FaultAction::Board { robot, fault, lasts, .. }, Boards::Sim(hardware)) if *robot == this => {
                 hardware.faults().plan(fault.clone(), *at, *at + *lasts);
             }
-            (What::Board { robot, fault, lasts, .. }, Boards::Yarp(hardware)) if *robot == this => {
+            (FaultAction::Board { robot, fault, lasts, .. }, Boards::Yarp(hardware)) if *robot == this => {
                 hardware.plan_hardware(fault, *at, *at + *lasts);
             }
-            (What::Wire { robot, board, fault, lasts }, Boards::Yarp(hardware)) if *robot == this => {
+            (FaultAction::Wire { robot, board, fault, lasts }, Boards::Yarp(hardware)) if *robot == this => {
                 hardware.plan(*board, *fault, *at, *at + *lasts);
             }
             _ => {}
         }
     }
 
-    /// How fast the fastest motor really is that can be stopped, rad/s.
+    /// True speed of the fastest motor that can be stopped, rad/s.
     pub fn fastest(&self, at: Time) -> f64 {
         let speeds = match self {
             Boards::Sim(hardware) => hardware.speeds(at),
@@ -122,7 +123,7 @@ impl Boards {
         speeds.into_iter().map(f64::abs).fold(0.0, f64::max)
     }
 
-    /// What its driver was seen to break (I30), in sentences.
+    /// Violations of I30 by its driver, as sentences.
     pub fn found(&self) -> Vec<String> {
         match self {
             Boards::Sim(_) => Vec::new(),

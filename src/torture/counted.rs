@@ -1,6 +1,6 @@
-//! Which violations count against the robots, given the faults that were injected.
+//! Selects the violations that count against the robots, given the injected faults.
 
-use super::faults::What;
+use super::faults::FaultAction;
 use super::plan::Planned;
 use mobee_actors::check::{SLOW_RETREAT, Violation};
 use mobee_drivers::{Fault, WireFault};
@@ -16,7 +16,7 @@ const DELAYED_RETREAT: Duration = Duration::from_secs(2);
 ///   judged then, its path is.
 /// * I34: lying encoders and lost readings let a robot touch things that it looks ahead for. It is judged without faults only.
 pub fn counts(violation: &Violation, planned: &[Planned]) -> bool {
-    let meddled = |p: &Planned| matches!(p.what, What::Wire { fault: WireFault::Meddled(_), .. });
+    let meddled = |p: &Planned| matches!(p.what, FaultAction::Wire { fault: WireFault::Meddled(_), .. });
     match violation.invariant {
         "I20" => !planned.iter().any(meddled),
         "I22" if violation.what.contains(SLOW_RETREAT) => !planned.iter().any(|p| delays(p, violation)),
@@ -27,7 +27,7 @@ pub fn counts(violation: &Violation, planned: &[Planned]) -> bool {
 
 /// True if a slow board can have delayed a retreat that ended at the violation.
 fn delays(planned: &Planned, violation: &Violation) -> bool {
-    let What::Board { fault: Fault::Slow { extra }, lasts, .. } = &planned.what else { return false };
+    let FaultAction::Board { fault: Fault::Slow { extra }, lasts, .. } = &planned.what else { return false };
     (planned.at..=planned.at + *lasts + *extra + DELAYED_RETREAT).contains(&violation.at)
 }
 
@@ -38,7 +38,7 @@ mod tests {
 
     #[test]
     fn a_slow_board_excuses_the_duration_of_a_retreat_and_nothing_else() {
-        let what = What::Board {
+        let what = FaultAction::Board {
             robot: 0,
             kind: "F7",
             fault: Fault::Slow { extra: Duration::from_millis(200) },

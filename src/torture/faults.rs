@@ -1,4 +1,4 @@
-//! What can go wrong: the fault list, and which of it a simulation can do.
+//! The list of faults, and the subset that a simulation can inject.
 
 use super::sight::SightFault;
 use super::swaps::Swap;
@@ -13,9 +13,9 @@ use std::time::Duration;
 pub struct FaultKind {
     /// `F1`, `F2`, ...
     pub name: &'static str,
-    /// In words.
+    /// Description.
     pub what: &'static str,
-    /// Why a simulation can't do it; `None` if it can.
+    /// The reason why a simulation can't inject it; `None` if it can.
     pub elsewhere: Option<&'static str>,
 }
 
@@ -24,7 +24,7 @@ const YARP: Option<&str> =
     Some("needs YARP's ports: see tests/it/real_time/yarp_cycles.rs and drivers/tests/it/real_time/yarp_faults.rs");
 const FUZZ: Option<&str> = Some("is about files and bytes: see tests/it/wrong_input.rs and drivers/yarp/fuzz");
 
-/// Faults of wires: of robots whose driver is `yarp`, beside all others.
+/// Faults of wires, only for robots whose driver is `yarp`.
 pub const WIRES: &str = "F30";
 
 const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static str>) -> FaultKind {
@@ -71,37 +71,37 @@ pub const KINDS: &[FaultKind] = &[
     kind("F32", "something that no model knows holds a motor in mid-motion", None),
 ];
 
-/// Swaps are no faults of a robot: they come where they are asked for, so that a seed alone stands for what it always stood for.
+/// Swaps are injected on request only, so that the plan of a seed stays the same.
 const SWAPS: [&str; 2] = ["F21", "F22"];
-/// Came later, and come by their names alone, for the same reason.
+/// Later kinds, which are injected by name only, for the same reason.
 const LATER: [&str; 4] = ["F24", "F29", "F31", "F32"];
 
 /// A fault of a plan.
 #[derive(Clone, Debug, PartialEq)]
-pub enum What {
+pub enum FaultAction {
     /// F1 and F3.
     Strike {
         /// The actor.
         actor: String,
-        /// After how many messages.
+        /// Number of messages before the fault.
         after: u64,
-        /// What.
+        /// The fault of the actor.
         blow: Blow,
     },
     /// F2.
     Kill(String),
-    /// F5: so many kills, 0.3 s apart.
+    /// F5: repeated kills, 0.3 s apart.
     Storm {
         /// The actor.
         actor: String,
-        /// How many.
+        /// Number of kills.
         kills: u32,
     },
     /// F6 between actors.
     Lose {
         /// The link.
         link: String,
-        /// How many pulses.
+        /// Number of lost pulses.
         count: u64,
     },
     /// F6, F7, F8, F11, F12, F29, F31, F32: the board of a robot.
@@ -110,9 +110,9 @@ pub enum What {
         kind: &'static str,
         /// The robot.
         robot: usize,
-        /// What.
+        /// The fault of the board.
         fault: Fault,
-        /// For how long.
+        /// Duration.
         lasts: Duration,
     },
     /// F30: the wire to a board behind YARP.
@@ -121,25 +121,25 @@ pub enum What {
         robot: usize,
         /// The board, by its number in the driver's settings.
         board: usize,
-        /// What.
+        /// The fault of the wire.
         fault: WireFault,
-        /// For how long.
+        /// Duration.
         lasts: Duration,
     },
-    /// F8, F18, F20: somebody else commits.
+    /// F8, F18, F20: another client commits.
     Commit {
         /// The kind it belongs to.
         kind: &'static str,
         /// The robot's name.
         robot: String,
-        /// Where to.
+        /// The target.
         target: Target,
-        /// How many times at once.
+        /// Number of simultaneous commits.
         times: u64,
     },
     /// F14.
     Suspend(Duration),
-    /// F18: so many moves of an object far away, at once.
+    /// F18: this number of simultaneous moves of a distant object.
     Edits(u64),
     /// F19.
     Obstruct {
@@ -147,88 +147,88 @@ pub enum What {
         object: String,
         /// The robot's name.
         robot: String,
-        /// Where.
+        /// The place on the robot or its path.
         spot: Spot,
-        /// For how long.
+        /// Duration.
         lasts: Duration,
     },
-    /// F21, F22: a part is exchanged.
+    /// F21, F22: a part is swapped.
     Swap(Swap),
-    /// F23: the history is so short from the start, in poses.
+    /// F23: the history has only this number of poses from the start.
     ShortHistory(usize),
     /// F24: a sensor is wrong.
     Sight {
         /// The sensor, by its number.
         sensor: usize,
-        /// What is wrong.
+        /// The fault of the sensor.
         fault: SightFault,
-        /// For how long.
+        /// Duration.
         lasts: Duration,
     },
-    /// F24: an actor of a sensor is struck at its next message, or killed.
+    /// F24: an actor of a sensor fails at its next message, or is killed.
     Blind {
         /// The actor.
         actor: String,
-        /// How it is struck; `None`: it is killed.
+        /// The fault of the actor; `None`: it is killed.
         blow: Option<Blow>,
     },
 }
 
-impl What {
-    /// The kind of fault that it is.
+impl FaultAction {
+    /// The name of its fault kind.
     pub fn kind(&self) -> &'static str {
         match self {
-            What::Strike { blow: Blow::Panic, .. } => "F1",
-            What::Strike { .. } => "F3",
-            What::Kill(_) => "F2",
-            What::Storm { .. } => "F5",
-            What::Lose { .. } => "F6",
-            What::Board { kind, .. } | What::Commit { kind, .. } => kind,
-            What::Wire { .. } => WIRES,
-            What::Suspend(_) => "F14",
-            What::Edits(_) => "F18",
-            What::Obstruct { .. } => "F19",
-            What::Swap(Swap { part: SwapPart::Agent, .. }) => "F21",
-            What::Swap(_) => "F22",
-            What::ShortHistory(_) => "F23",
-            What::Sight { .. } | What::Blind { .. } => "F24",
+            FaultAction::Strike { blow: Blow::Panic, .. } => "F1",
+            FaultAction::Strike { .. } => "F3",
+            FaultAction::Kill(_) => "F2",
+            FaultAction::Storm { .. } => "F5",
+            FaultAction::Lose { .. } => "F6",
+            FaultAction::Board { kind, .. } | FaultAction::Commit { kind, .. } => kind,
+            FaultAction::Wire { .. } => WIRES,
+            FaultAction::Suspend(_) => "F14",
+            FaultAction::Edits(_) => "F18",
+            FaultAction::Obstruct { .. } => "F19",
+            FaultAction::Swap(Swap { part: SwapPart::Agent, .. }) => "F21",
+            FaultAction::Swap(_) => "F22",
+            FaultAction::ShortHistory(_) => "F23",
+            FaultAction::Sight { .. } | FaultAction::Blind { .. } => "F24",
         }
     }
 }
 
-impl fmt::Display for What {
+impl fmt::Display for FaultAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: ", self.kind())?;
         match self {
-            What::Strike { actor, after, blow } => write!(f, "{blow} in {actor} after {after} messages"),
-            What::Kill(actor) => write!(f, "{actor} is killed"),
-            What::Storm { actor, kills } => write!(f, "{actor} is killed {kills} times"),
-            What::Lose { link, count } => write!(f, "{count} pulses are lost on {link}"),
-            What::Board { robot, fault, lasts, .. } => {
+            FaultAction::Strike { actor, after, blow } => write!(f, "{blow} in {actor} after {after} messages"),
+            FaultAction::Kill(actor) => write!(f, "{actor} is killed"),
+            FaultAction::Storm { actor, kills } => write!(f, "{actor} is killed {kills} times"),
+            FaultAction::Lose { link, count } => write!(f, "{count} pulses are lost on {link}"),
+            FaultAction::Board { robot, fault, lasts, .. } => {
                 write!(f, "the board of robot {robot} for {:.3} s: {fault:?}", lasts.as_secs_f64())
             }
-            What::Wire { robot, board, fault, lasts } => {
+            FaultAction::Wire { robot, board, fault, lasts } => {
                 write!(f, "board {board} of robot {robot} for {:.3} s: {fault}", lasts.as_secs_f64())
             }
-            What::Commit { robot, target, times, .. } => write!(f, "{times} commits to {robot}: {target:?}"),
-            What::Suspend(time) => write!(f, "suspended for {:.3} s", time.as_secs_f64()),
-            What::Edits(n) => write!(f, "{n} edits of the world at once"),
-            What::Obstruct { object, robot, spot, lasts } => {
+            FaultAction::Commit { robot, target, times, .. } => write!(f, "{times} commits to {robot}: {target:?}"),
+            FaultAction::Suspend(time) => write!(f, "suspended for {:.3} s", time.as_secs_f64()),
+            FaultAction::Edits(n) => write!(f, "{n} edits of the world at once"),
+            FaultAction::Obstruct { object, robot, spot, lasts } => {
                 write!(f, "{object} is on the way of {robot} for {:.3} s: {spot:?}", lasts.as_secs_f64())
             }
-            What::Swap(swap) => write!(f, "{swap}"),
-            What::ShortHistory(poses) => write!(f, "a history of {poses} poses"),
-            What::Sight { sensor, fault, lasts } => {
+            FaultAction::Swap(swap) => write!(f, "{swap}"),
+            FaultAction::ShortHistory(poses) => write!(f, "a history of {poses} poses"),
+            FaultAction::Sight { sensor, fault, lasts } => {
                 write!(f, "sensor {sensor} for {:.3} s: {fault}", lasts.as_secs_f64())
             }
-            What::Blind { actor, blow: Some(blow) } => write!(f, "{blow} in {actor}"),
-            What::Blind { actor, blow: None } => write!(f, "{actor} is killed"),
+            FaultAction::Blind { actor, blow: Some(blow) } => write!(f, "{blow} in {actor}"),
+            FaultAction::Blind { actor, blow: None } => write!(f, "{actor} is killed"),
         }
     }
 }
 
-/// The kinds that are meant by a list such as `F1,F8`. In it `mild` are those that a robot meets any day, `usual` (and an empty list) all
-/// that can be simulated but swaps, F24, F29, F31 and F32, `all` these with the swaps.
+/// The kinds in a list such as `F1,F8`. `mild`: those that a robot meets any day. `usual` (and an empty list): all that
+/// can be simulated except swaps, F24, F29, F31 and F32. `all`: these and the swaps.
 ///
 /// # Errors
 /// A sentence for the first name that is unknown or can't be simulated.
@@ -237,7 +237,7 @@ pub fn chosen(names: &str) -> Result<Vec<&'static str>, String> {
     Ok(named.concat())
 }
 
-/// The kinds that one word of a list means.
+/// The kinds for one word of a list.
 fn kinds(name: &str) -> Result<Vec<&'static str>, String> {
     let mild = ["F1", "F2", "F6", "F7", "F11", "F19", "F20", WIRES];
     let all = KINDS.iter().filter(|k| k.elsewhere.is_none()).map(|k| k.name).filter(|n| !LATER.contains(n));

@@ -1,13 +1,13 @@
-//! Whether memory grows while a run goes on.
+//! Detects growth of memory during a run.
 
 use mobee_contract::Time;
 
-/// How often it is looked at, seconds of the run.
-const EVERY: f64 = 60.0;
-/// Which share of a run is warming up: maps, queues and histories fill.
-const WARM: f64 = 0.25;
-/// Shorter runs tell nothing.
-const LEAST: usize = 60;
+/// Interval between samples, seconds of the run.
+const SAMPLE_INTERVAL_S: f64 = 60.0;
+/// Share of a run in which maps, queues and histories fill.
+const WARMUP_SHARE: f64 = 0.25;
+/// Minimum number of samples for a slope.
+const MIN_SAMPLES: usize = 60;
 
 /// The resident memory of the process over a run.
 #[derive(Debug, Default)]
@@ -16,9 +16,9 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Looks, if it is time. Nothing is seen where there is no `/proc`.
-    pub fn look(&mut self, at: Time) {
-        if self.samples.last().is_some_and(|(last, _)| at.secs() < last + EVERY) {
+    /// Takes a sample if one is due. Does nothing without `/proc`.
+    pub fn sample(&mut self, at: Time) {
+        if self.samples.last().is_some_and(|(last, _)| at.secs() < last + SAMPLE_INTERVAL_S) {
             return;
         }
         let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -27,16 +27,17 @@ impl Memory {
         self.samples.extend(kilobytes.map(|kb| (at.secs(), kb / 1e3)));
     }
 
-    /// By how much it grows after warming up, megabytes per hour of the run: the line of least squares. `None` for short runs.
+    /// Growth after the warm-up, megabytes per hour of the run, by least squares. `None` for short runs.
     pub fn slope(&self) -> Option<f64> {
         let end = self.samples.last()?.0;
-        let warm: Vec<_> = self.samples.iter().filter(|(at, _)| *at >= WARM * end).collect();
-        if warm.len() < LEAST {
+        let warm: Vec<_> = self.samples.iter().filter(|(at, _)| *at >= WARMUP_SHARE * end).collect();
+        if warm.len() < MIN_SAMPLES {
             return None;
         }
         let n = warm.len() as f64;
         let mean = |of: fn(&(f64, f64)) -> f64| warm.iter().map(|s| of(s)).sum::<f64>() / n;
-        let (at, mb) = (mean(|s| s.0), mean(|s| s.1));
+        let at = mean(|s| s.0);
+        let mb = mean(|s| s.1);
         let (over, under) =
             warm.iter().fold((0.0, 0.0), |(o, u), (t, m)| (o + (t - at) * (m - mb), u + (t - at) * (t - at)));
         Some(3600.0 * over / under)

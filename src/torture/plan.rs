@@ -1,9 +1,9 @@
-//! Which faults a seed stands for: a pure function of the seed, so that a failing seed is its own description.
+//! Plans the faults of a seed: a pure function of the seed, so that a failing seed is its own description.
 //!
-//! Faults come in clusters: for a few seconds one actor, link or robot has the same trouble again and again, since faults that are
-//! sprinkled evenly miss what goes wrong while something else is being mended. Then all is healed, and progress is demanded.
+//! Faults come in clusters: for a few seconds one actor, link or robot has the same fault repeatedly. Evenly spread
+//! faults would miss errors in a recovery that is under way. Then all faults are healed, and progress is required.
 
-use super::faults::{WIRES, What};
+use super::faults::{FaultAction, WIRES};
 use super::sight::SightFault;
 use super::swaps::{Flaw, Swap};
 use super::wires;
@@ -16,37 +16,37 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use std::time::Duration;
 
-/// What a plan is made for.
+/// The inputs of a plan.
 #[derive(Clone, Debug)]
 pub struct Facts {
     /// The robots: names, and the limits of their motors, rad.
     pub robots: Vec<(String, Vec<(f64, f64)>)>,
-    /// How many boards each robot has behind YARP.
+    /// Number of boards of each robot behind YARP.
     pub wires: Vec<usize>,
     /// The actors of each sensor.
     pub sensors: Vec<Vec<String>>,
-    /// How long the run is to be, seconds.
+    /// Duration of the run, seconds.
     pub secs: f64,
-    /// Whether faults are rare, as they are in a long run of every day.
+    /// True if faults are rare, as in a long everyday run.
     pub mild: bool,
 }
 
 /// A fault and its moment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
-    /// When.
+    /// Time of the fault.
     pub at: Time,
-    /// What.
-    pub what: What,
+    /// The fault.
+    pub what: FaultAction,
 }
 
 /// Kills and panics per minute of a run; more could use up a group's restarts, which is another fault (F5).
-const DEATHS: u32 = 6;
+const MAX_DEATHS_PER_MIN: u32 = 6;
 /// The parts of a robot's controller and its agent.
 const ACTORS: [&str; 5] = ["driver", "history", "supervise", "reflex", "agent"];
 
 impl Facts {
-    /// From when on all faults have healed.
+    /// Time from which all faults have healed.
     pub fn healed(&self) -> Time {
         Time::from_secs((0.6 * self.secs).max(self.secs - 60.0))
     }
@@ -60,7 +60,7 @@ struct Planner<'a> {
     all: Vec<Planned>,
 }
 
-/// The faults of a seed, in order of time.
+/// The faults of a seed, ordered by time.
 pub fn plan(seed: u64, facts: &Facts, kinds: &[&'static str]) -> Vec<Planned> {
     let rng = ChaCha8Rng::seed_from_u64(seed ^ 0x70_72_74_72);
     let mut planner = Planner { facts, rng, deaths: 0, objects: 0, all: Vec::new() };
@@ -88,7 +88,7 @@ impl Planner<'_> {
         Duration::from_secs_f64(self.rng.random_range(low..high))
     }
 
-    /// One kind of trouble at one place for a while.
+    /// Plans one kind of fault at one place for a while.
     fn cluster(&mut self, kind: &'static str) {
         let end = self.facts.healed().secs();
         let mut at = Time::from_secs(self.rng.random_range(0.0..(end - 4.0).max(0.1)));
@@ -104,7 +104,7 @@ impl Planner<'_> {
             2 => format!("{name}/model>reflex"),
             _ => format!("{name}/reflex>supervise"),
         };
-        // half of all clusters hit a robot that has just met something
+        // half of all clusters hit a robot that has just met an obstacle
         if kind != "F19" && kind != "F23" && self.rng.random() {
             self.obstruct(at, &name);
             at = at + self.secs(0.1, 3.0);
@@ -122,49 +122,49 @@ impl Planner<'_> {
         }
     }
 
-    fn died_enough(&self) -> bool {
-        f64::from(self.deaths) >= f64::from(DEATHS) * (self.facts.secs / 60.0).max(1.0)
+    fn is_death_limit_reached(&self) -> bool {
+        f64::from(self.deaths) >= f64::from(MAX_DEATHS_PER_MIN) * (self.facts.secs / 60.0).max(1.0)
     }
 
     fn fault(&mut self, kind: &'static str, at: Time, robot: usize, name: &str, actor: &str, link: &str) {
         let what = match kind {
-            "F1" | "F2" if self.died_enough() => return,
+            "F1" | "F2" if self.is_death_limit_reached() => return,
             "F1" => {
                 self.deaths += 1;
-                What::Strike { actor: actor.into(), after: self.rng.random_range(0..50), blow: Blow::Panic }
+                FaultAction::Strike { actor: actor.into(), after: self.rng.random_range(0..50), blow: Blow::Panic }
             }
             "F2" => {
                 self.deaths += 1;
-                What::Kill(actor.into())
+                FaultAction::Kill(actor.into())
             }
             "F3" => {
                 let blow = Blow::Stall(self.secs(0.01, 1.5));
-                What::Strike { actor: actor.into(), after: self.rng.random_range(0..20), blow }
+                FaultAction::Strike { actor: actor.into(), after: self.rng.random_range(0..20), blow }
             }
-            "F5" => What::Storm { actor: actor.into(), kills: 12 },
-            "F6" if self.rng.random() => What::Lose { link: link.into(), count: self.rng.random_range(1..60) },
+            "F5" => FaultAction::Storm { actor: actor.into(), kills: 12 },
+            "F6" if self.rng.random() => FaultAction::Lose { link: link.into(), count: self.rng.random_range(1..60) },
             "F19" => return self.obstruct(at, name),
-            "F14" => What::Suspend(self.secs(0.05, 30.0)),
-            "F18" if self.rng.random() => What::Edits(self.rng.random_range(10..100)),
+            "F14" => FaultAction::Suspend(self.secs(0.05, 30.0)),
+            "F18" if self.rng.random() => FaultAction::Edits(self.rng.random_range(10..100)),
             "F8" if self.rng.random() => {
-                let target = self.nonsense(robot);
-                What::Commit { kind, robot: name.into(), target, times: 1 }
+                let target = self.invalid_target(robot);
+                FaultAction::Commit { kind, robot: name.into(), target, times: 1 }
             }
             "F18" | "F20" => {
                 let times = if kind == "F18" { self.rng.random_range(50..500) } else { 1 };
                 let other = self.rng.random_range(0..self.facts.robots.len());
                 let target = self.target(other);
-                What::Commit { kind, robot: self.facts.robots[other].0.clone(), target, times }
+                FaultAction::Commit { kind, robot: self.facts.robots[other].0.clone(), target, times }
             }
-            "F21" | "F22" => What::Swap(self.swap(kind)),
+            "F21" | "F22" => FaultAction::Swap(self.swap(kind)),
             "F24" => match self.sight() {
-                Some(What::Sight { sensor, fault, lasts }) => {
-                    What::Sight { sensor, fault, lasts: lasts.min(self.facts.healed().since(at)) }
+                Some(FaultAction::Sight { sensor, fault, lasts }) => {
+                    FaultAction::Sight { sensor, fault, lasts: lasts.min(self.facts.healed().since(at)) }
                 }
                 Some(other) => other,
                 None => return,
             },
-            "F23" => What::ShortHistory(self.rng.random_range(60..400)),
+            "F23" => FaultAction::ShortHistory(self.rng.random_range(60..400)),
             "F6" | "F7" | "F8" | "F11" | "F12" | "F29" | "F31" | "F32" => {
                 let (fault, lasts) = match kind {
                     "F29" => self.freeze(),
@@ -173,9 +173,9 @@ impl Planner<'_> {
                     _ => self.board(kind, robot),
                 };
                 let most = self.facts.healed().since(at);
-                What::Board { kind, robot, fault, lasts: lasts.min(most) }
+                FaultAction::Board { kind, robot, fault, lasts: lasts.min(most) }
             }
-            // not planned at all: a test looks for such kinds
+            // not planned; a test detects such kinds
             _ => return,
         };
         self.all.push(Planned { at, what });
@@ -204,12 +204,12 @@ impl Planner<'_> {
         (fault, self.secs(0.02, 3.0))
     }
 
-    /// Encoders that wait for a motion to freeze in.
+    /// Encoders that freeze in a motion.
     fn freeze(&mut self) -> (Fault, Duration) {
         (Fault::FrozenInMotion { after: self.secs(0.05, 1.5) }, self.secs(2.0, 8.0))
     }
 
-    /// A motor that sags, slowly or as fast as a slow commit allows: what goes faster breaks I20, whoever moves it.
+    /// A motor that sags, slowly or as fast as a slow commit allows: faster motion breaks I20, whatever its cause.
     fn sag(&mut self, robot: usize) -> (Fault, Duration) {
         let motor = self.rng.random_range(0..self.facts.robots[robot].1.len().max(1));
         let fast = if self.rng.random() { 0.02 } else { 0.002 };
@@ -217,17 +217,17 @@ impl Planner<'_> {
         (Fault::Sag { motor, speed }, self.secs(0.2, 8.0))
     }
 
-    /// A motor that is held once it has moved for a while.
+    /// A motor that is blocked after it has moved for a while.
     fn held(&mut self, robot: usize) -> (Fault, Duration) {
         let motor = self.rng.random_range(0..self.facts.robots[robot].1.len().max(1));
         (Fault::Blocked { motor, after: self.secs(0.02, 1.5) }, self.secs(2.0, 12.0))
     }
 
-    /// A sensor that is wrong, or one of its actors that fails; `None` if there are no sensors.
-    fn sight(&mut self) -> Option<What> {
+    /// A sensor that is wrong, or one of its actors that fails; `None` without sensors.
+    fn sight(&mut self) -> Option<FaultAction> {
         let sensor = self.rng.random_range(0..self.facts.sensors.len().max(1));
         let actors = self.facts.sensors.get(sensor)?;
-        if self.rng.random_range(0..4) == 0 && !self.died_enough() {
+        if self.rng.random_range(0..4) == 0 && !self.is_death_limit_reached() {
             self.deaths += 1;
             let actor = actors.get(self.rng.random_range(0..actors.len().max(1)))?.clone();
             let blow = match self.rng.random_range(0..3) {
@@ -235,7 +235,7 @@ impl Planner<'_> {
                 1 => Some(Blow::Panic),
                 _ => Some(Blow::Stall(self.secs(0.01, 1.5))),
             };
-            return Some(What::Blind { actor, blow });
+            return Some(FaultAction::Blind { actor, blow });
         }
         let mut within = |most: f64| self.rng.random_range(-most..most);
         let off = [within(80.0), within(50.0)];
@@ -246,7 +246,7 @@ impl Planner<'_> {
             3 => SightFault::Nonsense,
             _ => SightFault::Far { by: self.rng.random_range(0.02..0.6) },
         };
-        Some(What::Sight { sensor, fault, lasts: self.secs(0.05, 6.0) })
+        Some(FaultAction::Sight { sensor, fault, lasts: self.secs(0.05, 6.0) })
     }
 
     fn obstruct(&mut self, at: Time, robot: &str) {
@@ -260,10 +260,10 @@ impl Planner<'_> {
             radius: self.rng.random_range(0.005..0.06),
         };
         let lasts = self.secs(0.2, 12.0).min(self.facts.healed().since(at));
-        self.all.push(Planned { at, what: What::Obstruct { object, robot: robot.into(), spot, lasts } });
+        self.all.push(Planned { at, what: FaultAction::Obstruct { object, robot: robot.into(), spot, lasts } });
     }
 
-    /// Another part for some robot.
+    /// A swap of a part of some robot.
     fn swap(&mut self, kind: &str) -> Swap {
         let robot = self.rng.random_range(0..self.facts.robots.len());
         let part = match kind {
@@ -275,8 +275,9 @@ impl Planner<'_> {
             SwapPart::Agent => vec![("speed", json!(self.rng.random_range(0.05..0.3)))],
             SwapPart::Controller => {
                 let period = [10.0, 20.0, 30.0][self.rng.random_range(0..3)];
-                let (margin, history) = (self.rng.random_range(8.0..40.0), self.rng.random_range(200..3000));
-                // no draw of its own: the plans of known seeds stay as they are
+                let margin = self.rng.random_range(8.0..40.0);
+                let history = self.rng.random_range(200..3000);
+                // derived, not drawn, so that the plans of known seeds stay the same
                 let tolerance = 0.05 + f64::from(history) * 5e-5;
                 vec![
                     ("period_ms", json!(period)),
@@ -299,7 +300,7 @@ impl Planner<'_> {
         Swap { robot, part, edits, fresh, flaw, terms }
     }
 
-    /// Somewhere within the limits, for some motors.
+    /// A target within the limits, for some motors.
     fn target(&mut self, robot: usize) -> Target {
         let mut target = Target { motors: Vec::new(), q: Vec::new(), speed: self.rng.random_range(0.05..0.3) };
         for (motor, (min, max)) in self.facts.robots[robot].1.iter().enumerate() {
@@ -311,8 +312,8 @@ impl Planner<'_> {
         target
     }
 
-    /// A target that no filter should take.
-    fn nonsense(&mut self, robot: usize) -> Target {
+    /// A target that every filter should refuse.
+    fn invalid_target(&mut self, robot: usize) -> Target {
         let mut target = self.target(robot);
         let limits = self.facts.robots[robot].1.first().copied().unwrap_or_default();
         (target.motors, target.q) = (vec![0], vec![limits.0]);
@@ -349,7 +350,8 @@ mod tests {
 
     #[test]
     fn a_plan_follows_from_its_seed_and_heals_in_time() {
-        let (facts, kinds) = (facts(), chosen("").unwrap());
+        let facts = facts();
+        let kinds = chosen("").unwrap();
         for seed in 0..300 {
             let planned = plan(seed, &facts, &kinds);
             assert_eq!(format!("{planned:?}"), format!("{:?}", plan(seed, &facts, &kinds)));
@@ -357,10 +359,10 @@ mod tests {
             assert!(planned.is_sorted_by_key(|p| p.at));
             for p in &planned {
                 let lasts = match &p.what {
-                    What::Board { lasts, .. }
-                    | What::Wire { lasts, .. }
-                    | What::Obstruct { lasts, .. }
-                    | What::Sight { lasts, .. } => *lasts,
+                    FaultAction::Board { lasts, .. }
+                    | FaultAction::Wire { lasts, .. }
+                    | FaultAction::Obstruct { lasts, .. }
+                    | FaultAction::Sight { lasts, .. } => *lasts,
                     _ => Duration::ZERO,
                 };
                 assert!(p.at + lasts <= facts.healed(), "seed {seed}: {p:?}");
@@ -383,7 +385,8 @@ mod tests {
     #[test]
     fn a_fault_that_needs_more_is_answered_with_a_sentence() {
         assert_eq!(chosen("f1, F8").unwrap(), ["F1", "F8"]);
-        let (usual, all) = (chosen("").unwrap(), chosen("all").unwrap());
+        let usual = chosen("").unwrap();
+        let all = chosen("all").unwrap();
         assert!(all.len() == usual.len() + 2 && !usual.contains(&"F21") && all.contains(&"F21"));
         assert!(chosen("F16").unwrap_err().contains("process"));
         assert!(chosen("F99").unwrap_err().contains("no fault"));

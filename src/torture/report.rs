@@ -1,4 +1,4 @@
-//! What a torture has come to.
+//! The result of a torture battery.
 
 use super::plan::Planned;
 use super::trial::{END, ESCAPE, Ran};
@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
-/// From how many seeds on shares say something.
-const ENOUGH: u64 = 50;
+/// Minimum number of seeds for which shares are meaningful.
+const MIN_SEEDS: u64 = 50;
 
-/// Percent.
+/// Share in percent.
 fn share(part: u64, of: u64) -> f64 {
     100.0 * part as f64 / of.max(1) as f64
 }
@@ -20,49 +20,49 @@ fn share(part: u64, of: u64) -> f64 {
 pub struct Tally {
     /// Seeds that ran.
     pub seeds: u64,
-    /// Time by their own clocks.
+    /// Time by the runs' clocks.
     pub simulated: Duration,
-    /// Time by the wall's.
+    /// Time by the wall clock.
     pub wall: Duration,
     /// Faults by kind.
     pub faults: BTreeMap<&'static str, u64>,
-    /// Accepted commits, those among them whose outcome is reached, taken back, neither.
+    /// Accepted commits.
     pub commits: u64,
-    /// See above.
+    /// Outcomes of commits: reached, rolled back, neither.
     pub outcomes: [u64; 3],
-    /// Why commits ended as faulted.
+    /// Causes of faulted commits, with their numbers.
     pub faulted: BTreeMap<&'static str, u64>,
-    /// Why filters were closed.
+    /// Causes of closed filters, with their numbers.
     pub closed: BTreeMap<&'static str, u64>,
     /// Restarts of actors.
     pub restarts: u64,
-    /// Retreats that were given up.
+    /// Retreats that were stopped.
     pub retreats_stopped: u64,
     /// Escapes.
     pub escapes: u64,
-    /// Hard contacts, and the greatest depth of any, millimeters.
+    /// Hard contacts.
     pub hard_contacts: u64,
-    /// See above.
+    /// Greatest depth of a hard contact, millimeters.
     pub hard_contact_depth_mm: f64,
-    /// The greatest force with which a simulated robot pushed anything, N, and the longest time, s.
+    /// Greatest force with which a simulated robot pushed anything, N.
     pub push_n: f64,
-    /// See above.
+    /// Longest time for which a simulated robot pushed anything, s.
     pub push_s: f64,
     /// Swaps: settled, reverted, refused.
     pub swaps: [u64; 3],
-    /// What several robots did during the retreat at once.
+    /// Retreats of several robots at once.
     pub joint: Joint,
     /// Groups that used up their restarts.
     pub gave_up: u64,
-    /// The greatest growth of memory in a run, megabytes per hour, if one was long enough to tell.
+    /// Greatest growth of memory in a run, megabytes per hour; `None` if all runs were too short.
     pub growth: Option<f64>,
     /// Seeds that failed.
     pub failed: Vec<u64>,
-    /// The greatest share of the commits that may end as faulted, percent, if it is bounded.
+    /// Maximum share of commits that may end as faulted, percent, if it is bounded.
     pub most_faulted: Option<f64>,
     /// The robots whose own driver was replaced by the simulated one, each with that driver's kind.
     pub replaced: Vec<(String, String)>,
-    /// What differed when the first seed ran a second time (I13).
+    /// Differences when the first seed ran a second time (I13).
     pub twice: Vec<String>,
 }
 
@@ -101,32 +101,33 @@ impl Tally {
         self.growth = self.growth.into_iter().chain(ran.growth).reduce(f64::max);
     }
 
-    /// The share of the commits that ended as faulted, percent, but for escapes and the end of a run: motions that had a retreat,
-    /// and were not taken back.
+    /// The share of commits that ended as faulted, percent, without escapes and commits cut off by the end of a run:
+    /// motions that had a retreat, and were not rolled back.
     pub fn faulted_share(&self) -> f64 {
         let faulted = self.faulted.iter().filter(|(why, _)| ![ESCAPE, END].contains(why)).map(|(_, n)| n).sum();
         let ends = self.faulted.get(END).copied().unwrap_or_default();
         share(faulted, self.commits.saturating_sub(self.escapes + ends))
     }
 
-    /// Whether more ended as faulted than the behavior allows; few seeds say nothing.
+    /// True if more commits ended as faulted than the behavior allows. Always false for a few seeds.
     pub fn is_over(&self) -> bool {
-        self.seeds >= ENOUGH && self.most_faulted.is_some_and(|most| self.faulted_share() > most)
+        self.seeds >= MIN_SEEDS && self.most_faulted.is_some_and(|most| self.faulted_share() > most)
     }
 
-    /// How many times faster than real time.
+    /// Ratio of simulated to wall-clock time.
     pub fn factor(&self) -> f64 {
         self.simulated.as_secs_f64() / self.wall.as_secs_f64().max(1e-9)
     }
 
-    /// Whether nothing was broken.
+    /// True if all seeds passed.
     pub fn is_good(&self) -> bool {
         self.failed.is_empty() && self.twice.is_empty() && !self.is_over()
     }
 
-    /// How far it is.
+    /// The progress as a line.
     pub fn line(&self) -> String {
-        let (hours, factor) = (self.simulated.as_secs_f64() / 3600.0, self.factor());
+        let hours = self.simulated.as_secs_f64() / 3600.0;
+        let factor = self.factor();
         format!(
             "{} seeds, {hours:.2} simulated hours, {factor:.0} times real time, {} failed",
             self.seeds,
@@ -157,9 +158,11 @@ impl fmt::Display for Tally {
             let closed: Vec<String> = self.closed.iter().map(|(cause, n)| format!("{cause} {n}")).collect();
             writeln!(f, "closed     {}", closed.join(", "))?;
         }
-        let (escapes, stopped) = (self.escapes, self.retreats_stopped);
+        let escapes = self.escapes;
+        let stopped = self.retreats_stopped;
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
-        let (hard, deep) = (self.hard_contacts, self.hard_contact_depth_mm);
+        let hard = self.hard_contacts;
+        let deep = self.hard_contact_depth_mm;
         writeln!(f, "touched    {hard} hard contacts, at most {deep:.1} mm deep")?;
         if self.push_n > 0.0 {
             writeln!(f, "pushed     at most {:.1} N, for at most {:.2} s", self.push_n, self.push_s)?;

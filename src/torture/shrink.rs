@@ -1,7 +1,7 @@
 //! Delta debugging: the shortest part of a list that still fails.
 
-/// Drops from `all` whatever is not needed for `fails`, which holds for `all`. What is left fails, and without any one of its
-/// items it does not (Zeller and Hildebrandt, 2002).
+/// Drops all items of `all` that `fails` does not need; `fails` holds for `all`. The rest fails, and without any one of
+/// its items it does not (Zeller and Hildebrandt, 2002).
 pub fn shrink<T: Clone>(all: &[T], mut fails: impl FnMut(&[T]) -> bool) -> Vec<T> {
     let mut left = all.to_vec();
     if fails(&[]) {

@@ -1,6 +1,6 @@
-//! F24: what the eyes and the locators of a run get wrong, and what becomes of the model's objects meanwhile (I33).
+//! F24: faults of the cameras and locators of a run, and a check of the model's objects under them (I33).
 
-use super::faults::What;
+use super::faults::FaultAction;
 use super::plan::Planned;
 use mobee_actors::record::names::{CAMERA, DETECTOR, LOCATOR};
 use mobee_actors::system::{CameraSetup, PartMaker, SensorSetup, TruthCell};
@@ -15,30 +15,30 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How far from where an object is the model may have it, meters, beside the jump that its gate believes at once: what a clean run is off
-/// at most, where the object is first seen at a picture's border.
-const OFF: f64 = 0.05;
-/// An object that moved is believed where it was for so long.
-const LATE: Duration = Duration::from_secs(2);
+/// Maximum distance of an object in the model from its true place, meters, in addition to the gate's jump: the greatest
+/// error of a run without faults, in which the object appears at an image's border.
+const MAX_ERROR_M: f64 = 0.05;
+/// Time for which the model may have a moved object at its former place.
+const MAX_LAG: Duration = Duration::from_secs(2);
 
-/// What is wrong with a sensor.
+/// A fault of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SightFault {
-    /// Its detectors see nothing.
+    /// Its detectors detect nothing.
     Blind,
-    /// They see everything a second time, so many pixels to the right and down.
+    /// They detect every object a second time, at an offset to the right and down.
     Twice {
-        /// How far away.
+        /// The offset, pixels.
         off: [f64; 2],
     },
-    /// They see things anywhere, and nothing that there is.
+    /// They detect objects at random places, and none at the true ones.
     Elsewhere,
-    /// They tell numbers that are none.
+    /// They return numbers that are not finite or absurd.
     Nonsense,
-    /// Its locator has things anywhere within so many meters of where they are: what is off in the same way for long can't be told from
-    /// what is so.
+    /// Its locator adds a random error to each position. A constant error could not be distinguished from a true
+    /// position.
     Far {
-        /// How far at most, along each axis.
+        /// Maximum error along each axis, meters.
         by: f64,
     },
 }
@@ -49,7 +49,7 @@ impl fmt::Display for SightFault {
             SightFault::Blind => f.write_str("it sees nothing"),
             SightFault::Twice { off: [x, y] } => write!(f, "it sees everything twice, {x:.0} by {y:.0} pixels away"),
             SightFault::Elsewhere => f.write_str("it sees things anywhere"),
-            SightFault::Nonsense => f.write_str("it tells numbers that are none"),
+            SightFault::Nonsense => f.write_str("it returns invalid numbers"),
             SightFault::Far { by } => write!(f, "its locator is off by up to {by:.2} m"),
         }
     }
@@ -68,18 +68,18 @@ impl Wrong {
     }
 }
 
-/// The actors of a sensor, by their names in the run.
+/// The names of a sensor's actors in the run.
 pub fn actors(sensor: &SensorSetup) -> Vec<String> {
     let parts = |camera: &CameraSetup| [CAMERA, DETECTOR].map(|part| format!("{}/{}/{part}", sensor.name, camera.name));
     let locator = sensor.locator.iter().map(|_| format!("{}/{LOCATOR}", sensor.name));
     sensor.cameras.iter().flat_map(parts).chain(locator).collect()
 }
 
-/// Wraps the detectors and locators of the sensors that these faults befall.
-pub fn befall(sensors: &mut [SensorSetup], planned: &[Planned], seed: u64) {
+/// Wraps the detectors and locators of the sensors that have planned faults.
+pub fn install_faults(sensors: &mut [SensorSetup], planned: &[Planned], seed: u64) {
     for (i, sensor) in sensors.iter_mut().enumerate() {
         let own = planned.iter().filter_map(|Planned { at, what }| match what {
-            What::Sight { sensor, fault, lasts } if *sensor == i => Some((*at, *at + *lasts, *fault)),
+            FaultAction::Sight { sensor, fault, lasts } if *sensor == i => Some((*at, *at + *lasts, *fault)),
             _ => None,
         });
         let faults: Arc<[_]> = own.collect();
@@ -88,13 +88,15 @@ pub fn befall(sensors: &mut [SensorSetup], planned: &[Planned], seed: u64) {
         }
         let wrong = Wrong { seed, faults };
         for camera in &mut sensor.cameras {
-            let (inner, wrong) = (camera.detector.clone(), wrong.clone());
+            let inner = camera.detector.clone();
+            let wrong = wrong.clone();
             let maker: PartMaker<dyn Detector> =
                 Arc::new(move || Ok(Box::new(Mistaken { inner: inner()?, wrong: wrong.clone() })));
             camera.detector = maker;
         }
         if let Some(locator) = &mut sensor.locator {
-            let (inner, wrong) = (locator.locator.clone(), wrong.clone());
+            let inner = locator.locator.clone();
+            let wrong = wrong.clone();
             let maker: PartMaker<dyn Locator> =
                 Arc::new(move || Ok(Box::new(Mistaken { inner: inner()?, wrong: wrong.clone() })));
             locator.locator = maker;
@@ -102,7 +104,7 @@ pub fn befall(sensors: &mut [SensorSetup], planned: &[Planned], seed: u64) {
     }
 }
 
-/// A detector or locator that is wrong for a while.
+/// A detector or locator with temporary faults.
 struct Mistaken<T: ?Sized> {
     inner: Box<T>,
     wrong: Wrong,
@@ -123,7 +125,7 @@ impl Detector for Mistaken<dyn Detector> {
                     region
                 };
                 let mut twice: Vec<Region> = seen.iter().map(again).collect();
-                // which of them is told first is anybody's guess
+                // either of the two may come first
                 let at = if rng.random() { 0 } else { seen.len() };
                 seen.splice(at..at, twice.drain(..));
             }
@@ -180,43 +182,43 @@ impl Locator for Mistaken<dyn Locator> {
     }
 }
 
-/// A sensor that moves objects.
-struct Judged {
+/// A sensor whose gate updates the model.
+struct GatedSensor {
     name: String,
-    /// The jump that its gate believes at once, meters.
+    /// The jump that its gate accepts at once, meters.
     jump: f64,
-    /// When it sees everything twice.
+    /// Times during which it detects everything twice.
     twice: Vec<(Time, Time)>,
 }
 
-/// Compares where sensors have objects with where they are.
-pub struct Belief {
+/// Compares the positions of objects that sensors report with the true ones.
+pub struct ObjectChecker {
     truth: Arc<TruthCell>,
-    sensors: Vec<Judged>,
-    /// Where each object was in truth, from when until when.
+    sensors: Vec<GatedSensor>,
+    /// The true positions of each object, each from a time to a time.
     places: BTreeMap<String, Vec<(Vector3<f64>, Time, Time)>>,
 }
 
-impl Belief {
-    /// Of a run with this truth, these sensors and these faults.
-    pub fn new(truth: Arc<TruthCell>, sensors: &[SensorSetup], planned: &[Planned]) -> Belief {
+impl ObjectChecker {
+    /// A comparison for a run with this ground truth, these sensors and these faults.
+    pub fn new(truth: Arc<TruthCell>, sensors: &[SensorSetup], planned: &[Planned]) -> ObjectChecker {
         let of = |(i, sensor): (usize, &SensorSetup)| {
             let twice = planned.iter().filter_map(|Planned { at, what }| match what {
-                What::Sight { sensor, fault: SightFault::Twice { .. }, lasts } if *sensor == i => {
+                FaultAction::Sight { sensor, fault: SightFault::Twice { .. }, lasts } if *sensor == i => {
                     Some((*at, *at + *lasts))
                 }
                 _ => None,
             });
             let gate = sensor.locator.as_ref().and_then(|locator| locator.gate.as_ref());
-            gate.map(|gate| Judged { name: sensor.name.clone(), jump: gate.jump, twice: twice.collect() })
+            gate.map(|gate| GatedSensor { name: sensor.name.clone(), jump: gate.jump, twice: twice.collect() })
         };
-        Belief { truth, sensors: sensors.iter().enumerate().filter_map(of).collect(), places: BTreeMap::new() }
+        ObjectChecker { truth, sensors: sensors.iter().enumerate().filter_map(of).collect(), places: BTreeMap::new() }
     }
 
-    /// An event; answers what is broken.
+    /// Processes an event; returns a violation of I33.
     pub fn event(&mut self, at: Time, event: &Event) -> Option<String> {
         let Event::Located { sensor, exposed, objects, admissions } = event else { return None };
-        let Judged { jump, twice, .. } = self.sensors.iter().find(|judged| judged.name == *sensor)?;
+        let GatedSensor { jump, twice, .. } = self.sensors.iter().find(|judged| judged.name == *sensor)?;
         let truth = self.truth.now()?;
         let mut broken = None;
         for (object, admission) in objects.iter().zip(admissions) {
@@ -227,14 +229,15 @@ impl Belief {
                 Some((_, _, until)) => *until = at,
                 None => places.push((is, at, at)),
             }
-            places.retain(|(_, _, until)| exposed.since(*until) <= LATE);
+            places.retain(|(_, _, until)| exposed.since(*until) <= MAX_LAG);
             let off = |(place, ..): &(Vector3<f64>, Time, Time)| (place - Vector3::from(object.position)).norm();
             let nearest = places.iter().map(off).fold(f64::INFINITY, f64::min);
-            // of two things that appear at once nobody can say which is the object
+            // two detections that appear at once are indistinguishable
             let since = places.last().map_or(at, |(_, since, _)| *since);
-            let is_double = twice.iter().any(|(from, to)| (*from..*to + LATE).contains(exposed) && since >= *from);
-            if *admission == Admission::Moved && nearest > jump + OFF && !is_double {
-                let (name, mm) = (&object.object, nearest * 1e3);
+            let is_double = twice.iter().any(|(from, to)| (*from..*to + MAX_LAG).contains(exposed) && since >= *from);
+            if *admission == Admission::Moved && nearest > jump + MAX_ERROR_M && !is_double {
+                let name = &object.object;
+                let mm = nearest * 1e3;
                 broken.get_or_insert(format!("{name} is moved to {mm:.0} mm from where it was, at {at}"));
             }
         }

@@ -1,8 +1,8 @@
-//! Swaps (F21, F22): a part of a robot is exchanged at any moment, as `mobee ctl swap` and `mobee run --watch` do it, by one that
-//! does its work or by one that does not.
+//! Swaps (F21, F22): a part of a robot is swapped at any time, as by `mobee ctl swap` and `mobee run --watch`, for a
+//! working or a flawed one.
 
 use crate::config::{Config, Source};
-use crate::ctl::offer::{Offered, Wanted, take};
+use crate::ctl::swap_offer::{Offered, Wanted, take};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_actors::wiring::Maker;
@@ -18,35 +18,35 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::oneshot;
 
-/// What is wrong with a new part.
+/// The flaw of a new part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flaw {
-    /// It can't be used, and is refused: the old part goes on.
+    /// It can't be used, and is refused: the old part stays.
     Useless,
-    /// It breaks when it is used first, and is reverted.
+    /// It fails at its first use, and is reverted.
     Breaks,
 }
 
-/// A part that is offered in the place of another. Nobody waits for what becomes of it.
+/// A part that is offered in place of another. The result is not awaited.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Swap {
     /// The robot.
     pub robot: usize,
-    /// Which of its parts.
+    /// The part.
     pub part: SwapPart,
-    /// In which settings it differs from the part of the configuration.
+    /// Settings that differ from those of the configuration.
     pub edits: Vec<(&'static str, Value)>,
-    /// Whether a new agent begins without the old one's state.
+    /// True if a new agent starts without the old one's state.
     pub fresh: bool,
-    /// What is wrong with it: with agents and drivers only.
+    /// The flaw, of agents and drivers only.
     pub flaw: Option<Flaw>,
-    /// What it must go through.
+    /// Shadow, probation and budget.
     pub terms: SwapPolicy,
 }
 
 impl Swap {
-    /// The control that offers it; `board` is the one that the robot has. `None` if the edited configuration is refused before
-    /// anything is offered.
+    /// The control that offers the part; `board` is the robot's board. `None` if the edited configuration is refused
+    /// before the offer.
     pub(super) fn control(
         &self,
         config: &Config,
@@ -90,13 +90,13 @@ impl fmt::Display for Swap {
             write!(f, ", {key} = {value}")?;
         }
         match flaw {
-            None if *fresh => f.write_str(", by one that begins anew")?,
+            None if *fresh => f.write_str(", by one with fresh state")?,
             None => {}
-            Some(Flaw::Useless) => f.write_str(", by one that is of no use")?,
+            Some(Flaw::Useless) => f.write_str(", by an unusable one")?,
             Some(Flaw::Breaks) => f.write_str(", by one that breaks")?,
         }
         let [shadow, probation] = [terms.shadow, terms.probation].map(|t| t.as_secs_f64());
-        write!(f, "; it looks on for {shadow:.3} s, and is on probation for {probation:.3} s")
+        write!(f, "; it observes for {shadow:.3} s, and is on probation for {probation:.3} s")
     }
 }
 
@@ -107,12 +107,12 @@ fn flawed(maker: Maker, flaw: Flaw) -> Maker {
     }))
 }
 
-/// An agent that panics when it is asked.
+/// An agent that panics when its next intent is requested.
 struct Breaking(Box<dyn Agent>);
 
 impl Agent for Breaking {
     fn next(&mut self, _last: Option<MotionEnd>, _view: &View) -> Intent {
-        // unwinds as any panic does, without a word on the terminal
+        // unwinds like any panic, but prints nothing
         std::panic::resume_unwind(Box::new("planted"))
     }
     fn notes(&mut self) -> Vec<Note> {
@@ -134,7 +134,7 @@ fn driver(board: &SimHardware, flaw: Option<Flaw>) -> Arc<dyn Hardware> {
     }
 }
 
-/// Hardware that gives no reading: from the start, or from the second connection on, which is made when it is used.
+/// Hardware that gives no readings: from the first connection on, or from the second, which is made at the takeover.
 struct Mute {
     board: SimHardware,
     is_mute: AtomicBool,
@@ -142,7 +142,8 @@ struct Mute {
 
 impl Hardware for Mute {
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
-        let (driver, is_mute) = (self.board.connect()?, self.is_mute.swap(true, Ordering::SeqCst));
+        let driver = self.board.connect()?;
+        let is_mute = self.is_mute.swap(true, Ordering::SeqCst);
         Ok(Box::new(MuteDriver { driver, is_mute }))
     }
 }

@@ -1,11 +1,11 @@
-//! One run under planned faults, with all invariants watched while it goes on.
+//! One run under planned faults, with all invariants checked while it runs.
 
 use super::boards::{Boards, Driven};
 use super::counted;
-use super::faults::What;
+use super::faults::FaultAction;
 use super::memory::Memory;
 use super::plan::{Facts, Planned};
-use super::sight::{self, Belief};
+use super::sight::{self, ObjectChecker};
 use super::witness::{Joint, Witness};
 use crate::compose::{compose, derive_seed};
 use crate::config::{ClockMode, Config, RobotConfig, Source};
@@ -25,76 +25,76 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc;
 
-/// How long a run may go on after the faults have healed, a little more than I15 allows.
-const LIVE: Duration = Duration::from_secs(122);
-/// By how much the process may grow, megabytes per hour of a run.
-const GROWS: f64 = 1.0;
-/// A board's fault that is over sooner may pass unseen.
-const LASTS: Duration = Duration::from_millis(60);
-/// Why a commit ended as faulted: an escape has no retreat, and stops where it would make something worse.
-/// A motion whose outcome gives no cause.
-const UNTOLD: &str = "no cause given";
+/// Time for which a run may continue after the faults have healed, a little more than I15 allows.
+const RECOVERY_TIME: Duration = Duration::from_secs(122);
+/// Maximum growth of the process, megabytes per hour of the run.
+const MAX_GROWTH_MB_PER_H: f64 = 1.0;
+/// A board's fault that is shorter may remain undetected.
+const MIN_FAULT_TIME: Duration = Duration::from_millis(60);
+/// Cause of faulted motions whose outcome gives none.
+const NO_CAUSE: &str = "no cause given";
+/// Cause of faulted escapes: an escape has no retreat, and stops before it makes a contact worse.
 pub(super) const ESCAPE: &str = "escape";
-/// The run was over.
+/// Cause of commits that the end of the run cut off.
 pub(super) const END: &str = "end of run";
-/// The object that floods of edits move about, far from everything.
-const FLOODED: &str = "torture";
+/// The object that floods of edits move, far from everything.
+const FLOOD_OBJECT: &str = "torture";
 
-/// A behavior that is to be tortured.
+/// A behavior under torture.
 pub struct TortureTrial {
     config: Config,
     source: Source,
     driven: Vec<Driven>,
     /// The robots whose own driver is replaced by the simulated one, each with that driver's kind.
     pub replaced: Vec<(String, String)>,
-    /// What plans are made for.
+    /// The inputs of plans.
     pub facts: Facts,
 }
 
-/// What became of a run.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Ran {
-    /// What was broken, with the name of the invariant (or `bug`) and a sentence.
+    /// Violations: the name of the invariant (or `bug`) and a sentence.
     pub violations: Vec<(String, String)>,
-    /// How long it took by its own clock.
+    /// Duration by the run's clock.
     pub simulated: Duration,
     /// The counters.
     pub counts: RunCounts,
-    /// Why commits ended as faulted.
+    /// Causes of faulted commits, with their numbers.
     pub faulted: BTreeMap<&'static str, u64>,
-    /// Why filters were closed.
+    /// Causes of closed filters, with their numbers.
     pub closed: BTreeMap<&'static str, u64>,
-    /// What became of its swaps: settled, reverted, refused.
+    /// Swaps that were settled, reverted, refused.
     pub swaps: [u64; 3],
-    /// What several robots did during the retreat at once.
+    /// Retreats of several robots at once.
     pub joint: Joint,
     /// The hash of its journal.
     pub hash: String,
-    /// By how much the process grew, megabytes per hour of the run, if it was long enough to tell.
+    /// Growth of the process, megabytes per hour of the run; `None` if it was too short.
     pub growth: Option<f64>,
 }
 
-/// Watches a run from inside.
+/// Checks a run from inside.
 struct Watch {
     checker: Checker,
     witness: Witness,
-    belief: Belief,
+    objects: ObjectChecker,
     n: u64,
     hash: Fingerprint,
-    /// Why commits ended as faulted.
+    /// Causes of faulted commits, with their numbers.
     faulted: BTreeMap<&'static str, u64>,
-    /// Why filters were closed.
+    /// Causes of closed filters, with their numbers.
     closed: BTreeMap<&'static str, u64>,
     /// Swaps that were settled, reverted, refused.
     swaps: [u64; 3],
-    /// The boards that are reached at once: they know where the motors really are.
+    /// The boards with direct access, which have the motors' true positions.
     boards: Vec<Option<SimHardware>>,
-    /// Whether the open commit of a robot is an escape, and whether the run is being brought to its end.
+    /// Robots whose open commit is an escape.
     escapes: BTreeMap<String, bool>,
     ending: bool,
-    /// Deaths that nobody planned.
+    /// Unplanned deaths of actors.
     bugs: Vec<String>,
-    /// Also told, if the run is to be kept.
+    /// Further sinks, if the run is stored.
     sinks: Vec<Box<dyn Sink>>,
 }
 
@@ -104,7 +104,7 @@ impl Sink for Watch {
             Entry::Event(event) => {
                 self.hash.add(at, event);
                 self.witness.event(at, event);
-                self.witness.found.extend(self.belief.event(at, event).map(|what| ("I33", what)));
+                self.witness.found.extend(self.objects.event(at, event).map(|what| ("I33", what)));
                 if let Event::Died { actor, reason } = &**event {
                     let planned = ["planted", "killed", "used up its restarts"].iter().any(|p| reason.contains(p));
                     if !planned {
@@ -118,7 +118,7 @@ impl Sink for Watch {
                         let why = match self.escapes.get(robot) {
                             Some(true) => ESCAPE,
                             _ if self.ending && *cause == Some(Cause::Asked) => END,
-                            _ => cause.as_ref().map_or(UNTOLD, Cause::word),
+                            _ => cause.as_ref().map_or(NO_CAUSE, Cause::word),
                         };
                         *self.faulted.entry(why).or_default() += 1;
                     }
@@ -148,7 +148,7 @@ impl Sink for Watch {
                 self.witness.pose(*robot, at, q);
                 let truth = |board: &Option<SimHardware>| board.as_ref().map(|board| board.positions(at));
                 if let Some(truth) = self.boards.iter().map(truth).collect::<Option<Vec<_>>>() {
-                    self.witness.really(at, &truth);
+                    self.witness.true_positions(at, &truth);
                 }
             }
             Entry::Picture { .. } => {}
@@ -163,13 +163,13 @@ impl Sink for Watch {
 }
 
 impl TortureTrial {
-    /// The greatest share of the commits that may end as faulted, percent, if the behavior bounds it.
+    /// The maximum share of commits that may end as faulted, percent, if the behavior bounds it.
     pub fn most_faulted(&self) -> Option<f64> {
         self.config.torture.as_ref().map(|torture| torture.faulted_percent)
     }
 
-    /// Reads a behavior. Its robots are simulated and its clock is virtual, whatever it says; its YARP ports stay closed. A robot behind
-    /// YARP keeps its driver, which meets simulated boards behind wires.
+    /// Loads a behavior. Its robots are simulated, its clock is virtual and its YARP ports stay closed, whatever its
+    /// settings. A robot behind YARP retains its driver, which is connected to simulated boards by simulated wires.
     ///
     /// # Errors
     /// Complaints about the configuration.
@@ -181,16 +181,17 @@ impl TortureTrial {
         let driven = Driven::all(&mut config, &source)?;
         let wires = driven.iter().map(Driven::wires).collect();
         let composed = compose(config.clone(), &source)?;
-        let (scene, sensors) = (composed.scene, composed.sensors.iter().map(sight::actors).collect());
+        let scene = composed.scene;
+        let sensors = composed.sensors.iter().map(sight::actors).collect();
         let limits = |r: &mobee_model::Robot| r.motors.iter().map(|m| (m.min, m.max)).collect();
         let robots = config.robot.iter().zip(scene.robots()).map(|(c, r)| (c.name.clone(), limits(r))).collect();
         Ok(TortureTrial { config, source, driven, replaced, facts: Facts { robots, wires, sensors, secs, mild } })
     }
 
-    /// What keeps the measured poses of a run in this folder.
+    /// The sink that stores the measured poses of a run in this folder.
     ///
     /// # Errors
-    /// The file that can't be written.
+    /// If a file can't be written.
     pub fn tracks(&self, dir: &Path) -> Result<Box<dyn Sink>, Report> {
         let motors = self.facts.robots.iter().map(|(_, limits)| limits.len());
         let robots = self.config.robot.iter().zip(motors);
@@ -199,22 +200,22 @@ impl TortureTrial {
         Ok(Tracks::open(dir, &robots).map_err(Report::msg)?.sink())
     }
 
-    /// Runs a seed under these faults. `sinks` are told everything as well.
+    /// Runs a seed under these faults. `sinks` receive all entries as well.
     ///
     /// # Errors
-    /// If the system can't be put together or started.
+    /// If the system can't be built or started.
     pub fn run(&self, seed: u64, planned: &[Planned], sinks: Vec<Box<dyn Sink>>) -> Result<Ran, Report> {
         let config = Config { seed, ..self.config.clone() };
         let mut composed = compose(config.clone(), &self.source)?;
         let mut boards = Vec::new();
         for (i, robot) in composed.robots.iter_mut().enumerate() {
             let own = self.boards(i, seed, composed.scene.robots())?;
-            planned.iter().for_each(|p| own.suffer(i, p));
+            planned.iter().for_each(|p| own.plan_fault(i, p));
             robot.hardware = own.hardware();
             robot.hardware.place(&composed.scene, i).map_err(|e| Report::msg(e.to_string()))?;
             boards.push(own);
             for p in planned {
-                if let What::ShortHistory(poses) = p.what {
+                if let FaultAction::ShortHistory(poses) = p.what {
                     robot.controller.history = robot.controller.history.min(poses);
                 }
             }
@@ -222,7 +223,7 @@ impl TortureTrial {
         let mut watch = Watch {
             checker: Checker::default(),
             witness: Witness::default(),
-            belief: Belief::new(composed.truth.clone(), &composed.sensors, planned),
+            objects: ObjectChecker::new(composed.truth.clone(), &composed.sensors, planned),
             n: 0,
             hash: Fingerprint::default(),
             faulted: BTreeMap::new(),
@@ -234,11 +235,11 @@ impl TortureTrial {
             bugs: Vec::new(),
             sinks,
         };
-        sight::befall(&mut composed.sensors, planned, seed);
+        sight::install_faults(&mut composed.sensors, planned, seed);
         watch.witness.board_faults(board_faults(planned, &watch.boards));
         watch.witness.late_boards((0..boards.len()).map(|board| late(planned, board)).collect());
         let watch = Arc::new(Mutex::new(watch));
-        let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);
+        let sample = || watch.lock().unwrap_or_else(PoisonError::into_inner);
         let taps = Taps::in_place(watch.clone());
         let setup = Setup {
             script: composed.script,
@@ -248,11 +249,11 @@ impl TortureTrial {
         };
         let bound = |robot: &RobotConfig| robot.controller.stall_deg.map(f64::to_radians);
         let bounds: Vec<Option<f64>> = self.config.robot.iter().map(bound).collect();
-        let (tell, controls) = mpsc::channel(1);
+        let (stop, controls) = mpsc::channel(1);
         let mut memory = Memory::default();
         let enough = |p: &RunProgress| {
-            memory.look(p.at);
-            let mut watch = look();
+            memory.sample(p.at);
+            let mut watch = sample();
             for (i, board) in boards.iter().enumerate() {
                 watch.witness.speed(i, p.at, board.fastest(p.at));
                 if let (Some(board), Some(bound)) = (board.simulated(), bounds.get(i).copied().flatten()) {
@@ -263,13 +264,13 @@ impl TortureTrial {
             let seen = !watch.witness.found.is_empty() || !watch.bugs.is_empty();
             let broken = watch.checker.violations().iter().any(|v| counted::counts(v, planned)) || seen;
             if broken || (p.at.secs() >= self.facts.secs && !watch.checker.waits()) {
-                let _ = tell.try_send(Control::Stop);
+                let _ = stop.try_send(Control::Stop);
             }
         };
         let healed = self.facts.healed();
-        let limit = healed.since(Time::ZERO) + LIVE;
+        let limit = healed.since(Time::ZERO) + RECOVERY_TIME;
         let swaps = planned.iter().filter_map(|Planned { at, what }| match what {
-            What::Swap(swap) => {
+            FaultAction::Swap(swap) => {
                 let board = boards.get(swap.robot).and_then(|b| b.simulated());
                 Some((*at, swap.control(&config, &self.source, setup.scene.robots(), board)?))
             }
@@ -280,7 +281,7 @@ impl TortureTrial {
         faults.sort_by_key(|(at, _)| *at);
         let end = run_under(setup, faults, controls, Some(limit), enough).map_err(|e| Report::msg(e.to_string()))?;
         taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });
-        let mut watch = look();
+        let mut watch = sample();
         let _ = watch.flush();
         let (_, violations) = std::mem::take(&mut watch.checker).end();
         let counted = violations.into_iter().filter(|v| counted::counts(v, planned));
@@ -291,10 +292,13 @@ impl TortureTrial {
         if end.counts.is_given_up && !planned.iter().any(|p| p.what.kind() == "F5") {
             violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
         }
-        let (counts, swaps, hash) = (end.counts, watch.swaps, watch.hash.hex());
-        let (faulted, closed) = (std::mem::take(&mut watch.faulted), std::mem::take(&mut watch.closed));
+        let counts = end.counts;
+        let swaps = watch.swaps;
+        let hash = watch.hash.hex();
+        let faulted = std::mem::take(&mut watch.faulted);
+        let closed = std::mem::take(&mut watch.closed);
         let growth = memory.slope();
-        if let Some(slope) = growth.filter(|slope| *slope > GROWS) {
+        if let Some(slope) = growth.filter(|slope| *slope > MAX_GROWTH_MB_PER_H) {
             violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
         }
         Ok(Ran {
@@ -320,10 +324,10 @@ impl TortureTrial {
     }
 }
 
-/// From when to when this board is later than it states.
+/// The intervals in which this board's latency exceeds its stated one.
 fn late(planned: &[Planned], board: usize) -> Vec<(Time, Time)> {
     let of = |p: &Planned| match &p.what {
-        What::Board { robot, fault: Fault::Slow { extra }, lasts, .. } if *robot == board => {
+        FaultAction::Board { robot, fault: Fault::Slow { extra }, lasts, .. } if *robot == board => {
             Some((p.at, p.at + *lasts + *extra))
         }
         _ => None,
@@ -331,13 +335,13 @@ fn late(planned: &[Planned], board: usize) -> Vec<(Time, Time)> {
     planned.iter().filter_map(of).collect()
 }
 
-/// When each of these boards begins to report a fault of its own.
+/// The times at which each of these boards begins to report a fault.
 fn board_faults(planned: &[Planned], boards: &[Option<SimHardware>]) -> Vec<Vec<Time>> {
     let of = |board: usize| {
         let begins = planned.iter().filter_map(move |p| match &p.what {
-            What::Board { robot, fault: Fault::Hardware { .. }, lasts, .. } => {
+            FaultAction::Board { robot, fault: Fault::Hardware { .. }, lasts, .. } => {
                 let is_own = *robot == board && boards.get(board).is_some_and(Option::is_some);
-                (is_own && *lasts >= LASTS).then_some(p.at)
+                (is_own && *lasts >= MIN_FAULT_TIME).then_some(p.at)
             }
             _ => None,
         });
@@ -346,43 +350,47 @@ fn board_faults(planned: &[Planned], boards: &[Option<SimHardware>]) -> Vec<Vec<
     (0..boards.len()).map(of).collect()
 }
 
-/// What is done to the system when, but for swaps; in no order.
+/// The controls of a plan with their times, without swaps; unordered.
 fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
     let mut all: Vec<(Time, Control)> = Vec::new();
     for Planned { at, what } in planned {
         match what.clone() {
-            What::Strike { actor, after, blow } => {
+            FaultAction::Strike { actor, after, blow } => {
                 all.push((*at, Control::Inject(Injection::Strike { actor, after, blow })));
             }
-            What::Kill(actor) => all.push((*at, Control::Kill(actor))),
-            What::Storm { actor, kills } => {
+            FaultAction::Kill(actor) => all.push((*at, Control::Kill(actor))),
+            FaultAction::Storm { actor, kills } => {
                 let gap = Duration::from_millis(300);
                 all.extend((0..kills).map(|k| (*at + gap * k, Control::Kill(actor.clone()))));
             }
-            What::Lose { link, count } => all.push((*at, Control::Inject(Injection::Lose { link, count }))),
-            What::Commit { robot, target, times, .. } => {
+            FaultAction::Lose { link, count } => all.push((*at, Control::Inject(Injection::Lose { link, count }))),
+            FaultAction::Commit { robot, target, times, .. } => {
                 let commit = Commit { agent: "stranger".into(), target, speeds: None };
                 all.push((*at, Control::Inject(Injection::Commit { robot, commit, times })));
             }
-            What::Suspend(time) => all.push((*at, Control::Inject(Injection::Suspend(time)))),
-            What::Edits(n) => {
+            FaultAction::Suspend(time) => all.push((*at, Control::Inject(Injection::Suspend(time)))),
+            FaultAction::Edits(n) => {
                 let far = |k: u64| Isometry3::translation(100.0, 0.001 * k as f64, 0.0);
-                all.push((*at, Control::Edit(Edit::Add(ball(FLOODED, far(0))))));
-                let moved = |k| Control::Edit(Edit::Move { name: FLOODED.into(), pose: far(k) });
+                all.push((*at, Control::Edit(Edit::Add(ball(FLOOD_OBJECT, far(0))))));
+                let moved = |k| Control::Edit(Edit::Move { name: FLOOD_OBJECT.into(), pose: far(k) });
                 all.extend((0..n).map(|k| (*at, moved(k))));
             }
-            What::Obstruct { object, robot, spot, lasts } => {
+            FaultAction::Obstruct { object, robot, spot, lasts } => {
                 let name = object.clone();
                 all.push((*at, Control::Inject(Injection::Obstruct { object, robot, spot })));
                 all.push((*at + lasts, Control::Edit(Edit::Remove { name: name.clone() })));
-                // the first may have got lost with the model
+                // the first edit may have been lost with the model
                 all.push((healed, Control::Edit(Edit::Remove { name })));
             }
-            What::Blind { actor, blow: Some(blow) } => {
+            FaultAction::Blind { actor, blow: Some(blow) } => {
                 all.push((*at, Control::Inject(Injection::Strike { actor, after: 0, blow })));
             }
-            What::Blind { actor, blow: None } => all.push((*at, Control::Kill(actor))),
-            What::Board { .. } | What::Wire { .. } | What::ShortHistory(_) | What::Swap(_) | What::Sight { .. } => {}
+            FaultAction::Blind { actor, blow: None } => all.push((*at, Control::Kill(actor))),
+            FaultAction::Board { .. }
+            | FaultAction::Wire { .. }
+            | FaultAction::ShortHistory(_)
+            | FaultAction::Swap(_)
+            | FaultAction::Sight { .. } => {}
         }
     }
     all.push((healed, Control::Inject(Injection::Heal)));

@@ -18,12 +18,12 @@ pub(super) struct ConfArgs {
     /// The kind of name server; only one exists.
     #[arg(default_value = "yarp", value_parser = ["yarp"])]
     mode: String,
-    /// Forget the address.
+    /// Remove the address.
     #[arg(long, conflicts_with = "host")]
     clean: bool,
 }
 
-/// Writes a configuration file, and its folder if there is none.
+/// Writes a configuration file, and creates its folder if necessary.
 pub(super) fn written(file: &Path, text: &str) -> Result<(), Failure> {
     let unwritten = |e: io::Error| because(format!("{} can't be written: {e}", file.display()));
     if let Some(folder) = file.parent() {
@@ -37,7 +37,7 @@ pub(super) fn address_line(host: &str, port: u16) -> String {
     format!("{host} {port} yarp\n")
 }
 
-/// `conf`: where the address file is; with an address, it is written there.
+/// `conf`: prints the path of the address file, or writes an address into it.
 pub(super) fn conf(args: ConfArgs) -> Result<(), Failure> {
     let env = Env::real();
     let file = env.address_file(&env.namespace().map_err(because)?).map_err(because)?;
@@ -64,7 +64,7 @@ pub(super) fn conf(args: ConfArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// `namespace`: which is in force; with a name, that is from now on.
+/// `namespace`: prints the namespace, or sets another one.
 pub(super) fn namespace(wanted: Option<String>) -> Result<(), Failure> {
     let env = Env::real();
     if let Some(wanted) = wanted {
@@ -82,12 +82,12 @@ pub(super) fn namespace(wanted: Option<String>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// `version`: ours, and whose protocol it is.
+/// `version`: prints our version, and the protocol's.
 pub(super) fn version() {
     println!("MoBeE {} speaks the protocol of YARP 2 and 3", env!("CARGO_PKG_VERSION"));
 }
 
-/// `detect`: looks for a name server where the configuration says, and at the usual places of this computer.
+/// `detect`: looks for a name server at the configured address, and at the usual addresses of this computer.
 pub(super) async fn detect(network: Option<Network>, write: bool) -> Result<(), Failure> {
     let env = Env::real();
     let namespace = env.namespace().map_err(because)?;

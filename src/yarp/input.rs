@@ -3,11 +3,11 @@
 use std::io::BufRead;
 use tokio::sync::mpsc;
 
-/// The lines of standard input, read by a thread of their own so that nothing else waits for them.
+/// The lines of standard input, read by a separate thread so that nothing else waits for them.
 pub(super) struct Lines(mpsc::Receiver<Vec<u8>>);
 
 impl Lines {
-    /// Begins to read.
+    /// Starts reading.
     pub(super) fn new() -> Lines {
         let (send, lines) = mpsc::channel(1);
         std::thread::spawn(move || {

@@ -1,12 +1,12 @@
-//! The commands that ask the name server, or ports as a third program.
+//! The commands that query the name server, or control ports from a third program.
 
 use super::{Failure, because, info};
 use mobee_yarp::remote::{self, Holder, RemoteError};
 use mobee_yarp::{Bottle, Contact, Network};
 use std::time::Duration;
 
-/// How long to rest between looks for a port that is not yet there.
-const AGAIN: Duration = Duration::from_millis(50);
+/// Interval of checks for a port that does not exist yet.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// `list`: the registered ports.
 pub(super) async fn list(network: &Network, prefix: &str) -> Result<(), Failure> {
@@ -16,8 +16,8 @@ pub(super) async fn list(network: &Network, prefix: &str) -> Result<(), Failure>
     Ok(())
 }
 
-/// `name`: any request, and the answer as it comes.
-pub(super) async fn say(network: &Network, words: &[String]) -> Result<(), Failure> {
+/// `name`: sends any request, and prints the answer unchanged.
+pub(super) async fn request(network: &Network, words: &[String]) -> Result<(), Failure> {
     let words: Vec<&str> = words.iter().flat_map(|w| w.split_whitespace()).collect();
     let lines = network.ask(&words).await.map_err(because)?;
     if words.first() == Some(&"query") && lines.is_empty() {
@@ -27,7 +27,7 @@ pub(super) async fn say(network: &Network, words: &[String]) -> Result<(), Failu
     Ok(())
 }
 
-/// `where`: the name server's address, after asking it.
+/// `where`: prints the name server's address after a query.
 pub(super) async fn whereabouts(network: &Network) -> Result<(), Failure> {
     let (host, port) = network.server();
     println!("Looking for name server on {host}, port number {port}");
@@ -40,7 +40,7 @@ pub(super) async fn whereabouts(network: &Network) -> Result<(), Failure> {
     Ok(())
 }
 
-/// `ping`: what a port tells of itself.
+/// `ping`: prints a port's information about itself.
 pub(super) async fn ping(network: &Network, port: &str) -> Result<(), Failure> {
     for line in remote::ping(network, port).await.map_err(because)? {
         // the original reads the lines as bottles and prints those
@@ -50,7 +50,7 @@ pub(super) async fn ping(network: &Network, port: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// `exists`: says it by the exit code.
+/// `exists`: reports the result by the exit code.
 pub(super) async fn exists(network: &Network, port: &str, to: Option<&str>) -> Result<(), Failure> {
     let there = match to {
         None => remote::exists(network, port).await.map_err(because)?,
@@ -69,7 +69,7 @@ pub(super) async fn exists(network: &Network, port: &str, to: Option<&str>) -> R
     if there { Ok(()) } else { Err(None) }
 }
 
-/// `exists --wait`: returns when it does. No name server is no reason to give up: it may come too.
+/// `exists --wait`: returns once it exists. Continues without a name server, which may start, too.
 pub(super) async fn wait(network: &Network, port: &str, to: Option<&str>) {
     loop {
         let there = match to {
@@ -79,11 +79,11 @@ pub(super) async fn wait(network: &Network, port: &str, to: Option<&str>) {
         if there {
             return;
         }
-        tokio::time::sleep(AGAIN).await;
+        tokio::time::sleep(POLL_INTERVAL).await;
     }
 }
 
-/// `connect`: at once, or by the name server whenever both are there.
+/// `connect`: at once, or by the name server whenever both ports exist.
 pub(super) async fn connect(
     network: &Network,
     from: &str,
@@ -92,8 +92,8 @@ pub(super) async fn connect(
     persist: Option<&str>,
 ) -> Result<(), Failure> {
     let Some(mode) = persist else {
-        let said = remote::connect(network, from, to, carrier.as_deref()).await.map_err(because)?;
-        println!("Success: {said}");
+        let reply = remote::connect(network, from, to, carrier.as_deref()).await.map_err(because)?;
+        println!("Success: {reply}");
         return Ok(());
     };
     let to = match carrier {
@@ -133,20 +133,20 @@ pub(super) async fn subscriptions(network: &Network, of: Option<&str>) -> Result
     Ok(())
 }
 
-/// `disconnect`: at once, or by forgetting a persistent connection.
+/// `disconnect`: at once, or by removing a persistent connection.
 pub(super) async fn disconnect(network: &Network, from: &str, to: &str, persist: bool) -> Result<(), Failure> {
     if persist {
         return network.ask(&["unsubscribe", from, to]).await.map(drop).map_err(because);
     }
     match remote::disconnect(network, from, to).await {
-        Ok(said) => println!("Success: {said}"),
+        Ok(reply) => println!("Success: {reply}"),
         Err(e @ RemoteError::NoConnection(..)) => return Err(because(format!("Failure: {e}"))),
         Err(e) => return Err(because(e)),
     }
     Ok(())
 }
 
-/// `clean`: forgets ports that can't be connected to.
+/// `clean`: removes ports that accept no connection.
 pub(super) async fn clean(network: &Network) -> Result<(), Failure> {
     println!("Requesting list of ports from name server... ");
     let ports = network.list("").await.map_err(because)?;
@@ -170,7 +170,7 @@ pub(super) async fn clean(network: &Network) -> Result<(), Failure> {
         }
     }
     println!("Giving name server a chance to do garbage collection.");
-    let said = network.ask(&["gc"]).await.map_err(because)?;
-    println!("Name server says: {}", said.join(" "));
+    let reply = network.ask(&["gc"]).await.map_err(because)?;
+    println!("Name server says: {}", reply.join(" "));
     Ok(())
 }

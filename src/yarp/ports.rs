@@ -1,4 +1,4 @@
-//! The commands that open ports or talk to one: `read`, `write`, `rpc`.
+//! The commands that open ports or communicate with one: `read`, `write`, `rpc`.
 
 use super::input::Lines;
 use super::{Failure, because, info};
@@ -9,17 +9,17 @@ use mobee_yarp::{OutputPort, Value, Vocab, remote};
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
-/// How often a request is sent again after its connection broke, as the original does.
+/// Number of attempts to send a request whose connection breaks, as in the original.
 const ATTEMPTS: u32 = 3;
-/// How many messages may wait to be printed.
+/// Maximum number of messages that wait to be printed.
 pub(super) const WAITING: usize = 1000;
 
-/// The name for a port; any, where the user said `...`.
+/// The name of a port; an unused one for `...`.
 fn name(text: &str) -> String {
     if text == "..." { format!("/tmp/port/mobee/{}", std::process::id()) } else { text.into() }
 }
 
-/// The carrier that a target names, else the one of the option.
+/// The carrier in a target, else that of the option.
 pub(super) fn carrier_of(target: &str, option: Carrier) -> Result<Carrier, Failure> {
     match Contact::parse(target).carrier {
         none if none.is_empty() => Ok(option),
@@ -27,18 +27,20 @@ pub(super) fn carrier_of(target: &str, option: Carrier) -> Result<Carrier, Failu
     }
 }
 
-/// Writes a line to standard output at once; `false` when nobody reads it any more.
+/// Writes a line to standard output at once; `false` when the reader has closed it.
 pub(super) fn printed(line: &[u8]) -> bool {
     let mut out = std::io::stdout().lock();
-    // programs are given what came; for people it must not act on their terminal
+    // programs get the raw bytes; on a terminal control characters must have no effect
     let readable = out.is_terminal().then(|| printable(&String::from_utf8_lossy(line)).into_owned());
     let line = readable.as_ref().map_or(line, |text| text.as_bytes());
     out.write_all(line).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).is_ok()
 }
 
-/// `read`: prints what comes, until Ctrl-C or the writer's end of file.
+/// `read`: prints messages, until Ctrl-C or the writer's end of file.
 pub(super) async fn read(network: &Network, port: &str, words: &[String], carrier: Carrier) -> Result<(), Failure> {
-    let (mut sources, mut envelope, mut trim) = (Vec::new(), false, usize::MAX);
+    let mut sources = Vec::new();
+    let mut envelope = false;
+    let mut trim = usize::MAX;
     let mut words = words.iter().peekable();
     while let Some(word) = words.next() {
         match word.as_str() {
@@ -73,12 +75,12 @@ pub(super) async fn read(network: &Network, port: &str, words: &[String], carrie
     Ok(())
 }
 
-/// Prints a message; `false` if it is the last one.
+/// Prints a message; `false` after the last one.
 fn show(network: &Network, message: &Message, envelope: bool, trim: usize) -> bool {
     let bottle = match message.payload.bottle(network.dialect()) {
         Ok(bottle) => bottle,
         Err(e) => {
-            info(format_args!("a message from {} was left out: {e}", message.from));
+            info(format_args!("a message from {} was dropped: {e}", message.from));
             return true;
         }
     };
@@ -180,7 +182,7 @@ pub(super) async fn rpc(
     }
 }
 
-/// Prints a reply; one that begins with `[many]` has a line per element.
+/// Prints a reply; one that begins with `[many]` as a line per element.
 fn respond(reply: &Bottle) -> bool {
     match reply.0.as_slice() {
         [Value::Vocab(many), rest @ ..] if *many == Vocab::new("many") => {

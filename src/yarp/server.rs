@@ -1,4 +1,4 @@
-//! `mobee yarp server`: the embedded name server as a program of its own.
+//! `mobee yarp server`: the embedded name server as a program.
 
 use super::conf::{address_line, written};
 use super::{Failure, because, info, network_at};
@@ -62,7 +62,7 @@ pub(super) async fn serve(args: ServerArgs, server: Option<String>, ip: Option<I
     let bound = NameServer::bind(SocketAddr::new(address, port), options).await;
     let server_there = bound.map_err(|e| because(format!("no name server at {address}:{port}: {e}")))?;
     let contact = server_there.contact().clone();
-    // with --server the file is nobody's business
+    // --server leaves the file alone
     if server.is_none() {
         record(&file, configured, (&contact.host, contact.port), args.write)?;
     }
@@ -74,7 +74,7 @@ pub(super) async fn serve(args: ServerArgs, server: Option<String>, ip: Option<I
     Ok(())
 }
 
-/// Makes the address file say where the server is: written if it is missing or the user wants it, else compared.
+/// Records the server's address in the address file: writes it if it is missing or requested, else compares it.
 fn record(file: &Path, there: Option<(String, u16)>, (host, port): (&str, u16), write: bool) -> Result<(), Failure> {
     match there {
         Some((h, p)) if (h.as_str(), p) == (host, port) => return Ok(()),

@@ -1,4 +1,4 @@
-//! The commands that stand in the middle of streams: `sample`, `merge`.
+//! The commands that relay streams: `sample`, `merge`.
 
 use super::ports::{WAITING, carrier_of, printed};
 use super::{Failure, because, info, seconds};
@@ -17,10 +17,10 @@ pub(super) struct SampleArgs {
     /// A port to read from.
     #[arg(long, value_name = "PORT")]
     input: Option<String>,
-    /// The time between two messages.
+    /// Time between two messages.
     #[arg(long, value_name = "SECONDS", required_unless_present = "rate")]
     period: Option<f64>,
-    /// How many messages a second.
+    /// Messages per second.
     #[arg(long, value_name = "HZ", conflicts_with = "period")]
     rate: Option<f64>,
     /// The carrier from the input: tcp, fast_tcp, text, text_ack or udp.
@@ -51,7 +51,7 @@ pub(super) struct MergeArgs {
     carrier: Carrier,
 }
 
-/// `sample`: passes on the newest message at a constant rate, from the first on; again if none has come since.
+/// `sample`: forwards the newest message at a constant rate, from the first on; repeats it if no newer one has arrived.
 pub(super) async fn sample(network: &Network, args: SampleArgs) -> Result<(), Failure> {
     let period = match (args.period, args.rate) {
         (Some(period), _) => seconds(period, "--period")?,
@@ -88,13 +88,13 @@ pub(super) async fn sample(network: &Network, args: SampleArgs) -> Result<(), Fa
     Ok(())
 }
 
-/// Prints a message; `false` when nobody reads it any more.
+/// Prints a message; `false` when the reader has closed the output.
 fn shown(network: &Network, message: &Message) -> bool {
     let text = message.payload.bottle(network.dialect()).map(|bottle| bottle.to_text());
     printed(&text.unwrap_or_else(|e| e.to_string().into_bytes()))
 }
 
-/// `merge`: whenever a message comes to one of the ports, the newest of all of them leave as one.
+/// `merge`: whenever a message arrives at one of the ports, sends the newest ones of all ports as one.
 pub(super) async fn merge(network: &Network, args: MergeArgs) -> Result<(), Failure> {
     let sources = if args.input.is_empty() { args.ports } else { args.input };
     let mut interrupt = Interrupt::new();
@@ -105,7 +105,8 @@ pub(super) async fn merge(network: &Network, args: MergeArgs) -> Result<(), Fail
         let name = format!("{}{number}", args.worker);
         let mut reader = InputPort::open(network, &name, Queue::Newest).await.map_err(because)?;
         reader.connect_from(source, carrier_of(source, args.carrier)?).await.map_err(because)?;
-        let (come, dialect) = (come.clone(), network.dialect());
+        let come = come.clone();
+        let dialect = network.dialect();
         readers.spawn(async move {
             while let Some(message) = reader.recv().await {
                 if let Ok(bottle) = message.payload.bottle(dialect)
@@ -117,7 +118,8 @@ pub(super) async fn merge(network: &Network, args: MergeArgs) -> Result<(), Fail
         });
     }
     info(format_args!("Port {} active: ready, from {}", output.name(), sources.join(" ")));
-    let (clock, mut stamp) = (Clock::new(ClockKind::Real), Stamp::default());
+    let clock = Clock::new(ClockKind::Real);
+    let mut stamp = Stamp::default();
     let work = async {
         let mut parts = vec![Bottle::new(); sources.len()];
         while let Some((number, bottle)) = newest.recv().await {
@@ -131,7 +133,7 @@ pub(super) async fn merge(network: &Network, args: MergeArgs) -> Result<(), Fail
         () = work => {}
         () = interrupt.wait() => {}
     }
-    // their ports unregister as they are dropped
+    // the ports unregister when they are dropped
     readers.shutdown().await;
     output.close().await;
     Ok(())

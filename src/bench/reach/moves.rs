@@ -1,5 +1,5 @@
-//! How soon the hand goes where the object is by now: by the wall clock, from when the model has it there to when the motion that is under
-//! way leads there.
+//! Measures the delay by the wall clock from an update of the object in the model to the amended motion that leads
+//! there.
 
 use super::super::scene::CUP_NAME;
 use super::ReachBenchArgs;
@@ -16,17 +16,20 @@ use serde_json::{Value, json};
 use std::time::Duration;
 use tokio::sync::mpsc;
 
-/// The object is put so far to either side, meters, so often, seconds, and the hand goes so slowly that it is on its way for long.
-const TO_SIDE: f64 = 0.025;
-const EVERY: f64 = 1.0;
+/// Distance by which the object moves to either side, meters.
+const SIDE_M: f64 = 0.025;
+/// Interval between two moves of the object, seconds.
+const MOVE_INTERVAL_S: f64 = 1.0;
+/// Share of the maximum speeds, so low that a reach takes long.
 const SPEED: f64 = 0.04;
-/// A reach at that speed takes so long, seconds, and the object moves so often while the hand goes there.
-const REACH: f64 = 45.0;
-const WHILE_GOING: f64 = 15.0;
-/// What comes later than that is no answer to the move, seconds.
-const LATE: f64 = 0.9;
+/// Duration of a reach at that speed, seconds.
+const REACH_S: f64 = 45.0;
+/// Number of moves of the object during a reach.
+const MOVES_PER_REACH: f64 = 15.0;
+/// Maximum delay of an answer to a move, seconds.
+const MAX_DELAY_S: f64 = 0.9;
 
-/// Moves the object again and again, until it was followed so often or the time that this should take is over twice.
+/// Moves the object repeatedly, until `count` moves were followed or twice the expected time is over.
 ///
 /// # Errors
 /// Complaints about the behavior, or about the run's folder.
@@ -34,7 +37,7 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
     if !(1..=10_000).contains(&count) {
         return Err(miette!(help = "give a number from 1 to 10000, such as 100", "{count} moves can't be measured"));
     }
-    let secs = 10.0 + 2.0 * REACH * (count as f64 / WHILE_GOING).ceil();
+    let secs = 10.0 + 2.0 * REACH_S * (count as f64 / MOVES_PER_REACH).ceil();
     let (config, _) = Config::load(&args.file, &args.set).map_err(Report::new)?;
     let robot = config.robot.first().map_or("", |r| r.name.as_str());
     let own = [
@@ -50,35 +53,38 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
     let (_, cup) = composition.scene.object(CUP_NAME).ok_or_else(|| miette!("the world has no `{CUP_NAME}`"))?;
     let pose = cup.pose;
     let step = |i: u64| {
-        let side = if i.is_multiple_of(2) { TO_SIDE } else { -TO_SIDE };
+        let side = if i.is_multiple_of(2) { SIDE_M } else { -SIDE_M };
         let pose = Isometry3::from_parts(Translation3::new(0.0, side, 0.0) * pose.translation, pose.rotation);
-        let at = Time::from_secs(2.0 + EVERY * i as f64);
+        let at = Time::from_secs(2.0 + MOVE_INTERVAL_S * i as f64);
         ScriptStep { when: CueTrigger::At(at), edit: Edit::Move { name: CUP_NAME.to_owned(), pose } }
     };
-    composition.script = (0..(secs / EVERY) as u64).map(step).collect();
+    composition.script = (0..(secs / MOVE_INTERVAL_S) as u64).map(step).collect();
     let scratch = tempfile::tempdir().into_diagnostic()?;
     let path = args.keep.as_ref().map_or_else(|| scratch.path().join("run"), |keep| keep.join("moves"));
     let folder = Folder::create("bench", Some(&path)).into_diagnostic()?;
     let (_controls, receiver) = mpsc::channel(1);
     let done = run(composition, &folder, receiver, |_| ())?;
-    let (mut led, taken_back) = answers(&folder)?;
-    led.truncate(count as usize);
-    led.sort_by(f64::total_cmp);
-    let at = |share: f64| led.get((led.len().saturating_sub(1) as f64 * share).round() as usize).copied();
+    let (mut delays, rolled_back) = answers(&folder)?;
+    delays.truncate(count as usize);
+    delays.sort_by(f64::total_cmp);
+    let at = |share: f64| delays.get((delays.len().saturating_sub(1) as f64 * share).round() as usize).copied();
     Ok(json!({
-        "moves_followed": led.len(),
+        "moves_followed": delays.len(),
         "in_motion_after_ms": { "median": at(0.5), "p95": at(0.95), "most": at(1.0) },
-        "taken_back_first": taken_back,
-        "within_100_ms": led.iter().filter(|ms| **ms < 100.0).count(),
+        "taken_back_first": rolled_back,
+        "within_100_ms": delays.iter().filter(|ms| **ms < 100.0).count(),
         "hard_contacts": done.end.counts.hard_contacts,
         "late_periods": done.end.counts.late.periods,
     }))
 }
 
-/// From each move to when the motion under way led there, ms; and how many motions were taken back first.
+/// Delays from each move of the object to the amended motion, ms; and the number of motions that were rolled back
+/// first.
 fn answers(folder: &Folder) -> Result<(Vec<f64>, u64), Report> {
     let mut moved: Option<Time> = None;
-    let (mut led, mut taken_back, mut follows) = (Vec::new(), 0, false);
+    let mut delays = Vec::new();
+    let mut rolled_back = 0;
+    let mut follows = false;
     for line in journal::read(folder.path()).map_err(|e| miette!("{e}"))? {
         let line = line.map_err(|e| miette!("{e}"))?;
         let after = |since: Time| line.at.since(since);
@@ -86,15 +92,15 @@ fn answers(folder: &Folder) -> Result<(Vec<f64>, u64), Report> {
             Event::World { object, .. } if object == CUP_NAME => (moved, follows) = (Some(line.at), false),
             Event::Note { note: Note::Log { text }, .. } if text.contains("has moved") => follows = true,
             Event::Amended { .. } => {
-                let since = moved.take().filter(|since| after(*since) < Duration::from_secs_f64(LATE));
-                led.extend(since.map(|since| after(since).as_secs_f64() * 1e3));
+                let since = moved.take().filter(|since| after(*since) < Duration::from_secs_f64(MAX_DELAY_S));
+                delays.extend(since.map(|since| after(since).as_secs_f64() * 1e3));
             }
             Event::Commit { .. } if follows => {
-                taken_back += u64::from(moved.take().is_some());
+                rolled_back += u64::from(moved.take().is_some());
                 follows = false;
             }
             _ => {}
         }
     }
-    Ok((led, taken_back))
+    Ok((delays, rolled_back))
 }

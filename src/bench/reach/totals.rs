@@ -1,10 +1,10 @@
-//! What is said of all scenes.
+//! Statistics over all scenes.
 
 use super::trial::Outcome;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// How many were reached of those that can be, why the others were not, and how the rest of the figures are distributed.
+/// Share of solvable scenes that were reached, causes of the others, and quantiles of the other figures.
 pub(super) fn totals(all: &[&Outcome]) -> Value {
     let mut ends: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
     for o in all {
@@ -14,12 +14,12 @@ pub(super) fn totals(all: &[&Outcome]) -> Value {
     let solvable = all.iter().filter(|o| o.solvable);
     let count = solvable.clone().count();
     let reached = solvable.filter(|o| o.end == "reached").count();
-    let told = |(end, [a, b]): (&&str, &[u64; 2])| ((*end).to_owned(), json!({ "solvable": a, "others": b }));
+    let row = |(end, [a, b]): (&&str, &[u64; 2])| ((*end).to_owned(), json!({ "solvable": a, "others": b }));
     json!({
         "scenes": all.len(),
         "solvable": count,
         "reached_of_solvable": if count > 0 { reached as f64 / count as f64 } else { 0.0 },
-        "ends": ends.iter().map(told).collect::<BTreeMap<_, _>>(),
+        "ends": ends.iter().map(row).collect::<BTreeMap<_, _>>(),
         "set_out_s": quantiles(all, |o| o.set_out_s),
         "pre_grasp_s": quantiles(all, |o| o.pre_grasp_s),
         "off_mm": quantiles(all, |o| o.off_mm),
@@ -29,7 +29,7 @@ pub(super) fn totals(all: &[&Outcome]) -> Value {
     })
 }
 
-/// Median, 95 % and the most, of the scenes in which the hand came over where it took the cup to be.
+/// Median, 95 % quantile and maximum, over the scenes in which the hand came to the cup's estimated position.
 fn quantiles(all: &[&Outcome], of: fn(&Outcome) -> f64) -> Value {
     let mut values: Vec<f64> = all.iter().filter(|o| o.pre_grasp_s > 0.0).map(|o| of(o)).collect();
     values.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! One scene, met in one way.
+//! One scene, in one variant.
 
 use super::super::scene::{Areas, CUP_NAME, Moved, ReachScene};
 use super::ReachBenchArgs;
@@ -17,47 +17,48 @@ use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::mpsc;
 
-/// What a plan keeps from everything: the reflex's margin and 2 mm, meters.
-const CLEARANCE: f64 = 0.012;
-/// A hand that is farther from where it should be, in truth, is beside the cup, mm.
-const BESIDE_MM: f64 = 30.0;
-/// When things move in a scene where they do: the hand is on its way by then, seconds.
-const MOVED_AT: f64 = 4.0;
+/// Clearance of plans: the reflex's margin and 2 mm, meters.
+const CLEARANCE_M: f64 = 0.012;
+/// Distance of the hand from its goal, in ground truth, above which it is beside the cup, mm.
+const MAX_HAND_ERROR_MM: f64 = 30.0;
+/// Time at which things move in a moving scene: the hand is under way by then, seconds.
+const MOVE_TIME_S: f64 = 4.0;
 
-/// How a scene is met.
+/// The variants of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Way {
-    /// As the behavior says.
+pub(super) enum Variant {
+    /// The behavior as configured.
     Whole,
-    /// Sense, plan, act: the cup's place is taken once, the way is planned by what is known then, and nothing stops the robot.
+    /// Sense, plan, act: the cup is localized once, the path is planned on that basis, and nothing stops the robot.
     NoReflex,
-    /// The cup's place is taken once; the reflex is on.
+    /// The cup is localized once; the reflex is on.
     OneLook,
 }
 
-/// What came of one scene.
+/// The result of one scene.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Outcome {
     pub seed: u64,
     /// `reached`, `beside` or `touched` something; the agent's cause of a miss, `stopped`, `unfinished` or `failed`.
     pub end: String,
-    /// Whether the slow search brings the hand there.
+    /// True if the slow search brings the hand there.
     pub solvable: bool,
     pub posts: usize,
-    /// From when the hand set out to when it was before the cup, and from when the cup was seen to when it set out, seconds.
+    /// Time from the start of the motion until the hand was in front of the cup, seconds.
     pub pre_grasp_s: f64,
+    /// Time from the detection of the cup to the start of the motion, seconds.
     pub set_out_s: f64,
-    /// Between the hand and where it should be before the cup as it is in truth, and between the cup and where the agent took it to be
-    /// at last, mm.
+    /// Distance between the hand and its goal in front of the true cup, mm.
     pub off_mm: f64,
+    /// Error of the agent's final estimate of the cup's position, mm.
     pub believed_off_mm: f64,
     pub rolled_back: u64,
     pub hard_contacts: u64,
 }
 
 impl Outcome {
-    /// What would have come of it with a monitor that stops and undoes nothing: until somebody frees it, the robot stays where it was
-    /// stopped first.
+    /// The result with a monitor that stops and rolls back nothing: until it is freed, the robot stays at its first
+    /// stop.
     pub fn stopped_for_good(&self) -> Outcome {
         let mut outcome = self.clone();
         if outcome.rolled_back > 0 && outcome.end != "failed" {
@@ -77,11 +78,11 @@ impl Outcome {
     }
 }
 
-/// One scene.
+/// Runs one scene.
 ///
 /// # Errors
 /// Complaints about the behavior.
-pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Way) -> Result<Outcome, Report> {
+pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Variant) -> Result<Outcome, Report> {
     let composed = |set: &[String]| compose::read(&args.file, set).map_err(Report::new);
     let Composition { scene, config, .. } = composed(&args.set)?;
     let bare = bare(&scene)?;
@@ -116,7 +117,7 @@ pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Way) -> Result<Outc
         _ if figures.is_empty() => "unfinished",
         Some((cause, _)) => cause,
         None if figure("reached") < 1.0 => "unfinished",
-        None if off_mm > BESIDE_MM => "beside",
+        None if off_mm > MAX_HAND_ERROR_MM => "beside",
         None => "reached",
     };
     Ok(Outcome {
@@ -135,7 +136,7 @@ pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Way) -> Result<Outc
 
 type Figures = Vec<(String, f64)>;
 
-/// Runs it to its end; the agent's figures, none if it did not come to its end.
+/// Runs a composition to its end; returns the agent's figures, empty if it did not finish.
 fn finish(args: &ReachBenchArgs, seed: u64, composition: Composition) -> Result<(crate::run::Done, Figures), Report> {
     let scratch = tempfile::tempdir().into_diagnostic()?;
     let path = args.keep.as_ref().map_or_else(|| scratch.path().join("run"), |keep| keep.join(format!("seed-{seed}")));
@@ -143,11 +144,11 @@ fn finish(args: &ReachBenchArgs, seed: u64, composition: Composition) -> Result<
     let robot = composition.robots.first().map(|r| r.name.clone()).unwrap_or_default();
     let (_controls, receiver) = mpsc::channel(1);
     let done = run(composition, &folder, receiver, |_| ())?;
-    let figures = done.end.counts.done.get(&robot).map(|told| told.figures.clone()).unwrap_or_default();
+    let figures = done.end.counts.done.get(&robot).map(|summary| summary.figures.clone()).unwrap_or_default();
     Ok((done, figures))
 }
 
-/// The world without what is drawn anew: all that may be removed but the cup.
+/// The world without the objects that are drawn: removes all removable ones but the cup.
 fn bare(scene: &Scene) -> Result<Scene, Report> {
     let loose = scene.objects().filter(|(_, o)| !o.persistent && o.name != CUP_NAME);
     let names: Vec<String> = loose.map(|(_, o)| o.name.clone()).collect();
@@ -155,16 +156,16 @@ fn bare(scene: &Scene) -> Result<Scene, Report> {
     names.into_iter().try_fold(scene.clone(), remove)
 }
 
-/// The world as the model begins with it: the cup where its file has it.
+/// The world of the model at the start: the posts are added, the cup is where its file has it.
 fn with_posts(bare: &Scene, drawn: &ReachScene) -> Result<Scene, Report> {
     let add =
         |scene: Scene, post: &mobee_model::Object| scene.edit(&Edit::Add(post.clone())).map_err(|e| miette!("{e}"));
     drawn.posts.iter().try_fold(bare.clone(), add)
 }
 
-/// What moves in mid-reach, as steps of the script: the cup in truth alone, the post as everybody knows.
+/// The moves during a reach as steps of the script: the cup in the ground truth only, the post in the model, too.
 fn steps(moved: &Moved) -> Vec<ScriptStep> {
-    let step = |edit: Edit| ScriptStep { when: CueTrigger::At(Time::from_secs(MOVED_AT)), edit };
+    let step = |edit: Edit| ScriptStep { when: CueTrigger::At(Time::from_secs(MOVE_TIME_S)), edit };
     let [x, y, z] = moved.cup;
     let pose = Isometry3::from_parts(Translation3::new(x, y, z), moved.upright);
     let cup = step(Edit::Move { name: CUP_NAME.to_owned(), pose });
@@ -172,7 +173,7 @@ fn steps(moved: &Moved) -> Vec<ScriptStep> {
     [Some(cup), post].into_iter().flatten().collect()
 }
 
-/// The simulated cameras of a behavior: where in it they stand, and how they are turned, deg.
+/// The simulated cameras of a behavior: keys of their tables, and rotations, deg.
 fn simulated(config: &Config) -> Vec<(String, [f64; 3])> {
     let eyes = config.sensor.iter().flat_map(|sensor| {
         sensor.eye.iter().map(move |eye| (format!("sensor.{}.eye.{}.camera", sensor.name, eye.name), &eye.camera))
@@ -181,13 +182,13 @@ fn simulated(config: &Config) -> Vec<(String, [f64; 3])> {
     eyes.filter(|(_, camera)| camera["kind"] == "simulated").map(|(at, camera)| (at, turned(camera))).collect()
 }
 
-/// The scene and one reach as settings.
+/// The scene and one reach, as settings.
 fn overrides(
     args: &ReachBenchArgs,
     seed: u64,
     drawn: &ReachScene,
     (config, cameras): (&Config, &[(String, [f64; 3])]),
-    way: Way,
+    way: Variant,
 ) -> Vec<String> {
     let [x, y, z] = drawn.cup;
     let robot = config.robot.first();
@@ -204,18 +205,19 @@ fn overrides(
         let turned: Vec<f64> = is.iter().zip(by).map(|(is, by)| is + by).collect();
         own.extend([format!("{at}.rotation_deg={turned:?}"), format!("{at}.scenery.seed={seed}")]);
     }
-    if way != Way::Whole {
+    if way != Variant::Whole {
         own.push(format!("robot.{name}.agent.follow=false"));
     }
-    if let Some(robot) = robot.filter(|_| way == Way::NoReflex) {
-        let (period, history) = (robot.controller.period_ms, robot.controller.history);
+    if let Some(robot) = robot.filter(|_| way == Variant::NoReflex) {
+        let period = robot.controller.period_ms;
+        let history = robot.controller.history;
         let plain = format!("{{kind=\"rollback\",reflex=false,period_ms={period},history={history}}}");
         own.push(format!("robot.{name}.controller={plain}"));
     }
     own.into_iter().chain(args.set.iter().cloned()).collect()
 }
 
-/// Whether a slow search brings the hand to where the cup is in truth, and at last.
+/// True if a slow search brings the hand to the cup's final true position.
 fn is_solvable(file: &Path, agent: &Value, drawn: &ReachScene) -> Result<bool, Report> {
     let mut agent = agent.clone();
     let kind = agent.as_object_mut().and_then(|table| table.remove("kind"));
@@ -235,7 +237,7 @@ fn is_solvable(file: &Path, agent: &Value, drawn: &ReachScene) -> Result<bool, R
         poses: drawn.truth.home(),
         scene: Arc::new(drawn.truth.clone()),
         contacts: Arc::new([]),
-        clearance: CLEARANCE,
+        clearance: CLEARANCE_M,
         seen: Arc::new([]),
     };
     Ok(reach.can_reach(drawn.cup_at_last(), &view))

@@ -25,7 +25,8 @@ impl Joint {
 /// To and fro by 6 deg, at this share of the reference of 5 deg/s; two seconds of rest after each move.
 fn moved(joint: Joint, share: f64) -> Record {
     let way = |t: f64| (t * 5.0 * share).clamp(0.0, 6.0);
-    let (took, each) = (6.0 / (5.0 * share), 6.0 / (5.0 * share) + 2.0);
+    let took = 6.0 / (5.0 * share);
+    let each = 6.0 / (5.0 * share) + 2.0;
     let mut record = Record::default();
     for k in 0..4 {
         let to = if k % 2 == 0 { 6.0 } else { 0.0 };

@@ -93,7 +93,9 @@ fn what_a_board_needs_is_written_as_the_file_would_have_it() {
 /// An encoder that rests on one count shows none at the connection, and keeps the whole robot from resting when it no longer does.
 #[test]
 fn another_motor_may_be_the_one_that_does_not_rest() {
-    let (figures, axis, robot) = (good(), axis(), robot(yarp(), json!({ "stall_deg": 2.0 })));
+    let figures = good();
+    let axis = axis();
+    let robot = robot(yarp(), json!({ "stall_deg": 2.0 }));
     let coarse = Some(("wrist".to_owned(), 0.0879));
     let (found, settings) = verdict(&Measured {
         figures: &figures,

@@ -1,4 +1,4 @@
-//! A robot's measured poses at any time of a run, from its track, which is read once and forward.
+//! A robot's measured configurations at any time of a run, from its track, which is read once, forward.
 
 use crate::config::ConfigError;
 use mobee_actors::record::track::{self, Readings, TrackReading};
@@ -6,29 +6,29 @@ use mobee_contract::Time;
 use std::path::Path;
 use std::time::Duration;
 
-/// Readings that are farther apart say nothing of what was between them: a robot at rest has one a second.
-const GAP: Duration = Duration::from_millis(1500);
+/// Maximum gap between readings for an interpolation; a robot at rest has one reading per second.
+const MAX_GAP: Duration = Duration::from_millis(1500);
 
-/// A robot's poses; times must be asked for in order.
+/// A robot's configurations; times must be requested in order.
 pub(super) struct Body {
     readings: Readings,
     before: Option<TrackReading>,
     after: Option<TrackReading>,
 }
 
-/// A pose between two readings, and how it moved there.
+/// A configuration between two readings, and its speed.
 pub(super) struct Posture {
-    /// The motors, rad.
+    /// Motor positions, rad.
     pub q: Vec<f64>,
-    /// The greatest speed of any motor, rad/s.
+    /// Maximum speed of any motor, rad/s.
     pub speed: f64,
 }
 
 impl Body {
-    /// The poses of a robot with so many motors in a run's folder.
+    /// Opens the track of a robot with `motors` motors in a run's folder.
     ///
     /// # Errors
-    /// A track that is not there, or another robot's.
+    /// If the track is missing, or belongs to another robot.
     pub fn open(run: &Path, robot: &str, motors: usize) -> Result<Body, ConfigError> {
         let path = track::file(run, robot);
         let help = "give the folder of a run as it was written";
@@ -42,18 +42,21 @@ impl Body {
         Ok(Body { readings, before: None, after: None })
     }
 
-    /// Where it was at this time; `None` if its readings don't tell.
+    /// The configuration at this time; `None` if the readings do not cover it.
     pub fn at(&mut self, time: Time) -> Option<Posture> {
         while self.after.as_ref().is_none_or(|after| after.at < time) {
             let next = self.readings.next()?;
             self.before = self.after.replace(next);
         }
-        let (before, after) = (self.before.as_ref()?, self.after.as_ref()?);
-        let (span, since) = (after.at.since(before.at), time.since(before.at));
-        if !after.follows || span > GAP || span.is_zero() || before.q.len() != after.q.len() {
+        let before = self.before.as_ref()?;
+        let after = self.after.as_ref()?;
+        let span = after.at.since(before.at);
+        let since = time.since(before.at);
+        if !after.follows || span > MAX_GAP || span.is_zero() || before.q.len() != after.q.len() {
             return None;
         }
-        let (span, share) = (span.as_secs_f64(), since.as_secs_f64() / span.as_secs_f64());
+        let span = span.as_secs_f64();
+        let share = since.as_secs_f64() / span;
         let both = || before.q.iter().zip(after.q.iter());
         let speed = both().map(|(b, a)| (a - b).abs() / span).fold(0.0, f64::max);
         Some(Posture { q: both().map(|(b, a)| b + share * (a - b)).collect(), speed })

@@ -1,4 +1,4 @@
-//! The pictures of the rows that were collected, as the run kept them.
+//! The images of the collected rows, from the frames that the run stored.
 
 use crate::config::ConfigError;
 use mobee_contract::Time;
@@ -8,20 +8,21 @@ use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-/// Whether pictures can go into this folder: those of another table would be taken for this one's.
+/// Checks that images can be written into this folder: those of another table would be mistaken for this one's.
 ///
 /// # Errors
-/// If something is in it.
+/// If it is not empty.
 pub(super) fn may_fill(dir: &Path) -> Result<(), ConfigError> {
     let is_free = !dir.exists() || dir.read_dir().is_ok_and(|mut entries| entries.next().is_none());
     let what = || format!("{} is no empty folder", dir.display());
     is_free.then_some(()).ok_or_else(|| ConfigError::plain(what(), "name a new folder for --images, or empty this one"))
 }
 
-/// Writes the pictures of both cameras for each row, all or none, and says how many: `NUMBER_CAMERA.png`, where rows count from 1.
+/// Writes the images of both cameras for each row, all or none: `NUMBER_CAMERA.png`, where rows count from 1. Returns
+/// their number as text.
 ///
 /// # Errors
-/// If the run kept no frames, or not those of a row; if they can't be read, or written.
+/// If the run stored no frames, or not those of a row; if they can't be read, or written.
 pub(super) fn write(
     run: &Path,
     dir: &Path,
@@ -66,7 +67,7 @@ pub(super) fn write(
     std::fs::set_permissions(part.path(), Permissions::from_mode(0o755)).map_err(unwritable)?;
     let count = std::fs::read_dir(part.path()).map_err(unwritable)?.count();
     std::fs::rename(part.path(), dir).map_err(unwritable)?;
-    // it has another name now
+    // it was renamed
     let _ = part.keep();
     Ok(format!("{}: {count} pictures\n", dir.display()))
 }

@@ -1,4 +1,4 @@
-//! What both eyes saw at once, with the bodies as they were then.
+//! Simultaneous detections of both eyes, with the robots' configurations.
 
 use super::Scene;
 use super::bodies::{Body, Posture};
@@ -14,29 +14,29 @@ use nalgebra::{Matrix3, Point3, Vector3, Vector4};
 use std::fmt;
 use std::time::Duration;
 
-/// Pictures that are farther apart are not of one moment.
-const TOGETHER: Duration = Duration::from_millis(5);
+/// Maximum difference of exposure times of one view.
+const MAX_SKEW: Duration = Duration::from_millis(5);
 
 /// A view that may become a row.
 pub(super) struct RawRow {
-    /// What was seen, and where it was in the world.
+    /// The view, and the object's position in the world.
     pub known: KnownView,
-    /// When the pictures of the left and the right eye were exposed.
+    /// Exposure times of the images of the left and the right eye.
     pub exposed: [Time; 2],
-    /// What the pixels are off by from what the head's drawings say, pixels; `None` where these have it behind the eyes.
+    /// Deviation of the detections from the nominal kinematics, pixels; `None` if the object would be behind the eyes.
     pub off: Option<Vector4<f64>>,
 }
 
-/// Why views became no rows.
+/// Counts of views that were dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Dropped {
-    /// Neither eye, or one alone, saw anything.
+    /// At least one eye detected nothing.
     pub unseen: u64,
-    /// The picture's border cut it off.
+    /// Clipped by the image's border.
     pub clipped: u64,
     /// A robot moved.
     pub moving: u64,
-    /// The readings don't tell where a robot was.
+    /// No readings of a robot at that time.
     pub unknown: u64,
 }
 
@@ -54,10 +54,10 @@ pub(super) struct Rows<'a> {
     scene: &'a Scene,
     looks: Body,
     holds: Body,
-    /// The greatest speeds at which who looks and who holds rest, rad/s.
+    /// Maximum speeds at which the looking and the holding robot count as at rest, rad/s.
     still: [f64; 2],
     head: HeadModel,
-    /// What each eye saw last, until the other one's picture of that moment is there.
+    /// The latest detection of each eye, until the other one's image of that time arrives.
     waiting: [Option<(Time, Option<Glimpse>)>; 2],
     raw: Vec<RawRow>,
     dropped: Dropped,
@@ -67,11 +67,12 @@ impl<'a> Rows<'a> {
     pub fn new(c: &'a Composition, scene: &'a Scene, [looks, holds]: [Body; 2], still: [f64; 2]) -> Rows<'a> {
         let own = PlaceFrame { rotation: Matrix3::identity(), origin: Vector3::zeros() };
         let head = HeadModel::nominal(HeadKind::V2, Lens::icub(), own);
-        let (raw, dropped) = (Vec::new(), Dropped::default());
+        let raw = Vec::new();
+        let dropped = Dropped::default();
         Rows { c, scene, looks, holds, still, head, waiting: [None, None], raw, dropped }
     }
 
-    /// An eye's picture showed this.
+    /// Processes the detections of an eye's image.
     pub fn see(&mut self, eye: usize, exposed: Time, regions: &[Region]) {
         let surest = regions.iter().max_by(|a, b| a.confidence.total_cmp(&b.confidence));
         let lens = &Lens::icub();
@@ -81,7 +82,7 @@ impl<'a> Rows<'a> {
             *slot = Some((exposed, seen));
         }
         let [Some((l, left)), Some((r, right))] = self.waiting else { return };
-        if l.since(r).max(r.since(l)) > TOGETHER {
+        if l.since(r).max(r.since(l)) > MAX_SKEW {
             return;
         }
         self.waiting = [None, None];
@@ -120,7 +121,7 @@ impl<'a> Rows<'a> {
         self.raw.push(RawRow { known: KnownView { view, place: world.coords }, exposed, off });
     }
 
-    /// What there is, and why there is not more.
+    /// The rows, and the counts of dropped views.
     pub fn finish(self) -> (Vec<RawRow>, Dropped) {
         (self.raw, self.dropped)
     }

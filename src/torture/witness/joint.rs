@@ -1,4 +1,4 @@
-//! What is counted of retreats of several robots at once.
+//! Counters for retreats of several robots at once.
 
 use mobee_contract::Hold;
 use std::collections::BTreeMap;
@@ -6,21 +6,21 @@ use std::collections::BTreeMap;
 /// Retreats of several robots at once.
 #[derive(Clone, Debug, Default)]
 pub struct Joint {
-    /// How often that began.
+    /// Number of joint retreats.
     pub times: u64,
-    /// How many robots took part.
+    /// Number of robots that took part.
     pub retreats: u64,
-    /// How often one waited for a robot that had come into its way.
+    /// Number of times that one waited for a robot that blocked its path.
     pub waited: u64,
-    /// Why some of these retreats were stopped, and how often.
+    /// Causes of stopped retreats, with their numbers.
     pub stopped: BTreeMap<&'static str, u64>,
-    /// By how much two of them came nearer to each other than they were since they set out on what is taken back, or than the
-    /// margin, at most, meters: where they really were, between the readings as well.
+    /// Maximum distance by which two of them got closer than their minimum since the motions began, or than the margin,
+    /// meters: by true positions, also between the readings.
     pub nearer: f64,
 }
 
 impl Joint {
-    /// With what was seen in another run.
+    /// Adds the counters of another run.
     pub fn add(&mut self, other: &Joint) {
         self.times += other.times;
         self.retreats += other.retreats;
@@ -32,7 +32,7 @@ impl Joint {
     }
 }
 
-/// Why a retreat was stopped, in a word, by its reason and by what the journal says of it.
+/// The cause of a stopped retreat as a phrase, from its reason and the journal's text.
 pub(super) fn stopped_by(reason: Hold, what: &str) -> &'static str {
     let robot = |shape: Option<&str>| shape.and_then(|s| s.split(':').next()).map(str::to_owned);
     match reason {

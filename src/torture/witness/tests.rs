@@ -35,13 +35,13 @@ fn arms_that_meet_on_the_retreat_of_both_break_i14() {
         let mut witness = Witness::default();
         witness.scene(&scene);
         witness.robots =
-            ["left", "right"].map(|r| Seen::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
+            ["left", "right"].map(|r| WatchedRobot::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
         let truth: Vec<Vec<f64>> = poses.iter().map(|q| q.to_vec()).collect();
         if before {
-            witness.really(Time::ZERO, &truth);
+            witness.true_positions(Time::ZERO, &truth);
         }
         events.iter().for_each(|event| witness.event(Time::ZERO, event));
-        witness.really(Time::from_secs(1.0), &truth);
+        witness.true_positions(Time::from_secs(1.0), &truth);
         witness.found.iter().any(|(invariant, _)| *invariant == "I14")
     };
     let both = || vec![sets_out("left", vec![]), sets_out("right", vec![])];
@@ -65,10 +65,10 @@ fn arms_that_meet_on_the_retreat_of_both_break_i14() {
         let mut witness = Witness::default();
         witness.scene(&scene);
         witness.robots =
-            ["left", "right"].map(|r| Seen::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
+            ["left", "right"].map(|r| WatchedRobot::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
         witness.late_boards(vec![vec![], vec![(Time::from_secs(from), Time::from_secs(to))]]);
         both().iter().for_each(|event| witness.event(Time::from_secs(9.0), event));
-        witness.really(Time::from_secs(10.0), &poses.iter().map(|q| q.to_vec()).collect::<Vec<_>>());
+        witness.true_positions(Time::from_secs(10.0), &poses.iter().map(|q| q.to_vec()).collect::<Vec<_>>());
         witness.found.iter().any(|(invariant, _)| *invariant == "I14")
     };
     assert_eq!((slow(9.5, 9.7), slow(1.0, 2.0)), (false, true));
@@ -82,7 +82,7 @@ fn arms_that_meet_on_the_retreat_of_both_break_i14() {
 fn a_motor_that_is_held_and_pushed_on_breaks_i32() {
     let broken = |status: Status, deg: f64, secs: f64| {
         let mut witness = Witness::default();
-        let mut seen = Seen::new("arm", (0.01, Duration::from_millis(20), 0.02), Time::ZERO);
+        let mut seen = WatchedRobot::new("arm", (0.01, Duration::from_millis(20), 0.02), Time::ZERO);
         (seen.open, seen.status) = (true, status);
         witness.robots = vec![seen];
         for k in 0..(100.0 * secs) as u32 {
@@ -103,7 +103,7 @@ fn a_motor_that_is_held_and_pushed_on_breaks_i32() {
 fn a_robot_moves_unseen_or_closed_only_while_the_process_is_suspended() {
     let broken = |open: bool, asleep: std::ops::Range<u32>| -> Vec<&str> {
         let mut witness = Witness::default();
-        let mut seen = Seen::new("arm", (0.01, Duration::from_millis(20), 0.02), Time::ZERO);
+        let mut seen = WatchedRobot::new("arm", (0.01, Duration::from_millis(20), 0.02), Time::ZERO);
         (seen.open, seen.status) = (open, Status::Stopping);
         witness.robots = vec![seen];
         for step in (0..100).filter(|step| !asleep.contains(step)) {

@@ -220,7 +220,7 @@ fn a_run_talks_and_a_stop_waits_for_its_end() {
         assert!(told.contains(what), "{what}: {told}");
     }
     assert!(!told.contains('\u{1b}'), "{told}");
-    assert!(summary.contains("stopped, as asked for") && summary.contains("motions"), "{summary}");
+    assert!(summary.contains("stopped on request") && summary.contains("motions"), "{summary}");
     assert!(!summary.contains("restarts") && !summary.contains("times real time"), "{summary}");
 }
 

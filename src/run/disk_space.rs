@@ -1,50 +1,52 @@
-//! Room on the disk of a run's folder, and what is given up as it shrinks.
+//! Free space on the disk of a run's folder, and the files that are not written as it shrinks.
 
 use crate::config::ConfigError;
 use std::path::{Path, PathBuf};
 
-/// Below this nothing but the journal is written: share of the disk, bytes. The smaller of the two counts, since a
-/// twentieth of a large disk is room for years.
-const RECORD: (f64, u64) = (0.05, 5 << 30);
-/// Below this no run begins.
-const BEGIN: (f64, u64) = (0.01, 1 << 30);
+/// Below this only the journal is written: share of the disk and bytes. The smaller of the two counts, since five
+/// percent of a large disk is enough for years.
+const MIN_FREE_TO_RECORD: (f64, u64) = (0.05, 5 << 30);
+/// Below this no run begins: share of the disk and bytes.
+const MIN_FREE_TO_BEGIN: (f64, u64) = (0.01, 1 << 30);
 
-/// How much room there is.
+/// Free space of a disk.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Room {
+pub(super) struct DiskSpace {
     /// Bytes that this user can still write.
     free: u64,
-    /// Those and the used ones.
+    /// Free and used bytes together.
     all: u64,
 }
 
-impl Room {
-    /// On the disk of this path, or of the nearest folder above it that exists. `None` where that can't be known.
-    pub(super) fn at(path: &Path) -> Option<Room> {
+impl DiskSpace {
+    /// The space on the disk of this path, or of its nearest existing ancestor. `None` if the system does not report
+    /// it.
+    pub(super) fn at(path: &Path) -> Option<DiskSpace> {
         let path = if path.is_absolute() { path.to_owned() } else { Path::new(".").join(path) };
         let known = path.ancestors().find_map(|p| rustix::fs::statvfs(p).ok())?;
         let blocks = |n: u64| n.saturating_mul(known.f_frsize);
         let free = blocks(known.f_bavail);
         let used = blocks(known.f_blocks.saturating_sub(known.f_bfree));
-        // file systems without a size of their own say zero
-        (known.f_blocks > 0).then_some(Room { free, all: free.saturating_add(used) })
+        // file systems without a size of their own report zero
+        (known.f_blocks > 0).then_some(DiskSpace { free, all: free.saturating_add(used) })
     }
 
     fn is_below(self, (share, bytes): (f64, u64)) -> bool {
         self.free < bytes && (self.free as f64) < share * self.all as f64
     }
 
-    /// Why there is no recording, if there is too little room for it.
-    pub(super) fn forbids_recording(self) -> Option<String> {
-        self.is_below(RECORD).then(|| format!("only {self} of the disk is free, which is left to the journal"))
+    /// The reason why there is no recording, if the space is too small for it.
+    pub(super) fn too_little_to_record(self) -> Option<String> {
+        self.is_below(MIN_FREE_TO_RECORD)
+            .then(|| format!("only {self} of the disk is free, which is left to the journal"))
     }
 
-    /// Whether a run may begin.
+    /// Checks that a run may begin.
     ///
     /// # Errors
-    /// How little room there is.
-    pub(super) fn to_begin(self, at: &Path) -> Result<(), ConfigError> {
-        if !self.is_below(BEGIN) {
+    /// If there is too little space.
+    pub(super) fn check(self, at: &Path) -> Result<(), ConfigError> {
+        if !self.is_below(MIN_FREE_TO_BEGIN) {
             return Ok(());
         }
         let what = format!("only {self} of the disk of {} is free: its journal could end before the run", at.display());
@@ -52,20 +54,20 @@ impl Room {
     }
 }
 
-impl std::fmt::Display for Room {
+impl std::fmt::Display for DiskSpace {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let share = 100.0 * self.free as f64 / (self.all as f64).max(1.0);
         write!(f, "{share:.1} % ({:.1} MB)", self.free as f64 * 1e-6)
     }
 }
 
-/// Whether a run may begin in this folder, or one that is yet to be made.
+/// Checks that a run may begin in this folder, which need not exist yet.
 ///
 /// # Errors
-/// Too little room.
-pub(super) fn to_begin(at: Option<&Path>) -> Result<(), ConfigError> {
+/// If there is too little space.
+pub(super) fn check(at: Option<&Path>) -> Result<(), ConfigError> {
     let at = at.map_or_else(|| PathBuf::from("runs"), Path::to_owned);
-    Room::at(&at).map_or(Ok(()), |room| room.to_begin(&at))
+    DiskSpace::at(&at).map_or(Ok(()), |room| room.check(&at))
 }
 
 #[cfg(test)]
@@ -75,8 +77,8 @@ mod tests {
     #[test]
     fn a_disk_fills_step_by_step() {
         let steps = |all: u64, free: u64| {
-            let room = Room { free, all };
-            (room.forbids_recording().is_some(), room.to_begin(Path::new("/")).is_err())
+            let room = DiskSpace { free, all };
+            (room.too_little_to_record().is_some(), room.check(Path::new("/")).is_err())
         };
         assert_eq!(steps(1_000_000, 51_000), (false, false));
         assert_eq!(steps(1_000_000, 49_000), (true, false));
@@ -89,7 +91,8 @@ mod tests {
     #[test]
     fn a_folder_that_is_yet_to_be_made_has_its_parents_room() {
         let dir = tempfile::tempdir().unwrap();
-        let (here, below) = (Room::at(dir.path()).unwrap(), Room::at(&dir.path().join("a/b")).unwrap());
+        let here = DiskSpace::at(dir.path()).unwrap();
+        let below = DiskSpace::at(&dir.path().join("a/b")).unwrap();
         assert_eq!(here.all, below.all);
     }
 }

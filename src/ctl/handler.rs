@@ -1,9 +1,9 @@
-//! Who answers at the control port.
+//! Handler of requests at the control port.
 
-use super::offer::{Offered, Wanted, WantedBridge, WantedDetector, WantedLocator, Which};
+use super::swap_offer::{Offered, Wanted, WantedBridge, WantedDetector, WantedLocator, Which};
 use super::wire::{Reply, Request, Sent};
-use super::{offer, show};
-use crate::narrate::{fresh_remedy, in_words};
+use super::{show, swap_offer};
+use crate::narrate::{fresh_remedy, swap_step_text};
 use crate::run::{LogBook, Recording};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, SystemReport};
@@ -17,16 +17,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
-/// How long the system may take for an answer. A swap is built and checked within its budget.
-pub(super) const PATIENCE: Duration = Duration::from_secs(30);
+/// Time in which the system must reply. A swap is built and checked within its own budget.
+pub(super) const SYSTEM_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Where a viewer listens if nobody says otherwise.
+/// Default address of a viewer.
 const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
 
-/// Said while the run ends: the farewell follows.
+/// The reply while the run ends; the farewell follows.
 pub(super) const ENDING: &str = "the run is ending";
 
-/// The names in a run of what can be swapped beside its robots.
+/// The names of the run's swappable parts that do not belong to its robots.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct BesideNames {
     /// The bridges.
@@ -35,16 +35,16 @@ pub(crate) struct BesideNames {
     pub(crate) cameras: Vec<String>,
 }
 
-/// Answers requests.
-pub(super) struct Desk {
+/// Handles requests.
+pub(super) struct RequestHandler {
     pub(super) running: Arc<dyn Running>,
     world: Arc<WorldService>,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
     pub(super) beside: BesideNames,
-    /// The newest events in words.
+    /// The newest events as sentences.
     pub(super) log: LogBook,
-    /// The last report that was asked for, for rates.
+    /// The last report, from which rates are computed.
     before: Mutex<Option<SystemReport>>,
 }
 
@@ -52,31 +52,32 @@ const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW
                     swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swap SENSOR locator [0 PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover|halt|release|pose [ROBOT]; go ROBOT SPEED MOTOR=DEG...; home ROBOT SPEED; restart [NAME]; ended ROBOT ID; brake ROBOT; log last|from N; stop [now]; world ...; \
                     record on|off|connect [ADDRESS].";
 
-impl Desk {
-    /// For a system, how it is told what to do, how it is recorded, and the names of what runs beside its robots.
+impl RequestHandler {
+    /// A handler for a running system: `controls` sends to the system, `beside` are the names of the parts that do not
+    /// belong to its robots.
     pub(super) fn new(
         running: Arc<dyn Running>,
         controls: mpsc::Sender<Control>,
         recording: Arc<Recording>,
         beside: BesideNames,
         log: LogBook,
-    ) -> Arc<Desk> {
+    ) -> Arc<RequestHandler> {
         let world = Arc::new(WorldService::new(running.clone(), None));
-        Arc::new(Desk { running, world, controls, recording, beside, log, before: Mutex::new(None) })
+        Arc::new(RequestHandler { running, world, controls, recording, beside, log, before: Mutex::new(None) })
     }
 
-    /// Keeps what was grabbed with its marker; for ever.
+    /// Keeps grabbed objects at their markers; never returns.
     pub(super) async fn follow(&self) {
         self.world.clone().follow().await;
     }
 
-    /// Answers one request.
+    /// Handles one request.
     pub(super) async fn reply(&self, request: Request) -> Reply {
         let (done, lines) = match self.answer(request).await {
             Ok(lines) => (true, lines),
             Err(why) => (false, vec![why]),
         };
-        // shapes have labels where people read
+        // replies show labels of shapes in place of their names
         let labels = Labels::new(self.running.scene().robots());
         let lines = lines.into_iter().map(|line| labels.read(&line).into_owned()).collect();
         Reply { done, lines, over: false }
@@ -84,7 +85,7 @@ impl Desk {
 
     async fn answer(&self, request: Request) -> Result<Vec<String>, String> {
         let Request { words, offer } = request;
-        // they come into the journal and onto the run's terminal
+        // the words get into the journal and onto the run's terminal
         let name = offer.as_ref().map(|o| o.file.to_string_lossy().into_owned());
         if words.iter().chain(&name).any(|w| w.chars().any(char::is_control)) {
             return Err("this contains control characters; use plain text".into());
@@ -101,16 +102,16 @@ impl Desk {
             [verb @ ("pause" | "resume"), rest @ ..] => self.act(rest, *verb == "resume"),
             ["recover", rest @ ..] => {
                 let all = self.running.robots();
-                let asked: Vec<_> = self.robots(rest)?.iter().filter_map(|i| all.get(*i)).collect();
-                let mut said = Vec::new();
+                let selected: Vec<_> = self.robots(rest)?.iter().filter_map(|i| all.get(*i)).collect();
+                let mut lines = Vec::new();
                 let mut tried = false;
-                for robot in asked {
+                for robot in selected {
                     let answer = robot.recover();
                     tried |= answer.is_ok();
                     let answer = answer.map_or_else(|why| why, |()| "the retreat is being retried".into());
-                    said.push(format!("{}: {answer}", robot.name()));
+                    lines.push(format!("{}: {answer}", robot.name()));
                 }
-                if tried { Ok(said) } else { Err(said.join("\n")) }
+                if tried { Ok(lines) } else { Err(lines.join("\n")) }
             }
             ["restart", name @ ..] => self.restart(name).await,
             ["halt", rest @ ..] => self.halt(rest).await,
@@ -121,13 +122,13 @@ impl Desk {
             ["ended", robot, id] => self.ended(robot, id).await,
             ["brake", robot] => self.brake(robot),
             ["log", which @ ("last" | "from"), number] => self.lines_of_log(which, number),
-            ["stop"] => self.tell(Control::Stop).await.map(|()| vec!["the run ends".into()]),
-            ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
+            ["stop"] => self.send(Control::Stop).await.map(|()| vec!["the run ends".into()]),
+            ["stop", "now"] => self.send(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
             ["world", words @ ..] => {
                 let request = Bottle::parse(words.join(" "), Dialect::V3).map_err(|e| e.to_string())?;
                 let reply = mobee_bridge::yarp::world::judged(&self.world, &request).await;
                 let lines = |reply: &Bottle| match reply.0.as_slice() {
-                    // a line per element, as YARP's own programs show it
+                    // one element per line, as YARP's own programs print it
                     [Value::Vocab(many), lines @ ..] if *many == Vocab::new("many") => lines.iter().map(word).collect(),
                     words => vec![words.iter().map(word).collect::<Vec<_>>().join(" ")],
                 };
@@ -142,15 +143,15 @@ impl Desk {
         }
     }
 
-    pub(super) async fn tell(&self, control: Control) -> Result<(), String> {
-        let sent = tokio::time::timeout(PATIENCE, self.controls.send(control)).await;
+    pub(super) async fn send(&self, control: Control) -> Result<(), String> {
+        let sent = tokio::time::timeout(SYSTEM_TIMEOUT, self.controls.send(control)).await;
         sent.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| ENDING.to_owned())
     }
 
     pub(super) async fn report(&self) -> Result<SystemReport, String> {
         let (reply, report) = oneshot::channel();
-        self.tell(Control::Status(reply)).await?;
-        let report = tokio::time::timeout(PATIENCE, report).await;
+        self.send(Control::Status(reply)).await?;
+        let report = tokio::time::timeout(SYSTEM_TIMEOUT, report).await;
         report.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| ENDING.into())
     }
 
@@ -166,7 +167,7 @@ impl Desk {
         Ok(lines)
     }
 
-    /// The indices of the robots that are meant: the named one, or all.
+    /// The indices of the named robot, or of all robots.
     pub(super) fn robots(&self, names: &[&str]) -> Result<Vec<usize>, String> {
         let all = self.running.robots();
         match names {
@@ -181,7 +182,7 @@ impl Desk {
         format!("there is no robot `{name}` in this run; there are: {}", names.join(", "))
     }
 
-    /// The one robot that is meant.
+    /// The index of the named robot, or of the only one.
     pub(super) fn robot(&self, name: &str) -> Result<usize, String> {
         match self.robots(if name.is_empty() { &[] } else { std::slice::from_ref(&name) })?.as_slice() {
             [one] => Ok(*one),
@@ -203,7 +204,7 @@ impl Desk {
         Ok(lines)
     }
 
-    /// The one bridge that is meant.
+    /// The name of the given bridge, or of the only one.
     fn bridge(&self, name: &str) -> Result<String, String> {
         let there = self.beside.bridges.join(", ");
         match (self.beside.bridges.as_slice(), name) {
@@ -219,7 +220,7 @@ impl Desk {
         }
     }
 
-    /// The cameras that are meant: the one of this name, all of the sensor of this name, or all of the only sensor.
+    /// The cameras by a camera's or a sensor's name, or those of the only sensor.
     fn cameras(&self, name: &str) -> Result<Vec<String>, String> {
         let sensor = |camera: &str| camera.split_once('/').map_or(String::new(), |(sensor, _)| sensor.to_owned());
         let sensors: BTreeSet<String> = self.beside.cameras.iter().map(|camera| sensor(camera)).collect();
@@ -239,7 +240,7 @@ impl Desk {
         }
     }
 
-    /// The names of what a part is a part of: several only where a detector looks through several cameras.
+    /// The names of the owners of a part: more than one only for a detector with several cameras.
     fn owners(&self, name: &str, part: SwapPart) -> Result<Vec<String>, String> {
         match part {
             SwapPart::Bridge => self.bridge(name).map(|name| vec![name]),
@@ -268,7 +269,8 @@ impl Desk {
         if !has_state && (fresh || !terms.shadow.is_zero()) {
             return Err(format!("a {part} can't observe, and has no state to discard; omit --shadow and --fresh"));
         }
-        let (models, robots) = (self.running.models(), self.running.robots());
+        let models = self.running.models();
+        let robots = self.running.robots();
         let robot = owners.first().and_then(|name| robots.iter().position(|robot| robot.name() == name));
         let model = robot.and_then(|i| models.get(i)).cloned();
         let wanted = owners.clone();
@@ -276,33 +278,35 @@ impl Desk {
             let offer = |name: &String| match (part, &model) {
                 (SwapPart::Bridge, _) => {
                     let wanted = WantedBridge { which: Which::Named(name), models: &models, terms };
-                    offer::sent_bridge(sent.clone(), &wanted)
+                    swap_offer::sent_bridge(sent.clone(), &wanted)
                 }
                 (SwapPart::Detector, _) => {
-                    offer::sent_detector(sent.clone(), &WantedDetector { camera: name, fresh, terms })
+                    swap_offer::sent_detector(sent.clone(), &WantedDetector { camera: name, fresh, terms })
                 }
-                (SwapPart::Locator, _) => {
-                    offer::sent_locator(sent.clone(), &WantedLocator { sensor: name, models: &models, fresh, terms })
-                }
-                (part, Some(model)) => offer::sent(sent.clone(), &Wanted { part, name, model, fresh, terms }),
+                (SwapPart::Locator, _) => swap_offer::sent_locator(
+                    sent.clone(),
+                    &WantedLocator { sensor: name, models: &models, fresh, terms },
+                ),
+                (part, Some(model)) => swap_offer::sent(sent.clone(), &Wanted { part, name, model, fresh, terms }),
                 (part, None) => Err(format!("there is no {part} of {name}")),
             };
-            // all are built before the first is offered
+            // build all before the first is offered
             wanted.iter().map(offer).collect()
         };
         let built = tokio::task::spawn_blocking(build).await;
         let offers = built.map_err(|e| format!("it could not be built: {e}"))??;
         for (name, offer) in owners.into_iter().zip(offers) {
             let (reply, done) = oneshot::channel();
-            self.tell(offer.control(name, reply)).await?;
-            let done = tokio::time::timeout(PATIENCE, done).await.map_err(|_| "the run does not answer".to_owned())?;
+            self.send(offer.control(name, reply)).await?;
+            let done =
+                tokio::time::timeout(SYSTEM_TIMEOUT, done).await.map_err(|_| "the run does not answer".to_owned())?;
             let done = done.map_err(|_| ENDING.to_owned())?;
             done.map_err(|why| format!("{why}{}", fresh_remedy(part, &why)))?;
         }
         Ok(vec!["built and checked".into()])
     }
 
-    /// How far the exchange of a part is; of several detectors, of the one that failed or is least far.
+    /// The state of a part's swap; of several detectors, of the one that failed or is least advanced.
     async fn swapped(&self, name: &str, part: &str) -> Result<Vec<String>, String> {
         let part = swappable(part)?;
         let report = self.report().await?;
@@ -316,10 +320,10 @@ impl Desk {
             SwapStep::Settled => (4, "settled"),
         };
         let step = steps.into_iter().min_by_key(|step| word(step).0).ok_or("it was never swapped")?;
-        Ok(vec![word(step).1.into(), in_words(part, step)])
+        Ok(vec![word(step).1.into(), swap_step_text(part, step)])
     }
 
-    /// Lets a viewer follow, at its usual port if no address is said.
+    /// Connects a viewer, by default at [`VIEWER`].
     async fn connect(&self, address: &[&str]) -> Result<Vec<String>, String> {
         let address = match address {
             [] => Ok(VIEWER),
@@ -351,7 +355,7 @@ fn swappable(part: &str) -> Result<SwapPart, String> {
     })
 }
 
-/// Shadow, probation and budget, seconds.
+/// Parses shadow, probation and budget, seconds.
 fn terms(rest: &[&str]) -> Result<SwapPolicy, String> {
     let secs = |i: usize, name: &str, default: Duration| match rest.get(i).filter(|w| **w != "fresh") {
         None => Ok(default),

@@ -1,7 +1,7 @@
-//! A configuration file as `mobee ctl swap` sends it: read and checked here, by the rights of who asks, with everything that it
-//! names. The run opens nothing for others.
+//! Collects a configuration file and all files that it names for `mobee ctl swap`. They are read and checked here, with
+//! the client's rights: the run opens no files on behalf of a client.
 
-use super::wire::{LONGEST, Sent};
+use super::wire::{MAX_LINE_BYTES, Sent};
 use crate::compose::from_source;
 use crate::config::{Config, ConfigError, KindTable, Source, maps, paths};
 use miette::{IntoDiagnostic, Report};
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Reads and checks a whole file as `mobee check` does.
 ///
 /// # Errors
-/// Everything that is wrong with it, with its place.
+/// All complaints about it, with their places.
 pub(super) fn read(file: &Path) -> Result<Sent, Report> {
     let file = file.canonicalize().map_err(|e| {
         ConfigError::plain(format!("{}: {e}", file.display()), "give a configuration file that can be read")
@@ -20,7 +20,7 @@ pub(super) fn read(file: &Path) -> Result<Sent, Report> {
     of(file, &source)
 }
 
-/// The same of values that were read, of a file that stands there.
+/// Like [`read`], for values that were read from this file.
 ///
 /// # Errors
 /// As for [`read`].
@@ -29,7 +29,7 @@ pub(super) fn of(file: PathBuf, source: &Source) -> Result<Sent, Report> {
     let value = serde_json::to_value(&config).into_diagnostic()?;
     let mut sent = Sent { file, config: value, texts: BTreeMap::new(), binaries: BTreeMap::new() };
     for path in named(config, source) {
-        let bytes = mobee_model::file::read(&path, LONGEST as u64)
+        let bytes = mobee_model::file::read(&path, MAX_LINE_BYTES as u64)
             .map_err(|e| ConfigError::plain(format!("{}: {e}", path.display()), "give a file that can be read"))?;
         sent.put(path, bytes);
     }

@@ -1,6 +1,6 @@
 //! `mobee detector run`: the cameras and detectors of a sensor in a process of their own.
 
-use super::{AGAIN, Outside, OutsideArgs, Said};
+use super::{RETRY_DELAY, RemoteSensor, RemoteSensorArgs, WarnOnce};
 use crate::config::ConfigError;
 use crate::signals::Interrupt;
 use miette::{IntoDiagnostic, Report};
@@ -12,62 +12,63 @@ use mobee_yarp::{Delivery, Image, OutputPort, PixelCode, Stamp};
 use std::time::Duration;
 use tokio::task::{JoinSet, spawn_blocking};
 
-/// How long a frame that is being looked at may take once all is to end.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// Time limit for a frame in progress at the end.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Looks at what the cameras of a sensor see, until Ctrl-C.
+/// Runs the cameras and detectors of a sensor until Ctrl-C.
 ///
 /// # Errors
 /// Complaints about the configuration or the network, before any port is opened.
-pub(crate) fn command(args: &OutsideArgs) -> Result<(), Report> {
-    let mut outside = Outside::load(args)?;
-    let sensor = outside.sensor()?;
+pub(crate) fn command(args: &RemoteSensorArgs) -> Result<(), Report> {
+    let mut configured = RemoteSensor::load(args)?;
+    let sensor = configured.sensor()?;
     if sensor.is_simulated {
-        let at = format!("sensor[{}].eye[0].camera.kind", outside.index);
+        let at = format!("sensor[{}].eye[0].camera.kind", configured.index);
         let help = "serve them by `mobee sim`, and read their ports: camera = { kind = \"yarp\", port = \"/icubSim/cam/left\" }";
         let what = "this sensor's cameras are simulated, and only a run has a world that they could see";
-        return Err(outside.source.error(&at, what, help).into());
+        return Err(configured.source.error(&at, what, help).into());
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().into_diagnostic()?;
-    let done = runtime.block_on(serve(&outside, sensor.cameras));
-    runtime.shutdown_timeout(PATIENCE);
+    let done = runtime.block_on(serve(&configured, sensor.cameras));
+    runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
     done
 }
 
-async fn serve(outside: &Outside, cameras: Vec<CameraSetup>) -> Result<(), Report> {
-    outside.reach().await?;
+async fn serve(configured: &RemoteSensor, cameras: Vec<CameraSetup>) -> Result<(), Report> {
+    configured.reach().await?;
     let mut interrupt = Interrupt::new();
     let clock = Clock::new(ClockKind::Real);
-    let (mut eyes, mut count) = (JoinSet::new(), 0);
+    let mut eyes = JoinSet::new();
+    let mut count = 0;
     for setup in cameras {
-        let ports = Ports::open(outside, &setup.name).await?;
+        let ports = Ports::open(configured, &setup.name).await?;
         println!("{}\n{}", ports.regions.name(), ports.mask.name());
-        eyes.spawn(Eye { setup, ports, clock: clock.clone(), said: Said::default() }.look());
+        eyes.spawn(CameraProcess { setup, ports, clock: clock.clone(), warnings: WarnOnce::default() }.look());
         count += 1;
     }
-    let (host, port) = outside.network.server();
+    let (host, port) = configured.network.server();
     println!("{count} cameras at the name server {host}:{port}; Ctrl-C ends");
     tokio::select! {
         () = interrupt.wait() => {}
         _ = eyes.join_next() => {}
     }
-    // their ports unregister as they are dropped
+    // the ports unregister when they are dropped
     eyes.shutdown().await;
     Ok(())
 }
 
-/// What is told of one camera.
+/// Output ports of one camera.
 struct Ports {
     regions: OutputPort,
     mask: OutputPort,
 }
 
 impl Ports {
-    async fn open(outside: &Outside, eye: &str) -> Result<Ports, ConfigError> {
+    async fn open(configured: &RemoteSensor, eye: &str) -> Result<Ports, ConfigError> {
         let open = async |what: &str| {
-            let name = format!("{}/{eye}/{what}:o", outside.ports);
+            let name = format!("{}/{eye}/{what}:o", configured.ports);
             let help = "end the program that has it, or choose other names by --prefix";
-            let opened = OutputPort::open(&outside.network, &name, Delivery::Newest).await;
+            let opened = OutputPort::open(&configured.network, &name, Delivery::Newest).await;
             opened.map_err(|e| ConfigError::plain(e.to_string(), help))
         };
         Ok(Ports { regions: open("regions").await?, mask: open("mask").await? })
@@ -75,52 +76,53 @@ impl Ports {
 }
 
 /// A camera with its detector.
-struct Eye {
+struct CameraProcess {
     setup: CameraSetup,
     ports: Ports,
     clock: Clock,
-    said: Said,
+    warnings: WarnOnce,
 }
 
-/// What is made anew after it failed.
+/// The parts that are rebuilt after a failure.
 struct Parts {
     camera: Box<dyn Camera>,
     detector: Box<dyn Detector>,
 }
 
-/// A frame and what was found in it.
+/// A frame with its detections.
 struct Found {
     frame: Frame,
     regions: Vec<Region>,
     mask: Option<SeenMask>,
 }
 
-/// What one look at a camera gave.
+/// The result of one step of a camera.
 #[derive(Default)]
-struct Look {
+struct StepResult {
     found: Option<Found>,
     warnings: Vec<String>,
 }
 
-impl Eye {
-    /// Looks for ever; a camera or detector that fails is made anew.
+impl CameraProcess {
+    /// Processes frames forever; rebuilds a camera or detector that fails.
     async fn look(mut self) {
         let mut stamp = Stamp::default();
         loop {
-            let (camera, detector) = (self.setup.camera.clone(), self.setup.detector.clone());
+            let camera = self.setup.camera.clone();
+            let detector = self.setup.detector.clone();
             let made =
                 spawn_blocking(move || Ok::<_, String>(Parts { camera: camera()?, detector: detector()? })).await;
             let mut parts = match made.unwrap_or_else(|e| Err(e.to_string())) {
                 Ok(parts) => parts,
                 Err(why) => {
                     self.complain(&why);
-                    tokio::time::sleep(AGAIN).await;
+                    tokio::time::sleep(RETRY_DELAY).await;
                     continue;
                 }
             };
             loop {
                 let now = self.clock.now();
-                // whatever panics takes both parts with it
+                // a panic drops both parts
                 let most = self.setup.max_regions;
                 let step = spawn_blocking(move || {
                     let look = parts.step(now, most);
@@ -141,24 +143,24 @@ impl Eye {
                     }
                 };
                 for what in look.warnings {
-                    self.said.warn(format!("{}: {what}", self.setup.name));
+                    self.warnings.warn(format!("{}: {what}", self.setup.name));
                 }
                 if let Some(found) = look.found {
                     stamp = stamp.next(self.clock.time_of_day(found.frame.exposed));
-                    self.tell(found, stamp);
+                    self.publish(found, stamp);
                 }
                 self.clock.sleep_until(now + parts.camera.period()).await;
             }
-            tokio::time::sleep(AGAIN).await;
+            tokio::time::sleep(RETRY_DELAY).await;
         }
     }
 
     fn complain(&mut self, why: &str) {
         let name = &self.setup.name;
-        self.said.warn(format!("{name}: {why}; it is made anew"));
+        self.warnings.warn(format!("{name}: {why}; it is rebuilt"));
     }
 
-    fn tell(&mut self, found: Found, stamp: Stamp) {
+    fn publish(&mut self, found: Found, stamp: Stamp) {
         let Found { frame, regions, mask } = found;
         let seen = SeenRegions { intrinsics: frame.intrinsics, regions };
         self.ports.regions.write(seen.bottle(), Some(stamp.envelope()));
@@ -173,10 +175,10 @@ impl Eye {
 }
 
 impl Parts {
-    /// Looks at the newest frame, if there is one, and keeps at most so many regions of each object.
-    fn step(&mut self, now: Time, most: usize) -> Result<Look, String> {
+    /// Processes the newest frame, if there is one, and returns at most `most` regions of each object.
+    fn step(&mut self, now: Time, most: usize) -> Result<StepResult, String> {
         let frame = self.camera.frame(now)?;
-        let mut look = Look::default();
+        let mut look = StepResult::default();
         look.warnings.extend(self.camera.skipped().map(|s| format!("{}; such pictures are skipped", s.why)));
         let Some(frame) = frame else { return Ok(look) };
         let mut regions = self.detector.detect(&frame);
@@ -184,8 +186,7 @@ impl Parts {
             return Err(why);
         }
         if self.detector.omitted() + limit_regions(&mut regions, most) > 0 {
-            look.warnings
-                .push(format!("more than {most} regions of an object in one picture; the others are left out"));
+            look.warnings.push(format!("more than {most} regions of an object in one image; the others are dropped"));
         }
         look.warnings.extend(self.detector.complaint());
         look.found = Some(Found { frame, regions, mask: self.detector.mask() });

@@ -1,6 +1,6 @@
-//! Where a robot's motors were, by the states that its boards publish.
+//! A robot's configuration at past times, from the states that its boards publish.
 
-use super::{Outside, Said};
+use super::{RemoteSensor, WarnOnce};
 use crate::compose::driver_of;
 use miette::Report;
 use mobee_actors::runtime::clock::Clock;
@@ -14,14 +14,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::task::JoinSet;
 
-/// How many states of a board are kept: some seconds.
-const KEPT: usize = 512;
-/// A state whose stamp is farther than this from its arrival bears the time of another clock.
-const ANOTHER_CLOCK: f64 = 0.1;
-/// Between states that are farther apart nobody knows the pose.
-const GAP: Duration = Duration::from_millis(500);
+/// Number of stored states per board: some seconds.
+const MAX_STATES: usize = 512;
+/// Maximum difference between a state's stamp and its arrival, s; a greater one is the time of another clock.
+const MAX_STAMP_AGE_S: f64 = 0.1;
+/// Maximum gap between states for an interpolation.
+const MAX_GAP: Duration = Duration::from_millis(500);
 
-/// The boards of a robot. Nothing is ever commanded.
+/// The boards of a robot. They are never commanded.
 pub(super) struct Body {
     boards: Vec<Board>,
     home: Vec<f64>,
@@ -35,51 +35,51 @@ struct Board {
     past: Arc<Mutex<Past>>,
 }
 
-/// What a board has told, oldest first: when, and where its motors were, rad.
+/// The states of a board, oldest first: time, and motor positions, rad.
 #[derive(Default)]
 struct Past {
     ring: VecDeque<(Time, Vec<f64>)>,
-    /// How many joints it has, if that is not how many the model has.
+    /// Its number of joints, if that differs from the model's.
     wrong: Option<usize>,
 }
 
-/// Why a pose is not known.
+/// Reasons why a configuration is not available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Unknown {
     /// It is newer than the newest state of some board.
     NotYet,
-    /// It is older than what is kept, or lies in a gap.
+    /// It is older than the stored states, or lies in a gap.
     NoMore,
 }
 
 impl Body {
-    /// Asks the boards that the robot's driver names for their states, in the background and for ever.
+    /// Receives the states of the boards that the robot's driver names, in the background.
     ///
     /// # Errors
-    /// A driver that is not behind YARP, with the remedy.
-    pub(super) fn watch(outside: &Outside, name: &str, robot: &Robot, clock: &Clock) -> Result<Body, Report> {
-        let found = outside.config.robot.iter().position(|r| r.name == name).unwrap_or_default();
+    /// If the driver is not of kind `yarp`, with the remedy.
+    pub(super) fn watch(configured: &RemoteSensor, name: &str, robot: &Robot, clock: &Clock) -> Result<Body, Report> {
+        let found = configured.config.robot.iter().position(|r| r.name == name).unwrap_or_default();
         let at = format!("robot[{found}].driver");
-        let table = outside.config.robot.get(found).map(|r| r.driver.clone()).unwrap_or_default();
-        let (kind, settings) = driver_of(&outside.source, &at, &table)?;
+        let table = configured.config.robot.get(found).map(|r| r.driver.clone()).unwrap_or_default();
+        let (kind, settings) = driver_of(&configured.source, &at, &table)?;
         if kind != YARP {
             let what = format!("the driver is of the kind `{kind}`, which has no ports that tell where the head is");
             let help = "give the kind `yarp` and the boards of torso and head; configs/sensing/eyes-yarp.toml has them";
-            return Err(outside.source.error(&format!("{at}.kind"), what, help).into());
+            return Err(configured.source.error(&format!("{at}.kind"), what, help).into());
         }
         let settings: YarpDriverSettings =
-            mobee_contract::settings(&settings).map_err(|e| outside.source.error(&at, e.what, e.help))?;
+            mobee_contract::settings(&settings).map_err(|e| configured.source.error(&at, e.what, e.help))?;
         let mut body =
             Body { boards: Vec::new(), home: robot.motors.iter().map(|m| m.home).collect(), tasks: JoinSet::new() };
         for part in &settings.parts {
             let Some(known) = robot.parts.iter().find(|p| p.name == part.part) else { continue };
             let options = RemoteOptions {
-                local: format!("{}/locator/{}", outside.ports, part.part),
+                local: format!("{}/locator/{}", configured.ports, part.part),
                 carrier: settings.carrier.parse().unwrap_or_default(),
                 timeout: millis(settings.timeout_ms),
                 stale: millis(settings.stale_ms),
             };
-            let remote = Arc::new(RemoteBoard::new(&outside.network, &part.port, options));
+            let remote = Arc::new(RemoteBoard::new(&configured.network, &part.port, options));
             let motors = robot.motors.get(known.motors.clone()).unwrap_or_default();
             let units = Units::new(motors.iter().map(|m| joint_kind(m.motion)));
             let past = Arc::new(Mutex::new(Past::default()));
@@ -89,10 +89,10 @@ impl Body {
         Ok(body)
     }
 
-    /// The body at this instant: each board's motors on the straight way between its states before and after.
+    /// The configuration at this time: each board's motors are interpolated between its states before and after.
     ///
     /// # Errors
-    /// If some board does not tell.
+    /// If the states of some board do not cover it.
     pub(super) fn at(&self, at: Time) -> Result<BodyState, Unknown> {
         let mut q = self.home.clone();
         for board in &self.boards {
@@ -103,13 +103,14 @@ impl Body {
         Ok(BodyState { at, q: q.into() })
     }
 
-    /// Says which boards tell nothing, and why.
-    pub(super) fn complain(&self, said: &mut Said) {
+    /// Warns about boards that send no states, with the reason.
+    pub(super) fn complain(&self, warnings: &mut WarnOnce) {
         for board in &self.boards {
             let past = board.past.lock().unwrap_or_else(PoisonError::into_inner);
-            let (port, motors) = (&board.port, board.motors.len());
+            let port = &board.port;
+            let motors = board.motors.len();
             if let Some(joints) = past.wrong {
-                said.warn(format!(
+                warnings.warn(format!(
                     "{port} has {joints} joints and the part of the model {motors} motors: correct `parts`"
                 ));
             } else if past.ring.is_empty() {
@@ -118,7 +119,7 @@ impl Body {
                     LinkState::Taken(by) => format!("another program has our port names: {by}"),
                     LinkState::Up(_) => "it sends none".into(),
                 };
-                said.warn(format!("no states of {port} yet ({why}): what is seen is not placed"));
+                warnings.warn(format!("no states of {port} yet ({why}): detections are not located"));
             }
         }
     }
@@ -133,7 +134,7 @@ impl Past {
         }
         let (before, here) = next.checked_sub(1).and_then(|i| self.ring.get(i)).ok_or(Unknown::NoMore)?;
         let span = after.since(*before);
-        if span > GAP {
+        if span > MAX_GAP {
             return Err(Unknown::NoMore);
         }
         let share = at.since(*before).as_secs_f64() / span.as_secs_f64();
@@ -142,7 +143,7 @@ impl Past {
 
     fn push(&mut self, at: Time, q: Vec<f64>) {
         if self.ring.back().is_none_or(|(last, _)| *last < at) {
-            if self.ring.len() >= KEPT {
+            if self.ring.len() >= MAX_STATES {
                 self.ring.pop_front();
             }
             self.ring.push_back((at, q));
@@ -150,7 +151,7 @@ impl Past {
     }
 }
 
-/// Keeps the states of a board as they come.
+/// Stores the states of a board as they arrive.
 async fn listen(board: Arc<RemoteBoard>, clock: Clock, units: Units, past: Arc<Mutex<Past>>) {
     let mut state = board.state();
     while state.changed().await.is_ok() {
@@ -167,12 +168,13 @@ async fn listen(board: Arc<RemoteBoard>, clock: Clock, units: Units, past: Arc<M
     }
 }
 
-/// When a state was read, by our clock: as its stamp says, if the board's clock is this machine's or one like it.
+/// Time at which a state was read, by our clock: from its stamp if the board's clock agrees with this machine's, else
+/// from its arrival.
 fn read_at(state: &RemoteState, clock: &Clock) -> Time {
     let age = state.arrived.elapsed();
     let arrived = Time(clock.now().0.saturating_sub(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)));
     let late = state.stamp.map(|stamp| clock.time_of_day(arrived) - stamp.time);
-    match late.filter(|late| (0.0..ANOTHER_CLOCK).contains(late)) {
+    match late.filter(|late| (0.0..MAX_STAMP_AGE_S).contains(late)) {
         Some(late) => Time(arrived.0.saturating_sub((late * 1e9) as u64)),
         None => arrived,
     }

@@ -1,8 +1,8 @@
-//! The control port's door: who may come in.
+//! Listener and access control of the control port.
 //!
 //! ```text
-//! RUN/ctl.sock   a Unix socket in a folder that only its user can enter; the system says who is at the other end
-//! RUN/ctl.tcp    with --ctl ADDRESS:PORT: the address, and a key that both sides prove to know before anything is said
+//! RUN/ctl.sock   a Unix socket in a folder that only its user can enter; the system reports the user at the other end
+//! RUN/ctl.tcp    with --ctl ADDRESS:PORT: the address, and a key that both sides prove to have before any request
 //! ```
 
 use super::wire::Line;
@@ -20,82 +20,83 @@ use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
 pub(super) const SOCKET: &str = "ctl.sock";
 /// The file in a run's folder with the address and the key of a port that `--ctl` opened.
 pub(super) const ADDRESS: &str = "ctl.tcp";
-/// Systems take paths of sockets up to about this length, bytes.
-const LONGEST: usize = 100;
-/// Bytes of a key.
-const KEY: usize = 32;
+/// Maximum length of a socket's path that operating systems accept, bytes.
+const MAX_SOCKET_PATH_BYTES: usize = 100;
+/// Length of a key, bytes.
+const KEY_BYTES: usize = 32;
 
-/// Where the control port listens.
-pub(super) enum Door {
+/// The listener of the control port.
+pub(super) enum CtlListener {
     Unix(UnixListener),
     Tcp(TcpListener, Key),
 }
 
-/// Who knocks.
-pub(super) enum Guest {
+/// A connection that is not yet authenticated.
+pub(super) enum CtlPeer {
     Unix(UnixStream),
     Tcp(TcpStream, Key),
 }
 
-impl Door {
-    /// Opens it for the run in this folder, at an address or else as a socket in the folder, and leaves word there.
+impl CtlListener {
+    /// Opens the listener for the run in this folder, at an address or else as a socket in the folder; an address is
+    /// written into the folder.
     ///
     /// # Errors
-    /// In words, with the remedy.
-    pub(super) async fn open(folder: &Path, at: Option<SocketAddr>) -> Result<Door, String> {
-        Door::forget(folder);
+    /// A sentence with the remedy.
+    pub(super) async fn open(folder: &Path, at: Option<SocketAddr>) -> Result<CtlListener, String> {
+        CtlListener::remove_files(folder);
         let Some(at) = at else {
             let wrong = |e: io::Error| format!("no control port at {}: {e}", folder.join(SOCKET).display());
-            let (path, _open) = socket(folder).map_err(wrong)?;
+            let (path, _open) = socket_path(folder).map_err(wrong)?;
             let listener = UnixListener::bind(&path).map_err(wrong)?;
             std::fs::set_permissions(&path, Permissions::from_mode(0o600)).map_err(wrong)?;
-            return Ok(Door::Unix(listener));
+            return Ok(CtlListener::Unix(listener));
         };
         let listener = TcpListener::bind(at).await.map_err(|e| format!("{e}; give another address with --ctl"))?;
         let at = listener.local_addr().map_err(|e| e.to_string())?;
-        let mut key = [0; KEY];
+        let mut key = [0; KEY_BYTES];
         getrandom::fill(&mut key).map_err(|e| format!("no key for the control port: {e}"))?;
         let key: String = key.iter().map(|b| format!("{b:02x}")).collect();
         let file = folder.join(ADDRESS);
         let written = create_private(&file, Before::Empty).and_then(|mut f| writeln!(f, "{at} {key}"));
         written.map_err(|e| format!("can't write {}: {e}", file.display()))?;
-        Ok(Door::Tcp(listener, Key::new(key)))
+        Ok(CtlListener::Tcp(listener, Key::new(key)))
     }
 
-    /// Takes the word back: nobody is to look for it here any more.
-    pub(super) fn forget(folder: &Path) {
+    /// Removes the socket and the address file, so that clients no longer find them.
+    pub(super) fn remove_files(folder: &Path) {
         for file in [SOCKET, ADDRESS] {
             let _ = std::fs::remove_file(folder.join(file));
         }
     }
 
-    /// Waits for the next one to knock.
+    /// Waits for the next connection.
     ///
     /// # Errors
-    /// If the system gives no connection.
-    pub(super) async fn knock(&self) -> io::Result<Guest> {
+    /// If the system can't accept a connection.
+    pub(super) async fn accept(&self) -> io::Result<CtlPeer> {
         Ok(match self {
-            Door::Unix(listener) => Guest::Unix(listener.accept().await?.0),
-            Door::Tcp(listener, key) => Guest::Tcp(listener.accept().await?.0, key.clone()),
+            CtlListener::Unix(listener) => CtlPeer::Unix(listener.accept().await?.0),
+            CtlListener::Tcp(listener, key) => CtlPeer::Tcp(listener.accept().await?.0, key.clone()),
         })
     }
 }
 
-impl Guest {
-    /// Lets in who is the run's own user or root, or shows to know the key.
+impl CtlPeer {
+    /// Accepts the run's own user, root, or a client that has the key.
     ///
     /// # Errors
-    /// Anybody else is not answered.
+    /// If the client is none of these; it gets no reply.
     pub(super) async fn admit(self) -> io::Result<Box<dyn Line>> {
         match self {
-            Guest::Unix(line) => {
+            CtlPeer::Unix(line) => {
                 let user = line.peer_cred()?.uid();
-                if user != us()? && user != 0 {
+                if user != own_user()? && user != 0 {
                     return Err(io::ErrorKind::PermissionDenied.into());
                 }
                 Ok(Box::new(line))
             }
-            Guest::Tcp(mut line, key) => {
+            CtlPeer::Tcp(mut line, key) => {
                 auth::accept(&mut line, &key).await?;
                 Ok(Box::new(line))
             }
@@ -103,47 +104,48 @@ impl Guest {
     }
 }
 
-/// Knocks at the socket of a run in this folder, and sees that it is this user's run: anybody can lay out a folder with a
-/// socket where runs are looked for.
+/// Connects to the socket of a run in this folder, and checks that the run belongs to this user: anybody can create a
+/// folder with a socket in a place where runs are searched.
 ///
 /// # Errors
-/// Nobody there, or somebody else.
-pub(super) async fn enter(folder: &Path) -> io::Result<Box<dyn Line>> {
-    let (path, _open) = socket(folder)?;
+/// If nothing listens there, or the run belongs to another user.
+pub(super) async fn connect_socket(folder: &Path) -> io::Result<Box<dyn Line>> {
+    let (path, _open) = socket_path(folder)?;
     let line = UnixStream::connect(path).await?;
-    let (user, us) = (line.peer_cred()?.uid(), us()?);
-    if user != us && us != 0 {
+    let user = line.peer_cred()?.uid();
+    let own_user = own_user()?;
+    if user != own_user && own_user != 0 {
         return Err(io::Error::new(io::ErrorKind::PermissionDenied, "this is the run of another user"));
     }
     Ok(Box::new(line))
 }
 
-/// Knocks at an address with the key in the text of a run's [`ADDRESS`] file.
+/// Connects to an address with the key in the text of a run's [`ADDRESS`] file.
 ///
 /// # Errors
-/// Nobody there, or another key.
-pub(super) async fn enter_at(address: &str, key: &str) -> io::Result<Box<dyn Line>> {
+/// If nothing listens there, or the key is another one.
+pub(super) async fn connect_address(address: &str, key: &str) -> io::Result<Box<dyn Line>> {
     let mut line = TcpStream::connect(address).await?;
     auth::connect(&mut line, &Key::new(key)).await?;
     Ok(Box::new(line))
 }
 
-/// The user of this process.
-fn us() -> io::Result<u32> {
+/// The user id of this process.
+fn own_user() -> io::Result<u32> {
     UnixStream::pair()?.0.peer_cred().map(|c| c.uid())
 }
 
-/// The path of a folder's socket, short enough for the system; good as long as the file is kept.
-fn socket(folder: &Path) -> io::Result<(PathBuf, Option<File>)> {
+/// The path of a folder's socket, short enough for the system. It is valid while the returned file is open.
+fn socket_path(folder: &Path) -> io::Result<(PathBuf, Option<File>)> {
     let path = folder.join(SOCKET);
-    if path.as_os_str().len() <= LONGEST {
+    if path.as_os_str().len() <= MAX_SOCKET_PATH_BYTES {
         return Ok((path, None));
     }
-    // Linux has a short name for a folder that is open
+    // Linux has a short path for an open folder
     let open = File::open(folder)?;
     let path = PathBuf::from(format!("/proc/self/fd/{}", open.as_raw_fd()));
     if !path.exists() {
-        let what = format!("the folder's path is longer than {LONGEST} bytes; give a shorter --out");
+        let what = format!("the folder's path is longer than {MAX_SOCKET_PATH_BYTES} bytes; give a shorter --out");
         return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
     }
     Ok((path.join(SOCKET), Some(open)))
@@ -160,25 +162,25 @@ mod tests {
         let deep = dir.path().join("d".repeat(120)).join("e".repeat(120));
         std::fs::create_dir_all(&deep).unwrap();
         for folder in [dir.path(), &deep] {
-            let door = Door::open(folder, None).await.unwrap();
+            let door = CtlListener::open(folder, None).await.unwrap();
             let mode = folder.join(SOCKET).metadata().unwrap().permissions().mode();
             assert_eq!(mode & 0o777, 0o600);
-            let (client, guest) = tokio::join!(enter(folder), async { door.knock().await?.admit().await });
+            let (client, guest) = tokio::join!(connect_socket(folder), async { door.accept().await?.admit().await });
             client.unwrap().write_all(b"x").await.unwrap();
             assert_eq!(guest.unwrap().read_u8().await.unwrap(), b'x');
-            Door::forget(folder);
-            assert!(enter(folder).await.is_err());
+            CtlListener::remove_files(folder);
+            assert!(connect_socket(folder).await.is_err());
         }
     }
 
     #[tokio::test]
     async fn an_address_is_of_no_use_without_the_key() {
         let dir = tempfile::tempdir().unwrap();
-        let door = Door::open(dir.path(), Some(SocketAddr::from(([127, 0, 0, 1], 0)))).await.unwrap();
+        let door = CtlListener::open(dir.path(), Some(SocketAddr::from(([127, 0, 0, 1], 0)))).await.unwrap();
         let text = std::fs::read_to_string(dir.path().join(ADDRESS)).unwrap();
         let (at, key) = text.trim().split_once(' ').unwrap();
         for (key, comes_in) in [(key, true), ("", false), ("00", false)] {
-            let (client, guest) = tokio::join!(enter_at(at, key), async { door.knock().await?.admit().await });
+            let (client, guest) = tokio::join!(connect_address(at, key), async { door.accept().await?.admit().await });
             assert_eq!((client.is_ok(), guest.is_ok()), (comes_in, comes_in));
         }
     }

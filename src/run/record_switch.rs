@@ -1,25 +1,25 @@
-//! A sink that can be switched off and on again while the run goes on.
+//! A sink that can be switched off and on during the run.
 
 use mobee_actors::record::tap::Kept;
 use mobee_contract::{Entry, Sink, Time};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Passes on what it is told while it is on. What became of the world and the robots
-/// meanwhile is told when it is switched on again.
-pub(super) struct Switched<S> {
+/// Forwards entries while it is on. When it is switched on again, it first forwards the state of world and robots that
+/// it missed.
+pub(super) struct RecordSwitch<S> {
     sink: S,
     on: Arc<AtomicBool>,
     missed: Option<Kept>,
 }
 
-impl<S: Sink> Switched<S> {
-    pub(super) fn new(sink: S, on: Arc<AtomicBool>) -> Switched<S> {
-        Switched { sink, on, missed: None }
+impl<S: Sink> RecordSwitch<S> {
+    pub(super) fn new(sink: S, on: Arc<AtomicBool>) -> RecordSwitch<S> {
+        RecordSwitch { sink, on, missed: None }
     }
 }
 
-impl<S: Sink> Sink for Switched<S> {
+impl<S: Sink> Sink for RecordSwitch<S> {
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
         if !self.on.load(Ordering::SeqCst) {
             self.missed.get_or_insert_default().note(at, entry);

@@ -1,7 +1,7 @@
 //! Finding the control port of a run: by its folder, or by an address and the key.
 
 use super::CtlArgs;
-use super::door::{ADDRESS, SOCKET, enter, enter_at};
+use super::listener::{ADDRESS, SOCKET, connect_address, connect_socket};
 use super::wire::{self, Line, Reply, Request};
 use crate::config::ConfigError;
 use std::io;
@@ -12,22 +12,22 @@ use tokio::io::BufReader;
 use tokio::time::error::Elapsed;
 use tokio::time::timeout;
 
-/// How long a connection may take.
-const CONNECT: Duration = Duration::from_secs(5);
-/// How long an answer may take: a swap is built and checked meanwhile.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Time limit for a connection.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time limit for a reply; a swap is built and checked within it.
+const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A connection to a run.
 pub(super) struct Client(BufReader<Box<dyn Line>>);
 
 impl Client {
-    /// Asks, and waits for the answer.
+    /// Sends a request and waits for the reply.
     ///
     /// # Errors
-    /// None within time, or the run has ended.
-    pub(super) async fn ask(&mut self, request: &Request) -> Result<Reply, ConfigError> {
-        let asked = async {
-            // a run that has ended left word of it before it closed the connection
+    /// If there is no reply in time, or the run has ended.
+    pub(super) async fn call(&mut self, request: &Request) -> Result<Reply, ConfigError> {
+        let exchange = async {
+            // a run that has ended has sent its farewell before it closed the connection
             let written = wire::write(self.0.get_mut(), request).await;
             match wire::read(&mut self.0).await {
                 Ok(Some(reply)) => Ok(reply),
@@ -38,39 +38,39 @@ impl Client {
             }
         };
         let late = |_| Err(io::Error::new(io::ErrorKind::TimedOut, "the run does not answer"));
-        timeout(PATIENCE, asked).await.unwrap_or_else(late).map_err(|e| {
+        timeout(REPLY_TIMEOUT, exchange).await.unwrap_or_else(late).map_err(|e| {
             ConfigError::plain(format!("no answer: {e}"), "check whether the run is still active, and ask again")
         })
     }
 }
 
 impl Client {
-    /// Waits until the run has closed the connection: it is over. Whether that came within the time.
+    /// Waits until the run closes the connection because it is over; false if that takes longer than `within`.
     pub(super) async fn closed(&mut self, within: Duration) -> bool {
         let closed = async { while matches!(wire::read::<Reply>(&mut self.0).await, Ok(Some(_))) {} };
         timeout(within, closed).await.is_ok()
     }
 }
 
-/// A connection to the run that the arguments mean.
+/// Connects to the run that the arguments name.
 pub(super) async fn connect(args: &CtlArgs) -> Result<Client, ConfigError> {
     let (what, line) = match (&args.at, &args.key) {
         (Some(at), Some(file)) => {
             let (_, key) = address(file)?;
-            (at.clone(), timeout(CONNECT, enter_at(at, &key)).await)
+            (at.clone(), timeout(CONNECT_TIMEOUT, connect_address(at, &key)).await)
         }
         _ => return connect_in(&args.run.clone().map_or_else(newest, Ok)?).await,
     };
     connected(what, line)
 }
 
-/// A connection to the run in this folder.
+/// Connects to the run in this folder.
 pub(super) async fn connect_in(folder: &Path) -> Result<Client, ConfigError> {
     let line = if folder.join(SOCKET).exists() {
-        timeout(CONNECT, enter(folder)).await
+        timeout(CONNECT_TIMEOUT, connect_socket(folder)).await
     } else {
         let (at, key) = address(&folder.join(ADDRESS))?;
-        timeout(CONNECT, enter_at(&at, &key)).await
+        timeout(CONNECT_TIMEOUT, connect_address(&at, &key)).await
     };
     connected(format!("the run {}", folder.display()), line)
 }
@@ -87,7 +87,7 @@ fn connected(what: String, line: Result<io::Result<Box<dyn Line>>, Elapsed>) -> 
     Ok(Client(BufReader::new(line)))
 }
 
-/// Greatest length of a file of address and key.
+/// Maximum size of an address file, bytes.
 const MAX_ADDRESS_BYTES: u64 = 4096;
 
 /// The address and the key that a run wrote into its folder.
@@ -104,14 +104,14 @@ fn address(file: &Path) -> Result<(String, String), ConfigError> {
         let what = format!("{}: there is no address and key in it", file.display());
         ConfigError::plain(what, "give the folder of a run")
     })?;
-    // who listens at all addresses is reached at this computer's own
+    // a listener at all addresses is reached at this computer's loopback address
     if at.ip().is_unspecified() {
         at.set_ip(if at.is_ipv4() { IpAddr::V4(Ipv4Addr::LOCALHOST) } else { IpAddr::V6(Ipv6Addr::LOCALHOST) });
     }
     Ok((at.to_string(), key.to_owned()))
 }
 
-/// The run in runs/ that opened its control port last.
+/// The run in runs/ that was the last to open its control port.
 fn newest() -> Result<PathBuf, ConfigError> {
     let folders = std::fs::read_dir("runs").into_iter().flatten().flatten().map(|e| e.path());
     let opened = |folder: &Path| {

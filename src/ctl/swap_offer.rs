@@ -1,9 +1,9 @@
-//! A new part of a robot from a configuration file, built and checked before it is offered.
+//! Builds and checks a new part from a configuration file before it is offered to the run.
 
 use super::wire::Sent;
 use crate::compose::{compose, margin_warning};
 use crate::config::{Config, Source, simulated};
-use crate::run::guarded;
+use crate::run::check_network_access;
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{BesideOffer, Control, NewBeside, NewPart, PartOffer};
 use mobee_actors::wiring::{Maker, SwapRequest};
@@ -23,7 +23,7 @@ pub(crate) enum Offered {
 }
 
 impl Offered {
-    /// The control that offers it, to the robot or bridge of this name.
+    /// The control that offers the part to the robot or bridge of this name.
     pub(crate) fn control(self, name: String, reply: Sender<Result<(), String>>) -> Control {
         match self {
             Offered::Agent(offer) => Control::SwapAgent { robot: name, offer, reply },
@@ -33,92 +33,92 @@ impl Offered {
     }
 }
 
-/// What is asked for of a file.
+/// The part of a robot that is requested from a file.
 pub(crate) struct Wanted<'a> {
-    /// Which part.
+    /// The kind of part.
     pub part: SwapPart,
-    /// Of which robot.
+    /// The robot's name.
     pub name: &'a str,
-    /// Whose motors the file's robot must have.
+    /// The robot's model, whose motors the file's robot must have.
     pub model: &'a Arc<Robot>,
-    /// Whether a new agent begins without the state of the old one.
+    /// True if a new agent starts without the state of the old one.
     pub fresh: bool,
-    /// How the new part is tried.
+    /// Shadow, probation and budget of the swap.
     pub terms: SwapPolicy,
 }
 
-/// Which bridge is asked for of a file.
+/// The bridge that is requested from a file.
 pub(crate) struct WantedBridge<'a> {
-    /// Which of its bridges.
+    /// The bridge in the file.
     pub which: Which<'a>,
     /// The robots of the run, which it must fit.
     pub models: &'a [Arc<Robot>],
-    /// How it is tried.
+    /// Shadow, probation and budget of the swap.
     pub terms: SwapPolicy,
 }
 
-/// Which detector is asked for of a file.
+/// The detector that is requested from a file.
 pub(crate) struct WantedDetector<'a> {
-    /// The camera that it looks through in the run, as `<sensor>/<camera>`.
+    /// The camera in the run, as `<sensor>/<camera>`.
     pub camera: &'a str,
-    /// Whether it begins without what the old one has learned.
+    /// True if it starts without the state of the old one.
     pub fresh: bool,
-    /// How it is tried.
+    /// Shadow, probation and budget of the swap.
     pub terms: SwapPolicy,
 }
 
-/// Which locator is asked for of a file.
+/// The locator that is requested from a file.
 pub(crate) struct WantedLocator<'a> {
     /// The sensor in the run.
     pub sensor: &'a str,
-    /// The robots of the run, of which the file's must be one.
+    /// The robots of the run; the file's robot must be one of them.
     pub models: &'a [Arc<Robot>],
-    /// Whether it begins without what the old one remembers.
+    /// True if it starts without the state of the old one.
     pub fresh: bool,
-    /// How it is tried.
+    /// Shadow, probation and budget of the swap.
     pub terms: SwapPolicy,
 }
 
-/// A bridge of a file.
+/// A reference to a bridge of a file.
 #[derive(Clone, Copy)]
 pub(crate) enum Which<'a> {
-    /// The one that has this name there, or is the only one.
+    /// The bridge of this name, or the only one.
     Named(&'a str),
-    /// The one at this place.
+    /// The bridge at this index.
     At(usize),
 }
 
-/// Checks a whole configuration as it was sent, and takes what is wanted of it.
+/// Checks a whole configuration that was sent, and takes the requested part of it.
 ///
 /// # Errors
-/// Everything that is wrong with it, as it would be printed.
+/// All complaints about it, as they would be printed.
 pub(super) fn sent(sent: Sent, wanted: &Wanted<'_>) -> Result<Offered, String> {
     let (config, source) = read(sent)?;
     take(config, &source, wanted)
 }
 
-/// The same for a bridge.
+/// Like [`sent`], for a bridge.
 ///
 /// # Errors
-/// Everything that is wrong with it, as it would be printed.
+/// All complaints about it, as they would be printed.
 pub(super) fn sent_bridge(sent: Sent, wanted: &WantedBridge<'_>) -> Result<Offered, String> {
     let (config, source) = read(sent)?;
     take_bridge(config, &source, wanted)
 }
 
-/// The same for a detector.
+/// Like [`sent`], for a detector.
 ///
 /// # Errors
-/// Everything that is wrong with it, as it would be printed.
+/// All complaints about it, as they would be printed.
 pub(super) fn sent_detector(sent: Sent, wanted: &WantedDetector<'_>) -> Result<Offered, String> {
     let (config, source) = read(sent)?;
     take_detector(config, &source, wanted)
 }
 
-/// The same for a locator.
+/// Like [`sent`], for a locator.
 ///
 /// # Errors
-/// Everything that is wrong with it, as it would be printed.
+/// All complaints about it, as they would be printed.
 pub(super) fn sent_locator(sent: Sent, wanted: &WantedLocator<'_>) -> Result<Offered, String> {
     let (config, source) = read(sent)?;
     take_locator(config, &source, wanted)
@@ -134,10 +134,10 @@ fn read(sent: Sent) -> Result<(Config, Source), String> {
 /// Checks a whole configuration, and takes a bridge of it.
 ///
 /// # Errors
-/// Everything that is wrong with it, as it would be printed.
+/// All complaints about it, as they would be printed.
 pub(crate) fn take_bridge(mut config: Config, source: &Source, wanted: &WantedBridge<'_>) -> Result<Offered, String> {
     let file = source.path.display();
-    guarded(&config).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+    check_network_access(&config).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
     // no board is touched
     config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
     let kinds: Vec<Value> = config.bridges().map(|(_, table)| table["kind"].clone()).collect();
@@ -162,10 +162,10 @@ pub(crate) fn take_bridge(mut config: Config, source: &Source, wanted: &WantedBr
     Ok(Offered::Beside(BesideOffer { part: NewBeside::Bridge(bridge.clone()), what, terms: wanted.terms }))
 }
 
-/// Checks a whole configuration, and takes the detector of a camera of it: of the one that has this name there, or of the only one.
+/// Checks a whole configuration, and takes the detector of one camera: the one of this name, or the only one.
 ///
 /// # Errors
-/// Everything that is wrong with it, as it would be printed.
+/// All complaints about it, as they would be printed.
 pub(crate) fn take_detector(
     mut config: Config,
     source: &Source,
@@ -194,10 +194,10 @@ pub(crate) fn take_detector(
     Ok(Offered::Beside(BesideOffer { part, what, terms: wanted.terms }))
 }
 
-/// Checks a whole configuration, and takes the locator of a sensor of it: of the one that has this name there, or of the only one.
+/// Checks a whole configuration, and takes the locator of one sensor: the one of this name, or the only one.
 ///
 /// # Errors
-/// Everything that is wrong with it, as it would be printed.
+/// All complaints about it, as they would be printed.
 pub(crate) fn take_locator(mut config: Config, source: &Source, wanted: &WantedLocator<'_>) -> Result<Offered, String> {
     let file = source.path.display();
     // no board is touched
@@ -240,10 +240,10 @@ fn motors(robot: &Robot) -> Vec<&str> {
     robot.motors.iter().map(|m| m.name.as_str()).collect()
 }
 
-/// Checks a whole configuration, and takes what is wanted of it.
+/// Checks a whole configuration, and takes the requested part of it.
 ///
 /// # Errors
-/// Everything that is wrong with it, as it would be printed.
+/// All complaints about it, as they would be printed.
 pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> Result<Offered, String> {
     let Wanted { part, name, model, fresh, terms } = *wanted;
     let file = source.path.display();
@@ -296,7 +296,7 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
     }
 }
 
-/// What the names of a new driver's own ports begin with: the old one keeps its own for a while.
+/// The prefix of the names of a new driver's own ports; the old driver holds its own for a while.
 fn ports(robot: &str) -> String {
     static SWAPS: AtomicU32 = AtomicU32::new(2);
     format!("/MoBeE/{robot}/driver/{}", SWAPS.fetch_add(1, Ordering::SeqCst))
@@ -304,7 +304,7 @@ fn ports(robot: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::gather;
+    use super::super::config_payload;
     use super::*;
     use std::path::{Path, PathBuf};
 
@@ -316,7 +316,7 @@ mod tests {
     }
 
     fn explore() -> Sent {
-        gather::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml")).unwrap()
+        config_payload::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml")).unwrap()
     }
 
     #[test]

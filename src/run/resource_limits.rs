@@ -1,29 +1,29 @@
-//! What the system must give a run: asked for before it begins, since in mid-run it would be too late.
+//! System resources that a run needs, checked before it begins: a shortage during the run would end it.
 
 use super::CtlAt;
 use crate::config::{Config, ConfigError};
 use mobee_drivers::YARP;
 use std::net::TcpListener;
 
-/// Files and sockets that a run has open: threads' runtimes, journal, recording, the control port; with room to spare.
-const FILES: u64 = 64;
-/// The same with YARP's ports; each connection to one of them takes another.
-const FILES_OF_YARP: u64 = 256;
+/// Files and sockets that a run opens (runtimes of threads, journal, recording, control port), with a reserve.
+const MIN_OPEN_FILES: u64 = 64;
+/// The same with YARP ports; each connection to one of them needs another.
+const MIN_OPEN_FILES_YARP: u64 = 256;
 
-/// Whether the run can have what it needs.
+/// Checks that the run can have the files and the address that it needs.
 ///
 /// # Errors
-/// What is lacking, and how to get it.
+/// The missing resource, and its remedy.
 pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
     let yarp = config.yarp_ports().next().is_some() || config.robot.iter().any(|r| r.driver_kind() == YARP);
-    let needed = if yarp { FILES_OF_YARP } else { FILES };
-    if let Some(most) = most_files(&std::fs::read_to_string("/proc/self/limits").unwrap_or_default())
-        && most < needed
+    let needed = if yarp { MIN_OPEN_FILES_YARP } else { MIN_OPEN_FILES };
+    if let Some(limit) = max_open_files(&std::fs::read_to_string("/proc/self/limits").unwrap_or_default())
+        && limit < needed
     {
-        let what = format!("at most {most} files can be open here, and this run may need {needed}");
-        return Err(ConfigError::plain(what, format!("raise the limit: ulimit -n {}", 4 * FILES_OF_YARP)));
+        let what = format!("at most {limit} files can be open here, and this run may need {needed}");
+        return Err(ConfigError::plain(what, format!("raise the limit: ulimit -n {}", 4 * MIN_OPEN_FILES_YARP)));
     }
-    guarded(config)?;
+    check_network_access(config)?;
     if let CtlAt::Address(address) = ctl {
         let open = config.yarp_ports().any(|(_, ports)| ports.allow_open_network);
         if !address.ip().is_loopback() && !open {
@@ -41,11 +41,11 @@ pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
     Ok(())
 }
 
-/// Whether no port is open to everybody on the network.
+/// Checks that no port of the run is open to everybody on the network.
 ///
 /// # Errors
-/// That one would be, and what guards it.
-pub(crate) fn guarded(config: &Config) -> Result<(), ConfigError> {
+/// If one is open: the reason, and the settings that guard it.
+pub(crate) fn check_network_access(config: &Config) -> Result<(), ConfigError> {
     if config.yarp_ports().any(|(_, ports)| ports.is_unguarded()) {
         return Err(ConfigError::plain(
             "with yarp.allow_open_network everybody on the network could move the robots: there is no key in YARP's auth.conf",
@@ -56,8 +56,8 @@ pub(crate) fn guarded(config: &Config) -> Result<(), ConfigError> {
     Ok(())
 }
 
-/// The soft limit of open files in Linux' table of limits; `None` if it is not there, or there is none.
-fn most_files(limits: &str) -> Option<u64> {
+/// The soft limit of open files in Linux' table of limits; `None` if it is missing or unlimited.
+fn max_open_files(limits: &str) -> Option<u64> {
     limits.lines().find_map(|line| line.strip_prefix("Max open files")?.split_whitespace().next()?.parse().ok())
 }
 
@@ -68,8 +68,8 @@ mod tests {
         let table = "Limit                     Soft Limit           Hard Limit           Units     \n\
                      Max processes             unlimited            unlimited            processes \n\
                      Max open files            1024                 524288               files     \n";
-        assert_eq!(super::most_files(table), Some(1024));
-        assert_eq!(super::most_files("Max open files            unlimited            unlimited  files"), None);
-        assert_eq!(super::most_files(""), None);
+        assert_eq!(super::max_open_files(table), Some(1024));
+        assert_eq!(super::max_open_files("Max open files            unlimited            unlimited  files"), None);
+        assert_eq!(super::max_open_files(""), None);
     }
 }

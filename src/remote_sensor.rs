@@ -4,11 +4,11 @@
 //! image port ──> detector run ──regions──> locator run ──set OBJECT x y z──> the world of a `mobee run`
 //!                     └──mask──> any viewer     └──<── states of the robot's boards
 //! ```
-//! Both take the configuration that a run would take, and of it one table `[[sensor]]`.
+//! Both use the configuration of a run, and one table `[[sensor]]` of it.
 
 mod body;
-pub(crate) mod looking;
-pub(crate) mod placing;
+pub(crate) mod detector_process;
+pub(crate) mod locator_process;
 
 use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError, Source};
@@ -21,18 +21,18 @@ use std::net::IpAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// How long is waited before what failed is tried again.
-const AGAIN: Duration = Duration::from_millis(500);
+/// Pause before a retry.
+const RETRY_DELAY: Duration = Duration::from_millis(500);
 
-/// What both commands are told.
+/// Arguments of both commands.
 #[derive(clap::Args, Clone, Debug)]
-pub struct OutsideArgs {
+pub struct RemoteSensorArgs {
     /// The configuration file with a table [[sensor]], such as configs/sensing/eyes-yarp.toml
     file: PathBuf,
     /// The sensor, if there are several.
     #[arg(long, value_name = "NAME")]
     sensor: Option<String>,
-    /// How the names of our ports begin.
+    /// Prefix of the names of our ports.
     #[arg(long, value_name = "PREFIX", default_value = "/MoBeE", value_parser = port_name)]
     prefix: String,
     /// The name server, HOST:PORT; default: from YARP's own configuration.
@@ -51,27 +51,27 @@ fn port_name(text: &str) -> Result<String, String> {
     if is_name { Ok(text.into()) } else { Err("give a name that begins with /, such as /MoBeE".into()) }
 }
 
-/// A sensor of a configuration, with everything that it needs.
-struct Outside {
+/// A sensor of a configuration, with its composition and network.
+struct RemoteSensor {
     config: Config,
     source: Source,
     /// Its index in the configuration.
     index: usize,
     composition: Composition,
     network: Network,
-    /// How the names of its ports begin: the prefix and its name.
+    /// Prefix of the names of its ports: the option's and the sensor's name.
     ports: String,
 }
 
-impl Outside {
-    /// Reads the file, and builds what it names; nothing is opened or asked.
+impl RemoteSensor {
+    /// Reads the file, and builds its parts; opens and queries nothing.
     ///
     /// # Errors
-    /// Every complaint about the configuration, with place and remedy.
-    fn load(args: &OutsideArgs) -> Result<Outside, Report> {
+    /// Every complaint about the configuration, with its place and remedy.
+    fn load(args: &RemoteSensorArgs) -> Result<RemoteSensor, Report> {
         let (mut config, source) = Config::load(&args.file, &args.set)?;
         let index = config.sensor_called(args.sensor.as_deref(), &args.file)?;
-        // these are the run's own
+        // these belong to the run
         (config.yarp, config.script) = (None, Vec::new());
         config.bridge.clear();
         config.robot.iter_mut().for_each(|robot| robot.agent = None);
@@ -84,10 +84,10 @@ impl Outside {
         let network = network.with_bind(args.listen);
         let name = config.sensor.get(index).map(|s| s.name.clone()).unwrap_or_default();
         let ports = format!("{}/{name}", args.prefix);
-        Ok(Outside { config, source, index, composition, network, ports })
+        Ok(RemoteSensor { config, source, index, composition, network, ports })
     }
 
-    /// The sensor, built.
+    /// Takes the built sensor.
     fn sensor(&mut self) -> Result<SensorSetup, Report> {
         let at = self.index;
         if at < self.composition.sensors.len() {
@@ -96,7 +96,7 @@ impl Outside {
         Err(Report::msg("the sensor could not be built"))
     }
 
-    /// Whether the name server answers.
+    /// Checks that the name server answers.
     ///
     /// # Errors
     /// If it does not, with the remedy.
@@ -110,14 +110,14 @@ impl Outside {
     }
 }
 
-/// What was said on standard error: the same is said once.
+/// Warnings on standard error; each is printed once.
 #[derive(Default)]
-struct Said(BTreeSet<String>);
+struct WarnOnce(BTreeSet<String>);
 
-impl Said {
+impl WarnOnce {
     fn warn(&mut self, text: impl Into<String>) {
         let text = text.into();
-        // what grows for ever is no list of complaints
+        // bounded, in case that warnings contain changing numbers
         if self.0.len() < 100 && self.0.insert(text.clone()) {
             eprintln!("warning: {}", mobee_model::printable(&text));
         }
