@@ -47,19 +47,19 @@ pub struct ReplayArgs {
 }
 
 /// A recorded run in virtual time, to be run again.
-pub struct Recorded {
+pub struct RecordedRun {
     dir: PathBuf,
     source: Source,
     /// Time of its last event.
     until: Time,
 }
 
-impl Recorded {
+impl RecordedRun {
     /// Reads a run's folder, and its journal from end to end.
     ///
     /// # Errors
     /// If it is not a run's folder, or its run can't be replayed.
-    pub fn open(dir: &Path) -> Result<Recorded, Report> {
+    pub fn open(dir: &Path) -> Result<RecordedRun, Report> {
         Folder::must_be_run(dir)?;
         let (config, source) = Config::load_resolved(&dir.join("config.json"))?;
         let refuse =
@@ -98,7 +98,7 @@ impl Recorded {
         if ended.as_deref() == Some("interrupted") {
             eprintln!("warning: this run was interrupted by hand; it can only be equal up to there");
         }
-        Ok(Recorded { dir: dir.to_owned(), source, until })
+        Ok(RecordedRun { dir: dir.to_owned(), source, until })
     }
 
     /// Its resolved configuration.
@@ -159,7 +159,7 @@ impl Recorded {
 /// Complaints about the folder, its journal, or the changes, before anything runs.
 pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     let output = Output { json: args.json, ..Output::default() };
-    let recorded = Recorded::open(&args.run)?;
+    let recorded = RecordedRun::open(&args.run)?;
     let name = |c: &Composition| format!("{}-replay", c.config.name);
     if args.set.is_empty() {
         let composition = recorded.compose()?;
@@ -212,7 +212,7 @@ fn opener(recording: Recording, name: &'static str) -> OpenSink {
 }
 
 /// Time of the change.
-fn moment(at: Option<f64>, recorded: &Recorded) -> Result<Time, ConfigError> {
+fn moment(at: Option<f64>, recorded: &RecordedRun) -> Result<Time, ConfigError> {
     let at = at.unwrap_or(0.0);
     let end = recorded.until.secs();
     if (0.0..=end).contains(&at) {
@@ -225,7 +225,7 @@ fn moment(at: Option<f64>, recorded: &Recorded) -> Result<Time, ConfigError> {
 }
 
 /// Runs the recorded run again, drawn as `recorded`.
-fn again(recorded: &Recorded, recording: &Recording) -> Result<(), Report> {
+fn again(recorded: &RecordedRun, recording: &Recording) -> Result<(), Report> {
     let scratch = tempfile::tempdir().map_err(|e| Report::msg(e.to_string()))?;
     let folder = Folder::create("recorded", Some(scratch.path()))?;
     let (controls, receiver) = mpsc::channel(16);

@@ -57,7 +57,8 @@ pub(crate) fn intent(answer: &Bound<'_, PyAny>, at: &Standing<'_>) -> PyResult<I
         return Ok(Intent::MoveTo(Target { motors, q, speed }));
     }
     if is(stream)? {
-        let (position, velocity) = (answer.getattr("position")?, answer.getattr("velocity")?);
+        let position = answer.getattr("position")?;
+        let velocity = answer.getattr("velocity")?;
         let names = answer.getattr("joints")?;
         let (motors, values) = match (position.is_none(), velocity.is_none()) {
             (false, true) => {
@@ -227,7 +228,7 @@ pub(crate) fn indices(joints: &Joints, names: &Bound<'_, PyAny>, place: &str) ->
 /// The state of an agent as JSON.
 ///
 /// # Errors
-/// What can't be JSON, or is too long.
+/// A state that is not JSON, or too long.
 pub(crate) fn state(exported: &Bound<'_, PyAny>, place: &str) -> PyResult<serde_json::Value> {
     /// Length of a state at most, bytes.
     const MAX_STATE: usize = 4 << 20;

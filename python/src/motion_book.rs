@@ -8,7 +8,7 @@ use std::time::Duration;
 /// Contacts of one motion that are listed.
 const MAX_CONTACTS: usize = 64;
 
-/// What became of the last motion.
+/// Account of the last motion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct MotionAccount {
     pub outcome: Option<&'static str>,

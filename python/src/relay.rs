@@ -1,4 +1,4 @@
-//! The agent of a run whose decisions are made outside of it: by Python code, or by the steps of an environment. No Python here.
+//! The agent of a run that passes each question on: to Python code, or to the steps of an environment. No Python here.
 //!
 //! ```text
 //! agent's shell ──next──> RelayAgent ══Question══> thread of Python ──Reply──> RelayAgent ──Intent──> agent's shell
@@ -38,7 +38,7 @@ pub(crate) enum Question {
 }
 
 /// A question with what it is about.
-pub(crate) struct Asked {
+pub(crate) struct PendingQuestion {
     pub question: Question,
     pub view: View,
     /// Number of the agent's lives before this one.
@@ -57,7 +57,7 @@ pub(crate) struct Reply {
 
 /// A message of the run's thread.
 pub(crate) enum Message<E> {
-    Asked(Box<Asked>),
+    Question(Box<PendingQuestion>),
     Ended(E),
 }
 
@@ -108,11 +108,11 @@ impl<E: Send + 'static> RelayAgent<E> {
         Self { line: line.clone(), life, state: Value::Null, import: None, next: None, revise: None }
     }
 
-    /// Passes a question on; `None` if there is nobody, or too much is waiting.
-    fn ask(&self, question: Question, view: &View) -> Option<Receiver<Result<Reply, String>>> {
+    /// Passes a question on; `None` if the other side has gone, or its queue is full.
+    fn send(&self, question: Question, view: &View) -> Option<Receiver<Result<Reply, String>>> {
         let (reply, replied) = sync_channel(1);
-        let asked = Asked { question, view: view.clone(), life: self.life, reply };
-        match self.line.questions.try_send(Message::Asked(Box::new(asked))) {
+        let pending = PendingQuestion { question, view: view.clone(), life: self.life, reply };
+        match self.line.questions.try_send(Message::Question(Box::new(pending))) {
             Ok(()) => Some(replied),
             Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => None,
         }
@@ -155,7 +155,7 @@ impl<E: Send + 'static> Agent for RelayAgent<E> {
             Some(replied) => replied,
             None => {
                 let import = self.import.take();
-                let Some(replied) = self.ask(Question::Next { last, import }, view) else { return ENDED };
+                let Some(replied) = self.send(Question::Next { last, import }, view) else { return ENDED };
                 replied
             }
         };
@@ -175,7 +175,7 @@ impl<E: Send + 'static> Agent for RelayAgent<E> {
         }
         let replied = match self.revise.take() {
             Some(replied) => replied,
-            None => self.ask(Question::Revise, view)?,
+            None => self.send(Question::Revise, view)?,
         };
         match self.wait(&replied) {
             Waited::Replied(reply) => reply.intent,

@@ -49,7 +49,7 @@ impl Drop for Nested {
 /// difference.
 type RunParts = (PathBuf, String, bool, Vec<String>, Option<u64>, Option<String>);
 
-/// Runs a file, or replays a folder; asks agents in this thread.
+/// Runs a file, or replays a folder; calls agents in this thread.
 #[pyfunction]
 #[pyo3(signature = (path, agents, *, set, out, replay))]
 pub(crate) fn conduct(
@@ -72,10 +72,10 @@ pub(crate) fn conduct(
         let waited = py.detach(|| session.wait(WAIT));
         let outcome = match waited {
             Waited::Message(Message::Ended(ended)) => break ended?,
-            Waited::Message(Message::Asked(asked)) if interrupted.is_none() => {
-                agents.serve(py, &robots, *asked).and_then(|()| py.check_signals())
+            Waited::Message(Message::Question(pending)) if interrupted.is_none() => {
+                agents.serve(py, &robots, *pending).and_then(|()| py.check_signals())
             }
-            Waited::Message(Message::Asked(_)) | Waited::NotYet => py.check_signals(),
+            Waited::Message(Message::Question(_)) | Waited::NotYet => py.check_signals(),
             Waited::Gone => return Err(crate::wait::internal().into()),
         };
         if let Err(e) = outcome {
@@ -140,7 +140,7 @@ impl PyJournalLines {
         let line = self.0.lock().unwrap_or_else(PoisonError::into_inner).next();
         match line {
             None => Ok(None),
-            // a run whose process died ends in mid-line
+            // the journal of a process that was killed ends in mid-line
             Some(Err(e)) if e.truncated => Ok(None),
             Some(Err(e)) => Err(Failure::from(e).into()),
             Some(Ok(line)) => {

@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::intent::{Standing, intent, state, type_name};
-use crate::relay::{Asked, Question, Reply};
+use crate::relay::{PendingQuestion, Question, Reply};
 use crate::view::{PyView, RunRobots};
 use mobee_contract::MotionEnd;
 use pyo3::exceptions::PyException;
@@ -31,7 +31,7 @@ impl PyAgents {
     /// Reads the argument `agents`.
     ///
     /// # Errors
-    /// What is no agent.
+    /// A value that is not an agent.
     pub fn read(agents: &Bound<'_, PyDict>) -> PyResult<Self> {
         let py = agents.py();
         let base = py.import("mobee._agent")?.getattr("Agent")?;
@@ -74,8 +74,8 @@ impl PyAgents {
     ///
     /// # Errors
     /// Ctrl-C, exit: what is no `Exception`. The question then has no reply.
-    pub fn serve(&mut self, py: Python<'_>, robots: &Arc<RunRobots>, asked: Asked) -> PyResult<()> {
-        let Asked { question, view, life, reply } = asked;
+    pub fn serve(&mut self, py: Python<'_>, robots: &Arc<RunRobots>, pending: PendingQuestion) -> PyResult<()> {
+        let PendingQuestion { question, view, life, reply } = pending;
         let answer = match self.answer(py, robots, question, view, life) {
             Ok(answer) => Ok(answer),
             Err(e) if e.is_instance_of::<PyException>(py) => Err(in_words(py, &e)),

@@ -7,7 +7,7 @@ use crate::slots::with_passed;
 use crate::wait::Cancelled;
 use mobee::compose::{Composition, PYTHON, from_source};
 use mobee::config::{ClockMode, Complaints, ConfigError, Source};
-use mobee::replay::Recorded;
+use mobee::replay::RecordedRun;
 use mobee::run::{embedded, event_sink, in_order, summary};
 use mobee_actors::record::tap::SinkSpec;
 use mobee_actors::system::Control;
@@ -26,7 +26,7 @@ const MAX_MESSAGES: usize = 64;
 /// Controls that may wait for the run.
 const MAX_CONTROLS: usize = 16;
 
-/// What is run.
+/// Source of a run.
 pub(crate) enum Origin {
     /// A configuration file with assignments as of `--set`.
     File { file: PathBuf, set: Vec<String> },
@@ -40,7 +40,7 @@ pub(crate) struct Request {
     pub out: Option<PathBuf>,
     /// Robots with an agent in Python, each with the name of its class.
     pub agents: BTreeMap<String, String>,
-    /// A robot whose motions are accounted for.
+    /// Robot for which a [`MotionBook`] is written.
     pub account: Option<String>,
     /// Refuses real clocks.
     pub only_virtual: bool,
@@ -72,7 +72,7 @@ pub(crate) struct Session {
     pub book: Option<MotionBook>,
 }
 
-/// What waiting came to.
+/// Result of waiting for a message.
 pub(crate) enum Waited {
     Message(Message<Ended>),
     NotYet,
@@ -84,14 +84,14 @@ impl Session {
     /// Builds what is to be run and starts it.
     ///
     /// # Errors
-    /// What is wrong with the configuration; nothing runs then.
+    /// All that is wrong with the configuration; nothing runs then.
     pub fn start(request: Request) -> Result<Self, Failure> {
         let Request { origin, out, agents, account, only_virtual } = request;
         let passed: BTreeSet<String> = agents.keys().cloned().collect();
         let (mut composition, recorded) = match origin {
             Origin::File { file, set } => (with_passed(&passed, || from_file(&file, &set, &agents))?, None),
             Origin::Replay(folder) => {
-                let recorded = Recorded::open(&folder).map_err(of_report)?;
+                let recorded = RecordedRun::open(&folder).map_err(of_report)?;
                 let composition = with_passed(&passed, || recorded.compose()).map_err(of_report)?;
                 (composition, Some(recorded))
             }
@@ -118,7 +118,7 @@ impl Session {
         let to_run = controls.clone();
         let work = move || {
             let ended = run(composition, recorded.as_ref(), out.as_deref(), sinks, (to_run, receiver));
-            // fails if nobody waits any more
+            // fails if the session was dropped
             let _ = questions.send(Message::Ended(ended));
         };
         thread::Builder::new().name("mobee-run".to_owned()).spawn(work).map_err(|e| {
@@ -142,9 +142,9 @@ impl Session {
         }
     }
 
-    /// Ends the run: in order, or at once. Agents are not asked any more.
+    /// Ends the run: in order, or at once. Agents in Python are called no more.
     ///
-    /// In virtual time, while an agent is being asked, the control arrives before the clock goes on, so that equal runs end equally.
+    /// In virtual time, while a question has no reply, the control arrives before the clock goes on, so that equal runs end equally.
     pub fn end(&self, at_once: bool) {
         // full: it is being ended already
         let _ = self.controls.try_send(if at_once { Control::Abort } else { Control::Stop });
@@ -165,7 +165,7 @@ fn sink(book: &MotionBook) -> SinkSpec {
 
 fn run(
     composition: Composition,
-    recorded: Option<&Recorded>,
+    recorded: Option<&RecordedRun>,
     out: Option<&Path>,
     sinks: Vec<SinkSpec>,
     controls: (mpsc::Sender<Control>, mpsc::Receiver<Control>),
@@ -193,7 +193,7 @@ pub(crate) fn robot_names(origin: &Origin) -> Result<Vec<String>, Failure> {
     };
     match origin {
         Origin::File { file, set } => Ok(names(&Source::load(file, set)?)),
-        Origin::Replay(folder) => Ok(names(Recorded::open(folder).map_err(of_report)?.source())),
+        Origin::Replay(folder) => Ok(names(RecordedRun::open(folder).map_err(of_report)?.source())),
     }
 }
 

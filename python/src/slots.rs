@@ -8,7 +8,7 @@ use std::cell::RefCell;
 use std::collections::BTreeSet;
 
 thread_local! {
-    /// Robots whose agent is passed with the configuration that this thread builds.
+    /// Robots with an agent in Python, in the configuration that this thread builds.
     static PASSED: RefCell<BTreeSet<String>> = const { RefCell::new(BTreeSet::new()) };
 }
 
@@ -24,7 +24,7 @@ pub(crate) fn with_passed<T>(robots: &BTreeSet<String>, build: impl FnOnce() -> 
 #[derive(serde::Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct PythonSettings {
-    /// The name of its class, for those who read the journal.
+    /// Name of its class, for readers of the journal.
     #[serde(default)]
     #[expect(dead_code, reason = "read in the journal alone")]
     class: String,

@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::intent::{Standing, intent};
 use crate::motion_book::MotionAccount;
-use crate::relay::{Asked, Message, Question, Reply};
+use crate::relay::{Message, PendingQuestion, Question, Reply};
 use crate::session::{Origin, Request, Session, Waited};
 use crate::view::{PyView, RunRobots};
 use crate::wait::{SIGNAL_PERIOD, background, internal};
@@ -25,8 +25,8 @@ const MAX_ATTEMPTS: u32 = 600;
 const PASSING: [&str; 4] = ["closed", "busy", "not_ready", "pushing"];
 
 enum State {
-    /// The robot rests, and the agent is being asked.
-    Asked(Box<Asked>),
+    /// The robot rests, and a question waits for the next step.
+    Resting(Box<PendingQuestion>),
     /// A step was interrupted, and its outcome is still to come.
     Moving,
     /// The run is over: why.
@@ -42,7 +42,7 @@ struct Inner {
     folder: Option<PathBuf>,
 }
 
-/// A run in virtual time whose clock stands between two steps.
+/// A run in virtual time; its clock stands between two steps.
 #[pyclass(name = "Steps", module = "mobee._native", frozen)]
 pub(crate) struct PySteps(Mutex<Inner>);
 
@@ -71,14 +71,14 @@ impl Inner {
             match py.detach(|| session.wait(SIGNAL_PERIOD)) {
                 Waited::NotYet => py.check_signals()?,
                 Waited::Gone => return Err(internal().into()),
-                Waited::Message(Message::Asked(asked)) => match asked.question {
+                Waited::Message(Message::Question(pending)) => match pending.question {
                     Question::Next { .. } => {
-                        self.state = State::Asked(asked);
+                        self.state = State::Resting(pending);
                         return Ok(());
                     }
                     // the motion goes on as it was
                     Question::Revise => {
-                        let _ = asked.reply.try_send(Ok(Reply { intent: None, state: None }));
+                        let _ = pending.reply.try_send(Ok(Reply { intent: None, state: None }));
                     }
                 },
                 Waited::Message(Message::Ended(ended)) => {
@@ -99,14 +99,14 @@ impl Inner {
     }
 
     fn view(&self, py: Python<'_>) -> PyResult<Option<Py<PyView>>> {
-        let State::Asked(asked) = &self.state else { return Ok(None) };
-        Ok(Some(Py::new(py, PyView { view: asked.view.clone(), robots: Arc::clone(&self.robots) })?))
+        let State::Resting(pending) = &self.state else { return Ok(None) };
+        Ok(Some(Py::new(py, PyView { view: pending.view.clone(), robots: Arc::clone(&self.robots) })?))
     }
 
     /// Replies to the question that is open.
     fn reply(&mut self, intent: Intent) {
-        if let State::Asked(asked) = std::mem::replace(&mut self.state, State::Moving) {
-            let _ = asked.reply.try_send(Ok(Reply { intent: Some(intent), state: None }));
+        if let State::Resting(pending) = std::mem::replace(&mut self.state, State::Moving) {
+            let _ = pending.reply.try_send(Ok(Reply { intent: Some(intent), state: None }));
         }
     }
 
@@ -117,7 +117,7 @@ impl Inner {
             let before = self.book()?.settled();
             self.reply(wanted.clone());
             self.settle(py)?;
-            if pauses || !matches!(self.state, State::Asked(_)) {
+            if pauses || !matches!(self.state, State::Resting(_)) {
                 break;
             }
             let book = self.book()?.clone();
@@ -199,9 +199,9 @@ impl PySteps {
             inner.settle(py)?;
         }
         let wanted = match &inner.state {
-            State::Asked(asked) => {
-                let joints = inner.robots.joints.get(asked.view.robot).cloned().ok_or_else(internal)?;
-                let standing = Standing { joints: &joints, pose: asked.view.pose(), place: "step".to_owned() };
+            State::Resting(pending) => {
+                let joints = inner.robots.joints.get(pending.view.robot).cloned().ok_or_else(internal)?;
+                let standing = Standing { joints: &joints, pose: pending.view.pose(), place: "step".to_owned() };
                 intent(answer, &standing)?
             }
             State::Over(why) => {
@@ -236,7 +236,12 @@ impl PySteps {
         let Some(session) = inner.session.take() else { return Ok(inner.folder.clone()) };
         let was_over = matches!(inner.state, State::Over(_));
         let open = std::mem::replace(&mut inner.state, State::Closed);
-        if !own || was_over {
+        if !own {
+            // in a forked child: locks of these may be held by threads that did not come along
+            std::mem::forget((session, open));
+            return Ok(None);
+        }
+        if was_over {
             return Ok(inner.folder.clone());
         }
         session.end(false);
@@ -259,7 +264,7 @@ fn ended_within(session: &Session, patience: Duration) -> Option<PathBuf> {
     loop {
         let left = until.saturating_duration_since(Instant::now());
         match session.wait(left) {
-            Waited::Message(Message::Asked(asked)) => drop(asked),
+            Waited::Message(Message::Question(pending)) => drop(pending),
             Waited::Message(Message::Ended(ended)) => return ended.ok().map(|finished| finished.folder),
             Waited::NotYet | Waited::Gone => return None,
         }

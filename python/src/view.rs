@@ -1,4 +1,4 @@
-//! `mobee.View`: what an agent in Python sees.
+//! `mobee.View`: snapshot of a run for an agent in Python.
 
 use crate::arrays::array;
 use crate::joints::Joints;
@@ -19,7 +19,7 @@ pub(crate) struct RunRobots {
     pub joints: Vec<Arc<Joints>>,
     pub seeds: Vec<u64>,
     models: Mutex<Vec<Option<Py<PyRobot>>>>,
-    /// The newest scene that was asked for, with its clearance.
+    /// The newest compiled scene.
     newest: Mutex<Option<(Arc<Scene>, Py<PyScene>)>>,
 }
 
@@ -54,7 +54,7 @@ impl RunRobots {
     }
 }
 
-/// What an agent sees: a snapshot that never changes.
+/// Snapshot of robot, objects and contacts for an agent; it never changes.
 #[pyclass(name = "View", module = "mobee", frozen)]
 pub(crate) struct PyView {
     pub view: View,
@@ -125,7 +125,7 @@ impl PyView {
         self.view.contacts.iter().map(|contact| contact_of(&self.view.scene, contact)).collect()
     }
 
-    /// Distance that a plan should keep from everything, m.
+    /// Distance that a plan should leave to everything, m.
     #[getter]
     fn clearance(&self) -> f64 {
         self.view.clearance
@@ -155,7 +155,7 @@ impl PyView {
     }
 
     /// Robots and objects for collision queries, with `clearance`. Its configurations have the joints of all robots, in the order of
-    /// `configurations`. Compiled when it is first asked for, and again after the world changed: some milliseconds.
+    /// `configurations`. Compiled at its first use, and again after the world changed: some milliseconds.
     #[getter]
     fn scene(&self, py: Python<'_>) -> PyResult<Py<PyScene>> {
         let clearance = self.view.clearance;

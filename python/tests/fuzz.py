@@ -1,10 +1,14 @@
-"""Random calls with hostile arguments: `python fuzz.py CALLS SEED`. Prints what became of them."""
+"""Random calls with hostile arguments: `python fuzz.py CALLS SEED`. Prints what became of them.
+
+`python fuzz.py agents RUNS SEED`: runs whose agents give hostile answers.
+"""
 
 from __future__ import annotations
 
 import collections
 import random
 import sys
+import tempfile
 import warnings
 from pathlib import Path
 from typing import Any
@@ -191,5 +195,65 @@ def main(calls: int, seed: int) -> None:
     print(f"{calls} calls:", dict(outcomes.most_common()))
 
 
+class Sly(mobee.MoveTo):
+    """Changes while it is read, or refuses to be."""
+
+    def __getattribute__(self, name: str) -> Any:
+        if name == "speed":
+            raise RuntimeError("not yours")
+        return super().__getattribute__(name)
+
+
+def agents(runs: int, seed: int) -> None:
+    warnings.simplefilter("ignore")
+    rng = random.Random(seed)
+    outcomes: collections.Counter[str] = collections.Counter()
+
+    class Hostile(mobee.Agent):
+        def answer(self, view: mobee.View) -> Any:
+            robot = view.model
+            odd = lambda: anything(rng, [view, robot, self, mobee.Done()])  # noqa: E731
+            q = lambda: numbers(rng, robot) if rng.random() < 0.7 else odd()  # noqa: E731
+            name = lambda: rng.choice([None, robot.joint_names[:6], [robot.joint_names[0]] * 2, odd()])  # noqa: E731
+            return rng.choice(
+                [
+                    lambda: mobee.MoveTo(q(), speed=rng.choice([0.5, odd()]), joints=name()),
+                    lambda: mobee.Stream(q(), q(), name()),
+                    lambda: mobee.Stream(position=q(), joints=name()),
+                    lambda: mobee.Stream(velocity=q(), joints=name()),
+                    lambda: mobee.Stream(velocity=np.full(robot.dof, 0.01)),
+                    lambda: mobee.Wait(rng.choice([0.0, 0.1, odd()])),
+                    lambda: mobee.Done(odd(), odd()),
+                    lambda: Sly(view.q),
+                    odd,
+                ]
+            )()
+
+        def next(self, last: Any, view: mobee.View) -> Any:
+            return self.answer(view)
+
+        def revise(self, view: mobee.View) -> Any:
+            return mobee.Stream(velocity=np.full(view.model.dof, 0.01)) if rng.random() < 0.8 else self.answer(view)
+
+        def export(self) -> Any:
+            return rng.choice([None, 1, [1.5, "x"], {"a": None}, anything(rng, [self])])
+
+        def import_(self, state: Any) -> None:
+            if rng.random() < 0.1:
+                raise OSError(state)
+
+    file = ROBOTS.parent / "behaviors/explore.toml"
+    for i in range(runs):
+        with tempfile.TemporaryDirectory() as folder:
+            run = mobee.run(file, agent=Hostile(), seed=i, for_s=20, out=folder)
+            assert run.check(), run.check().violations
+            outcomes[run.summary["reason"]] += 1
+            outcomes["deaths"] += len(run.errors)
+    print(f"{runs} runs:", dict(outcomes.most_common()))
+
+
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    if sys.argv[1] == "agents":
+        agents(int(sys.argv[2]), int(sys.argv[3]))
+    else:
+        main(int(sys.argv[1]), int(sys.argv[2]))

@@ -227,6 +227,7 @@ if child == 0:
     del env
     os._exit(code)
 assert os.waitpid(child, 0)[1] == 0
+assert env.unwrapped._scratch.exists(), "a child leaves its parent's files alone"
 env.step(np.zeros(3, np.float32))
 # neither closed nor collected: the interpreter ends all the same
 print("ended")

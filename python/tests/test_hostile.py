@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 CALLS = 10_000
+RUNS = 40
 
 
 def test_no_call_aborts(tmp_path: Path) -> None:
@@ -14,3 +15,11 @@ def test_no_call_aborts(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, str(program), str(CALLS), "1"], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, f"{done.returncode}: {done.stderr[-2000:]}"
     assert f"{CALLS} calls" in done.stdout
+
+
+def test_no_answer_of_an_agent_aborts(tmp_path: Path) -> None:
+    program = Path(__file__).with_name("fuzz.py")
+    command = [sys.executable, str(program), "agents", str(RUNS), "1"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, f"{done.returncode}: {done.stderr[-2000:]}"
+    assert f"{RUNS} runs" in done.stdout

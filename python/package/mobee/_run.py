@@ -193,7 +193,7 @@ class Run:
         self.folder = Path(folder)
         path = self.folder / "summary.json"
         try:
-            self.summary = json.loads(path.read_text()) if path.exists() else {}
+            self.summary = json.loads(path.read_text()) if path.is_file() else {}
         except (OSError, ValueError) as e:
             raise MobeeError("file", f"the summary can't be read: {e}", str(path), "give a run's folder") from None
         self.journal = Journal(self.folder)

@@ -16,6 +16,7 @@ A research safety layer for simulated robots here, not a certified one.
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 import weakref
@@ -224,7 +225,7 @@ class Env(gymnasium.Env[_Array, _Array]):
         self._fresh = False
         # also at garbage collection and at the end of the interpreter
         self._held: list[Steps] = []
-        self._finalizer = weakref.finalize(self, _release, self._held, self._scratch)
+        self._finalizer = weakref.finalize(self, _release, self._held, self._scratch, os.getpid())
         try:
             view = self._begin(0)
             self._fresh = True
@@ -385,7 +386,7 @@ class Env(gymnasium.Env[_Array, _Array]):
         return f"<mobee.gym.Env {type(self._task).__name__} of {self._robot}>"
 
 
-def _release(held: list[Steps], scratch: Path | None) -> None:
+def _release(held: list[Steps], scratch: Path | None, pid: int) -> None:
     for steps in held:
         try:
             steps.close()
@@ -393,7 +394,8 @@ def _release(held: list[Steps], scratch: Path | None) -> None:
             # another thread is in it, and ends it
             pass
     held.clear()
-    if scratch is not None:
+    # a forked child leaves its parent's files alone
+    if scratch is not None and pid == os.getpid():
         shutil.rmtree(scratch, ignore_errors=True)
 
 
