@@ -9,6 +9,8 @@
 //!
 //! `cargo run --release --example 13_write_your_own_driver`
 
+#![expect(clippy::disallowed_methods, reason = "a bus thread waits for real hardware, by the real clock")]
+
 use mobee_contract::{
     Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, Kind, KindError, Registered, Sample,
     Time,

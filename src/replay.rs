@@ -127,10 +127,10 @@ impl RecordedRun {
     ) -> Result<(Folder, Done, Result<u64, String>), Report> {
         let (sink, verdict) = self.watch(None, controls.0.clone())?;
         // the journal has the configuration as it was, with its recording
-        let told = serde_json::to_value(&composition.config).into_diagnostic()?;
+        let journaled_config = Some(serde_json::to_value(&composition.config).into_diagnostic()?);
         let folder = Folder::create(&format!("{}-replay", composition.config.name), out)?;
         composition.config.record.enabled = false;
-        let extras = Extras { sinks: vec![sink], told: Some(told), ..Extras::default() };
+        let extras = Extras { sinks: vec![sink], journaled_config, ..Extras::default() };
         let done = run_with(composition, &folder, extras, controls.1, |_| ())?;
         let equal = verdict.after(&done);
         Ok((folder, done, equal))

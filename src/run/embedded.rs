@@ -1,6 +1,6 @@
 //! Runs for a program that embeds this library: without terminal and signals.
 
-use super::{CtlAt, Done, Extras, Folder, Recording, attach_ctl, limits, run_with, space};
+use super::{CtlAt, Done, Extras, Folder, Recording, attach_ctl, disk_space, resource_limits, run_with};
 use crate::compose::Composition;
 use crate::config::ClockMode;
 use crate::ctl::LastLines;
@@ -11,18 +11,18 @@ use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::mpsc;
 
-/// Entries that may wait for a recipient that is to be prompt: at half of it its thread wakes, which otherwise gathers for 20 ms.
-const PROMPT: usize = 2;
+/// Capacity of a sink that must receive each event at once: its thread wakes when half of it is full, and otherwise collects for 20 ms.
+const PROMPT_CAPACITY: usize = 2;
 
-/// A recipient of the events of an embedded run in virtual time, on a thread of its own. It gets each at once, and the run waits for it.
+/// A sink for the events of an embedded run in virtual time, on a thread of its own. It receives each event at once, and the run waits for it.
 pub fn event_sink(name: &str, open: OpenSink) -> SinkSpec {
     SinkSpec {
         pictures: Pictures::None,
         name: name.into(),
         essential: false,
         poses: None,
-        capacity: PROMPT,
-        patience: super::PATIENCE,
+        capacity: PROMPT_CAPACITY,
+        patience: super::WRITE_TIMEOUT,
         open: Some(open),
     }
 }
@@ -37,9 +37,9 @@ pub fn embedded(
     sinks: Vec<SinkSpec>,
     (controls, receiver): (mpsc::Sender<Control>, mpsc::Receiver<Control>),
 ) -> Result<(Folder, Done), Report> {
-    space::to_begin(out)?;
+    disk_space::check(out)?;
     let live = composition.config.clock == ClockMode::Real;
-    limits::check(&composition.config, if live { CtlAt::Folder } else { CtlAt::Off })?;
+    resource_limits::check(&composition.config, if live { CtlAt::Folder } else { CtlAt::Off })?;
     let folder = Folder::create(&composition.config.name, out)?;
     let recording = Arc::new(Recording::new(composition.config.record.enabled));
     let mut extras = Extras { sinks, ..Extras::default() };
