@@ -115,7 +115,7 @@ pub struct JointRetreat(Mutex<State>);
 /// State behind the lock.
 #[derive(Clone, Debug, Default)]
 struct State {
-    /// Pairs of robots that can never touch, by their index in the scene.
+    /// Pairs of robots that are never within a margin of each other, by their index in the scene.
     apart: Vec<(usize, usize)>,
     /// State of each robot, by its index in the scene.
     robot_states: Vec<RobotState>,
@@ -138,7 +138,7 @@ enum RobotState {
 }
 
 impl JointRetreat {
-    /// Creates the joint retreat for the robots of this scene. Robots that cannot touch in any configuration don't
+    /// Creates the joint retreat for the robots of this scene. Robots that are never within a margin of each other don't
     /// wait for each other.
     pub fn new(scene: &Scene) -> JointRetreat {
         let stands = |robot: usize| scene.base(robot).translation.vector;
@@ -170,8 +170,8 @@ impl JointRetreat {
         self.state().request(robot, now)
     }
 
-    /// Enters the recording requested by [`RetreatReply::FetchRecording`]. From now on the robot waits for others at most
-    /// three seconds.
+    /// Enters the recording requested by [`RetreatReply::FetchRecording`]. From now on the robot waits for others at
+    /// most three seconds.
     pub fn enroll(&self, participant: Participant, now: Time) {
         let mut state = self.state();
         if let Some(robot_state) = state.robot_state(participant.robot) {
@@ -231,7 +231,7 @@ impl JointRetreat {
 
     /// Resolves a mutual wait: if two robots of different groups both wait, their paths cross, and both groups must
     /// be replanned together. Returns whether this is the case.
-    pub fn cross(&self, robot: usize, other: usize) -> bool {
+    pub fn resolve_mutual_wait(&self, robot: usize, other: usize) -> bool {
         let mut state = self.state();
         let waits = |group: &RetreatGroup, robot: usize| {
             group.members.iter().any(|m| m.robot == robot && !m.left && m.waits_for.is_some())
@@ -254,11 +254,11 @@ impl JointRetreat {
         let mut state = self.state();
         let waits =
             |m: &GroupMember| m.robot == other && !m.left && m.waits_for.is_some_and(|(blocker, _)| blocker == robot);
-        let is_in_the_way = state.groups.iter().any(|p| !p.is_of(robot) && p.members.iter().any(waits));
-        if is_in_the_way {
+        let is_blocking = state.groups.iter().any(|p| !p.is_of(robot) && p.members.iter().any(waits));
+        if is_blocking {
             state.groups.iter_mut().filter(|p| p.is_of(robot) || p.is_of(other)).for_each(|group| group.replan = true);
         }
-        is_in_the_way
+        is_blocking
     }
 
     /// Returns whether the robot's path was cancelled, so that it must request another one.
@@ -326,7 +326,7 @@ impl State {
         self.groups.iter_mut().find(|group| group.is_of(robot))
     }
 
-    /// Returns whether two robots can ever touch.
+    /// Returns whether two robots can ever be within a margin of each other.
     fn is_near(&self, a: usize, b: usize) -> bool {
         !self.apart.contains(&(a.min(b), a.max(b)))
     }

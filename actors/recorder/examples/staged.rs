@@ -1,4 +1,4 @@
-//! Records a made-up exploration, to see what a change to the recorder looks like:
+//! Records a simulated exploration, to show the effect of a change to the recorder:
 //! `cargo run --release -p mobee-recorder --example staged ROBOT.xml WORLD.xml OUT.rrd [MOTIONS]`;
 //! `-` for `OUT.rrd` records nothing.
 
@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         robot,
     };
     if out == "-" {
-        // what the made-up run costs by itself
+        // The cost of the staged run itself.
         println!("{} recorded nowhere", staged::play(&stage, &mut Nowhere)?);
         return Ok(());
     }

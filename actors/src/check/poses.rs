@@ -54,7 +54,7 @@ struct OfRobot {
 
 impl OfRobot {
     fn recorded_at(&mut self) -> Option<Time> {
-        Some(self.readings.as_mut()?.peek()?.told)
+        Some(self.readings.as_mut()?.peek()?.reported)
     }
 
     /// True if the next reading follows the last one without a gap.

@@ -214,7 +214,7 @@ impl Track {
         self.newest = Some(at);
         let left =
             self.written.as_ref().is_none_or(|(_, w)| w.iter().zip(q.iter()).any(|(w, q)| (w - q).abs() > self.place));
-        self.before.push_back(TrackReading { at, told: at.max(self.newest_event), q: q.clone(), follows: true });
+        self.before.push_back(TrackReading { at, reported: at.max(self.newest_event), q: q.clone(), follows: true });
         if self.busy || self.open || left {
             self.put_before()?;
         } else if self.before.len() > LEAD_READINGS

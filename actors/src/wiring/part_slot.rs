@@ -8,10 +8,10 @@ use std::time::Duration;
 
 /// The active part, and the previous one while the new one is on probation.
 #[derive(Debug)]
-pub struct PartSlot<P>(LatestCell<Taken<P>>);
+pub struct PartSlot<P>(LatestCell<SlotState<P>>);
 
 #[derive(Debug)]
-struct Taken<P> {
+struct SlotState<P> {
     part: P,
     former: Option<P>,
     core: SwapCore,
@@ -20,7 +20,7 @@ struct Taken<P> {
 impl<P: Clone> PartSlot<P> {
     /// Creates the slot with its first part, which is trusted.
     pub fn new(part: P) -> PartSlot<P> {
-        PartSlot(LatestCell::new(Taken { part, former: None, core: SwapCore::default() }))
+        PartSlot(LatestCell::new(SlotState { part, former: None, core: SwapCore::default() }))
     }
 
     /// Returns the active part.
@@ -45,21 +45,21 @@ impl<P: Clone> PartSlot<P> {
 
     /// Withdraws the announced part.
     pub fn withdraw(&self, now: Time) {
-        let mut taken = self.0.lock();
+        let mut state = self.0.lock();
         // A part that has taken over is active.
-        if taken.former.is_none() {
-            taken.core.on(SwapIn::Broke, now);
+        if state.former.is_none() {
+            state.core.on(SwapIn::Broke, now);
         }
     }
 
     /// Activates the announced part; the previous one is retained until the new one is trusted. `false` if it
     /// was withdrawn.
     pub fn take_over(&self, new: P, now: Time) -> bool {
-        let mut taken = self.0.lock();
-        let takes_over = taken.core.on(SwapIn::Boundary, now) == Some(SwapOut::HandOver);
+        let mut state = self.0.lock();
+        let takes_over = state.core.on(SwapIn::Boundary, now) == Some(SwapOut::HandOver);
         if takes_over {
-            taken.core.on(SwapIn::TookOver, now);
-            taken.former = Some(std::mem::replace(&mut taken.part, new));
+            state.core.on(SwapIn::TookOver, now);
+            state.former = Some(std::mem::replace(&mut state.part, new));
         }
         takes_over
     }
@@ -72,29 +72,29 @@ impl<P: Clone> PartSlot<P> {
     /// Records a failure of the active part. Returns true if it was on probation and the previous one has
     /// returned.
     pub fn broke(&self, now: Time) -> bool {
-        let mut taken = self.0.lock();
-        let former = taken.former.take();
+        let mut state = self.0.lock();
+        let former = state.former.take();
         let reverts = former.is_some();
         if let Some(former) = former {
-            taken.core.on(SwapIn::Broke, now);
-            taken.part = former;
+            state.core.on(SwapIn::Broke, now);
+            state.part = former;
         }
         reverts
     }
 
     /// Returns true if the probation of the active part ends with this call: the previous one is then dropped.
     pub fn settles(&self, now: Time) -> bool {
-        let mut taken = self.0.lock();
-        let settles = taken.core.on(SwapIn::Tick, now) == Some(SwapOut::Settle);
+        let mut state = self.0.lock();
+        let settles = state.core.on(SwapIn::Tick, now) == Some(SwapOut::Settle);
         if settles {
-            taken.former = None;
+            state.former = None;
         }
         settles
     }
 
     /// Time limit for an answer of the active part, if it is on probation.
     pub fn budget(&self) -> Option<Duration> {
-        let taken = self.0.lock();
-        taken.former.as_ref().map(|_| taken.core.terms().budget)
+        let state = self.0.lock();
+        state.former.as_ref().map(|_| state.core.terms().budget)
     }
 }

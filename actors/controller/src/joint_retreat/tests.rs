@@ -259,10 +259,10 @@ fn one_waits_for_the_other() -> (JointRetreat, [Participant; 2]) {
 fn crossing_paths_are_replanned_together() {
     for dies in [false, true] {
         let (joint_retreat, [one, other]) = one_waits_for_the_other();
-        assert!(!joint_retreat.cross(1, 0), "it is on its way");
+        assert!(!joint_retreat.resolve_mutual_wait(1, 0), "it is on its way");
         joint_retreat.set_waiting(1, Some((0, at(20))));
         assert!(!joint_retreat.must_replan(0, at(20)));
-        assert!(joint_retreat.cross(1, 0));
+        assert!(joint_retreat.resolve_mutual_wait(1, 0));
         assert!(joint_retreat.must_replan(0, at(30)) && joint_retreat.must_replan(1, at(30)));
         assert_eq!(joint_retreat.step(0, 1.0, at(30)), None);
         // as a reflex does that stops
@@ -323,7 +323,7 @@ fn replanned_paths_are_slow_where_they_reverse() {
         assert!((0..100).any(|_| goes(&joint_retreat, robot, at(0))));
         joint_retreat.set_waiting(robot, Some((1 - robot, at(0))));
     }
-    assert!(joint_retreat.cross(1, 0));
+    assert!(joint_retreat.resolve_mutual_wait(1, 0));
     [0, 1].into_iter().for_each(|robot| joint_retreat.leave(robot));
     let replan = gather(&joint_retreat, 10);
     assert!(replan > first + 0.005, "{replan} s, and {first} s before");

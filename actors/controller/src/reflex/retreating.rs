@@ -74,7 +74,7 @@ impl ReflexCore {
                 if pressed && sampled_at > *since || sampled_at >= *since + rules.reaction() && (at_rest || held) {
                     match then.clone() {
                         AfterStop::Retreat(_) => self.request_retreat(step),
-                        AfterStop::Report(word) => self.report(token, word, step),
+                        AfterStop::Report(report) => self.report(token, report, step),
                     }
                 } else if sampled_at >= *since + PHASE_TIMEOUT {
                     let then = then.clone();
@@ -90,11 +90,12 @@ impl ReflexCore {
                     let written = retreat.written().to_vec();
                     *frozen_watch = FrozenEncoderWatch { unchanged: pulse.unchanged, written, sampled_at };
                 }
-                // Frozen encoders also require that the set-points have moved: during a recorded rest, unchanged
-                // readings are normal.
+                // A robot that pushes something still brakes: as before, the floors include these distances.
                 if retreat.brakes() {
                     self.floors.note(&self.near);
                 }
+                // Frozen encoders also require that the set-points have moved: during a recorded rest, unchanged
+                // readings are normal.
                 let long = sampled_at.since(frozen_watch.sampled_at) >= FROZEN_TIME;
                 let frozen = long && distance(retreat.written(), &frozen_watch.written) > FROZEN_TRAVEL;
                 let met = self.floors.broken(close, rules);
@@ -160,12 +161,12 @@ impl ReflexCore {
                 let path = retreat.path();
                 let broken = self.floors.broken(close, rules).copied();
                 // The robot stays at its end. As on the path, it waits for another robot that drives into it there.
-                let met = yielding.decide(broken.as_ref(), (false, at_rest), self.robot, step.joint_retreat, now);
-                if met == YieldDecision::Blocked || (pulse.violated.is_some() && !*violated) {
+                let decision = yielding.decide(broken.as_ref(), (false, at_rest), self.robot, step.joint_retreat, now);
+                if decision == YieldDecision::Blocked || (pulse.violated.is_some() && !*violated) {
                     let what = blocked(broken, pulse.violated.is_some(), names);
                     self.abort(token, Hold::RetreatBlocked, what, sampled_at, step);
-                } else if met != YieldDecision::Proceed {
-                    report_wait(met, yielding, self.robot, broken, sampled_at, step);
+                } else if decision != YieldDecision::Proceed {
+                    report_wait(decision, yielding, self.robot, broken, sampled_at, step);
                     *since = now;
                 } else if sampled_at >= *since + rules.reaction()
                     && at_rest

@@ -90,7 +90,7 @@ impl RetreatYield {
         if other.is_none() && rests {
             self.waits = None;
             YieldDecision::Resume
-        } else if now < *made + patience || retreats.cross(robot, *blocker) {
+        } else if now < *made + patience || retreats.resolve_mutual_wait(robot, *blocker) {
             YieldDecision::StillWaiting
         } else {
             YieldDecision::Blocked

@@ -1,4 +1,4 @@
-//! A recording of a robot model holds its shapes, its meshes and what comes near while one motor moves.
+//! A recording of a robot model contains its shapes, its meshes and the near pairs while one motor moves.
 
 use mobee_model::{LinkSurface, Mesh, Robot, parse_robot};
 use mobee_recorder::{Contents, ModelView, Settings, view_model};
@@ -65,7 +65,7 @@ fn shapes_meshes_motors_and_what_comes_near_are_in_it() {
     }
     assert_eq!(contents.rows["/world/r/lift/slid/mesh_arm_0"], 1, "a mesh is written once");
     assert!((contents.until.secs() - seen.secs).abs() < 0.1, "{} of {}", contents.until, seen.secs);
-    // the arm comes down on the column as `lift` moves, the tool comes to it as `fold` does, and home is free
+    // `lift` lowers the arm onto the column, `fold` moves the tool to it, and home is free.
     let of = |a: &'static str, b: &'static str| seen.near.iter().filter(move |n| n.links.0 == a && n.links.1 == b);
     assert!(of("column", "arm").all(|n| n.motor.is_some_and(|(m, _)| m == 0)), "{:?}", seen.near);
     assert!(of("column", "tool").all(|n| n.motor.is_some_and(|(m, _)| m == 1)), "{:?}", seen.near);
@@ -73,7 +73,7 @@ fn shapes_meshes_motors_and_what_comes_near_are_in_it() {
     assert!(seen.near.windows(2).all(|w| w[0].distance <= w[1].distance));
 }
 
-/// What touches is drawn: the hull, and of its shape the outlines. A contact paints both.
+/// The hull is drawn, with the outlines of its shape. A contact colors both.
 #[test]
 fn the_hull_of_a_shape_is_drawn_and_painted() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! A recording holds what happened, is small, and survives the death of its writer.
+//! A recording contains the events of a run, is small, and survives the death of its writer.
 
 use mobee_contract::{CameraMount, Entry, Event, Frame, Intrinsics, SeenMask, SeenPicture, Sink, Status, Time};
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, parse_robot};
@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A column, an arm of two joints and a finger that nobody moves.
+/// A column, an arm of two joints and a finger that no command moves.
 fn robot(name: &str) -> Arc<Robot> {
     let text = format!(
         r#"<ZeroPositionKinematicTree version="1.0" robotName="{name}">
@@ -98,9 +98,9 @@ fn a_joint_that_rests_costs_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (_, contents) = record(&folder.path().join("run.rrd"));
     let rows = |entity: &str| contents.rows.get(entity).copied().unwrap_or(0);
-    // where the joint sits is one static row of its own entity
+    // The origin of the joint is one static row of its entity.
     assert_eq!(rows("/world/arm/shoulder/turned/elbow/turned/finger"), 1);
-    // the turn itself was written once, its shape and first color once each
+    // The rotation was written once, its shape and first color once each.
     let finger = "/world/arm/shoulder/turned/elbow/turned/finger/turned";
     assert_eq!(rows(finger), 1);
     assert!(rows("/world/arm/shoulder/turned") > 100, "{:#?}", contents.rows);
@@ -172,7 +172,7 @@ fn a_file_that_can_not_be_written_is_refused_with_a_remedy() {
     assert!(refusal.contains("no/such/folder/run.rrd") && refusal.contains("--no-record"), "{refusal}");
 }
 
-/// A picture of two by two pixels from a camera on this node, with a mask of this many.
+/// An image of two by two pixels from a camera on this node, with a mask of this many pixels.
 fn picture(mount: Option<usize>, masked: usize) -> Entry {
     let intrinsics = Intrinsics { size: [2, 2], focal: [2.0; 2], center: [1.0; 2], distortion: [0.0; 4] };
     let frame = Frame { exposed: Time::ZERO, intrinsics, pixels: [7; 12].into() };
@@ -200,13 +200,13 @@ fn what_an_eye_sees_is_in_its_frustum_which_moves_with_the_robot() {
     };
     let node = robot("arm").marker("hand").unwrap().node;
     let eye = rows(Some(node), 4);
-    // ten places, the lens, and the colors of its masks
+    // Ten poses, the lens, and the colors of its masks.
     assert_eq!(eye.get("/world/eyes/eyes/left").copied(), Some(12), "{eye:#?}");
     assert_eq!(["picture", "mask"].map(|what| eye[&format!("/world/eyes/eyes/left/{what}")]), [10, 10]);
-    // a mask that is not whole is left out, and so is a frustum of a camera that is nobody knows where
+    // An incomplete mask is skipped, and so is the frustum of a camera without a known pose.
     assert!(!rows(Some(node), 3).contains_key("/world/eyes/eyes/left/mask"));
     let flat = rows(None, 4);
     assert!(flat.contains_key("/eyes/eyes/left/mask") && !flat.contains_key("/world/eyes/eyes/left"), "{flat:#?}");
-    // a node that the robot has not
+    // A node that the robot does not have.
     assert!(rows(Some(999), 4).contains_key("/world/eyes/eyes/left/picture"));
 }

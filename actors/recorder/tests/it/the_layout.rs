@@ -1,4 +1,4 @@
-//! What a recording opens with: everything is in the picture, over the whole run, and called by its name.
+//! The layout that a recording opens with: everything is visible, over the whole run, and named.
 
 use mobee_contract::{EdgeState, Entry, Event, Note, Sink, Time};
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, parse_robot};
@@ -16,7 +16,7 @@ use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Half of Rerun's vertical field of view, 55 degrees, as a tangent.
+/// Tangent of half of Rerun's vertical field of view, which is 55 degrees.
 const HALF_FIELD: f64 = 0.5206;
 /// Width by height of the narrowest view that must show everything.
 const ASPECT: f64 = 1.2;
@@ -80,7 +80,7 @@ fn record(path: &Path, entries: impl IntoIterator<Item = Entry>) {
     }
 }
 
-/// A value of a component: its entity, its name and what is in it.
+/// A value of a component: its entity, its name and its content.
 type Value = (String, String, ArrayRef);
 
 /// All values in a file, in order.
@@ -103,7 +103,7 @@ fn values(path: &Path, kind: StoreKind) -> Vec<Value> {
     all
 }
 
-/// The newest value of a component of an entity that ends so.
+/// The newest value of a component of an entity with this ending.
 fn newest(values: &[Value], entity: &str, component: &str) -> ArrayRef {
     let found = values.iter().rev().find(|(e, c, _)| e.ends_with(entity) && c == component);
     found.unwrap_or_else(|| panic!("{component} of {entity} is missing")).2.clone()
@@ -119,7 +119,7 @@ fn words(array: &ArrayRef) -> Vec<String> {
     array.as_any().downcast_ref::<StringArray>().unwrap().iter().flatten().map(str::to_owned).collect()
 }
 
-/// Where a point is in the picture: 1 is the edge.
+/// Position of a point on the screen: 1 is the edge.
 fn on_screen(layout: &[Value], at: [f64; 3]) -> [f64; 2] {
     let of = |component: &str| Vector3::from(points(&newest(layout, "/EyeControls3D", component))[0]);
     let (eye, target) = (of("EyeControls3D:position"), of("EyeControls3D:look_target"));
@@ -211,7 +211,7 @@ fn the_joints_open_at_the_part_that_moves() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let pose = |q: [f64; 4]| Entry::Pose { robot: 0, q: q.into(), contacts: [].into() };
-    // the readings of the left arm are noisy
+    // The readings of the left arm are noisy.
     record(&path, [pose([0.0; 4]), pose([0.002, 0.0, 0.0, 0.0])]);
     assert_eq!(open_plot(&values(&path, StoreKind::Blueprint)), "left_arm");
     record(&path, [pose([0.0; 4]), pose([0.002, 0.0, 0.0, 0.0]), pose([0.0, 0.0, 0.1, 0.0])]);

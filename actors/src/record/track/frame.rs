@@ -70,7 +70,7 @@ impl Frame {
     pub(super) fn put(&mut self, reading: &TrackReading) {
         let q: Vec<i64> = reading.q.iter().map(|q| (q / QUANTUM).round() as i64).collect();
         let at = reading.at.0;
-        let lag = reading.told.since(reading.at).as_nanos() as u64;
+        let lag = reading.reported.since(reading.at).as_nanos() as u64;
         let step = match self.last.take().filter(|last| at >= last.at) {
             None => {
                 self.bytes.push(WHOLE);
@@ -164,7 +164,7 @@ impl Decoder {
         }
         let q: Pose = units.iter().map(|q| *q as f64 * QUANTUM).collect();
         self.last = Some(Last { at, step, q: units });
-        Some(TrackReading { at: Time(at), told: Time(at) + Duration::from_nanos(lag), q, follows })
+        Some(TrackReading { at: Time(at), reported: Time(at) + Duration::from_nanos(lag), q, follows })
     }
 }
 

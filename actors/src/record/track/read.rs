@@ -21,7 +21,7 @@ pub struct TrackReading {
     /// Time of the reading.
     pub at: Time,
     /// Time at which the reflex reported it: before the events from then on.
-    pub told: Time,
+    pub reported: Time,
     /// The configuration, rad.
     pub q: Pose,
     /// True if no reading between the previous one and this one was lost; readings that were skipped on purpose

@@ -26,7 +26,7 @@ fn all(dir: &Path) -> Vec<TrackReading> {
     read(&file(dir, ROBOT)).unwrap().map(Iterator::collect).unwrap_or_default()
 }
 
-/// So many readings in motion, 20 ms apart.
+/// A number of readings in motion, 20 ms apart.
 fn moves(sink: &mut Tracks, from: u64, n: u64) {
     state(sink, ms(20 * from), Status::Moving);
     (from..from + n).for_each(|k| pose(sink, ms(20 * k), [0.001 * k as f64, -1.5]));
@@ -57,7 +57,7 @@ fn a_robot_that_leaves_its_place_is_kept_in_full_whatever_its_filter_says() {
     assert_eq!(all(dir.path()).len(), 100);
 }
 
-/// A transaction gets its outcome by the readings of a robot that holds.
+/// The outcome of a transaction is given by the readings of a robot that holds.
 #[test]
 fn a_robot_that_holds_with_a_commit_open_is_kept_in_full() {
     let dir = tempfile::tempdir().unwrap();
@@ -73,7 +73,7 @@ fn a_robot_that_holds_with_a_commit_open_is_kept_in_full() {
 }
 
 #[test]
-fn when_it_was_told_is_kept_and_senseless_readings_are_not() {
+fn the_time_of_the_report_is_stored_and_invalid_readings_are_not() {
     let dir = tempfile::tempdir().unwrap();
     let mut tracks = Tracks::open(dir.path(), &robots()).unwrap();
     state(&mut tracks, ms(300), Status::Moving);
@@ -83,7 +83,7 @@ fn when_it_was_told_is_kept_and_senseless_readings_are_not() {
     pose(&mut tracks, ms(143), [0.1, 0.2]);
     pose(&mut tracks, ms(320), [0.1, 0.2]);
     drop(tracks);
-    let times: Vec<(Time, Time)> = all(dir.path()).iter().map(|r| (r.at, r.told)).collect();
+    let times: Vec<(Time, Time)> = all(dir.path()).iter().map(|r| (r.at, r.reported)).collect();
     assert_eq!(times, [(ms(120), ms(300)), (ms(141), ms(300)), (ms(320), ms(320))]);
 }
 
@@ -112,13 +112,13 @@ fn what_was_lost_on_the_way_shows() {
     assert_eq!(follows, [false, true, true, false, true, true, false, true]);
 }
 
-/// What `per_hour` says, if the encoders lie as they can.
+/// The bound of `per_hour` holds for the worst encoder readings.
 #[test]
 fn a_file_stays_within_its_bound() {
     let dir = tempfile::tempdir().unwrap();
     let mut tracks = Tracks::open(dir.path(), &robots()).unwrap();
     state(&mut tracks, ms(0), Status::Moving);
-    // senseless jumps, ten thousand times a second
+    // Random jumps, ten thousand times a second.
     (0..600_000).for_each(|k| pose(&mut tracks, Time(k * 100_000), if k % 2 == 0 { [1e3; 2] } else { [-1e3; 2] }));
     drop(tracks);
     let bytes = std::fs::metadata(file(dir.path(), ROBOT)).unwrap().len();
@@ -139,7 +139,7 @@ proptest! {
             pose(&mut tracks, at, [a, b]);
             written.push((at, [a, b]));
             if again == 0 {
-                // opened anew, by the same process or the next
+                // Reopened by the same process or the next one.
                 drop(tracks);
                 tracks = Tracks::open(dir.path(), &robots()).unwrap();
                 state(&mut tracks, at, Status::Moving);
@@ -156,8 +156,8 @@ proptest! {
         }
     }
 
-    /// A crash at any byte costs the last frame, and damage to any byte the frame that it is in; the next
-    /// process goes on there.
+    /// A crash at any byte loses the last frame, and damage to any byte loses its frame; the next process
+    /// continues there.
     #[test]
     fn a_cut_costs_the_tail_and_damage_one_frame(cut in 0_u64..2000, damage in 0_usize..3) {
         let dir = tempfile::tempdir().unwrap();
@@ -176,7 +176,7 @@ proptest! {
             _ => bytes[cut..].iter_mut().take(9).for_each(|byte| *byte = 0xff),
         }
         std::fs::write(&path, &bytes).unwrap();
-        let Ok(readings) = read(&path) else { return Ok(()) }; // the beginning itself is damaged
+        let Ok(readings) = read(&path) else { return Ok(()) }; // the header is damaged
         if readings.as_ref().is_some_and(|r| r.motors() != 2) {
             prop_assert!(Tracks::open(dir.path(), &robots()).is_err_and(|e| e.contains("motors")));
             return Ok(());
@@ -195,7 +195,7 @@ proptest! {
     }
 }
 
-/// The frames of a file: where each begins, and where the last one ends.
+/// Starts of the frames of a file, and the end of the last one.
 fn frames(bytes: &[u8]) -> Vec<usize> {
     let mut places = vec![HEADER as usize];
     while let Some(length) = bytes.get(places[places.len() - 1]..).and_then(|rest| rest.first_chunk::<4>()) {
@@ -238,7 +238,7 @@ fn what_can_not_be_read_is_named_with_its_place_and_times() {
     assert_eq!(read_all(&whole[..at[5] - 3]), (expected, vec![ms(0)]), "as a crash leaves it");
 }
 
-/// As the version before wrote it: what follows damage is read again where it stands by itself.
+/// A file of the previous version: after damage, reading resumes at a record that is readable by itself.
 #[test]
 fn a_file_of_the_version_before_is_read_and_continued() {
     let dir = tempfile::tempdir().unwrap();

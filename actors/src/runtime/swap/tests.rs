@@ -12,18 +12,18 @@ fn input() -> impl Strategy<Value = (SwapIn, u64)> {
 }
 
 proptest! {
-    /// Every swap that is kept ends once; nobody takes over but at a boundary, or before the shadow's time.
+    /// Every accepted swap ends once; a part takes over only at a boundary, and not before the end of its shadow time.
     #[test]
     fn every_swap_ends_once(inputs in prop::collection::vec(input(), 0..60)) {
         let mut core = SwapCore::default();
         let mut now = Time::ZERO;
         let mut open = false;
-        let mut asked = false;
+        let mut handing_over = false;
         let mut answered = false;
         for (input, passed) in inputs {
             now = now + Duration::from_secs(passed);
-            // a shell says so only when it was asked to
-            if input == SwapIn::TookOver && !asked {
+            // A shell reports this only after a handover.
+            if input == SwapIn::TookOver && !handing_over {
                 continue;
             }
             let before = core.phase();
@@ -47,7 +47,7 @@ proptest! {
                 None => {}
             }
             answered = (answered && input != SwapIn::TookOver) || input == SwapIn::Answered;
-            asked = out == Some(SwapOut::HandOver);
+            handing_over = out == Some(SwapOut::HandOver);
             prop_assert_eq!(open, core.phase() != Phase::Settled);
         }
     }

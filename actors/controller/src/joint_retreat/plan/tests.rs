@@ -398,7 +398,7 @@ fn a_robot_held_by_an_unknown_obstacle_leaves_it_straight() {
     }
 }
 
-/// Beside another robot, near a modelled object, or with joints that don't deflect, the recorded path is used.
+/// Beside another robot, near a modeled object, or with joints that don't deflect, the recorded path is used.
 #[test]
 fn a_recorded_path_beside_others_stands() {
     let beside = Participant { scene: scene(), poses: scene().home(), ..held(1.0, 1.0) };

@@ -62,7 +62,7 @@ fn outliers_that_are_each_near_the_one_before_do_not_lead_it_away() {
     let all: Vec<_> = steps.flatten().collect();
     assert_eq!(all[..2], [Admission::Moved, Admission::Waits], "6 cm, then 12 cm from where it was steady: {all:?}");
     assert!(all[2..].iter().all(|a| *a == Admission::Waits), "it is nowhere twice: {all:?}");
-    // and what goes on slowly is followed
+    // An object that moves on slowly is tracked.
     let mut gate = with_cup();
     let steps =
         (1..=30).map(|k| gate.admit(secs(1.0 + 0.1 * f64::from(k)), &[at("cup", [0.3, 0.02 * f64::from(k), 1.0])]));
@@ -70,13 +70,13 @@ fn outliers_that_are_each_near_the_one_before_do_not_lead_it_away() {
 }
 
 #[test]
-fn a_second_thing_of_the_same_looks_is_told_apart() {
+fn a_second_object_of_the_same_appearance_is_distinguished() {
     let mut gate = with_cup();
     for k in 0..20 {
         let both = [at("cup", [-0.4, 0.2, 1.0]), at("cup", [0.301, 0.0, 1.0])];
         assert_eq!(gate.admit(secs(1.0 + f64::from(k)), &both), [Admission::Other, Admission::Agrees]);
     }
-    // they are seen in turn: the other is not seen often enough in a row
+    // They are seen alternately: the other one is not seen often enough in a row.
     for k in 0..20 {
         let one = if k % 3 == 0 { at("cup", [0.3, 0.0, 1.0]) } else { at("cup", [-0.4, 0.2, 1.0]) };
         gate.admit(secs(30.0 + f64::from(k)), &[one]);
@@ -111,7 +111,7 @@ fn what_is_not_seen_is_stale_once_and_not_gone() {
 }
 
 proptest! {
-    /// Fewer outliers in a row than confirmations move nothing, wherever they are and whatever was seen before.
+    /// Fewer consecutive outliers than confirmations move nothing, at any place and after any history.
     #[test]
     fn outliers_move_nothing(
         outliers in prop::collection::vec([-0.9..0.9, -0.9..0.9, 0.1..1.9f64], 1..60),
