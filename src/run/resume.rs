@@ -53,7 +53,7 @@ pub fn command(dir: &Path, set: &[String], output: Output, ctl: CtlAt) -> Result
         let poses = ring::read(&file).map_err(|e| ConfigError::plain(e, help))?;
         past.recorded(&r.name, evidence::of_robot(&file, model, poses)?);
         let mut measured = track::read(&track::file(dir, &r.name)).map_err(|e| ConfigError::plain(e, help))?;
-        past.read_until(measured.iter_mut().flatten().map(|reading| reading.told).max());
+        past.read_until(measured.iter_mut().flatten().map(|reading| reading.reported).max());
         for gap in measured.iter().flat_map(|readings| readings.gaps()).filter(|gap| gap.until.is_some()) {
             let ((from, to), file) = (gap.bytes, track::file(dir, &r.name));
             damage.push(format!(
