@@ -256,6 +256,36 @@ mod tests {
         assert_eq!(found, wanted.map(|(at, path)| (at.to_owned(), path.to_owned())));
     }
 
+    /// A path that is not marked would be resolved against the working directory.
+    #[test]
+    fn no_setting_of_a_kind_is_a_path_without_a_mark() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let mut open: Vec<PathBuf> = ["behaviors/src", "drivers"].iter().map(|folder| root.join(folder)).collect();
+        let mut found = 0;
+        while let Some(path) = open.pop() {
+            if let Ok(entries) = std::fs::read_dir(&path) {
+                open.extend(entries.map(|entry| entry.expect("an entry").path()));
+                continue;
+            }
+            let text = std::fs::read_to_string(&path).unwrap_or_default();
+            if path.extension().is_none_or(|e| e != "rs") || !text.contains("JsonSchema") {
+                continue;
+            }
+            let lines: Vec<&str> = text.lines().map(str::trim).collect();
+            for (i, line) in lines.iter().enumerate().filter(|(_, line)| line.starts_with("pub ")) {
+                let is_path = line.ends_with(": PathBuf,") || line.ends_with(": Option<PathBuf>,");
+                // settings of `mobee roadmap build` are no kind's
+                if is_path && !path.ends_with("table_map.rs") {
+                    let attributes = lines[..i].iter().rev().take_while(|l| l.starts_with("#[") || l.starts_with("//"));
+                    let marked = attributes.into_iter().any(|l| l.contains("\"format\" ="));
+                    assert!(marked, "{}:{}: {line}", path.display(), i + 1);
+                    found += 1;
+                }
+            }
+        }
+        assert!(found >= 9, "{found} settings are paths");
+    }
+
     #[test]
     fn every_path_of_the_shipped_kinds_is_marked() {
         let places = |role: &str, kind: &str, mut table: Value| -> Vec<String> {

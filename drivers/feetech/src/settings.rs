@@ -31,6 +31,7 @@ pub struct FeetechSettings {
     /// The calibration that LeRobot made for this arm, a JSON file, relative to the configuration file: ids, ranges and middles of all
     /// motors.
     #[serde(default)]
+    #[schemars(extend("format" = "path"))]
     pub file: Option<PathBuf>,
     /// The motors. With a calibration file: only what differs from it or is not in it.
     #[serde(default)]
