@@ -131,7 +131,7 @@ impl PlanAgent {
             pace,
             seed,
             placed: false,
-            ways: Ways::new(seed, settings.budget),
+            ways: Ways::new(settings.planner, seed, settings.budget),
             route: Vec::new(),
             tour: Tour::default(),
             tries: Tries::default(),

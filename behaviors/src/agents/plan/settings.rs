@@ -2,6 +2,7 @@
 
 use crate::agents::named::NamedPose;
 use crate::agents::tour::defaults::{half, once, tenth};
+use crate::planners::PlannerKind;
 use mobee_contract::KindError;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -30,6 +31,10 @@ pub struct PlanSettings {
     /// Maximum distance of every motor from a pose for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
+    /// Planner: `rrt_connect` stops at the first path; `aorrtc` also searches for shorter ones, for 2,000 random configurations or as long as
+    /// half of the budget lasts.
+    #[serde(default)]
+    pub planner: PlannerKind,
     /// Maximum number of straight lines between two poses that the planner may check for one plan.
     #[serde(default = "budget")]
     pub budget: u64,

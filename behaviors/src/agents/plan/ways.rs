@@ -1,6 +1,6 @@
 //! Paths to a goal: a known one if it is free now, otherwise a new one by RRT-Connect.
 
-use crate::planners::{JointPath, JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
+use crate::planners::{AoRrtConnect, JointPath, JointSpace, NoPath, PlannerKind, PlanningProblem, shorten};
 use crate::roadmap::Roadmap;
 use mobee_contract::{EdgeState, View};
 use mobee_fast::FastError;
@@ -23,6 +23,7 @@ pub(super) struct Spent {
 
 /// Finds paths in the current scene.
 pub(super) struct Ways {
+    planner: PlannerKind,
     seed: u64,
     budget: u64,
     space: Option<JointSpace>,
@@ -48,8 +49,8 @@ impl Leg<'_> {
 }
 
 impl Ways {
-    pub fn new(seed: u64, budget: u64) -> Ways {
-        Ways { seed, budget, space: None, roomy: None, spent: Spent::default() }
+    pub fn new(planner: PlannerKind, seed: u64, budget: u64) -> Ways {
+        Ways { planner, seed, budget, space: None, roomy: None, spent: Spent::default() }
     }
 
     /// Updates the planning spaces to the current scene; the middles of failed edges are avoided.
@@ -95,6 +96,7 @@ impl Ways {
         let seed = self.seed.wrapping_add(u64::from(self.spent.plans));
         self.spent.plans = self.spent.plans.saturating_add(1);
         let goal = leg.pose(leg.goal).unwrap_or_default();
+        let planner = self.planner.planner(AoRrtConnect::default().iterations);
         let mut left = self.budget;
         let mut found = Err(NoPath::Cancelled);
         // The plan with extra clearance may spend half of the budget. It fails at once if an end lacks
@@ -104,7 +106,7 @@ impl Ways {
             let before_plan = space.evaluations();
             let problem =
                 PlanningProblem { start: space.within(leg.here), goal: goal.clone(), seed, budget: budget.min(left) };
-            found = RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(()));
+            found = planner.plan(space, &problem, &mut |_| ControlFlow::Continue(()));
             left = left.saturating_sub(space.evaluations() - before_plan);
             let before_shortcuts = space.evaluations();
             found = found.map(|path| shorten(space, path, seed, left));
