@@ -16,7 +16,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 /// Maximum size of the roadmap in a run's folder, bytes.
-const LONGEST_ROADMAP: u64 = 64 * MIB;
+const MAX_ROADMAP_BYTES: u64 = 64 * MIB;
 
 /// Checks a run's folder, a journal, or a configuration file at `path`.
 ///
@@ -124,7 +124,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
     let mut good = true;
     for (i, r) in c.config.robot.iter().enumerate() {
         let file = dir.join(format!("roadmap-{}.json", r.name));
-        let text = match file::read_text(&file, LONGEST_ROADMAP) {
+        let text = match file::read_text(&file, MAX_ROADMAP_BYTES) {
             Ok(text) => text,
             Err(e) if e.kind() == ErrorKind::NotFound => continue,
             Err(e) => {

@@ -92,7 +92,7 @@ enum Begin {
 }
 
 /// One robot with the parts built for it, before it moves.
-struct Built {
+struct BuiltRobot {
     model: Arc<Robot>,
     hardware: Option<Arc<dyn Hardware>>,
     agent: Option<(AgentMaker, Requirements)>,
@@ -101,7 +101,7 @@ struct Built {
 
 fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -> Result<Composition, Complaints> {
     let mut warnings = Vec::new();
-    let mut built: Vec<Option<Built>> = Vec::new();
+    let mut built: Vec<Option<BuiltRobot>> = Vec::new();
     for (i, r) in config.robot.iter().enumerate() {
         let at = |key: &str| format!("robot[{i}].{key}");
         let model = wrong.keep(model(r, &at("model"), source, &mut warnings));
@@ -112,7 +112,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             if config.clock == ClockMode::Virtual && hardware.as_ref().is_some_and(|h| !h.runs_in_virtual_time()) {
                 wrong.push(needs_real_clock(source, &at("driver"), "driver"));
             }
-            Built { hardware, agent: None, rest: None, model }
+            BuiltRobot { hardware, agent: None, rest: None, model }
         }));
     }
     let objects = wrong.keep(world(&config, source, &mut warnings));
@@ -120,7 +120,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     let resolved_goals = agents(&config, source, &mut built, scene.as_ref().and_then(|s| s.as_ref().ok()), &mut wrong);
     rest::all(&config, source, &mut built, &resolved_goals, &mut wrong);
     let bridges = bridges(&config, source, &mut wrong);
-    let whole: Option<Vec<Built>> = built.into_iter().collect();
+    let whole: Option<Vec<BuiltRobot>> = built.into_iter().collect();
     let (Some(built), Some(scene)) = (whole, scene) else { return Err(wrong.of_something()) };
     let scene = match scene {
         Ok(scene) => scene,
@@ -140,7 +140,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
 
     let mut robots = Vec::new();
     if wrong.is_empty() {
-        for (i, (Built { model, hardware, agent, rest }, r)) in built.into_iter().zip(&config.robot).enumerate() {
+        for (i, (BuiltRobot { model, hardware, agent, rest }, r)) in built.into_iter().zip(&config.robot).enumerate() {
             let Some(hardware) = hardware else { continue };
             wrong.keep(hardware.place(&scene, i).map_err(|e| placed(source, &format!("robot[{i}].driver"), e)));
             let at = format!("robot[{i}].controller");
@@ -185,7 +185,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
 /// The scene of all robots; `None` if one of them could not be read.
 fn scene(
     config: &Config,
-    built: &[Option<Built>],
+    built: &[Option<BuiltRobot>],
     objects: Vec<Object>,
 ) -> Option<Result<Scene, mobee_model::SceneError>> {
     let base = |r: &crate::config::RobotConfig| {
@@ -193,7 +193,7 @@ fn scene(
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), r.base.yaw_deg.to_radians());
         Isometry3::from_parts(Translation3::new(x, y, z), turn)
     };
-    let robot = |(b, r): (&Option<Built>, &crate::config::RobotConfig)| Some((b.as_ref()?.model.clone(), base(r)));
+    let robot = |(b, r): (&Option<BuiltRobot>, &crate::config::RobotConfig)| Some((b.as_ref()?.model.clone(), base(r)));
     let models: Option<Vec<_>> = built.iter().zip(&config.robot).map(robot).collect();
     models.map(|models| Scene::new(models, objects))
 }
@@ -203,7 +203,7 @@ fn scene(
 fn agents(
     config: &Config,
     source: &Source,
-    built: &mut [Option<Built>],
+    built: &mut [Option<BuiltRobot>],
     scene: Option<&Scene>,
     wrong: &mut Complaints,
 ) -> Vec<(String, ResolvedGoal)> {

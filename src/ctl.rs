@@ -20,7 +20,7 @@ mod wire;
 
 pub(crate) use handler::BesideNames;
 pub use service::CtlService;
-pub(crate) use service::{CtlPort, LastLines};
+pub(crate) use service::{CtlPort, StopConnections};
 
 use crate::config::{Config, ConfigError, Source};
 use clap::{Args, Subcommand};

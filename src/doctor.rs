@@ -171,7 +171,7 @@ fn included(file: &Path, new: &Path) -> Result<String, miette::Report> {
 }
 
 /// A robot behind YARP.
-struct Remote {
+struct YarpRobot {
     name: String,
     settings: YarpDriverSettings,
     /// The motors of each of its parts in the model.
@@ -191,7 +191,7 @@ struct ModelMotor {
 struct CheckedFile {
     found: Vec<Finding>,
     /// Its robots behind YARP.
-    robots: Vec<Remote>,
+    robots: Vec<YarpRobot>,
     /// The motors that have a board, real or simulated.
     motors: Vec<String>,
 }
@@ -236,7 +236,7 @@ fn configuration(file: &Path, set: &[String]) -> CheckedFile {
                     Some(motors.map(motor).collect())
                 };
                 let motors = settings.parts.iter().map(|p| of(&p.part).unwrap_or_default()).collect();
-                robots.push(Remote { name: robot.name.clone(), settings, motors });
+                robots.push(YarpRobot { name: robot.name.clone(), settings, motors });
             }
             None => found.push(Finding::ok(format!("{} is simulated: there is nothing to reach", robot.name))),
         }

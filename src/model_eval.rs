@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Maximum size of a table of poses, bytes.
-const LARGEST_TABLE: u64 = 64 * MIB;
+const MAX_TABLE_BYTES: u64 = 64 * MIB;
 /// Tolerance of limits for rounded values, encoder units.
 const ROUNDING_DEG: f64 = 1e-6;
 
@@ -80,7 +80,7 @@ fn read_poses(robot: &Robot, path: &Path) -> Result<Vec<PoseRow>, ConfigError> {
         let help = "give --poses a table of poses, and split a large one; its path is relative to the folder the program runs in";
         ConfigError::plain(format!("cannot read {name}: {e}"), help)
     };
-    let text = read_text(path, LARGEST_TABLE).map_err(unreadable)?;
+    let text = read_text(path, MAX_TABLE_BYTES).map_err(unreadable)?;
     parse_poses(robot, &name, &text)
 }
 

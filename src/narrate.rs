@@ -51,7 +51,7 @@ pub(crate) struct MotionLine {
 
 /// The state of one robot, derived from its events.
 #[derive(Default)]
-struct Story {
+struct RobotState {
     motors: Vec<String>,
     units: MotorUnits,
     tolerance: f64,
@@ -79,7 +79,7 @@ pub(crate) struct Narrator {
     labels: Labels,
     /// The names of all objects of the run, also of removed ones.
     objects: BTreeMap<u32, String>,
-    stories: BTreeMap<String, Story>,
+    states: BTreeMap<String, RobotState>,
 }
 
 impl Narrator {
@@ -87,7 +87,7 @@ impl Narrator {
     pub(crate) fn new(scene: &Scene) -> Narrator {
         let robots = scene.robots().to_vec();
         let labels = Labels::new(scene.robots());
-        let mut narrator = Narrator { robots, labels, objects: BTreeMap::new(), stories: BTreeMap::new() };
+        let mut narrator = Narrator { robots, labels, objects: BTreeMap::new(), states: BTreeMap::new() };
         narrator.edited(scene);
         narrator
     }
@@ -109,39 +109,39 @@ impl Narrator {
         Some(Line { weight, kind, text: self.labels.read(&text).into_owned() })
     }
 
-    fn story(&mut self, robot: &str) -> &mut Story {
-        self.stories.entry(robot.to_owned()).or_default()
+    fn state_of(&mut self, robot: &str) -> &mut RobotState {
+        self.states.entry(robot.to_owned()).or_default()
     }
 
     fn robot_line(&mut self, event: &Event) -> Option<(Weight, &'static str, String)> {
         use Weight::{Detail, News};
         Some(match event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {
-                let story = self.story(robot);
-                story.units = MotorUnits::new(motors.len(), sliding);
-                (story.motors, story.tolerance) = (motors.clone(), *tolerance);
+                let state = self.state_of(robot);
+                state.units = MotorUnits::new(motors.len(), sliding);
+                (state.motors, state.tolerance) = (motors.clone(), *tolerance);
                 return None;
             }
             Event::Commit { robot, id, agent, escape, motors, .. } => {
-                let story = self.story(robot);
-                (story.named, story.moved) = (motors.iter().map(|(m, _)| *m).collect(), false);
-                let which = named(&story.motors, &story.named);
+                let state = self.state_of(robot);
+                (state.named, state.moved) = (motors.iter().map(|(m, _)| *m).collect(), false);
+                let which = named(&state.motors, &state.named);
                 let what = if *escape { "escape" } else { "motion" };
                 let weight = if *escape { News } else { Detail };
                 (weight, "escapes", format!("{robot}: {what} {} of {agent} begins: {which}", id.0))
             }
             Event::Amended { robot, motors, .. } => {
-                self.story(robot).named.extend(motors.iter().map(|(m, _)| *m));
+                self.state_of(robot).named.extend(motors.iter().map(|(m, _)| *m));
                 return None;
             }
             Event::SafePoseMoved { robot, .. } => {
-                self.story(robot).moved = true;
+                self.state_of(robot).moved = true;
                 return None;
             }
             Event::Outcome { robot, id, outcome, q, safe, cause } => {
                 let why = cause.as_ref().map(|cause| self.why(robot, cause));
-                let story = self.story(robot);
-                let what = story.ended(*outcome, cause.as_ref(), why.as_deref(), (q, safe.as_ref()));
+                let state = self.state_of(robot);
+                let what = state.ended(*outcome, cause.as_ref(), why.as_deref(), (q, safe.as_ref()));
                 let (weight, kind) = match outcome {
                     Outcome::Committed => (Detail, "motions"),
                     Outcome::RolledBack => (News, "rolled back"),
@@ -151,11 +151,11 @@ impl Narrator {
                 (weight, kind, format!("{robot}: motion {} {what}", id.0))
             }
             Event::ContactBegan { robot, contact, names, .. } => {
-                self.story(robot).touches.insert(names.clone(), contact.distance);
+                self.state_of(robot).touches.insert(names.clone(), contact.distance);
                 (Detail, "contacts", format!("{robot}: {}", near(names, contact.distance)))
             }
             Event::ContactEnded { robot, names, .. } => {
-                self.story(robot).touches.remove(names);
+                self.state_of(robot).touches.remove(names);
                 (Detail, "contacts", format!("{robot}: {} is clear of {}", names.0, names.1))
             }
             Event::HardContact { robot, names: (a, b), .. } => {
@@ -165,16 +165,16 @@ impl Narrator {
                 let (weight, begun) = if *lasting { (News, "has been pushing") } else { (Detail, "pushed") };
                 (weight, "pushes", format!("{robot} {begun} something for {secs:.2} s, at most with {newtons:.1} N"))
             }
-            Event::State { robot, status } => return self.story(robot).status_line(robot, *status),
+            Event::State { robot, status } => return self.state_of(robot).status_line(robot, *status),
             Event::Halted { robot } => {
-                let story = self.story(robot);
-                if std::mem::replace(&mut story.halted, true) {
+                let state = self.state_of(robot);
+                if std::mem::replace(&mut state.halted, true) {
                     return None;
                 }
                 (News, "halts", format!("{robot}: halted; it will not move before `mobee ctl release`"))
             }
             Event::Released { robot } => {
-                self.story(robot).halted = false;
+                self.state_of(robot).halted = false;
                 (News, "releases", format!("{robot}: released"))
             }
             Event::Displaced { robot, motor, by, motion } => {
@@ -233,11 +233,11 @@ impl Narrator {
             (_, true) => format!("would have come {:.1} mm deep into", -mm),
             (_, false) => format!("would have come within {mm:.1} mm of"),
         };
-        let story = self.stories.get(robot);
+        let state = self.states.get(robot);
         let mut movers = index.map(|i| contact.movers(&self.robots, i)).unwrap_or_default();
-        movers.retain(|m| story.is_none_or(|story| story.named.contains(m)));
+        movers.retain(|m| state.is_none_or(|state| state.named.contains(m)));
         let movers: Vec<usize> = movers.into_iter().collect();
-        let by = match story.map(|story| named(&story.motors, &movers)) {
+        let by = match state.map(|state| named(&state.motors, &movers)) {
             Some(motors) if !movers.is_empty() => format!(" (moved by {motors})"),
             _ => String::new(),
         };
@@ -259,7 +259,7 @@ impl Narrator {
     }
 }
 
-impl Story {
+impl RobotState {
     /// The end of a motion, and the place where the robot rests.
     fn ended(&self, outcome: Outcome, cause: Option<&Cause>, why: Option<&str>, at: (&Pose, Option<&Pose>)) -> String {
         let why = why.map(|why| format!(": {why}")).unwrap_or_default();

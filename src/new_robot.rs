@@ -21,7 +21,7 @@ const MIN_ARM_MOTORS: usize = 3;
 /// Control period of the written behavior, milliseconds.
 const PERIOD_MS: u64 = 20;
 /// Share of the maximum speeds with which it explores.
-const SPEED: f64 = 0.1;
+const EXPLORE_SPEED: f64 = 0.1;
 /// The margin of a controller that states none, millimeters.
 const MARGIN_MM: f64 = 10.0;
 
@@ -139,7 +139,7 @@ kind = "explorer"
 motors = [{motors}]
 vertices = 20
 neighbors = 10
-speed = {SPEED}
+speed = {EXPLORE_SPEED}
 validation = "lazy"
 {ranges}{poses}"#,
         top = driver.top,

@@ -29,7 +29,7 @@ pub(crate) use sinks::{QUEUE_ENTRIES, WRITE_TIMEOUT, recorder_settings};
 
 use crate::compose::{Composition, compose};
 use crate::config::{ClockMode, Config, ConfigError, Resolved, Source};
-use crate::ctl::{BesideNames, CtlPort, CtlService, LastLines};
+use crate::ctl::{BesideNames, CtlPort, CtlService, StopConnections};
 use event_printer::RecentFailures;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::record::journal::Journal;
@@ -149,7 +149,7 @@ pub(crate) fn run_in_terminal(
     };
     let live = composition.config.clock_kind() == ClockKind::Real;
     let ready = ready::lines(&composition, folder, ctl);
-    let lasts = LastLines::default();
+    let lasts = StopConnections::default();
     if let Some(address) = address.filter(|_| live) {
         attach_ctl(&mut composition, &mut extras, folder, address, (controls, &recording, &lasts));
     }

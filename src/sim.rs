@@ -44,22 +44,22 @@ pub fn command(args: &SimArgs) -> Result<(), Report> {
             ConfigError::plain(format!("{} is not a speed", args.speed), "give a number above 0, up to 1000").into()
         );
     }
-    let simulated = Simulated::load(args)?;
+    let simulated = ServedRobots::load(args)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| ConfigError::plain(format!("no runtime: {e}"), "free some resources"))?;
     runtime.block_on(serve(args, simulated))
 }
 
 /// The served devices.
-struct Simulated {
+struct ServedRobots {
     /// Devices by the first part of their port names.
     boards: Vec<(String, Arc<SimBoard>)>,
-    cameras: Vec<cameras::Served>,
+    cameras: Vec<cameras::ServedCamera>,
     clock: SimClock,
 }
 
-impl Simulated {
-    fn load(args: &SimArgs) -> Result<Simulated, Report> {
+impl ServedRobots {
+    fn load(args: &SimArgs) -> Result<ServedRobots, Report> {
         let (config, source) = Config::load(&args.file, &args.set)?;
         if args.prefix.is_some() && config.robot.len() > 1 {
             let help = "leave --prefix out; every robot then has its own";
@@ -89,7 +89,7 @@ impl Simulated {
             place(&by_robot, &config, &source)?;
         }
         let cameras = cameras::cameras(&config, &source, prefix, &by_robot, clock)?;
-        Ok(Simulated { boards: all, cameras, clock })
+        Ok(ServedRobots { boards: all, cameras, clock })
     }
 }
 
@@ -114,8 +114,8 @@ fn settings(robot: &RobotConfig, at: &str, source: &Source) -> Result<SimSetting
     mobee_contract::settings(&settings).map_err(|e| source.error(&format!("{at}.{}", e.path), e.what, e.help))
 }
 
-async fn serve(args: &SimArgs, simulated: Simulated) -> Result<(), Report> {
-    let Simulated { boards, cameras, clock } = simulated;
+async fn serve(args: &SimArgs, simulated: ServedRobots) -> Result<(), Report> {
+    let ServedRobots { boards, cameras, clock } = simulated;
     let (network, server) = network(args.server.clone()).await?;
     let mut open = Vec::new();
     for (prefix, board) in boards {
@@ -171,5 +171,5 @@ fn wall() -> f64 {
 /// As for [`command`].
 pub fn ports(file: &Path) -> Result<Vec<String>, Report> {
     let args = SimArgs { file: file.to_owned(), prefix: None, speed: 1.0, server: None, set: Vec::new() };
-    Ok(Simulated::load(&args)?.boards.into_iter().map(|(prefix, _)| prefix).collect())
+    Ok(ServedRobots::load(&args)?.boards.into_iter().map(|(prefix, _)| prefix).collect())
 }

@@ -27,7 +27,7 @@ use plan::{Planned, plan};
 use shrink::shrink;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use trial::{Ran, TortureTrial};
+use trial::{TortureTrial, TrialResult};
 
 /// Maximum duration of runs that are repeated twice to check I13, seconds.
 const MAX_REPEATED_S: f64 = 600.0;
@@ -121,7 +121,7 @@ pub fn torture(args: &TortureArgs, mut report: impl FnMut(&str)) -> Result<Tally
     Ok(tally)
 }
 
-fn one(trial: &TortureTrial, seed: u64, planned: &[Planned], keep: Option<&Path>) -> Result<Ran, Report> {
+fn one(trial: &TortureTrial, seed: u64, planned: &[Planned], keep: Option<&Path>) -> Result<TrialResult, Report> {
     let Some(dir) = keep else { return trial.run(seed, planned, Vec::new()) };
     let folder = Folder::create("torture", Some(&dir.join(format!("seed-{seed}"))))?;
     let journal = Journal::create(folder.path(), &serde_json::json!({ "torture": seed })).map_err(Report::msg)?;
@@ -162,7 +162,7 @@ fn failure(
     trial: &TortureTrial,
     seed: u64,
     planned: &[Planned],
-    ran: &Ran,
+    ran: &TrialResult,
 ) -> Result<String, Report> {
     let Some((invariant, what)) = ran.violations.first() else { return Ok(String::new()) };
     let numbered: Vec<(usize, Planned)> = match &args.only {

@@ -33,14 +33,14 @@ pub enum BodyError {
     #[error(transparent)]
     Call(#[from] CallError),
     /// A board's answer does not follow the protocol.
-    #[error("{port} answers {said} to {asked}")]
+    #[error("{port} answers {answer} to {request}")]
     Answer {
         /// The board's port.
         port: String,
         /// The request.
-        asked: String,
+        request: String,
         /// The answer.
-        said: String,
+        answer: String,
     },
     /// A board of another part.
     #[error("{port} has {axes} axes, the part {part} of the model {motors} motors")]
@@ -57,7 +57,7 @@ pub enum BodyError {
 }
 
 /// The answer to a command.
-enum Reply {
+enum BoardAnswer {
     Ok(Bottle),
     /// `[fail]`: closed, refused, or a motion that failed.
     Fail,
@@ -72,12 +72,16 @@ struct Board {
 }
 
 impl Board {
-    async fn call(&mut self, request: &Bottle) -> Result<Reply, BodyError> {
-        let said = self.rpc.call(request).await?;
-        match said.0.last().and_then(Value::as_vocab) {
-            Some(v) if v == Vocab::new("ok") => Ok(Reply::Ok(said)),
-            _ if said.get(0).and_then(Value::as_vocab) == Some(Vocab::new("fail")) => Ok(Reply::Fail),
-            _ => Err(BodyError::Answer { port: self.port.clone(), asked: request.to_string(), said: said.to_string() }),
+    async fn call(&mut self, request: &Bottle) -> Result<BoardAnswer, BodyError> {
+        let answer = self.rpc.call(request).await?;
+        match answer.0.last().and_then(Value::as_vocab) {
+            Some(v) if v == Vocab::new("ok") => Ok(BoardAnswer::Ok(answer)),
+            _ if answer.get(0).and_then(Value::as_vocab) == Some(Vocab::new("fail")) => Ok(BoardAnswer::Fail),
+            _ => Err(BodyError::Answer {
+                port: self.port.clone(),
+                request: request.to_string(),
+                answer: answer.to_string(),
+            }),
         }
     }
 
@@ -86,9 +90,9 @@ impl Board {
         let mut waited = Duration::ZERO;
         loop {
             match self.call(request).await {
-                Ok(Reply::Ok(said)) => return Ok(said),
+                Ok(BoardAnswer::Ok(answer)) => return Ok(answer),
                 Err(e @ (BodyError::Answer { .. } | BodyError::Axes { .. })) => return Err(e),
-                Ok(Reply::Fail) => {}
+                Ok(BoardAnswer::Fail) => {}
                 Err(e) if waited.is_zero() => eprintln!("waiting: {e}"),
                 Err(_) => {}
             }
@@ -113,10 +117,10 @@ fn words(words: &[&str]) -> Bottle {
 fn group(code: &str, joints: &[usize], values: &[f64]) -> Bottle {
     let list: Bottle = joints.iter().map(|j| Value::Int32(i32::try_from(*j).unwrap_or(i32::MAX))).collect();
     let count = i32::try_from(joints.len()).unwrap_or(i32::MAX);
-    let mut said = words(&["set", code]);
-    said.push(Value::Int32(count)).push(Value::List(list));
-    said.push(Value::List(values.iter().copied().map(Value::Float64).collect()));
-    said
+    let mut command = words(&["set", code]);
+    command.push(Value::Int32(count)).push(Value::List(list));
+    command.push(Value::List(values.iter().copied().map(Value::Float64).collect()));
+    command
 }
 
 impl Body {
@@ -141,8 +145,8 @@ impl Body {
             let moved = robot.motors.get(motors.clone()).unwrap_or_default();
             let units = Units::new(moved.iter().map(|m| mobee_drivers::joint_kind(m.motion)));
             let mut board = Board { rpc, port, motors: motors.clone(), units };
-            let said = board.reading(&words(&["get", "axes"])).await?;
-            let axes = said.get(2).and_then(Value::as_i64).unwrap_or(-1);
+            let answer = board.reading(&words(&["get", "axes"])).await?;
+            let axes = answer.get(2).and_then(Value::as_i64).unwrap_or(-1);
             if usize::try_from(axes) != Ok(motors.len()) {
                 let port = board.port;
                 let part = name.clone();
@@ -164,8 +168,8 @@ impl Body {
                 for (code, slot) in ["llim", "vlim"].iter().zip(&mut pair) {
                     let mut request = words(&["get", code]);
                     request.push(Value::Int32(i32::try_from(joint).unwrap_or(i32::MAX)));
-                    let said = board.reading(&request).await?;
-                    let at = |i: usize| said.get(i).and_then(Value::as_f64).filter(|v| v.is_finite());
+                    let answer = board.reading(&request).await?;
+                    let at = |i: usize| answer.get(i).and_then(Value::as_f64).filter(|v| v.is_finite());
                     let rad = |v: f64| board.units.kind(joint).from_wire(v).to_radians();
                     *slot = at(2).zip(at(3)).map(|(a, b)| (rad(a), rad(b)));
                 }
@@ -195,8 +199,8 @@ impl Body {
         let mut q = vec![0.0; self.axes.len()];
         let request = words(&["get", "encs"]);
         for board in &mut self.boards {
-            let said = board.reading(&request).await?;
-            let read = said.get(2).and_then(Value::as_list).and_then(Bottle::numbers);
+            let answer = board.reading(&request).await?;
+            let read = answer.get(2).and_then(Value::as_list).and_then(Bottle::numbers);
             let slots = q.get_mut(board.motors.clone());
             match read.zip(slots).filter(|(read, slots)| read.len() == slots.len()) {
                 Some((read, slots)) => {
@@ -206,8 +210,8 @@ impl Body {
                 }
                 None => {
                     let port = board.port.clone();
-                    let asked = request.to_string();
-                    return Err(BodyError::Answer { port, asked, said: said.to_string() });
+                    let request = request.to_string();
+                    return Err(BodyError::Answer { port, request, answer: answer.to_string() });
                 }
             }
         }
@@ -252,10 +256,12 @@ impl Body {
         for (k, (b, command)) in commands.iter().enumerate() {
             let Some(board) = self.boards.get_mut(*b) else { continue };
             match board.call(command).await {
-                Ok(Reply::Ok(_)) => {}
+                Ok(BoardAnswer::Ok(_)) => {}
                 // no motor has received its target yet
-                Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) if k <= shares.len() => return Ok(None),
-                Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => {
+                Ok(BoardAnswer::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) if k <= shares.len() => {
+                    return Ok(None);
+                }
+                Ok(BoardAnswer::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => {
                     let _ = self.stop().await;
                     return Ok(Some(MotionEnd::Failed));
                 }
@@ -286,9 +292,9 @@ impl Body {
             let Some(board) = self.boards.get_mut(*b) else { continue };
             loop {
                 match board.call(&request).await {
-                    Ok(Reply::Ok(said)) if said.get(2).and_then(Value::as_i64) == Some(1) => break,
-                    Ok(Reply::Ok(_)) => {}
-                    Ok(Reply::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => return Ok(false),
+                    Ok(BoardAnswer::Ok(answer)) if answer.get(2).and_then(Value::as_i64) == Some(1) => break,
+                    Ok(BoardAnswer::Ok(_)) => {}
+                    Ok(BoardAnswer::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => return Ok(false),
                     Err(e) => return Err(e),
                 }
                 tokio::time::sleep(POLL_INTERVAL).await;

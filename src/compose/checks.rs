@@ -1,6 +1,6 @@
 //! Checks that valid parts fit together: robots and world, poses and obstacles, agents and boards, ports and names.
 
-use super::{Begin, Built};
+use super::{Begin, BuiltRobot};
 use crate::config::{Complaints, Config, Source};
 use mobee_contract::SetPose;
 use mobee_model::{Contact, Scene, ShapeId};
@@ -16,12 +16,13 @@ pub(super) fn all(
     config: &Config,
     source: &Source,
     scene: &Scene,
-    built: &[Built],
+    built: &[BuiltRobot],
     begin: Begin,
     wrong: &mut Complaints,
     warnings: &mut Vec<String>,
 ) {
-    let poses = Poses { config, source, scene, moved: config.script.iter().map(|s| s.edit.object.as_str()).collect() };
+    let poses =
+        PoseChecks { config, source, scene, moved: config.script.iter().map(|s| s.edit.object.as_str()).collect() };
     if begin == Begin::New {
         poses.starts(built, wrong);
     }
@@ -33,7 +34,7 @@ pub(super) fn all(
     boards(config, source, built, wrong);
 }
 
-struct Poses<'a> {
+struct PoseChecks<'a> {
     config: &'a Config,
     source: &'a Source,
     scene: &'a Scene,
@@ -41,11 +42,11 @@ struct Poses<'a> {
     moved: BTreeSet<&'a str>,
 }
 
-impl Poses<'_> {
+impl PoseChecks<'_> {
     /// Checks the start configurations: a motion that starts in contact could never be committed.
-    fn starts(&self, built: &[Built], wrong: &mut Complaints) {
+    fn starts(&self, built: &[BuiltRobot], wrong: &mut Complaints) {
         let mut poses = self.scene.home();
-        let known = |b: &Built| b.hardware.as_ref().and_then(|h| h.known().start);
+        let known = |b: &BuiltRobot| b.hardware.as_ref().and_then(|h| h.known().start);
         let starts: Vec<Option<SetPose>> = built.iter().map(known).collect();
         for (pose, start) in poses.iter_mut().zip(&starts) {
             if let Some(start) = start {
@@ -123,7 +124,7 @@ impl Poses<'_> {
     }
 
     /// Checks the poses that an agent's settings name, with the other robots at home.
-    fn named(&self, built: &[Built], wrong: &mut Complaints, warnings: &mut Vec<String>) {
+    fn named(&self, built: &[BuiltRobot], wrong: &mut Complaints, warnings: &mut Vec<String>) {
         for (i, (r, b)) in self.config.robot.iter().zip(built).enumerate() {
             let of_agent = b.agent.iter().flat_map(|(_, means)| &means.poses).map(|pose| ("agent.", pose));
             let of_rest = b.rest.iter().map(|(_, pose)| ("", pose));
@@ -180,7 +181,7 @@ impl Poses<'_> {
 }
 
 /// Checks the age of samples: a controller whose samples are always stale would never open its filter.
-fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
+fn readings(config: &Config, source: &Source, built: &[BuiltRobot], wrong: &mut Complaints) {
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let Some(period) = b.hardware.as_ref().and_then(|h| h.known().period) else { continue };
         let board_ms = period.as_secs_f64() * 1e3;
@@ -198,7 +199,7 @@ fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Compl
 
 /// Checks the boards: an agent whose motors have no board would move nothing, and two drivers of one board would
 /// conflict.
-fn boards(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
+fn boards(config: &Config, source: &Source, built: &[BuiltRobot], wrong: &mut Complaints) {
     for (i, b) in built.iter().enumerate() {
         let (Some(hardware), Some((_, means))) = (&b.hardware, &b.agent) else { continue };
         let Some(driven) = hardware.known().motors else { continue };

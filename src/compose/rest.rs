@@ -1,6 +1,6 @@
 //! Rest poses: the configurations that robots move to when the run ends.
 
-use super::{Built, derive_seed, placed};
+use super::{BuiltRobot, derive_seed, placed};
 use crate::config::{Complaints, Config, RestTable, RobotConfig, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RestSetup};
 use mobee_behaviors::agents::RestAgent;
@@ -26,7 +26,7 @@ pub(super) type Rest = (RestSetup, SetPose);
 pub(super) fn all(
     config: &Config,
     source: &Source,
-    built: &mut [Option<Built>],
+    built: &mut [Option<BuiltRobot>],
     found: &[(String, ResolvedGoal)],
     wrong: &mut Complaints,
 ) {
@@ -49,7 +49,7 @@ pub(super) fn all(
 fn one(
     r: &RobotConfig,
     table: &RestTable,
-    b: &Built,
+    b: &BuiltRobot,
     found: &[(String, ResolvedGoal)],
     seed: u64,
 ) -> Result<Rest, KindError> {

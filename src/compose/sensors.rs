@@ -25,7 +25,7 @@ pub(super) fn all(
     wrong: &mut Complaints,
 ) -> Vec<SensorSetup> {
     let sensors = config.sensor.iter().enumerate();
-    sensors.filter_map(|(i, sensor)| Sensing { config, source, scene, truth, i, sensor }.setup(wrong)).collect()
+    sensors.filter_map(|(i, sensor)| SensorBuilder { config, source, scene, truth, i, sensor }.setup(wrong)).collect()
 }
 
 /// Builds one camera that is served or viewed outside of a run.
@@ -44,7 +44,7 @@ pub(crate) fn camera(
 }
 
 /// One sensor and the inputs to build it.
-struct Sensing<'a> {
+struct SensorBuilder<'a> {
     config: &'a Config,
     source: &'a Source,
     scene: &'a Scene,
@@ -53,9 +53,9 @@ struct Sensing<'a> {
     sensor: &'a SensorConfig,
 }
 
-impl Sensing<'_> {
+impl SensorBuilder<'_> {
     fn setup(&self, wrong: &mut Complaints) -> Option<SensorSetup> {
-        let Sensing { config, source, scene, i, sensor, .. } = self;
+        let SensorBuilder { config, source, scene, i, sensor, .. } = self;
         // errors are reported by the checks of numbers and names
         let index = sensor.carrier(config)?;
         let robot = scene.robots().get(index)?;

@@ -59,14 +59,14 @@ impl From<FileError> for Complaint {
 pub struct Complaints(Vec<Complaint>);
 
 impl Complaints {
-    /// Adds one, if fewer than [`MAX_COMPLAINTS`] are stored.
+    /// Adds one, if fewer than `MAX_COMPLAINTS` are stored.
     pub fn push(&mut self, e: impl Into<Complaint>) {
         if !self.is_full() {
             self.0.push(e.into());
         }
     }
 
-    /// Adds all of another list, up to [`MAX_COMPLAINTS`].
+    /// Adds all of another list, up to `MAX_COMPLAINTS`.
     pub fn append(&mut self, other: Complaints) {
         other.0.into_iter().for_each(|e| self.push(e));
     }

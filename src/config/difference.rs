@@ -53,8 +53,8 @@ mod tests {
     fn each_difference_is_named_with_both_values() {
         let old = json!({ "a": [{ "x": 1 }], "b": 2, "c": null });
         let new = json!({ "a": [{ "x": 3 }], "c": null, "d": "e" });
-        let said: Vec<String> = differences(&old, &new).iter().map(ToString::to_string).collect();
-        assert_eq!(said, ["a.0.x is 3, not 1", "b is nothing, not 2", "d is \"e\", not nothing"]);
+        let texts: Vec<String> = differences(&old, &new).iter().map(ToString::to_string).collect();
+        assert_eq!(texts, ["a.0.x is 3, not 1", "b is nothing, not 2", "d is \"e\", not nothing"]);
         assert!(differences(&old, &old).is_empty());
     }
 }

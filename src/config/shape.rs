@@ -19,18 +19,18 @@ pub struct Misfit {
 
 /// All values that do not match the schema.
 pub fn misfits(schema: &Value, value: &Value) -> Vec<Misfit> {
-    let mut walk = Walk { root: schema, steps: Vec::new(), found: Vec::new() };
+    let mut walk = SchemaCheck { root: schema, steps: Vec::new(), found: Vec::new() };
     walk.value(schema, value);
     walk.found
 }
 
-struct Walk<'a> {
+struct SchemaCheck<'a> {
     root: &'a Value,
     steps: Vec<String>,
     found: Vec<Misfit>,
 }
 
-impl<'a> Walk<'a> {
+impl<'a> SchemaCheck<'a> {
     fn complain(&mut self, at_key: bool, what: String, help: String) {
         self.found.push(Misfit { steps: self.steps.clone(), at_key, what, help });
     }

@@ -23,19 +23,19 @@ pub fn text(path: &Path, set: &[String]) -> Result<String, Complaints> {
             }
         }
     }
-    let mut shown = Shown { source: &source, out: String::new() };
+    let mut shown = TomlWriter { source: &source, out: String::new() };
     if let Value::Object(map) = &value {
         shown.table(map, Some(source.root()), &[]);
     }
     Ok(shown.out)
 }
 
-struct Shown<'a> {
+struct TomlWriter<'a> {
     source: &'a Source,
     out: String,
 }
 
-impl Shown<'_> {
+impl TomlWriter<'_> {
     fn table(&mut self, map: &Map<String, Value>, node: Option<&LayerNode>, path: &[String]) {
         let child = |key: &str| node.and_then(|n| n.child(key));
         // values first: a key after the header of a table would belong to that table

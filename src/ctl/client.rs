@@ -1,7 +1,7 @@
 //! Requests of `mobee ctl` to a run, and the output of their replies.
 
 use super::connection::{self, Client};
-use super::wire::{Reply, Request, Sent};
+use super::wire::{Reply, Request, SentConfig};
 use super::{CtlArgs, CtlCommand, SwapArgs, config_payload};
 use crate::config::ConfigError;
 use miette::Report;
@@ -245,7 +245,12 @@ async fn end(client: &mut Client, name: &str, part: &str) -> Result<Reply, Confi
 ///
 /// # Errors
 /// If the run can't be reached, refuses the locator or returns to the old one, with its reason.
-pub(super) async fn put_locator(run: &Path, sensor: &str, offer: Sent, probation: f64) -> Result<(), ConfigError> {
+pub(super) async fn put_locator(
+    run: &Path,
+    sensor: &str,
+    offer: SentConfig,
+    probation: f64,
+) -> Result<(), ConfigError> {
     let mut client = connection::connect_in(run).await?;
     let [sensor, part] = [sensor, "locator"];
     let words = ["swap", sensor, part, "0", &probation.to_string(), "1"].map(str::to_owned).into();

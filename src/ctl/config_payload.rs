@@ -1,7 +1,7 @@
 //! Collects a configuration file and all files that it names for `mobee ctl swap`. They are read and checked here, with
 //! the client's rights: the run opens no files on behalf of a client.
 
-use super::wire::{MAX_LINE_BYTES, Sent};
+use super::wire::{MAX_LINE_BYTES, SentConfig};
 use crate::compose::from_source;
 use crate::config::{Config, ConfigError, KindTable, Source, maps, paths};
 use miette::{IntoDiagnostic, Report};
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// All complaints about it, with their places.
-pub(super) fn read(file: &Path) -> Result<Sent, Report> {
+pub(super) fn read(file: &Path) -> Result<SentConfig, Report> {
     let file = file.canonicalize().map_err(|e| {
         ConfigError::plain(format!("{}: {e}", file.display()), "give a configuration file that can be read")
     })?;
@@ -24,10 +24,10 @@ pub(super) fn read(file: &Path) -> Result<Sent, Report> {
 ///
 /// # Errors
 /// As for [`read`].
-pub(super) fn of(file: PathBuf, source: &Source) -> Result<Sent, Report> {
+pub(super) fn of(file: PathBuf, source: &Source) -> Result<SentConfig, Report> {
     let config = from_source(source)?.config;
     let value = serde_json::to_value(&config).into_diagnostic()?;
-    let mut sent = Sent { file, config: value, texts: BTreeMap::new(), binaries: BTreeMap::new() };
+    let mut sent = SentConfig { file, config: value, texts: BTreeMap::new(), binaries: BTreeMap::new() };
     for path in named(config, source) {
         let bytes = mobee_model::file::read(&path, MAX_LINE_BYTES as u64)
             .map_err(|e| ConfigError::plain(format!("{}: {e}", path.display()), "give a file that can be read"))?;

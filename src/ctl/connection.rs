@@ -2,7 +2,7 @@
 
 use super::CtlArgs;
 use super::listener::{ADDRESS, SOCKET, connect_address, connect_socket};
-use super::wire::{self, Line, Reply, Request};
+use super::wire::{self, CtlStream, Reply, Request};
 use crate::config::ConfigError;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -18,7 +18,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A connection to a run.
-pub(super) struct Client(BufReader<Box<dyn Line>>);
+pub(super) struct Client(BufReader<Box<dyn CtlStream>>);
 
 impl Client {
     /// Sends a request and waits for the reply.
@@ -75,7 +75,7 @@ pub(super) async fn connect_in(folder: &Path) -> Result<Client, ConfigError> {
     connected(format!("the run {}", folder.display()), line)
 }
 
-fn connected(what: String, line: Result<io::Result<Box<dyn Line>>, Elapsed>) -> Result<Client, ConfigError> {
+fn connected(what: String, line: Result<io::Result<Box<dyn CtlStream>>, Elapsed>) -> Result<Client, ConfigError> {
     let late = |_| Err(io::Error::new(io::ErrorKind::TimedOut, "no connection"));
     let line = line.unwrap_or_else(late).map_err(|e| {
         let help = match e.kind() {

@@ -1,7 +1,7 @@
 //! Handler of requests at the control port.
 
-use super::swap_offer::{Offered, Wanted, WantedBridge, WantedDetector, WantedLocator, Which};
-use super::wire::{Reply, Request, Sent};
+use super::swap_offer::{BridgeRef, BridgeRequest, BuiltPart, DetectorRequest, LocatorRequest, PartRequest};
+use super::wire::{Reply, Request, SentConfig};
 use super::{show, swap_offer};
 use crate::narrate::{fresh_remedy, swap_step_text};
 use crate::run::{LogBook, Recording};
@@ -21,7 +21,7 @@ use tokio::sync::{mpsc, oneshot};
 pub(super) const SYSTEM_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Default address of a viewer.
-const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
+const DEFAULT_VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
 
 /// The reply while the run ends; the farewell follows.
 pub(super) const ENDING: &str = "the run is ending";
@@ -257,7 +257,7 @@ impl RequestHandler {
         }
     }
 
-    async fn swap(&self, name: &str, part: &str, sent: Sent, rest: &[&str]) -> Result<Vec<String>, String> {
+    async fn swap(&self, name: &str, part: &str, sent: SentConfig, rest: &[&str]) -> Result<Vec<String>, String> {
         let part = swappable(part)?;
         let owners = self.owners(name, part)?;
         let terms = terms(rest)?;
@@ -274,20 +274,20 @@ impl RequestHandler {
         let robot = owners.first().and_then(|name| robots.iter().position(|robot| robot.name() == name));
         let model = robot.and_then(|i| models.get(i)).cloned();
         let wanted = owners.clone();
-        let build = move || -> Result<Vec<Offered>, String> {
+        let build = move || -> Result<Vec<BuiltPart>, String> {
             let offer = |name: &String| match (part, &model) {
                 (SwapPart::Bridge, _) => {
-                    let wanted = WantedBridge { which: Which::Named(name), models: &models, terms };
+                    let wanted = BridgeRequest { which: BridgeRef::Named(name), models: &models, terms };
                     swap_offer::sent_bridge(sent.clone(), &wanted)
                 }
                 (SwapPart::Detector, _) => {
-                    swap_offer::sent_detector(sent.clone(), &WantedDetector { camera: name, fresh, terms })
+                    swap_offer::sent_detector(sent.clone(), &DetectorRequest { camera: name, fresh, terms })
                 }
                 (SwapPart::Locator, _) => swap_offer::sent_locator(
                     sent.clone(),
-                    &WantedLocator { sensor: name, models: &models, fresh, terms },
+                    &LocatorRequest { sensor: name, models: &models, fresh, terms },
                 ),
-                (part, Some(model)) => swap_offer::sent(sent.clone(), &Wanted { part, name, model, fresh, terms }),
+                (part, Some(model)) => swap_offer::sent(sent.clone(), &PartRequest { part, name, model, fresh, terms }),
                 (part, None) => Err(format!("there is no {part} of {name}")),
             };
             // build all before the first is offered
@@ -323,11 +323,11 @@ impl RequestHandler {
         Ok(vec![word(step).1.into(), swap_step_text(part, step)])
     }
 
-    /// Connects a viewer, by default at [`VIEWER`].
+    /// Connects a viewer, by default at [`DEFAULT_VIEWER`].
     async fn connect(&self, address: &[&str]) -> Result<Vec<String>, String> {
         let address = match address {
-            [] => Ok(VIEWER),
-            [address] => address.parse().map_err(|e| format!("`{address}`: {e}; give one such as {VIEWER}")),
+            [] => Ok(DEFAULT_VIEWER),
+            [address] => address.parse().map_err(|e| format!("`{address}`: {e}; give one such as {DEFAULT_VIEWER}")),
             _ => Err(HELP.into()),
         }?;
         let recording = self.recording.clone();

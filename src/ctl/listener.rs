@@ -5,7 +5,7 @@
 //! RUN/ctl.tcp    with --ctl ADDRESS:PORT: the address, and a key that both sides prove to have before any request
 //! ```
 
-use super::wire::Line;
+use super::wire::CtlStream;
 use mobee_contract::{Before, create_private};
 use mobee_yarp::auth::{self, Key};
 use std::fs::{File, Permissions};
@@ -87,7 +87,7 @@ impl CtlPeer {
     ///
     /// # Errors
     /// If the client is none of these; it gets no reply.
-    pub(super) async fn admit(self) -> io::Result<Box<dyn Line>> {
+    pub(super) async fn admit(self) -> io::Result<Box<dyn CtlStream>> {
         match self {
             CtlPeer::Unix(line) => {
                 let user = line.peer_cred()?.uid();
@@ -109,7 +109,7 @@ impl CtlPeer {
 ///
 /// # Errors
 /// If nothing listens there, or the run belongs to another user.
-pub(super) async fn connect_socket(folder: &Path) -> io::Result<Box<dyn Line>> {
+pub(super) async fn connect_socket(folder: &Path) -> io::Result<Box<dyn CtlStream>> {
     let (path, _open) = socket_path(folder)?;
     let line = UnixStream::connect(path).await?;
     let user = line.peer_cred()?.uid();
@@ -124,7 +124,7 @@ pub(super) async fn connect_socket(folder: &Path) -> io::Result<Box<dyn Line>> {
 ///
 /// # Errors
 /// If nothing listens there, or the key is another one.
-pub(super) async fn connect_address(address: &str, key: &str) -> io::Result<Box<dyn Line>> {
+pub(super) async fn connect_address(address: &str, key: &str) -> io::Result<Box<dyn CtlStream>> {
     let mut line = TcpStream::connect(address).await?;
     auth::connect(&mut line, &Key::new(key)).await?;
     Ok(Box::new(line))

@@ -2,7 +2,7 @@
 
 use super::handler::{BesideNames, ENDING, RequestHandler};
 use super::listener::{CtlListener, CtlPeer};
-use super::wire::{self, Line, Reply, Request};
+use super::wire::{self, CtlStream, Reply, Request};
 use crate::run::{Folder, LogBook, Recording};
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Running, Service};
@@ -33,16 +33,16 @@ pub(crate) struct CtlPort {
     /// The newest events as sentences.
     pub(crate) log: LogBook,
     /// The connections that stay open until the run is over.
-    pub(crate) lasts: LastLines,
+    pub(crate) lasts: StopConnections,
 }
 
 /// The connections by which the run was stopped. They are closed when the run is over and its folder is written: `mobee
 /// ctl stop` waits for that. Clones share them.
 #[derive(Clone, Default)]
-pub(crate) struct LastLines(Arc<Mutex<Vec<Box<dyn Line>>>>);
+pub(crate) struct StopConnections(Arc<Mutex<Vec<Box<dyn CtlStream>>>>);
 
-impl LastLines {
-    fn push(&self, line: Box<dyn Line>) {
+impl StopConnections {
+    fn push(&self, line: Box<dyn CtlStream>) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(line);
     }
 
@@ -113,7 +113,7 @@ async fn accept_connections(
     door: &CtlListener,
     desk: &Arc<RequestHandler>,
     connections: &mut JoinSet<()>,
-    (ending, lasts): (&watch::Sender<bool>, &LastLines),
+    (ending, lasts): (&watch::Sender<bool>, &StopConnections),
 ) {
     loop {
         tokio::select! {
@@ -134,7 +134,7 @@ async fn serve_connection(
     guest: CtlPeer,
     desk: Arc<RequestHandler>,
     mut ending: watch::Receiver<bool>,
-    lasts: LastLines,
+    lasts: StopConnections,
 ) {
     let Ok(line) = guest.admit().await else { return };
     let mut line = BufReader::new(line);

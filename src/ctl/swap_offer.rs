@@ -1,6 +1,6 @@
 //! Builds and checks a new part from a configuration file before it is offered to the run.
 
-use super::wire::Sent;
+use super::wire::SentConfig;
 use crate::compose::{compose, margin_warning};
 use crate::config::{Config, Source, simulated};
 use crate::run::check_network_access;
@@ -16,25 +16,25 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use tokio::sync::oneshot::Sender;
 
 /// A new part, ready to be offered.
-pub(crate) enum Offered {
+pub(crate) enum BuiltPart {
     Agent(SwapRequest),
     Part(PartOffer),
     Beside(BesideOffer),
 }
 
-impl Offered {
+impl BuiltPart {
     /// The control that offers the part to the robot or bridge of this name.
     pub(crate) fn control(self, name: String, reply: Sender<Result<(), String>>) -> Control {
         match self {
-            Offered::Agent(offer) => Control::SwapAgent { robot: name, offer, reply },
-            Offered::Part(offer) => Control::SwapPart { robot: name, offer, reply },
-            Offered::Beside(offer) => Control::SwapBeside { name, offer, reply },
+            BuiltPart::Agent(offer) => Control::SwapAgent { robot: name, offer, reply },
+            BuiltPart::Part(offer) => Control::SwapPart { robot: name, offer, reply },
+            BuiltPart::Beside(offer) => Control::SwapBeside { name, offer, reply },
         }
     }
 }
 
 /// The part of a robot that is requested from a file.
-pub(crate) struct Wanted<'a> {
+pub(crate) struct PartRequest<'a> {
     /// The kind of part.
     pub part: SwapPart,
     /// The robot's name.
@@ -48,9 +48,9 @@ pub(crate) struct Wanted<'a> {
 }
 
 /// The bridge that is requested from a file.
-pub(crate) struct WantedBridge<'a> {
+pub(crate) struct BridgeRequest<'a> {
     /// The bridge in the file.
-    pub which: Which<'a>,
+    pub which: BridgeRef<'a>,
     /// The robots of the run, which it must fit.
     pub models: &'a [Arc<Robot>],
     /// Shadow, probation and budget of the swap.
@@ -58,7 +58,7 @@ pub(crate) struct WantedBridge<'a> {
 }
 
 /// The detector that is requested from a file.
-pub(crate) struct WantedDetector<'a> {
+pub(crate) struct DetectorRequest<'a> {
     /// The camera in the run, as `<sensor>/<camera>`.
     pub camera: &'a str,
     /// True if it starts without the state of the old one.
@@ -68,7 +68,7 @@ pub(crate) struct WantedDetector<'a> {
 }
 
 /// The locator that is requested from a file.
-pub(crate) struct WantedLocator<'a> {
+pub(crate) struct LocatorRequest<'a> {
     /// The sensor in the run.
     pub sensor: &'a str,
     /// The robots of the run; the file's robot must be one of them.
@@ -81,7 +81,7 @@ pub(crate) struct WantedLocator<'a> {
 
 /// A reference to a bridge of a file.
 #[derive(Clone, Copy)]
-pub(crate) enum Which<'a> {
+pub(crate) enum BridgeRef<'a> {
     /// The bridge of this name, or the only one.
     Named(&'a str),
     /// The bridge at this index.
@@ -92,7 +92,7 @@ pub(crate) enum Which<'a> {
 ///
 /// # Errors
 /// All complaints about it, as they would be printed.
-pub(super) fn sent(sent: Sent, wanted: &Wanted<'_>) -> Result<Offered, String> {
+pub(super) fn sent(sent: SentConfig, wanted: &PartRequest<'_>) -> Result<BuiltPart, String> {
     let (config, source) = read(sent)?;
     take(config, &source, wanted)
 }
@@ -101,7 +101,7 @@ pub(super) fn sent(sent: Sent, wanted: &Wanted<'_>) -> Result<Offered, String> {
 ///
 /// # Errors
 /// All complaints about it, as they would be printed.
-pub(super) fn sent_bridge(sent: Sent, wanted: &WantedBridge<'_>) -> Result<Offered, String> {
+pub(super) fn sent_bridge(sent: SentConfig, wanted: &BridgeRequest<'_>) -> Result<BuiltPart, String> {
     let (config, source) = read(sent)?;
     take_bridge(config, &source, wanted)
 }
@@ -110,7 +110,7 @@ pub(super) fn sent_bridge(sent: Sent, wanted: &WantedBridge<'_>) -> Result<Offer
 ///
 /// # Errors
 /// All complaints about it, as they would be printed.
-pub(super) fn sent_detector(sent: Sent, wanted: &WantedDetector<'_>) -> Result<Offered, String> {
+pub(super) fn sent_detector(sent: SentConfig, wanted: &DetectorRequest<'_>) -> Result<BuiltPart, String> {
     let (config, source) = read(sent)?;
     take_detector(config, &source, wanted)
 }
@@ -119,12 +119,12 @@ pub(super) fn sent_detector(sent: Sent, wanted: &WantedDetector<'_>) -> Result<O
 ///
 /// # Errors
 /// All complaints about it, as they would be printed.
-pub(super) fn sent_locator(sent: Sent, wanted: &WantedLocator<'_>) -> Result<Offered, String> {
+pub(super) fn sent_locator(sent: SentConfig, wanted: &LocatorRequest<'_>) -> Result<BuiltPart, String> {
     let (config, source) = read(sent)?;
     take_locator(config, &source, wanted)
 }
 
-fn read(sent: Sent) -> Result<(Config, Source), String> {
+fn read(sent: SentConfig) -> Result<(Config, Source), String> {
     let files = sent.files()?;
     let source = Source::sent(&sent.file, sent.config, files);
     let config = Config::from_source(&source).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
@@ -135,7 +135,11 @@ fn read(sent: Sent) -> Result<(Config, Source), String> {
 ///
 /// # Errors
 /// All complaints about it, as they would be printed.
-pub(crate) fn take_bridge(mut config: Config, source: &Source, wanted: &WantedBridge<'_>) -> Result<Offered, String> {
+pub(crate) fn take_bridge(
+    mut config: Config,
+    source: &Source,
+    wanted: &BridgeRequest<'_>,
+) -> Result<BuiltPart, String> {
     let file = source.path.display();
     check_network_access(&config).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
     // no board is touched
@@ -144,22 +148,22 @@ pub(crate) fn take_bridge(mut config: Config, source: &Source, wanted: &WantedBr
     let composition = compose(config, source).map_err(|report| format!("{report:?}"))?;
     let names = composition.bridge_names();
     let at = match wanted.which {
-        Which::At(at) => Some(at),
-        Which::Named(_) if names.len() == 1 => Some(0),
-        Which::Named(name) => names.iter().position(|n| n == name),
+        BridgeRef::At(at) => Some(at),
+        BridgeRef::Named(_) if names.len() == 1 => Some(0),
+        BridgeRef::Named(name) => names.iter().position(|n| n == name),
     };
     let Some((bridge, kind)) = at.and_then(|at| composition.bridges.get(at).zip(kinds.get(at))) else {
         return Err(match (wanted.which, names.as_slice()) {
             (_, []) => format!("there is no bridge in {file}; add a table [yarp] or [[bridge]]"),
-            (Which::Named(name), names) => {
+            (BridgeRef::Named(name), names) => {
                 format!("there is no bridge {name} in {file}; there are: {}", names.join(", "))
             }
-            (Which::At(_), _) => format!("there are fewer bridges in {file} than in the run"),
+            (BridgeRef::At(_), _) => format!("there are fewer bridges in {file} than in the run"),
         });
     };
     bridge.check(wanted.models).map_err(|e| format!("it does not fit the robots of the run: {e}; {}", e.help))?;
     let what = format!("{} from {file}", kind.as_str().unwrap_or_default());
-    Ok(Offered::Beside(BesideOffer { part: NewBeside::Bridge(bridge.clone()), what, terms: wanted.terms }))
+    Ok(BuiltPart::Beside(BesideOffer { part: NewBeside::Bridge(bridge.clone()), what, terms: wanted.terms }))
 }
 
 /// Checks a whole configuration, and takes the detector of one camera: the one of this name, or the only one.
@@ -169,8 +173,8 @@ pub(crate) fn take_bridge(mut config: Config, source: &Source, wanted: &WantedBr
 pub(crate) fn take_detector(
     mut config: Config,
     source: &Source,
-    wanted: &WantedDetector<'_>,
-) -> Result<Offered, String> {
+    wanted: &DetectorRequest<'_>,
+) -> Result<BuiltPart, String> {
     let file = source.path.display();
     // no board is touched
     config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
@@ -191,14 +195,18 @@ pub(crate) fn take_detector(
     };
     let what = format!("{} from {file}", kind.as_str().unwrap_or_default());
     let part = NewBeside::Detector { maker, fresh: wanted.fresh };
-    Ok(Offered::Beside(BesideOffer { part, what, terms: wanted.terms }))
+    Ok(BuiltPart::Beside(BesideOffer { part, what, terms: wanted.terms }))
 }
 
 /// Checks a whole configuration, and takes the locator of one sensor: the one of this name, or the only one.
 ///
 /// # Errors
 /// All complaints about it, as they would be printed.
-pub(crate) fn take_locator(mut config: Config, source: &Source, wanted: &WantedLocator<'_>) -> Result<Offered, String> {
+pub(crate) fn take_locator(
+    mut config: Config,
+    source: &Source,
+    wanted: &LocatorRequest<'_>,
+) -> Result<BuiltPart, String> {
     let file = source.path.display();
     // no board is touched
     config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
@@ -232,7 +240,7 @@ pub(crate) fn take_locator(mut config: Config, source: &Source, wanted: &WantedL
     }
     let what = format!("{} from {file}", kind.as_str().unwrap_or_default());
     let part = NewBeside::Locator { maker: locator.locator, fresh: wanted.fresh };
-    Ok(Offered::Beside(BesideOffer { part, what, terms: wanted.terms }))
+    Ok(BuiltPart::Beside(BesideOffer { part, what, terms: wanted.terms }))
 }
 
 /// The names of a robot's motors, in order.
@@ -244,8 +252,8 @@ fn motors(robot: &Robot) -> Vec<&str> {
 ///
 /// # Errors
 /// All complaints about it, as they would be printed.
-pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> Result<Offered, String> {
-    let Wanted { part, name, model, fresh, terms } = *wanted;
+pub(crate) fn take(mut config: Config, source: &Source, wanted: &PartRequest<'_>) -> Result<BuiltPart, String> {
+    let PartRequest { part, name, model, fresh, terms } = *wanted;
     let file = source.path.display();
     let mut index = config.robot.iter().position(|r| r.name == name);
     if index.is_none() && config.robot.len() == 1 {
@@ -278,7 +286,7 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
         SwapPart::Agent => {
             let what = format!("{} from {file}", robot.agent.as_ref().map(kind).unwrap_or_default());
             let maker = setup.agent.ok_or("the robot of this file has no agent; add a table [robot.agent]")?;
-            Ok(Offered::Agent(SwapRequest { maker: Maker(maker), what, fresh, terms }))
+            Ok(BuiltPart::Agent(SwapRequest { maker: Maker(maker), what, fresh, terms }))
         }
         SwapPart::Controller => {
             let worse = margin_warning(&robot, model, setup.hardware.as_ref(), &setup.controller, None);
@@ -286,11 +294,11 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
                 return Err(format!("this controller is not taken while the robot runs: {why}"));
             }
             let part = NewPart::Controller(Box::new(setup.controller));
-            Ok(Offered::Part(PartOffer { part, what: format!("the one from {file}"), terms }))
+            Ok(BuiltPart::Part(PartOffer { part, what: format!("the one from {file}"), terms }))
         }
         SwapPart::Driver => {
             let what = format!("{} from {file}", kind(&robot.driver));
-            Ok(Offered::Part(PartOffer { part: NewPart::Driver(setup.hardware), what, terms }))
+            Ok(BuiltPart::Part(PartOffer { part: NewPart::Driver(setup.hardware), what, terms }))
         }
         SwapPart::Bridge | SwapPart::Detector | SwapPart::Locator => Err(format!("a {part} is no part of a robot")),
     }
@@ -308,14 +316,14 @@ mod tests {
     use super::*;
     use std::path::{Path, PathBuf};
 
-    fn agent_of(file: Sent) -> Result<Offered, String> {
+    fn agent_of(file: SentConfig) -> Result<BuiltPart, String> {
         let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icub.xml");
         let model = Arc::new(mobee_model::load_robot(robot).unwrap().value);
         let terms = SwapPolicy::default();
-        sent(file, &Wanted { part: SwapPart::Agent, name: "icub", model: &model, fresh: false, terms })
+        sent(file, &PartRequest { part: SwapPart::Agent, name: "icub", model: &model, fresh: false, terms })
     }
 
-    fn explore() -> Sent {
+    fn explore() -> SentConfig {
         config_payload::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml")).unwrap()
     }
 

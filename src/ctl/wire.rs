@@ -24,13 +24,13 @@ pub(super) struct Request {
     pub(super) words: Vec<String>,
     /// With `swap`: the configuration of the new part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) offer: Option<Sent>,
+    pub(super) offer: Option<SentConfig>,
 }
 
 /// A configuration as its client read it. The run opens no file that is named here.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Sent {
+pub(super) struct SentConfig {
     /// The client's path of the configuration.
     pub(super) file: PathBuf,
     /// Its values, with all layers merged.
@@ -42,7 +42,7 @@ pub(super) struct Sent {
     pub(super) binaries: BTreeMap<PathBuf, String>,
 }
 
-impl Sent {
+impl SentConfig {
     /// Adds a file.
     pub(super) fn put(&mut self, path: PathBuf, bytes: Vec<u8>) {
         match String::from_utf8(bytes) {
@@ -86,8 +86,8 @@ pub(super) struct Reply {
 }
 
 /// A connection of any kind.
-pub(super) trait Line: AsyncRead + AsyncWrite + Send + Unpin {}
-impl<T: AsyncRead + AsyncWrite + Send + Unpin> Line for T {}
+pub(super) trait CtlStream: AsyncRead + AsyncWrite + Send + Unpin {}
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> CtlStream for T {}
 
 /// Reads the next line; `None` at the end of the connection.
 ///
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
     use tokio::io::BufReader;
 
-    async fn heard(bytes: &[u8]) -> io::Result<Option<Request>> {
+    async fn parsed(bytes: &[u8]) -> io::Result<Option<Request>> {
         read(&mut BufReader::new(bytes)).await
     }
 
@@ -135,14 +135,18 @@ mod tests {
         let mut bytes = Vec::new();
         let words = vec!["world".to_owned(), "mk\n\u{1b}\"".to_owned()];
         write(&mut bytes, &Request { words: words.clone(), offer: None }).await.expect("it fits");
-        assert_eq!(heard(&bytes).await.expect("a request").expect("one").words, words);
-        assert!(heard(b"").await.expect("the end").is_none());
+        assert_eq!(parsed(&bytes).await.expect("a request").expect("one").words, words);
+        assert!(parsed(b"").await.expect("the end").is_none());
     }
 
     #[test]
     fn files_of_any_kind_arrive_as_they_are() {
-        let mut sent =
-            Sent { file: "a.toml".into(), config: Value::Null, texts: BTreeMap::new(), binaries: BTreeMap::new() };
+        let mut sent = SentConfig {
+            file: "a.toml".into(),
+            config: Value::Null,
+            texts: BTreeMap::new(),
+            binaries: BTreeMap::new(),
+        };
         let text = "<ZRP>".as_bytes().to_vec();
         let network = (0..=255).collect::<Vec<u8>>();
         sent.put("icub.xml".into(), text.clone());
@@ -159,10 +163,10 @@ mod tests {
     #[tokio::test]
     async fn nonsense_and_floods_are_errors() {
         for bytes in [&b"GET / HTTP/1.1\r\n"[..], b"CONNECT attacker\n", b"{\"words\":[\"stop\"]", b"{}\n", b"\xff\n"] {
-            assert_eq!(heard(bytes).await.expect_err("no request").kind(), io::ErrorKind::InvalidData);
+            assert_eq!(parsed(bytes).await.expect_err("no request").kind(), io::ErrorKind::InvalidData);
         }
         let flood = vec![b'['; MAX_LINE_BYTES + 2];
-        let error = heard(&flood).await.expect_err("too long").to_string();
+        let error = parsed(&flood).await.expect_err("too long").to_string();
         assert!(error.contains("MiB"), "{error}");
     }
 }

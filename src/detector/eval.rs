@@ -32,7 +32,7 @@ pub struct EvalArgs {
 }
 
 /// A detector and its kind's name.
-struct Judged {
+struct EvaluatedDetector {
     detector: Box<dyn Detector>,
     kind: String,
 }
@@ -42,7 +42,7 @@ struct Judged {
 /// # Errors
 /// If detector or images can't be read, or no mask can be compared with its output.
 pub fn command(args: &EvalArgs) -> Result<String, Report> {
-    let mut judged = Judged::read(args)?;
+    let mut judged = EvaluatedDetector::read(args)?;
     let objects = judged.detector.objects();
     let object = object(&objects, args)?;
     let pictures = read_pictures(&args.images).map_err(image_complaint)?;
@@ -80,10 +80,10 @@ fn object(objects: &[String], args: &EvalArgs) -> Result<String, ConfigError> {
     }
 }
 
-impl Judged {
-    fn read(args: &EvalArgs) -> Result<Judged, Report> {
+impl EvaluatedDetector {
+    fn read(args: &EvalArgs) -> Result<EvaluatedDetector, Report> {
         if args.detector.extension().is_some_and(|e| e == "toml") {
-            return Judged::of_behavior(&args.detector, args.sensor.as_deref());
+            return EvaluatedDetector::of_behavior(&args.detector, args.sensor.as_deref());
         }
         if args.sensor.is_some() {
             let what = format!("{} is one detector, and no behavior", args.detector.display());
@@ -91,10 +91,10 @@ impl Judged {
         }
         let file = load(&args.detector)?;
         let kind = file.kind.name().into();
-        Ok(Judged { detector: Box::new(LearnedDetector::new(file)), kind })
+        Ok(EvaluatedDetector { detector: Box::new(LearnedDetector::new(file)), kind })
     }
 
-    fn of_behavior(path: &Path, wanted: Option<&str>) -> Result<Judged, Report> {
+    fn of_behavior(path: &Path, wanted: Option<&str>) -> Result<EvaluatedDetector, Report> {
         let (mut config, source) = Config::load(path, &[])?;
         // no board may be touched
         config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
@@ -122,7 +122,7 @@ impl Judged {
         let composition = compose(config, &source)?;
         let maker = composition.sensors.into_iter().flat_map(|s| s.cameras).nth(at).map(|camera| camera.detector);
         let maker = maker.ok_or_else(|| Report::msg("the sensor could not be built"))?;
-        Ok(Judged { detector: maker().map_err(Report::msg)?, kind })
+        Ok(EvaluatedDetector { detector: maker().map_err(Report::msg)?, kind })
     }
 }
 

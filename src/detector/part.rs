@@ -24,7 +24,7 @@ pub(super) struct TrainingPart {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Noted {
+struct StoredTraining {
     inputs: String,
     seconds: f64,
     state: EvolutionState,
@@ -56,23 +56,23 @@ impl TrainingPart {
         let help = format!("remove {at} to start over");
         let text = read_text(&part.path, MAX_DETECTOR_BYTES)
             .map_err(|e| ConfigError::plain(format!("can't read {at}: {e}"), &help))?;
-        let noted: Noted =
+        let stored: StoredTraining =
             serde_json::from_str(&text).map_err(|e| ConfigError::plain(format!("{at} is damaged: {e}"), &help))?;
-        if noted.inputs != part.inputs {
+        if stored.inputs != part.inputs {
             let what = format!("{at} is of a training with other pictures or another seed");
             return Err(ConfigError::plain(what, help).into());
         }
-        if !noted.state.is_sound() || !(0.0..1e9).contains(&noted.seconds) {
+        if !stored.state.is_sound() || !(0.0..1e9).contains(&stored.seconds) {
             return Err(ConfigError::plain(format!("{at} is damaged: no evolution can be as it says"), help).into());
         }
-        (part.state, part.seconds) = (Some(noted.state), noted.seconds);
+        (part.state, part.seconds) = (Some(stored.state), stored.seconds);
         Ok(part)
     }
 
     /// Stores the state of the evolution.
     pub(super) fn note(&self, state: &EvolutionState, seconds: f64) -> Result<(), Report> {
-        let noted = Noted { inputs: self.inputs.clone(), seconds, state: state.clone() };
-        save_text(&self.path, &serde_json::to_string(&noted).unwrap_or_default())
+        let stored = StoredTraining { inputs: self.inputs.clone(), seconds, state: state.clone() };
+        save_text(&self.path, &serde_json::to_string(&stored).unwrap_or_default())
     }
 
     /// Removes the file when the training is done.

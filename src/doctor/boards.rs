@@ -1,6 +1,6 @@
 //! The network: the name server, and the control boards of a robot.
 
-use super::{ANSWER_TIMEOUT, Finding, ModelMotor, Remote};
+use super::{ANSWER_TIMEOUT, Finding, ModelMotor, YarpRobot};
 use mobee_drivers::joint_kind;
 use mobee_yarp::board::{Ask, Get, LinkState, RemoteBoard, RemoteOptions, Units};
 use mobee_yarp::config::{self, Env};
@@ -25,7 +25,7 @@ pub(super) async fn name_server(network: &Network, needed: bool) -> Finding {
 }
 
 /// Checks each board of a robot, and counts its states.
-pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
+pub(super) async fn robot(robot: &YarpRobot) -> Vec<Finding> {
     let network = match &robot.settings.server {
         Some(server) => match server.parse::<Network>() {
             Ok(network) => network,
@@ -49,7 +49,7 @@ pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
 }
 
 /// Checks a board through ports of our own, whose names are removed afterwards.
-async fn board(robot: &Remote, network: &Network, port: &str, motors: &[ModelMotor], what: String) -> Vec<Finding> {
+async fn board(robot: &YarpRobot, network: &Network, port: &str, motors: &[ModelMotor], what: String) -> Vec<Finding> {
     let options = RemoteOptions {
         local: format!("/MoBeE/doctor/{}{port}", std::process::id()),
         carrier: robot.settings.carrier.parse().unwrap_or(Carrier::FastTcp),
@@ -63,7 +63,7 @@ async fn board(robot: &Remote, network: &Network, port: &str, motors: &[ModelMot
 }
 
 async fn check_link(
-    robot: &Remote,
+    robot: &YarpRobot,
     board: &RemoteBoard,
     port: &str,
     motors: &[ModelMotor],
@@ -105,7 +105,7 @@ async fn check_link(
 }
 
 /// Checks the answer time of a board, and its stream of states.
-async fn states(robot: &Remote, board: &RemoteBoard, port: &str, axes: usize, what: String) -> Finding {
+async fn states(robot: &YarpRobot, board: &RemoteBoard, port: &str, axes: usize, what: String) -> Finding {
     let mut state = board.state();
     let answers = answer_time(board).await;
     let first = async { state.wait_for(Option::is_some).await.is_ok() };

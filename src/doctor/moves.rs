@@ -3,14 +3,14 @@
 //! Nothing else moves, and the motor moves as in every run: in transactions, under the file's reflex, with a journal.
 //!
 //! ```text
-//! ToAndFro (agent) ──> the run ──> WatchedDriver ──> board         moves, setpoints to and fro, a move that is halted halfway
+//! ToAndFro (agent) ──> the run ──> RecordingDriver ──> board       moves, setpoints to and fro, a move that is halted halfway
 //!                                       └──> Record ──> Figures ──> findings, settings
 //! ```
 
 use super::Finding;
 use super::measures::Figures;
 use super::verdict::{Measured, Settings, verdict};
-use super::watched::{Observed, Shared, StopTrial, Watched, lock};
+use super::watched::{Observed, RecordingHardware, Shared, StopTrial, lock};
 use crate::compose::{Composition, compose};
 use crate::config::Config;
 use crate::run::{CtlAt, Extras, Folder, Output, run_in_terminal};
@@ -201,7 +201,7 @@ fn only(
     let of = |robot: &mobee_model::Robot| robot.motors.iter().position(|m| m.name == motor);
     let (robot, motor, setup) = setups.into_iter().find_map(|(i, (robot, setup))| Some((i, of(robot)?, setup)))?;
     let shared = Observed::new(&setup.name, motor, controls.clone());
-    let watched = Watched { inner: setup.hardware.clone(), shared: shared.clone() };
+    let watched = RecordingHardware { inner: setup.hardware.clone(), shared: shared.clone() };
     let hardware = std::mem::replace(&mut setup.hardware, Arc::new(watched));
     let seen = shared.clone();
     let agent: AgentMaker = Arc::new(move || {

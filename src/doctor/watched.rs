@@ -114,16 +114,16 @@ impl Observed {
 }
 
 /// The hardware with its record.
-pub(super) struct Watched {
+pub(super) struct RecordingHardware {
     pub inner: Arc<dyn Hardware>,
     pub shared: Shared,
 }
 
-impl Hardware for Watched {
+impl Hardware for RecordingHardware {
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
         let driver = self.inner.connect()?;
         lock(&self.shared).board = Some(driver.board().clone());
-        Ok(Box::new(WatchedDriver { inner: driver, shared: self.shared.clone() }))
+        Ok(Box::new(RecordingDriver { inner: driver, shared: self.shared.clone() }))
     }
 
     fn look(&self) -> Option<Result<Box<dyn Driver>, DriverFault>> {
@@ -163,12 +163,12 @@ impl Hardware for Watched {
     }
 }
 
-struct WatchedDriver {
+struct RecordingDriver {
     inner: Box<dyn Driver>,
     shared: Shared,
 }
 
-impl Driver for WatchedDriver {
+impl Driver for RecordingDriver {
     fn board(&self) -> &Board {
         self.inner.board()
     }

@@ -19,13 +19,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Maximum number of configurations that are tried for one image.
-const TRIES: u32 = 20_000;
+const MAX_DRAWS: u32 = 20_000;
 /// Number of configurations after which the object is placed elsewhere.
-const EACH_PLACE: u32 = 1_000;
+const DRAWS_PER_PLACE: u32 = 1_000;
 /// Minimum distance of the object's center from the border, as a share of the image's side.
-const INSET: f64 = 0.06;
+const MIN_INSET_SHARE: f64 = 0.06;
 /// Minimum number of pixels of an object in view.
-const LEAST_PIXELS: usize = 40;
+const MIN_PIXELS: usize = 40;
 
 /// Arguments of `mobee eyes draw`.
 #[derive(clap::Args, Clone, Debug)]
@@ -57,7 +57,7 @@ pub struct DrawArgs {
 }
 
 /// The setup that all images share.
-struct Studio {
+struct RenderSetup {
     scene: Scene,
     robot: Arc<Robot>,
     settings: DrawSettings,
@@ -79,7 +79,7 @@ pub fn command(args: &DrawArgs) -> Result<String, Report> {
     let robot = Arc::clone(crate::roadmap::robot(&scene)?);
     let (settings, source) = DrawSettings::load(args.settings.as_deref(), &robot)?;
     let complain = |e: KindError| complaints(source.as_ref(), e);
-    let mut studio = Studio::new(scene, robot, settings, &args.object, args.seed).map_err(complain)?;
+    let mut studio = RenderSetup::new(scene, robot, settings, &args.object, args.seed).map_err(complain)?;
     std::fs::create_dir_all(&args.out).map_err(|e| unwritable(&args.out, &e))?;
     let mut rng = ChaCha8Rng::seed_from_u64(args.seed);
     let mut table = studio.head();
@@ -126,14 +126,14 @@ fn unwritable(path: &Path, error: &dyn std::fmt::Display) -> Report {
         .into()
 }
 
-impl Studio {
+impl RenderSetup {
     fn new(
         scene: Scene,
         robot: Arc<Robot>,
         settings: DrawSettings,
         name: &str,
         seed: u64,
-    ) -> Result<Studio, KindError> {
+    ) -> Result<RenderSetup, KindError> {
         let known: Vec<&str> = scene.objects().map(|(_, o)| o.name.as_str()).collect();
         let Some((id, _)) = scene.object(name) else {
             let what = format!("there is no object {name} in this world");
@@ -167,7 +167,7 @@ impl Studio {
             let marker = settings.camera.first().and_then(|c| robot.marker(&c.marker));
             motors.extend(marker.map(|m| robot.movers(Some(m.node), None)).unwrap_or_default());
         }
-        Ok(Studio { scene, robot, settings, object: (name.into(), id), motors, eyes })
+        Ok(RenderSetup { scene, robot, settings, object: (name.into(), id), motors, eyes })
     }
 
     /// Changes room and light.
@@ -180,8 +180,8 @@ impl Studio {
     /// Images of all eyes at a random configuration in which they see the object.
     fn shots(&mut self, rng: &mut ChaCha8Rng) -> Result<(Truth, Vec<Shot>), Report> {
         let mut scene = Arc::new(self.scene.clone());
-        for k in 0..TRIES {
-            if k % EACH_PLACE == 0 {
+        for k in 0..MAX_DRAWS {
+            if k % DRAWS_PER_PLACE == 0 {
                 scene = Arc::new(self.placed(rng)?);
             }
             let truth = Truth { scene: Arc::clone(&scene), poses: vec![self.pose(rng).into()] };
@@ -190,7 +190,8 @@ impl Studio {
                 let [x, y, z] = eye.at(&truth).map_or([0.0; 3], |at| at.inverse_transform_point(&center).coords.into());
                 let lens = eye.intrinsics();
                 let place = project(&lens, [x / z, y / z]);
-                let inside = |(p, n): (&f64, u32)| (INSET..1.0 - INSET).contains(&(p / f64::from(n)));
+                let inside =
+                    |(p, n): (&f64, u32)| (MIN_INSET_SHARE..1.0 - MIN_INSET_SHARE).contains(&(p / f64::from(n)));
                 // a lens model bends points far outside back into the image
                 z > 0.05 && x.hypot(y) < 1.5 * z && place.iter().zip(lens.size).all(inside)
             };
@@ -202,13 +203,13 @@ impl Studio {
             let shots =
                 shots.map_err(|e| ConfigError::plain(e, "name objects of this world in `scenery.distractors`"))?;
             let is_mine = |o: &&Owner| **o == Owner::Object(self.object.1);
-            if shots.iter().all(|s| s.owner.iter().filter(is_mine).count() >= LEAST_PIXELS) {
+            if shots.iter().all(|s| s.owner.iter().filter(is_mine).count() >= MIN_PIXELS) {
                 return Ok((truth, shots));
             }
         }
         Err(miette!(
             help = "put the object where the eyes can look, or name the motors that turn them (docs/cameras.md)",
-            "of {TRIES} random poses, none has {} in the view of all cameras",
+            "of {MAX_DRAWS} random poses, none has {} in the view of all cameras",
             self.object.0
         ))
     }

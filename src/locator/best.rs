@@ -1,7 +1,7 @@
 //! `mobee locator best`: trains every kind on the collected views, evaluates it on held-out places, stores the best
 //! one, and swaps it into a running sensor.
 
-use super::collect::{Choice, Collection, collected};
+use super::collect::{Collection, ViewSelection, collected};
 use crate::config::ConfigError;
 use crate::roadmap::{may_write, save_text};
 use crate::robot_import::Steps;
@@ -28,7 +28,7 @@ pub struct BestArgs {
     #[arg(long, value_name = "FILE.csv")]
     data: Option<PathBuf>,
     #[command(flatten)]
-    choice: Choice,
+    selection: ViewSelection,
     /// The locator to write: the best kind, trained on all places.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -51,7 +51,7 @@ pub struct BestArgs {
 }
 
 /// The result of a kind: its score at held-out places, or the reason why it could not be trained.
-type Judged = (LocatorKind, Result<LocatorScore, Untaught>);
+type KindResult = (LocatorKind, Result<LocatorScore, Untaught>);
 
 /// Trains, compares, stores the best, and swaps it in if requested.
 ///
@@ -63,7 +63,7 @@ pub fn command(args: &BestArgs) -> Result<String, Report> {
     bar.step("reads views");
     let (name, (table, digest), mut report) = match (&args.run, &args.data) {
         (Some(run), _) => {
-            let Collection { table: csv, text, .. } = collected(run, &args.choice)?;
+            let Collection { table: csv, text, .. } = collected(run, &args.selection)?;
             let name = run.display().to_string();
             let parsed_table = super::parsed_table(&name, &csv)?;
             let report = format!("{name}: {text}");
@@ -80,7 +80,7 @@ pub fn command(args: &BestArgs) -> Result<String, Report> {
         let help = "give more views of more places, spread over the workspace";
         ConfigError::plain(format!("{name}: {e}"), help)
     };
-    let judged: Vec<Judged> = LocatorKind::ALL
+    let judged: Vec<KindResult> = LocatorKind::ALL
         .into_iter()
         .map(|kind| {
             bar.step(kind.name());
@@ -102,7 +102,7 @@ pub fn command(args: &BestArgs) -> Result<String, Report> {
         drop(bar);
         // print the result before waiting for the swap
         crate::terminal::out(&std::mem::take(&mut report));
-        crate::ctl::put_locator(run, args.choice.sensor.as_deref(), (best, &args.out), args.probation)?;
+        crate::ctl::put_locator(run, args.selection.sensor.as_deref(), (best, &args.out), args.probation)?;
     }
     Ok(report)
 }
@@ -118,13 +118,13 @@ fn held_out(kind: LocatorKind, known: &[KnownView], from: &Beginning) -> Result<
 }
 
 /// The kind with the least mean error of single views, of those that locate nearly all.
-fn best(judged: &[Judged]) -> Option<LocatorKind> {
+fn best(judged: &[KindResult]) -> Option<LocatorKind> {
     let able = judged.iter().filter_map(|(kind, score)| Some((*kind, score.as_ref().ok()?.single)));
     let able = able.filter(|(_, e)| e.n > 0 && e.located as f64 >= MIN_LOCATED_SHARE * e.n as f64);
     able.min_by(|(_, a), (_, b)| a.mean_mm.total_cmp(&b.mean_mm)).map(|(kind, _)| kind)
 }
 
-fn text(judged: &[Judged]) -> String {
+fn text(judged: &[KindResult]) -> String {
     let mut text = String::from("errors at places held out, mm\n");
     let of = ["one view: median", "mean", "95 %", "all of a place: mean", "95 %"];
     let _ = write!(text, "{:12}{:>16}", "", "answered");

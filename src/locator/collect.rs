@@ -17,14 +17,14 @@ use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError, SensorConfig, Source};
 use crate::inspect::journal_error;
 use crate::roadmap::{may_write, save_text};
-use bodies::Body;
+use bodies::TrackInterpolator;
 use miette::Report;
 use mobee_actors::record::journal;
 use mobee_behaviors::locators::head::JOINTS;
 use mobee_behaviors::locators::rows::table;
 use mobee_contract::{Event, Intrinsics, Outcome, Time, suggestion};
 use mobee_drivers::eyes::SimulatedCameraSettings;
-use report::{Check, Collected};
+use report::{Collected, ViewCheck};
 use rows::Rows;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -42,7 +42,7 @@ pub struct CollectArgs {
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
     #[command(flatten)]
-    choice: Choice,
+    selection: ViewSelection,
     /// Replace the table if it exists.
     #[arg(long)]
     force: bool,
@@ -50,7 +50,7 @@ pub struct CollectArgs {
 
 /// Selection of views.
 #[derive(clap::Args, Clone, Debug)]
-pub(super) struct Choice {
+pub(super) struct ViewSelection {
     /// The marker at the center of the held object, of another robot than the one that looks.
     #[arg(long, value_name = "NAME", default_value = "block")]
     marker: String,
@@ -107,7 +107,7 @@ pub fn command(args: &CollectArgs) -> Result<String, Report> {
     if let Some(dir) = &args.images {
         pictures::may_fill(dir)?;
     }
-    let Collection { table, text, cameras, exposed } = collected(&args.run, &args.choice)?;
+    let Collection { table, text, cameras, exposed } = collected(&args.run, &args.selection)?;
     let images = args.images.as_ref().map(|dir| pictures::write(&args.run, dir, &cameras, &exposed)).transpose()?;
     save_text(&args.out, &table)?;
     Ok(format!("{}: {text}{}", args.out.display(), images.unwrap_or_default()))
@@ -129,19 +129,19 @@ pub(super) struct Collection {
 ///
 /// # Errors
 /// If the run can't be read, has no such sensor or marker, or has no usable view.
-pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Report> {
-    let c = composition(run, choice)?;
-    let scene = Scene::find(&c, choice)?;
+pub(super) fn collected(run: &Path, selection: &ViewSelection) -> Result<Collection, Report> {
+    let c = composition(run, selection)?;
+    let scene = Scene::find(&c, selection)?;
     let name = |robot: usize| c.config.robot.get(robot).map(|r| r.name.clone()).unwrap_or_default();
-    let body = |robot: usize| -> Result<Body, ConfigError> {
+    let body = |robot: usize| -> Result<TrackInterpolator, ConfigError> {
         let motors = c.scene.robots().get(robot).map_or(0, |r| r.motors.len());
-        Body::open(run, &name(robot), motors)
+        TrackInterpolator::open(run, &name(robot), motors)
     };
     let mut rows = Rows::new(
         &c,
         &scene,
         [body(scene.looks)?, body(scene.holds)?],
-        [choice.still, choice.held].map(f64::to_radians),
+        [selection.still, selection.held].map(f64::to_radians),
     );
     let mut collected = Collected::default();
     for line in journal::read(run).map_err(journal_error)? {
@@ -163,7 +163,7 @@ pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Repor
         }
     }
     let (raw, dropped) = rows.finish();
-    let check = Check::new(raw, choice.gross, (choice.least, choice.per_place));
+    let check = ViewCheck::new(raw, selection.gross, (selection.least, selection.per_place));
     if check.known.is_empty() {
         let what = format!("{}: nothing that was seen is of use: {dropped}", run.display());
         return Err(ConfigError::plain(what, "let both robots rest for a second or two in sight of each other").into());
@@ -173,12 +173,12 @@ pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Repor
 }
 
 /// The composition of the run.
-fn composition(run: &Path, choice: &Choice) -> Result<Composition, Report> {
+fn composition(run: &Path, selection: &ViewSelection) -> Result<Composition, Report> {
     if !run.join(journal::FILE).is_file() {
         let what = format!("{} is no run: it has no {}", run.display(), journal::FILE);
         return Err(ConfigError::plain(what, "give the folder of a run").into());
     }
-    let (config, source): (Config, Source) = match &choice.config {
+    let (config, source): (Config, Source) = match &selection.config {
         Some(file) => Config::load(file, &[])?,
         None => Config::load_resolved(&run.join("config.json"))?,
     };
@@ -186,9 +186,9 @@ fn composition(run: &Path, choice: &Choice) -> Result<Composition, Report> {
 }
 
 impl Scene {
-    fn find(c: &Composition, choice: &Choice) -> Result<Scene, ConfigError> {
+    fn find(c: &Composition, selection: &ViewSelection) -> Result<Scene, ConfigError> {
         let file = c.file.display();
-        let named = |s: &&SensorConfig| choice.sensor.as_ref().is_none_or(|name| s.name == *name);
+        let named = |s: &&SensorConfig| selection.sensor.as_ref().is_none_or(|name| s.name == *name);
         let names: Vec<&str> = c.config.sensor.iter().map(|s| s.name.as_str()).collect();
         let mut found = c.config.sensor.iter().filter(named);
         let sensor = match (found.next(), found.next()) {
@@ -198,7 +198,7 @@ impl Scene {
                 return Err(ConfigError::plain("which sensor's pictures?", help));
             }
             (None, _) => {
-                let wanted = choice.sensor.as_deref().unwrap_or_default();
+                let wanted = selection.sensor.as_deref().unwrap_or_default();
                 let help = match names.as_slice() {
                     [] => "run a behavior with a table [[sensor]], such as configs/behaviors/collect.toml".into(),
                     names => suggestion(wanted, "sensor", names),
@@ -231,13 +231,13 @@ impl Scene {
             })?;
         }
         let others = || robots.iter().enumerate().filter(|(i, _)| *i != looks);
-        let marked = others().find_map(|(i, r)| Some((i, r.markers.iter().position(|m| m.name == choice.marker)?)));
+        let marked = others().find_map(|(i, r)| Some((i, r.markers.iter().position(|m| m.name == selection.marker)?)));
         let (holds, marker) = marked.ok_or_else(|| {
             let markers: Vec<&str> = others().flat_map(|(_, r)| r.markers.iter().map(|m| m.name.as_str())).collect();
-            let what = format!("no other robot of {file} has a marker {}", choice.marker);
+            let what = format!("no other robot of {file} has a marker {}", selection.marker);
             let help = match markers.as_slice() {
                 [] => "give a run in which another robot holds what is looked at".into(),
-                markers => suggestion(&choice.marker, "marker", markers),
+                markers => suggestion(&selection.marker, "marker", markers),
             };
             ConfigError::plain(what, help)
         })?;

@@ -1,7 +1,7 @@
 //! The driver in the behavior of a new robot: a similar simulated arm, by our physics or MuJoCo's, or its boards behind
 //! YARP.
 
-use super::{PERIOD_MS, SPEED};
+use super::{EXPLORE_SPEED, PERIOD_MS};
 use crate::compose::clearance_needed;
 use mobee_controller::look_ahead::braking_clearance;
 use mobee_drivers::{ArmProfile, SimSettings};
@@ -77,7 +77,7 @@ fn reserve(robot: &Robot, profile: ArmProfile, margin_mm: f64) -> (String, Strin
     let reaction = settings.latency() + Duration::from_millis(PERIOD_MS) * 2;
     let needed = |speed: f64| clearance_needed(robot, &axes, reaction, speed) * 1e3;
     let usual = braking_clearance(robot, &axes, reaction, margin_mm * 1e-3) * 1e3;
-    let exact = usual.max(needed(SPEED));
+    let exact = usual.max(needed(EXPLORE_SPEED));
     if exact > margin_mm + 1e-6 {
         return (String::new(), String::new());
     }
@@ -87,7 +87,7 @@ fn reserve(robot: &Robot, profile: ArmProfile, margin_mm: f64) -> (String, Strin
         Some(1.0) => String::new(),
         fast => format!(
             "# `reserve_mm` is the braking clearance up to speed = {}. Without it, it grows with the speed, at many times the processor time.\n",
-            fast.unwrap_or(SPEED)
+            fast.unwrap_or(EXPLORE_SPEED)
         ),
     };
     (format!(", reserve_mm = {mm}"), remark)

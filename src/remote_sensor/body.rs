@@ -32,12 +32,12 @@ struct Board {
     port: String,
     motors: Range<usize>,
     remote: Arc<RemoteBoard>,
-    past: Arc<Mutex<Past>>,
+    past: Arc<Mutex<StateBuffer>>,
 }
 
 /// The states of a board, oldest first: time, and motor positions, rad.
 #[derive(Default)]
-struct Past {
+struct StateBuffer {
     ring: VecDeque<(Time, Vec<f64>)>,
     /// Its number of joints, if that differs from the model's.
     wrong: Option<usize>,
@@ -45,7 +45,7 @@ struct Past {
 
 /// Reasons why a configuration is not available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Unknown {
+pub(super) enum Unavailable {
     /// It is newer than the newest state of some board.
     NotYet,
     /// It is older than the stored states, or lies in a gap.
@@ -82,7 +82,7 @@ impl Body {
             let remote = Arc::new(RemoteBoard::new(&configured.network, &part.port, options));
             let motors = robot.motors.get(known.motors.clone()).unwrap_or_default();
             let units = Units::new(motors.iter().map(|m| joint_kind(m.motion)));
-            let past = Arc::new(Mutex::new(Past::default()));
+            let past = Arc::new(Mutex::new(StateBuffer::default()));
             body.tasks.spawn(listen(remote.clone(), clock.clone(), units, past.clone()));
             body.boards.push(Board { port: part.port.clone(), motors: known.motors.clone(), remote, past });
         }
@@ -93,7 +93,7 @@ impl Body {
     ///
     /// # Errors
     /// If the states of some board do not cover it.
-    pub(super) fn at(&self, at: Time) -> Result<BodyState, Unknown> {
+    pub(super) fn at(&self, at: Time) -> Result<BodyState, Unavailable> {
         let mut q = self.home.clone();
         for board in &self.boards {
             let past = board.past.lock().unwrap_or_else(PoisonError::into_inner);
@@ -125,17 +125,17 @@ impl Body {
     }
 }
 
-impl Past {
-    fn at(&self, at: Time) -> Result<Vec<f64>, Unknown> {
+impl StateBuffer {
+    fn at(&self, at: Time) -> Result<Vec<f64>, Unavailable> {
         let next = self.ring.partition_point(|(t, _)| *t < at);
-        let (after, there) = self.ring.get(next).ok_or(Unknown::NotYet)?;
+        let (after, there) = self.ring.get(next).ok_or(Unavailable::NotYet)?;
         if *after == at {
             return Ok(there.clone());
         }
-        let (before, here) = next.checked_sub(1).and_then(|i| self.ring.get(i)).ok_or(Unknown::NoMore)?;
+        let (before, here) = next.checked_sub(1).and_then(|i| self.ring.get(i)).ok_or(Unavailable::NoMore)?;
         let span = after.since(*before);
         if span > MAX_GAP {
-            return Err(Unknown::NoMore);
+            return Err(Unavailable::NoMore);
         }
         let share = at.since(*before).as_secs_f64() / span.as_secs_f64();
         Ok(here.iter().zip(there).map(|(a, b)| a + share * (b - a)).collect())
@@ -152,7 +152,7 @@ impl Past {
 }
 
 /// Stores the states of a board as they arrive.
-async fn listen(board: Arc<RemoteBoard>, clock: Clock, units: Units, past: Arc<Mutex<Past>>) {
+async fn listen(board: Arc<RemoteBoard>, clock: Clock, units: Units, past: Arc<Mutex<StateBuffer>>) {
     let mut state = board.state();
     while state.changed().await.is_ok() {
         let Some(newest) = state.borrow_and_update().clone() else { continue };
@@ -190,13 +190,16 @@ mod tests {
 
     #[test]
     fn a_pose_is_known_between_states_and_not_across_a_gap() {
-        let mut past = Past::default();
+        let mut past = StateBuffer::default();
         for (ms, q) in [(100, 1.0), (120, 3.0), (110, 9.0), (900, 5.0)] {
             past.push(Time(ms * 1_000_000), vec![q]);
         }
         let at = |ms: u64| past.at(Time(ms * 1_000_000));
         assert_eq!(at(110), Ok(vec![2.0]), "what comes late is left out");
         assert_eq!((at(100), at(900)), (Ok(vec![1.0]), Ok(vec![5.0])));
-        assert_eq!((at(99), at(500), at(901)), (Err(Unknown::NoMore), Err(Unknown::NoMore), Err(Unknown::NotYet)));
+        assert_eq!(
+            (at(99), at(500), at(901)),
+            (Err(Unavailable::NoMore), Err(Unavailable::NoMore), Err(Unavailable::NotYet))
+        );
     }
 }

@@ -84,13 +84,13 @@ struct CameraProcess {
 }
 
 /// The parts that are rebuilt after a failure.
-struct Parts {
+struct CameraParts {
     camera: Box<dyn Camera>,
     detector: Box<dyn Detector>,
 }
 
 /// A frame with its detections.
-struct Found {
+struct Detections {
     frame: Frame,
     regions: Vec<Region>,
     mask: Option<SeenMask>,
@@ -99,7 +99,7 @@ struct Found {
 /// The result of one step of a camera.
 #[derive(Default)]
 struct StepResult {
-    found: Option<Found>,
+    found: Option<Detections>,
     warnings: Vec<String>,
 }
 
@@ -111,7 +111,7 @@ impl CameraProcess {
             let camera = self.setup.camera.clone();
             let detector = self.setup.detector.clone();
             let made =
-                spawn_blocking(move || Ok::<_, String>(Parts { camera: camera()?, detector: detector()? })).await;
+                spawn_blocking(move || Ok::<_, String>(CameraParts { camera: camera()?, detector: detector()? })).await;
             let mut parts = match made.unwrap_or_else(|e| Err(e.to_string())) {
                 Ok(parts) => parts,
                 Err(why) => {
@@ -160,8 +160,8 @@ impl CameraProcess {
         self.warnings.warn(format!("{name}: {why}; it is rebuilt"));
     }
 
-    fn publish(&mut self, found: Found, stamp: Stamp) {
-        let Found { frame, regions, mask } = found;
+    fn publish(&mut self, found: Detections, stamp: Stamp) {
+        let Detections { frame, regions, mask } = found;
         let seen = SeenRegions { intrinsics: frame.intrinsics, regions };
         self.ports.regions.write(seen.bottle(), Some(stamp.envelope()));
         let white = |SeenMask { size: [width, height], objects }: SeenMask| {
@@ -174,7 +174,7 @@ impl CameraProcess {
     }
 }
 
-impl Parts {
+impl CameraParts {
     /// Processes the newest frame, if there is one, and returns at most `most` regions of each object.
     fn step(&mut self, now: Time, most: usize) -> Result<StepResult, String> {
         let frame = self.camera.frame(now)?;
@@ -189,7 +189,7 @@ impl Parts {
             look.warnings.push(format!("more than {most} regions of an object in one image; the others are dropped"));
         }
         look.warnings.extend(self.detector.complaint());
-        look.found = Some(Found { frame, regions, mask: self.detector.mask() });
+        look.found = Some(Detections { frame, regions, mask: self.detector.mask() });
         Ok(look)
     }
 }

@@ -1,6 +1,6 @@
 //! `mobee locator run`: the locator of a sensor, and its world gate, in a process of their own.
 
-use super::body::{Body, Unknown};
+use super::body::{Body, Unavailable};
 use super::{RETRY_DELAY, RemoteSensor, RemoteSensorArgs, WarnOnce, port_name};
 use crate::signals::Interrupt;
 use miette::{IntoDiagnostic, Report};
@@ -236,8 +236,8 @@ impl LocatorProcess {
         for _ in 0..MAX_STATE_POLLS {
             match self.body.at(at) {
                 Ok(body) => return Some(body),
-                Err(Unknown::NotYet) => sleep(STATE_POLL_INTERVAL).await,
-                Err(Unknown::NoMore) => return None,
+                Err(Unavailable::NotYet) => sleep(STATE_POLL_INTERVAL).await,
+                Err(Unavailable::NoMore) => return None,
             }
         }
         self.body.complain(&mut self.warnings);

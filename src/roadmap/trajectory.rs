@@ -14,7 +14,7 @@ const MAX_ROWS: f64 = 1e6;
 /// Minimum time between two vertices, s.
 const MIN_LEG_S: f64 = 1e-3;
 /// Decimal places: 1e-7 degrees or seconds is below the resolution of maps and clocks.
-const PLACES: usize = 7;
+const DECIMAL_PLACES: usize = 7;
 /// The reciprocal of the last decimal place.
 const PER_UNIT: f64 = 1e7;
 
@@ -126,9 +126,9 @@ impl<'a> Trajectory<'a> {
         let columns = self.motors.iter().map(|m| quoted(&format!("{}_{}", m.name, m.motion.unit())));
         let mut out = std::iter::once("t_s".to_owned()).chain(columns).collect::<Vec<_>>().join(",") + "\n";
         for point in &self.points {
-            let _ = write!(out, "{:.PLACES$}", rounded(point.t_s));
+            let _ = write!(out, "{:.DECIMAL_PLACES$}", rounded(point.t_s));
             for q in &point.q {
-                let _ = write!(out, ",{:.PLACES$}", rounded(q.to_degrees()));
+                let _ = write!(out, ",{:.DECIMAL_PLACES$}", rounded(q.to_degrees()));
             }
             out.push('\n');
         }
@@ -162,7 +162,7 @@ impl<'a> Trajectory<'a> {
     }
 }
 
-/// Rounds to [`PLACES`]; a rounded zero has no sign.
+/// Rounds to [`DECIMAL_PLACES`]; a rounded zero has no sign.
 fn rounded(x: f64) -> f64 {
     (x * PER_UNIT).round() / PER_UNIT + 0.0
 }

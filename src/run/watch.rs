@@ -7,7 +7,7 @@
 
 use crate::compose::Composition;
 use crate::config::{Config, Source};
-use crate::ctl::swap_offer::{self, Wanted, WantedBridge, Which};
+use crate::ctl::swap_offer::{self, BridgeRef, BridgeRequest, PartRequest};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
@@ -91,12 +91,12 @@ impl WatchService {
             let terms = SwapPolicy::default();
             for (name, part) in changes.swaps {
                 let offered = if part == SwapPart::Bridge {
-                    let which = Which::At(bridges.iter().position(|b| *b == name).unwrap_or_default());
-                    swap_offer::take_bridge(config.clone(), &source, &WantedBridge { which, models: &models, terms })?
+                    let which = BridgeRef::At(bridges.iter().position(|b| *b == name).unwrap_or_default());
+                    swap_offer::take_bridge(config.clone(), &source, &BridgeRequest { which, models: &models, terms })?
                 } else {
                     let model = names.iter().position(|n| *n == name).and_then(|i| models.get(i));
                     let model = model.ok_or_else(|| format!("there is no robot {name} in this run"))?;
-                    let wanted = Wanted { part, name: &name, model, fresh: false, terms };
+                    let wanted = PartRequest { part, name: &name, model, fresh: false, terms };
                     swap_offer::take(config.clone(), &source, &wanted)?
                 };
                 offers.push((name, part, offered));

@@ -14,7 +14,7 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{MissedTickBehavior, interval};
 
 /// A camera that is served.
-pub(super) struct Served {
+pub(super) struct ServedCamera {
     port: String,
     camera: Box<dyn Camera>,
 }
@@ -33,7 +33,7 @@ pub(super) fn cameras(
     prefix: impl Fn(&str) -> String,
     boards: &[RobotBoards],
     clock: SimClock,
-) -> Result<Vec<Served>, Report> {
+) -> Result<Vec<ServedCamera>, Report> {
     if config.sensor.is_empty() {
         return Ok(Vec::new());
     }
@@ -53,7 +53,7 @@ pub(super) fn cameras(
             };
             let camera = sensor_camera(source, &format!("sensor[{i}].eye[{k}].camera"), &eye.camera, &context)?;
             if camera.is_simulated() {
-                served.push(Served { port: format!("{}/cam/{}", prefix(&robot.name), eye.name), camera });
+                served.push(ServedCamera { port: format!("{}/cam/{}", prefix(&robot.name), eye.name), camera });
             }
         }
     }
@@ -134,12 +134,12 @@ fn truth(
 /// If a port can't be opened, with the remedy.
 pub(super) async fn serve(
     network: &Network,
-    cameras: Vec<Served>,
+    cameras: Vec<ServedCamera>,
     clock: SimClock,
     speed: f64,
 ) -> Result<JoinSet<()>, Report> {
     let mut tasks = JoinSet::new();
-    for Served { port, camera } in cameras {
+    for ServedCamera { port, camera } in cameras {
         let opened = OutputPort::open(network, &port, Delivery::Newest).await;
         let port = opened.map_err(|e| ConfigError::plain(e.to_string(), "end the program that holds it, or wait"))?;
         println!("{}", port.name());

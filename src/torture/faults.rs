@@ -1,6 +1,6 @@
 //! The list of faults, and the subset that a simulation can inject.
 
-use super::sight::SightFault;
+use super::sight::SensorFault;
 use super::swaps::Swap;
 use mobee_actors::system::{Blow, Spot};
 use mobee_contract::{SwapPart, Target};
@@ -161,7 +161,7 @@ pub enum FaultAction {
         /// The sensor, by its number.
         sensor: usize,
         /// The fault of the sensor.
-        fault: SightFault,
+        fault: SensorFault,
         /// Duration.
         lasts: Duration,
     },

@@ -4,7 +4,7 @@
 //! faults would miss errors in a recovery that is under way. Then all faults are healed, and progress is required.
 
 use super::faults::{FaultAction, WIRES};
-use super::sight::SightFault;
+use super::sight::SensorFault;
 use super::swaps::{Flaw, Swap};
 use super::wires;
 use mobee_actors::runtime::swap::SwapPolicy;
@@ -240,11 +240,11 @@ impl Planner<'_> {
         let mut within = |most: f64| self.rng.random_range(-most..most);
         let off = [within(80.0), within(50.0)];
         let fault = match self.rng.random_range(0..5) {
-            0 => SightFault::Blind,
-            1 => SightFault::Twice { off },
-            2 => SightFault::Elsewhere,
-            3 => SightFault::Nonsense,
-            _ => SightFault::Far { by: self.rng.random_range(0.02..0.6) },
+            0 => SensorFault::Blind,
+            1 => SensorFault::Twice { off },
+            2 => SensorFault::Elsewhere,
+            3 => SensorFault::Nonsense,
+            _ => SensorFault::Far { by: self.rng.random_range(0.02..0.6) },
         };
         Some(FaultAction::Sight { sensor, fault, lasts: self.secs(0.05, 6.0) })
     }
@@ -289,8 +289,8 @@ impl Planner<'_> {
             SwapPart::Driver | SwapPart::Bridge | SwapPart::Detector | SwapPart::Locator => Vec::new(),
         };
         let flaw = match self.rng.random_range(0..6) {
-            0 if part != SwapPart::Controller => Some(Flaw::Useless),
-            1 if part != SwapPart::Controller => Some(Flaw::Breaks),
+            0 if part != SwapPart::Controller => Some(Flaw::Unusable),
+            1 if part != SwapPart::Controller => Some(Flaw::Fails),
             _ => None,
         };
         let looks_on = part == SwapPart::Agent && self.rng.random_range(0..3) == 0;

@@ -1,7 +1,7 @@
 //! The result of a torture battery.
 
 use super::plan::Planned;
-use super::trial::{END, ESCAPE, Ran};
+use super::trial::{END, ESCAPE, TrialResult};
 use super::witness::Joint;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -68,7 +68,7 @@ pub struct Tally {
 
 impl Tally {
     /// Adds a run.
-    pub fn add(&mut self, planned: &[Planned], ran: &Ran, wall: Duration) {
+    pub fn add(&mut self, planned: &[Planned], ran: &TrialResult, wall: Duration) {
         self.seeds += 1;
         self.simulated += ran.simulated;
         self.wall = wall;

@@ -23,7 +23,7 @@ const MAX_LAG: Duration = Duration::from_secs(2);
 
 /// A fault of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SightFault {
+pub enum SensorFault {
     /// Its detectors detect nothing.
     Blind,
     /// They detect every object a second time, at an offset to the right and down.
@@ -43,27 +43,27 @@ pub enum SightFault {
     },
 }
 
-impl fmt::Display for SightFault {
+impl fmt::Display for SensorFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            SightFault::Blind => f.write_str("it sees nothing"),
-            SightFault::Twice { off: [x, y] } => write!(f, "it sees everything twice, {x:.0} by {y:.0} pixels away"),
-            SightFault::Elsewhere => f.write_str("it sees things anywhere"),
-            SightFault::Nonsense => f.write_str("it returns invalid numbers"),
-            SightFault::Far { by } => write!(f, "its locator is off by up to {by:.2} m"),
+            SensorFault::Blind => f.write_str("it sees nothing"),
+            SensorFault::Twice { off: [x, y] } => write!(f, "it sees everything twice, {x:.0} by {y:.0} pixels away"),
+            SensorFault::Elsewhere => f.write_str("it sees things anywhere"),
+            SensorFault::Nonsense => f.write_str("it returns invalid numbers"),
+            SensorFault::Far { by } => write!(f, "its locator is off by up to {by:.2} m"),
         }
     }
 }
 
 /// The faults of one sensor, each with its time.
 #[derive(Clone)]
-struct Wrong {
+struct SensorFaults {
     seed: u64,
-    faults: Arc<[(Time, Time, SightFault)]>,
+    faults: Arc<[(Time, Time, SensorFault)]>,
 }
 
-impl Wrong {
-    fn at(&self, at: Time) -> Option<SightFault> {
+impl SensorFaults {
+    fn at(&self, at: Time) -> Option<SensorFault> {
         self.faults.iter().find(|(from, to, _)| (*from..*to).contains(&at)).map(|(.., fault)| *fault)
     }
 }
@@ -86,37 +86,37 @@ pub fn install_faults(sensors: &mut [SensorSetup], planned: &[Planned], seed: u6
         if faults.is_empty() {
             continue;
         }
-        let wrong = Wrong { seed, faults };
+        let wrong = SensorFaults { seed, faults };
         for camera in &mut sensor.cameras {
             let inner = camera.detector.clone();
             let wrong = wrong.clone();
             let maker: PartMaker<dyn Detector> =
-                Arc::new(move || Ok(Box::new(Mistaken { inner: inner()?, wrong: wrong.clone() })));
+                Arc::new(move || Ok(Box::new(FaultyPart { inner: inner()?, wrong: wrong.clone() })));
             camera.detector = maker;
         }
         if let Some(locator) = &mut sensor.locator {
             let inner = locator.locator.clone();
             let wrong = wrong.clone();
             let maker: PartMaker<dyn Locator> =
-                Arc::new(move || Ok(Box::new(Mistaken { inner: inner()?, wrong: wrong.clone() })));
+                Arc::new(move || Ok(Box::new(FaultyPart { inner: inner()?, wrong: wrong.clone() })));
             locator.locator = maker;
         }
     }
 }
 
 /// A detector or locator with temporary faults.
-struct Mistaken<T: ?Sized> {
+struct FaultyPart<T: ?Sized> {
     inner: Box<T>,
-    wrong: Wrong,
+    wrong: SensorFaults,
 }
 
-impl Detector for Mistaken<dyn Detector> {
+impl Detector for FaultyPart<dyn Detector> {
     fn detect(&mut self, frame: &Frame) -> Vec<Region> {
         let mut seen = self.inner.detect(frame);
         let mut rng = ChaCha8Rng::seed_from_u64(self.wrong.seed ^ frame.exposed.0);
         match self.wrong.at(frame.exposed) {
-            Some(SightFault::Blind) => seen.clear(),
-            Some(SightFault::Twice { off: [x, y] }) => {
+            Some(SensorFault::Blind) => seen.clear(),
+            Some(SensorFault::Twice { off: [x, y] }) => {
                 let again = |region: &Region| {
                     let mut region = region.clone();
                     region.center = [region.center[0] + x, region.center[1] + y];
@@ -129,7 +129,7 @@ impl Detector for Mistaken<dyn Detector> {
                 let at = if rng.random() { 0 } else { seen.len() };
                 seen.splice(at..at, twice.drain(..));
             }
-            Some(SightFault::Elsewhere) => {
+            Some(SensorFault::Elsewhere) => {
                 let [width, height] = frame.intrinsics.size.map(f64::from);
                 for region in &mut seen {
                     let center = [rng.random_range(0.0..width), rng.random_range(0.0..height)];
@@ -140,7 +140,7 @@ impl Detector for Mistaken<dyn Detector> {
                     region.is_clipped = rng.random();
                 }
             }
-            Some(SightFault::Nonsense) => {
+            Some(SensorFault::Nonsense) => {
                 let none = [f64::NAN, f64::INFINITY, -1e300][rng.random_range(0..3)];
                 for region in &mut seen {
                     match rng.random_range(0..4) {
@@ -151,7 +151,7 @@ impl Detector for Mistaken<dyn Detector> {
                     }
                 }
             }
-            Some(SightFault::Far { .. }) | None => {}
+            Some(SensorFault::Far { .. }) | None => {}
         }
         seen
     }
@@ -165,10 +165,10 @@ impl Detector for Mistaken<dyn Detector> {
     }
 }
 
-impl Locator for Mistaken<dyn Locator> {
+impl Locator for FaultyPart<dyn Locator> {
     fn locate(&mut self, seen: &[Sighting], body: &BodyState) -> Vec<Located> {
         let mut found = self.inner.locate(seen, body);
-        if let Some(SightFault::Far { by }) = self.wrong.at(body.at) {
+        if let Some(SensorFault::Far { by }) = self.wrong.at(body.at) {
             let mut rng = ChaCha8Rng::seed_from_u64(self.wrong.seed ^ body.at.0);
             for located in &mut found {
                 located.position.iter_mut().for_each(|x| *x += rng.random_range(-by..=by));
@@ -204,7 +204,7 @@ impl ObjectChecker {
     pub fn new(truth: Arc<TruthCell>, sensors: &[SensorSetup], planned: &[Planned]) -> ObjectChecker {
         let of = |(i, sensor): (usize, &SensorSetup)| {
             let twice = planned.iter().filter_map(|Planned { at, what }| match what {
-                FaultAction::Sight { sensor, fault: SightFault::Twice { .. }, lasts } if *sensor == i => {
+                FaultAction::Sight { sensor, fault: SensorFault::Twice { .. }, lasts } if *sensor == i => {
                     Some((*at, *at + *lasts))
                 }
                 _ => None,

@@ -2,7 +2,7 @@
 //! working or a flawed one.
 
 use crate::config::{Config, Source};
-use crate::ctl::swap_offer::{Offered, Wanted, take};
+use crate::ctl::swap_offer::{BuiltPart, PartRequest, take};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_actors::wiring::Maker;
@@ -22,9 +22,9 @@ use tokio::sync::oneshot;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flaw {
     /// It can't be used, and is refused: the old part stays.
-    Useless,
+    Unusable,
     /// It fails at its first use, and is reverted.
-    Breaks,
+    Fails,
 }
 
 /// A part that is offered in place of another. The result is not awaited.
@@ -56,7 +56,7 @@ impl Swap {
     ) -> Option<Control> {
         let (robot, model) = config.robot.get(self.robot).zip(robots.get(self.robot))?;
         let offered = match self.part {
-            SwapPart::Driver => Offered::Part(PartOffer {
+            SwapPart::Driver => BuiltPart::Part(PartOffer {
                 part: NewPart::Driver(driver(board?, self.flaw)),
                 what: "another driver of the same board".into(),
                 terms: self.terms,
@@ -66,14 +66,14 @@ impl Swap {
                 for (key, value) in &self.edits {
                     edited["robot"][self.robot][part.to_string()][*key] = value.clone();
                 }
-                let wanted = Wanted { part, name: &robot.name, model, fresh: self.fresh, terms: self.terms };
+                let wanted = PartRequest { part, name: &robot.name, model, fresh: self.fresh, terms: self.terms };
                 take(serde_json::from_value(edited).ok()?, source, &wanted).ok()?
             }
         };
         let offered = match (offered, self.flaw) {
-            (Offered::Agent(mut offer), Some(flaw)) => {
+            (BuiltPart::Agent(mut offer), Some(flaw)) => {
                 offer.maker = flawed(offer.maker, flaw);
-                Offered::Agent(offer)
+                BuiltPart::Agent(offer)
             }
             (offered, _) => offered,
         };
@@ -92,8 +92,8 @@ impl fmt::Display for Swap {
         match flaw {
             None if *fresh => f.write_str(", by one with fresh state")?,
             None => {}
-            Some(Flaw::Useless) => f.write_str(", by an unusable one")?,
-            Some(Flaw::Breaks) => f.write_str(", by one that breaks")?,
+            Some(Flaw::Unusable) => f.write_str(", by an unusable one")?,
+            Some(Flaw::Fails) => f.write_str(", by one that breaks")?,
         }
         let [shadow, probation] = [terms.shadow, terms.probation].map(|t| t.as_secs_f64());
         write!(f, "; it observes for {shadow:.3} s, and is on probation for {probation:.3} s")
@@ -102,15 +102,15 @@ impl fmt::Display for Swap {
 
 fn flawed(maker: Maker, flaw: Flaw) -> Maker {
     Maker(Arc::new(move || match flaw {
-        Flaw::Useless => Err("planted".into()),
-        Flaw::Breaks => Ok(Box::new(Breaking((maker.0)()?))),
+        Flaw::Unusable => Err("planted".into()),
+        Flaw::Fails => Ok(Box::new(PanickingAgent((maker.0)()?))),
     }))
 }
 
 /// An agent that panics when its next intent is requested.
-struct Breaking(Box<dyn Agent>);
+struct PanickingAgent(Box<dyn Agent>);
 
-impl Agent for Breaking {
+impl Agent for PanickingAgent {
     fn next(&mut self, _last: Option<MotionEnd>, _view: &View) -> Intent {
         // unwinds like any panic, but prints nothing
         std::panic::resume_unwind(Box::new("planted"))
@@ -130,30 +130,30 @@ fn driver(board: &SimHardware, flaw: Option<Flaw>) -> Arc<dyn Hardware> {
     let board = board.clone();
     match flaw {
         None => Arc::new(board),
-        Some(flaw) => Arc::new(Mute { board, is_mute: AtomicBool::new(flaw == Flaw::Useless) }),
+        Some(flaw) => Arc::new(SilentHardware { board, is_silent: AtomicBool::new(flaw == Flaw::Unusable) }),
     }
 }
 
 /// Hardware that gives no readings: from the first connection on, or from the second, which is made at the takeover.
-struct Mute {
+struct SilentHardware {
     board: SimHardware,
-    is_mute: AtomicBool,
+    is_silent: AtomicBool,
 }
 
-impl Hardware for Mute {
+impl Hardware for SilentHardware {
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
         let driver = self.board.connect()?;
-        let is_mute = self.is_mute.swap(true, Ordering::SeqCst);
-        Ok(Box::new(MuteDriver { driver, is_mute }))
+        let is_silent = self.is_silent.swap(true, Ordering::SeqCst);
+        Ok(Box::new(SilentDriver { driver, is_silent }))
     }
 }
 
-struct MuteDriver {
+struct SilentDriver {
     driver: Box<dyn Driver>,
-    is_mute: bool,
+    is_silent: bool,
 }
 
-impl Driver for MuteDriver {
+impl Driver for SilentDriver {
     fn board(&self) -> &Board {
         self.driver.board()
     }
@@ -161,7 +161,7 @@ impl Driver for MuteDriver {
         self.driver.command(now, command)
     }
     fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault> {
-        Ok(self.driver.sample(now)?.filter(|_| !self.is_mute))
+        Ok(self.driver.sample(now)?.filter(|_| !self.is_silent))
     }
     fn next_sample(&self, now: Time) -> Time {
         self.driver.next_sample(now)

@@ -53,7 +53,7 @@ pub struct TortureTrial {
 
 /// The result of a run.
 #[derive(Clone, Debug)]
-pub struct Ran {
+pub struct TrialResult {
     /// Violations: the name of the invariant (or `bug`) and a sentence.
     pub violations: Vec<(String, String)>,
     /// Duration by the run's clock.
@@ -204,7 +204,7 @@ impl TortureTrial {
     ///
     /// # Errors
     /// If the system can't be built or started.
-    pub fn run(&self, seed: u64, planned: &[Planned], sinks: Vec<Box<dyn Sink>>) -> Result<Ran, Report> {
+    pub fn run(&self, seed: u64, planned: &[Planned], sinks: Vec<Box<dyn Sink>>) -> Result<TrialResult, Report> {
         let config = Config { seed, ..self.config.clone() };
         let mut composed = compose(config.clone(), &self.source)?;
         let mut boards = Vec::new();
@@ -301,7 +301,7 @@ impl TortureTrial {
         if let Some(slope) = growth.filter(|slope| *slope > MAX_GROWTH_MB_PER_H) {
             violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
         }
-        Ok(Ran {
+        Ok(TrialResult {
             violations,
             simulated: end.ended_at.since(Time::ZERO),
             counts,

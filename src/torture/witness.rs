@@ -178,7 +178,7 @@ impl WatchedRobot {
         if self.is_compliant { RETREAT_TOLERANCE_M.max(0.5 * least + READING_SKEW_M) } else { RETREAT_TOLERANCE_M }
     }
 
-    /// True if a contact below the distance of [`WatchedRobot::watched`] breaks the promise: those at the start may
+    /// True if a contact below the distance of [`WatchedRobot::active_promise`] breaks the promise: those at the start may
     /// stay.
     fn is_too_near(&self, contact: &Contact) -> bool {
         let escape = self.escape.0.iter().flatten().filter(|_| self.status == Status::Escaping);

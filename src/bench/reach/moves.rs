@@ -21,7 +21,7 @@ const SIDE_M: f64 = 0.025;
 /// Interval between two moves of the object, seconds.
 const MOVE_INTERVAL_S: f64 = 1.0;
 /// Share of the maximum speeds, so low that a reach takes long.
-const SPEED: f64 = 0.04;
+const REACH_SPEED: f64 = 0.04;
 /// Duration of a reach at that speed, seconds.
 const REACH_S: f64 = 45.0;
 /// Number of moves of the object during a reach.
@@ -46,7 +46,7 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
         "sensor=[]".to_owned(),
         "script=[]".to_owned(),
         format!("robot.{robot}.agent.repeat=0"),
-        format!("robot.{robot}.agent.speed={SPEED}"),
+        format!("robot.{robot}.agent.speed={REACH_SPEED}"),
     ];
     let own: Vec<String> = own.into_iter().chain(args.set.iter().cloned()).collect();
     let mut composition = compose::read(&args.file, &own).map_err(Report::new)?;

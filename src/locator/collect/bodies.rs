@@ -10,26 +10,26 @@ use std::time::Duration;
 const MAX_GAP: Duration = Duration::from_millis(1500);
 
 /// A robot's configurations; times must be requested in order.
-pub(super) struct Body {
+pub(super) struct TrackInterpolator {
     readings: Readings,
     before: Option<TrackReading>,
     after: Option<TrackReading>,
 }
 
 /// A configuration between two readings, and its speed.
-pub(super) struct Posture {
+pub(super) struct MeasuredConfiguration {
     /// Motor positions, rad.
     pub q: Vec<f64>,
     /// Maximum speed of any motor, rad/s.
     pub speed: f64,
 }
 
-impl Body {
+impl TrackInterpolator {
     /// Opens the track of a robot with `motors` motors in a run's folder.
     ///
     /// # Errors
     /// If the track is missing, or belongs to another robot.
-    pub fn open(run: &Path, robot: &str, motors: usize) -> Result<Body, ConfigError> {
+    pub fn open(run: &Path, robot: &str, motors: usize) -> Result<TrackInterpolator, ConfigError> {
         let path = track::file(run, robot);
         let help = "give the folder of a run as it was written";
         let readings = track::read(&path).map_err(|what| ConfigError::plain(what, help))?.ok_or_else(|| {
@@ -39,11 +39,11 @@ impl Body {
             let what = format!("{}: of {} motors, and {robot} has {motors}", path.display(), readings.motors());
             return Err(ConfigError::plain(what, help));
         }
-        Ok(Body { readings, before: None, after: None })
+        Ok(TrackInterpolator { readings, before: None, after: None })
     }
 
     /// The configuration at this time; `None` if the readings do not cover it.
-    pub fn at(&mut self, time: Time) -> Option<Posture> {
+    pub fn at(&mut self, time: Time) -> Option<MeasuredConfiguration> {
         while self.after.as_ref().is_none_or(|after| after.at < time) {
             let next = self.readings.next()?;
             self.before = self.after.replace(next);
@@ -59,6 +59,6 @@ impl Body {
         let share = since.as_secs_f64() / span;
         let both = || before.q.iter().zip(after.q.iter());
         let speed = both().map(|(b, a)| (a - b).abs() / span).fold(0.0, f64::max);
-        Some(Posture { q: both().map(|(b, a)| b + share * (a - b)).collect(), speed })
+        Some(MeasuredConfiguration { q: both().map(|(b, a)| b + share * (a - b)).collect(), speed })
     }
 }

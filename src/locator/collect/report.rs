@@ -30,7 +30,7 @@ pub(super) struct Collected {
 }
 
 /// The checked rows.
-pub(super) struct Check {
+pub(super) struct ViewCheck {
     /// The rows, ordered by place and then by time.
     pub known: Vec<KnownView>,
     /// Exposure times of the two images of each row.
@@ -46,10 +46,10 @@ pub(super) struct Check {
     spread: f64,
 }
 
-impl Check {
+impl ViewCheck {
     /// Drops rows that deviate from the median by more than `gross` pixels, groups rows by place, drops places with
     /// fewer than `least` rows, and takes `per_place` rows of each.
-    pub fn new(raw: Vec<RawRow>, gross: f64, (least, per_place): (usize, usize)) -> Check {
+    pub fn new(raw: Vec<RawRow>, gross: f64, (least, per_place): (usize, usize)) -> ViewCheck {
         let usual = median(&raw);
         let n = raw.len();
         let fits = |row: &RawRow| row.off.is_some_and(|off| (off - usual).amax() <= gross);
@@ -81,7 +81,7 @@ impl Check {
             known.extend(selected.clone().map(|row| KnownView { place, ..row.known }));
             exposed.extend(selected.map(|row| row.exposed));
         }
-        Check { known, exposed, places, gross, sparse, usual, spread }
+        ViewCheck { known, exposed, places, gross, sparse, usual, spread }
     }
 
     /// The report as text.

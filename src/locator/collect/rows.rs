@@ -1,7 +1,7 @@
 //! Simultaneous detections of both eyes, with the robots' configurations.
 
 use super::Scene;
-use super::bodies::{Body, Posture};
+use super::bodies::{MeasuredConfiguration, TrackInterpolator};
 use crate::compose::Composition;
 use mobee_behaviors::locators::head::{HeadKind, JointAngles};
 use mobee_behaviors::locators::learned::glimpse;
@@ -52,8 +52,8 @@ impl fmt::Display for Dropped {
 pub(super) struct Rows<'a> {
     c: &'a Composition,
     scene: &'a Scene,
-    looks: Body,
-    holds: Body,
+    looks: TrackInterpolator,
+    holds: TrackInterpolator,
     /// Maximum speeds at which the looking and the holding robot count as at rest, rad/s.
     still: [f64; 2],
     head: HeadModel,
@@ -64,7 +64,12 @@ pub(super) struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    pub fn new(c: &'a Composition, scene: &'a Scene, [looks, holds]: [Body; 2], still: [f64; 2]) -> Rows<'a> {
+    pub fn new(
+        c: &'a Composition,
+        scene: &'a Scene,
+        [looks, holds]: [TrackInterpolator; 2],
+        still: [f64; 2],
+    ) -> Rows<'a> {
         let own = PlaceFrame { rotation: Matrix3::identity(), origin: Vector3::zeros() };
         let head = HeadModel::nominal(HeadKind::V2, Lens::icub(), own);
         let raw = Vec::new();
@@ -105,7 +110,13 @@ impl<'a> Rows<'a> {
         self.add([left, right], [l, r], &looks, &holds);
     }
 
-    fn add(&mut self, eyes: [Glimpse; 2], exposed: [Time; 2], looks: &Posture, holds: &Posture) {
+    fn add(
+        &mut self,
+        eyes: [Glimpse; 2],
+        exposed: [Time; 2],
+        looks: &MeasuredConfiguration,
+        holds: &MeasuredConfiguration,
+    ) {
         let Scene { joints, marker, .. } = *self.scene;
         let robots = self.c.scene.robots();
         let at = robots.get(self.scene.holds).map(|r| r.markers_at(&holds.q));
