@@ -1,6 +1,7 @@
 //! Whether values have the shape that the schema gives them: their keys, types and choices. All that don't fit are told at once.
 
 use super::complaints::MOST;
+use crate::kinds::PYTHON;
 use mobee_contract::{nearest, suggestion};
 use serde_json::{Map, Value};
 
@@ -192,6 +193,11 @@ impl<'a> Walk<'a> {
             },
             Some(Value::String(name)) => match options.iter().zip(names).find(|(_, known)| *known == name) {
                 Some((option, _)) => self.table(option, map),
+                None if tag == "kind" && name == PYTHON => {
+                    let what = "this is Python code, and this program runs none";
+                    let help = "run the file by the Python package `mobee`: mobee.run(file, agent=...)";
+                    self.within(tag, |w| w.say(false, what.into(), help.into()));
+                }
                 None => {
                     let help = suggestion(name, tag, names);
                     self.within(tag, |w| w.say(false, format!("there is no {tag} `{name}`"), help));
