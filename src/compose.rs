@@ -22,9 +22,6 @@ use std::sync::Arc;
 use std::time::Duration;
 use tempfile::NamedTempFile;
 
-/// The kind of an agent that is Python code, which the Python package registers.
-pub const PYTHON: &str = "python";
-
 /// A system that is built and checked, but not started.
 pub struct Composition {
     /// The configuration it was built from.
@@ -316,11 +313,6 @@ fn kind<R: Role + ?Sized>(source: &Source, at: &str, value: &Value) -> Result<(&
         return Err(source.error(at, "there is no `kind` here", help));
     };
     let Some(found) = kinds.iter().copied().find(|k| k.name == name) else {
-        if name == PYTHON {
-            let what = "this agent is Python code, and this program runs none";
-            let help = "run the file by the Python package `mobee`: mobee.run(file, agent=...)";
-            return Err(source.error(&format!("{at}.kind"), what, help));
-        }
         let what = format!("there is no kind `{name}`");
         return Err(source.error(&format!("{at}.kind"), what, suggestion(name, "kind", &known)));
     };

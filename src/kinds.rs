@@ -6,6 +6,9 @@ use mobee_controller::Drive;
 use serde_json::Value;
 use std::fmt::Write;
 
+/// The kind of an agent that is Python code, which the Python package registers.
+pub const PYTHON: &str = "python";
+
 /// A registered kind.
 pub(crate) struct Entry {
     /// Its role.

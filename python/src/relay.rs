@@ -188,11 +188,11 @@ impl<E: Send + 'static> Agent for RelayAgent<E> {
     }
 
     fn export(&self) -> Snapshot {
-        Snapshot { kind: mobee::compose::PYTHON.into(), version: STATE_VERSION, state: self.state.clone() }
+        Snapshot { kind: mobee::kinds::PYTHON.into(), version: STATE_VERSION, state: self.state.clone() }
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        if from.kind != mobee::compose::PYTHON || from.version != STATE_VERSION {
+        if from.kind != mobee::kinds::PYTHON || from.version != STATE_VERSION {
             let what = format!("it is of kind {}, version {}", from.kind, from.version);
             return Err(Refusal::State { what });
         }

@@ -1,6 +1,6 @@
 //! The kind `python` of agents: its settings in a configuration, and the place in which its code is passed. No Python here.
 
-use mobee::compose::PYTHON;
+use mobee::kinds::PYTHON;
 use mobee_contract::{
     Agent, Intent, Kind, KindError, MotionEnd, Refusal, Registered, Snapshot, Summary, View, settings,
 };

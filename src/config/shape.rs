@@ -1,6 +1,7 @@
 //! Checks that values match the schema: keys, types and choices. Reports all mismatches at once.
 
 use super::complaints::MAX_COMPLAINTS;
+use crate::kinds::PYTHON;
 use mobee_contract::{nearest, suggestion};
 use serde_json::{Map, Value};
 
@@ -194,6 +195,11 @@ impl<'a> SchemaCheck<'a> {
             },
             Some(Value::String(name)) => match options.iter().zip(names).find(|(_, known)| *known == name) {
                 Some((option, _)) => self.table(option, map),
+                None if tag == "kind" && name == PYTHON => {
+                    let what = "this is Python code, and this program runs none";
+                    let help = "run the file by the Python package `mobee`: mobee.run(file, agent=...)";
+                    self.within(tag, |w| w.complain(false, what.into(), help.into()));
+                }
                 None => {
                     let help = suggestion(name, tag, names);
                     self.within(tag, |w| w.complain(false, format!("there is no {tag} `{name}`"), help));
