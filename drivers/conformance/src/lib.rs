@@ -26,6 +26,8 @@
 //! });
 //! assert_eq!(failures, []);
 //! ```
+//! [`servos`] are a counterpart for drivers of servo arms: simulated STS3215 servos on a pseudo-terminal.
+//!
 //! The board needs two motors with some degrees of free room around their rest positions. On a real robot the suite moves up to three motors,
 //! each by 8 degrees at up to 10 deg/s, and to both its limits: make sure that the path is free.
 

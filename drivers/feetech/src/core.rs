@@ -43,6 +43,8 @@ const FOREIGN_GOALS: u32 = 10;
 pub const SILENCE: Duration = Duration::from_millis(250);
 /// A fault that has ended is reported for this long after.
 const FAULT_TAIL: Duration = Duration::from_millis(300);
+/// An overloaded servo gets a new goal no sooner than this after the one before.
+const RELIEF: Duration = Duration::from_millis(500);
 /// The lease of the trajectory itself: the arm's lease is checked by the time of the run.
 const UNBOUNDED: Duration = Duration::from_secs(1 << 30);
 
@@ -90,6 +92,10 @@ pub struct ArmCore {
     path_time: Time,
     /// Its rate in the last period, 0 to 1.
     rate: f64,
+    /// True if something held the last motion up: the offset at its rest is a contact's, not a weight's.
+    held_up: bool,
+    /// Time of the last relief of an overloaded servo.
+    relieved: Option<Time>,
     ticked: Option<Time>,
     lease: Option<Time>,
     states: Vec<ServoState>,
@@ -120,6 +126,8 @@ impl ArmCore {
             stage: Stage::Looking,
             path_time: Time::ZERO,
             rate: 1.0,
+            held_up: false,
+            relieved: None,
             ticked: None,
             lease: None,
             states: Vec::new(),
@@ -207,6 +215,7 @@ impl ArmCore {
         }
         self.plant.command(self.path_time, command, Duration::ZERO)?;
         self.ended.fill(None);
+        self.held_up = false;
         Ok(())
     }
 
@@ -254,6 +263,7 @@ impl ArmCore {
             return None;
         }
         self.rate = self.allowed_rate();
+        self.held_up |= self.rate < HELD_UP;
         let step = since.as_secs_f64().min(MAX_PERIODS * self.numbers.period.as_secs_f64());
         self.path_time = self.path_time + Duration::from_secs_f64(self.rate * step);
         self.plant.advance(self.path_time);
@@ -336,7 +346,7 @@ impl ArmCore {
 
     /// By how much each joint rests beside its goal.
     fn learn_offsets(&mut self) {
-        if self.stage == Stage::Looking || self.plant.moves() {
+        if self.stage == Stage::Looking || self.plant.moves() || self.held_up {
             return;
         }
         let most = self.numbers.hold_error;
@@ -388,7 +398,7 @@ impl ArmCore {
                 ));
             }
         }
-        self.relieve(&relieved);
+        self.relieve(at, &relieved);
         match found {
             Some(what) => self.set_fault(at, what),
             None => {
@@ -410,12 +420,14 @@ impl ArmCore {
         }
     }
 
-    /// Servos that have lowered their torque hold where they are, which relieves them.
-    fn relieve(&mut self, overloaded: &[(usize, f64)]) {
-        let Some(state) = (!overloaded.is_empty()).then(|| self.plant.positions().collect::<Vec<f64>>()) else {
+    /// Servos that have lowered their torque hold where they are, which relieves them. Not with each reading: a goal that follows a sinking
+    /// joint leaves it no torque at all.
+    fn relieve(&mut self, at: Time, overloaded: &[(usize, f64)]) {
+        if overloaded.is_empty() || self.relieved.is_some_and(|before| at.since(before) < RELIEF) {
             return;
-        };
-        let mut start = state;
+        }
+        self.relieved = Some(at);
+        let mut start: Vec<f64> = self.plant.positions().collect();
         for (m, q) in overloaded {
             if let Some(slot) = start.get_mut(*m) {
                 *slot = *q;

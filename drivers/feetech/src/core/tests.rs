@@ -121,6 +121,13 @@ fn a_blocked_servo_is_led_by_no_more_than_the_lead() {
         assert_eq!(bench.step(false), held);
     }
     assert!(bench.sample_done());
+    // nor does a second motion into it push harder
+    bench.go(0.5);
+    for _ in 0..500 {
+        bench.lease();
+        most = most.max(bench.step(false) - 2000);
+    }
+    assert!(f64::from(most) <= lead + 1.0, "{most} of {lead:.1} counts");
 }
 
 /// At the end of the lease the goal brakes along a ramp, and the next lease resumes nothing.
@@ -190,6 +197,20 @@ fn faults_have_names_end_with_their_cause_and_brake() {
         bench.step(true);
     }
     assert_eq!(bench.core.fault(), None);
+}
+
+/// An overloaded servo holds where it is, and its goal does not follow it down.
+#[test]
+fn an_overloaded_servo_holds_where_it_is() {
+    let mut bench = Bench::new(false);
+    bench.status = 0x20;
+    bench.position = 1900.0;
+    bench.step(false);
+    for sunk in 1..30 {
+        bench.position = 1900.0 - f64::from(sunk);
+        assert_eq!(bench.step(false), 1900);
+    }
+    assert!(bench.core.fault().unwrap().contains("overloaded"));
 }
 
 #[test]
