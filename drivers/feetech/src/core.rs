@@ -25,6 +25,12 @@ const MAX_SETTLING: Duration = Duration::from_secs(1);
 const FREE_LEAD: f64 = 0.6;
 /// The trajectory moves on by no more periods at once: a late thread must not make a step.
 const MAX_PERIODS: f64 = 2.0;
+/// A joint that is behind by this share of its lead...
+const BLOCKED_LEAD: f64 = 0.9;
+/// ... for this long is blocked, ...
+const BLOCKED_FOR: Duration = Duration::from_millis(100);
+/// ... which is reported as this share of the torque of a contact.
+const CONTACT_SHARE: f64 = 1.2;
 /// A slower trajectory stands, rad/s: it can't be held up.
 const STANDING: f64 = 1e-6;
 /// A trajectory is held from so much of its own time on.
@@ -103,6 +109,8 @@ pub struct ArmCore {
     /// Goal less position at the last rest, rad.
     offsets: Vec<f64>,
     goals: Vec<i32>,
+    /// Since when each joint has been behind by its lead, and the direction of its motion.
+    blocked: Vec<Option<(Time, f64)>>,
     foreign_goals: Vec<u32>,
     /// Time at which the trajectory of each motor had ended.
     ended: Vec<Option<Time>>,
@@ -134,6 +142,7 @@ impl ArmCore {
             recent: vec![VecDeque::with_capacity(REST_READINGS); n],
             offsets: vec![0.0; n],
             goals: Vec::new(),
+            blocked: vec![None; n],
             foreign_goals: vec![0; n],
             ended: vec![None; n],
             fault: None,
@@ -262,7 +271,7 @@ impl ArmCore {
         if self.stage == Stage::Looking {
             return None;
         }
-        self.rate = self.allowed_rate();
+        self.rate = self.allowed_rate(now);
         self.held_up |= self.rate < HELD_UP;
         let step = since.as_secs_f64().min(MAX_PERIODS * self.numbers.period.as_secs_f64());
         self.path_time = self.path_time + Duration::from_secs_f64(self.rate * step);
@@ -279,18 +288,23 @@ impl ArmCore {
     }
 
     /// Rate at which the trajectory may go on, 0 to 1: by the joint that is farthest behind, in the direction of its motion.
-    fn allowed_rate(&self) -> f64 {
+    fn allowed_rate(&mut self, now: Time) -> f64 {
         let commanded = self.plant.positions().zip(self.plant.speeds());
-        let joints = self.joints.iter().zip(&self.states).zip(&self.offsets).zip(commanded);
+        let joints = self.joints.iter().zip(&self.states).zip(&self.offsets).zip(commanded).zip(&mut self.blocked);
         let mut worst = 0.0f64;
-        for (((joint, state), offset), (q, v)) in joints {
+        for ((((joint, state), offset), (q, v)), blocked) in joints {
+            let mut share = 0.0;
             if v.abs() >= STANDING {
                 let measured = joint.angle(f64::from(state.position));
-                worst = worst.max((q - measured - offset) * v.signum());
+                share = (q - measured - offset) * v.signum() / self.numbers.lead;
             }
+            worst = worst.max(share);
+            *blocked = match share >= BLOCKED_LEAD {
+                true => Some(blocked.map_or((now, v.signum()), |(since, _)| (since, v.signum()))),
+                false => None,
+            };
         }
-        let share = worst / self.numbers.lead;
-        ((1.0 - share) / (1.0 - FREE_LEAD)).clamp(0.0, 1.0)
+        ((1.0 - worst) / (1.0 - FREE_LEAD)).clamp(0.0, 1.0)
     }
 
     /// The states of all servos, in the order of the joints, as they were no earlier than `at`.
@@ -315,7 +329,7 @@ impl ArmCore {
             at,
             q: q.into(),
             done: self.done(at),
-            external: self.external(),
+            external: self.external(at),
             ..Sample::default()
         });
     }
@@ -335,13 +349,22 @@ impl ArmCore {
         each.map(|((done, rests), ended)| done && (rests || settled(ended))).collect()
     }
 
-    /// The torque with which something pushes each joint: that of its servo, reversed, weight included.
-    fn external(&self) -> Vec<f64> {
-        let torque = |(joint, state): (&ServoJoint, &ServoState)| {
-            let torque = -f64::from(state.load) * 1e-3 * self.numbers.torque;
-            if joint.inverted { -torque } else { torque }
-        };
-        self.joints.iter().zip(&self.states).map(torque).collect()
+    /// The torque with which something pushes each joint: that of its servo, reversed, weight included. A joint that is blocked reports a
+    /// contact: the lead keeps its servo from pushing as hard.
+    fn external(&self, at: Time) -> Vec<f64> {
+        let joints = self.joints.iter().zip(&self.states).zip(&self.axes).zip(&self.blocked);
+        let torque =
+            |(((joint, state), axis), blocked): (((&ServoJoint, &ServoState), &Axis), &Option<(Time, f64)>)| {
+                let torque = -f64::from(state.load) * 1e-3 * self.numbers.torque;
+                let torque = if joint.inverted { -torque } else { torque };
+                match blocked {
+                    Some((since, direction)) if at.since(*since) >= BLOCKED_FOR => {
+                        -direction * torque.abs().max(CONTACT_SHARE * axis.contact_effort)
+                    }
+                    _ => torque,
+                }
+            };
+        joints.map(torque).collect()
     }
 
     /// By how much each joint rests beside its goal.

@@ -24,7 +24,15 @@ impl Bench {
     fn new(inverted: bool) -> Bench {
         let joint = joint(inverted);
         let (min, max) = joint.limits();
-        let axis = Axis { name: "pan".into(), min, max, max_speed: 1.0, max_acceleration: 7.0, ..Axis::default() };
+        let axis = Axis {
+            name: "pan".into(),
+            min,
+            max,
+            max_speed: 1.0,
+            max_acceleration: 7.0,
+            contact_effort: 1.7,
+            ..Axis::default()
+        };
         let numbers = CoreNumbers { period: MS, lead: 0.05, hold_error: 0.1, torque: 2.9 };
         let core = ArmCore::new(vec![joint], vec![axis], numbers);
         let (now, other_goal) = (Time::from_secs(1.0), None);
@@ -112,6 +120,7 @@ fn a_blocked_servo_is_led_by_no_more_than_the_lead() {
         bench.lease();
         most = most.max(bench.step(false) - 2000);
     }
+    assert!(bench.sample().external[0] < -1.7, "a blocked joint reports a contact");
     let lead = 0.05 / crate::joint::RAD_PER_COUNT;
     assert!(f64::from(most) <= lead + 1.0 && f64::from(most) > 0.8 * lead, "{most} of {lead:.1} counts");
     bench.core.command(bench.now, &Command::Stop { motors: vec![] }).unwrap();

@@ -3,3 +3,4 @@
 mod conformance;
 mod faults;
 mod motions;
+mod run;

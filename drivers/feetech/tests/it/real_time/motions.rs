@@ -86,4 +86,17 @@ fn a_blocked_motion_pushes_no_harder_than_the_lead() {
     driver.command(arm.now(), &Command::Stop { motors: vec![] }).unwrap();
     let sample = arm.until_done(driver.as_mut()).pop().unwrap();
     assert!(sample.done[0]);
+    // and it leaves what blocked it
+    there[0] = 0.0;
+    to(driver.as_mut(), &arm, &there, 0.5);
+    arm.until(driver.as_mut(), Duration::from_millis(1500), |_| None::<()>);
+    let servo = arm.terminal.with(|world| world.servo(1).unwrap().clone());
+    println!(
+        "goal {}, position {:.2}, load {:.0}, status {}",
+        servo.goal(),
+        servo.position(),
+        servo.load(),
+        servo.status()
+    );
+    assert!((servo.position() - 2048.0).abs() < 3.0, "{} counts", servo.position());
 }
