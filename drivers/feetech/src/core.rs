@@ -224,7 +224,9 @@ impl ArmCore {
         }
         self.plant.command(self.path_time, command, Duration::ZERO)?;
         self.ended.fill(None);
-        self.held_up = false;
+        if matches!(command, Command::Move(_) | Command::Direct { .. } | Command::Velocity { .. }) {
+            self.held_up = false;
+        }
         Ok(())
     }
 
@@ -296,7 +298,9 @@ impl ArmCore {
             let mut share = 0.0;
             if v.abs() >= STANDING {
                 let measured = joint.angle(f64::from(state.position));
-                share = (q - measured - offset) * v.signum() / self.numbers.lead;
+                // an offset that helps the motion takes nothing off the lead
+                let against = (offset * v.signum()).max(0.0);
+                share = ((q - measured) * v.signum() - against) / self.numbers.lead;
             }
             worst = worst.max(share);
             *blocked = match share >= BLOCKED_LEAD {
