@@ -47,6 +47,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
 const UNNAMED: &[(&str, &str)] = &[
     ("mobee", "bytemuck"),
     ("mobee-recorder", "getrandom"),
+    ("mobee-recorder", "libc"),
     ("mobee-model", "num-complex"),
     ("mobee-model", "num-integer"),
     ("mobee-recorder", "regex"),
