@@ -63,7 +63,7 @@ pub fn command(args: &ViewArgs) -> Result<String, Report> {
     let seen = view_model(&settings, &view).map_err(|why| miette!("{}: {why}", args.robot.display()))?;
     let text = summary(&out, &robot, &seen, args.margin);
     Ok(match args.out {
-        Some(_) => format!("{text}now: mobee view {}\n", out.display()),
+        Some(_) => format!("{text}now: mobee view {}\n", crate::terminal::shell_word(&out)),
         None => format!("{text}{}\n", view::open(&out)?),
     })
 }

@@ -162,7 +162,7 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
     if let Some(file) = &args.record {
         record(args, &scene, along(&from, &motors, &path), file)?;
         if to_terminal == 0 {
-            terminal::out(&format!("now: mobee view {}\n", file.display()));
+            terminal::out(&format!("now: mobee view {}\n", terminal::shell_word(file)));
         }
     }
     Ok(ExitCode::SUCCESS)

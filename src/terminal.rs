@@ -7,6 +7,7 @@
 use crate::config::{Complaints, ConfigError};
 use miette::{GraphicalReportHandler, GraphicalTheme, Report};
 use mobee_model::{FileError, printable};
+use std::path::Path;
 
 /// Like the standard library's, for untrusted text.
 macro_rules! println {
@@ -43,13 +44,30 @@ pub fn complain(report: &Report) {
     }
 }
 
+/// A path as a word of a shell command that a user may copy: quoted if it has characters with a meaning to the shell.
+pub(crate) fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |c: char| c.is_alphanumeric() || "/._-+,:@%".contains(c);
+    if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+}
+
 #[cfg(test)]
 mod tests {
-    use std::path::{Path, PathBuf};
+    use std::path::PathBuf;
 
     fn files(dir: &Path) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(dir).expect("a folder").map(|e| e.expect("an entry").path());
         entries.flat_map(|p| if p.is_dir() { files(&p) } else { vec![p] }).collect()
+    }
+
+    #[test]
+    fn a_copied_command_has_its_path_in_one_word() {
+        for path in ["runs/explore-2026", "/tmp/a b", "it's", "$(rm)", "-"] {
+            let words =
+                std::process::Command::new("sh").args(["-c", &format!("printf %s {}", shell_word(Path::new(path)))]);
+            let out = words.output().expect("a shell");
+            assert_eq!(String::from_utf8_lossy(&out.stdout), path);
+        }
     }
 
     #[test]

@@ -103,7 +103,11 @@ fn mujoco(profile: &str) -> String {
 }
 
 fn yarp(robot: &Robot, name: &str) -> DriverText {
-    let part = |p: &mobee_model::Part| format!("{{ part = {:?}, port = \"/{name}Sim/{}\" }}", p.name, p.name);
+    // names of URDFs may have any characters
+    let quoted = |text: String| toml::Value::String(text).to_string();
+    let part = |p: &mobee_model::Part| {
+        format!("{{ part = {}, port = {} }}", quoted(p.name.clone()), quoted(format!("/{name}Sim/{}", p.name)))
+    };
     let parts: Vec<String> = robot.parts.iter().filter(|p| !p.motors.is_empty()).map(part).collect();
     DriverText {
         top: "clock = \"real\"\n".into(),

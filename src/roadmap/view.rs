@@ -57,7 +57,7 @@ pub fn command(args: &ViewMapArgs) -> Result<String, Report> {
     let view = MapView { scene: &scene, vertices: &vertices, poses: &poses, names: &names, lines: &lines };
     view_map(&settings, &view).map_err(|why| miette!("{}: {why}", args.map.display()))?;
     Ok(match args.out {
-        Some(_) => format!("now: mobee view {}\n", out.display()),
+        Some(_) => format!("now: mobee view {}\n", crate::terminal::shell_word(&out)),
         None => format!("{}\n", view::open(&out)?),
     })
 }

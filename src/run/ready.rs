@@ -2,6 +2,7 @@
 
 use super::{CtlAt, Folder};
 use crate::compose::Composition;
+use crate::terminal;
 use mobee_actors::runtime::clock::ClockKind;
 
 /// The lines, in order.
@@ -28,7 +29,7 @@ pub(super) fn lines(composition: &Composition, folder: &Folder, ctl: CtlAt) -> V
             return lines;
         }
         (_, true) => String::new(),
-        (_, false) => format!(" --run {path}"),
+        (_, false) => format!(" --run {}", terminal::shell_word(folder.path())),
     };
     lines.push(format!("  watch   mobee ctl{run} status, mobee ctl{run} log -f"));
     lines.push(format!(

@@ -161,11 +161,12 @@ pub(super) fn print(
         println!("\n  the journal could no longer be written, so the robots were brought to rest");
     }
     if done.end.reason == Reason::NoJournal && is_there {
-        println!("  once it can be: mobee run --resume {path}");
+        println!("  once it can be: mobee run --resume {}", crate::terminal::shell_word(folder.path()));
     }
     if !is_there {
         return Ok(());
     }
+    let path = crate::terminal::shell_word(folder.path());
     println!(
         "\n  mobee check {path}      verify the journal and the invariants\n  mobee view {path}       open the recording"
     );
