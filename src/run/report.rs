@@ -155,7 +155,6 @@ pub(super) fn print(
     if let Some((what, _)) = &done.overload {
         row("attention", what.clone());
     }
-    let path = folder.path().display();
     let is_there = folder.path().join(mobee_actors::record::journal::FILE).exists();
     if done.end.reason == Reason::NoJournal {
         println!("\n  the journal could no longer be written, so the robots were brought to rest");
