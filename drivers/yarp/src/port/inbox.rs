@@ -58,10 +58,14 @@ impl Inbox {
 
     /// Adds a message, waiting for room.
     pub async fn push(&self, message: Message) {
-        let mut back = self.put(message);
+        let mut back = Some(message);
         while let Some(message) = back {
-            self.room.notified().await;
+            // Created before the attempt: `close` wakes only the waiters that exist by then.
+            let room = self.room.notified();
             back = self.put(message);
+            if back.is_some() {
+                room.await;
+            }
         }
     }
 
@@ -105,5 +109,54 @@ impl Inbox {
 
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Bottle;
+    use crate::port::Payload;
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicUsize;
+    use std::time::Duration;
+
+    fn message() -> Message {
+        let payload = Payload::Bottle(Bottle::default());
+        Message { payload, envelope: None, from: "/a".into(), connection: 1, wants_reply: false }
+    }
+
+    /// A sender that finds no room is woken by a close, also if both happen at the same time.
+    #[tokio::test]
+    async fn no_sender_waits_at_a_closed_inbox() {
+        let (inboxes, turn) =
+            (Arc::new(Mutex::new(Arc::new(Inbox::new(Queue::Bounded(1))))), Arc::new(AtomicUsize::new(0)));
+        const ROUNDS: usize = 100_000;
+        let closes = std::thread::spawn({
+            let (inboxes, turn) = (inboxes.clone(), turn.clone());
+            move || {
+                for round in 1..=ROUNDS {
+                    while turn.load(Ordering::Acquire) < 2 * round - 1 {
+                        std::thread::yield_now();
+                    }
+                    let inbox = lock(&inboxes).clone();
+                    turn.store(2 * round, Ordering::Release);
+                    (0..round % 64).for_each(|_| std::hint::spin_loop());
+                    inbox.close();
+                }
+            }
+        });
+        for round in 1..=ROUNDS {
+            let inbox = Arc::new(Inbox::new(Queue::Bounded(1)));
+            inbox.push(message()).await;
+            *lock(&inboxes) = inbox.clone();
+            turn.store(2 * round - 1, Ordering::Release);
+            while turn.load(Ordering::Acquire) < 2 * round {
+                std::thread::yield_now();
+            }
+            let pushed = tokio::time::timeout(Duration::from_secs(10), inbox.push(message())).await;
+            assert!(pushed.is_ok(), "the sender still waits at the inbox that was closed in round {round}");
+        }
+        closes.join().unwrap();
     }
 }
