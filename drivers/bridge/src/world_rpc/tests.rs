@@ -112,8 +112,9 @@ fn a_refused_request_changes_nothing() {
     assert_eq!(b.of("sph1", grab), Ok(ObjectReply::Grabbed));
     // An overfull world, as a configuration can make it.
     let table = object(&b, "table");
-    let more = |k: usize| Edit::Add(Object { name: format!("t{k}"), persistent: true, ..table.clone() });
-    b.edit(&(0..MOST_OBJECTS).map(more).collect::<Vec<_>>());
+    let more = (0..MOST_OBJECTS).map(|k| Object { name: format!("t{k}"), persistent: true, ..table.clone() });
+    let objects = more.chain([table.clone(), object(&b, "sph1")]).collect();
+    b.scene = Scene::new(vec![(robot, nalgebra::Isometry3::identity())], objects).unwrap();
     let full = WorldRefusal::Full { most: MOST_OBJECTS };
     assert_eq!(b.of("sph1", ObjectRequest::Remove), Err(full.clone()));
     assert!(b.core.holds_anything());
