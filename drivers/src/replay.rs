@@ -79,9 +79,11 @@ impl ReplayHardware {
         Ok(ReplayHardware::new(table, SimSettings::default().axes(&context.robot), settings.encoder_hz))
     }
 
-    /// Creates a robot with these axes that follows the table, with this number of readings per second.
+    /// Creates a robot with these axes that follows the table, with this number of readings per second: from 1 to
+    /// 1000, and 1 instead of NaN.
     pub fn new(table: PoseTable, axes: Vec<Axis>, encoder_hz: f64) -> ReplayHardware {
-        let period = Duration::from_secs_f64(1.0 / encoder_hz.clamp(1.0, 1000.0));
+        let encoder_hz = if encoder_hz.is_nan() { 1.0 } else { encoder_hz.clamp(1.0, 1000.0) };
+        let period = Duration::from_secs_f64(1.0 / encoder_hz);
         let board = Board { axes, period, latency: Duration::ZERO, position_direct: true };
         ReplayHardware { table: Arc::new(table), board }
     }

@@ -138,15 +138,19 @@ impl CommandGuard {
             }
             Some(_) => Ok(()),
         };
-        let speeds = |list: &Option<Vec<f64>>| match list.iter().flatten().find(|v| !(v.is_finite() && **v >= 0.0)) {
+        let exist = |motors: &[usize]| match motors.iter().find(|motor| self.rules.axes.get(**motor).is_none()) {
+            Some(motor) => Err(format!("there is no motor {motor}")),
+            None => Ok(()),
+        };
+        let references = |list: &[f64]| match list.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
             Some(v) => Err(format!("a reference of {v} is invalid")),
             None => Ok(()),
         };
         match command {
             Command::Move(m) if m.relative => Err("relative moves do not pass the filter".into()),
             Command::Move(m) => {
-                speeds(&m.speed)?;
-                speeds(&m.acceleration)?;
+                references(m.speed.as_deref().unwrap_or_default())?;
+                references(m.acceleration.as_deref().unwrap_or_default())?;
                 if m.motors.len() != m.q.len() {
                     return Err("a move with lists of different length".into());
                 }
@@ -161,7 +165,17 @@ impl CommandGuard {
             }
             Command::Velocity { motors, speed } => motors.iter().zip(speed).try_for_each(|(i, v)| self.slow(*i, *v)),
             Command::Mode { motors, .. } if motors.is_empty() => Err("a mode for no motor".into()),
-            Command::Stop { .. } | Command::Reference { .. } | Command::Mode { .. } => Ok(()),
+            Command::Reference { motors, .. } if motors.is_empty() => Err("references for no motor".into()),
+            Command::Reference { motors, speed, acceleration } => {
+                if [speed.len(), acceleration.len()] != [motors.len(); 2] {
+                    return Err("references with lists of different length".into());
+                }
+                exist(motors)?;
+                references(speed)?;
+                references(acceleration)
+            }
+            // A stop of no motor stops all.
+            Command::Stop { motors } | Command::Mode { motors, .. } => exist(motors),
         }
     }
 

@@ -247,9 +247,9 @@ impl HistoryCore {
 
     /// Greatest motor speed over the window, rad/s: by the means of its halves, and by the means of each half's own
     /// halves, so that a motor that reverses is not at rest. The latter are three times as noisy, and are weighted by
-    /// two thirds.
+    /// two thirds. A ring shorter than the window bounds it: otherwise no speed would ever be known.
     fn speed(&self) -> f64 {
-        let window = WINDOW * self.density();
+        let window = WINDOW * self.density().min(self.length / WINDOW);
         let half = window / 2;
         let Some(start) = self.ring.len().checked_sub(window) else { return f64::INFINITY };
         if self.ring.range(start + 1..).any(|r| r.after_gap || r.after_pause) {

@@ -109,6 +109,8 @@ impl Merge {
             let Some(readings) = robot.readings else { continue };
             // A crash leaves an unreadable end with nothing behind it.
             found.is_damaged |= readings.gaps().iter().any(|gap| gap.until.is_some());
+            found.is_damaged |= readings.failure().is_some();
+            found.wrong.extend(readings.failure().map(str::to_owned));
             found.wrong.extend(readings.gaps().iter().map(|gap| unjudged(&robot.name, readings.path(), gap)));
         }
         found

@@ -60,7 +60,7 @@ impl Tracks {
     /// it is.
     ///
     /// # Errors
-    /// The file that can't be written or is not such a file, as a message.
+    /// The file that can't be read to its end, can't be written, or is not such a file, as a message.
     pub fn open(dir: &Path, robots: &[(String, usize, f64)]) -> Result<Tracks, String> {
         let tracks = robots.iter().map(|(robot, motors, tolerance)| Track::open(dir, robot, *motors, *tolerance));
         Ok(Tracks(Arc::new(Mutex::new(tracks.collect::<Result<_, _>>()?))))
@@ -152,6 +152,10 @@ impl Track {
                 return Err(format!(
                     "{at}: it has the measured poses of {of} motors, and {robot} has {motors}; put back the file as it was written, or take it away"
                 ));
+            }
+            // The rest of the file may be readable: it is not cut off.
+            if let Some(failure) = readings.failure() {
+                return Err(format!("{failure}; check the disk, or move the file away to go on without it"));
             }
             whole = readings.whole();
         }

@@ -129,11 +129,19 @@ struct Exchange {
 
 impl Exchange {
     async fn carry_out(&self, part: NewPart, terms: SwapPolicy) {
+        let offered = match &part {
+            NewPart::Driver(hardware) => Some(HardwareHandle(hardware.clone())),
+            NewPart::Controller(_) => None,
+        };
         let last = match self.take_over(part).await {
-            Err(why) => SwapStep::Refused { why },
+            Err(why) => {
+                // It may be connected already, perhaps to another robot.
+                self.release(offered);
+                SwapStep::Refused { why }
+            }
             Ok(()) => match self.probation(terms).await {
                 Ok(old) => {
-                    self.release(Some(old));
+                    self.release(Some(old.plug));
                     SwapStep::Settled
                 }
                 Err(why) => {
@@ -356,12 +364,12 @@ impl Exchange {
         // A controller that is down has reported that.
         let _ = renewed.await;
         let broken = self.context.trial.lock().broke.take().map(|(_, broken)| broken);
-        self.release(broken);
+        self.release(broken.map(|parts| parts.plug));
     }
 
-    /// Releases parts that are no longer used.
-    fn release(&self, parts: Option<Parts>) {
-        let Some(Parts { plug, .. }) = parts else { return };
+    /// Releases hardware that is not used, or no longer; no-op for that in use.
+    fn release(&self, plug: Option<HardwareHandle>) {
+        let Some(plug) = plug else { return };
         if Arc::ptr_eq(&plug.0, &self.context.parts.lock().plug.0) {
             return;
         }

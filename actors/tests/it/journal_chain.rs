@@ -129,6 +129,27 @@ fn missing_doubled_and_swapped_lines_are_named() {
     }
 }
 
+/// A line beyond the bound of the reader is damage: a resumed run would otherwise cut off the events behind it.
+#[test]
+fn a_line_that_is_too_long_is_named_and_nothing_is_cut_off() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = write(dir.path(), "a").path().to_path_buf();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let all: Vec<&str> = text.lines().collect();
+    // As a crash leaves it: a seal would count the events.
+    std::fs::remove_file(path.with_extension("seal")).unwrap();
+    for bytes in [1 << 25, 40 << 20] {
+        let long = "x".repeat(bytes);
+        let lines_before_and_after = [&all[..6], &[long.as_str()], &all[6..]].concat();
+        std::fs::write(&path, lines_before_and_after.join("\n") + "\n").unwrap();
+        let size = std::fs::metadata(&path).unwrap().len();
+        let error = Journal::resume(dir.path(), |_| {}).unwrap_err();
+        assert_eq!((error.line, error.truncated), (7, false), "{error}");
+        assert!(error.what.contains("longer than 32 MiB"), "{error}");
+        assert_eq!(std::fs::metadata(&path).unwrap().len(), size);
+    }
+}
+
 #[test]
 fn missing_and_empty_files_are_errors_with_a_remedy() {
     let dir = tempfile::tempdir().unwrap();

@@ -41,6 +41,8 @@ struct Other {
     board: SimHardware,
     wrong: Wrong,
     connections: AtomicU32,
+    /// Number of times that the board was released to another driver.
+    releases: Arc<AtomicU32>,
 }
 
 impl Hardware for Other {
@@ -58,6 +60,10 @@ impl Hardware for Other {
             _ => {}
         }
         Ok(Box::new(OtherDriver { driver, board, wrong: self.wrong, later }))
+    }
+
+    fn let_go(&self) {
+        self.releases.fetch_add(1, Ordering::SeqCst);
     }
 }
 
@@ -104,7 +110,13 @@ fn offer(part: NewPart, what: String, probation: f64) -> Control {
 }
 
 fn driver(board: &SimHardware, wrong: Wrong, probation: f64) -> Control {
-    let other = Other { board: board.clone(), wrong, connections: AtomicU32::new(0) };
+    counted(board, wrong, probation, &Arc::default())
+}
+
+/// As [`driver`], and counts the releases of its board.
+fn counted(board: &SimHardware, wrong: Wrong, probation: f64, releases: &Arc<AtomicU32>) -> Control {
+    let (board, releases) = (board.clone(), releases.clone());
+    let other = Other { board, wrong, connections: AtomicU32::new(0), releases };
     offer(NewPart::Driver(Arc::new(other)), format!("{wrong:?}"), probation)
 }
 
@@ -193,8 +205,13 @@ fn a_margin_that_touches_already_is_refused() {
 fn a_driver_is_exchanged_by_one_that_fits() {
     be_quiet();
     for wrong in [Nothing].into_iter().chain(REFUSED).chain(REVERTED) {
-        let ran = trial().run_driven(|board| vec![(Duration::from_secs(2), driver(board, wrong, 3.0))]);
+        let releases = Arc::default();
+        let swap = |board: &SimHardware| vec![(Duration::from_secs(2), counted(board, wrong, 3.0, &releases))];
+        let ran = trial().run_driven(swap);
         sound(&ran);
+        // A driver that is not in use must not write any more, not even a stop as it is dropped.
+        let released = releases.load(Ordering::SeqCst);
+        assert_eq!(released, u32::from(wrong != Nothing), "{wrong:?}\n{}", ran.lines());
         let steps: Vec<SwapStep> = steps(&ran).into_iter().map(|(_, step)| step).collect();
         let fits = match steps.as_slice() {
             [_, SwapStep::TookOver { .. }, SwapStep::Settled] => wrong == Nothing,

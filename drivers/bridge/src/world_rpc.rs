@@ -57,12 +57,25 @@ pub struct Changed {
     pub edits: Vec<Edit>,
     /// The reply.
     pub reply: WorldReply,
+    /// State that [`WorldRpc::not_made`] restores.
+    before: Before,
+}
+
+/// State of the core before a change.
+#[derive(Debug)]
+struct Before {
+    counters: make::Counters,
+    grabs: Grabs,
+    /// The step that the change undoes; `None` if the change is recorded as a step itself.
+    undone: Option<Step>,
 }
 
 /// A change that can be undone.
+#[derive(Debug)]
 struct Step {
     change: Change,
-    back: Vec<Edit>,
+    /// For each edit, in the order in which they were made, the edits that undo it.
+    back: Vec<Vec<Edit>>,
 }
 
 /// Pure core: counters of names, grabbed objects, and the steps that can be undone.
@@ -109,6 +122,24 @@ impl WorldRpc {
         self.change(Change::Loaded(file.to_owned()), file::replace(objects, view.scene), view, reply)
     }
 
+    /// Drops the record of the newest change: only its first edits were made, `made` of them. These can be undone.
+    /// Call it before the next request.
+    pub fn not_made(&mut self, changed: Changed, made: usize) {
+        let Before { counters, grabs, undone } = changed.before;
+        (self.counters, self.grabs) = (counters, grabs);
+        let step = match undone {
+            Some(Step { change, .. }) => {
+                let left = changed.edits.into_iter().skip(made);
+                Some(Step { change, back: left.rev().map(|edit| vec![edit]).collect() })
+            }
+            None => self.steps.pop_back().map(|mut step| {
+                step.back.truncate(made);
+                step
+            }),
+        };
+        self.steps.extend(step.filter(|step| !step.back.is_empty()));
+    }
+
     /// Edits that move grabbed objects with their markers; to be called while the robots move.
     pub fn follow(&mut self, view: &WorldView) -> Vec<Edit> {
         self.grabs.follow(view)
@@ -131,6 +162,9 @@ impl WorldRpc {
         match self.change(Change::Changed(name.to_owned()), vec![edit], view, found(Ok(reply))) {
             Ok(changed) => {
                 self.grabs.regrip(&changed.edits, view);
+                if matches!(ask, ObjectRequest::Remove) {
+                    self.grabs.release(name);
+                }
                 Ok(Answered::Changed(changed))
             }
             Err(why) => Ok(Answered::Reply(found(Err(why)))),
@@ -161,25 +195,27 @@ impl WorldRpc {
                 (ObjectReply::Class(*class), Some(Edit::Class { name: name(), class: *class }))
             }
             ObjectRequest::Remove if object.persistent => return Err(WorldRefusal::Persistent),
-            ObjectRequest::Remove => {
-                self.grabs.release(&object.name);
-                (ObjectReply::Removed, Some(Edit::Remove { name: name() }))
-            }
+            ObjectRequest::Remove => (ObjectReply::Removed, Some(Edit::Remove { name: name() })),
             ObjectRequest::Grab { robot, marker } => (self.grabs.grab(object, robot, marker, view)?, None),
         })
     }
 
     fn clear(&mut self, view: &WorldView) -> Result<Changed, WorldRefusal> {
+        let changed = self.change(Change::Cleared, vec![Edit::Clear], view, WorldReply::Cleared)?;
         self.counters = make::Counters::default();
         self.grabs = Grabs::default();
-        self.change(Change::Cleared, vec![Edit::Clear], view, WorldReply::Cleared)
+        Ok(changed)
     }
 
     fn undo(&mut self, view: &WorldView) -> Result<Changed, WorldRefusal> {
-        let Step { change, back } = self.steps.pop_back().ok_or(WorldRefusal::NothingToUndo)?;
-        rehearse(&back, view.scene).map_err(|why| WorldRefusal::NotUndone(Box::new(why)))?;
-        self.grabs.regrip(&back, view);
-        Ok(Changed { edits: back, reply: WorldReply::Undone(change) })
+        let step = self.steps.back().ok_or(WorldRefusal::NothingToUndo)?;
+        let edits: Vec<Edit> = step.back.iter().rev().flatten().cloned().collect();
+        let reply = WorldReply::Undone(step.change.clone());
+        // A step that can't be undone now remains: the world may change again.
+        rehearse(&edits, view.scene).map_err(|why| WorldRefusal::NotUndone(Box::new(why)))?;
+        let before = Before { undone: self.steps.pop_back(), ..self.before() };
+        self.grabs.regrip(&edits, view);
+        Ok(Changed { edits, reply, before })
     }
 
     /// Checks a change with the scene and records it for undo; fails if the scene does not accept it.
@@ -195,7 +231,12 @@ impl WorldRpc {
             self.steps.pop_front();
         }
         self.steps.push_back(Step { change, back });
-        Ok(Changed { edits, reply })
+        Ok(Changed { edits, reply, before: self.before() })
+    }
+
+    /// The present state, before a change that is recorded as a step.
+    fn before(&self) -> Before {
+        Before { counters: self.counters.clone(), grabs: self.grabs.clone(), undone: None }
     }
 }
 
@@ -203,11 +244,11 @@ fn found<'a>(name: &str, view: &'a WorldView) -> Result<&'a Arc<Object>, WorldRe
     view.scene.object(name).map(|(_, object)| object).ok_or_else(|| WorldRefusal::NoObject(name.to_owned()))
 }
 
-/// Tries edits on a copy of the scene. Returns the edits that would undo them, in order, or the reason why
+/// Tries edits on a copy of the scene. Returns, for each of them, the edits that would undo it, or the reason why
 /// they can't be made.
-fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Edit>, WorldRefusal> {
+fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Vec<Edit>>, WorldRefusal> {
     let mut scene = scene.clone();
-    let mut back: Vec<Edit> = Vec::new();
+    let mut back: Vec<Vec<Edit>> = Vec::new();
     for edit in edits {
         let old = |name: &str| scene.object(name).map(|(_, o)| Object::clone(o));
         let inverse: Vec<Edit> = match edit {
@@ -224,7 +265,7 @@ fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Edit>, WorldRefusal> {
                 scene.objects().filter(|(_, o)| !o.persistent).map(|(_, o)| Edit::Add(Object::clone(o))).collect()
             }
         };
-        back.splice(0..0, inverse);
+        back.push(inverse);
         scene = scene.edit(edit).map_err(WorldRefusal::Scene)?;
         if scene.objects().count() > MOST_OBJECTS {
             return Err(WorldRefusal::Full { most: MOST_OBJECTS });

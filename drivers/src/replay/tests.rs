@@ -34,6 +34,17 @@ fn a_robot_follows_its_table_and_ignores_commands() {
     assert!(seen.iter().all(|s| s.q[0] == robot.home()[0]), "motors without a column stay");
 }
 
+/// Any rate gives a period from one millisecond to one second.
+#[test]
+fn any_rate_is_played() {
+    let robot = robot();
+    for (rate, ms) in [(f64::NAN, 1000), (f64::NEG_INFINITY, 1000), (0.0, 1000), (100.0, 10), (f64::INFINITY, 1)] {
+        let table = PoseTable::parse(&format!("{}\n0,0\n", heading(&robot)), &robot).unwrap();
+        let hardware = ReplayHardware::new(table, SimSettings::default().axes(&robot), rate);
+        assert_eq!(hardware.known().period, Some(Duration::from_millis(ms)), "{rate}");
+    }
+}
+
 #[test]
 fn wrong_tables_are_refused_with_their_line() {
     let robot = robot();

@@ -120,6 +120,11 @@ fn only_feasible_commands_pass() {
     let at = |speed: &[f64]| Command::Move(Move { speed: Some(speed.to_vec()), ..target(&[0, 1], &[0.0, 0.0]) });
     let rising = |a: &[f64]| Command::Move(Move { acceleration: Some(a.to_vec()), ..target(&[0, 1], &[0.0, 0.0]) });
     let mode = |motors: &[usize]| Command::Mode { motors: motors.to_vec(), mode: ControlMode::Position };
+    let stop = |motors: &[usize]| Command::Stop { motors: motors.to_vec() };
+    let reference = |motors: &[usize], speed: &[f64], acceleration: &[f64]| {
+        let (motors, speed, acceleration) = (motors.to_vec(), speed.to_vec(), acceleration.to_vec());
+        Command::Reference { motors, speed, acceleration }
+    };
     let passes = [
         moves(&[0, 1], &[3.0, -3.0]),
         at(&[0.0, 1.0]),
@@ -127,8 +132,11 @@ fn only_feasible_commands_pass() {
         direct(&[1], &[-3.0]),
         velocity(&[0, 1], &[-1.0, 2.0]),
         mode(&[1]),
-        Command::Stop { motors: vec![] },
-        Command::Reference { motors: vec![0], speed: vec![1.0], acceleration: vec![] },
+        stop(&[]),
+        stop(&[0]),
+        stop(&[1, 0]),
+        reference(&[0], &[1.0], &[0.0]),
+        reference(&[1, 0], &[1.0, 0.0], &[2.0, 2.0]),
     ];
     for command in passes {
         assert_eq!(guard().admit(&Gate::default(), 0, Writer::Reflex, &command), Ok(()), "{command:?}");
@@ -154,6 +162,15 @@ fn only_feasible_commands_pass() {
         (velocity(&[0], &[nan]), "commanded to move at NaN"),
         (velocity(&[2], &[0.0]), "there is no motor 2"),
         (mode(&[]), "a mode for no motor"),
+        (mode(&[0, 2]), "there is no motor 2"),
+        (stop(&[2]), "there is no motor 2"),
+        (reference(&[], &[], &[]), "references for no motor"),
+        (reference(&[0], &[1.0], &[]), "different length"),
+        (reference(&[0], &[], &[1.0]), "different length"),
+        (reference(&[2], &[1.0], &[1.0]), "there is no motor 2"),
+        (reference(&[0], &[nan], &[1.0]), "a reference of NaN"),
+        (reference(&[0, 1], &[1.0, 1.0], &[1.0, -0.1]), "a reference of -0.1"),
+        (reference(&[0], &[inf], &[1.0]), "a reference of inf"),
     ];
     for (command, why) in refused {
         let refusal = guard().admit(&Gate::default(), 0, Writer::Reflex, &command);

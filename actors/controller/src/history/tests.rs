@@ -145,6 +145,24 @@ fn readings_at_a_thousand_a_second_come_to_rest_too() {
 }
 
 /// From eight consecutive readings, and neither across a pause of more than a few readings nor across a gap.
+/// The speed window of a board faster than 1600 Hz has more readings than a short history can store.
+#[test]
+fn a_history_shorter_than_the_window_has_a_speed() {
+    for length in [0, 100, 127, 128] {
+        let mut history = HistoryCore::new(length);
+        let mut push = |k: u64, q: f64| {
+            let sample = Sample { seq: k, at: Time(k * 500_000), q: vec![q].into(), ..Sample::default() };
+            let mut pulse = Pulse::new(sample, &Vec::new().into());
+            history.push(&mut pulse, STALE);
+            pulse.speed
+        };
+        let moving = (0..400).fold(0.0, |_, k| push(k, k as f64 * 0.0005));
+        assert!((moving - 1.0).abs() < 1e-9, "{length}: {moving} rad/s");
+        let settled = (400..800).fold(moving, |_, k| push(k, 0.2));
+        assert_eq!(settled, 0.0, "{length}");
+    }
+}
+
 #[test]
 fn no_speed_is_estimated_across_a_pause() {
     let known = |pause: u64| {

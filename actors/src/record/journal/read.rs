@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 
 /// Longest line, bytes.
 const MAX_LINE_BYTES: u64 = 1 << 25;
+/// Remedy for a line that is not as it was written.
+const BROKEN: &str = "the journal was changed after it was written: use a copy that was not, or do the run again";
 /// Text between a line's body and its hash in hexadecimal.
 const HASH_KEY: &str = ",\"hash\":\"";
 
@@ -154,7 +156,13 @@ impl JournalLines {
                 self.shortened()?;
                 return if self.line == 1 { Err(self.truncated()) } else { Ok(None) };
             }
+            let is_cut = self.text.len() as u64 == MAX_LINE_BYTES;
             if self.text.pop() != Some(b'\n') {
+                if is_cut {
+                    // Lines follow perhaps: this is no end of the journal, at which a resumed run could continue.
+                    let what = format!("the line is longer than {} MiB, which no event is", MAX_LINE_BYTES >> 20);
+                    return Err(self.error(0, what, BROKEN));
+                }
                 self.shortened()?;
                 return Err(self.truncated());
             }
@@ -173,8 +181,6 @@ impl JournalLines {
 
     /// Parses a line; `None` if it is the aside.
     fn parse(&mut self, bytes: &[u8]) -> Result<Option<JournalLine>, JournalError> {
-        const BROKEN: &str =
-            "the journal was changed after it was written: use a copy that was not, or do the run again";
         let text = std::str::from_utf8(bytes)
             .map_err(|e| self.error(e.valid_up_to() as u64 + 1, "this is not UTF-8 text", BROKEN))?;
         if self.line == 1 && text.starts_with("{\"aside\":") {

@@ -60,6 +60,8 @@ pub struct Readings {
     gap: Option<TrackGap>,
     /// Bytes that may still be checksummed in the search for frames.
     search: u64,
+    /// Failure that ended the reading before the end of the file, as a message.
+    failure: Option<String>,
 }
 
 /// Opens a file of measured configurations; `None` if there is no such file.
@@ -92,6 +94,7 @@ pub fn read(path: &Path) -> Result<Option<Readings>, String> {
         gaps: Vec::new(),
         gap: None,
         search: MAX_SEARCH_BYTES,
+        failure: None,
     }))
 }
 
@@ -101,7 +104,13 @@ impl Readings {
         self.motors
     }
 
-    /// End of the last complete frame, bytes, once all was read.
+    /// Failure that ended the reading: the disk, or a search that took too long. Frames may follow that were not
+    /// read. `None` once all was read.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+
+    /// End of the last complete frame, bytes, once all was read without a failure.
     pub fn whole(&self) -> u64 {
         self.whole
     }
@@ -124,13 +133,37 @@ impl Readings {
         self.frame.as_slice().first()
     }
 
-    /// Reads the next readable frame; `None` at the end.
+    /// Reads the next readable frame; `None` at the end, and after a failure.
     fn next_frame(&mut self) -> Option<Vec<TrackReading>> {
+        if self.failure.is_some() {
+            return None;
+        }
+        match self.find_frame() {
+            Ok(Some(readings)) => return Some(readings),
+            Ok(None) => {}
+            Err(e) => {
+                self.damaged();
+                let file = self.path.display();
+                let failure = format!("{file}: the frames from byte {} on can't be read: {e}", self.whole);
+                self.failure = Some(failure);
+            }
+        }
+        let rest = self.gap.take()?;
+        let end = self.file.metadata().map_or(rest.bytes.0, |m| m.len());
+        // A file that grows while it is read is not read again from here.
+        self.at = end;
+        self.decoder = Decoder::default();
+        self.put(TrackGap { bytes: (rest.bytes.0, end), ..rest });
+        None
+    }
+
+    /// Reads the next frame, and searches for it behind damage; `None` at the end.
+    fn find_frame(&mut self) -> std::io::Result<Option<Vec<TrackReading>>> {
         while !self.bytes(self.at, 1)?.is_empty() {
             let begins = self.at;
-            let Some((records, ends)) = self.records(begins) else {
+            let Some((records, ends)) = self.records(begins)? else {
                 self.damaged();
-                let Some(next) = self.find(begins + 1) else { break };
+                let Some(next) = self.find(begins + 1)? else { break };
                 self.at = next;
                 continue;
             };
@@ -148,15 +181,9 @@ impl Readings {
                 self.put(TrackGap { bytes: (gap.bytes.0, begins), until: Some(first.at), ..gap });
             }
             self.newest = readings.last().map(|last| last.at).or(self.newest);
-            return Some(readings);
+            return Ok(Some(readings));
         }
-        let rest = self.gap.take()?;
-        let end = self.file.metadata().map_or(rest.bytes.0, |m| m.len());
-        // A file that grows while it is read is not read again from here.
-        self.at = end;
-        self.decoder = Decoder::default();
-        self.put(TrackGap { bytes: (rest.bytes.0, end), ..rest });
-        None
+        Ok(None)
     }
 
     /// Starts a gap: the bytes here, or the frame that was just read, can't be decoded.
@@ -177,14 +204,17 @@ impl Readings {
     }
 
     /// Reads the complete frame that starts here: its records and its end.
-    fn records(&self, at: u64) -> Option<(Vec<u8>, u64)> {
-        let length = u64::from(u32::from_le_bytes(self.bytes(at, 4)?.try_into().ok()?));
-        self.is_length(length).then_some(())?;
+    fn records(&self, at: u64) -> std::io::Result<Option<(Vec<u8>, u64)>> {
+        let Ok(length) = <[u8; 4]>::try_from(self.bytes(at, 4)?) else { return Ok(None) };
+        let length = u64::from(u32::from_le_bytes(length));
+        if !self.is_length(length) {
+            return Ok(None);
+        }
         let mut bytes = self.bytes(at + 4, length + 4)?;
-        let (records, sum) = bytes.split_last_chunk::<4>()?;
+        let Some((records, sum)) = bytes.split_last_chunk::<4>() else { return Ok(None) };
         let whole = records.len() as u64 == length && crc32fast::hash(records) == u32::from_le_bytes(*sum);
-        bytes.truncate(usize::try_from(length).ok()?);
-        whole.then_some((bytes, at + 4 + length + 4))
+        bytes.truncate(bytes.len() - 4);
+        Ok(whole.then_some((bytes, at + 4 + length + 4)))
     }
 
     /// True if a frame may have this length: it is closed at [`FRAME_BYTES`], and a record has a byte for its
@@ -194,27 +224,34 @@ impl Readings {
     }
 
     /// Searches for the next complete frame from this place on, and returns its start.
-    fn find(&mut self, from: u64) -> Option<u64> {
+    ///
+    /// # Errors
+    /// If the file can't be read, or has more bytes to checksum than the search may.
+    fn find(&mut self, from: u64) -> std::io::Result<Option<u64>> {
         let mut left = self.search;
-        let end = self.file.metadata().ok()?.len();
+        let end = self.file.metadata()?.len();
         let found = find_record(&self.file, from, |at, length: &[u8; 4]| {
             let length = u64::from(u32::from_le_bytes(*length));
-            if !self.is_length(length) || at + 8 + length > end || left < length {
+            if !self.is_length(length) || at + 8 + length > end {
                 return Ok(false);
             }
+            if left < length {
+                return Err(std::io::Error::other("the damage there is too large to be searched for frames"));
+            }
             left -= length;
-            Ok(self.records(at).is_some())
-        });
+            Ok(self.records(at)?.is_some())
+        })?;
         self.search = left;
-        found.ok().flatten()
+        Ok(found)
     }
 
-    fn bytes(&self, at: u64, most: u64) -> Option<Vec<u8>> {
+    /// Reads at most this number of bytes; fewer only at the end of the file.
+    fn bytes(&self, at: u64, most: u64) -> std::io::Result<Vec<u8>> {
         let mut reader = &self.file;
         let mut bytes = Vec::new();
-        reader.seek(SeekFrom::Start(at)).ok()?;
-        reader.take(most).read_to_end(&mut bytes).ok()?;
-        Some(bytes)
+        reader.seek(SeekFrom::Start(at))?;
+        reader.take(most).read_to_end(&mut bytes)?;
+        Ok(bytes)
     }
 }
 
@@ -224,5 +261,25 @@ impl Iterator for Readings {
     fn next(&mut self) -> Option<TrackReading> {
         self.peek()?;
         self.frame.next()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A read that fails is not the end of the file: a resumed run would otherwise cut off the frames behind it.
+    #[test]
+    fn a_failed_read_is_a_failure_and_no_end() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("poses-a.track");
+        std::fs::write(&path, super::super::frame::header(1)).unwrap();
+        let mut readings = read(&path).unwrap().unwrap();
+        // A file that is open for writing alone can't be read.
+        readings.file = File::options().write(true).open(&path).unwrap();
+        assert_eq!(readings.next(), None);
+        let failure = readings.failure().unwrap();
+        assert!(failure.contains("poses-a.track: the frames from byte"), "{failure}");
+        assert_eq!(readings.next(), None, "no second attempt");
     }
 }

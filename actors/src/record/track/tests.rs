@@ -238,6 +238,29 @@ fn what_can_not_be_read_is_named_with_its_place_and_times() {
     assert_eq!(read_all(&whole[..at[5] - 3]), (expected, vec![ms(0)]), "as a crash leaves it");
 }
 
+/// Damage that can't be searched to its end is an error: the readings behind it are not cut off.
+#[test]
+fn no_reading_is_cut_off_behind_damage_that_is_too_large_to_search() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut tracks = Tracks::open(dir.path(), &robots()).unwrap();
+    for k in 0..3 {
+        moves(&mut tracks, 20 * k, 20);
+        tracks.flush().unwrap();
+    }
+    drop(tracks);
+    let path = file(dir.path(), ROBOT);
+    let whole = std::fs::read(&path).unwrap();
+    let at = frames(&whole)[1];
+    // A quarter of these offsets look like the length of a frame: of 16 KB, of 257 bytes and of one byte.
+    let lengths: [([u8; 4], usize); 3] = [([0x3e, 0x3e, 0, 0], 80_000), ([1, 1, 0, 0], 200), ([1, 0, 0, 0], 600)];
+    let damage: Vec<u8> = lengths.iter().flat_map(|(length, n)| length.repeat(*n)).collect();
+    let bytes = [&whole[..at], &damage, &whole[at..]].concat();
+    std::fs::write(&path, &bytes).unwrap();
+    let error = Tracks::open(dir.path(), &robots()).unwrap_err();
+    assert!(error.contains("too large to be searched") && error.contains("move the file away"), "{error}");
+    assert!(std::fs::read(&path).unwrap() == bytes, "the file is as it was");
+}
+
 /// A file of the previous version: after damage, reading resumes at a record that is readable by itself.
 #[test]
 fn a_file_of_the_version_before_is_read_and_continued() {

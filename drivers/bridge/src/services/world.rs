@@ -1,6 +1,6 @@
 //! Service of the world's RPC: one request at a time, edits made before the reply.
 
-use crate::world_rpc::{Answered, Changed, Errand, WorldRefusal, WorldReply, WorldRequest, WorldRpc, WorldView};
+use crate::world_rpc::{Answered, Errand, WorldRefusal, WorldReply, WorldRequest, WorldRpc, WorldView};
 use crate::yarp;
 use mobee_contract::{Credit, Event, Pose, Running, Time};
 use mobee_model::{Edit, Object, load_world};
@@ -116,7 +116,7 @@ impl WorldService {
             core.refused.0 += 1;
             return Err(WorldRefusal::Busy { per_second: PER_SECOND });
         }
-        let Changed { edits, reply } = match self.view(|view| core.rpc.on(&request, view))? {
+        let changed = match self.view(|view| core.rpc.on(&request, view))? {
             Answered::Reply(reply) => return Ok(reply),
             Answered::Changed(changed) => changed,
             Answered::Errand(errand) => match self.run(errand).await? {
@@ -124,15 +124,25 @@ impl WorldService {
                 Done::Loaded(file, objects) => self.view(|view| core.rpc.loaded(&file, objects, view))?,
             },
         };
-        core.credit.owe(edits.len().saturating_sub(1));
-        self.make(edits).await.map(|()| reply)
+        core.credit.owe(changed.edits.len().saturating_sub(1));
+        match self.make(&changed.edits).await {
+            Ok(()) => Ok(changed.reply),
+            Err((made, why)) => {
+                core.rpc.not_made(changed, made);
+                Err(why)
+            }
+        }
     }
 
-    async fn make(&self, edits: Vec<Edit>) -> Result<(), WorldRefusal> {
-        for edit in edits {
-            match tokio::time::timeout(EDIT_TIMEOUT, self.running.edit(edit)).await {
-                Ok(done) => done.map_err(WorldRefusal::Model)?,
-                Err(_) => return Err(WorldRefusal::ModelSilent),
+    /// Makes these edits in order.
+    ///
+    /// # Errors
+    /// The number of edits made before the one that failed, and the reason.
+    async fn make(&self, edits: &[Edit]) -> Result<(), (usize, WorldRefusal)> {
+        for (made, edit) in edits.iter().enumerate() {
+            match tokio::time::timeout(EDIT_TIMEOUT, self.running.edit(edit.clone())).await {
+                Ok(done) => done.map_err(|why| (made, WorldRefusal::Model(why)))?,
+                Err(_) => return Err((made, WorldRefusal::ModelSilent)),
             }
         }
         Ok(())
@@ -195,6 +205,8 @@ mod tests {
         scene: Cell<Arc<Scene>>,
         now: Cell<Time>,
         told: Cell<Vec<Event>>,
+        /// Number of edits after which all are refused.
+        edits_left: Cell<usize>,
     }
 
     fn of<T: Clone>(cell: &Cell<T>) -> T {
@@ -221,6 +233,9 @@ mod tests {
             of(&self.scene)
         }
         fn edit(&self, edit: Edit) -> Answer<Result<(), String>> {
+            let left = of(&self.edits_left).checked_sub(1);
+            let Some(left) = left else { return Box::pin(std::future::ready(Err("planted".into()))) };
+            *self.edits_left.lock().unwrap() = left;
             let next = self.scene().edit(&edit).map(Arc::new).map_err(|e| e.to_string());
             let done = next.map(|next| *self.scene.lock().unwrap() = next);
             Box::pin(std::future::ready(done))
@@ -234,10 +249,44 @@ mod tests {
         yarp::world::answer(world, &Bottle::parse(words, Dialect::V3).unwrap()).await.to_string()
     }
 
+    fn still() -> Arc<Still> {
+        let scene = Cell::new(Arc::new(Scene::new(Vec::new(), Vec::new()).unwrap()));
+        let edits_left = Cell::new(usize::MAX);
+        Arc::new(Still { scene, now: Cell::default(), told: Cell::default(), edits_left })
+    }
+
+    /// A change that the model refuses is not recorded: the next `undo` undoes the one before. An `undo` that the
+    /// model refuses can be repeated.
+    #[tokio::test(start_paused = true)]
+    async fn what_was_not_made_is_not_undone() {
+        let still = still();
+        let world = WorldService::new(still.clone(), None);
+        let allow = |edits: usize| *still.edits_left.lock().unwrap() = edits;
+        let count = || still.scene().objects().count();
+        for _ in 0..3 {
+            say(&world, "mk ssph 0.05 3 3 3").await;
+        }
+        allow(0);
+        for request in ["mk ssph 0.05 3 3 3", "rm ssph 1", "clr", "undo"] {
+            assert!(say(&world, request).await.contains("planted"), "{request}");
+        }
+        allow(usize::MAX);
+        assert!(say(&world, "mk ssph 0.05 3 3 3").await.contains("ssph4"), "a refused object uses no number");
+        say(&world, "clr").await;
+        allow(1);
+        assert!(say(&world, "undo").await.contains("planted"));
+        assert_eq!(count(), 1, "one of four objects is back");
+        allow(usize::MAX);
+        for left in [4, 3, 2, 1, 0] {
+            assert!(say(&world, "undo").await.contains("Undone"));
+            assert_eq!(count(), left);
+        }
+        assert!(!say(&world, "undo").await.contains("Undone"));
+    }
+
     #[tokio::test(start_paused = true)]
     async fn a_flood_of_changes_is_refused_and_a_question_is_not() {
-        let scene = Cell::new(Arc::new(Scene::new(Vec::new(), Vec::new()).unwrap()));
-        let still = Arc::new(Still { scene, now: Cell::default(), told: Cell::default() });
+        let still = still();
         let world = Arc::new(WorldService::new(still.clone(), None));
         let mut busy = 0;
         for _ in 0..500 {

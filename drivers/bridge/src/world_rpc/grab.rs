@@ -12,9 +12,10 @@ use std::collections::BTreeMap;
 const MOVE_THRESHOLD: (f64, f64) = (0.000_5, 0.005);
 
 /// Grabbed objects, by name.
-#[derive(Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Grabs(BTreeMap<String, Grab>);
 
+#[derive(Clone, Debug)]
 struct Grab {
     robot: usize,
     node: usize,

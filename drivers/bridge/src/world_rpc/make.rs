@@ -8,7 +8,7 @@ use nalgebra::Isometry3;
 const SERIES: [[&str; 2]; 3] = [["sph", "ssph"], ["cyl", "scyl"], ["box", "sbox"]];
 
 /// Number of names used of each series since the last `clr`.
-#[derive(Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Counters([u32; 2 * SERIES.len()]);
 
 /// True if this word, followed by a number, is the name of a made object.

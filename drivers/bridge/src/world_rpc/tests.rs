@@ -92,6 +92,36 @@ fn objects_are_made_changed_and_taken_back() {
     assert_eq!(b.say(WorldRequest::List), Ok(WorldReply::Names(vec!["table".into()])));
 }
 
+/// A refused request changes nothing: neither the steps that can be undone nor the grabbed objects.
+#[test]
+fn a_refused_request_changes_nothing() {
+    let mut b = Bench::new();
+    assert_eq!(b.say(ball(0.1)), Ok(WorldReply::Made("sph1".into())));
+    let object = |b: &Bench, name: &str| Object::clone(b.scene.object(name).unwrap().1);
+    let sph1 = object(&b, "sph1");
+    assert_eq!(b.of("sph1", ObjectRequest::Remove), Ok(ObjectReply::Removed));
+    b.edit(&[Edit::Add(sph1)]);
+    for _ in 0..2 {
+        assert!(matches!(b.say(WorldRequest::Undo), Err(WorldRefusal::NotUndone(_))), "its name is in use");
+    }
+    b.edit(&[Edit::Remove { name: "sph1".into() }]);
+    assert_eq!(b.say(WorldRequest::Undo), Ok(WorldReply::Undone(Change::Changed("sph1".into()))));
+    let robot = b.scene.robots()[0].clone();
+    let marker = robot.markers[0].name.clone();
+    let grab = ObjectRequest::Grab { robot: robot.name.clone(), marker };
+    assert_eq!(b.of("sph1", grab), Ok(ObjectReply::Grabbed));
+    // An overfull world, as a configuration can make it.
+    let table = object(&b, "table");
+    let more = (0..MOST_OBJECTS).map(|k| Object { name: format!("t{k}"), persistent: true, ..table.clone() });
+    let objects = more.chain([table.clone(), object(&b, "sph1")]).collect();
+    b.scene = Scene::new(vec![(robot, nalgebra::Isometry3::identity())], objects).unwrap();
+    let full = WorldRefusal::Full { most: MOST_OBJECTS };
+    assert_eq!(b.of("sph1", ObjectRequest::Remove), Err(full.clone()));
+    assert!(b.core.holds_anything());
+    assert_eq!(b.say(WorldRequest::Clear), Err(full));
+    assert!(b.core.holds_anything());
+}
+
 #[test]
 fn a_missing_object_is_reported_before_other_errors() {
     let mut b = Bench::new();

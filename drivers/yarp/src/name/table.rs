@@ -195,6 +195,10 @@ impl NameTable {
         if fixed || !words_ok || (self.ports.len() >= self.most && !self.ports.contains_key(name)) {
             return self.refuse();
         }
+        // Checked before anything changes: a refused registration leaves the former one in place.
+        if given == 0 && !self.numbers.has_port(name) {
+            return self.refuse();
+        }
         let before = self.ports.get(name).map(|e| e.contact.clone());
         self.unregister(name);
         let name = match name {

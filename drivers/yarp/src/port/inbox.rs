@@ -58,10 +58,14 @@ impl Inbox {
 
     /// Adds a message, waiting for room.
     pub async fn push(&self, message: Message) {
-        let mut back = self.put(message);
+        let mut back = Some(message);
         while let Some(message) = back {
-            self.room.notified().await;
+            // Created before the attempt: `close` wakes only the waiters that exist by then.
+            let room = self.room.notified();
             back = self.put(message);
+            if back.is_some() {
+                room.await;
+            }
         }
     }
 

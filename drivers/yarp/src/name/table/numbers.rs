@@ -34,12 +34,22 @@ impl Numbers {
         }
     }
 
+    /// True if numbers are left that were never assigned.
+    fn has_next(&self) -> bool {
+        self.next <= self.last && self.next < u16::MAX
+    }
+
+    /// True if [`Numbers::port`] has a number for a name once the name's present one is released.
+    pub(super) fn has_port(&self, name: &str) -> bool {
+        self.has_next() || self.given.values().any(|(owner, used)| !used || owner == name)
+    }
+
     /// Port number for a name: its former one if that is free, else the next, or finally any free one.
     pub(super) fn port(&mut self, name: &str) -> Option<u16> {
         let free = |number: &u16| self.given.get(number).is_some_and(|(_, used)| !used);
         let number = match self.preferred.get(name).copied().filter(free) {
             Some(number) => number,
-            None if self.next <= self.last && self.next < u16::MAX => {
+            None if self.has_next() => {
                 self.next += 1;
                 self.next - 1
             }

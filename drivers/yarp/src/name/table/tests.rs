@@ -40,6 +40,29 @@ fn taking_a_name_over_is_silent_but_counted() {
     assert_eq!(t.counts().replaced, 1);
 }
 
+/// A registration that is refused since no number is left changes nothing.
+#[test]
+fn a_refused_registration_leaves_the_former_one() {
+    let mut t = NameTable::new(Contact::new("/root", "tcp", "127.0.0.1", 65530), 100);
+    let mut numbers = Vec::new();
+    while let number @ 1.. = number(&mut t, &format!("register /{}", numbers.len())) {
+        numbers.push(number);
+    }
+    assert_eq!(numbers, [65532, 65533, 65534]);
+    say(&mut t, "register /a tcp 127.0.0.1 5000");
+    say(&mut t, "set /a k b");
+    say(&mut t, "subscribe /a /0 from");
+    let before = say(&mut t, "subscribe /a");
+    assert!(before.contains("/0"), "{before}");
+    let refused = t.counts().refused;
+    assert_eq!(number(&mut t, "register /a"), 0);
+    assert_eq!(t.counts().refused, refused + 1);
+    assert_eq!(t.query("/a").map(|c| c.port), Some(5000));
+    assert_eq!(say(&mut t, "bot get /a k"), "b\r\n");
+    assert_eq!(say(&mut t, "subscribe /a"), before);
+    assert_eq!(number(&mut t, "register /1"), 65533, "its own number is released first");
+}
+
 #[test]
 fn a_new_registration_forgets_the_properties() {
     let mut t = table();
