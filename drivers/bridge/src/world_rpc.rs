@@ -60,7 +60,7 @@ pub struct Changed {
 }
 
 /// A change that can be undone.
-struct Step {
+struct UndoStep {
     change: Change,
     back: Vec<Edit>,
 }
@@ -70,7 +70,7 @@ struct Step {
 pub struct WorldRpc {
     counters: make::Counters,
     grabs: Grabs,
-    steps: VecDeque<Step>,
+    steps: VecDeque<UndoStep>,
 }
 
 impl WorldRpc {
@@ -176,7 +176,7 @@ impl WorldRpc {
     }
 
     fn undo(&mut self, view: &WorldView) -> Result<Changed, WorldRefusal> {
-        let Step { change, back } = self.steps.pop_back().ok_or(WorldRefusal::NothingToUndo)?;
+        let UndoStep { change, back } = self.steps.pop_back().ok_or(WorldRefusal::NothingToUndo)?;
         rehearse(&back, view.scene).map_err(|why| WorldRefusal::NotUndone(Box::new(why)))?;
         self.grabs.regrip(&back, view);
         Ok(Changed { edits: back, reply: WorldReply::Undone(change) })
@@ -194,7 +194,7 @@ impl WorldRpc {
         if self.steps.len() >= MOST_STEPS {
             self.steps.pop_front();
         }
-        self.steps.push_back(Step { change, back });
+        self.steps.push_back(UndoStep { change, back });
         Ok(Changed { edits, reply })
     }
 }
