@@ -18,7 +18,7 @@ const NAMES: usize = 64;
 pub struct Access {
     revoked: Arc<AtomicBool>,
     shared: Arc<SharedContext>,
-    filters: Vec<Arc<Filter>>,
+    filters: Vec<Arc<FilterHandle>>,
     robots: Vec<Arc<dyn Filtered>>,
 }
 
@@ -26,9 +26,9 @@ impl Access {
     /// Access to all robots of the run.
     pub fn new(shared: &Arc<SharedContext>) -> Access {
         let revoked = Arc::new(AtomicBool::new(false));
-        let filters: Vec<Arc<Filter>> = (shared.robots.iter())
+        let filters: Vec<Arc<FilterHandle>> = (shared.robots.iter())
             .map(|context| {
-                Arc::new(Filter {
+                Arc::new(FilterHandle {
                     shared: shared.clone(),
                     revoked: revoked.clone(),
                     context: context.clone(),
@@ -96,7 +96,7 @@ impl Running for Access {
 
 /// One robot's filtered interface, as one service uses it.
 #[derive(Debug)]
-struct Filter {
+struct FilterHandle {
     shared: Arc<SharedContext>,
     revoked: Arc<AtomicBool>,
     context: Arc<RobotContext>,
@@ -105,7 +105,7 @@ struct Filter {
     names: LatestCell<VecDeque<Arc<str>>>,
 }
 
-impl Filter {
+impl FilterHandle {
     /// Sends a request of one of the service's agents to supervise, and waits for the verdict.
     fn request(
         &self,
@@ -139,7 +139,7 @@ impl Filter {
     }
 }
 
-impl Filtered for Filter {
+impl Filtered for FilterHandle {
     fn name(&self) -> &str {
         &self.context.name
     }

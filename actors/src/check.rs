@@ -219,10 +219,10 @@ pub fn check_events(events: impl IntoIterator<Item = (Time, Arc<Event>)>) -> Vec
 /// One invariant as a state machine.
 trait Invariant: Send {
     /// Takes the next line.
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>);
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>);
     /// Takes a configuration reading of this robot, if there are any. A violation is attributed to the line
     /// before it.
-    fn pose(&mut self, _robot: &str, _at: Time, _q: &Pose, _found: &mut Found<'_>) {}
+    fn pose(&mut self, _robot: &str, _at: Time, _q: &Pose, _found: &mut FoundViolations<'_>) {}
     /// Readings of this robot were lost from here on: the previous ones don't connect to the next.
     fn blind(&mut self, _robot: &str) {}
     /// True while the invariant waits for an event that is still to come.
@@ -230,18 +230,18 @@ trait Invariant: Send {
         false
     }
     /// The journal is complete, and the run ended in order.
-    fn end(&mut self, _found: &mut Found<'_>) {}
+    fn end(&mut self, _found: &mut FoundViolations<'_>) {}
 }
 
 /// Collects the violations that an invariant finds.
-struct Found<'a> {
+struct FoundViolations<'a> {
     invariant: &'static str,
     line: u64,
     at: Time,
     violations: &'a mut Vec<Violation>,
 }
 
-impl Found<'_> {
+impl FoundViolations<'_> {
     fn report(&mut self, what: impl Into<String>) {
         let violation = Violation { invariant: self.invariant, line: self.line, at: self.at, what: what.into() };
         self.violations.push(violation);
@@ -294,7 +294,7 @@ impl Checker {
         let _ = self.hard.note(line.at, &line.event);
         for (name, invariant) in &mut self.invariants {
             let violations = &mut self.violations;
-            invariant.on(line, &mut Found { invariant: name, line: line.line, at: line.at, violations });
+            invariant.on(line, &mut FoundViolations { invariant: name, line: line.line, at: line.at, violations });
         }
         match &line.event {
             Event::Robot { robot, .. } => self.robots.push(robot.clone()),
@@ -310,7 +310,7 @@ impl Checker {
         let line = self.last.0;
         for (name, invariant) in &mut self.invariants {
             let violations = &mut self.violations;
-            invariant.pose(robot, at, q, &mut Found { invariant: name, line, at, violations });
+            invariant.pose(robot, at, q, &mut FoundViolations { invariant: name, line, at, violations });
         }
     }
 
@@ -340,7 +340,7 @@ impl Checker {
         let (line, at) = self.last;
         if self.ended.is_some() {
             for (name, invariant) in &mut self.invariants {
-                invariant.end(&mut Found { invariant: name, line, at, violations: &mut self.violations });
+                invariant.end(&mut FoundViolations { invariant: name, line, at, violations: &mut self.violations });
             }
         }
         self.violations.sort_by_key(|v| v.line);

@@ -17,7 +17,7 @@ use mobee_contract::{KindError, settings};
 use mobee_model::{Robot, Scene};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
-use search::{Goal, Orientation, Search, Shortfall};
+use search::{Goal, HandSearch, Orientation, Shortfall};
 use serde::Deserialize;
 use serde_json::Value;
 use std::fmt;
@@ -230,7 +230,7 @@ impl HandGoals<'_> {
             return Err(KindError::new(if goal.hand.is_some() { "hand" } else { "" }, what, help));
         }
         let limits = chain.iter().filter_map(|m| robot.motors.get(*m)).map(mobee_model::Motor::range).collect();
-        let search = Search {
+        let search = HandSearch {
             scene: self.scene,
             robot: self.robot,
             chain: HandChain::of_robot(self.scene, self.robot, marker, hand.normal),

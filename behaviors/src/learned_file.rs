@@ -31,11 +31,11 @@ pub(crate) fn parse<T: DeserializeOwned>(
         LearnedFault { what, help }
     };
     #[derive(Deserialize)]
-    struct Head {
+    struct LearnedHead {
         format: String,
         version: u32,
     }
-    let Head { format, version } =
+    let LearnedHead { format, version } =
         serde_json::from_str(text).map_err(|e| fault(format!("this is no {noun} file: {e}")))?;
     if format != format_name(noun) {
         return Err(fault(format!("this is no {noun} file, but of the format {format:?}")));

@@ -70,7 +70,7 @@ use remote::Wire;
 use serde_json::Value as Json;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use thread::Place;
+use thread::ThreadPlacement;
 
 /// The name of this kind in configuration files.
 pub const YARP: &str = "yarp";
@@ -163,8 +163,8 @@ impl YarpHardware {
 
     fn start(&self) -> Result<Started, DriverFault> {
         let (wire, place) = match &self.simulated {
-            Some(wire) => (wire.clone(), Place::Here),
-            None => (Arc::new(self.network()?) as Arc<dyn Wire>, Place::Threads),
+            Some(wire) => (wire.clone(), ThreadPlacement::Here),
+            None => (Arc::new(self.network()?) as Arc<dyn Wire>, ThreadPlacement::Threads),
         };
         let cell = Arc::new(SharedBoards::new(&self.layout));
         cell.lock().inherit(&self.layout, &self.inherited.lock().unwrap_or_else(PoisonError::into_inner));

@@ -11,9 +11,9 @@ use std::{fmt, ops::Range, path::Path, sync::Arc};
 
 /// The text of a file and its name in messages.
 #[derive(Clone, Debug)]
-pub(crate) struct Source(Arc<(String, String)>);
+pub(crate) struct SourceText(Arc<(String, String)>);
 
-impl Source {
+impl SourceText {
     /// Creates a source from a text and the file name for messages.
     pub(crate) fn new(name: &str, text: &str) -> Self {
         Self(Arc::new((name.to_owned(), text.to_owned())))
@@ -79,11 +79,11 @@ impl Source {
 /// assert_eq!(error.remedy(), "put it into an <object>");
 /// ```
 #[derive(Clone)]
-pub struct FileError(Box<Inner>);
+pub struct FileError(Box<ErrorContents>);
 
 /// Contents of a [`FileError`]. Boxed, so that a `Result` with it is no larger than a pointer in the successful case.
 #[derive(Clone, Debug)]
-struct Inner {
+struct ErrorContents {
     /// The file name as given to the loader, printable.
     file: String,
     /// Position and text; `None` if the file could not be read at all.
@@ -98,12 +98,12 @@ struct Inner {
 
 impl FileError {
     /// Makes the message printable, as it may quote the file. All messages pass through here.
-    fn new(source: &Source, span: Option<Range<usize>>, message: String, help: String, severity: Severity) -> Self {
+    fn new(source: &SourceText, span: Option<Range<usize>>, message: String, help: String, severity: Severity) -> Self {
         let file = printable(source.name()).into_owned();
         let place = span.map(|span| Excerpt::new(&file, source.text(), span));
         let message = readable(&message);
         let help = readable(&help);
-        Self(Box::new(Inner { file, place, message, help, severity }))
+        Self(Box::new(ErrorContents { file, place, message, help, severity }))
     }
 
     /// The file name as given to the loader, printable.

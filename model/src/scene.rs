@@ -21,7 +21,7 @@ pub use line::LineVerdict;
 pub use report::{ContactKind, ReportedContact};
 pub use skeleton::{Hinge, Skeleton};
 pub use travel::Lever;
-pub(crate) use world::{Group, World};
+pub(crate) use world::{PairGroup, SolidWorld};
 
 use crate::engine::{Collider, DefaultEngine, Engine, IndexPair};
 use crate::robot::Robot;
@@ -200,7 +200,7 @@ pub struct Scene<E: Engine = DefaultEngine> {
     /// Shared by all snapshots derived from one scene: edits do not change the robots.
     bodies: Arc<Bodies>,
     /// Rebuilt by each edit.
-    world: Arc<World<E>>,
+    world: Arc<SolidWorld<E>>,
 }
 
 impl Scene {
@@ -225,7 +225,7 @@ impl<E: Engine> Scene<E> {
     /// As [`Scene::new`].
     pub fn with_engine(robots: Vec<(Arc<Robot>, Isometry3<f64>)>, objects: Vec<Object>) -> Result<Self, SceneError> {
         let bodies = Arc::new(Bodies::new(robots)?);
-        let world = Arc::new(World::new(&bodies, &[]));
+        let world = Arc::new(SolidWorld::new(&bodies, &[]));
         let empty = Scene { epoch: 0, next_object: 0, objects: Vec::new(), bodies, world };
         let mut scene = empty.with(|scene| objects.into_iter().try_for_each(|object| scene.add(object)))?;
         scene.epoch = 0;
@@ -302,7 +302,7 @@ impl<E: Engine> Scene<E> {
         &self.bodies
     }
     /// The solids, prepared.
-    pub(crate) fn world(&self) -> &World<E> {
+    pub(crate) fn world(&self) -> &SolidWorld<E> {
         &self.world
     }
     /// Touching reflex pairs without a moving joint between them: no motion can change these contacts. All queries

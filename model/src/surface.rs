@@ -57,11 +57,11 @@ impl LinkSurface {
 /// ```
 pub struct Surfaces {
     /// In the order of the input.
-    links: Vec<Link>,
+    links: Vec<PreparedLink>,
 }
 
 /// A prepared link.
-struct Link {
+struct PreparedLink {
     /// Its name.
     name: String,
     /// The node of its marker.
@@ -82,7 +82,7 @@ impl Surfaces {
     /// # Errors
     /// A link is not a marker of the robot, or a mesh has no triangles or invalid coordinates.
     pub fn new(robot: &Robot, links: &[LinkSurface]) -> Result<Self, String> {
-        let links = links.iter().map(|l| Link::new(robot, l)).collect::<Result<_, _>>()?;
+        let links = links.iter().map(|l| PreparedLink::new(robot, l)).collect::<Result<_, _>>()?;
         Ok(Self { links })
     }
 
@@ -144,7 +144,7 @@ impl Surfaces {
     }
 }
 
-impl Link {
+impl PreparedLink {
     /// Finds the link's node and prepares its shapes.
     fn new(robot: &Robot, link: &LinkSurface) -> Result<Self, String> {
         let name = &link.link;

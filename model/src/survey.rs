@@ -20,4 +20,4 @@ pub use compare::{Comparison, ContactCounts, compare};
 pub use find_disabled::find_disabled_pairs;
 pub use home::{HomePose, find_home};
 pub use refit::{RefitLimits, Refitted, fit_closer};
-use subject::{Placed, Subject};
+use subject::{PlacedShapes, Subject};

@@ -30,10 +30,10 @@ mod tree;
 mod upright;
 pub(crate) mod words;
 
-use crate::error::{FileError, Loaded, Source};
+use crate::error::{FileError, Loaded, SourceText};
 use crate::{Fit, FitOptions, JointMotion, LinkSurface, Robot};
 use build::Built;
-use document::{Document, Link};
+use document::{Document, UrdfLink};
 pub use mesh::load_mesh;
 use nalgebra::UnitQuaternion;
 use std::collections::BTreeMap;
@@ -129,7 +129,7 @@ pub fn load_urdf(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded
 /// # Errors
 /// As [`load_urdf`].
 pub fn load_urdf_with_surfaces(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<UrdfRobot>, FileError> {
-    read(&Source::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), true)
+    read(&SourceText::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), true)
 }
 
 /// Reads the collision geometry of the links of a URDF file, without a fit.
@@ -137,7 +137,8 @@ pub fn load_urdf_with_surfaces(path: impl AsRef<Path>, options: &UrdfOptions) ->
 /// # Errors
 /// As [`load_urdf`].
 pub fn load_surfaces(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<Vec<LinkSurface>>, FileError> {
-    let loaded = read(&Source::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), false)?;
+    let loaded =
+        read(&SourceText::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), false)?;
     Ok(Loaded { value: loaded.value.surfaces, warnings: loaded.warnings })
 }
 
@@ -149,7 +150,7 @@ pub(crate) fn load_link_rotations(
     path: &Path,
     options: &UrdfOptions,
 ) -> Result<BTreeMap<String, UnitQuaternion<f64>>, FileError> {
-    let source = Source::read(path, MAX_BYTES)?;
+    let source = SourceText::read(path, MAX_BYTES)?;
     let urdf = document::read(&source, options.visual)?;
     let tree = tree::Tree::new(&source, &urdf, options, &mut Vec::new())?;
     let mut rotations = BTreeMap::new();
@@ -158,7 +159,7 @@ pub(crate) fn load_link_rotations(
         rotations.insert(urdf.links[link].name.clone(), turn);
         for &joint in &tree.leaving[link] {
             let what = &urdf.joints[joint];
-            let position = if let tree::Drive::Fixed(position) = tree.drives[joint] { position } else { 0.0 };
+            let position = if let tree::JointDrive::Fixed(position) = tree.drives[joint] { position } else { 0.0 };
             let moved = build::axis(&what.axis).map(|axis| build::motion(what).by(&axis, position).rotation);
             todo.push((tree.child[joint], turn * what.origin.rotation * moved.unwrap_or_default()));
         }
@@ -180,7 +181,7 @@ fn with_folders_above(path: &Path, options: &UrdfOptions) -> UrdfOptions {
 /// # Errors
 /// As [`load_urdf`].
 pub fn parse_urdf(name: &str, text: &str, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
-    read(&Source::new(name, text), options, true).map(without_surfaces)
+    read(&SourceText::new(name, text), options, true).map(without_surfaces)
 }
 
 /// Drops the surfaces.
@@ -189,12 +190,12 @@ fn without_surfaces(loaded: Loaded<UrdfRobot>) -> Loaded<Robot> {
 }
 
 /// Converts text to a robot; each step rejects input that the next could not handle.
-fn read(source: &Source, options: &UrdfOptions, fits: bool) -> Result<Loaded<UrdfRobot>, FileError> {
+fn read(source: &SourceText, options: &UrdfOptions, fits: bool) -> Result<Loaded<UrdfRobot>, FileError> {
     let mut urdf = document::read(source, options.visual)?;
     let mut warnings = std::mem::take(&mut urdf.warnings);
     let tree = tree::Tree::new(source, &urdf, options, &mut warnings)?;
     let Built { robot, surfaces, fits } = build::build(source, &urdf, &tree, options, fits, &mut warnings)?;
-    let bare: Vec<&Link> = urdf.links.iter().filter(|l| l.bare).collect();
+    let bare: Vec<&UrdfLink> = urdf.links.iter().filter(|l| l.bare).collect();
     let names = bare.iter().map(|l| format!("`{}`", l.name)).collect::<Vec<_>>().join(", ");
     let mut notes: Vec<String> = urdf.unused.line("URDF").into_iter().collect();
     match bare.first() {
@@ -216,13 +217,13 @@ pub(crate) struct Named {
 }
 
 /// Reads the names of the links and joints of a URDF.
-pub(crate) fn read_names(source: &Source) -> Result<Named, FileError> {
+pub(crate) fn read_names(source: &SourceText) -> Result<Named, FileError> {
     let options = UrdfOptions { fix_unsupported: true, ..UrdfOptions::default() };
     let urdf = document::read(source, false)?;
     let tree = tree::Tree::new(source, &urdf, &options, &mut Vec::new())?;
-    let joint_use = |(joint, (drive, limits)): (&document::Joint, (&tree::Drive, &Option<limits::Limits>))| {
+    let joint_use = |(joint, (drive, limits)): (&document::UrdfJoint, (&tree::JointDrive, &Option<limits::Limits>))| {
         let used = match (drive, limits) {
-            (tree::Drive::Fixed(_), _) => JointUse::Still,
+            (tree::JointDrive::Fixed(_), _) => JointUse::Still,
             (_, Some(l)) => JointUse::Moves { motion: l.motion, min: l.min, max: l.max },
             (_, None) => JointUse::Follows,
         };
@@ -235,7 +236,7 @@ pub(crate) fn read_names(source: &Source) -> Result<Named, FileError> {
 }
 
 /// Warning about links that are visible but can't collide, which is probably unintended.
-fn warning_of_bare_links(source: &Source, urdf: &Document, first: &Link, names: &str) -> FileError {
+fn warning_of_bare_links(source: &SourceText, urdf: &Document, first: &UrdfLink, names: &str) -> FileError {
     let what = match urdf.links.iter().all(|l| l.collisions.is_empty()) {
         true => "no link has a <collision>: nothing of this robot will ever touch anything; they have a <visual>",
         false => "links with a <visual> and no <collision>, which nothing ever touches",

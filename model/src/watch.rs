@@ -14,7 +14,7 @@
 //! is noisy, and if every change of its last digit counted, the clocks would advance for a robot at rest.
 
 use crate::engine::{DefaultEngine, Engine, IndexPair, Near, PairProximity};
-use crate::scene::{Contact, Group, Scene};
+use crate::scene::{Contact, PairGroup, Scene};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
@@ -78,7 +78,7 @@ pub struct Watch<E: Engine = DefaultEngine> {
     /// Per motor of the scene: its travel.
     motors: Vec<MotorTrack>,
     /// Due time of each group on the common clock; a heap, so that an update without due groups costs one comparison.
-    due: BinaryHeap<Reverse<Due>>,
+    due: BinaryHeap<Reverse<DueGroup>>,
     /// Due times of the pairs, in the order of the scene's groups.
     groups: Vec<Expiries>,
     /// Per robot: the groups of its pairs.
@@ -171,24 +171,24 @@ impl Expiries {
 
 /// Due time of a group. Ordered by time, then by group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Due {
+struct DueGroup {
     /// Due time on the common clock.
-    at: Clock,
+    at: WatchClock,
     /// Index of the group.
     group: u32,
 }
 
 /// A time on a clock that runs in meters, totally ordered; NaN sorts last.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Clock(f64);
+struct WatchClock(f64);
 
-impl Eq for Clock {}
-impl PartialOrd for Clock {
+impl Eq for WatchClock {}
+impl PartialOrd for WatchClock {
     fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
         Some(self.cmp(other))
     }
 }
-impl Ord for Clock {
+impl Ord for WatchClock {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
         self.0.total_cmp(&other.0)
     }
@@ -267,11 +267,11 @@ impl<E: Engine> Watch<E> {
         // never checked.
         let robot = |k: u32| world.solids[k as usize].id.robot();
         let apart = |(i, j): &IndexPair| robot(*i).is_some() && robot(*j).is_some() && robot(*i) != robot(*j);
-        let counts = |group: &Group| !self.between || group.pairs.first().is_some_and(apart);
+        let counts = |group: &PairGroup| !self.between || group.pairs.first().is_some_and(apart);
         let groups = (0..).zip(&world.groups).filter(|(_, group)| counts(group));
-        self.due = groups.map(|(group, _)| Reverse(Due { at: Clock(ever), group })).collect();
+        self.due = groups.map(|(group, _)| Reverse(DueGroup { at: WatchClock(ever), group })).collect();
         self.of_robot = vec![Vec::new(); scene.robots().len()];
-        for Reverse(Due { group, .. }) in &self.due {
+        for Reverse(DueGroup { group, .. }) in &self.due {
             let pair = world.groups[*group as usize].pairs.first();
             let robots = pair.map_or([None; 2], |(i, j)| [robot(*i), robot(*j)]);
             let other = robots[1].filter(|other| robots[0] != Some(*other));
@@ -318,13 +318,13 @@ impl<E: Engine> Watch<E> {
         let settled: f64 = self.motors.iter().map(|m| m.fastest * m.traveled).sum();
         let mut placed = false;
         let mut again = Vec::new();
-        while let Some(&Reverse(Due { at: Clock(due), group: g })) = self.due.peek() {
+        while let Some(&Reverse(DueGroup { at: WatchClock(due), group: g })) = self.due.peek() {
             if now < due {
                 break;
             }
             self.due.pop();
             let (first, clock) = self.check_group(g, (self.within, None), poses, &mut placed);
-            again.push(Reverse(Due { at: Clock(settled + (first - clock)), group: g }));
+            again.push(Reverse(DueGroup { at: WatchClock(settled + (first - clock)), group: g }));
         }
         // Inserted after the loop: a group with a contact is due again at once, and would be popped forever.
         self.due.extend(again);

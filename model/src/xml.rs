@@ -1,7 +1,7 @@
 //! XML as a tree whose elements store their locations, for formats whose readers access elements in any order: URDF,
 //! SRDF, COLLADA.
 
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use crate::printable::hidden_in;
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
@@ -68,7 +68,7 @@ impl XmlElement {
 /// # Errors
 /// If the text is not well-formed, has no or several root elements, is nested too deeply, has too many elements,
 /// declares entities, or contains hidden characters in its values.
-pub(crate) fn parse(source: &Source) -> Result<XmlElement, FileError> {
+pub(crate) fn parse(source: &SourceText) -> Result<XmlElement, FileError> {
     parse_within(source, &LIMITS)
 }
 
@@ -76,7 +76,7 @@ pub(crate) fn parse(source: &Source) -> Result<XmlElement, FileError> {
 ///
 /// # Errors
 /// As for [`parse`].
-pub(crate) fn parse_within(source: &Source, limits: &XmlLimits) -> Result<XmlElement, FileError> {
+pub(crate) fn parse_within(source: &SourceText, limits: &XmlLimits) -> Result<XmlElement, FileError> {
     let mut reader = Reader::from_str(source.text());
     reader.config_mut().expand_empty_elements = true;
     reader.config_mut().allow_dangling_amp = !limits.visible_only;
@@ -146,7 +146,12 @@ pub(crate) fn text_of(content: &str) -> Option<String> {
 }
 
 /// Creates an element with its attributes, still without content.
-fn start(source: &Source, tag: &BytesStart<'_>, at: Range<usize>, limits: &XmlLimits) -> Result<XmlElement, FileError> {
+fn start(
+    source: &SourceText,
+    tag: &BytesStart<'_>,
+    at: Range<usize>,
+    limits: &XmlLimits,
+) -> Result<XmlElement, FileError> {
     let mut attributes = Vec::new();
     for attribute in tag.attributes() {
         let attribute = attribute.map_err(|e| {

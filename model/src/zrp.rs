@@ -17,7 +17,7 @@ mod world;
 mod write;
 mod xml;
 
-use crate::error::{FileError, Loaded, Source};
+use crate::error::{FileError, Loaded, SourceText};
 use crate::{Object, Robot};
 use std::path::Path;
 
@@ -35,7 +35,7 @@ const MAX_BYTES: u64 = 16 << 20;
 /// # Errors
 /// The first mistake in the file, with location and remedy. Nothing is loaded partially.
 pub fn load_robot(path: impl AsRef<Path>) -> Result<Loaded<Robot>, FileError> {
-    robot::read(&Source::read(path.as_ref(), MAX_BYTES)?)
+    robot::read(&SourceText::read(path.as_ref(), MAX_BYTES)?)
 }
 
 /// Reads a robot from ZRP XML text; `name` is the file name for messages.
@@ -43,7 +43,7 @@ pub fn load_robot(path: impl AsRef<Path>) -> Result<Loaded<Robot>, FileError> {
 /// # Errors
 /// As [`load_robot`].
 pub fn parse_robot(name: &str, text: &str) -> Result<Loaded<Robot>, FileError> {
-    robot::read(&Source::new(name, text))
+    robot::read(&SourceText::new(name, text))
 }
 
 /// Reads the objects of a world file, in the order of the file. Poses are `world_from_object`.
@@ -51,7 +51,7 @@ pub fn parse_robot(name: &str, text: &str) -> Result<Loaded<Robot>, FileError> {
 /// # Errors
 /// As [`load_robot`].
 pub fn load_world(path: impl AsRef<Path>) -> Result<Loaded<Vec<Object>>, FileError> {
-    world::read(&Source::read(path.as_ref(), MAX_BYTES)?)
+    world::read(&SourceText::read(path.as_ref(), MAX_BYTES)?)
 }
 
 /// Reads the objects of a world from text; `name` is the file name for messages.
@@ -59,5 +59,5 @@ pub fn load_world(path: impl AsRef<Path>) -> Result<Loaded<Vec<Object>>, FileErr
 /// # Errors
 /// As [`load_robot`].
 pub fn parse_world(name: &str, text: &str) -> Result<Loaded<Vec<Object>>, FileError> {
-    world::read(&Source::new(name, text))
+    world::read(&SourceText::new(name, text))
 }

@@ -1,7 +1,7 @@
 //! Arrays from and to Python: shape, type and size are checked here, whatever comes.
 
 use crate::failure::Failure;
-use crate::joints::Joints;
+use crate::joints::JointTable;
 use numpy::{
     Element, PyArray, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods, ndarray,
 };
@@ -28,7 +28,7 @@ impl<'py> Rows<'py> {
     ///
     /// # Errors
     /// Another shape or type, or too many.
-    pub fn configurations(what: &str, value: &Bound<'py, PyAny>, joints: &Joints) -> PyResult<Self> {
+    pub fn configurations(what: &str, value: &Bound<'py, PyAny>, joints: &JointTable) -> PyResult<Self> {
         let array = numbers(what, value)?;
         let width = joints.len();
         let (rows, single) = match *array.shape() {

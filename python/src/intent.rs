@@ -2,7 +2,7 @@
 
 use crate::arrays::Rows;
 use crate::failure::Failure;
-use crate::joints::{Beyond, Joints};
+use crate::joints::{Beyond, JointTable};
 use mobee_contract::{Intent, Setpoints, Summary, Target, Values};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -29,8 +29,8 @@ fn classes(py: Python<'_>) -> PyResult<&[Py<PyType>; 5]> {
 }
 
 /// A robot at a configuration, for which an answer is read.
-pub(crate) struct Standing<'a> {
-    pub joints: &'a Joints,
+pub(crate) struct AnsweringRobot<'a> {
+    pub joints: &'a JointTable,
     /// Rad of encoder.
     pub pose: &'a [f64],
     /// The call, for messages: `MyAgent.next`.
@@ -41,7 +41,7 @@ pub(crate) struct Standing<'a> {
 ///
 /// # Errors
 /// An object of another type, or values that no robot could do.
-pub(crate) fn intent(answer: &Bound<'_, PyAny>, at: &Standing<'_>) -> PyResult<Intent> {
+pub(crate) fn intent(answer: &Bound<'_, PyAny>, at: &AnsweringRobot<'_>) -> PyResult<Intent> {
     let py = answer.py();
     let [move_to, stream, wait, stop, done] = classes(py)?;
     let is = |class: &Py<PyType>| answer.is_instance(class.bind(py));
@@ -103,7 +103,7 @@ pub(crate) fn type_name(value: &Bound<'_, PyAny>) -> String {
     value.get_type().name().map(|name| name.to_string_lossy().chars().take(200).collect()).unwrap_or_default()
 }
 
-fn summary(answer: &Bound<'_, PyAny>, at: &Standing<'_>) -> PyResult<Summary> {
+fn summary(answer: &Bound<'_, PyAny>, at: &AnsweringRobot<'_>) -> PyResult<Summary> {
     let wrong = |what: &str, remedy: &str| PyErr::from(Failure::new("type", what, remedy).at(at.place.clone()));
     let text = answer.getattr("text")?;
     let text = text.cast::<PyString>().map_err(|_| wrong("the text of Done is not a string", "give a str"))?;
@@ -123,7 +123,7 @@ fn summary(answer: &Bound<'_, PyAny>, at: &Standing<'_>) -> PyResult<Summary> {
     Ok(Summary { text, figures: all })
 }
 
-impl Standing<'_> {
+impl AnsweringRobot<'_> {
     /// A finite number.
     fn number(&self, what: &str, value: &Bound<'_, PyAny>) -> PyResult<f64> {
         let place = || format!("{}: {what}", self.place);
@@ -196,7 +196,7 @@ impl Standing<'_> {
 ///
 /// # Errors
 /// A name that is unknown or given twice, no name, or something else than names.
-pub(crate) fn indices(joints: &Joints, names: &Bound<'_, PyAny>, place: &str) -> PyResult<Vec<usize>> {
+pub(crate) fn indices(joints: &JointTable, names: &Bound<'_, PyAny>, place: &str) -> PyResult<Vec<usize>> {
     let place = || format!("{place}: joints");
     let wrong = |what: String, remedy: &str| PyErr::from(Failure::new("joints", what, remedy).at(place()));
     if names.is_instance_of::<PyString>() {

@@ -10,7 +10,7 @@ const SAME: f64 = 1e-3;
 
 /// The pose to reach, and the effort.
 #[derive(Clone, Debug)]
-pub(crate) struct Goal {
+pub(crate) struct FrameGoal {
     /// Position of the frame's origin in the base frame, meters.
     pub at: Vector3<f64>,
     /// Orientation of the frame in the base frame; `None`: any.
@@ -44,7 +44,7 @@ pub(crate) fn solve(
     robot: &Robot,
     chain: &Chain,
     seed: &[f64],
-    goal: &Goal,
+    goal: &FrameGoal,
     mut accept: impl FnMut(&[f64]) -> bool,
     stop: impl Fn() -> bool,
 ) -> Vec<Solution> {
@@ -72,7 +72,7 @@ pub(crate) fn solve(
 }
 
 /// The vector that is minimized: a meter counts [`PER_METER`] radians.
-fn residual(chain: &Chain, goal: &Goal, pose: &[f64]) -> Vec<f64> {
+fn residual(chain: &Chain, goal: &FrameGoal, pose: &[f64]) -> Vec<f64> {
     let frame = chain.forward(pose);
     let place = (frame.translation.vector - goal.at) * PER_METER;
     let turn = goal.turn.map(|wanted| (frame.rotation * wanted.inverse()).scaled_axis());
@@ -80,7 +80,7 @@ fn residual(chain: &Chain, goal: &Goal, pose: &[f64]) -> Vec<f64> {
 }
 
 /// Residuals of a pose, meters and rad.
-fn off(chain: &Chain, goal: &Goal, pose: &[f64]) -> (f64, f64) {
+fn off(chain: &Chain, goal: &FrameGoal, pose: &[f64]) -> (f64, f64) {
     let frame = chain.forward(pose);
     let turn = goal.turn.map_or(0.0, |wanted| frame.rotation.angle_to(&wanted));
     ((frame.translation.vector - goal.at).norm(), turn)

@@ -23,7 +23,7 @@ pub(crate) enum Beyond {
 
 /// The joints of a configuration: those of one robot, or of all robots of a scene in their order.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Joints {
+pub(crate) struct JointTable {
     /// Their names, `robot:joint` where there are several robots.
     pub names: Vec<String>,
     motors: Vec<Motor>,
@@ -31,7 +31,7 @@ pub(crate) struct Joints {
     scale: Vec<f64>,
 }
 
-impl Joints {
+impl JointTable {
     /// Those of these robots.
     pub fn new<'a>(robots: impl IntoIterator<Item = &'a Robot>) -> Self {
         let robots: Vec<&Robot> = robots.into_iter().collect();

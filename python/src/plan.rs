@@ -81,7 +81,7 @@ impl PyNoPlan {
 }
 
 /// A search for a path; poses are of all robots, one after the other, rad of encoder.
-pub(crate) struct Search {
+pub(crate) struct PathSearch {
     pub scene: Arc<Scene>,
     pub clearance: f64,
     pub start: Vec<f64>,
@@ -93,19 +93,19 @@ pub(crate) struct Search {
 }
 
 /// A path of all robots.
-pub(crate) struct Found {
+pub(crate) struct FoundPath {
     pub poses: Vec<Vec<f64>>,
     pub goal: usize,
     pub length: f64,
     pub evaluations: u64,
 }
 
-impl Search {
+impl PathSearch {
     /// Tries the goals, the nearest first, until one is reached or the budget is spent.
     ///
     /// # Errors
     /// If more than one robot would move.
-    pub fn run(&self, cancelled: &Cancelled) -> Result<Result<Found, PyNoPlan>, Failure> {
+    pub fn run(&self, cancelled: &Cancelled) -> Result<Result<FoundPath, PyNoPlan>, Failure> {
         let (robot, columns) = self.mover()?;
         let motors: Vec<usize> = (0..columns.len()).collect();
         let poses: Vec<&[f64]> = self.columns().into_iter().map(|own| slice(&self.start, &own)).collect();
@@ -140,7 +140,7 @@ impl Search {
                 pose
             };
             let poses = path.poses.iter().map(whole).collect();
-            return Ok(Ok(Found { poses, goal, length: path.length(), evaluations: space.evaluations() }));
+            return Ok(Ok(FoundPath { poses, goal, length: path.length(), evaluations: space.evaluations() }));
         }
         Ok(Err(reason))
     }

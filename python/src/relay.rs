@@ -25,7 +25,7 @@ const REAL_PAUSE: Duration = Duration::from_millis(5);
 const STATE_VERSION: u32 = 1;
 
 /// A question to the code outside.
-pub(crate) enum Question {
+pub(crate) enum AgentQuestion {
     /// The robot rests.
     Next {
         /// The end of the last motion.
@@ -39,16 +39,16 @@ pub(crate) enum Question {
 
 /// A question with what it is about.
 pub(crate) struct PendingQuestion {
-    pub question: Question,
+    pub question: AgentQuestion,
     pub view: View,
     /// Number of the agent's lives before this one.
     pub life: u32,
     /// The reply; an error is the agent's death, in words.
-    pub reply: SyncSender<Result<Reply, String>>,
+    pub reply: SyncSender<Result<AgentReply, String>>,
 }
 
 /// A reply.
-pub(crate) struct Reply {
+pub(crate) struct AgentReply {
     /// None: go on as before.
     pub intent: Option<Intent>,
     /// The agent's state after it; none: unchanged.
@@ -56,46 +56,46 @@ pub(crate) struct Reply {
 }
 
 /// A message of the run's thread.
-pub(crate) enum Message<E> {
+pub(crate) enum RunMessage<E> {
     Question(Box<PendingQuestion>),
     Ended(E),
 }
 
 /// The relay's side that outlives its lives.
-pub(crate) struct Line<E> {
-    pub questions: SyncSender<Message<E>>,
+pub(crate) struct RelayLine<E> {
+    pub questions: SyncSender<RunMessage<E>>,
     pub cancelled: Cancelled,
     pub real: bool,
     lives: Arc<AtomicU32>,
 }
 
 // by hand: a derive would want E: Clone
-impl<E> Clone for Line<E> {
+impl<E> Clone for RelayLine<E> {
     fn clone(&self) -> Self {
         let Self { questions, cancelled, real, lives } = self;
         Self { questions: questions.clone(), cancelled: cancelled.clone(), real: *real, lives: lives.clone() }
     }
 }
 
-impl<E> Line<E> {
-    pub fn new(questions: SyncSender<Message<E>>, cancelled: Cancelled, real: bool) -> Self {
+impl<E> RelayLine<E> {
+    pub fn new(questions: SyncSender<RunMessage<E>>, cancelled: Cancelled, real: bool) -> Self {
         Self { questions, cancelled, real, lives: Arc::default() }
     }
 }
 
 /// The agent in the run.
 pub(crate) struct RelayAgent<E> {
-    line: Line<E>,
+    line: RelayLine<E>,
     life: u32,
     state: Value,
     import: Option<Value>,
-    next: Option<Receiver<Result<Reply, String>>>,
-    revise: Option<Receiver<Result<Reply, String>>>,
+    next: Option<Receiver<Result<AgentReply, String>>>,
+    revise: Option<Receiver<Result<AgentReply, String>>>,
 }
 
 /// The outcome of waiting for a reply.
 enum Waited {
-    Replied(Reply),
+    Replied(AgentReply),
     NotYet,
     /// The run is being ended, or there is no Python any more.
     Gone,
@@ -103,22 +103,22 @@ enum Waited {
 
 impl<E: Send + 'static> RelayAgent<E> {
     /// The agent in its first life, or in the next one after a death.
-    pub fn new(line: &Line<E>) -> Self {
+    pub fn new(line: &RelayLine<E>) -> Self {
         let life = line.lives.fetch_add(1, Ordering::Relaxed);
         Self { line: line.clone(), life, state: Value::Null, import: None, next: None, revise: None }
     }
 
     /// Passes a question on; `None` if the other side has gone, or its queue is full.
-    fn send(&self, question: Question, view: &View) -> Option<Receiver<Result<Reply, String>>> {
+    fn send(&self, question: AgentQuestion, view: &View) -> Option<Receiver<Result<AgentReply, String>>> {
         let (reply, replied) = sync_channel(1);
         let pending = PendingQuestion { question, view: view.clone(), life: self.life, reply };
-        match self.line.questions.try_send(Message::Question(Box::new(pending))) {
+        match self.line.questions.try_send(RunMessage::Question(Box::new(pending))) {
             Ok(()) => Some(replied),
             Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => None,
         }
     }
 
-    fn wait(&mut self, replied: &Receiver<Result<Reply, String>>) -> Waited {
+    fn wait(&mut self, replied: &Receiver<Result<AgentReply, String>>) -> Waited {
         let mut waited = Duration::ZERO;
         loop {
             let slice = if self.line.real { REAL_PATIENCE } else { POLL };
@@ -155,7 +155,7 @@ impl<E: Send + 'static> Agent for RelayAgent<E> {
             Some(replied) => replied,
             None => {
                 let import = self.import.take();
-                let Some(replied) = self.send(Question::Next { last, import }, view) else { return ENDED };
+                let Some(replied) = self.send(AgentQuestion::Next { last, import }, view) else { return ENDED };
                 replied
             }
         };
@@ -175,7 +175,7 @@ impl<E: Send + 'static> Agent for RelayAgent<E> {
         }
         let replied = match self.revise.take() {
             Some(replied) => replied,
-            None => self.send(Question::Revise, view)?,
+            None => self.send(AgentQuestion::Revise, view)?,
         };
         match self.wait(&replied) {
             Waited::Replied(reply) => reply.intent,

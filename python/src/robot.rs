@@ -3,8 +3,8 @@
 use crate::arrays::{Rows, array, reserved};
 use crate::chain::Chain;
 use crate::failure::Failure;
-use crate::inverse::{Goal, solve};
-use crate::joints::{Beyond, Joints};
+use crate::inverse::{FrameGoal, solve};
+use crate::joints::{Beyond, JointTable};
 use crate::place::{PoseArguments, PoseParts};
 use crate::pose::matrix;
 use crate::results::PyIk;
@@ -31,7 +31,7 @@ const MAX_ATTEMPTS: usize = 1_000_000;
 #[pyclass(name = "Robot", module = "mobee", frozen)]
 pub(crate) struct PyRobot {
     pub model: Arc<Robot>,
-    pub joints: Arc<Joints>,
+    pub joints: Arc<JointTable>,
     frames: BTreeMap<String, Arc<Chain>>,
     /// The robot file.
     text: String,
@@ -60,7 +60,7 @@ impl PyRobot {
                 frames.insert(name.to_owned(), Arc::new(chain));
             }
         }
-        let joints = Arc::new(Joints::new([&model]));
+        let joints = Arc::new(JointTable::new([&model]));
         let (notes, warnings) = comments;
         Self { model: Arc::new(model), joints, frames, text, notes, warnings }
     }
@@ -305,7 +305,7 @@ impl PyRobot {
             return Err(Failure::new("bounds", "a tolerance or the number of attempts is out of bounds", remedy).into());
         }
         let at = pose.translation.vector;
-        let goal = Goal { at, turn, tolerance, attempts, solutions, random_seed };
+        let goal = FrameGoal { at, turn, tolerance, attempts, solutions, random_seed };
         let seed = match seed {
             Some(seed) => self.one(seed, "seed")?,
             None => self.model.home(),

@@ -1,9 +1,9 @@
 //! `mobee.run`, `mobee.replay` and the journal of a run.
 
 use crate::failure::Failure;
-use crate::relay::Message;
+use crate::relay::RunMessage;
 use crate::serve::PyAgents;
-use crate::session::{Finished, Origin, Request, Session, Waited, robot_names};
+use crate::session::{Finished, RunOrigin, RunRequest, Session, SessionWait, robot_names};
 use crate::view::RunRobots;
 use crate::wait::{SIGNAL_PERIOD, background};
 use mobee_actors::check::{check, judged};
@@ -62,8 +62,8 @@ pub(crate) fn conduct(
 ) -> PyResult<RunParts> {
     let _nested = Nested::enter()?;
     let mut agents = PyAgents::read(agents)?;
-    let origin = if replay { Origin::Replay(path) } else { Origin::File { file: path, set } };
-    let request = Request { origin, out, agents: agents.classes(), account: None, only_virtual: false };
+    let origin = if replay { RunOrigin::Replay(path) } else { RunOrigin::File { file: path, set } };
+    let request = RunRequest { origin, out, agents: agents.classes(), account: None, only_virtual: false };
     let session = background(py, None, move |_, _| Session::start(request))?;
     let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
     let mut interrupted: Option<PyErr> = None;
@@ -71,12 +71,12 @@ pub(crate) fn conduct(
     let finished = loop {
         let waited = py.detach(|| session.wait(WAIT));
         let outcome = match waited {
-            Waited::Message(Message::Ended(ended)) => break ended?,
-            Waited::Message(Message::Question(pending)) if interrupted.is_none() => {
+            SessionWait::Message(RunMessage::Ended(ended)) => break ended?,
+            SessionWait::Message(RunMessage::Question(pending)) if interrupted.is_none() => {
                 agents.serve(py, &robots, *pending).and_then(|()| py.check_signals())
             }
-            Waited::Message(Message::Question(_)) | Waited::NotYet => py.check_signals(),
-            Waited::Gone => return Err(crate::wait::internal().into()),
+            SessionWait::Message(RunMessage::Question(_)) | SessionWait::NotYet => py.check_signals(),
+            SessionWait::Gone => return Err(crate::wait::internal().into()),
         };
         if let Err(e) = outcome {
             // once: the run ends in order; twice: at once; three times: it is left to its thread
@@ -107,7 +107,7 @@ pub(crate) fn conduct(
 #[pyfunction]
 #[pyo3(signature = (path, *, set, replay))]
 pub(crate) fn robots_of(py: Python<'_>, path: PathBuf, set: Vec<String>, replay: bool) -> PyResult<Vec<String>> {
-    let origin = if replay { Origin::Replay(path) } else { Origin::File { file: path, set } };
+    let origin = if replay { RunOrigin::Replay(path) } else { RunOrigin::File { file: path, set } };
     background(py, None, move |_, _| robot_names(&origin))
 }
 

@@ -2,9 +2,9 @@
 
 use crate::arrays::{Rows, array, reserved};
 use crate::failure::Failure;
-use crate::joints::{Beyond, Joints};
+use crate::joints::{Beyond, JointTable};
 use crate::place::bases_of;
-use crate::plan::{Found, PyPlan, Search};
+use crate::plan::{FoundPath, PathSearch, PyPlan};
 use crate::results::{PyBlocked, PyContact, PyFree, PyUnproved};
 use crate::robot::PyRobot;
 use crate::wait::{background, chunks};
@@ -46,7 +46,7 @@ const MAX_CONTACTS: usize = 1_000_000;
 #[pyclass(name = "Scene", module = "mobee", frozen)]
 pub(crate) struct PyScene {
     pub scene: Arc<Scene>,
-    joints: Joints,
+    joints: JointTable,
     pub clearance: f64,
     robots: Vec<Py<PyRobot>>,
     /// Compiled: one for each call that is under way, the rest to be used again. The lock is held with the interpreter's.
@@ -54,13 +54,13 @@ pub(crate) struct PyScene {
 }
 
 /// One robot of a scene, with all others at home.
-pub(crate) struct OfRobot {
+pub(crate) struct SceneRobot {
     scene: Arc<Scene>,
     robot: usize,
     clearance: f64,
 }
 
-impl OfRobot {
+impl SceneRobot {
     /// Tests that the robot is free at a pose, rad of encoder.
     pub fn is_free(&self, pose: &[f64]) -> bool {
         let mut poses = self.scene.home();
@@ -74,7 +74,7 @@ impl OfRobot {
 impl PyScene {
     /// The scene of a run.
     pub fn in_run(scene: Arc<Scene>, clearance: f64, robots: Vec<Py<PyRobot>>) -> Result<Self, Failure> {
-        let joints = Joints::new(scene.robots().iter().map(Arc::as_ref));
+        let joints = JointTable::new(scene.robots().iter().map(Arc::as_ref));
         let fast = FastScene::new(&scene, clearance)?;
         Ok(Self { scene, joints, clearance, robots, fast: Mutex::new(vec![fast]) })
     }
@@ -88,9 +88,9 @@ impl PyScene {
     }
 
     /// For queries about one robot.
-    pub fn of_robot(&self, robot: &Arc<Robot>) -> Result<OfRobot, Failure> {
+    pub fn of_robot(&self, robot: &Arc<Robot>) -> Result<SceneRobot, Failure> {
         let robot = self.index_of(robot)?;
-        Ok(OfRobot { scene: Arc::clone(&self.scene), robot, clearance: self.clearance })
+        Ok(SceneRobot { scene: Arc::clone(&self.scene), robot, clearance: self.clearance })
     }
 
     /// Runs a query with a compiled scene of its own.
@@ -198,7 +198,7 @@ impl PyScene {
         let robots = robots_of(robots)?;
         let bases = bases_of(bases, robots.len())?;
         let models: Vec<Arc<Robot>> = robots.iter().map(|r| Arc::clone(&r.get().model)).collect();
-        let joints = Joints::new(models.iter().map(Arc::as_ref));
+        let joints = JointTable::new(models.iter().map(Arc::as_ref));
         if joints.len() == 0 {
             let message = "the scene has no joint that moves";
             return Err(Failure::new("joints", message, "give a robot with a joint").at("robots").into());
@@ -480,7 +480,7 @@ impl PyScene {
             ends.extend(numbers.chunks_exact(self.joints.len()).map(<[f64]>::to_vec));
         }
         let start = ends.remove(0);
-        let search = Search {
+        let search = PathSearch {
             scene: Arc::clone(&self.scene),
             clearance: self.clearance,
             start,
@@ -495,7 +495,7 @@ impl PyScene {
             Ok(found) => {
                 let rows = found.poses.len();
                 let path = found.poses.iter().flat_map(|pose| self.joints.configuration(pose)).collect();
-                let Found { goal, length, evaluations, .. } = found;
+                let FoundPath { goal, length, evaluations, .. } = found;
                 Ok(Bound::new(py, PyPlan { path, rows, goal, length, evaluations })?.into_any())
             }
         }

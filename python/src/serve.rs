@@ -1,8 +1,8 @@
 //! Agents in Python: the questions of a run put to them, in the thread that started it.
 
 use crate::failure::Failure;
-use crate::intent::{Standing, intent, state, type_name};
-use crate::relay::{PendingQuestion, Question, Reply};
+use crate::intent::{AnsweringRobot, intent, state, type_name};
+use crate::relay::{AgentQuestion, AgentReply, PendingQuestion};
 use crate::view::{PyView, RunRobots};
 use mobee_contract::MotionEnd;
 use pyo3::exceptions::PyException;
@@ -90,19 +90,20 @@ impl PyAgents {
         &mut self,
         py: Python<'_>,
         robots: &Arc<RunRobots>,
-        question: Question,
+        question: AgentQuestion,
         view: mobee_contract::View,
         life: u32,
-    ) -> PyResult<Reply> {
+    ) -> PyResult<AgentReply> {
         let name = robots.names.get(view.robot).cloned().unwrap_or_default();
         let joints = robots.joints.get(view.robot).cloned().ok_or_else(crate::wait::internal)?;
         let given = self.0.get_mut(&name).ok_or_else(crate::wait::internal)?;
         let agent = given.of_life(py, life)?;
         let pose = view.pose().to_vec();
         let seen = Bound::new(py, PyView { view, robots: Arc::clone(robots) })?;
-        let standing = |call: &str| Standing { joints: &joints, pose: &pose, place: format!("{}.{call}", given.class) };
+        let standing =
+            |call: &str| AnsweringRobot { joints: &joints, pose: &pose, place: format!("{}.{call}", given.class) };
         match question {
-            Question::Next { last, import } => {
+            AgentQuestion::Next { last, import } => {
                 if let Some(import) = import {
                     let text = py.import("json")?.call_method1("loads", (import.to_string(),))?;
                     agent.call_method1("import_", (text,))?;
@@ -114,12 +115,12 @@ impl PyAgents {
                 let answer = agent.call_method1("next", (last, seen))?;
                 let intent = intent(&answer, &standing("next"))?;
                 let state = state(&agent.call_method0("export")?, &format!("{}.export", given.class))?;
-                Ok(Reply { intent: Some(intent), state: Some(state) })
+                Ok(AgentReply { intent: Some(intent), state: Some(state) })
             }
-            Question::Revise => {
+            AgentQuestion::Revise => {
                 let answer = agent.call_method1("revise", (seen,))?;
                 let intent = if answer.is_none() { None } else { Some(intent(&answer, &standing("revise"))?) };
-                Ok(Reply { intent, state: None })
+                Ok(AgentReply { intent, state: None })
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::motion_book::MotionBook;
-use crate::relay::{Line, Message, RelayAgent};
+use crate::relay::{RelayAgent, RelayLine, RunMessage};
 use crate::slots::with_passed;
 use crate::wait::Cancelled;
 use mobee::compose::{Composition, from_source};
@@ -28,7 +28,7 @@ const MAX_MESSAGES: usize = 64;
 const MAX_CONTROLS: usize = 16;
 
 /// Source of a run.
-pub(crate) enum Origin {
+pub(crate) enum RunOrigin {
     /// A configuration file with assignments as of `--set`.
     File { file: PathBuf, set: Vec<String> },
     /// The folder of a run, which is replayed.
@@ -36,8 +36,8 @@ pub(crate) enum Origin {
 }
 
 /// A run to be started.
-pub(crate) struct Request {
-    pub origin: Origin,
+pub(crate) struct RunRequest {
+    pub origin: RunOrigin,
     pub out: Option<PathBuf>,
     /// Robots with an agent in Python, each with the name of its class.
     pub agents: BTreeMap<String, String>,
@@ -61,7 +61,7 @@ type Ended = Result<Finished, Failure>;
 
 /// A run that has been started.
 pub(crate) struct Session {
-    messages: Mutex<Receiver<Message<Ended>>>,
+    messages: Mutex<Receiver<RunMessage<Ended>>>,
     controls: mpsc::Sender<Control>,
     cancelled: Cancelled,
     pid: u32,
@@ -74,8 +74,8 @@ pub(crate) struct Session {
 }
 
 /// Result of waiting for a message.
-pub(crate) enum Waited {
-    Message(Message<Ended>),
+pub(crate) enum SessionWait {
+    Message(RunMessage<Ended>),
     NotYet,
     /// The thread is gone: it panicked.
     Gone,
@@ -86,12 +86,12 @@ impl Session {
     ///
     /// # Errors
     /// All that is wrong with the configuration; nothing runs then.
-    pub fn start(request: Request) -> Result<Self, Failure> {
-        let Request { origin, out, agents, account, only_virtual } = request;
+    pub fn start(request: RunRequest) -> Result<Self, Failure> {
+        let RunRequest { origin, out, agents, account, only_virtual } = request;
         let passed: BTreeSet<String> = agents.keys().cloned().collect();
         let (mut composition, recorded) = match origin {
-            Origin::File { file, set } => (with_passed(&passed, || from_file(&file, &set, &agents))?, None),
-            Origin::Replay(folder) => {
+            RunOrigin::File { file, set } => (with_passed(&passed, || from_file(&file, &set, &agents))?, None),
+            RunOrigin::Replay(folder) => {
                 let recorded = RecordedRun::open(&folder).map_err(of_report)?;
                 let composition = with_passed(&passed, || recorded.compose()).map_err(of_report)?;
                 (composition, Some(recorded))
@@ -105,7 +105,7 @@ impl Session {
         let (questions, messages) = sync_channel(MAX_MESSAGES);
         let cancelled = Cancelled::default();
         for robot in composition.robots.iter_mut().filter(|robot| passed.contains(&robot.name)) {
-            let line = Line::new(questions.clone(), cancelled.clone(), real);
+            let line = RelayLine::new(questions.clone(), cancelled.clone(), real);
             robot.agent = Some(Arc::new(move || Ok(Box::new(RelayAgent::new(&line)) as Box<dyn Agent>)));
         }
         let scene = Arc::new(composition.scene.clone());
@@ -120,7 +120,7 @@ impl Session {
         let work = move || {
             let ended = run(composition, recorded.as_ref(), out.as_deref(), sinks, (to_run, receiver));
             // fails if the session was dropped
-            let _ = questions.send(Message::Ended(ended));
+            let _ = questions.send(RunMessage::Ended(ended));
         };
         thread::Builder::new().name("mobee-run".to_owned()).spawn(work).map_err(|e| {
             Failure::new("threads", format!("no thread could be started: {e}"), "end other threads, or raise the limit")
@@ -135,11 +135,11 @@ impl Session {
     }
 
     /// Waits for a message, for so long.
-    pub fn wait(&self, patience: Duration) -> Waited {
+    pub fn wait(&self, patience: Duration) -> SessionWait {
         match self.messages.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(patience) {
-            Ok(message) => Waited::Message(message),
-            Err(RecvTimeoutError::Timeout) => Waited::NotYet,
-            Err(RecvTimeoutError::Disconnected) => Waited::Gone,
+            Ok(message) => SessionWait::Message(message),
+            Err(RecvTimeoutError::Timeout) => SessionWait::NotYet,
+            Err(RecvTimeoutError::Disconnected) => SessionWait::Gone,
         }
     }
 
@@ -186,15 +186,15 @@ fn run(
 }
 
 /// The robots' names of a configuration, as far as it has any.
-pub(crate) fn robot_names(origin: &Origin) -> Result<Vec<String>, Failure> {
+pub(crate) fn robot_names(origin: &RunOrigin) -> Result<Vec<String>, Failure> {
     let name = |robot: &serde_json::Value| robot.get("name")?.as_str().map(str::to_owned);
     let names = |source: &Source| {
         let robots = source.value.get("robot").and_then(serde_json::Value::as_array);
         robots.into_iter().flatten().filter_map(name).collect()
     };
     match origin {
-        Origin::File { file, set } => Ok(names(&Source::load(file, set)?)),
-        Origin::Replay(folder) => Ok(names(RecordedRun::open(folder).map_err(of_report)?.source())),
+        RunOrigin::File { file, set } => Ok(names(&Source::load(file, set)?)),
+        RunOrigin::Replay(folder) => Ok(names(RecordedRun::open(folder).map_err(of_report)?.source())),
     }
 }
 

@@ -1,10 +1,10 @@
 //! The run behind an environment of gymnasium: one step is one motion and its outcome.
 
 use crate::failure::Failure;
-use crate::intent::{Standing, intent};
+use crate::intent::{AnsweringRobot, intent};
 use crate::motion_book::MotionAccount;
-use crate::relay::{Message, PendingQuestion, Question, Reply};
-use crate::session::{Origin, Request, Session, Waited};
+use crate::relay::{AgentQuestion, AgentReply, PendingQuestion, RunMessage};
+use crate::session::{RunOrigin, RunRequest, Session, SessionWait};
 use crate::view::{PyView, RunRobots};
 use crate::wait::{SIGNAL_PERIOD, background, internal};
 use mobee_contract::Intent;
@@ -24,7 +24,7 @@ const MAX_ATTEMPTS: u32 = 600;
 /// Refusals that do not concern the motion: it is tried again.
 const PASSING: [&str; 4] = ["closed", "busy", "not_ready", "pushing"];
 
-enum State {
+enum StepPhase {
     /// The robot rests, and a question waits for the next step.
     Resting(Box<PendingQuestion>),
     /// A step was interrupted, and its outcome is still to come.
@@ -34,8 +34,8 @@ enum State {
     Closed,
 }
 
-struct Inner {
-    state: State,
+struct StepsState {
+    state: StepPhase,
     session: Option<Session>,
     robots: Arc<RunRobots>,
     robot: String,
@@ -44,10 +44,10 @@ struct Inner {
 
 /// A run in virtual time; its clock stands between two steps.
 #[pyclass(name = "Steps", module = "mobee._native", frozen)]
-pub(crate) struct PySteps(Mutex<Inner>);
+pub(crate) struct PySteps(Mutex<StepsState>);
 
 impl PySteps {
-    fn lock(&self) -> Result<MutexGuard<'_, Inner>, Failure> {
+    fn lock(&self) -> Result<MutexGuard<'_, StepsState>, Failure> {
         match self.0.try_lock() {
             Ok(inner) => Ok(inner),
             Err(TryLockError::Poisoned(inner)) => Ok(inner.into_inner()),
@@ -63,35 +63,35 @@ fn closed() -> Failure {
     Failure::new("closed", "the environment is closed", "make another one")
 }
 
-impl Inner {
+impl StepsState {
     /// Waits until the robot rests again, or the run is over. Ctrl-C ends the wait, and not the run.
     fn settle(&mut self, py: Python<'_>) -> PyResult<()> {
         loop {
             let session = self.session.as_ref().ok_or_else(closed)?;
             match py.detach(|| session.wait(SIGNAL_PERIOD)) {
-                Waited::NotYet => py.check_signals()?,
-                Waited::Gone => return Err(internal().into()),
-                Waited::Message(Message::Question(pending)) => match pending.question {
-                    Question::Next { .. } => {
-                        self.state = State::Resting(pending);
+                SessionWait::NotYet => py.check_signals()?,
+                SessionWait::Gone => return Err(internal().into()),
+                SessionWait::Message(RunMessage::Question(pending)) => match pending.question {
+                    AgentQuestion::Next { .. } => {
+                        self.state = StepPhase::Resting(pending);
                         return Ok(());
                     }
                     // the motion goes on as it was
-                    Question::Revise => {
-                        let _ = pending.reply.try_send(Ok(Reply { intent: None, state: None }));
+                    AgentQuestion::Revise => {
+                        let _ = pending.reply.try_send(Ok(AgentReply { intent: None, state: None }));
                     }
                 },
-                Waited::Message(Message::Ended(ended)) => {
+                SessionWait::Message(RunMessage::Ended(ended)) => {
                     let finished = match ended {
                         Ok(finished) => finished,
                         Err(failure) => {
-                            self.state = State::Over(failure.message.clone());
+                            self.state = StepPhase::Over(failure.message.clone());
                             return Err(failure.into());
                         }
                     };
                     let reason = reason_of(&finished.summary);
                     self.folder = Some(finished.folder);
-                    self.state = State::Over(reason);
+                    self.state = StepPhase::Over(reason);
                     return Ok(());
                 }
             }
@@ -99,14 +99,14 @@ impl Inner {
     }
 
     fn view(&self, py: Python<'_>) -> PyResult<Option<Py<PyView>>> {
-        let State::Resting(pending) = &self.state else { return Ok(None) };
+        let StepPhase::Resting(pending) = &self.state else { return Ok(None) };
         Ok(Some(Py::new(py, PyView { view: pending.view.clone(), robots: Arc::clone(&self.robots) })?))
     }
 
     /// Replies to the question that is open.
     fn reply(&mut self, intent: Intent) {
-        if let State::Resting(pending) = std::mem::replace(&mut self.state, State::Moving) {
-            let _ = pending.reply.try_send(Ok(Reply { intent: Some(intent), state: None }));
+        if let StepPhase::Resting(pending) = std::mem::replace(&mut self.state, StepPhase::Moving) {
+            let _ = pending.reply.try_send(Ok(AgentReply { intent: Some(intent), state: None }));
         }
     }
 
@@ -117,7 +117,7 @@ impl Inner {
             let before = self.book()?.settled();
             self.reply(wanted.clone());
             self.settle(py)?;
-            if pauses || !matches!(self.state, State::Resting(_)) {
+            if pauses || !matches!(self.state, StepPhase::Resting(_)) {
                 break;
             }
             let book = self.book()?.clone();
@@ -156,11 +156,11 @@ impl PySteps {
         class_: String,
     ) -> PyResult<Self> {
         let agents = BTreeMap::from([(robot.clone(), class_)]);
-        let origin = Origin::File { file: path, set };
-        let request = Request { origin, out: Some(out), agents, account: Some(robot.clone()), only_virtual: true };
+        let origin = RunOrigin::File { file: path, set };
+        let request = RunRequest { origin, out: Some(out), agents, account: Some(robot.clone()), only_virtual: true };
         let session = background(py, None, move |_, _| Session::start(request))?;
         let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
-        let mut inner = Inner { state: State::Moving, session: Some(session), robots, robot, folder: None };
+        let mut inner = StepsState { state: StepPhase::Moving, session: Some(session), robots, robot, folder: None };
         inner.settle(py)?;
         Ok(Self(Mutex::new(inner)))
     }
@@ -194,24 +194,24 @@ impl PySteps {
                 Failure::new("fork", what, "make environments after the fork, or start processes by spawn").into()
             );
         }
-        if matches!(inner.state, State::Moving) {
+        if matches!(inner.state, StepPhase::Moving) {
             // an earlier step was interrupted by Ctrl-C
             inner.settle(py)?;
         }
         let wanted = match &inner.state {
-            State::Resting(pending) => {
+            StepPhase::Resting(pending) => {
                 let joints = inner.robots.joints.get(pending.view.robot).cloned().ok_or_else(internal)?;
-                let standing = Standing { joints: &joints, pose: pending.view.pose(), place: "step".to_owned() };
+                let standing = AnsweringRobot { joints: &joints, pose: pending.view.pose(), place: "step".to_owned() };
                 intent(answer, &standing)?
             }
-            State::Over(why) => {
+            StepPhase::Over(why) => {
                 return Err(Failure::new("over", format!("the run is over: {why}"), "call reset").into());
             }
-            State::Moving | State::Closed => return Err(closed().into()),
+            StepPhase::Moving | StepPhase::Closed => return Err(closed().into()),
         };
         let account = inner.motion(py, &wanted)?;
         let info = PyDict::new(py);
-        let over = if let State::Over(why) = &inner.state { Some(why.clone()) } else { None };
+        let over = if let StepPhase::Over(why) = &inner.state { Some(why.clone()) } else { None };
         let outcome = match (&account, &over) {
             (MotionAccount { outcome: Some(outcome), .. }, _) => outcome,
             (_, Some(_)) => "over",
@@ -234,8 +234,8 @@ impl PySteps {
         let mut inner = self.lock()?;
         let own = inner.session.as_ref().is_some_and(Session::is_own);
         let Some(session) = inner.session.take() else { return Ok(inner.folder.clone()) };
-        let was_over = matches!(inner.state, State::Over(_));
-        let open = std::mem::replace(&mut inner.state, State::Closed);
+        let was_over = matches!(inner.state, StepPhase::Over(_));
+        let open = std::mem::replace(&mut inner.state, StepPhase::Closed);
         if !own {
             // in a forked child: locks of these may be held by threads that did not come along
             std::mem::forget((session, open));
@@ -264,9 +264,9 @@ fn ended_within(session: &Session, patience: Duration) -> Option<PathBuf> {
     loop {
         let left = until.saturating_duration_since(Instant::now());
         match session.wait(left) {
-            Waited::Message(Message::Question(pending)) => drop(pending),
-            Waited::Message(Message::Ended(ended)) => return ended.ok().map(|finished| finished.folder),
-            Waited::NotYet | Waited::Gone => return None,
+            SessionWait::Message(RunMessage::Question(pending)) => drop(pending),
+            SessionWait::Message(RunMessage::Ended(ended)) => return ended.ok().map(|finished| finished.folder),
+            SessionWait::NotYet | SessionWait::Gone => return None,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! `mobee.View`: snapshot of a run for an agent in Python.
 
 use crate::arrays::array;
-use crate::joints::Joints;
+use crate::joints::JointTable;
 use crate::pose::matrix;
 use crate::results::PyContact;
 use crate::robot::PyRobot;
@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// The robots of a run, as all views of it have them.
 pub(crate) struct RunRobots {
     pub names: Vec<String>,
-    pub joints: Vec<Arc<Joints>>,
+    pub joints: Vec<Arc<JointTable>>,
     pub seeds: Vec<u64>,
     models: Mutex<Vec<Option<Py<PyRobot>>>>,
     /// The newest compiled scene.
@@ -28,7 +28,7 @@ impl RunRobots {
         let robots = scene.robots();
         Self {
             names: robots.iter().map(|robot| robot.name.clone()).collect(),
-            joints: robots.iter().map(|robot| Arc::new(Joints::new([robot.as_ref()]))).collect(),
+            joints: robots.iter().map(|robot| Arc::new(JointTable::new([robot.as_ref()]))).collect(),
             seeds,
             models: Mutex::new(robots.iter().map(|_| None).collect()),
             newest: Mutex::default(),
@@ -62,7 +62,7 @@ pub(crate) struct PyView {
 }
 
 impl PyView {
-    fn joints(&self) -> PyResult<&Arc<Joints>> {
+    fn joints(&self) -> PyResult<&Arc<JointTable>> {
         Ok(self.robots.joints.get(self.view.robot).ok_or_else(crate::wait::internal)?)
     }
 }

@@ -19,7 +19,7 @@ const MAX_BEYOND_LIMIT: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
 /// Stream of set-points in progress.
 #[derive(Clone, Debug)]
-struct Streaming {
+struct GuardedStream {
     /// Token of the stream; another token or writer means another stream.
     token: u64,
     /// Writer of the stream.
@@ -33,7 +33,7 @@ struct Streaming {
     /// Times of the first and the last command.
     span: (Time, Time),
     /// Last position of each named motor, rad; `None` for a stream of velocities.
-    last: Option<Setpoints>,
+    last: Option<MotorPositions>,
     /// Greatest requested speed, as a share of the motor's greatest speed.
     greatest_step: f64,
 }
@@ -46,13 +46,13 @@ struct Waiting {
     /// Writer.
     writer: Writer,
     /// Target positions, rad.
-    q: Setpoints,
+    q: MotorPositions,
 }
 
 /// Requested step from a stream's last set-points to the next.
 struct NextStep<'a> {
     /// Last written set-points, rad.
-    last: &'a Setpoints,
+    last: &'a MotorPositions,
     /// Greatest requested speed, as a share of the motor's greatest speed.
     share: f64,
     /// Time since the last set-points, s.
@@ -60,7 +60,7 @@ struct NextStep<'a> {
 }
 
 /// Positions of some motors, rad, by their index.
-type Setpoints = BTreeMap<usize, f64>;
+type MotorPositions = BTreeMap<usize, f64>;
 
 /// State machine in front of the driver. It does not clamp: a command that does not fit is rejected.
 #[derive(Debug)]
@@ -69,7 +69,7 @@ pub struct CommandGuard {
     rules: Arc<Rules>,
     /// Stream in progress. It is journaled as one event when it ends, since a journal of every set-point would be
     /// unreadable.
-    streaming: Option<Streaming>,
+    streaming: Option<GuardedStream>,
     /// Newest delayed positions; older ones are superseded.
     waiting: Option<Waiting>,
     /// True if the driver converts moves to set-points.
@@ -196,7 +196,7 @@ impl CommandGuard {
         // Each command supersedes a waiting one, also a stop, after which no step may follow.
         self.waiting = None;
         let Command::Direct { motors, q } = command else { return Some(command) };
-        let all: Setpoints = motors.iter().copied().zip(q.iter().copied()).collect();
+        let all: MotorPositions = motors.iter().copied().zip(q.iter().copied()).collect();
         if self.step_to(token, writer, &all, now).is_none_or(|step| step.share <= 1.0) {
             return Some(Command::Direct { motors, q });
         }
@@ -229,7 +229,7 @@ impl CommandGuard {
 
     /// Computes the step of the present stream to `q`. `None` for the first set-points of a stream, which are at the
     /// robot's present position.
-    fn step_to(&self, token: u64, writer: Writer, q: &Setpoints, now: Time) -> Option<NextStep<'_>> {
+    fn step_to(&self, token: u64, writer: Writer, q: &MotorPositions, now: Time) -> Option<NextStep<'_>> {
         let stream = self.streaming.as_ref().filter(|s| s.token == token && s.writer == writer)?;
         let last = stream.last.as_ref()?;
         let secs = now.since(stream.span.1).as_secs_f64();
@@ -243,7 +243,7 @@ impl CommandGuard {
         let Some(kind) = command.kind() else {
             let velocity = matches!(command, Command::Velocity { .. });
             // A stream of velocities after one of positions is a new stream, even from the same writer.
-            let goes_on = |s: &Streaming| s.token == token && s.writer == writer && s.last.is_none() == velocity;
+            let goes_on = |s: &GuardedStream| s.token == token && s.writer == writer && s.last.is_none() == velocity;
             let ended = self.streaming.as_ref().is_some_and(|s| !goes_on(s));
             let event = if ended { self.end_stream() } else { None };
             self.stream(token, writer, command, now);
@@ -267,7 +267,7 @@ impl CommandGuard {
 
     /// Adds a written set-point to the stream.
     fn stream(&mut self, token: u64, writer: Writer, command: &Command, now: Time) {
-        let stream = self.streaming.get_or_insert(Streaming {
+        let stream = self.streaming.get_or_insert(GuardedStream {
             token,
             writer,
             count: 0,
@@ -281,7 +281,7 @@ impl CommandGuard {
         let step = match command {
             Command::Direct { motors, q } => {
                 let secs = now.since(stream.span.1).as_secs_f64();
-                let all: Setpoints = motors.iter().copied().zip(q.iter().copied()).collect();
+                let all: MotorPositions = motors.iter().copied().zip(q.iter().copied()).collect();
                 let last = stream.last.get_or_insert_default();
                 let step = share(axes, last, &all, secs);
                 last.extend(all);
@@ -304,7 +304,8 @@ impl CommandGuard {
 
     /// Ends the stream of set-points, if there is one, and returns its event.
     pub fn end_stream(&mut self) -> Option<Event> {
-        let Streaming { token, writer, count, motors, within, span, last, greatest_step } = self.streaming.take()?;
+        let GuardedStream { token, writer, count, motors, within, span, last, greatest_step } =
+            self.streaming.take()?;
         let robot = self.rules.robot.clone();
         let motors = motors.into_iter().collect();
         let last = last.into_iter().flatten().collect();
@@ -329,14 +330,14 @@ fn within_limits(axes: &[Axis], command: &Command) -> bool {
 }
 
 /// Creates the command with these set-points.
-fn direct(q: Setpoints) -> Command {
+fn direct(q: MotorPositions) -> Command {
     let (motors, q) = q.into_iter().unzip();
     Command::Direct { motors, q }
 }
 
 /// Greatest speed between these set-points in this time, as a share of the axis' greatest speed. A motor without a
 /// last set-point starts at its present position.
-fn share(axes: &[Axis], from: &Setpoints, to: &Setpoints, secs: f64) -> f64 {
+fn share(axes: &[Axis], from: &MotorPositions, to: &MotorPositions, secs: f64) -> f64 {
     let step = |(m, b): (&usize, &f64)| {
         let axis = axes.get(*m)?;
         let a = from.get(m)?;

@@ -20,12 +20,12 @@ const REST_BAND: f64 = 0.02 * std::f64::consts::PI / 180.0;
 #[derive(Clone, Debug)]
 pub struct HoldOffsets {
     axes: Arc<[Axis]>,
-    joints: Vec<Joint>,
+    joints: Vec<MotorOffset>,
 }
 
 /// Hold offset of one motor.
 #[derive(Clone, Copy, Debug, Default)]
-struct Joint {
+struct MotorOffset {
     /// Commanded minus measured position at rest, rad.
     offset: f64,
     /// Last target, rad; `None` if the motor was stopped since, or is driven by velocities.
@@ -42,7 +42,7 @@ struct Joint {
 impl HoldOffsets {
     /// Starts with zero offsets for this robot.
     pub fn new(rules: &Rules) -> HoldOffsets {
-        HoldOffsets { axes: rules.axes.clone(), joints: vec![Joint::default(); rules.axes.len()] }
+        HoldOffsets { axes: rules.axes.clone(), joints: vec![MotorOffset::default(); rules.axes.len()] }
     }
 
     /// Returns whether any motor of the robot may need an offset.
@@ -59,7 +59,7 @@ impl HoldOffsets {
             }
             Command::Direct { motors, q } => Command::Direct { motors: motors.clone(), q: self.shift(motors, q, now) },
             Command::Stop { motors } | Command::Velocity { motors, .. } => {
-                let named = |(m, joint): (usize, &mut Joint)| {
+                let named = |(m, joint): (usize, &mut MotorOffset)| {
                     if motors.is_empty() || motors.contains(&m) {
                         joint.target = None;
                     }

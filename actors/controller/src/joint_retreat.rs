@@ -2,7 +2,7 @@
 //!
 //! Configurations recorded at the same instants were free of contact between the robots. If each robot retreated
 //! alone, they would be at other relative places and might touch. Therefore the reflex of a resting robot requests
-//! its retreat here. The joint retreat waits for robots that are about to rest; then one [`Plan`] gives each robot
+//! its retreat here. The joint retreat waits for robots that are about to rest; then one [`JointRetreatPlan`] gives each robot
 //! its path. During the retreat, no robot gets ahead of what another one has written: a late robot makes the others
 //! wait.
 //!
@@ -20,7 +20,7 @@
 mod group;
 mod plan;
 
-pub use plan::{Participant, Plan, RetreatPath};
+pub use plan::{JointRetreatPlan, Participant, RetreatPath};
 
 use crate::history::{HistoryCore, HistoryTooShort};
 use crate::ledger::{Extent, Places, SafePose};
@@ -110,11 +110,11 @@ impl RetreatRequest {
 /// Joint retreat of all robots, shared by their reflexes. By default any two robots count as within reach of each
 /// other.
 #[derive(Debug, Default)]
-pub struct JointRetreat(Mutex<State>);
+pub struct JointRetreat(Mutex<JointRetreatState>);
 
 /// State behind the lock.
 #[derive(Clone, Debug, Default)]
-struct State {
+struct JointRetreatState {
     /// Pairs of robots that are never within a margin of each other, by their index in the scene.
     apart: Vec<(usize, usize)>,
     /// State of each robot, by its index in the scene.
@@ -147,12 +147,15 @@ impl JointRetreat {
         let far = |(a, b): &(usize, usize)| {
             (stands(*a) - stands(*b)).norm() > scene.reach(*a) + scene.reach(*b) + MAX_MARGIN_M + RELEASE
         };
-        JointRetreat(Mutex::new(State { apart: pairs.filter(far).collect(), ..State::default() }))
+        JointRetreat(Mutex::new(JointRetreatState {
+            apart: pairs.filter(far).collect(),
+            ..JointRetreatState::default()
+        }))
     }
 
     /// Locks the state. A panic of a thread that held the lock leaves the state usable: at worst, a living robot is
     /// dropped.
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, JointRetreatState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -312,7 +315,7 @@ impl JointRetreat {
     }
 }
 
-impl State {
+impl JointRetreatState {
     /// Mutable state of this robot; a robot without any report is away.
     fn robot_state(&mut self, robot: usize) -> Option<&mut RobotState> {
         if self.robot_states.len() <= robot {
@@ -394,7 +397,7 @@ impl State {
         self.replan.retain(|robot| !goes(robot));
         let slowest = participants.iter().map(|participant| participant.rules.follows()).max().unwrap_or_default();
         let members = participants.iter().map(|participant| GroupMember::new(participant, slowest, now)).collect();
-        let plan = Plan::new(participants).map(|plan| plan.replan(replan));
+        let plan = JointRetreatPlan::new(participants).map(|plan| plan.replan(replan));
         let mut group = RetreatGroup { plan, members, clock: 0.0, last: now, replan: false };
         let path = group.proceed(robot, now);
         self.groups.push(group);

@@ -6,7 +6,7 @@
 
 mod transaction;
 
-pub use transaction::{Ended, Extent, Motion, Open, Places, SafePose, Underway, home};
+pub use transaction::{EndedTransaction, Extent, Motion, Open, Places, SafePose, Underway, home};
 
 use crate::history::HistoryCore;
 use mobee_contract::{Cause, CommitId, MotionEnd, Outcome, Pose, Status};
@@ -109,11 +109,11 @@ impl TransactionState {
     /// Settles the open transaction with its single outcome (I2), with the robot at rest at `q`: the given outcome,
     /// or the one shown by `q`. Its end and the commanded positions are recorded in the same step, so that it is
     /// always either open or ended.
-    pub fn settle(&mut self, given: Option<Outcome>, q: Pose, tolerance: f64) -> Option<Ended> {
+    pub fn settle(&mut self, given: Option<Outcome>, q: Pose, tolerance: f64) -> Option<EndedTransaction> {
         let open = self.open.take()?;
         let outcome = given.unwrap_or_else(|| open.shown_at(&q, tolerance));
         self.places = open.places_after(&self.places, outcome, &q, tolerance);
-        let ended = Ended { open, outcome, q, measured: given.is_none() };
+        let ended = EndedTransaction { open, outcome, q, measured: given.is_none() };
         if self.ends.len() >= ENDS {
             self.ends.pop_front();
         }

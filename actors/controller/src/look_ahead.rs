@@ -50,7 +50,7 @@ pub struct Foreseen {
 #[derive(Clone, Debug)]
 pub struct LookAhead {
     /// Robots, by their index in the scene.
-    robots: Vec<Runner>,
+    robots: Vec<LookAheadRobot>,
     scene: Arc<Scene>,
     /// Edit count of the scene when each object was placed.
     edited: BTreeMap<u32, u64>,
@@ -64,7 +64,7 @@ pub struct LookAhead {
 
 /// A robot and its ghosts.
 #[derive(Clone, Debug)]
-struct Runner {
+struct LookAheadRobot {
     /// Controller parameters; `None`: the robot does not look ahead, and its ghost is at its own configuration.
     rules: Option<Arc<Rules>>,
     course: Course,
@@ -75,7 +75,7 @@ struct Runner {
     edited: bool,
 }
 
-impl Runner {
+impl LookAheadRobot {
     fn reserve(&self) -> f64 {
         self.rules.as_ref().and_then(|rules| rules.reserve).unwrap_or(0.0)
     }
@@ -110,16 +110,17 @@ impl LookAhead {
     /// Creates the look-ahead for robots with these rules, in the scene's order. Returns `None` if none of them looks
     /// ahead.
     pub fn new(scene: &Arc<Scene>, rules: impl IntoIterator<Item = Arc<Rules>>) -> Option<LookAhead> {
-        let runner = |rules: Arc<Rules>| Runner {
+        let runner = |rules: Arc<Rules>| LookAheadRobot {
             rules: rules.reserve.is_some().then_some(rules),
             course: Course::default(),
             brakes: Brakes::default(),
             ghosts: Vec::new(),
             edited: true,
         };
-        let robots: Vec<Runner> = rules.into_iter().map(runner).collect();
+        let robots: Vec<LookAheadRobot> = rules.into_iter().map(runner).collect();
         let most = farthest(robots.iter().filter_map(|runner| runner.rules.as_deref()));
-        let least = robots.iter().filter(|r| r.rules.is_some()).map(Runner::reserve).fold(f64::INFINITY, f64::min);
+        let least =
+            robots.iter().filter(|r| r.rules.is_some()).map(LookAheadRobot::reserve).fold(f64::INFINITY, f64::min);
         // With these steps, no distance below half of the clearance is missed.
         let sweep = || Sweep::of_all(scene.clone(), most, least / 2.0);
         let sweeps = || GHOSTS.map(|_| sweep());
@@ -198,7 +199,7 @@ impl LookAhead {
             ways.push(Some(self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect()));
         }
         // Two moving robots both use up their clearance in the worst case.
-        let clearance = |(r, (runner, q)): (usize, (&Runner, &Pose))| match runner.moves(q) {
+        let clearance = |(r, (runner, q)): (usize, (&LookAheadRobot, &Pose))| match runner.moves(q) {
             true => runner.reserve_after(self.scene.travel(r, q, &runner.ghost(last, q))),
             false => 0.0,
         };

@@ -113,7 +113,7 @@ pub enum ReflexReport {
 /// Phase of the reflex. All phases but the first hold the token under which the filter was closed. If the gate has
 /// another token, another component acts, and the reflex returns to watching.
 #[derive(Clone, Debug)]
-enum Phase {
+enum ReflexPhase {
     /// The filter is open, or was closed for a reason that needs no retreat.
     Watching,
     /// The robot was stopped at `since`; the reflex waits until it rests.
@@ -178,7 +178,7 @@ type Names<'a> = dyn Fn(Pair) -> (String, String) + 'a;
 
 /// One step of the reflex: the values shared with the robot's other actors and with other reflexes, the time, and the
 /// requested actions.
-struct Step<'a> {
+struct ReflexStep<'a> {
     rules: &'a Rules,
     gate: &'a Gate,
     joint_retreat: &'a JointRetreat,
@@ -187,7 +187,7 @@ struct Step<'a> {
     out: Vec<ReflexOut>,
 }
 
-impl Step<'_> {
+impl ReflexStep<'_> {
     /// Publishes an event.
     fn emit(&mut self, event: Event) {
         self.out.push(ReflexOut::Event(event));
@@ -209,7 +209,7 @@ pub struct ReflexCore {
     /// Index of the robot in the scene.
     robot: usize,
     /// Current phase.
-    phase: Phase,
+    phase: ReflexPhase,
     /// Present contacts.
     contacts: Contacts,
     /// Pairs near the robot in the newest reading; those with other robots at a common instant.
@@ -244,7 +244,7 @@ impl ReflexCore {
         shared.joint_retreat.leave(robot);
         let contacts = Contacts::new(shared.rules.margin);
         let near = contacts.present().clone();
-        let phase = Phase::Watching;
+        let phase = ReflexPhase::Watching;
         ReflexCore {
             robot,
             phase,
@@ -288,7 +288,7 @@ impl ReflexCore {
         names: &dyn Fn(Pair) -> (String, String),
     ) -> Vec<ReflexOut> {
         let Shared { rules, gate, joint_retreat, book } = shared;
-        let step = &mut Step { rules, gate, joint_retreat, names, now, out: Vec::new() };
+        let step = &mut ReflexStep { rules, gate, joint_retreat, names, now, out: Vec::new() };
         match input {
             ReflexIn::Pulse(pulse) => self.pulse(pulse, book.motion().as_ref(), book.status, step),
             ReflexIn::RollBack { token, motion, again } => {
@@ -297,12 +297,12 @@ impl ReflexCore {
                     let back = motion.safe.clone().map(|safe| AfterStop::Retreat(RetreatJob { motion, safe, again }));
                     let then = back.unwrap_or(AfterStop::Report(ReflexReport::GaveUp(Hold::HistoryTooShort)));
                     self.floors = ClearanceFloors::new(step.rules.margin, &self.near);
-                    self.enter(Phase::Stopping { token, since: step.now, then }, step);
+                    self.enter(ReflexPhase::Stopping { token, since: step.now, then }, step);
                 }
             }
             ReflexIn::Brought(Ok(())) => self.request_retreat(step),
             ReflexIn::Brought(Err(why)) => {
-                if let Phase::Stopping { token, then: AfterStop::Retreat(_), .. } = self.phase {
+                if let ReflexPhase::Stopping { token, then: AfterStop::Retreat(_), .. } = self.phase {
                     let robot = step.robot();
                     let reason = Hold::HistoryTooShort;
                     let what = why.to_string();
@@ -316,7 +316,7 @@ impl ReflexCore {
 
     /// Processes a reading: reports changes of contacts, then either looks for a reason to close the filter or
     /// continues the phase. Sets whether the robot is free in the pulse.
-    fn pulse(&mut self, pulse: &mut Pulse, motion: Option<&Underway>, status: Status, step: &mut Step) {
+    fn pulse(&mut self, pulse: &mut Pulse, motion: Option<&Underway>, status: Status, step: &mut ReflexStep) {
         self.violated = pulse.violated.is_some();
         self.near = pulse.near(|_| true);
         if let Some(m) = motion.filter(|m| self.motion != Some(m.id)) {
@@ -328,7 +328,7 @@ impl ReflexCore {
         self.recent.note(&self.near, pulse.sample.at);
         // An object that touches a robot at rest was moved there by something else.
         let moving = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
-        let back = matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. });
+        let back = matches!(self.phase, ReflexPhase::Retreating { .. } | ReflexPhase::Settling { .. });
         // A robot that retreats in the same group passes this one as recorded. Of any other robot, and during a
         // motion, the smallest known distance counts.
         let along = |c: &Contact| back && self.shares_group(c, step);
@@ -357,16 +357,16 @@ impl ReflexCore {
         // in charge.
         let token = step.gate.token();
         let outdated = match &self.phase {
-            Phase::Watching => false,
-            Phase::Stopping { token: t, .. }
-            | Phase::Retreating { token: t, .. }
-            | Phase::Settling { token: t, .. } => *t != token,
+            ReflexPhase::Watching => false,
+            ReflexPhase::Stopping { token: t, .. }
+            | ReflexPhase::Retreating { token: t, .. }
+            | ReflexPhase::Settling { token: t, .. } => *t != token,
         };
         if outdated {
             // The filter was closed again, and the robot stopped, by another component.
-            self.enter(Phase::Watching, step);
+            self.enter(ReflexPhase::Watching, step);
         }
-        if matches!(self.phase, Phase::Watching) {
+        if matches!(self.phase, ReflexPhase::Watching) {
             if Gate::opens(token) {
                 self.watch(pulse, &close, motion, status, step);
             }
@@ -378,19 +378,26 @@ impl ReflexCore {
     }
 
     /// Returns whether this is a contact with a robot of the same retreat group.
-    fn shares_group(&self, contact: &Contact, step: &Step) -> bool {
+    fn shares_group(&self, contact: &Contact, step: &ReflexStep) -> bool {
         let mut others =
             [contact.pair.0.robot(), contact.pair.1.robot()].into_iter().flatten().filter(|r| *r != self.robot);
         others.any(|other| step.joint_retreat.shares_group(self.robot, other))
     }
 
     /// Returns whether there is nothing that the reflex would act upon.
-    fn is_free(&self, step: &Step) -> bool {
+    fn is_free(&self, step: &ReflexStep) -> bool {
         !step.rules.reflex || (self.present().is_empty() && !self.violated)
     }
 
     /// Looks for a reason to close the open filter, and closes it.
-    fn watch(&mut self, pulse: &Pulse, close: &[Contact], motion: Option<&Underway>, status: Status, step: &mut Step) {
+    fn watch(
+        &mut self,
+        pulse: &Pulse,
+        close: &[Contact],
+        motion: Option<&Underway>,
+        status: Status,
+        step: &mut ReflexStep,
+    ) {
         let escape = motion.filter(|m| m.is_escape() && status == Status::Escaping);
         let cause = if let Some(m) = escape {
             // An escape begins in contact by its nature: it is stopped only by pairs and constraints that are worse
@@ -435,24 +442,24 @@ impl ReflexCore {
         let then = motion.safe.clone().map_or(AfterStop::Report(ReflexReport::Stopped), back);
         // The stop takes effect from now on: a delayed reading does not show it.
         self.floors = ClearanceFloors::new(step.rules.margin, &self.near);
-        self.enter(Phase::Stopping { token, since: step.now, then }, step);
+        self.enter(ReflexPhase::Stopping { token, since: step.now, then }, step);
     }
 
     /// Enters the next phase, and joins or leaves the joint retreat accordingly.
-    fn enter(&mut self, phase: Phase, step: &Step) {
+    fn enter(&mut self, phase: ReflexPhase, step: &ReflexStep) {
         // A stop was sent just before this phase is entered.
-        if let Phase::Stopping { .. } = phase {
+        if let ReflexPhase::Stopping { .. } = phase {
             self.stop = Stop::sent(step.now);
         }
         match &phase {
-            Phase::Stopping { then: AfterStop::Retreat(_), .. } => {
+            ReflexPhase::Stopping { then: AfterStop::Retreat(_), .. } => {
                 // The robot may have been retreating already: that retreat is over, and would not plan another path
                 // for it.
                 step.joint_retreat.leave(self.robot);
                 step.joint_retreat.announce(self.robot, step.now);
             }
-            Phase::Retreating { .. } | Phase::Settling { .. } => {}
-            Phase::Watching | Phase::Stopping { then: AfterStop::Report(_), .. } => {
+            ReflexPhase::Retreating { .. } | ReflexPhase::Settling { .. } => {}
+            ReflexPhase::Watching | ReflexPhase::Stopping { then: AfterStop::Report(_), .. } => {
                 step.joint_retreat.leave(self.robot)
             }
         }

@@ -24,7 +24,7 @@ use std::time::Duration;
 #[derive(Clone, Debug)]
 pub struct Simultaneous {
     /// Tracks of the robots, by their index in the scene.
-    robots: Vec<Track>,
+    robots: Vec<RobotReadings>,
     /// Instant up to which everything has been checked.
     until: Time,
     /// Sweep between instants.
@@ -33,7 +33,7 @@ pub struct Simultaneous {
 
 /// Readings of a robot.
 #[derive(Clone, Debug)]
-struct Track {
+struct RobotReadings {
     /// Distance below which its pairs are reported, meters.
     within: f64,
     /// Time without a reading after which the robot counts as resting: the others do not wait for it.
@@ -44,7 +44,7 @@ struct Track {
     found: Vec<Contact>,
 }
 
-impl Track {
+impl RobotReadings {
     /// Time of the newest reading.
     fn newest(&self) -> Option<Time> {
         self.readings.back().map(|(at, _)| *at)
@@ -66,13 +66,13 @@ impl Track {
 impl Simultaneous {
     /// Creates the check for robots with these rules, in the scene's order.
     pub fn new<'a>(scene: &Arc<Scene>, rules: impl IntoIterator<Item = &'a Rules>) -> Simultaneous {
-        let track = |rules: &Rules| Track {
+        let track = |rules: &Rules| RobotReadings {
             within: rules.margin + RELEASE,
             fresh: rules.fresh,
             readings: VecDeque::new(),
             found: Vec::new(),
         };
-        let robots: Vec<Track> = rules.into_iter().map(track).collect();
+        let robots: Vec<RobotReadings> = rules.into_iter().map(track).collect();
         let within = robots.iter().map(|r| r.within).fold(0.0, f64::max);
         Simultaneous { robots, until: Time::ZERO, sweep: Sweep::new(scene.clone(), within) }
     }
@@ -101,7 +101,7 @@ impl Simultaneous {
 
     /// Checks all instants up to the last one with readings of all robots that are being read.
     fn look(&mut self, now: Time) {
-        let known = |track: &Track| track.newest().filter(|at| now <= *at + track.fresh);
+        let known = |track: &RobotReadings| track.newest().filter(|at| now <= *at + track.fresh);
         let Some(common) = self.robots.iter().filter_map(known).min() else { return };
         let mut times: Vec<Time> = self.robots.iter().flat_map(|r| r.readings.iter().map(|(at, _)| *at)).collect();
         times.retain(|at| *at > self.until && *at <= common);

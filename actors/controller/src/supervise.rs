@@ -130,9 +130,9 @@ pub enum SuperviseOut {
 
 /// Stored part of a reading.
 #[derive(Clone, Debug)]
-struct Reading {
+struct StoredReading {
     /// Time of the reading: it dates the contents, and the lease is counted from it. The time of its arrival is
-    /// `Step::now`.
+    /// `SuperviseStep::now`.
     sampled_at: Time,
     /// Positions of the motors, rad.
     q: Pose,
@@ -162,9 +162,9 @@ enum Closing {
 #[derive(Clone, Debug, Default)]
 struct MotionState {
     /// Start of the board's own moves.
-    started: Option<Started>,
+    started: Option<ExpectedProgress>,
     /// Stream of set-points.
-    stream: Option<streaming::Streaming>,
+    stream: Option<streaming::OpenStream>,
     /// Forces that generate the set-points of a motion under forces.
     forces: Option<forces::Forces>,
     /// Time since which the board has reported "done" away from the target.
@@ -177,7 +177,7 @@ struct MotionState {
 
 /// Expected progress of a commit since it was accepted or last amended.
 #[derive(Clone, Copy, Debug)]
-struct Started {
+struct ExpectedProgress {
     /// Time of the command, by the clock.
     at: Time,
     /// Distance of the motor with the longest way, rad.
@@ -186,7 +186,7 @@ struct Started {
     expected: f64,
 }
 
-impl Started {
+impl ExpectedProgress {
     /// Mean speed of the motor with the longest way, rad/s.
     fn mean_speed(self) -> f64 {
         // A commit to the present configuration takes no time at all.
@@ -196,7 +196,7 @@ impl Started {
 
 /// One step of Supervise. It is created for each input and dropped with it, so that nothing is carried over by
 /// accident. It holds the values shared with the robot's other actors, the time, and the requested actions.
-struct Step<'a> {
+struct SuperviseStep<'a> {
     rules: &'a Rules,
     gate: &'a Gate,
     book: &'a mut TransactionState,
@@ -204,10 +204,10 @@ struct Step<'a> {
     out: Vec<SuperviseOut>,
 }
 
-impl<'a> Step<'a> {
+impl<'a> SuperviseStep<'a> {
     /// Begins a step at this time, without actions.
-    fn new(shared: &'a mut Shared, now: Time) -> Step<'a> {
-        Step { rules: shared.rules, gate: shared.gate, book: shared.book, now, out: Vec::new() }
+    fn new(shared: &'a mut Shared, now: Time) -> SuperviseStep<'a> {
+        SuperviseStep { rules: shared.rules, gate: shared.gate, book: shared.book, now, out: Vec::new() }
     }
 
     /// Publishes an event.
@@ -260,7 +260,7 @@ pub struct SuperviseCore {
     /// Last stop sent.
     stop: Stop,
     /// Newest reading.
-    newest: Option<Reading>,
+    newest: Option<StoredReading>,
     /// Resting positions of motors that are not commanded.
     resting: displaced::Resting,
     /// Failed retreat, for a retry.
@@ -291,7 +291,7 @@ impl SuperviseCore {
     /// Starts closed: nothing moves until the readings are fresh, the robot rests, and the open transaction that a
     /// predecessor may have left has its outcome (I10). Returns the first actions.
     pub fn new(shared: &mut Shared, now: Time) -> (SuperviseCore, Vec<SuperviseOut>) {
-        let step = &mut Step::new(shared, now);
+        let step = &mut SuperviseStep::new(shared, now);
         let token = step.gate.token();
         let named = step.book.open.as_ref().map(|o| o.named.clone());
         let open = named.is_some();
@@ -337,7 +337,7 @@ impl SuperviseCore {
     /// Performs one step at the time `now`. Returns the requested actions in the order in which they must be
     /// performed; a verdict comes first.
     pub fn on(&mut self, input: SuperviseIn, now: Time, shared: &mut Shared) -> Vec<SuperviseOut> {
-        let step = &mut Step::new(shared, now);
+        let step = &mut SuperviseStep::new(shared, now);
         // First of all: a commit that arrives after a death is decided with the filter closed.
         self.note_death(step);
         self.note_agent_death(step);
@@ -432,7 +432,7 @@ impl SuperviseCore {
 
     /// Returns whether the robot rests with every outcome given, and no retry is pending. A robot without further
     /// readings was at rest in the last one.
-    fn is_at_boundary(&self, step: &Step) -> bool {
+    fn is_at_boundary(&self, step: &SuperviseStep) -> bool {
         let lost = matches!(self.status, Status::Holding(Hold::Stale | Hold::BoardFault))
             && matches!(self.closing, Closing::Settle(_));
         let rests = self.newest.as_ref().is_some_and(|newest| newest.at_rest);
@@ -446,7 +446,7 @@ impl SuperviseCore {
     }
 
     /// Handles an agent's request for a motion, or for a change of one that may have ended.
-    fn handle_request(&mut self, request: Revision, is_open: bool, step: &mut Step) {
+    fn handle_request(&mut self, request: Revision, is_open: bool, step: &mut SuperviseStep) {
         match request {
             Revision::Commit(commit) => {
                 let agent = commit.agent.clone();
@@ -462,7 +462,7 @@ impl SuperviseCore {
 
     /// Enters a state of the filter and journals the change; `Starting` is journaled each time, since each is another
     /// start.
-    fn enter(&mut self, status: Status, step: &mut Step) {
+    fn enter(&mut self, status: Status, step: &mut SuperviseStep) {
         step.book.status = status;
         if std::mem::replace(&mut self.status, status) != status || status == Status::Starting {
             step.emit(Event::State { robot: step.robot(), status });
@@ -471,7 +471,7 @@ impl SuperviseCore {
 
     /// Closes the filter, then stops all motors, in any mode. The order matters: commands that agents wrote before
     /// the stop must not pass after it (I1).
-    fn close(&mut self, cause: Cause, step: &mut Step) {
+    fn close(&mut self, cause: Cause, step: &mut SuperviseStep) {
         self.note_stop(step);
         self.motion = MotionState::default();
         self.token = step.gate.close();
@@ -483,7 +483,7 @@ impl SuperviseCore {
 
     /// Ends the motion for a reason that needs no retreat: close, stop, then measure. A reading shows the effect of
     /// the stop a reaction time later at the earliest; before, a robot that is about to move on may look at rest.
-    fn interrupt(&mut self, cause: Cause, status: Status, step: &mut Step) {
+    fn interrupt(&mut self, cause: Cause, status: Status, step: &mut SuperviseStep) {
         self.close(cause.clone(), step);
         step.give_cause(cause);
         self.closing = Closing::Settle(step.now + step.rules.reaction());
@@ -492,7 +492,7 @@ impl SuperviseCore {
     }
 
     /// Handles the death of an actor of the controller since the last step: its successor has no state of the motion.
-    fn note_death(&mut self, step: &mut Step) {
+    fn note_death(&mut self, step: &mut SuperviseStep) {
         let died = step.book.died.take();
         let Some(actor) = died else { return };
         // A robot that was never supervised is started, not restarted.

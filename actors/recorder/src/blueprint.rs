@@ -77,7 +77,7 @@ struct Print<'a> {
 }
 
 /// Path of a finished box in the blueprint.
-type Place = String;
+type BoxPath = String;
 
 /// Name of a view, with the robot's name if there are several robots.
 fn named(what: &str, robot: &Shown, robots: &[Shown]) -> String {
@@ -152,7 +152,7 @@ impl Print<'_> {
     }
 
     /// Writes the page of one recorder.
-    fn page(&mut self, page: &Page) -> Result<Place, String> {
+    fn page(&mut self, page: &Page) -> Result<BoxPath, String> {
         let Page { root, robots, eyes, front } = page;
         let scene = self.scene(page, front)?;
         // Before the maps: they are added later and shift the numbers of the boxes that follow.
@@ -182,7 +182,7 @@ impl Print<'_> {
             }
         }
         let plots = self.tabs_open_at("Joints", &plots, open_plot(robots))?;
-        let right: Vec<Place> = eyes.into_iter().chain(maps).chain([texts]).collect();
+        let right: Vec<BoxPath> = eyes.into_iter().chain(maps).chain([texts]).collect();
         let shares: &[f32] = match right.len() {
             3 => &[2.0, 2.0, 2.0],
             2 => &[3.0, 2.0],
@@ -196,7 +196,7 @@ impl Print<'_> {
     }
 
     /// Writes the camera images, side by side.
-    fn eyes(&mut self, root: &str, eyes: &[String]) -> Result<Option<Place>, String> {
+    fn eyes(&mut self, root: &str, eyes: &[String]) -> Result<Option<BoxPath>, String> {
         let mut views = Vec::new();
         for eye in eyes {
             let name = eye.split_once("eyes/").map_or(eye.as_str(), |(_, name)| name);
@@ -209,7 +209,7 @@ impl Print<'_> {
     }
 
     /// Writes the view of the world from the robot's front, with trails of the last seconds only.
-    fn scene(&mut self, page: &Page, front: &Front) -> Result<Place, String> {
+    fn scene(&mut self, page: &Page, front: &Front) -> Result<BoxPath, String> {
         let Page { root, robots, .. } = page;
         let name = if root.is_empty() { "Robot and world" } else { root.trim_end_matches('/') };
         let scene = self.space(name, &format!("/{root}world"), front)?;
@@ -225,7 +225,7 @@ impl Print<'_> {
     }
 
     /// Writes a 3D view from the front.
-    fn space(&mut self, name: &str, origin: &str, front: &Front) -> Result<Place, String> {
+    fn space(&mut self, name: &str, origin: &str, front: &Front) -> Result<BoxPath, String> {
         let scene = self.view("3D", name, origin)?;
         let eye = look::EyeControls3D::new()
             .with_position(front.eye)
@@ -243,7 +243,7 @@ impl Print<'_> {
         Ok(scene)
     }
 
-    fn map(&mut self, root: &str, robot: &Shown, robots: &[Shown]) -> Result<Place, String> {
+    fn map(&mut self, root: &str, robot: &Shown, robots: &[Shown]) -> Result<BoxPath, String> {
         let view = self.view("2D", &named("Roadmap", robot, robots), &format!("/{root}roadmap/{}", robot.name))?;
         let background = look::Background::new(BackgroundKind::SolidColor).with_color(0x0E1218FFu32);
         self.log(&format!("{view}/Background"), &background)?;
@@ -256,7 +256,7 @@ impl Print<'_> {
     }
 
     /// Writes the event log; its column of sources is shown only if there are several robots.
-    fn log_view(&mut self, root: &str, sources: bool) -> Result<Place, String> {
+    fn log_view(&mut self, root: &str, sources: bool) -> Result<BoxPath, String> {
         let view = self.view("TextLog", "Log", &format!("/{root}log"))?;
         let column = |kind, visible: bool| TextLogColumn(shapes::TextLogColumn { kind, visible: visible.into() });
         let columns = look::TextLogColumns::new().with_text_log_columns([
@@ -268,13 +268,13 @@ impl Print<'_> {
         Ok(view)
     }
 
-    fn progress(&mut self, root: &str) -> Result<Place, String> {
+    fn progress(&mut self, root: &str) -> Result<BoxPath, String> {
         let view = self.view("TimeSeries", "Progress", &format!("/{root}progress"))?;
         self.window(&view, TimeRangeBoundary::Infinite, TimeRangeBoundary::Infinite)?;
         Ok(view)
     }
 
-    fn plot(&mut self, root: &str, robot: &Shown, part: &str, robots: &[Shown]) -> Result<Place, String> {
+    fn plot(&mut self, root: &str, robot: &Shown, part: &str, robots: &[Shown]) -> Result<BoxPath, String> {
         let view =
             self.view("TimeSeries", &named(part, robot, robots), &format!("/{root}joints/{}/{part}", robot.name))?;
         self.window(&view, around(-60), around(5))?;
@@ -284,7 +284,7 @@ impl Print<'_> {
     /// Writes state lanes over all times. The view fits its range to the data when it is first drawn, which may
     /// be a part of a file that is still loading, or the first instant of a live run. Only the shared time axis
     /// follows later, so no range is set: all.
-    fn lanes(&mut self, name: &str, origin: &str) -> Result<Place, String> {
+    fn lanes(&mut self, name: &str, origin: &str) -> Result<BoxPath, String> {
         let view = self.view("StateTimeline", name, origin)?;
         let axis = look::TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
         self.log(&format!("{view}/TimeAxis"), &axis)?;
@@ -297,7 +297,7 @@ impl Print<'_> {
         self.log(&format!("{view}/TimeAxis"), &axis)
     }
 
-    fn view(&mut self, class: &str, name: &str, origin: &str) -> Result<Place, String> {
+    fn view(&mut self, class: &str, name: &str, origin: &str) -> Result<BoxPath, String> {
         let path = self.id("view", class);
         let contents = look::ViewContents::new(["$origin/**"]);
         self.log(&format!("{path}/ViewContents"), &contents)?;
@@ -306,11 +306,11 @@ impl Print<'_> {
         Ok(path)
     }
 
-    fn tabs(&mut self, name: &str, contents: &[Place]) -> Result<Place, String> {
+    fn tabs(&mut self, name: &str, contents: &[BoxPath]) -> Result<BoxPath, String> {
         self.tabs_open_at(name, contents, 0)
     }
 
-    fn tabs_open_at(&mut self, name: &str, contents: &[Place], open: usize) -> Result<Place, String> {
+    fn tabs_open_at(&mut self, name: &str, contents: &[BoxPath], open: usize) -> Result<BoxPath, String> {
         let path = self.container(ContainerKind::Tabs, name, contents, &[])?;
         if let Some(active) = contents.get(open) {
             self.log(&path, &look::ContainerBlueprint::update_fields().with_active_tab(active.as_str()))?;
@@ -322,9 +322,9 @@ impl Print<'_> {
         &mut self,
         kind: ContainerKind,
         name: &str,
-        contents: &[Place],
+        contents: &[BoxPath],
         shares: &[f32],
-    ) -> Result<Place, String> {
+    ) -> Result<BoxPath, String> {
         let path = self.id("container", &format!("{kind:?}"));
         let mut container = look::ContainerBlueprint::new(kind)
             .with_display_name(name)
@@ -340,7 +340,7 @@ impl Print<'_> {
 
     /// Creates the path of a new box. Ids are counted by class, not random: two recordings of one run open with
     /// equal layouts.
-    fn id(&mut self, what: &str, class: &str) -> Place {
+    fn id(&mut self, what: &str, class: &str) -> BoxPath {
         let class = class_number(class);
         let number = self.counts.entry(class).or_default();
         *number = number.saturating_add(1);
@@ -360,7 +360,7 @@ mod tests {
     /// The layout is sent again with more boxes, as when the first vertex of a map arrives.
     #[test]
     fn an_id_is_of_one_class_whatever_a_layout_has() {
-        let mut classes: BTreeMap<Place, &str> = BTreeMap::new();
+        let mut classes: BTreeMap<BoxPath, &str> = BTreeMap::new();
         for layout in [&["3D", "TextLog", "TimeSeries"][..], &["3D", "2D", "2D", "TextLog", "Tabs", "StateTimeline"]] {
             let rec = RecordingStream::disabled();
             let mut print = Print { rec: &rec, counts: BTreeMap::new(), last: [0; 2] };

@@ -10,8 +10,8 @@
 //! ```
 
 use crate::palette::{self, Rgba};
-use crate::shapes::{Shapes, Solid, quaternion, vec3};
-use crate::stream::{Stream, Written};
+use crate::shapes::{DrawnSolid, Shapes, quaternion, vec3};
+use crate::stream::{EntityStream, Written};
 use mobee_contract::Time;
 use mobee_model::{JointMotion, NodeKind, Robot, ShapeId};
 use nalgebra::{Isometry3, Vector3};
@@ -28,7 +28,7 @@ const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
 const SLIDE_STEP: f64 = 5e-5;
 
 /// Appearance of a robot.
-pub(crate) struct Look<'a> {
+pub(crate) struct Appearance<'a> {
     /// Fill mode of its shapes: opaque or transparent.
     pub(crate) fill: FillMode,
     /// Color of a node's shapes.
@@ -39,9 +39,9 @@ pub(crate) struct Look<'a> {
     pub(crate) carrying: &'a BTreeSet<usize>,
 }
 
-impl Look<'_> {
+impl Appearance<'_> {
     /// Appearance in the recording of a run: solid, with a color for each part.
-    pub(crate) const RUN: Look<'static> = Look {
+    pub(crate) const RUN: Appearance<'static> = Appearance {
         fill: FillMode::Solid,
         color: &|robot, node| palette::part(robot.nodes.get(node).map_or(0, |n| n.part)),
         hulls: false,
@@ -50,8 +50,8 @@ impl Look<'_> {
 }
 
 /// Entities of a robot, and the joint positions that are still to be sent.
-pub(crate) struct Body {
-    joints: Vec<Moving>,
+pub(crate) struct RobotEntities {
+    joints: Vec<MovingJoint>,
     /// Frame of each node.
     pub(crate) seats: Vec<Seat>,
     /// Its shapes, to be colored.
@@ -59,7 +59,7 @@ pub(crate) struct Body {
 }
 
 /// A joint that moves shapes.
-struct Moving {
+struct MovingJoint {
     path: String,
     motion: JointMotion,
     /// Index into the robot's nodes.
@@ -79,32 +79,32 @@ pub(crate) struct Seat {
     pub(crate) offset: Vector3<f64>,
 }
 
-impl Body {
+impl RobotEntities {
     /// Writes a robot's shapes and joints under `world/NAME`; `base` is `world_from_robot`.
     ///
     /// # Errors
     /// If Rerun refuses the data, as a message.
     pub(crate) fn new(
-        stream: &Stream,
+        stream: &EntityStream,
         robot: &Robot,
         base: &Isometry3<f64>,
         index: u16,
-        look: &Look<'_>,
-    ) -> Result<Body, String> {
+        look: &Appearance<'_>,
+    ) -> Result<RobotEntities, String> {
         let root = format!("world/{}", entity_beside(&robot.name, &WORLD));
         let place = Transform3D::from_translation_rotation(vec3(&base.translation.vector), quaternion(&base.rotation));
         stream.log_static(&root, &place)?;
         let moved = moves_something(robot, look.carrying);
-        let mut body = Body { joints: Vec::new(), seats: Vec::new(), shapes: Shapes::default() };
+        let mut body = RobotEntities { joints: Vec::new(), seats: Vec::new(), shapes: Shapes::default() };
         // Frames for the children of each node, and the solids of each entity.
         let mut seats: Vec<Seat> = Vec::with_capacity(robot.nodes.len());
-        let mut solids: Vec<(String, Vec<Solid<'_>>)> = Vec::new();
+        let mut solids: Vec<(String, Vec<DrawnSolid<'_>>)> = Vec::new();
         let base = Seat { entity: root, offset: Vector3::zeros() };
         for (n, node) in robot.nodes.iter().enumerate() {
             let seat = node.parent.and_then(|p| seats.get(p)).unwrap_or(&base).clone();
             body.seats.push(seat.clone());
             for (s, primitive) in node.solids.iter().enumerate() {
-                let solid = Solid {
+                let solid = DrawnSolid {
                     id: ShapeId::Robot { robot: index, node: n as u16, shape: s as u16 },
                     primitive,
                     hull: node.hulls.get(&s).filter(|_| look.hulls).map(Arc::as_ref),
@@ -127,7 +127,7 @@ impl Body {
                         JointMotion::Slide => "slid",
                     };
                     let path = format!("{path}/{moved}");
-                    body.joints.push(Moving {
+                    body.joints.push(MovingJoint {
                         path: path.clone(),
                         motion: *motion,
                         node: n,
@@ -166,7 +166,7 @@ impl Body {
     }
 
     /// Sends the stored positions.
-    pub(crate) fn flush(&mut self, stream: &Stream) -> Written {
+    pub(crate) fn flush(&mut self, stream: &EntityStream) -> Written {
         for joint in &mut self.joints {
             if joint.times.is_empty() {
                 continue;
@@ -317,8 +317,8 @@ mod tests {
         );
         let robot = parse_robot("r.xml", &text).unwrap().value;
         let rec = rerun::RecordingStreamBuilder::new("test").memory().unwrap().0;
-        let stream = Stream { rec, root: String::new() };
-        let body = Body::new(&stream, &robot, &Isometry3::identity(), 0, &Look::RUN).unwrap();
+        let stream = EntityStream { rec, root: String::new() };
+        let body = RobotEntities::new(&stream, &robot, &Isometry3::identity(), 0, &Appearance::RUN).unwrap();
         let mut seats: Vec<_> =
             body.seats.iter().map(|s| s.entity.as_str()).filter(|e| e.ends_with("turned")).collect();
         assert!(seats.iter().all(|e| !e.starts_with("world/objects/") && !e.contains("/cylinders/")), "{seats:?}");
@@ -335,8 +335,8 @@ mod tests {
             </bodypart></ZeroPositionKinematicTree>"#;
         let robot = parse_robot("r.xml", text).unwrap().value;
         let rec = rerun::RecordingStreamBuilder::new("test").memory().unwrap().0;
-        let stream = Stream { rec, root: String::new() };
-        let body = Body::new(&stream, &robot, &Isometry3::identity(), 0, &Look::RUN).unwrap();
+        let stream = EntityStream { rec, root: String::new() };
+        let body = RobotEntities::new(&stream, &robot, &Isometry3::identity(), 0, &Appearance::RUN).unwrap();
         let seats: Vec<_> = body.seats.iter().map(|s| (s.entity.as_str(), s.offset)).collect();
         let turned = "world/r/turn/turned";
         let column = ("world/r", Vector3::zeros());

@@ -18,12 +18,12 @@ use std::time::Duration;
 const MAX_INDEXED: u64 = 8192;
 
 /// Error that ended the writing of a file, once it has happened.
-pub(crate) type Trouble = Arc<OnceLock<String>>;
+pub(crate) type DiskTrouble = Arc<OnceLock<String>>;
 
 /// A file that is being written.
 pub(crate) struct Disk {
     state: Mutex<FileState>,
-    trouble: Trouble,
+    trouble: DiskTrouble,
 }
 
 struct FileState {
@@ -41,7 +41,7 @@ impl Disk {
     ///
     /// # Errors
     /// If it can't be written, as a message.
-    pub(crate) fn create(path: &Path, index: bool) -> Result<(Disk, Trouble), String> {
+    pub(crate) fn create(path: &Path, index: bool) -> Result<(Disk, DiskTrouble), String> {
         let file = create_private(path, Before::Empty).map_err(|e| e.to_string())?;
         let second = file.try_clone().map_err(|e| e.to_string())?;
         let options = EncodingOptions::PROTOBUF_COMPRESSED;
@@ -50,7 +50,7 @@ impl Disk {
             encoder.do_not_emit_footer();
         }
         let good = file.metadata().map_err(|e| e.to_string())?.len();
-        let trouble = Trouble::default();
+        let trouble = DiskTrouble::default();
         let state = Mutex::new(FileState { encoder: Some(encoder), file, good, indexed: MAX_INDEXED });
         Ok((Disk { state, trouble: trouble.clone() }, trouble))
     }

@@ -2,8 +2,8 @@
 //! as a graph.
 
 use crate::palette;
-use crate::roadmap::{Changed, Roadmap, Vertex};
-use crate::stream::{Stream, Written};
+use crate::roadmap::{DrawnRoadmap, DrawnVertex, RoadmapChanges};
+use crate::stream::{EntityStream, Written};
 use mobee_contract::{EdgeState, Time};
 use rerun::{GraphEdges, GraphNodes, LineStrips2D, LineStrips3D, Points2D, Points3D, Radius, Scalars, SeriesLines};
 use std::collections::BTreeMap;
@@ -40,7 +40,7 @@ impl Drawing {
     ///
     /// # Errors
     /// If Rerun refuses the data, as a message.
-    pub(crate) fn new(stream: &Stream, name: &str) -> Result<Drawing, String> {
+    pub(crate) fn new(stream: &EntityStream, name: &str) -> Result<Drawing, String> {
         let lines = SeriesLines::new()
             .with_names(["feasible edges", "untried edges", "removed edges", "vertices"])
             .with_colors([0x35D07FFFu32, 0x8A93A5FF, 0xD8605AFF, 0xE8ECF4FF])
@@ -50,8 +50,8 @@ impl Drawing {
     }
 
     /// Draws the changes. Edges of a large map are delayed, unless this is the last drawing.
-    pub(crate) fn draw(&mut self, stream: &Stream, at: Time, map: &mut Roadmap, last: bool) -> Written {
-        let Changed { vertices, edges, plan } = map.changed;
+    pub(crate) fn draw(&mut self, stream: &EntityStream, at: Time, map: &mut DrawnRoadmap, last: bool) -> Written {
+        let RoadmapChanges { vertices, edges, plan } = map.changed;
         if vertices {
             self.vertices(stream, map)?;
             map.changed.vertices = false;
@@ -68,7 +68,7 @@ impl Drawing {
         Ok(())
     }
 
-    fn vertices(&self, stream: &Stream, map: &Roadmap) -> Written {
+    fn vertices(&self, stream: &EntityStream, map: &DrawnRoadmap) -> Written {
         let name = &self.name;
         let ids = map.vertices.keys().map(u32::to_string);
         let labels: Vec<_> = map.vertices.keys().map(|id| map.label(*id)).collect();
@@ -95,7 +95,7 @@ impl Drawing {
     }
 
     /// Draws the layers that changed, and returns their size in bytes.
-    fn edges(&mut self, stream: &Stream, map: &Roadmap) -> Result<f64, String> {
+    fn edges(&mut self, stream: &EntityStream, map: &DrawnRoadmap) -> Result<f64, String> {
         let name = &self.name;
         let mut layers: BTreeMap<EdgeState, Vec<(u32, u32)>> = BTreeMap::new();
         for (line, state) in map.lines() {
@@ -132,7 +132,7 @@ impl Drawing {
         Ok(bytes)
     }
 
-    fn plan(&self, stream: &Stream, map: &Roadmap) -> Written {
+    fn plan(&self, stream: &EntityStream, map: &DrawnRoadmap) -> Written {
         let name = &self.name;
         let stops: Vec<_> = map.plan.iter().filter_map(|v| end(map, *v)).collect();
         let solid: Vec<_> = stops.iter().map(|v| v.at).collect();
@@ -155,7 +155,7 @@ impl Drawing {
     }
 }
 
-fn end(map: &Roadmap, vertex: u32) -> Option<Vertex> {
+fn end(map: &DrawnRoadmap, vertex: u32) -> Option<DrawnVertex> {
     map.vertices.get(&vertex).copied()
 }
 

@@ -4,7 +4,7 @@
 use crate::body::entities;
 use crate::palette;
 use crate::shapes::{quaternion, vec3};
-use crate::stream::{Stream, Written};
+use crate::stream::{EntityStream, Written};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use mobee_contract::{CameraMount, Intrinsics, SeenMask, SeenPicture};
@@ -36,7 +36,7 @@ pub(crate) struct Eye {
 
 impl Eye {
     /// Creates the entity of a camera with this name in the run. A camera on a robot is drawn there.
-    pub(crate) fn new(stream: &Stream, name: &str, mount: Option<&CameraMount>) -> Result<Eye, String> {
+    pub(crate) fn new(stream: &EntityStream, name: &str, mount: Option<&CameraMount>) -> Result<Eye, String> {
         let below = if mount.is_some() { "world/eyes" } else { "eyes" };
         let path = format!("{below}/{}", entities(name));
         stream.log_static(&path, &AnnotationContext::new(classes()))?;
@@ -53,7 +53,7 @@ impl Eye {
     /// # Errors
     /// If Rerun refuses the data, as a message. An image or a mask whose size does not match its data is
     /// skipped.
-    pub(crate) fn show(&mut self, stream: &Stream, seen: &SeenPicture) -> Written {
+    pub(crate) fn show(&mut self, stream: &EntityStream, seen: &SeenPicture) -> Written {
         let SeenPicture { frame, regions, mask, mount } = seen;
         // The camera may have been exchanged for one elsewhere on the robot.
         if self.mount.is_some() && mount.is_some() {
@@ -90,7 +90,7 @@ impl Eye {
     ///
     /// # Errors
     /// If Rerun refuses the data, as a message.
-    pub(crate) fn carry(&mut self, stream: &Stream, scene: &Scene, robot: usize, q: &[f64]) -> Written {
+    pub(crate) fn carry(&mut self, stream: &EntityStream, scene: &Scene, robot: usize, q: &[f64]) -> Written {
         let Some(mount) = self.mount.as_ref().filter(|mount| mount.robot == robot) else { return Ok(()) };
         let Some(at) = place(mount, scene, q) else { return Ok(()) };
         let [step, turn] = STEP;

@@ -31,12 +31,12 @@ pub(crate) struct Front {
     pub(crate) right: [f32; 3],
     /// Height of the lowest shape, meters.
     pub(crate) floor: f32,
-    frame: Frame,
+    frame: ViewExtent,
 }
 
 /// Extent of the content, as seen in one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Frame {
+struct ViewExtent {
     /// Right, up, and toward the viewer; of unit length.
     axes: [Vector3<f64>; 3],
     /// Extent toward the right, left, upper and lower plane of the view, meters.
@@ -69,8 +69,8 @@ impl Front {
         let up: Vector3<f64> = 0.42 * Vector3::z();
         let toward = (ahead + 0.55 * right + up).normalize();
         let across = Vector3::z().cross(&toward).normalize();
-        let mut frame = Frame::empty([across, toward.cross(&across), toward]);
-        let mut near = Bounds::default();
+        let mut frame = ViewExtent::empty([across, toward.cross(&across), toward]);
+        let mut near = ContentBounds::default();
         let mut frames = Vec::new();
         for (i, q) in poses {
             let Some(robot) = scene.robots().get(i) else { continue };
@@ -120,9 +120,9 @@ impl Front {
     }
 }
 
-impl Frame {
-    fn empty(axes: [Vector3<f64>; 3]) -> Frame {
-        Frame { axes, sides: [f64::NEG_INFINITY; 4], depth: [f64::INFINITY, f64::NEG_INFINITY] }
+impl ViewExtent {
+    fn empty(axes: [Vector3<f64>; 3]) -> ViewExtent {
+        ViewExtent { axes, sides: [f64::NEG_INFINITY; 4], depth: [f64::INFINITY, f64::NEG_INFINITY] }
     }
 
     /// Tangents of the view's half opening angles: to the sides, and up and down.
@@ -133,7 +133,7 @@ impl Frame {
     /// Normals of the right, left, upper and lower plane.
     fn normals(&self) -> [Vector3<f64>; 4] {
         let [right, up, back] = self.axes;
-        let [wide, high] = Frame::opening();
+        let [wide, high] = ViewExtent::opening();
         [right + wide * back, wide * back - right, up + high * back, high * back - up]
     }
 
@@ -160,7 +160,7 @@ impl Frame {
     /// The nearest viewpoint with all content within the view's planes, and the point in the middle that it
     /// looks at.
     fn eye(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let [wide, high] = Frame::opening();
+        let [wide, high] = ViewExtent::opening();
         let [a, b, c, d] = self.sides;
         let distance = ((a + b) / (2.0 * wide)).max((c + d) / (2.0 * high));
         let [right, up, back] = self.axes;
@@ -208,7 +208,7 @@ fn hands(robot: &Robot, base: &Isometry3<f64>) -> Vec<Point3<f64>> {
 
 /// Height of the lowest shape, except walls.
 fn floor(scene: &Scene) -> f64 {
-    let mut all = Bounds::default();
+    let mut all = ContentBounds::default();
     for (i, (robot, q)) in scene.robots().iter().zip(scene.home()).enumerate() {
         let mut frames = Vec::new();
         robot.forward_from(&scene.base(i), &q, &mut frames);
@@ -226,7 +226,7 @@ fn floor(scene: &Scene) -> f64 {
 /// Part of an object that is to be framed: a small one completely, if it meets the box, and of a large one the
 /// part within the box. `None` if there is no such part, or the object is a wall.
 fn within(object: &Object, around: &(Point3<f64>, Point3<f64>)) -> Option<(Point3<f64>, Point3<f64>)> {
-    let mut bounds = Bounds::default();
+    let mut bounds = ContentBounds::default();
     for Primitive { shape, pose } in object.shapes.iter().filter(|s| s.shape.bounding_radius() < WALL_M) {
         bounds.shape(shape, &(object.pose * pose));
     }
@@ -253,9 +253,9 @@ fn corners(low: Point3<f64>, high: Point3<f64>) -> [Point3<f64>; 8] {
 }
 
 #[derive(Default)]
-struct Bounds(Option<(Point3<f64>, Point3<f64>)>);
+struct ContentBounds(Option<(Point3<f64>, Point3<f64>)>);
 
-impl Bounds {
+impl ContentBounds {
     fn point(&mut self, at: &Point3<f64>) {
         let (low, high) = self.0.unwrap_or((*at, *at));
         self.0 = Some((low.inf(at), high.sup(at)));
@@ -326,7 +326,7 @@ mod tests {
             let mut points = hands(&robot, &Isometry3::identity());
             for (node, at) in robot.nodes.iter().zip(&frames) {
                 for Primitive { shape, pose } in &node.solids {
-                    let mut bounds = Bounds::default();
+                    let mut bounds = ContentBounds::default();
                     // Only the ends of the shape: everything between them is between them on the screen, too.
                     bounds.shape(&Shape::Sphere { radius: 0.0 }, &(at * pose));
                     assert!(shape.bounding_radius() > 0.0);
@@ -347,7 +347,7 @@ mod tests {
         let far = vec![block("far", [30.0, 0.0, 0.0], 0.5), block("ground", [0.0, 0.0, -5.0], 10.0)];
         let beside = front_of(&robot, far);
         assert_eq!((alone.eye, alone.target), (beside.eye, beside.target));
-        let mut reach = Bounds::default();
+        let mut reach = ContentBounds::default();
         hands(&robot, &Isometry3::identity()).iter().for_each(|p| reach.point(p));
         let lowest = reach.0.map_or(0.0, |(low, _)| low.z);
         let block = block("near", [0.0, 0.0, lowest - 0.3], 0.2);

@@ -2,12 +2,12 @@
 //! each group in its own color.
 
 use crate::blueprint::send_map;
-use crate::body::{Body, Look, entity};
+use crate::body::{Appearance, RobotEntities, entity};
 use crate::front::Front;
 use crate::objects::Objects;
 use crate::palette;
 use crate::recording::{Recording, Settings};
-use crate::stream::{Stream, Written};
+use crate::stream::{EntityStream, Written};
 use mobee_contract::Time;
 use mobee_model::Scene;
 use rerun::{LineStrips3D, Points3D, TextDocument};
@@ -67,7 +67,7 @@ pub fn view_map(settings: &Settings, view: &MapView<'_>) -> Result<(), String> {
     stream.at(Time::ZERO);
     Objects::default().update(&stream, view.scene)?;
     if let Some(robot) = view.scene.robots().first() {
-        let mut body = Body::new(&stream, robot, &view.scene.base(0), 0, &Look::RUN)?;
+        let mut body = RobotEntities::new(&stream, robot, &view.scene.base(0), 0, &Appearance::RUN)?;
         body.pose(Time::ZERO, robot, &robot.home());
         for (at, count) in steps(view.vertices.len()) {
             if let Some(q) = view.poses.get(count.saturating_sub(1)) {
@@ -96,7 +96,7 @@ fn steps(vertices: usize) -> impl Iterator<Item = (Time, usize)> {
     (1..=steps).map(move |i| (Time::from_secs(secs * i as f64 / steps as f64), vertices * i / steps))
 }
 
-fn grow(stream: &Stream, view: &MapView<'_>) -> Written {
+fn grow(stream: &EntityStream, view: &MapView<'_>) -> Written {
     let points: Vec<[f32; 3]> = view.vertices.iter().map(|v| v.map(|x| x as f32)).collect();
     for (at, count) in steps(points.len()) {
         stream.at(at);
@@ -117,7 +117,7 @@ fn grow(stream: &Stream, view: &MapView<'_>) -> Written {
     Ok(())
 }
 
-fn lines(stream: &Stream, view: &MapView<'_>) -> Written {
+fn lines(stream: &EntityStream, view: &MapView<'_>) -> Written {
     let mut words = String::from("| edges | |\n|---|---|\n");
     let mut blocked = 0;
     let at = |id: u32| view.vertices.get(id as usize).map(|v| v.map(|x| x as f32));

@@ -11,13 +11,13 @@ mod sweep;
 mod words;
 
 use crate::blueprint::send_model;
-use crate::body::{Body, Look, entity};
+use crate::body::{Appearance, RobotEntities, entity};
 use crate::front::Front;
 use crate::palette;
 use crate::recording::{Recording, Settings};
 use crate::shadow::lane;
 use crate::shapes::{touched, vec3};
-use crate::stream::{Stream, Written};
+use crate::stream::{EntityStream, Written};
 use mobee_contract::Time;
 use mobee_model::{Contact, LinkSurface, NodeKind, Robot, Scene, Watch};
 use nalgebra::{Isometry3, Vector3};
@@ -25,7 +25,7 @@ use rerun::{Arrows3D, FillMode, LineStrips3D, Points3D, Scalars, SeriesLines, St
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
-use sweep::{AT_HOME, Sweep, in_units, sweeps};
+use sweep::{AT_HOME, MotorSweep, in_units, sweeps};
 
 /// Longest time for the disk to write the rest.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
@@ -95,8 +95,9 @@ pub fn view_model(settings: &Settings, view: &ModelView<'_>) -> Result<SeenModel
         palette::part(robot.nodes.iter().take(node).filter(|n| !n.solids.is_empty()).count())
     };
     let fill = if links.is_empty() { FillMode::Solid } else { FillMode::TransparentFillMajorWireframe };
-    let look = Look { fill, color: &color, hulls: true, carrying: &links.iter().map(|(node, _)| *node).collect() };
-    let body = Body::new(&stream, view.robot, &Isometry3::identity(), 0, &look)?;
+    let look =
+        Appearance { fill, color: &color, hulls: true, carrying: &links.iter().map(|(node, _)| *node).collect() };
+    let body = RobotEntities::new(&stream, view.robot, &Isometry3::identity(), 0, &look)?;
     meshes::write(&stream, &body, &links)?;
     let watch = Watch::new(scene, view.margin);
     let mut show =
@@ -126,9 +127,9 @@ type Where = ((usize, usize), Option<usize>);
 
 /// The recording that is being written.
 struct Show<'a> {
-    stream: Stream,
+    stream: EntityStream,
     robot: &'a Robot,
-    body: Body,
+    body: RobotEntities,
     watch: Watch,
     /// Length of an axis, meters: visible beside the robot without hiding it.
     arrow: f64,
@@ -145,7 +146,7 @@ impl Show<'_> {
         self.stream.log("state/motor", &StateChange::single("home"))?;
         self.pose(Time::ZERO, None)?;
         let mut end = Time::from_secs(AT_HOME);
-        for Sweep { motor, positions } in &sweeps {
+        for MotorSweep { motor, positions } in &sweeps {
             let Some(name) = self.robot.motors.get(*motor).map(|m| entity(&m.name)) else { continue };
             for (i, (at, q)) in positions.iter().enumerate() {
                 self.stream.at(*at);
@@ -164,7 +165,7 @@ impl Show<'_> {
     }
 
     /// Writes the colors and labels of the lanes, and the plot's line.
-    fn lanes(&self, sweeps: &[Sweep]) -> Written {
+    fn lanes(&self, sweeps: &[MotorSweep]) -> Written {
         let names = sweeps.iter().filter_map(|s| self.robot.motors.get(s.motor)).map(|m| (entity(&m.name), &m.name));
         let names: Vec<_> = names.collect();
         let named =

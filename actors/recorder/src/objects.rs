@@ -2,8 +2,8 @@
 
 use crate::body::entity;
 use crate::palette;
-use crate::shapes::{Shapes, Solid, quaternion, vec3};
-use crate::stream::{Stream, Written};
+use crate::shapes::{DrawnSolid, Shapes, quaternion, vec3};
+use crate::stream::{EntityStream, Written};
 use mobee_model::{Object, ObjectClass, Scene, Shape, ShapeId};
 use nalgebra::{Isometry3, Vector3};
 use rerun::{Clear, FillMode, Points3D, Transform3D};
@@ -18,7 +18,7 @@ pub(crate) struct Objects {
 
 impl Objects {
     /// Writes the differences from the scene shown so far.
-    pub(crate) fn update(&mut self, stream: &Stream, scene: &Scene) -> Written {
+    pub(crate) fn update(&mut self, stream: &EntityStream, scene: &Scene) -> Written {
         let now: BTreeMap<u32, &Arc<Object>> = scene.objects().collect();
         let gone: Vec<u32> = self.shown.keys().filter(|id| !now.contains_key(id)).copied().collect();
         for id in gone {
@@ -58,14 +58,14 @@ fn path(id: u32, object: &Object) -> String {
     format!("world/objects/{}_{id}", entity(&object.name))
 }
 
-fn place(stream: &Stream, id: u32, object: &Object) -> Written {
+fn place(stream: &EntityStream, id: u32, object: &Object) -> Written {
     let Isometry3 { rotation, translation } = object.pose;
     let at = Transform3D::from_translation_rotation(vec3(&translation.vector), quaternion(&rotation));
     stream.log(&path(id, object), &at)
 }
 
 /// Shows an object by its class: solid if it can be touched, transparent if it is a ghost.
-fn show(stream: &Stream, id: u32, object: &Object) -> Result<Shapes, String> {
+fn show(stream: &EntityStream, id: u32, object: &Object) -> Result<Shapes, String> {
     place(stream, id, object)?;
     let fill = match object.class {
         ObjectClass::Obstacle | ObjectClass::Target => FillMode::Solid,
@@ -75,7 +75,7 @@ fn show(stream: &Stream, id: u32, object: &Object) -> Result<Shapes, String> {
         .shapes
         .iter()
         .enumerate()
-        .map(|(s, primitive)| Solid {
+        .map(|(s, primitive)| DrawnSolid {
             id: ShapeId::Object { object: id, shape: s as u16 },
             primitive,
             hull: None,

@@ -15,11 +15,11 @@ use std::path::Path;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordedPoses {
     /// Per part the names of its motors, and their positions over time, degrees.
-    parts: BTreeMap<String, Plot>,
+    parts: BTreeMap<String, PosePlot>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Plot {
+struct PosePlot {
     motors: Vec<String>,
     rows: BTreeMap<i64, Vec<f64>>,
 }
@@ -74,7 +74,7 @@ impl RecordedPoses {
     }
 }
 
-impl Plot {
+impl PosePlot {
     fn add(&mut self, chunk: &Chunk) {
         let times = chunk.timelines().get(&TimelineName::from_static_str(TIMELINE));
         for column in chunk.components().values() {

@@ -7,9 +7,9 @@ use crate::front::Front;
 use crate::objects::Objects;
 use crate::palette;
 use crate::recording::{RecorderError, Recording, SEND_INTERVAL, Settings};
-use crate::shadow::Shadow;
+use crate::shadow::DrawnRobot;
 use crate::shapes::touched;
-use crate::stream::{Stream, Written};
+use crate::stream::{EntityStream, Written};
 use crate::words;
 use mobee_contract::{Entry, Event, Pose, SeenPicture, Sink, Time};
 use mobee_model::{Contact, Labels, Scene};
@@ -28,8 +28,8 @@ const MAX_PAST_CONTACTS: usize = 300;
 /// at the run's time (timeline `sim_time`). Buffered data is written when the recorder is dropped.
 pub struct Recorder {
     recording: Recording,
-    stream: Stream,
-    robots: Vec<Shadow>,
+    stream: EntityStream,
+    robots: Vec<DrawnRobot>,
     /// Cameras with at least one image.
     eyes: Vec<Eye>,
     objects: Objects,
@@ -65,7 +65,7 @@ impl Recorder {
     }
 
     /// Creates a recorder that draws into an existing recording through this stream.
-    pub(crate) fn on(recording: Recording, stream: Stream) -> Recorder {
+    pub(crate) fn on(recording: Recording, stream: EntityStream) -> Recorder {
         Recorder {
             recording,
             stream,
@@ -86,7 +86,7 @@ impl Recorder {
     fn scene(&mut self, scene: &Arc<Scene>) -> Written {
         for (i, robot) in scene.robots().iter().enumerate().skip(self.robots.len()) {
             let named = self.recording.named(robot);
-            self.robots.push(Shadow::new(&self.stream, robot, &scene.base(i), i, named)?);
+            self.robots.push(DrawnRobot::new(&self.stream, robot, &scene.base(i), i, named)?);
         }
         if self.front.is_none() {
             self.front = Some(Front::of(scene));
@@ -219,14 +219,14 @@ impl Recorder {
 
     /// Index of the plot that the joints open at.
     fn open_plot(&self) -> usize {
-        open_plot(&self.robots.iter().map(Shadow::shown).collect::<Vec<_>>())
+        open_plot(&self.robots.iter().map(DrawnRobot::shown).collect::<Vec<_>>())
     }
 
     /// Sends the layout: at first, when a map has outgrown its view, which does not follow by itself, and when
     /// the first part moves.
     fn lay_out(&mut self) -> Written {
         let Some(front) = self.front else { return Ok(()) };
-        let robots: Vec<_> = self.robots.iter().map(Shadow::shown).collect();
+        let robots: Vec<_> = self.robots.iter().map(DrawnRobot::shown).collect();
         self.plot = open_plot(&robots);
         let eyes = self.eyes.iter().map(|eye| eye.path.clone()).collect();
         let page = Page { root: self.stream.root.clone(), robots, eyes, front };

@@ -3,11 +3,11 @@
 
 use crate::blueprint::{self, Page};
 use crate::body::entity;
-use crate::disk::{Disk, Trouble};
+use crate::disk::{Disk, DiskTrouble};
 use crate::legend;
 use crate::recorder::Recorder;
-use crate::roadmap::NamedPose;
-use crate::stream::{Stream, Written};
+use crate::roadmap::DrawnPose;
+use crate::stream::{EntityStream, Written};
 use mobee_model::Robot;
 use rerun::external::arrow::array::StringArray;
 use rerun::log::ChunkBatcherConfig;
@@ -88,7 +88,7 @@ pub struct Recording {
     is_live: bool,
     names: Arc<[PoseName]>,
     /// Error that ended the writing of the file.
-    trouble: Trouble,
+    trouble: DiskTrouble,
 }
 
 impl Recording {
@@ -108,7 +108,7 @@ impl Recording {
             .recording_name(settings.name.clone())
             .batcher_config(ChunkBatcherConfig { flush_tick, max_bytes_in_flight, ..ChunkBatcherConfig::DEFAULT });
         let rec = builder.buffered().map_err(|e| file(&e))?;
-        let mut trouble = Trouble::default();
+        let mut trouble = DiskTrouble::default();
         match &settings.live {
             None => {
                 let (disk, noted) = Disk::create(&settings.path, settings.index).map_err(|e| file(&e))?;
@@ -143,8 +143,8 @@ impl Recording {
     }
 
     /// Creates a stream into the recording, which begins with the world's axes and a legend.
-    pub(crate) fn stream(&self, root: String, legend: &str) -> Result<Stream, String> {
-        let stream = Stream { rec: self.rec.clone(), root };
+    pub(crate) fn stream(&self, root: String, legend: &str) -> Result<EntityStream, String> {
+        let stream = EntityStream { rec: self.rec.clone(), root };
         stream.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
         stream.log_static("about", &TextDocument::from_markdown(legend))?;
         Ok(stream)
@@ -161,16 +161,16 @@ impl Recording {
     }
 
     /// The named poses of a robot, and its home. A name with motors that the robot does not have is skipped.
-    pub(crate) fn named(&self, robot: &Robot) -> Vec<NamedPose> {
+    pub(crate) fn named(&self, robot: &Robot) -> Vec<DrawnPose> {
         let pose = |name: &PoseName| {
             let mut q = robot.home();
             for (motor, deg) in &name.q_deg {
                 *q.get_mut(robot.motor_index(motor)?)? = deg.to_radians();
             }
-            Some(NamedPose { name: name.name.clone(), q })
+            Some(DrawnPose { name: name.name.clone(), q })
         };
         let given = self.names.iter().filter(|name| name.robot == robot.name).filter_map(pose);
-        given.chain([NamedPose { name: "home".to_owned(), q: robot.home() }]).collect()
+        given.chain([DrawnPose { name: "home".to_owned(), q: robot.home() }]).collect()
     }
 
     /// Writes a property of the whole recording.

@@ -6,23 +6,23 @@ use std::collections::BTreeMap;
 
 /// The present state of a roadmap.
 #[derive(Default)]
-pub(crate) struct Roadmap {
-    pub(crate) vertices: BTreeMap<u32, Vertex>,
+pub(crate) struct DrawnRoadmap {
+    pub(crate) vertices: BTreeMap<u32, DrawnVertex>,
     /// Directed edges.
     pub(crate) edges: BTreeMap<(u32, u32), EdgeState>,
     /// The plan, vertex by vertex.
     pub(crate) plan: Vec<u32>,
     /// Changes since the last drawing.
-    pub(crate) changed: Changed,
+    pub(crate) changed: RoadmapChanges,
     /// Named poses of the robot.
-    pub(crate) named: Vec<NamedPose>,
+    pub(crate) named: Vec<DrawnPose>,
     /// Names of the vertices at named poses.
     pub(crate) names: BTreeMap<u32, String>,
 }
 
 /// A named pose of a robot.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct NamedPose {
+pub(crate) struct DrawnPose {
     pub(crate) name: String,
     /// Configuration of the whole robot, rad of encoder.
     pub(crate) q: Vec<f64>,
@@ -33,7 +33,7 @@ const SAME: f64 = 1e-5;
 
 /// Position of a vertex in the drawings.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Vertex {
+pub(crate) struct DrawnVertex {
     /// In the world: the position of the hand, meters.
     pub(crate) at: [f32; 3],
     /// In the flat drawing, x right and y down.
@@ -42,13 +42,13 @@ pub(crate) struct Vertex {
 
 /// Parts of the drawing that are out of date.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Changed {
+pub(crate) struct RoadmapChanges {
     pub(crate) vertices: bool,
     pub(crate) edges: bool,
     pub(crate) plan: bool,
 }
 
-impl Roadmap {
+impl DrawnRoadmap {
     /// Takes a note; `right` is the direction in the world that points right in the flat drawing.
     pub(crate) fn on(&mut self, note: &Note, right: [f32; 3]) {
         match note {
@@ -60,7 +60,7 @@ impl Roadmap {
                 let at = at.map(|v| v as f32);
                 let taken: Vec<_> = self.vertices.values().map(|v| v.flat).collect();
                 let flat = layout::place(layout::project(at, right), &taken);
-                let before = self.vertices.insert(*id, Vertex { at, flat });
+                let before = self.vertices.insert(*id, DrawnVertex { at, flat });
                 if before.is_some_and(|before| before.at != at) {
                     // It is another vertex now, whose edges are reported again.
                     self.edges.retain(|(from, to), _| from != id && to != id);
@@ -87,7 +87,7 @@ impl Roadmap {
     pub(crate) fn bounds(&self) -> Option<[f32; 4]> {
         let [mut left, mut top] = [f32::INFINITY; 2];
         let [mut right, mut bottom] = [f32::NEG_INFINITY; 2];
-        for Vertex { flat: [x, y], .. } in self.vertices.values() {
+        for DrawnVertex { flat: [x, y], .. } in self.vertices.values() {
             left = left.min(x - 50.0);
             top = top.min(y - 30.0);
             right = right.max(x + 50.0);
@@ -134,7 +134,7 @@ impl Roadmap {
     }
 }
 
-impl NamedPose {
+impl DrawnPose {
     fn is_at(&self, q: &[f64]) -> bool {
         self.q.len() == q.len() && self.q.iter().zip(q).all(|(a, b)| (a - b).abs() <= SAME)
     }
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn a_line_that_was_driven_one_way_is_feasible_whatever_the_other_way_did() {
-        let mut map = Roadmap::default();
+        let mut map = DrawnRoadmap::default();
         for (a, b) in [(EdgeState::Feasible, EdgeState::Removed), (EdgeState::Removed, EdgeState::Feasible)] {
             map.on(&edge(1, 2, a), [1.0, 0.0, 0.0]);
             map.on(&edge(2, 1, b), [1.0, 0.0, 0.0]);
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_line_that_failed_one_way_is_removed_though_the_other_way_is_untried() {
-        let mut map = Roadmap::default();
+        let mut map = DrawnRoadmap::default();
         map.on(&edge(0, 1, EdgeState::Removed), [1.0, 0.0, 0.0]);
         map.on(&edge(1, 0, EdgeState::Doubtful), [1.0, 0.0, 0.0]);
         assert_eq!(map.lines(), BTreeMap::from([((0, 1), EdgeState::Removed)]));
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn a_vertex_that_moved_has_lost_its_edges() {
-        let mut map = Roadmap::default();
+        let mut map = DrawnRoadmap::default();
         let vertex = |id, x| Note::Vertex { id, q: vec![x], at: [x, 0.0, 0.0] };
         (0..3).for_each(|id| map.on(&vertex(id, f64::from(id)), [1.0, 0.0, 0.0]));
         for (a, b) in [(0, 1), (1, 0), (0, 2)] {
@@ -195,8 +195,8 @@ mod tests {
 
     #[test]
     fn a_vertex_at_a_pose_with_a_name_is_called_by_it_until_it_is_elsewhere() {
-        let named = vec![NamedPose { name: "left".into(), q: vec![0.5, 1.0] }];
-        let mut map = Roadmap { named, ..Roadmap::default() };
+        let named = vec![DrawnPose { name: "left".into(), q: vec![0.5, 1.0] }];
+        let mut map = DrawnRoadmap { named, ..DrawnRoadmap::default() };
         let vertex = |id, q: &[f64]| Note::Vertex { id, q: q.to_vec(), at: [f64::from(id), -1.0, 0.0] };
         map.on(&vertex(0, &[0.0, 0.0]), [1.0, 0.0, 0.0]);
         map.on(&vertex(1, &[0.5, 1.0 + 1e-9]), [1.0, 0.0, 0.0]);
@@ -208,12 +208,12 @@ mod tests {
 
     #[test]
     fn a_note_without_news_draws_nothing() {
-        let mut map = Roadmap::default();
+        let mut map = DrawnRoadmap::default();
         map.on(&edge(1, 2, EdgeState::Optimistic), [1.0, 0.0, 0.0]);
         assert!(map.changed.edges);
-        map.changed = Changed::default();
+        map.changed = RoadmapChanges::default();
         map.on(&edge(1, 2, EdgeState::Optimistic), [1.0, 0.0, 0.0]);
         map.on(&Note::Plan { path: vec![] }, [1.0, 0.0, 0.0]);
-        assert_eq!(map.changed, Changed::default());
+        assert_eq!(map.changed, RoadmapChanges::default());
     }
 }

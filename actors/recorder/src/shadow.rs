@@ -1,11 +1,11 @@
 //! Drawing state of one robot.
 
 use crate::blueprint::Shown;
-use crate::body::{Body, Look, entity};
+use crate::body::{Appearance, RobotEntities, entity};
 use crate::draw::Drawing;
 use crate::palette;
-use crate::roadmap::{NamedPose, Roadmap};
-use crate::stream::{Stream, Written};
+use crate::roadmap::{DrawnPose, DrawnRoadmap};
+use crate::stream::{EntityStream, Written};
 use crate::traces::Traces;
 use mobee_contract::Pose;
 use mobee_model::{Contact, Robot};
@@ -14,12 +14,12 @@ use rerun::{SeriesLines, StateChange, StateConfiguration};
 use std::sync::Arc;
 
 /// Drawing state of one robot.
-pub(crate) struct Shadow {
+pub(crate) struct DrawnRobot {
     pub(crate) name: String,
     pub(crate) robot: Arc<Robot>,
-    pub(crate) body: Body,
+    pub(crate) body: RobotEntities,
     pub(crate) traces: Traces,
-    pub(crate) roadmap: Roadmap,
+    pub(crate) roadmap: DrawnRoadmap,
     pub(crate) drawing: Drawing,
     pub(crate) contacts: Vec<Contact>,
     pub(crate) rollbacks: u32,
@@ -29,23 +29,23 @@ pub(crate) struct Shadow {
     bounds: Option<[f32; 4]>,
 }
 
-impl Shadow {
+impl DrawnRobot {
     pub(crate) fn new(
-        stream: &Stream,
+        stream: &EntityStream,
         robot: &Arc<Robot>,
         base: &Isometry3<f64>,
         index: usize,
-        named: Vec<NamedPose>,
-    ) -> Result<Shadow, String> {
+        named: Vec<DrawnPose>,
+    ) -> Result<DrawnRobot, String> {
         let name = entity(&robot.name);
         lane(stream, &format!("state/{name}/filter"), &palette::FILTER)?;
         lane(stream, &format!("state/{name}/transaction"), &palette::TRANSACTION)?;
         let rollbacks = SeriesLines::new().with_names(["rollbacks"]).with_colors([palette::NEAR]).with_widths([2.0]);
         stream.log_static(&format!("progress/{name}/rollbacks"), &rollbacks)?;
-        Ok(Shadow {
-            body: Body::new(stream, robot, base, index as u16, &Look::RUN)?,
+        Ok(DrawnRobot {
+            body: RobotEntities::new(stream, robot, base, index as u16, &Appearance::RUN)?,
             traces: Traces::new(stream, robot, base)?,
-            roadmap: Roadmap { named, ..Roadmap::default() },
+            roadmap: DrawnRoadmap { named, ..DrawnRoadmap::default() },
             drawing: Drawing::new(stream, &name)?,
             contacts: Vec::new(),
             rollbacks: 0,
@@ -74,7 +74,7 @@ impl Shadow {
 }
 
 /// Writes the colors and labels of a state lane.
-pub(crate) fn lane(stream: &Stream, path: &str, states: &[(&str, &str, palette::Rgba)]) -> Written {
+pub(crate) fn lane(stream: &EntityStream, path: &str, states: &[(&str, &str, palette::Rgba)]) -> Written {
     let look = StateConfiguration::new()
         .with_values(states.iter().map(|s| s.0))
         .with_labels(states.iter().map(|s| s.1))

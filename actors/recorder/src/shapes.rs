@@ -1,7 +1,7 @@
 //! Solid shapes, batched by kind: one entity has all capsules in one frame.
 
 use crate::palette::{self, Rgba};
-use crate::stream::{Stream, Written};
+use crate::stream::{EntityStream, Written};
 use crate::surface::mesh3d;
 use mobee_model::{Contact, Hull, Primitive, Shape, ShapeId};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -15,7 +15,7 @@ const SEE_THROUGH: Rgba = 0xFFFF_FF90;
 
 /// Degree of a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Touch {
+pub(crate) enum ContactDegree {
     /// Closer than the margin.
     Near,
     /// At distance zero or below.
@@ -23,10 +23,10 @@ pub(crate) enum Touch {
 }
 
 /// Shapes of these contacts, each with its worst contact.
-pub(crate) fn touched<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> BTreeMap<ShapeId, Touch> {
-    let mut touched: BTreeMap<ShapeId, Touch> = BTreeMap::new();
+pub(crate) fn touched<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> BTreeMap<ShapeId, ContactDegree> {
+    let mut touched: BTreeMap<ShapeId, ContactDegree> = BTreeMap::new();
     for contact in contacts {
-        let touch = if contact.distance > 0.0 { Touch::Near } else { Touch::Hard };
+        let touch = if contact.distance > 0.0 { ContactDegree::Near } else { ContactDegree::Hard };
         for id in [contact.pair.0, contact.pair.1] {
             let worst = touched.entry(id).or_insert(touch);
             *worst = touch.max(*worst);
@@ -45,13 +45,13 @@ pub(crate) struct Shapes {
 
 struct Batch {
     path: String,
-    paint: Paint,
+    paint: ColorForm,
     base: Vec<Rgba>,
     shown: Vec<Rgba>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
+enum BatchKind {
     Boxes,
     Capsules,
     Cylinders,
@@ -60,15 +60,15 @@ enum Kind {
 
 /// Form in which the colors of an entity are written.
 #[derive(Clone, Copy)]
-enum Paint {
+enum ColorForm {
     /// One color for each shape of this kind.
-    Shapes(Kind),
+    Shapes(BatchKind),
     /// One color for a single hull.
     Hull,
 }
 
 /// One shape: its id, its geometry, its pose in the frame, and its color.
-pub(crate) struct Solid<'a> {
+pub(crate) struct DrawnSolid<'a> {
     pub(crate) id: ShapeId,
     pub(crate) primitive: &'a Primitive,
     /// Hull to be drawn within it.
@@ -81,10 +81,16 @@ impl Shapes {
     /// Writes shapes in the frame of the entity `frame`, and stores them.
     ///
     /// Their colors are temporal, because static data would hide every later change of the same component.
-    pub(crate) fn add(&mut self, stream: &Stream, frame: &str, solids: &[Solid<'_>], fill: FillMode) -> Written {
-        let mut kinds: BTreeMap<(Kind, bool), Vec<&Solid<'_>>> = BTreeMap::new();
+    pub(crate) fn add(
+        &mut self,
+        stream: &EntityStream,
+        frame: &str,
+        solids: &[DrawnSolid<'_>],
+        fill: FillMode,
+    ) -> Written {
+        let mut kinds: BTreeMap<(BatchKind, bool), Vec<&DrawnSolid<'_>>> = BTreeMap::new();
         for solid in solids {
-            kinds.entry((Kind::of(&solid.primitive.shape), solid.hull.is_some())).or_default().push(solid);
+            kinds.entry((BatchKind::of(&solid.primitive.shape), solid.hull.is_some())).or_default().push(solid);
         }
         for ((kind, hulled), solids) in kinds {
             let (path, fill) = match hulled {
@@ -92,7 +98,7 @@ impl Shapes {
                 false => (format!("{frame}/{}", kind.word()), fill),
             };
             stream.log(&path, kind.geometry(&solids, fill).as_ref())?;
-            self.batch(stream, (path, Paint::Shapes(kind)), &solids)?;
+            self.batch(stream, (path, ColorForm::Shapes(kind)), &solids)?;
         }
         let see_through = fill == FillMode::TransparentFillMajorWireframe;
         for (solid, hull) in solids.iter().filter_map(|s| Some((s, s.hull?))) {
@@ -100,13 +106,18 @@ impl Shapes {
             let path = format!("{frame}/hulls/{node}_{shape}");
             stream.log_static(&path, &mesh3d(&hull.mesh(), &solid.frame_from_node))?;
             let color = if see_through { solid.color & SEE_THROUGH } else { solid.color };
-            self.batch(stream, (path, Paint::Hull), &[&Solid { color, ..*solid }])?;
+            self.batch(stream, (path, ColorForm::Hull), &[&DrawnSolid { color, ..*solid }])?;
         }
         Ok(())
     }
 
     /// Colors the shapes of an entity, and stores them.
-    fn batch(&mut self, stream: &Stream, (path, paint): (String, Paint), solids: &[&Solid<'_>]) -> Written {
+    fn batch(
+        &mut self,
+        stream: &EntityStream,
+        (path, paint): (String, ColorForm),
+        solids: &[&DrawnSolid<'_>],
+    ) -> Written {
         let base: Vec<_> = solids.iter().map(|s| s.color).collect();
         stream.log(&path, paint.colors(&base).as_ref())?;
         for (i, solid) in solids.iter().enumerate() {
@@ -117,14 +128,14 @@ impl Shapes {
     }
 
     /// Gives every shape its own color, except those in contact; writes the changes.
-    pub(crate) fn paint(&mut self, stream: &Stream, touched: &BTreeMap<ShapeId, Touch>) -> Written {
+    pub(crate) fn paint(&mut self, stream: &EntityStream, touched: &BTreeMap<ShapeId, ContactDegree>) -> Written {
         let mut wanted: Vec<Vec<Rgba>> = self.batches.iter().map(|b| b.base.clone()).collect();
         for (id, touch) in touched {
             for (b, i) in self.index.get(id).into_iter().flatten() {
                 let Some(color) = wanted.get_mut(*b).and_then(|batch| batch.get_mut(*i)) else { continue };
                 *color = match touch {
-                    Touch::Near => palette::NEAR,
-                    Touch::Hard => palette::HARD,
+                    ContactDegree::Near => palette::NEAR,
+                    ContactDegree::Hard => palette::HARD,
                 };
             }
         }
@@ -138,28 +149,28 @@ impl Shapes {
     }
 }
 
-impl Kind {
-    fn of(shape: &Shape) -> Kind {
+impl BatchKind {
+    fn of(shape: &Shape) -> BatchKind {
         match shape {
-            Shape::Sphere { .. } => Kind::Spheres,
-            Shape::Cylinder { .. } => Kind::Cylinders,
-            Shape::Box { .. } => Kind::Boxes,
-            Shape::Capsule { .. } => Kind::Capsules,
+            Shape::Sphere { .. } => BatchKind::Spheres,
+            Shape::Cylinder { .. } => BatchKind::Cylinders,
+            Shape::Box { .. } => BatchKind::Boxes,
+            Shape::Capsule { .. } => BatchKind::Capsules,
         }
     }
 
     fn word(self) -> &'static str {
         match self {
-            Kind::Boxes => "boxes",
-            Kind::Capsules => "capsules",
-            Kind::Cylinders => "cylinders",
-            Kind::Spheres => "spheres",
+            BatchKind::Boxes => "boxes",
+            BatchKind::Capsules => "capsules",
+            BatchKind::Cylinders => "cylinders",
+            BatchKind::Spheres => "spheres",
         }
     }
 
     /// Archetype with sizes and poses. Rerun's cylinders and capsules lie along z, and its capsules start at
     /// the origin; ours lie along y and are centered.
-    fn geometry(self, solids: &[&Solid<'_>], fill: FillMode) -> Box<dyn AsComponents> {
+    fn geometry(self, solids: &[&DrawnSolid<'_>], fill: FillMode) -> Box<dyn AsComponents> {
         let mut sizes = Vec::new();
         let mut lengths = Vec::new();
         let mut radii = Vec::new();
@@ -185,19 +196,19 @@ impl Kind {
             turns.push(quaternion(&pose.rotation));
         }
         match self {
-            Kind::Boxes => Box::new(
+            BatchKind::Boxes => Box::new(
                 Boxes3D::from_half_sizes(sizes).with_centers(places).with_quaternions(turns).with_fill_mode(fill),
             ),
-            Kind::Spheres => Box::new(
+            BatchKind::Spheres => Box::new(
                 Ellipsoids3D::from_half_sizes(sizes).with_centers(places).with_quaternions(turns).with_fill_mode(fill),
             ),
-            Kind::Cylinders => Box::new(
+            BatchKind::Cylinders => Box::new(
                 Cylinders3D::from_lengths_and_radii(lengths, radii)
                     .with_centers(places)
                     .with_quaternions(turns)
                     .with_fill_mode(fill),
             ),
-            Kind::Capsules => Box::new(
+            BatchKind::Capsules => Box::new(
                 Capsules3D::from_lengths_and_radii(lengths, radii)
                     .with_translations(places)
                     .with_quaternions(turns)
@@ -207,15 +218,15 @@ impl Kind {
     }
 }
 
-impl Paint {
+impl ColorForm {
     fn colors(self, colors: &[Rgba]) -> Box<dyn AsComponents> {
         let colors = colors.iter().copied();
         match self {
-            Paint::Shapes(Kind::Boxes) => Box::new(Boxes3D::update_fields().with_colors(colors)),
-            Paint::Shapes(Kind::Spheres) => Box::new(Ellipsoids3D::update_fields().with_colors(colors)),
-            Paint::Shapes(Kind::Cylinders) => Box::new(Cylinders3D::update_fields().with_colors(colors)),
-            Paint::Shapes(Kind::Capsules) => Box::new(Capsules3D::update_fields().with_colors(colors)),
-            Paint::Hull => {
+            ColorForm::Shapes(BatchKind::Boxes) => Box::new(Boxes3D::update_fields().with_colors(colors)),
+            ColorForm::Shapes(BatchKind::Spheres) => Box::new(Ellipsoids3D::update_fields().with_colors(colors)),
+            ColorForm::Shapes(BatchKind::Cylinders) => Box::new(Cylinders3D::update_fields().with_colors(colors)),
+            ColorForm::Shapes(BatchKind::Capsules) => Box::new(Capsules3D::update_fields().with_colors(colors)),
+            ColorForm::Hull => {
                 let color = colors.last().unwrap_or(palette::MESH);
                 Box::new(Mesh3D::update_fields().with_albedo_factor(AlbedoFactor(color.into())))
             }

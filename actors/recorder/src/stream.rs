@@ -10,13 +10,13 @@ pub(crate) const TIMELINE: &str = "sim_time";
 pub(crate) type Written = Result<(), String>;
 
 /// A recording stream, with the entity below which it writes and the time of its next entries.
-pub(crate) struct Stream {
+pub(crate) struct EntityStream {
     pub(crate) rec: RecordingStream,
     /// Prefix of all entities: empty, or `NAME/`.
     pub(crate) root: String,
 }
 
-impl Stream {
+impl EntityStream {
     /// Sets the time of all following entries.
     pub(crate) fn at(&self, time: Time) {
         self.rec.set_duration_secs(TIMELINE, time.secs());
@@ -44,7 +44,7 @@ impl Stream {
     }
 }
 
-impl Stream {
+impl EntityStream {
     fn below(&self, path: &str) -> String {
         format!("{}{path}", self.root)
     }

@@ -3,7 +3,7 @@
 use crate::body::entity;
 use crate::palette;
 use crate::shapes::vec3;
-use crate::stream::{Stream, Written, in_words};
+use crate::stream::{EntityStream, Written, in_words};
 use mobee_contract::Time;
 use mobee_model::{Marker, Motor, Robot};
 use nalgebra::Isometry3;
@@ -20,7 +20,7 @@ const TRAIL_STEP: f32 = 0.001;
 
 /// Plots and trails of a robot with the data that is still to be sent.
 pub(crate) struct Traces {
-    parts: Vec<Plot>,
+    parts: Vec<PartPlot>,
     trails: Vec<Trail>,
     /// `world_from_robot`.
     base: Isometry3<f64>,
@@ -29,7 +29,7 @@ pub(crate) struct Traces {
 }
 
 /// The plot of a part: one line per motor, degrees.
-struct Plot {
+struct PartPlot {
     path: String,
     /// Index into the robot's parts.
     part: usize,
@@ -61,7 +61,7 @@ impl Traces {
     ///
     /// # Errors
     /// If Rerun refuses the data, as a message.
-    pub(crate) fn new(stream: &Stream, robot: &Robot, base: &Isometry3<f64>) -> Result<Traces, String> {
+    pub(crate) fn new(stream: &EntityStream, robot: &Robot, base: &Isometry3<f64>) -> Result<Traces, String> {
         let name = entity(&robot.name);
         let mut parts = Vec::new();
         for (i, part) in robot.parts.iter().enumerate().filter(|(_, p)| !p.motors.is_empty()) {
@@ -72,7 +72,7 @@ impl Traces {
             let colors = (0..names.len()).map(palette::series);
             stream.log_static(&path, &SeriesLines::new().with_names(names).with_colors(colors))?;
             let motors = part.motors.clone();
-            parts.push(Plot {
+            parts.push(PartPlot {
                 path,
                 part: i,
                 motors,
@@ -105,7 +105,7 @@ impl Traces {
     pub(crate) fn parts(&self) -> Vec<(String, bool)> {
         let mut parts: Vec<_> = self.parts.iter().collect();
         parts.sort_by_key(|p| self.trails.iter().all(|t| t.part != p.part));
-        let name = |p: &Plot| p.path.rsplit('/').next().map(|name| (name.to_owned(), p.moves));
+        let name = |p: &PartPlot| p.path.rsplit('/').next().map(|name| (name.to_owned(), p.moves));
         parts.into_iter().filter_map(name).collect()
     }
 
@@ -134,7 +134,7 @@ impl Traces {
     }
 
     /// Sends the buffered data.
-    pub(crate) fn flush(&mut self, stream: &Stream) -> Written {
+    pub(crate) fn flush(&mut self, stream: &EntityStream) -> Written {
         for plot in &mut self.parts {
             let times = std::mem::take(&mut plot.times);
             if times.is_empty() {
@@ -158,7 +158,7 @@ impl Traces {
     }
 }
 
-impl Plot {
+impl PartPlot {
     /// Returns true if the part leaves its first configuration now.
     fn begins(&mut self, q: &[f64]) -> bool {
         if self.moves {

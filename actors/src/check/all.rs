@@ -16,7 +16,7 @@ use super::hard_contacts::HardContacts;
 use super::home_is_a_vertex::HomeIsAVertex;
 use super::honest_safe_pose::HonestSafePose;
 use super::idle_motors_stay::IdleMotorsStay;
-use super::limits::Limits;
+use super::limits::LimitsWatch;
 use super::liveness::Liveness;
 use super::moved_at_rest::MovedAtRest;
 use super::nothing_vanishes::NothingVanishes;
@@ -74,7 +74,7 @@ pub const ALL: &[InvariantEntry] = &[
     of::<OneOutcome>("I2", "one outcome", Wants::Events),
     of::<HomeIsAVertex>("I3", "home is a vertex", Wants::Events),
     of::<HonestSafePose>("I4", "safe pose is honest", Wants::Events),
-    of::<Limits>("I5", "limits", Wants::Events),
+    of::<LimitsWatch>("I5", "limits", Wants::Events),
     of::<NothingVanishes>("I6", "nothing vanishes", Wants::Events),
     of::<Bounded>("I7", "bounded", Wants::Events),
     of::<FreshReadings>("I8", "stale is not fresh", Wants::Poses),

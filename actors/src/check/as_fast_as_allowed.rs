@@ -12,7 +12,7 @@
 //! again.
 
 use super::window::Window;
-use super::{Found, Invariant, PerRobot};
+use super::{FoundViolations, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, Event, MotorUnits, Pose, Time, Writer};
 use std::collections::{BTreeMap, VecDeque};
@@ -32,13 +32,13 @@ const NOTICED: Duration = Duration::from_millis(500);
 
 #[derive(Default)]
 pub(super) struct AsFastAsAllowed {
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, SpeedWatch>,
 }
 
-struct Robot {
+struct SpeedWatch {
     window: Window,
     units: MotorUnits,
-    motors: Vec<Motor>,
+    motors: Vec<MotorSpeed>,
     /// True if a commit that states the allowed speeds is open.
     open: bool,
     /// True if the filter is closed.
@@ -56,7 +56,7 @@ struct Robot {
 }
 
 #[derive(Clone, Default)]
-struct Motor {
+struct MotorSpeed {
     name: String,
     /// Speed that the open commit allows, rad/s.
     allowed: f64,
@@ -70,7 +70,7 @@ struct Motor {
     reported: bool,
 }
 
-impl Motor {
+impl MotorSpeed {
     fn allow(&mut self, at: Time, speed: f64) {
         self.before.push_back((at, self.allowed));
         self.allowed = speed;
@@ -89,7 +89,7 @@ impl Motor {
     }
 }
 
-impl Robot {
+impl SpeedWatch {
     fn allow(&mut self, at: Time, motors: &[(usize, f64)]) {
         for (motor, speed) in motors {
             self.motors.iter_mut().skip(*motor).take(1).for_each(|motor| motor.allow(at, *speed));
@@ -135,13 +135,13 @@ impl Robot {
 }
 
 impl Invariant for AsFastAsAllowed {
-    fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, _found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, period, hold_error, deflection, .. } => {
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|known| known.len() == motors.len());
-                let motor = |name: &String| Motor { name: name.clone(), ..Motor::default() };
+                let motor = |name: &String| MotorSpeed { name: name.clone(), ..MotorSpeed::default() };
                 let motors = known.unwrap_or_else(|| motors.iter().map(motor).collect());
-                let robot_state = Robot {
+                let robot_state = SpeedWatch {
                     window: Window::new(*period),
                     units: MotorUnits::new(motors.len(), sliding),
                     motors,
@@ -186,7 +186,7 @@ impl Invariant for AsFastAsAllowed {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut FoundViolations<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         if state.window.take(at, q) {
             let wrong = state.judge(robot, at);
@@ -195,7 +195,7 @@ impl Invariant for AsFastAsAllowed {
         found.report_all(state.due(at));
     }
 
-    fn end(&mut self, found: &mut Found<'_>) {
+    fn end(&mut self, found: &mut FoundViolations<'_>) {
         for state in self.robots.values_mut() {
             found.report_all(state.pending.drain(..).map(|(_, wrong)| wrong));
         }

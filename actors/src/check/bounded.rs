@@ -1,7 +1,7 @@
 //! I7: the queue of a link never exceeds its credit. A run that ends in order records the longest queue of each
 //! link.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::Event;
 
@@ -9,7 +9,7 @@ use mobee_contract::Event;
 pub(super) struct Bounded;
 
 impl Invariant for Bounded {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         if let Event::Link { link, most, capacity, .. } = &line.event
             && *capacity > 0
             && most > capacity

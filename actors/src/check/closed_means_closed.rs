@@ -7,17 +7,17 @@
 //! recorded when it ends, so it is judged by the time span in which it was written. The driver itself only
 //! stops.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, Time, Writer};
 use std::collections::BTreeMap;
 
 #[derive(Default)]
 pub(super) struct ClosedMeansClosed {
-    robots: BTreeMap<String, Filter>,
+    robots: BTreeMap<String, TokenWatch>,
 }
 
-struct Filter {
+struct TokenWatch {
     token: u64,
     /// Per token: whether it is open, and since when.
     tokens: BTreeMap<u64, (bool, Time)>,
@@ -25,14 +25,14 @@ struct Filter {
     halted: bool,
 }
 
-impl Default for Filter {
-    fn default() -> Filter {
-        Filter { token: 0, tokens: BTreeMap::from([(0, (false, Time::ZERO))]), halted: false }
+impl Default for TokenWatch {
+    fn default() -> TokenWatch {
+        TokenWatch { token: 0, tokens: BTreeMap::from([(0, (false, Time::ZERO))]), halted: false }
     }
 }
 
-impl Filter {
-    fn turn(&mut self, token: u64, open: bool, at: Time, found: &mut Found<'_>) {
+impl TokenWatch {
+    fn turn(&mut self, token: u64, open: bool, at: Time, found: &mut FoundViolations<'_>) {
         if token <= self.token {
             found.report(format!("token {token} follows token {}: tokens only grow", self.token));
         }
@@ -56,7 +56,7 @@ impl Filter {
 }
 
 impl Invariant for ClosedMeansClosed {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Halted { robot } => self.robots.entry(robot.clone()).or_default().halted = true,
             Event::Released { robot } => self.robots.entry(robot.clone()).or_default().halted = false,

@@ -3,7 +3,7 @@
 //! before the new part is inspected. A restarted driver stops its board before it forwards a command. A stop
 //! discards the set-points that are queued at the driver: a later stream begins with its control mode.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, SwapPart, SwapStep, Time, Writer};
 use std::collections::BTreeMap;
@@ -16,12 +16,12 @@ const CHAIN: [&str; 4] = ["driver", "history", "supervise", "reflex"];
 
 #[derive(Default)]
 pub(super) struct ClosesAtOnce {
-    robots: BTreeMap<String, Filter>,
+    robots: BTreeMap<String, DeathWatch>,
     gave_up: bool,
 }
 
 #[derive(Default)]
-struct Filter {
+struct DeathWatch {
     fresh: Duration,
     open: bool,
     /// Time at which the filter last closed.
@@ -36,8 +36,8 @@ struct Filter {
     stopped: Option<Vec<usize>>,
 }
 
-impl Filter {
-    fn judge(&mut self, robot: &str, now: Time, found: &mut Found<'_>) {
+impl DeathWatch {
+    fn judge(&mut self, robot: &str, now: Time, found: &mut FoundViolations<'_>) {
         let within = self.fresh * LEASES;
         if let Some((actor, at)) = self.death.take_if(|(_, at)| now.since(*at) > within) {
             let after = now.since(at).as_secs_f64();
@@ -46,7 +46,7 @@ impl Filter {
     }
 
     /// Takes a written command, or a stream that has just ended.
-    fn written(&mut self, robot: &str, event: &Event, found: &mut Found<'_>) {
+    fn written(&mut self, robot: &str, event: &Event, found: &mut FoundViolations<'_>) {
         let (writer, kind, motors) = match event {
             Event::Command { writer, kind, motors, .. } => (*writer, Some(*kind), motors),
             Event::Streamed { writer, motors, .. } => (*writer, None, motors),
@@ -71,7 +71,7 @@ impl Filter {
 }
 
 impl Invariant for ClosesAtOnce {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, fresh, .. } => {
                 self.robots.entry(robot.clone()).or_default().fresh =

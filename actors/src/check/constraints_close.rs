@@ -4,7 +4,7 @@
 //! exists when a retreat starts is excused while it lasts, because the retreat may lead out of it. An escape
 //! may violate as much as at its start, and no more. A controller without a reflex does not promise this.
 
-use super::{Found, Invariant, PerRobot};
+use super::{FoundViolations, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Clauses, Event, Pose, Status, Time};
 use std::collections::BTreeMap;
@@ -21,15 +21,15 @@ const NOISE: f64 = 0.15;
 
 #[derive(Default)]
 pub(super) struct ConstraintsClose {
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, ConstraintWatch>,
 }
 
 #[derive(Default)]
-struct Robot {
+struct ConstraintWatch {
     clauses: Clauses,
     period: Duration,
     no_reflex: bool,
-    watch: Watch,
+    watch: RequiredReaction,
     /// True if the newest reading violates a constraint.
     violates: bool,
     /// True if no reading has come since the watch began.
@@ -42,7 +42,7 @@ struct Robot {
 
 /// Required reaction to a violation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Watch {
+enum RequiredReaction {
     /// None: the filter is closed, and no motor is driven.
     #[default]
     Nothing,
@@ -52,17 +52,17 @@ enum Watch {
     Stop,
 }
 
-impl Robot {
-    fn watch(&mut self, watch: Watch) {
+impl ConstraintWatch {
+    fn watch(&mut self, watch: RequiredReaction) {
         self.escape = None;
         // A violation that exists when a retreat starts is excused.
-        self.watch = if watch == Watch::Stop && self.violates { Watch::Nothing } else { watch };
+        self.watch = if watch == RequiredReaction::Stop && self.violates { RequiredReaction::Nothing } else { watch };
         (self.since, self.begins) = (None, true);
     }
 
     /// An escape starts.
     fn escapes(&mut self) {
-        (self.watch, self.escape) = (Watch::Stop, Some(0.0));
+        (self.watch, self.escape) = (RequiredReaction::Stop, Some(0.0));
         (self.since, self.begins) = (None, true);
     }
 
@@ -75,18 +75,19 @@ impl Robot {
         self.violates = least < self.escape.unwrap_or(SURELY);
         // The reflex judges a retreat by the first reading after its start: a violation in that reading is
         // excused, too.
-        if std::mem::take(&mut self.begins) && self.violates && self.watch == Watch::Stop {
-            self.watch = Watch::Nothing;
+        if std::mem::take(&mut self.begins) && self.violates && self.watch == RequiredReaction::Stop {
+            self.watch = RequiredReaction::Nothing;
         }
-        if !self.violates || self.no_reflex || self.watch == Watch::Nothing {
+        if !self.violates || self.no_reflex || self.watch == RequiredReaction::Nothing {
             self.since = None;
             return None;
         }
         let since = *self.since.get_or_insert(at);
         (at.since(since) > self.period * PERIODS).then(|| {
-            let what = if self.watch == Watch::Close { "the filter is open" } else { "the robot is driven on" };
+            let what =
+                if self.watch == RequiredReaction::Close { "the filter is open" } else { "the robot is driven on" };
             // Reported once.
-            self.watch = Watch::Nothing;
+            self.watch = RequiredReaction::Nothing;
             format!("{robot}: a constraint is violated since {since}, and {what} at {at}")
         })
     }
@@ -103,7 +104,7 @@ fn value(clause: &[(Vec<(usize, f64)>, f64)], q: &Pose) -> f64 {
 }
 
 impl Invariant for ConstraintsClose {
-    fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, _found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, period, constraints, .. } => {
                 let state = self.robots.entry(robot.clone()).or_default();
@@ -111,26 +112,26 @@ impl Invariant for ConstraintsClose {
                 state.period = Duration::try_from_secs_f64(*period).unwrap_or_default();
             }
             Event::Controller { robot, reflex, .. } => self.robots.of(robot, |r| r.no_reflex = !reflex),
-            Event::Enabled { robot, .. } => self.robots.of(robot, |r| r.watch(Watch::Close)),
-            Event::Commit { robot, escape: true, .. } => self.robots.of(robot, Robot::escapes),
-            Event::RetreatBegan { robot, .. } => self.robots.of(robot, |r| r.watch(Watch::Stop)),
+            Event::Enabled { robot, .. } => self.robots.of(robot, |r| r.watch(RequiredReaction::Close)),
+            Event::Commit { robot, escape: true, .. } => self.robots.of(robot, ConstraintWatch::escapes),
+            Event::RetreatBegan { robot, .. } => self.robots.of(robot, |r| r.watch(RequiredReaction::Stop)),
             Event::Outcome { robot, .. } => {
                 self.robots.of(robot, |r| {
-                    if r.watch == Watch::Stop {
-                        r.watch(Watch::Nothing);
+                    if r.watch == RequiredReaction::Stop {
+                        r.watch(RequiredReaction::Nothing);
                     }
                 });
             }
-            Event::State { robot, status: Status::Rest } => self.robots.of(robot, |r| r.watch(Watch::Close)),
+            Event::State { robot, status: Status::Rest } => self.robots.of(robot, |r| r.watch(RequiredReaction::Close)),
             Event::Disabled { robot, .. } | Event::RetreatStopped { robot, .. } => {
-                self.robots.of(robot, |r| r.watch(Watch::Nothing));
+                self.robots.of(robot, |r| r.watch(RequiredReaction::Nothing));
             }
-            Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.watch(Watch::Nothing)),
+            Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.watch(RequiredReaction::Nothing)),
             _ => {}
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut FoundViolations<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         found.report_all(state.pose(robot, at, q));
     }

@@ -1,7 +1,7 @@
 //! I19: a contact that begins during a motion closes the filter within one control period (Algorithm 6). An
 //! escape is excused: it starts in contact. A controller without a reflex does not promise this.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Status, Time};
 use std::collections::BTreeMap;
@@ -9,11 +9,11 @@ use std::time::Duration;
 
 #[derive(Default)]
 pub(super) struct ContactCloses {
-    robots: BTreeMap<String, Filter>,
+    robots: BTreeMap<String, ContactWatch>,
 }
 
 #[derive(Default)]
-struct Filter {
+struct ContactWatch {
     period: Duration,
     open: bool,
     /// True if its controller has no reflex, and so does not promise this.
@@ -22,8 +22,8 @@ struct Filter {
     met: Option<Time>,
 }
 
-impl Filter {
-    fn judge(&mut self, robot: &str, now: Time, found: &mut Found<'_>) {
+impl ContactWatch {
+    fn judge(&mut self, robot: &str, now: Time, found: &mut FoundViolations<'_>) {
         if let Some(at) = self.met.take_if(|at| now.since(*at) > self.period) {
             found.report(format!("{robot}: the contact that began at {at} in mid-motion did not close the filter"));
         }
@@ -31,11 +31,11 @@ impl Filter {
 }
 
 impl Invariant for ContactCloses {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, period, .. } => {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
-                self.robots.insert(robot.clone(), Filter { period, ..Filter::default() });
+                self.robots.insert(robot.clone(), ContactWatch { period, ..ContactWatch::default() });
             }
             Event::Controller { robot, reflex, .. } => {
                 self.robots.entry(robot.clone()).or_default().no_reflex = !reflex;
@@ -59,7 +59,7 @@ impl Invariant for ContactCloses {
         }
     }
 
-    fn end(&mut self, found: &mut Found<'_>) {
+    fn end(&mut self, found: &mut FoundViolations<'_>) {
         let now = found.at;
         self.robots.iter_mut().for_each(|(robot, filter)| filter.judge(robot, now, found));
     }

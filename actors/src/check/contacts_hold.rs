@@ -4,7 +4,7 @@
 //! After a restart, as of a reflex that died, or after a change of the margin or the world, present contacts may
 //! be reported again.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::Event;
 use mobee_model::Contact;
@@ -15,20 +15,20 @@ const ROUNDING: f64 = 1e-9;
 
 #[derive(Default)]
 pub(super) struct ContactsHold {
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, HeldContacts>,
 }
 
 #[derive(Default)]
-struct Robot {
+struct HeldContacts {
     margin: f64,
     present: Vec<(Contact, (String, String))>,
 }
 
 impl Invariant for ContactsHold {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, margin, .. } => {
-                self.robots.insert(robot.clone(), Robot { margin: *margin, present: Vec::new() });
+                self.robots.insert(robot.clone(), HeldContacts { margin: *margin, present: Vec::new() });
             }
             Event::Died { .. } | Event::Restarted { .. } | Event::Resumed { .. } | Event::World { .. } => {
                 self.robots.values_mut().for_each(|r| r.present.clear());

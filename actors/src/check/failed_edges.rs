@@ -8,7 +8,7 @@
 //! The plan determines the edge of a motion: the target of the motion is a vertex of the plan. An agent that
 //! died, or that was replaced, received no notification.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommitId, EdgeState, Event, Note, Outcome, Refusal, SwapStep};
 use std::collections::BTreeMap;
@@ -18,32 +18,32 @@ use std::f64::consts::TAU;
 const SAME: f64 = 1e-9;
 
 /// Start vertex, end vertex.
-type Edge = (u32, u32);
+type VertexPair = (u32, u32);
 
 #[derive(Default)]
 pub(super) struct FailedEdges {
-    robots: BTreeMap<String, Walk>,
+    robots: BTreeMap<String, EdgeWalk>,
 }
 
 #[derive(Default)]
-struct Walk {
+struct EdgeWalk {
     vertices: BTreeMap<u32, Vec<f64>>,
     plan: Vec<u32>,
     /// True if this agent has committed since it started.
     begun: bool,
     /// The edge that the open motion drives.
-    drives: Option<(CommitId, Edge)>,
+    drives: Option<(CommitId, VertexPair)>,
     /// True if the agent tried, or may have tried, to stop or redirect that motion without success.
     late: bool,
     /// The edge whose motion failed.
-    failed: Option<(CommitId, Edge)>,
+    failed: Option<(CommitId, VertexPair)>,
     /// True if the agent, or a person, requested that end.
     stop_requested: bool,
 }
 
-impl Walk {
+impl EdgeWalk {
     /// Edge of the plan that leads to this target of these motors.
-    fn edge(&self, target: &[f64], motors: &[(usize, f64)]) -> Option<Edge> {
+    fn edge(&self, target: &[f64], motors: &[(usize, f64)]) -> Option<VertexPair> {
         // The target of a continuous joint may differ from the vertex by whole turns: the same place by a
         // shorter path.
         let same = |a: f64, b: f64| ((a - b) - TAU * ((a - b) / TAU).round()).abs() <= SAME;
@@ -60,7 +60,7 @@ impl Walk {
         self.plan.clear();
     }
 
-    fn removed(&mut self, edge: Edge) -> Option<String> {
+    fn removed(&mut self, edge: VertexPair) -> Option<String> {
         let failed = self.failed.take_if(|(_, failed)| *failed == edge).is_some();
         // Where a map takes its poses from the configuration file, the journal does not show which edge is
         // driven.
@@ -72,7 +72,7 @@ impl Walk {
 }
 
 impl Invariant for FailedEdges {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         let wrong = match &line.event {
             Event::Note { robot, note } => {
                 let walk = self.robots.entry(robot.clone()).or_default();
@@ -125,13 +125,13 @@ impl Invariant for FailedEdges {
             }
             Event::Died { actor, .. } => {
                 let robot = actor.strip_suffix("/agent").and_then(|robot| self.robots.get_mut(robot));
-                robot.into_iter().for_each(Walk::begins);
+                robot.into_iter().for_each(EdgeWalk::begins);
                 let robot = actor.strip_suffix("/supervise").and_then(|robot| self.robots.get_mut(robot));
                 robot.into_iter().for_each(|walk| walk.late |= walk.drives.is_some());
                 None
             }
             Event::Resumed { .. } => {
-                self.robots.values_mut().for_each(Walk::begins);
+                self.robots.values_mut().for_each(EdgeWalk::begins);
                 None
             }
             _ => None,

@@ -3,7 +3,7 @@
 //! Needs the measured configurations. The end of a run may be hurried: outcomes given after a supervision group
 //! gave up, or while the run is being shut down, use the newest available reading.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Hold, Pose, Status, Time};
 use std::collections::BTreeMap;
@@ -11,23 +11,23 @@ use std::time::Duration;
 
 #[derive(Default)]
 pub(super) struct FreshReadings {
-    robots: BTreeMap<String, TrackReading>,
+    robots: BTreeMap<String, FreshnessWatch>,
     gave_up: bool,
 }
 
 #[derive(Default)]
-struct TrackReading {
+struct FreshnessWatch {
     fresh: Duration,
     newest: Option<Time>,
     ending: bool,
 }
 
 impl Invariant for FreshReadings {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         let (robot, what) = match &line.event {
             Event::Robot { robot, fresh, .. } => {
                 let fresh = Duration::try_from_secs_f64(*fresh).unwrap_or_default();
-                self.robots.insert(robot.clone(), TrackReading { fresh, ..TrackReading::default() });
+                self.robots.insert(robot.clone(), FreshnessWatch { fresh, ..FreshnessWatch::default() });
                 return;
             }
             Event::State { robot, status } => {
@@ -52,7 +52,7 @@ impl Invariant for FreshReadings {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, _q: &Pose, _found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, _q: &Pose, _found: &mut FoundViolations<'_>) {
         if let Some(reading) = self.robots.get_mut(robot) {
             reading.newest = reading.newest.max(Some(at));
         }

@@ -8,7 +8,7 @@
 //! in a stream or a retreat are therefore judged by the oracle of a simulation, which has the true joint
 //! positions.
 
-use super::{Found, Invariant, PerRobot};
+use super::{FoundViolations, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, MotorUnits, Pose, Status, Time, Writer};
 use mobee_controller::distance;
@@ -27,37 +27,37 @@ const APPROACH_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
 #[derive(Default)]
 pub(super) struct FrozenIsNoticed {
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, FreezeWatch>,
 }
 
 #[derive(Default)]
-struct Robot {
+struct FreezeWatch {
     units: MotorUnits,
     /// True if its encoders are so coarse that they may show no change while a motion begins.
     coarse: bool,
     /// Position error at which a motor may rest, rad.
     hold_error: f64,
-    newest: Option<Reading>,
-    course: Option<ReferenceTrajectory>,
+    newest: Option<EqualReadings>,
+    course: Option<WatchedMove>,
 }
 
 /// The newest reading, and the time for which readings have been equal since the move began.
-struct Reading {
+struct EqualReadings {
     q: Pose,
     at: Time,
     still: Duration,
 }
 
 /// A move under way.
-struct ReferenceTrajectory {
+struct WatchedMove {
     target: Vec<(usize, f64)>,
     /// Time for which readings may be equal.
     within: Duration,
 }
 
-impl Robot {
+impl FreezeWatch {
     /// Starts tracking a move from the robot's current configuration.
-    fn course(&mut self, now: Time, q: &[(usize, f64)], speed: &[(usize, f64)]) -> Option<ReferenceTrajectory> {
+    fn course(&mut self, now: Time, q: &[(usize, f64)], speed: &[(usize, f64)]) -> Option<WatchedMove> {
         let newest = self.newest.as_mut()?;
         (newest.at, newest.still) = (now, Duration::ZERO);
         let way = |(m, q): &(usize, f64)| Some((q - newest.q.get(*m)?).abs());
@@ -67,7 +67,7 @@ impl Robot {
         let degree = secs * 1f64.to_radians() / farthest.max(1e-9);
         let begins = if self.coarse { BEGINS * secs } else { 0.0 };
         let within = Duration::try_from_secs_f64(STILL.max(degree) + STILL + begins).ok()?;
-        Some(ReferenceTrajectory { target: q.to_vec(), within })
+        Some(WatchedMove { target: q.to_vec(), within })
     }
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose) -> Option<String> {
@@ -78,7 +78,7 @@ impl Robot {
                 newest.still
             }
             newest => {
-                *newest = Some(Reading { q: q.clone(), at, still: Duration::ZERO });
+                *newest = Some(EqualReadings { q: q.clone(), at, still: Duration::ZERO });
                 return None;
             }
         };
@@ -101,7 +101,7 @@ impl Robot {
 }
 
 impl Invariant for FrozenIsNoticed {
-    fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, _found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, resolution, hold_error, .. } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
@@ -122,7 +122,7 @@ impl Invariant for FrozenIsNoticed {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut FoundViolations<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         found.report_all(state.pose(robot, at, q));
     }

@@ -7,7 +7,7 @@
 
 use super::disturbances::Disturbances;
 use super::touches::Touches;
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Time};
 use mobee_model::Pair;
@@ -54,14 +54,14 @@ pub(super) struct HardContacts {
     touches: Touches,
     tally: HardContactTally,
     /// In the order of the journal, which is that of the scene.
-    robots: Vec<Driven>,
+    robots: Vec<DrivenRobot>,
     /// Time at which each object was last placed.
     edited: BTreeMap<String, Time>,
     disturbances: Disturbances,
 }
 
 #[derive(Default)]
-struct Driven {
+struct DrivenRobot {
     name: String,
     /// Braking clearance, meters: zero under Algorithm 6; `None` if the journal does not state it.
     clearance: Option<f64>,
@@ -119,7 +119,7 @@ impl HardContacts {
 
     fn rule(&self, at: Time, pair: Pair, names: &(String, String)) -> Rule {
         let index = [pair.0.robot(), pair.1.robot()];
-        let robots: Vec<Option<&Driven>> = index.into_iter().flatten().map(|i| self.robots.get(i)).collect();
+        let robots: Vec<Option<&DrivenRobot>> = index.into_iter().flatten().map(|i| self.robots.get(i)).collect();
         let clearances: Option<Vec<f64>> = robots.iter().map(|r| r.and_then(|r| r.clearance)).collect();
         let Some(clearances) = clearances else { return Rule::Unjudged };
         if clearances.iter().any(|clearance| *clearance <= 0.0) {
@@ -142,7 +142,7 @@ impl HardContacts {
         self.disturbances.note(at, event);
         match event {
             Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
-                self.robots.push(Driven { name: robot.clone(), ..Driven::default() });
+                self.robots.push(DrivenRobot { name: robot.clone(), ..DrivenRobot::default() });
             }
             Event::Controller { robot, clearance, stops, .. } => {
                 let stops = stops.and_then(|secs| Duration::try_from_secs_f64(secs).ok()).unwrap_or_default();
@@ -155,13 +155,13 @@ impl HardContacts {
         }
     }
 
-    fn of(&mut self, robot: &str, change: impl FnMut(&mut Driven)) {
+    fn of(&mut self, robot: &str, change: impl FnMut(&mut DrivenRobot)) {
         self.robots.iter_mut().filter(|r| r.name == robot).for_each(change);
     }
 }
 
 impl Invariant for HardContacts {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         found.report_all(self.note(line.at, &line.event));
     }
 }

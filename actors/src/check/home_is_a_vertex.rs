@@ -5,7 +5,7 @@
 //! reached a vertex or a rollback has ended at one. It is off the map at the start, after a motion that ends
 //! elsewhere, and while the agent CONNECTs (Algorithm 1).
 
-use super::{Found, Invariant, near};
+use super::{FoundViolations, Invariant, near};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Event, MotorUnits, Note, Outcome, Pose};
 use mobee_controller::distance;
@@ -31,7 +31,7 @@ impl Home {
         self.vertices.iter().any(|v| near(v, q, self.tolerance))
     }
 
-    fn rolled_back(&self, robot: &str, q: &[f64], safe: Option<&Pose>, found: &mut Found<'_>) {
+    fn rolled_back(&self, robot: &str, q: &[f64], safe: Option<&Pose>, found: &mut FoundViolations<'_>) {
         let Some(safe) = safe else {
             return found.report(format!("{robot}: rolled back without a safe pose"));
         };
@@ -50,7 +50,7 @@ impl Home {
 }
 
 impl Invariant for HomeIsAVertex {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {
                 let home = self.robots.entry(robot.clone()).or_default();

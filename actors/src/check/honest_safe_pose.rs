@@ -5,23 +5,23 @@
 //! free of contact. If measured configurations are available, the speed is computed from them as well as read
 //! from the event.
 
-use super::measured::Measured;
-use super::{Found, Invariant};
+use super::measured::RecentReadings;
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Event, MotorUnits, Outcome, Pose, Time};
 use std::collections::BTreeMap;
 
 #[derive(Default)]
 pub(super) struct HonestSafePose {
-    robots: BTreeMap<String, Rest>,
+    robots: BTreeMap<String, SafePoseWatch>,
 }
 
 #[derive(Default)]
-struct Rest {
+struct SafePoseWatch {
     units: MotorUnits,
     fresh: f64,
     rest_speed: f64,
-    measured: Measured,
+    measured: RecentReadings,
     /// True if its controller has no reflex: then no component checks that a configuration is free of contact.
     no_reflex: bool,
     has_safe: bool,
@@ -30,14 +30,14 @@ struct Rest {
 }
 
 impl Invariant for HonestSafePose {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, fresh, rest_speed, period, resolution, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
                 rest.fresh = *fresh;
                 rest.rest_speed = *rest_speed;
                 rest.units = MotorUnits::new(motors.len(), sliding);
-                rest.measured = Measured::new(*rest_speed, *period, *resolution);
+                rest.measured = RecentReadings::new(*rest_speed, *period, *resolution);
             }
             Event::Controller { robot, reflex, .. } => {
                 self.robots.entry(robot.clone()).or_default().no_reflex = !reflex;
@@ -87,7 +87,7 @@ impl Invariant for HonestSafePose {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose, _found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, _found: &mut FoundViolations<'_>) {
         if let Some(rest) = self.robots.get_mut(robot) {
             rest.measured.take(at, q);
         }

@@ -8,7 +8,7 @@
 //! readings, or during a gap in the readings, is no evidence of motion: the place is then taken again.
 
 use super::window::Window;
-use super::{Found, Invariant, PerRobot};
+use super::{FoundViolations, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, Event, MotorUnits, Pose, Time};
 use mobee_controller::play;
@@ -27,18 +27,18 @@ const UNSEEN: f64 = 0.5;
 
 #[derive(Default)]
 pub(super) struct IdleMotorsStay {
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, IdleWatch>,
 }
 
 #[derive(Default)]
-struct Robot {
+struct IdleWatch {
     names: Vec<String>,
     units: MotorUnits,
     tolerance: f64,
     /// Deflection of a motor under the load of other motors' motion, rad.
     hold_error: f64,
     window: Window,
-    motors: Vec<Motor>,
+    motors: Vec<IdleMotor>,
     /// Time from which places are taken, after the robot has settled.
     settled: Time,
     /// True if the open commit does not state its motors.
@@ -49,20 +49,20 @@ struct Robot {
 }
 
 #[derive(Clone, Default)]
-struct Motor {
+struct IdleMotor {
     /// True if the open commit names it.
     named: bool,
     place: Option<f64>,
 }
 
-impl Robot {
+impl IdleWatch {
     fn name(&mut self, motors: &[(usize, f64)]) {
         for (m, _) in motors {
             if let [Some(newest), _] = &mut self.last {
                 newest.insert(*m);
             }
             if let Some(motor) = self.motors.get_mut(*m) {
-                *motor = Motor { named: true, place: None };
+                *motor = IdleMotor { named: true, place: None };
             }
         }
     }
@@ -104,18 +104,18 @@ impl Robot {
 }
 
 impl Invariant for IdleMotorsStay {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, period, tolerance, hold_error, .. } => {
                 let n = motors.len();
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|motors| motors.len() == n);
-                let state = Robot {
+                let state = IdleWatch {
                     names: motors.clone(),
                     units: MotorUnits::new(n, sliding),
                     tolerance: *tolerance,
                     hold_error: *hold_error,
                     window: Window::new(*period),
-                    motors: known.unwrap_or_else(|| vec![Motor::default(); n]),
+                    motors: known.unwrap_or_else(|| vec![IdleMotor::default(); n]),
                     settled: line.at + SETTLES,
                     motors_unknown: false,
                     last: [None, None],
@@ -123,13 +123,13 @@ impl Invariant for IdleMotorsStay {
                 self.robots.insert(robot.clone(), state);
             }
             // The motors may have moved while no process ran.
-            Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.motors.fill(Motor::default())),
+            Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.motors.fill(IdleMotor::default())),
             Event::Commit { robot, motors, .. } => self.robots.of(robot, |r| {
                 let [before, _] = std::mem::take(&mut r.last);
                 r.last = [Some(BTreeSet::new()), before];
                 r.motors_unknown = motors.is_empty();
                 if r.motors_unknown {
-                    r.motors.fill(Motor::default());
+                    r.motors.fill(IdleMotor::default());
                 }
                 r.name(motors);
             }),
@@ -156,7 +156,7 @@ impl Invariant for IdleMotorsStay {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut FoundViolations<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         if let Some(before) = state.window.before_pause(at) {
             let unseen = UNSEEN * state.tolerance;

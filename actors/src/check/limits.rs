@@ -6,7 +6,7 @@
 //! their stream ended. A stream of positions or velocities is recorded when it ends, with the greatest share of
 //! a motor's speed that it requested.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::{JournalLine, NOT_FINITE};
 use mobee_contract::{Event, MotorUnits};
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,12 +17,12 @@ const SLACK: f64 = 1e-9;
 const STEP_SLACK: f64 = 1e-6;
 
 #[derive(Default)]
-pub(super) struct Limits {
-    robots: BTreeMap<String, Motors>,
+pub(super) struct LimitsWatch {
+    robots: BTreeMap<String, MotorLimits>,
 }
 
 #[derive(Default)]
-struct Motors {
+struct MotorLimits {
     names: Vec<String>,
     units: MotorUnits,
     range: Vec<(f64, f64)>,
@@ -32,7 +32,7 @@ struct Motors {
     named: BTreeSet<usize>,
 }
 
-impl Motors {
+impl MotorLimits {
     fn position(&self, motor: usize, q: f64, slack: f64) -> Option<String> {
         let Some((min, max)) = self.range.get(motor) else { return Some(format!("there is no motor {motor}")) };
         let outside = !(min - slack..=max + slack).contains(&q);
@@ -54,13 +54,13 @@ impl Motors {
     }
 }
 
-impl Invariant for Limits {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+impl Invariant for LimitsWatch {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         let robot = match &line.event {
             Event::Robot { robot, motors, sliding, min, max, max_speed, tolerance, .. } => {
                 let range = min.iter().copied().zip(max.iter().copied()).collect();
                 let units = MotorUnits::new(motors.len(), sliding);
-                let motors = Motors {
+                let motors = MotorLimits {
                     names: motors.clone(),
                     units,
                     range,

@@ -5,7 +5,7 @@
 //! An agent that has reported its end need not commit again; nor need a robot without an agent, or one whose
 //! agent never committed. A supervision group that used up its restarts stays down.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use crate::record::names::HEALED;
 use mobee_contract::{Event, Hold, Status, SwapPart, Time};
@@ -19,13 +19,13 @@ const PROGRESS_TIMEOUT: Duration = Duration::from_secs(120);
 pub(super) struct Liveness {
     healed: Option<Time>,
     gave_up: bool,
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, LivenessWatch>,
     /// Time of the last event before the run was brought to its end.
     last: Time,
 }
 
 #[derive(Default)]
-struct Robot {
+struct LivenessWatch {
     /// The commit that was open when the faults healed, and whether it is an escape.
     open: Option<(u64, bool)>,
     enabled: bool,
@@ -41,7 +41,7 @@ struct Robot {
     swaps: BTreeSet<SwapPart>,
 }
 
-impl Robot {
+impl LivenessWatch {
     fn lacks(&self) -> Option<&'static str> {
         if self.open.is_some_and(|(_, escape)| escape) {
             return None;
@@ -57,14 +57,14 @@ impl Robot {
 }
 
 impl Invariant for Liveness {
-    fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, _found: &mut FoundViolations<'_>) {
         let healed = self.healed.is_some();
         if !self.robots.values().any(|r| r.ending) {
             self.last = line.at;
         }
         match &line.event {
             Event::State { robot, status: Status::Holding(Hold::ShuttingDown) } => self.of(robot).ending = true,
-            Event::Robot { robot, .. } => drop(self.robots.insert(robot.clone(), Robot::default())),
+            Event::Robot { robot, .. } => drop(self.robots.insert(robot.clone(), LivenessWatch::default())),
             Event::Injected { fault } if fault == HEALED => {
                 self.healed = Some(line.at);
                 self.robots.values_mut().for_each(|r| (r.opened, r.committed_since) = (r.enabled, false));
@@ -110,7 +110,7 @@ impl Invariant for Liveness {
         self.healed.is_none() || self.robots.values().any(|r| r.lacks().is_some())
     }
 
-    fn end(&mut self, found: &mut Found<'_>) {
+    fn end(&mut self, found: &mut FoundViolations<'_>) {
         let Some(healed) = self.healed.filter(|_| !self.gave_up) else { return };
         if self.last.since(healed) < PROGRESS_TIMEOUT {
             return;
@@ -124,7 +124,7 @@ impl Invariant for Liveness {
 }
 
 impl Liveness {
-    fn of(&mut self, robot: &str) -> &mut Robot {
+    fn of(&mut self, robot: &str) -> &mut LivenessWatch {
         self.robots.entry(robot.to_owned()).or_default()
     }
 }

@@ -19,7 +19,7 @@ const SLACK: f64 = 4.0;
 /// The newest readings of a robot. The speed of a motor is the distance between the means of the two halves of
 /// the window per time, as for noisy encoders.
 #[derive(Default)]
-pub(super) struct Measured {
+pub(super) struct RecentReadings {
     rest_speed: f64,
     period: Duration,
     /// Resolution of the coarsest encoder, rad: it may show that much without motion.
@@ -27,12 +27,12 @@ pub(super) struct Measured {
     readings: VecDeque<(Time, Pose)>,
 }
 
-impl Measured {
+impl RecentReadings {
     /// Creates the window for a robot with this rest speed (rad/s), control period (s) and encoder resolution
     /// (rad).
-    pub fn new(rest_speed: f64, period: f64, resolution: f64) -> Measured {
+    pub fn new(rest_speed: f64, period: f64, resolution: f64) -> RecentReadings {
         let period = Duration::try_from_secs_f64(period).unwrap_or_default();
-        Measured { rest_speed, period, resolution, readings: VecDeque::new() }
+        RecentReadings { rest_speed, period, resolution, readings: VecDeque::new() }
     }
 
     /// Takes the next reading.

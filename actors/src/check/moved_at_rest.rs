@@ -5,7 +5,7 @@
 //! Needs the measured configurations. The place of a rest is its first reading; one or two readings that jump
 //! are noise.
 
-use super::{Found, Invariant, PerRobot};
+use super::{FoundViolations, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Event, MotorUnits, Pose, Status, Time};
 use std::collections::BTreeMap;
@@ -16,26 +16,26 @@ const MAX_OPEN: (Duration, u32) = (Duration::from_millis(500), 8);
 
 #[derive(Default)]
 pub(super) struct MovedAtRest {
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, RestWatch>,
 }
 
 #[derive(Default)]
-struct Robot {
+struct RestWatch {
     names: Vec<String>,
     units: MotorUnits,
     tolerance: f64,
     open: bool,
-    rest: Option<Rest>,
+    rest: Option<RobotAtRest>,
 }
 
 #[derive(Default)]
-struct Rest {
+struct RobotAtRest {
     place: Option<Pose>,
     /// Start of the displacement, and the number of readings since.
     away: Option<(Time, u32)>,
 }
 
-impl Robot {
+impl RestWatch {
     fn judge(&mut self, robot: &str, at: Time, q: &Pose) -> Option<String> {
         let rest = self.rest.as_mut()?;
         let place = rest.place.get_or_insert_with(|| q.clone());
@@ -58,16 +58,16 @@ impl Robot {
 }
 
 impl Invariant for MovedAtRest {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {
                 let units = MotorUnits::new(motors.len(), sliding);
                 let open = self.robots.get(robot).is_some_and(|r| r.open);
-                let state = Robot { names: motors.clone(), units, tolerance: *tolerance, open, rest: None };
+                let state = RestWatch { names: motors.clone(), units, tolerance: *tolerance, open, rest: None };
                 self.robots.insert(robot.clone(), state);
             }
             Event::State { robot, status } => {
-                let rest = (*status == Status::Rest).then(Rest::default);
+                let rest = (*status == Status::Rest).then(RobotAtRest::default);
                 self.robots.of(robot, |r| r.rest = rest);
             }
             Event::Enabled { robot, .. } => self.robots.of(robot, |r| r.open = true),
@@ -84,7 +84,7 @@ impl Invariant for MovedAtRest {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut FoundViolations<'_>) {
         let wrong = self.robots.get_mut(robot).and_then(|state| state.judge(robot, at, q));
         wrong.into_iter().for_each(|what| found.report(what));
     }

@@ -1,6 +1,6 @@
 //! I6: on every link, sent = handled + queued + dropped. A run that ends in order records the counters.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::Event;
 
@@ -8,7 +8,7 @@ use mobee_contract::Event;
 pub(super) struct NothingVanishes;
 
 impl Invariant for NothingVanishes {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         if let Event::Link { link, sent, handled, queued, dropped, .. } = &line.event {
             let known = [*handled, *queued, *dropped].into_iter().fold(0_u64, u64::saturating_add);
             if *sent != known {

@@ -2,7 +2,7 @@
 //!
 //! A commit that is open at the end is a violation only if the run ended in order.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommitId, Event};
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ pub(super) struct OneOutcome {
 }
 
 impl Invariant for OneOutcome {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Commit { robot, id, .. } => {
                 if let Some((last, open)) = self.robots.insert(robot.clone(), (*id, true)) {
@@ -42,7 +42,7 @@ impl Invariant for OneOutcome {
         }
     }
 
-    fn end(&mut self, found: &mut Found<'_>) {
+    fn end(&mut self, found: &mut FoundViolations<'_>) {
         for (robot, (id, open)) in &self.robots {
             if *open {
                 found.report(format!("{robot}: commit {} has no outcome", id.0));

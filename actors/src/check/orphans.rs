@@ -2,7 +2,7 @@
 //! the death it is neither amended nor ends as committed, unless the filter has closed in between or was closed
 //! before.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommitId, Event, Outcome, Time};
 use std::collections::BTreeMap;
@@ -13,11 +13,11 @@ const PERIODS: u32 = 2;
 
 #[derive(Default)]
 pub(super) struct Orphans {
-    robots: BTreeMap<String, Motion>,
+    robots: BTreeMap<String, OrphanWatch>,
 }
 
 #[derive(Default)]
-struct Motion {
+struct OrphanWatch {
     period: Duration,
     open: Option<(CommitId, String)>,
     /// True if the filter is closed, so that the motion has been stopped.
@@ -27,11 +27,11 @@ struct Motion {
 }
 
 impl Invariant for Orphans {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         let (robot, id, what) = match &line.event {
             Event::Robot { robot, period, .. } => {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
-                self.robots.insert(robot.clone(), Motion { period, ..Motion::default() });
+                self.robots.insert(robot.clone(), OrphanWatch { period, ..OrphanWatch::default() });
                 return;
             }
             Event::Commit { robot, id, agent, .. } => {
@@ -40,7 +40,8 @@ impl Invariant for Orphans {
                 return;
             }
             Event::Died { actor, .. } => {
-                let owned = |m: &&mut Motion| !m.closed && m.open.as_ref().is_some_and(|(_, agent)| agent == actor);
+                let owned =
+                    |m: &&mut OrphanWatch| !m.closed && m.open.as_ref().is_some_and(|(_, agent)| agent == actor);
                 self.robots.values_mut().filter(owned).for_each(|m| m.orphan = m.orphan.or(Some(line.at)));
                 return;
             }

@@ -41,18 +41,18 @@ fn unjudged(robot: &str, file: &Path, gap: &TrackGap) -> String {
 /// Readings of all robots that are still to be merged.
 #[derive(Default)]
 pub(super) struct Merge {
-    robots: Vec<OfRobot>,
+    robots: Vec<RobotPoses>,
     found: JudgedPoses,
 }
 
-struct OfRobot {
+struct RobotPoses {
     name: String,
     readings: Option<Readings>,
     /// True if the checker currently receives its readings.
     seen: bool,
 }
 
-impl OfRobot {
+impl RobotPoses {
     fn recorded_at(&mut self) -> Option<Time> {
         Some(self.readings.as_mut()?.peek()?.reported)
     }
@@ -77,7 +77,7 @@ impl Merge {
         if readings.is_none() {
             self.found.missing.push(robot.into());
         }
-        self.robots.push(OfRobot { name: robot.into(), readings, seen: false });
+        self.robots.push(RobotPoses { name: robot.into(), readings, seen: false });
     }
 
     /// Passes the readings recorded up to this time to the checker.

@@ -5,7 +5,7 @@
 //! hard contacts, and in an escape.
 
 use super::disturbances::Disturbances;
-use super::{Found, Invariant, PerRobot};
+use super::{FoundViolations, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
 use mobee_contract::Event;
 use std::collections::BTreeMap;
@@ -16,12 +16,12 @@ const MAX_PUSH_S: f64 = 1.0;
 /// Judges pushes as they end.
 #[derive(Default)]
 pub(super) struct Released {
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, ReleaseWatch>,
     disturbances: Disturbances,
 }
 
 #[derive(Default)]
-struct Robot {
+struct ReleaseWatch {
     /// Stopping time, s.
     stops: f64,
     /// True if its motion leads out of a contact, or began in one.
@@ -30,7 +30,7 @@ struct Robot {
     open: Option<(f64, f64)>,
 }
 
-impl Robot {
+impl ReleaseWatch {
     fn judge(&self, robot: &str, secs: f64, newtons: f64) -> Option<String> {
         let most = MAX_PUSH_S + 2.0 * self.stops;
         (secs > most && !self.escapes).then(|| {
@@ -40,7 +40,7 @@ impl Robot {
 }
 
 impl Invariant for Released {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         self.disturbances.note(line.at, &line.event);
         let now = line.at.secs();
         match &line.event {
@@ -57,8 +57,9 @@ impl Invariant for Released {
                 }
             }
             Event::Ended { .. } => {
-                let judge =
-                    |(name, r): (&String, &Robot)| r.open.and_then(|(since, most)| r.judge(name, now - since, most));
+                let judge = |(name, r): (&String, &ReleaseWatch)| {
+                    r.open.and_then(|(since, most)| r.judge(name, now - since, most))
+                };
                 found.report_all(self.robots.iter().filter_map(judge));
             }
             _ => {}

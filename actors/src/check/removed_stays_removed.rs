@@ -1,7 +1,7 @@
 //! I11: a removed edge is in no later plan until a note states it as optimistic or feasible again. The same
 //! holds for an edge that the world blocks, until a note states any other state.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{EdgeState, Event, Note};
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,7 +18,7 @@ struct ClosedEdges {
 }
 
 impl Invariant for RemovedStaysRemoved {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         let Event::Note { robot, note } = &line.event else { return };
         let ClosedEdges { removed, blocked } = self.robots.entry(robot.clone()).or_default();
         match note {

@@ -5,8 +5,8 @@
 //! cancel, a swap and the end of a run wait for outcomes, so they are covered. A run that is ended immediately,
 //! and a supervision group that gave up, can't wait.
 
-use super::measured::Measured;
-use super::{Found, Invariant};
+use super::measured::RecentReadings;
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Hold, MotorUnits, Pose, Status, Time};
 use std::collections::BTreeMap;
@@ -20,15 +20,15 @@ pub(super) struct RestAtTheEnd {
 #[derive(Default)]
 struct Newest {
     units: MotorUnits,
-    measured: Measured,
+    measured: RecentReadings,
     ending: bool,
 }
 
 impl Invariant for RestAtTheEnd {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, motors, sliding, rest_speed, period, resolution, .. } => {
-                let measured = Measured::new(*rest_speed, *period, *resolution);
+                let measured = RecentReadings::new(*rest_speed, *period, *resolution);
                 let units = MotorUnits::new(motors.len(), sliding);
                 self.robots.insert(robot.clone(), Newest { units, measured, ending: false });
             }
@@ -51,7 +51,7 @@ impl Invariant for RestAtTheEnd {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose, _found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, _found: &mut FoundViolations<'_>) {
         if let Some(newest) = self.robots.get_mut(robot) {
             newest.measured.take(at, q);
         }

@@ -6,7 +6,7 @@
 //! Stops, modes and references move nothing. A swap causes no motion either: a new part takes over with no
 //! transaction open.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, SwapStep, Time};
 use std::collections::BTreeMap;
@@ -22,7 +22,7 @@ pub(super) struct RestartDoesNotMove {
 
 impl RestartDoesNotMove {
     /// `late` is true if the motion is younger than the given restart.
-    fn judge(&self, robot: &str, late: impl Fn(Time) -> bool, found: &mut Found<'_>) {
+    fn judge(&self, robot: &str, late: impl Fn(Time) -> bool, found: &mut FoundViolations<'_>) {
         match self.robots.get(robot) {
             None => found.report(format!("{robot}: was moved before its first commit")),
             Some(Some((actor, at))) if late(*at) => {
@@ -36,7 +36,7 @@ impl RestartDoesNotMove {
 }
 
 impl Invariant for RestartDoesNotMove {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Commit { robot, .. } => drop(self.robots.insert(robot.clone(), None)),
             // Recorded before the retreat writes its first command, and only with a transaction open (I2, I9).

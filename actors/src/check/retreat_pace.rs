@@ -54,7 +54,7 @@ pub(super) struct RetreatPace {
     rest_speed: f64,
     pause: Duration,
     there: VecDeque<Passed>,
-    back: Option<Retreat>,
+    back: Option<PacedRetreat>,
     /// Number of times it waited for a robot that blocked its path.
     halts: u32,
     /// Lead that is allowed on the path, s.
@@ -70,7 +70,7 @@ pub(super) struct RetreatPace {
 }
 
 /// The retreat so far.
-struct Retreat {
+struct PacedRetreat {
     began: Time,
     /// Index of the reading on the way there that the robot has retreated to.
     here: usize,
@@ -120,7 +120,7 @@ impl RetreatPace {
             return self.forget();
         }
         let newest = self.there.range(self.there.len().saturating_sub(WINDOW)..).cloned().collect();
-        self.back = Some(Retreat { began: at, here: self.there.len().saturating_sub(1), newest, streamed: true });
+        self.back = Some(PacedRetreat { began: at, here: self.there.len().saturating_sub(1), newest, streamed: true });
     }
 
     /// Configuration on the way there at the time of one of its readings.

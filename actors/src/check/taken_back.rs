@@ -6,7 +6,7 @@
 //! pass.
 
 use super::retreat_pace::RetreatPace;
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, Event, Hold, MotorUnits, Outcome, Pose, Status, Time, Writer};
 use mobee_controller::distance;
@@ -17,12 +17,12 @@ const UNDO: f64 = 0.5;
 
 #[derive(Default)]
 pub(super) struct TakenBack {
-    robots: BTreeMap<String, Robot>,
+    robots: BTreeMap<String, RollbackWatch>,
     gave_up: bool,
 }
 
 #[derive(Default)]
-struct Robot {
+struct RollbackWatch {
     units: MotorUnits,
     period: f64,
     tolerance: f64,
@@ -35,7 +35,7 @@ struct Robot {
     sags: f64,
     newest: Option<(Time, Pose)>,
     safe: Option<Pose>,
-    motion: Motion,
+    motion: RollbackMotion,
     /// True if it holds because an actor of its controller was restarted.
     restarted: bool,
     /// Path of the open motion, if it has a safe pose and the journal states its motors.
@@ -45,7 +45,7 @@ struct Robot {
 }
 
 #[derive(Default)]
-struct Motion {
+struct RollbackMotion {
     /// True if a motion with a safe pose is open.
     open: bool,
     /// Reason for which it must be rolled back, for messages.
@@ -84,9 +84,9 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
     }
 }
 
-impl Robot {
+impl RollbackWatch {
     fn start_motion(&mut self, escape: bool, motors: &[(usize, f64)], stream: Option<Time>) {
-        self.motion = Motion { open: !escape, stream, ..Motion::default() };
+        self.motion = RollbackMotion { open: !escape, stream, ..RollbackMotion::default() };
         let way = (!escape && !motors.is_empty())
             .then(|| RetreatPace::new(motors, self.rest_speed, self.period, &self.units));
         self.way = way.map(|mut way| {
@@ -168,7 +168,7 @@ impl Robot {
 }
 
 impl Invariant for TakenBack {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         let wrong = match &line.event {
             Event::Controller { robot, undo, .. } => self.of(robot, |r| r.undo = undo.unwrap_or(UNDO)),
             Event::Robot {
@@ -252,7 +252,7 @@ impl Invariant for TakenBack {
         wrong.into_iter().for_each(|what| found.report(what));
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut FoundViolations<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         state.newest = Some((at, q.clone()));
         let wrong = state.way.as_mut().and_then(|way| way.take(at, q));
@@ -266,7 +266,7 @@ impl Invariant for TakenBack {
 
 impl TakenBack {
     fn excuse_all(&mut self) -> Option<String> {
-        self.robots.values_mut().for_each(Robot::excuse);
+        self.robots.values_mut().for_each(RollbackWatch::excuse);
         None
     }
 
@@ -288,8 +288,8 @@ impl TakenBack {
     /// The safe pose of a motion moved. During the retreat that is allowed only to let another robot pass that
     /// is also rolled back.
     fn moved(&mut self, robot: &str, q: &Pose) -> Option<String> {
-        let goes_back = |m: &Motion| m.open && (m.cause.is_some() || m.after_all);
-        let taken_back = |(name, r): (&String, &Robot)| name != robot && goes_back(&r.motion);
+        let goes_back = |m: &RollbackMotion| m.open && (m.cause.is_some() || m.after_all);
+        let taken_back = |(name, r): (&String, &RollbackWatch)| name != robot && goes_back(&r.motion);
         let for_another = self.robots.iter().any(taken_back);
         self.with(robot, |r| {
             r.safe = Some(q.clone());
@@ -299,14 +299,14 @@ impl TakenBack {
         })
     }
 
-    fn of(&mut self, robot: &str, change: impl FnOnce(&mut Robot)) -> Option<String> {
+    fn of(&mut self, robot: &str, change: impl FnOnce(&mut RollbackWatch)) -> Option<String> {
         self.with(robot, |r| {
             change(r);
             None
         })
     }
 
-    fn with(&mut self, robot: &str, change: impl FnOnce(&mut Robot) -> Option<String>) -> Option<String> {
+    fn with(&mut self, robot: &str, change: impl FnOnce(&mut RollbackWatch) -> Option<String>) -> Option<String> {
         let what = change(self.robots.entry(robot.into()).or_default())?;
         Some(format!("{robot}: {what}"))
     }

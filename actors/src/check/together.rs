@@ -3,7 +3,7 @@
 //! A pair that was in contact when the robots were stopped may separate and touch again: the retreat path
 //! passes that point a second time, and I9 watches it.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, Writer};
 use mobee_model::{Contact, ShapeId};
@@ -11,10 +11,10 @@ use mobee_model::{Contact, ShapeId};
 #[derive(Default)]
 pub(super) struct Together {
     /// Robots in the scene's order.
-    robots: Vec<Robot>,
+    robots: Vec<JointRetreatWatch>,
 }
 
-struct Robot {
+struct JointRetreatWatch {
     name: String,
     /// While it is retreating: the pairs that were near at the start.
     back: Option<Vec<Contact>>,
@@ -36,24 +36,30 @@ impl Together {
         });
     }
 
-    fn of(&mut self, name: &str, change: impl FnMut(&mut Robot)) {
+    fn of(&mut self, name: &str, change: impl FnMut(&mut JointRetreatWatch)) {
         self.robots.iter_mut().filter(|r| r.name == name).for_each(change);
     }
 
     /// The robot of a shape with the pairs near at its start, if it is retreating and in motion.
-    fn back(&self, shape: ShapeId) -> Option<(&Robot, &Vec<Contact>)> {
+    fn back(&self, shape: ShapeId) -> Option<(&JointRetreatWatch, &Vec<Contact>)> {
         let robot = self.robots.get(shape.robot()?)?;
-        let holds_up = |r: &Robot| r.back.is_some() && r.waits && r.plan == robot.plan;
+        let holds_up = |r: &JointRetreatWatch| r.back.is_some() && r.waits && r.plan == robot.plan;
         let rests = robot.stopped || self.robots.iter().any(holds_up);
         Some((robot, robot.back.as_ref().filter(|_| !rests)?))
     }
 }
 
 impl Invariant for Together {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
-                self.robots.push(Robot { name: robot.clone(), back: None, plan: (0, 0), waits: false, stopped: false });
+                self.robots.push(JointRetreatWatch {
+                    name: robot.clone(),
+                    back: None,
+                    plan: (0, 0),
+                    waits: false,
+                    stopped: false,
+                });
             }
             Event::RetreatBegan { robot, near, poses, secs, .. } => {
                 self.set_retreat(robot, Some(near.clone()));

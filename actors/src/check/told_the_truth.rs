@@ -4,7 +4,7 @@
 //!
 //! An agent that died, or was replaced while its motion was under way, need not be notified.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommitId, Event, MotionEnd, MotorUnits, Outcome, Pose, SwapStep};
 use mobee_controller::distance;
@@ -12,14 +12,14 @@ use std::collections::BTreeMap;
 
 #[derive(Default)]
 pub(super) struct ToldTheTruth {
-    agents: BTreeMap<String, Agent>,
-    targets: BTreeMap<String, Target>,
+    agents: BTreeMap<String, AgentMotion>,
+    targets: BTreeMap<String, TargetWatch>,
     /// True if the journal records the notifications: older ones don't.
     records_notices: bool,
 }
 
 #[derive(Default)]
-struct Target {
+struct TargetWatch {
     units: MotorUnits,
     tolerance: f64,
     /// Target of the open commit.
@@ -27,14 +27,14 @@ struct Target {
 }
 
 #[derive(Default)]
-struct Agent {
+struct AgentMotion {
     /// Its last motion, with the outcome if it has one.
     motion: Option<(CommitId, Option<Outcome>)>,
     /// True if the agent that waits for the end of that motion is still the one that committed it.
     waits: bool,
 }
 
-impl Agent {
+impl AgentMotion {
     fn notified(&mut self, id: CommitId, end: MotionEnd) -> Option<String> {
         let number = id.0;
         match self.motion {
@@ -75,13 +75,13 @@ impl ToldTheTruth {
         motion.into_iter().filter(|(last, _)| *last == id).for_each(|(_, end)| *end = Some(outcome));
     }
 
-    fn agent(&mut self, robot: &str) -> &mut Agent {
+    fn agent(&mut self, robot: &str) -> &mut AgentMotion {
         self.agents.entry(robot.into()).or_default()
     }
 }
 
 impl Invariant for ToldTheTruth {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         let agent = |robot: &str| format!("{robot}/agent");
         let wrong = match &line.event {
             Event::Robot { robot, motors, sliding, tolerance, .. } => {

@@ -8,22 +8,22 @@ use std::collections::BTreeMap;
 
 /// A robot or an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Body {
+pub(crate) enum ContactBody {
     Robot(usize),
     Object(u32),
 }
 
-impl Body {
-    fn of(shape: ShapeId) -> Body {
+impl ContactBody {
+    fn of(shape: ShapeId) -> ContactBody {
         match shape {
-            ShapeId::Robot { robot, .. } => Body::Robot(robot.into()),
-            ShapeId::Object { object, .. } => Body::Object(object),
+            ShapeId::Robot { robot, .. } => ContactBody::Robot(robot.into()),
+            ShapeId::Object { object, .. } => ContactBody::Object(object),
         }
     }
 
-    fn both(pair: &Pair) -> (Body, Body) {
-        let a = Body::of(pair.0);
-        let b = Body::of(pair.1);
+    fn both(pair: &Pair) -> (ContactBody, ContactBody) {
+        let a = ContactBody::of(pair.0);
+        let b = ContactBody::of(pair.1);
         if a <= b { (a, b) } else { (b, a) }
     }
 }
@@ -35,7 +35,7 @@ type Reported = (String, (String, String));
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Touches {
     /// Pairs that touched and are still in contact, by their two bodies.
-    touching: BTreeMap<(Body, Body), BTreeMap<Reported, Pair>>,
+    touching: BTreeMap<(ContactBody, ContactBody), BTreeMap<Reported, Pair>>,
     /// Number of episodes so far.
     pub episodes: u64,
     /// Greatest penetration depth so far, meters.
@@ -51,7 +51,7 @@ impl Touches {
         match event {
             Event::HardContact { robot, contact, names } => {
                 self.deepen(contact);
-                let pairs = self.touching.entry(Body::both(&contact.pair)).or_default();
+                let pairs = self.touching.entry(ContactBody::both(&contact.pair)).or_default();
                 let begins = pairs.is_empty();
                 pairs.insert((robot.clone(), names.clone()), contact.pair);
                 self.episodes += u64::from(begins);
@@ -60,7 +60,7 @@ impl Touches {
             // Distances of the pairs after the robot has braked.
             Event::RetreatBegan { near, .. } => {
                 let touches = |c: &&Contact| {
-                    let pairs = self.touching.get(&Body::both(&c.pair));
+                    let pairs = self.touching.get(&ContactBody::both(&c.pair));
                     pairs.is_some_and(|pairs| pairs.values().any(|pair| *pair == c.pair))
                 };
                 let deepest: Vec<Contact> = near.iter().filter(touches).copied().collect();

@@ -10,7 +10,7 @@
 //! counts as stopped until it continues. So does one that the reflex stops to separate a joint retreat, until
 //! it restarts: a thing that is put onto the robot in between is listed as near at the restart.
 
-use super::{Found, Invariant};
+use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, Hold, Status, Time, Writer};
 use mobee_model::Contact;
@@ -22,13 +22,13 @@ const DEEPER: f64 = 0.001;
 
 #[derive(Default)]
 pub(super) struct WatchedRetreat {
-    robots: BTreeMap<String, Retreat>,
+    robots: BTreeMap<String, RetreatWatch>,
     /// Time of the last change of the world: earlier readings can't show its effects.
     changed: Time,
 }
 
 #[derive(Default)]
-struct Retreat {
+struct RetreatWatch {
     period: Duration,
     /// True if it is behind boards, each of which reads its encoders in its own cycle: a reading of all is as
     /// old as the oldest part.
@@ -50,7 +50,7 @@ struct Retreat {
     stopped: Option<Time>,
 }
 
-impl Retreat {
+impl RetreatWatch {
     fn in_time(&self, from: Time, to: Time) -> bool {
         let parts = if self.has_boards { self.period } else { Duration::ZERO };
         to.since(from) <= self.period + parts
@@ -72,7 +72,7 @@ impl Retreat {
     }
 
     /// The retreat is over: a violation if a contact should have stopped it and has not.
-    fn over(&mut self, robot: &str, found: &mut Found<'_>) {
+    fn over(&mut self, robot: &str, found: &mut FoundViolations<'_>) {
         if let Some(at) = self.contact.take() {
             found.report(format!("{robot}: the contact that began at {at} during the retreat did not stop it"));
         }
@@ -80,7 +80,7 @@ impl Retreat {
 }
 
 impl Invariant for WatchedRetreat {
-    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
             Event::Robot { robot, period, margin, deflection, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
@@ -172,7 +172,7 @@ impl Invariant for WatchedRetreat {
         }
     }
 
-    fn end(&mut self, found: &mut Found<'_>) {
+    fn end(&mut self, found: &mut FoundViolations<'_>) {
         for (robot, way) in &mut self.robots {
             way.over(robot, found);
         }

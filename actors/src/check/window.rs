@@ -12,7 +12,7 @@ use std::time::Duration;
 pub(super) const WINDOW: usize = 16;
 
 /// Time of a reading, seconds since the oldest one, and the motor's position, rad.
-type Reading = (f64, f64);
+type TimedPosition = (f64, f64);
 
 /// The newest readings.
 #[derive(Default)]
@@ -90,7 +90,7 @@ impl Window {
     /// may hide as much of a jump as the kinks that it causes itself.
     pub fn kink(&self, motor: usize) -> f64 {
         let [first, second, third] = [0, 1, 2].map(|skip| self.of(motor).skip(skip));
-        let kink = |(((t0, a), (t1, b)), (t2, c)): ((Reading, Reading), Reading)| {
+        let kink = |(((t0, a), (t1, b)), (t2, c)): ((TimedPosition, TimedPosition), TimedPosition)| {
             (c - b - (b - a) * (t2 - t1) / (t1 - t0).max(1e-9)).abs()
         };
         let mut kinks: Vec<f64> = first.zip(second).zip(third).map(kink).collect();
@@ -102,7 +102,7 @@ impl Window {
     /// motor starts and stops within one period, but an encoder's offset does.
     pub fn jump(&self, motor: usize) -> f64 {
         let period = self.period.as_secs_f64();
-        let step = |((t0, a), (t1, b)): (Reading, Reading)| ((b - a) * period / (t1 - t0).max(1e-9)).abs();
+        let step = |((t0, a), (t1, b)): (TimedPosition, TimedPosition)| ((b - a) * period / (t1 - t0).max(1e-9)).abs();
         let steps = self.of(motor).zip(self.of(motor).skip(1)).map(step);
         // The motor's motion before the first reading is unknown, and so is the step after the last one.
         let steps: Vec<f64> = std::iter::once(0.0).chain(steps).collect();
@@ -113,7 +113,7 @@ impl Window {
         steps.windows(3).map(beyond).fold(0.0, f64::max)
     }
 
-    fn of(&self, motor: usize) -> impl Iterator<Item = Reading> + '_ {
+    fn of(&self, motor: usize) -> impl Iterator<Item = TimedPosition> + '_ {
         let since = self.since();
         self.readings.iter().filter_map(move |(at, q)| Some((at.since(since).as_secs_f64(), *q.get(motor)?)))
     }

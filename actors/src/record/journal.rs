@@ -46,11 +46,11 @@ const BUFFER_BYTES: usize = 1 << 16;
 
 /// A running hash over lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Chain([u8; 32]);
+struct HashChain([u8; 32]);
 
-impl Chain {
-    fn next(self, body: &[u8]) -> Chain {
-        Chain(Sha256::new().chain_update(self.0).chain_update(body).finalize().into())
+impl HashChain {
+    fn next(self, body: &[u8]) -> HashChain {
+        HashChain(Sha256::new().chain_update(self.0).chain_update(body).finalize().into())
     }
 
     fn hex(self) -> String {
@@ -76,7 +76,7 @@ struct JournalState {
     /// Lines that are not in the file yet.
     gathered: Vec<u8>,
     n: u64,
-    chain: Chain,
+    chain: HashChain,
 }
 
 impl Journal {
@@ -98,7 +98,7 @@ impl Journal {
         let begin = || -> std::io::Result<(File, JournalState)> {
             claim(&file)?;
             let seal = Sealed::open(&path)?;
-            let mut state = JournalState { file, seal, len: 0, gathered, n: 0, chain: Chain::default() };
+            let mut state = JournalState { file, seal, len: 0, gathered, n: 0, chain: HashChain::default() };
             state.spill(true)?;
             Ok((File::open(dir)?, state))
         };
@@ -235,7 +235,7 @@ fn refused(path: &Path, error: &std::io::Error) -> String {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint {
     n: u64,
-    chain: Chain,
+    chain: HashChain,
 }
 
 impl Fingerprint {

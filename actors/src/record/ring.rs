@@ -27,10 +27,10 @@ pub fn file(dir: &Path, robot: &str) -> PathBuf {
 
 /// Sink that writes the configurations of all robots of a run.
 #[derive(Debug)]
-pub struct Rings(Vec<Ring>);
+pub struct Rings(Vec<RingFile>);
 
 #[derive(Debug)]
-struct Ring {
+struct RingFile {
     path: PathBuf,
     file: File,
     motors: usize,
@@ -56,7 +56,7 @@ impl Rings {
                 Ok(file)
             };
             let file = begin().map_err(|e| format!("{}: {e}; choose a folder that can be written", path.display()))?;
-            Ok(Ring { path, file, motors: *motors, capacity: (*capacity).max(1), next: 0 })
+            Ok(RingFile { path, file, motors: *motors, capacity: (*capacity).max(1), next: 0 })
         };
         robots.iter().map(begin).collect::<Result<_, String>>().map(Rings)
     }

@@ -63,9 +63,9 @@ pub struct SinkSpec {
 
 /// Handle by which all actors report. Cheap to clone.
 #[derive(Clone)]
-pub struct Taps(Arc<Inner>);
+pub struct Taps(Arc<TapPipes>);
 
-struct Inner {
+struct TapPipes {
     pipes: Vec<Pipe>,
     /// Sink that is called in place, without a thread.
     memory: Option<Arc<Mutex<dyn Sink>>>,
@@ -102,7 +102,7 @@ impl Sink for Collected {
 impl Taps {
     /// Creates taps without sinks.
     pub fn none() -> Taps {
-        Taps(Arc::new(Inner { pipes: Vec::new(), memory: None }))
+        Taps(Arc::new(TapPipes { pipes: Vec::new(), memory: None }))
     }
 
     /// Creates taps that store everything in memory, immediately and without threads: for tests.
@@ -114,7 +114,7 @@ impl Taps {
     /// Creates taps with a sink that is called immediately and without a thread: for simulations. The sink must
     /// be fast, and must not fail.
     pub fn in_place(sink: Arc<Mutex<dyn Sink>>) -> Taps {
-        Taps(Arc::new(Inner { pipes: Vec::new(), memory: Some(sink) }))
+        Taps(Arc::new(TapPipes { pipes: Vec::new(), memory: Some(sink) }))
     }
 
     /// Opens all sinks and starts a thread for each.
@@ -123,7 +123,7 @@ impl Taps {
     /// If a sink can't be opened, with its message.
     pub fn spawn(clock: ClockKind, specs: Vec<SinkSpec>) -> Result<Taps, String> {
         let pipes = specs.into_iter().map(|spec| Pipe::spawn(clock, spec)).collect::<Result<_, _>>()?;
-        Ok(Taps(Arc::new(Inner { pipes, memory: None })))
+        Ok(Taps(Arc::new(TapPipes { pipes, memory: None })))
     }
 
     /// Replaces the sink of this name, or fills the open place. The new sink first receives the present state,

@@ -14,7 +14,7 @@ mod frame;
 mod read;
 pub use read::{Readings, TrackGap, TrackReading, read};
 
-use frame::{Frame, HEADER, header};
+use frame::{HEADER, TrackFrame, header};
 use mobee_contract::{Before, Entry, Event, Pose, Sink, Status, Time, create_private};
 use std::collections::VecDeque;
 use std::fs::File;
@@ -52,7 +52,7 @@ pub const fn per_hour(motors: u64) -> u64 {
 /// Sink that writes the measured configurations of all robots of a run. Clones share it: one remains to reopen
 /// its sink.
 #[derive(Clone, Debug)]
-pub struct Tracks(Arc<Mutex<Vec<Track>>>);
+pub struct Tracks(Arc<Mutex<Vec<TrackFile>>>);
 
 impl Tracks {
     /// Creates a file per robot (its name, number of motors, and the tolerance of its place, rad), or continues
@@ -62,7 +62,7 @@ impl Tracks {
     /// # Errors
     /// The file that can't be read to its end, can't be written, or is not such a file, as a message.
     pub fn open(dir: &Path, robots: &[(String, usize, f64)]) -> Result<Tracks, String> {
-        let tracks = robots.iter().map(|(robot, motors, tolerance)| Track::open(dir, robot, *motors, *tolerance));
+        let tracks = robots.iter().map(|(robot, motors, tolerance)| TrackFile::open(dir, robot, *motors, *tolerance));
         Ok(Tracks(Arc::new(Mutex::new(tracks.collect::<Result<_, _>>()?))))
     }
 
@@ -72,17 +72,17 @@ impl Tracks {
             // A frame that can't be written is lost, like readings that arrive without a sink.
             let _ = track.spill();
             track.before.clear();
-            track.frame = Frame::default();
+            track.frame = TrackFrame::default();
         });
         Box::new(self.clone())
     }
 
-    fn tracks(&self) -> MutexGuard<'_, Vec<Track>> {
+    fn tracks(&self) -> MutexGuard<'_, Vec<TrackFile>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn spill(&self, at_least: usize) -> Result<(), String> {
-        self.tracks().iter_mut().filter(|t| t.frame.readings() >= at_least).try_for_each(Track::spill)
+        self.tracks().iter_mut().filter(|t| t.frame.readings() >= at_least).try_for_each(TrackFile::spill)
     }
 }
 
@@ -115,7 +115,7 @@ impl Sink for Tracks {
 
 /// The file of one robot, and the readings that are not in it yet.
 #[derive(Debug)]
-struct Track {
+struct TrackFile {
     robot: String,
     path: PathBuf,
     file: File,
@@ -124,7 +124,7 @@ struct Track {
     motors: usize,
     /// Distance from the last written position beyond which a motor has left its place, rad.
     place: f64,
-    frame: Frame,
+    frame: TrackFrame,
     /// True if the robot moves, by the state of the filter.
     busy: bool,
     /// True if a commit is open: it may also be while the filter holds.
@@ -139,8 +139,8 @@ struct Track {
     before: VecDeque<TrackReading>,
 }
 
-impl Track {
-    fn open(dir: &Path, robot: &str, motors: usize, tolerance: f64) -> Result<Track, String> {
+impl TrackFile {
+    fn open(dir: &Path, robot: &str, motors: usize, tolerance: f64) -> Result<TrackFile, String> {
         let path = file(dir, robot);
         let explain = |e: std::io::Error| format!("{}: {e}; choose a folder that can be written", path.display());
         let mut whole = 0;
@@ -165,14 +165,14 @@ impl Track {
             file.write_all(&header(motors)).map_err(explain)?;
             whole = HEADER;
         }
-        Ok(Track {
+        Ok(TrackFile {
             robot: robot.into(),
             path,
             file,
             len: whole,
             motors,
             place: 0.25 * tolerance,
-            frame: Frame::default(),
+            frame: TrackFrame::default(),
             busy: false,
             open: false,
             newest_event: Time::ZERO,
@@ -249,7 +249,7 @@ impl Track {
     }
 }
 
-impl Drop for Track {
+impl Drop for TrackFile {
     fn drop(&mut self) {
         // There is no receiver for an error any more.
         let _ = self.spill();

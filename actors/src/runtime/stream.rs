@@ -32,9 +32,9 @@ pub struct StreamCounters {
 }
 
 /// A bounded queue with a doorbell. Clones share it.
-pub struct Stream<T>(Arc<Inner<T>>);
+pub struct Stream<T>(Arc<StreamQueue<T>>);
 
-struct Inner<T> {
+struct StreamQueue<T> {
     name: String,
     capacity: usize,
     ring: Mutex<Ring<T>>,
@@ -76,7 +76,7 @@ impl<T> Stream<T> {
             dropped: 0,
             most: 0,
         };
-        Stream(Arc::new(Inner { name: name.into(), capacity, ring: Mutex::new(ring) }))
+        Stream(Arc::new(StreamQueue { name: name.into(), capacity, ring: Mutex::new(ring) }))
     }
 
     /// Loses the next items, and counts them as dropped: a fault of a simulation.

@@ -183,7 +183,7 @@ pub struct Health {
 
 struct Supervisor;
 
-struct Running {
+struct RunningGroup {
     group: Group,
     plan: RestartPlan,
     cells: Vec<Option<ActorCell>>,
@@ -191,7 +191,7 @@ struct Running {
     begun: bool,
 }
 
-impl Running {
+impl RunningGroup {
     /// Executes the steps of the plan until none is left.
     ///
     /// # Errors
@@ -331,14 +331,14 @@ fn as_group(cell: &ActorCell) -> Option<ActorRef<GroupMsg>> {
 
 impl Actor for Supervisor {
     type Msg = GroupMsg;
-    type State = Running;
+    type State = RunningGroup;
     type Arguments = Group;
 
-    async fn pre_start(&self, myself: ActorRef<GroupMsg>, group: Group) -> Result<Running, ActorProcessingErr> {
+    async fn pre_start(&self, myself: ActorRef<GroupMsg>, group: Group) -> Result<RunningGroup, ActorProcessingErr> {
         let n = group.children.len();
         let policies = group.children.iter().map(|c| c.restart).collect();
         let plan = RestartPlan::new(group.strategy, group.intensity, policies);
-        let mut running = Running { group, plan, cells: vec![None; n], restarts: vec![0; n], begun: false };
+        let mut running = RunningGroup { group, plan, cells: vec![None; n], restarts: vec![0; n], begun: false };
         running.run(Input::Begin, &myself.get_cell()).await?;
         running.begun = true;
         Ok(running)
@@ -348,7 +348,7 @@ impl Actor for Supervisor {
         &self,
         myself: ActorRef<GroupMsg>,
         message: GroupMsg,
-        running: &mut Running,
+        running: &mut RunningGroup,
     ) -> Result<(), ActorProcessingErr> {
         let me = myself.get_cell();
         match message {
@@ -389,7 +389,7 @@ impl Actor for Supervisor {
         &self,
         myself: ActorRef<GroupMsg>,
         event: SupervisionEvent,
-        running: &mut Running,
+        running: &mut RunningGroup,
     ) -> Result<(), ActorProcessingErr> {
         let (id, failed, reason) = match event {
             SupervisionEvent::ActorFailed(actor, error) => (actor.get_id(), true, error.to_string()),
@@ -411,7 +411,11 @@ impl Actor for Supervisor {
     }
 
     /// Stops the children in the group's order, not in ractor's, when the group itself is drained or stopped.
-    async fn post_stop(&self, myself: ActorRef<GroupMsg>, running: &mut Running) -> Result<(), ActorProcessingErr> {
+    async fn post_stop(
+        &self,
+        myself: ActorRef<GroupMsg>,
+        running: &mut RunningGroup,
+    ) -> Result<(), ActorProcessingErr> {
         running.run(Input::End, &myself.get_cell()).await
     }
 }

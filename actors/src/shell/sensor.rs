@@ -106,7 +106,7 @@ pub struct CameraChannel {
     pub detector: ActorLink<DetectorMsg>,
     frames: Stream<Frame>,
     /// Detections for the locator; `None` without a locator.
-    seen: Option<Stream<Seen>>,
+    seen: Option<Stream<FrameDetections>>,
 }
 
 /// State of a locator that survives its actor.
@@ -143,7 +143,7 @@ pub struct LocatorVersion {
 }
 
 /// Detections in one frame.
-struct Seen {
+struct FrameDetections {
     camera: Arc<str>,
     intrinsics: Intrinsics,
     exposed: Time,

@@ -29,7 +29,7 @@ pub(super) async fn move_to_rest(shared: &Arc<SharedContext>, rests: &[Option<Re
     for ((context, rest), filtered) in shared.robots.iter().zip(rests).zip(access.robots()) {
         let Some(rest) = rest else { continue };
         emit(shared, context, RestStep::Begun);
-        let motion = Motion {
+        let motion = RestMotion {
             shared,
             context,
             filtered: filtered.as_ref(),
@@ -62,7 +62,7 @@ fn emit(shared: &SharedContext, context: &RobotContext, step: RestStep) {
 }
 
 /// The motion of one robot.
-struct Motion<'a> {
+struct RestMotion<'a> {
     shared: &'a Arc<SharedContext>,
     context: &'a Arc<RobotContext>,
     filtered: &'a dyn Filtered,
@@ -73,7 +73,7 @@ struct Motion<'a> {
     within: Duration,
 }
 
-impl Motion<'_> {
+impl RestMotion<'_> {
     /// Plans and commits until the robot is at its rest pose.
     ///
     /// # Errors

@@ -104,7 +104,7 @@ pub struct Explorer {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct ExplorerState {
     map: Value,
     progress: WalkProgress,
     #[serde(default)]
@@ -193,11 +193,11 @@ impl Explorer {
     /// Chooses the next step from a vertex: an optimistic edge that starts here, otherwise the path
     /// to a nearby vertex that has one. Doubtful edges come last. Returns `None` if no untried edge
     /// can be reached.
-    fn choose(&mut self, at: u32) -> Option<Choice> {
+    fn choose(&mut self, at: u32) -> Option<ExplorerChoice> {
         for state in [EdgeState::Optimistic, EdgeState::Doubtful] {
             let here = self.walker.untried(at, state);
             if let Some(to) = self.one_of(&here) {
-                return Some(Choice::Drive(to));
+                return Some(ExplorerChoice::Drive(to));
             }
             let reach = self.walker.map.reach(at);
             let mut open: Vec<_> = reach
@@ -208,7 +208,7 @@ impl Explorer {
             open.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             let open: Vec<u32> = open.into_iter().map(|(_, id)| id).collect();
             if let Some(goal) = self.one_of(&open) {
-                return Some(Choice::Goto(goal));
+                return Some(ExplorerChoice::Goto(goal));
             }
         }
         None
@@ -265,7 +265,7 @@ impl Explorer {
     }
 }
 
-enum Choice {
+enum ExplorerChoice {
     Drive(u32),
     Goto(u32),
 }
@@ -288,12 +288,12 @@ impl Agent for Explorer {
             match self.walker.step(last.take(), view) {
                 WalkStep::Do(intent) => return intent,
                 WalkStep::At(at) => match self.choose(at) {
-                    Some(Choice::Drive(to)) => {
+                    Some(ExplorerChoice::Drive(to)) => {
                         if let Some(intent) = self.walker.drive(at, to, view) {
                             return intent;
                         }
                     }
-                    Some(Choice::Goto(goal)) => self.walker.goto(goal),
+                    Some(ExplorerChoice::Goto(goal)) => self.walker.goto(goal),
                     None if self.settings.join && self.join(view) => {}
                     None => {
                         return Intent::Done(
@@ -328,11 +328,11 @@ impl Agent for Explorer {
         let map = self.walker.map.export(&self.robot);
         let progress = self.walker.progress().clone();
         let dice = Dice::of(self.seed, &self.rng);
-        seal("explorer", 1, &State { map, progress, drawn: self.drawn, sampled: self.sampled, dice })
+        seal("explorer", 1, &ExplorerState { map, progress, drawn: self.drawn, sampled: self.sampled, dice })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        let state: State = open(&from, "explorer", 1)?;
+        let state: ExplorerState = open(&from, "explorer", 1)?;
         let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
         if map.motors() != self.walker.map.motors() {
             return Err(Refusal::State { what: "map.motors: the roadmap is one of other motors".to_owned() });

@@ -96,11 +96,11 @@ pub struct Jog {
     rng: ChaCha8Rng,
     reached: u32,
     failed: u32,
-    stream: Option<Stream>,
+    stream: Option<JogStream>,
 }
 
 /// A stream in progress.
-struct Stream {
+struct JogStream {
     by: JogBy,
     /// Time at which it ends.
     until: Time,
@@ -122,7 +122,7 @@ struct JoggedMotor {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct JogState {
     dice: Dice,
     reached: u32,
     failed: u32,
@@ -174,7 +174,7 @@ impl Jog {
     }
 
     /// Adds motors to the stream, or changes their speeds.
-    fn lead(&mut self, stream: &mut Stream, view: &View) {
+    fn lead(&mut self, stream: &mut JogStream, view: &View) {
         for (m, range, speed) in self.draw(view) {
             let speed = if self.rng.random() { speed } else { -speed };
             let q = view.pose().get(m).copied().unwrap_or(range.0);
@@ -189,7 +189,7 @@ impl Jog {
     }
 }
 
-impl Stream {
+impl JogStream {
     /// Computes the next setpoints.
     fn step(&mut self, view: &View) -> Setpoints {
         let secs = view.at.since(self.at).as_secs_f64().min(MAX_STEP_S);
@@ -240,7 +240,7 @@ impl Agent for Jog {
         }
         let [least, most] = self.settings.lasts_s;
         let until = view.at + Duration::from_secs_f64(self.rng.random_range(least..=most));
-        let mut stream = Stream { by, until, turn: view.at, at: view.at, motors: BTreeMap::new() };
+        let mut stream = JogStream { by, until, turn: view.at, at: view.at, motors: BTreeMap::new() };
         self.lead(&mut stream, view);
         let first = stream.step(view);
         self.stream = Some(stream);
@@ -269,11 +269,11 @@ impl Agent for Jog {
 
     fn export(&self) -> Snapshot {
         let dice = Dice::of(self.seed, &self.rng);
-        seal("jog", 1, &State { dice, reached: self.reached, failed: self.failed })
+        seal("jog", 1, &JogState { dice, reached: self.reached, failed: self.failed })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        let state: State = open(&from, "jog", 1)?;
+        let state: JogState = open(&from, "jog", 1)?;
         (self.seed, self.rng) = (state.dice.seed, state.dice.rng());
         (self.reached, self.failed, self.stream) = (state.reached, state.failed, None);
         Ok(())

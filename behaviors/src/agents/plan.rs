@@ -20,7 +20,7 @@ mod ways;
 
 pub use settings::PlanSettings;
 
-use super::tour::{Pace, Tour, predecessors_map};
+use super::tour::{Tour, TourPace, predecessors_map};
 use super::{named, open, seal};
 use crate::group;
 use crate::planners::escape::{caught, escape};
@@ -35,7 +35,7 @@ use serde_json::{Value, json};
 use served::Served;
 use std::sync::Arc;
 use std::time::Duration;
-use ways::{Leg, Spent, Ways};
+use ways::{PathQuery, Spent, Ways};
 
 /// Maximum number of plans for one goal; after that the goal counts as missed.
 const MAX_PLANS: u32 = 20;
@@ -60,7 +60,7 @@ pub struct PlanAgent {
     served: Served,
     goals: Vec<u32>,
     repeat: u32,
-    pace: Pace,
+    pace: TourPace,
     seed: u64,
     placed: bool,
     ways: Ways,
@@ -87,7 +87,7 @@ struct Tries {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct PlanState {
     map: Value,
     progress: WalkProgress,
     tour: Tour,
@@ -105,7 +105,7 @@ impl PlanAgent {
     pub fn new(settings: PlanSettings, context: &Context) -> Result<PlanAgent, KindError> {
         let robot = context.robot.clone();
         let hand = settings.hand.as_deref();
-        let pace = Pace::new(settings.speed, settings.tolerance_deg, settings.wait_s, hand, &robot);
+        let pace = TourPace::new(settings.speed, settings.tolerance_deg, settings.wait_s, hand, &robot);
         let bounds = settings.check_bounds();
         let map = named::map(None, &settings.motors, &settings.poses, &robot);
         let tour = map.and_then(|map| Ok((named::goals(&map, &settings.goals)?, map)));
@@ -169,7 +169,7 @@ impl PlanAgent {
             self.route.remove(0);
         }
         let here = self.walker.map.group(view.pose());
-        let leg = Leg { map: &self.walker.map, at, here: &here, goal };
+        let leg = PathQuery { map: &self.walker.map, at, here: &here, goal };
         if let Err(e) = self.ways.look(&leg, view) {
             return Some(self.summary(&e.to_string()));
         }
@@ -353,11 +353,11 @@ impl Agent for PlanAgent {
         let tour = self.tour.clone();
         let tries = self.tries.clone();
         let served = self.served.clone();
-        seal("plan", 2, &State { map, progress, tour, tries, spent, served })
+        seal("plan", 2, &PlanState { map, progress, tour, tries, spent, served })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        let state: State = open(&from, "plan", 2)?;
+        let state: PlanState = open(&from, "plan", 2)?;
         let map = predecessors_map(&state.map, &self.walker.map, &self.goals, &self.robot)?;
         self.walker.resume(map, state.progress);
         (self.placed, self.tour, self.tries) = (true, state.tour, state.tries);

@@ -66,7 +66,7 @@ pub struct Random {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct RandomAgentState {
     dice: Dice,
     reached: u32,
     failed: u32,
@@ -128,11 +128,11 @@ impl Agent for Random {
 
     fn export(&self) -> Snapshot {
         let dice = Dice::of(self.seed, &self.rng);
-        seal("random", 1, &State { dice, reached: self.reached, failed: self.failed })
+        seal("random", 1, &RandomAgentState { dice, reached: self.reached, failed: self.failed })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        let state: State = open(&from, "random", 1)?;
+        let state: RandomAgentState = open(&from, "random", 1)?;
         (self.seed, self.rng) = (state.dice.seed, state.dice.rng());
         (self.reached, self.failed) = (state.reached, state.failed);
         Ok(())

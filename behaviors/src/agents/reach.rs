@@ -31,11 +31,11 @@ use crate::planners::JointSpace;
 use crate::planners::escape::caught;
 use crate::roadmap::Roadmap;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
-use aim::Hand;
-use choice::{NoChoice, Places};
+use aim::ReachHand;
+use choice::{HandPositions, NoChoice};
 use end::{Counts, Miss, Missed};
 use follow::Check;
-use look::{Gaze, Look, Looking};
+use look::{Gaze, LookResult, Looking};
 use map::Own;
 use mobee_contract::*;
 use mobee_model::Robot;
@@ -65,7 +65,7 @@ const MAX_HOMEWARD: u32 = 60;
 /// Phase of a reach: part of the agent's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Phase {
+enum ReachPhase {
     Look,
     Go,
     Approach,
@@ -76,7 +76,7 @@ enum Phase {
 /// Target of the hand: part of the agent's state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Place {
+struct ReachTarget {
     /// Center of the object when the target was chosen, world frame, meters.
     object: [f64; 3],
     /// Index of the hand among the agent's.
@@ -104,15 +104,15 @@ pub struct ReachAgent {
     /// Vertex of the rest posture.
     rest: u32,
     /// Hands and gaze, which depend on the view: created by the first call.
-    ready: Option<Ready>,
+    ready: Option<ReachHardware>,
     space: Option<JointSpace>,
     /// Vertices that have been noted, for drawings.
     noted: BTreeSet<u32>,
     mind: Mind,
 }
 
-struct Ready {
-    hands: Vec<Hand>,
+struct ReachHardware {
+    hands: Vec<ReachHand>,
     gaze: Option<Gaze>,
 }
 
@@ -120,11 +120,11 @@ struct Ready {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Mind {
-    phase: Phase,
+    phase: ReachPhase,
     looking: Looking,
     /// True if the motion in progress is one of the eyes.
     eyes_turn: bool,
-    place: Option<Place>,
+    place: Option<ReachTarget>,
     /// Failed choices of postures in this reach.
     in_vain: u32,
     /// Plans made in this reach.
@@ -155,7 +155,7 @@ struct Mind {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct ReachState {
     map: Value,
     progress: WalkProgress,
     mind: Mind,
@@ -197,7 +197,7 @@ impl ReachAgent {
         let walker = Walker::new(map, speed?, tolerance?, seed).with_validation(settings.validation);
         let walker = walker.with_leaps().with_blame();
         let mind = Mind {
-            phase: Phase::Look,
+            phase: ReachPhase::Look,
             looking: Looking::default(),
             eyes_turn: false,
             place: None,
@@ -237,9 +237,9 @@ impl ReachAgent {
     }
 
     /// Returns the positions of the hand for an object at this position, world frame, meters.
-    fn places(&self, object: Vector3<f64>) -> Places {
+    fn places(&self, object: Vector3<f64>) -> HandPositions {
         let from = |mm: [f64; 3]| object + Vector3::from(mm) * 1e-3;
-        Places { pre: from(self.settings.pre_grasp_mm), grasp: from(self.settings.grasp_mm) }
+        HandPositions { pre: from(self.settings.pre_grasp_mm), grasp: from(self.settings.grasp_mm) }
     }
 
     /// Chooses postures for an object at this position and adds them to the map. `vertices`: sizes
@@ -266,7 +266,7 @@ impl ReachAgent {
                 let name = self.mind.place.as_ref().and_then(|place| self.name_of(place.hand));
                 let which = name.filter(|_| self.hands.len() > 1).unwrap_or("the hand");
                 self.walker.log(format!("{} is seen: {which} sets out", self.settings.object));
-                self.enter_phase(Phase::Go, pre);
+                self.enter_phase(ReachPhase::Go, pre);
                 None
             }
             Err(why) => {
@@ -284,14 +284,14 @@ impl ReachAgent {
         }
     }
 
-    fn enter_phase(&mut self, phase: Phase, goal: u32) {
+    fn enter_phase(&mut self, phase: ReachPhase, goal: u32) {
         (self.mind.phase, self.mind.check) = (phase, None);
         self.walker.goto(goal);
     }
 
     fn go_home(&mut self) {
         self.mind.homeward = 0;
-        self.enter_phase(Phase::Home, self.rest);
+        self.enter_phase(ReachPhase::Home, self.rest);
     }
 
     /// Handles a robot that rests at a vertex without a goal. Returns the next step; `None`: the
@@ -299,35 +299,35 @@ impl ReachAgent {
     fn arrived(&mut self, at: u32, view: &View) -> Option<Intent> {
         let place = self.mind.place.clone();
         let goal = match (self.mind.phase, &place) {
-            (Phase::Look, _) => return Some(Intent::Wait(RETRY_INTERVAL)),
-            (Phase::Home, _) | (_, None) => self.rest,
-            (Phase::Go | Phase::Back, Some(place)) => place.pre,
-            (Phase::Approach, Some(place)) => place.grasp,
+            (ReachPhase::Look, _) => return Some(Intent::Wait(RETRY_INTERVAL)),
+            (ReachPhase::Home, _) | (_, None) => self.rest,
+            (ReachPhase::Go | ReachPhase::Back, Some(place)) => place.pre,
+            (ReachPhase::Approach, Some(place)) => place.grasp,
         };
         if at != goal {
             self.walker.goto(goal);
             return None;
         }
         match (self.mind.phase, place) {
-            (Phase::Go, Some(_)) if self.has_moved(view).is_some() || self.is_gone(view) => self.look_anew(),
-            (Phase::Go, Some(_)) if self.refine(view) => {}
-            (Phase::Go, Some(place)) => {
+            (ReachPhase::Go, Some(_)) if self.has_moved(view).is_some() || self.is_gone(view) => self.look_anew(),
+            (ReachPhase::Go, Some(_)) if self.refine(view) => {}
+            (ReachPhase::Go, Some(place)) => {
                 let (at, off) = self.hand_at(view);
                 self.mind.counts.before(view.at, at, off);
-                self.enter_phase(Phase::Approach, place.grasp);
+                self.enter_phase(ReachPhase::Approach, place.grasp);
             }
-            (Phase::Approach, Some(place)) => {
+            (ReachPhase::Approach, Some(place)) => {
                 self.mind.counts.reached_by(place.hand);
                 (self.mind.checks, self.mind.bumped) = (0, false);
                 let count = self.mind.counts.reached;
                 self.walker.log(format!("{} is reached, {count} times so far", self.settings.object));
-                self.enter_phase(Phase::Back, place.pre);
+                self.enter_phase(ReachPhase::Back, place.pre);
                 return (!self.wait.is_zero()).then_some(Intent::Wait(self.wait));
             }
-            (Phase::Back, _) => self.go_home(),
-            (Phase::Home, _) if self.is_done() => return Some(self.done("all reaches are done")),
+            (ReachPhase::Back, _) => self.go_home(),
+            (ReachPhase::Home, _) if self.is_done() => return Some(self.done("all reaches are done")),
             _ => {
-                self.mind.phase = Phase::Look;
+                self.mind.phase = ReachPhase::Look;
                 self.mind.looking = Looking::from(view.at);
                 self.mind.place = None;
                 (self.mind.plans, self.mind.refined) = (0, 0);
@@ -350,7 +350,7 @@ impl ReachAgent {
     }
 
     /// Returns the hand that goes to the object.
-    fn hand(&self) -> Option<&Hand> {
+    fn hand(&self) -> Option<&ReachHand> {
         self.ready.as_ref()?.hands.get(self.mind.place.as_ref()?.hand)
     }
 
@@ -369,35 +369,35 @@ impl Agent for ReachAgent {
         let mut last = last.filter(|_| !std::mem::take(&mut self.mind.eyes_turn));
         self.mind.bumped |= std::mem::take(&mut self.mind.turned) && last == Some(MotionEnd::Failed);
         for _ in 0..MAX_STEPS {
-            if self.mind.phase == Phase::Look && !caught(view) {
+            if self.mind.phase == ReachPhase::Look && !caught(view) {
                 let gaze = self.ready.as_ref().and_then(|r| r.gaze.as_ref());
                 match self.mind.looking.step(&self.settings.object, gaze, view) {
-                    Look::Do(_) if self.mind.looking.glances() > MAX_GLANCES => {
+                    LookResult::Do(_) if self.mind.looking.glances() > MAX_GLANCES => {
                         self.mind.looking = Looking::from(view.at);
                         self.miss(&Missed { miss: Miss::Unseen, why: "it is not seen".to_owned() });
                         if self.is_done() {
                             return self.done("all reaches are done");
                         }
                     }
-                    Look::Do(intent) => {
+                    LookResult::Do(intent) => {
                         self.mind.eyes_turn = matches!(intent, Intent::MoveTo(_));
                         return intent;
                     }
-                    Look::Seen(object) => {
+                    LookResult::Seen(object) => {
                         if let Some(intent) = self.begin(object, view) {
                             return intent;
                         }
                     }
                 }
             }
-            let may_turn = self.mind.phase == Phase::Go && !caught(view);
+            let may_turn = self.mind.phase == ReachPhase::Go && !caught(view);
             if may_turn && (self.mind.check.is_some() || self.doubts(view)) {
                 self.walker.learn(last.take(), view);
                 if let Some(intent) = self.check(view) {
                     return intent;
                 }
             }
-            if self.mind.phase == Phase::Go && (self.has_moved(view).is_some() || self.is_gone(view)) {
+            if self.mind.phase == ReachPhase::Go && (self.has_moved(view).is_some() || self.is_gone(view)) {
                 let Some(pre) = self.follow(&choice::BATCHES_AT_REST, view) else {
                     self.look_anew();
                     continue;
@@ -418,7 +418,7 @@ impl Agent for ReachAgent {
     }
 
     fn revise(&mut self, view: &View) -> Option<Intent> {
-        let goes = self.mind.phase == Phase::Go;
+        let goes = self.mind.phase == ReachPhase::Go;
         if goes && self.mind.check.is_some() {
             return None;
         }
@@ -426,11 +426,11 @@ impl Agent for ReachAgent {
             return Some(self.stop());
         }
         match self.mind.phase {
-            Phase::Go | Phase::Approach if self.is_gone(view) => {
+            ReachPhase::Go | ReachPhase::Approach if self.is_gone(view) => {
                 self.look_anew();
                 Some(self.stop())
             }
-            Phase::Go if self.has_moved(view).is_some() => {
+            ReachPhase::Go if self.has_moved(view).is_some() => {
                 // A posture that is not found during the motion is searched for at rest.
                 let Some(pre) = self.follow(&choice::BATCHES_MOVING, view) else { return Some(self.stop()) };
                 // A moving robot deviates slightly from the line: after a redirected motion was
@@ -443,11 +443,11 @@ impl Agent for ReachAgent {
                     self.stop()
                 }))
             }
-            Phase::Approach if self.has_moved(view).is_some() => {
-                self.mind.phase = Phase::Go;
+            ReachPhase::Approach if self.has_moved(view).is_some() => {
+                self.mind.phase = ReachPhase::Go;
                 Some(self.stop())
             }
-            Phase::Look => None,
+            ReachPhase::Look => None,
             _ if !self.settings.follow => None,
             _ => self.walker.revise(view),
         }
@@ -472,11 +472,11 @@ impl Agent for ReachAgent {
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
         let progress = self.walker.progress().clone();
-        seal("reach", 2, &State { map, progress, mind: self.mind.clone() })
+        seal("reach", 2, &ReachState { map, progress, mind: self.mind.clone() })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        let state: State = open(&from, "reach", 2)?;
+        let state: ReachState = open(&from, "reach", 2)?;
         let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
         let is_in = |id: u32| map.vertex(id).is_some();
         let place = state.mind.place.iter().all(|p| is_in(p.pre) && is_in(p.grasp) && p.hand < self.hands.len());

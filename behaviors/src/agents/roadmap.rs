@@ -3,7 +3,7 @@
 
 use super::named::{self, NamedPose};
 use super::tour::defaults::{half, once, tenth};
-use super::tour::{Pace, Tour, predecessors_map};
+use super::tour::{Tour, TourPace, predecessors_map};
 use super::{open, seal};
 use crate::group;
 use crate::roadmap::Roadmap;
@@ -75,7 +75,7 @@ pub struct RoadmapAgent {
     own: usize,
     goals: Vec<u32>,
     repeat: u32,
-    pace: Pace,
+    pace: TourPace,
     join: bool,
     /// True if the hand positions of the vertices, for drawings, have been computed.
     placed: bool,
@@ -84,7 +84,7 @@ pub struct RoadmapAgent {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct RoadmapAgentState {
     map: Value,
     progress: WalkProgress,
     tour: Tour,
@@ -99,7 +99,7 @@ impl RoadmapAgent {
     pub fn new(settings: RoadmapSettings, context: &Context) -> Result<RoadmapAgent, KindError> {
         let robot = context.robot.clone();
         let hand = settings.hand.as_deref();
-        let pace = Pace::new(settings.speed, settings.tolerance_deg, settings.wait_s, hand, &robot);
+        let pace = TourPace::new(settings.speed, settings.tolerance_deg, settings.wait_s, hand, &robot);
         let tour = map(&settings, &robot).and_then(|map| Ok((goals(&settings, &map)?, map)));
         KindError::gather([
             pace.as_ref().map(drop).map_err(Clone::clone),
@@ -202,11 +202,15 @@ impl Agent for RoadmapAgent {
 
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
-        seal("roadmap", 1, &State { map, progress: self.walker.progress().clone(), tour: self.tour.clone() })
+        seal(
+            "roadmap",
+            1,
+            &RoadmapAgentState { map, progress: self.walker.progress().clone(), tour: self.tour.clone() },
+        )
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        let state: State = open(&from, "roadmap", 1)?;
+        let state: RoadmapAgentState = open(&from, "roadmap", 1)?;
         let map = predecessors_map(&state.map, &self.walker.map, &self.goals, &self.robot)?;
         self.walker.resume(map, state.progress);
         (self.placed, self.tour) = (true, state.tour);

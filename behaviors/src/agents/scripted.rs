@@ -55,12 +55,12 @@ pub struct Scripted {
     poses: Vec<(Target, Duration)>,
     home: Vec<f64>,
     repeat: u32,
-    state: State,
+    state: ScriptedState,
 }
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct ScriptedState {
     /// Index of the next pose.
     next: usize,
     round: u32,
@@ -89,7 +89,7 @@ impl Scripted {
             return Err(KindError::new("poses", "the list of poses is empty", "give at least one pose"));
         }
         let home = group::home(&context.robot);
-        Ok(Scripted { poses, home, repeat: settings.repeat, state: State::default() })
+        Ok(Scripted { poses, home, repeat: settings.repeat, state: ScriptedState::default() })
     }
 }
 

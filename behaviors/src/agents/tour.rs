@@ -56,7 +56,7 @@ impl Tour {
 
 /// Parameters of a tour.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pace {
+pub(super) struct TourPace {
     /// Share of each motor's maximum speed.
     pub speed: f64,
     /// Maximum distance of every motor from a vertex to count as at it, rad.
@@ -67,7 +67,7 @@ pub(super) struct Pace {
     pub hand: Option<usize>,
 }
 
-impl Pace {
+impl TourPace {
     /// Creates the parameters from settings of these names.
     ///
     /// # Errors
@@ -79,7 +79,7 @@ impl Pace {
         wait_s: f64,
         hand: Option<&str>,
         robot: &Robot,
-    ) -> Result<Pace, KindError> {
+    ) -> Result<TourPace, KindError> {
         let speed = group::speed("speed", speed);
         let tolerance = group::tolerance("tolerance_deg", tolerance_deg);
         let wait = group::seconds("wait_s", wait_s);
@@ -90,7 +90,7 @@ impl Pace {
             wait.clone().map(drop),
             hand.clone().map(drop),
         ])?;
-        Ok(Pace { speed: speed?, tolerance: tolerance?, wait: wait?, hand: hand? })
+        Ok(TourPace { speed: speed?, tolerance: tolerance?, wait: wait?, hand: hand? })
     }
 }
 

@@ -19,13 +19,13 @@ const HALF: u16 = FULL / 2 + 1;
 const BLACK: [u16; 3] = [0; 3];
 
 /// Problem and remedy.
-type Wrong = (String, &'static str);
+type MaskProblem = (String, &'static str);
 
 /// Returns, for each pixel, row by row, whether it belongs to the object.
 ///
 /// # Errors
 /// A mask in which the object's color is ambiguous.
-pub(super) fn object_pixels(mask: &DynamicImage) -> Result<Vec<bool>, Wrong> {
+pub(super) fn object_pixels(mask: &DynamicImage) -> Result<Vec<bool>, MaskProblem> {
     let width = mask.width() as usize;
     // Labels of 16 bits may be as small as 1.
     let pixels: Vec<[u16; 4]> = mask.to_rgba16().pixels().map(|p| p.0).collect();

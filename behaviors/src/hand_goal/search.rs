@@ -40,7 +40,7 @@ pub(super) enum Orientation {
 }
 
 /// A search over the motors that move a hand.
-pub(super) struct Search<'a> {
+pub(super) struct HandSearch<'a> {
     pub scene: &'a Scene,
     pub robot: usize,
     pub chain: HandChain,
@@ -51,7 +51,7 @@ pub(super) struct Search<'a> {
 
 /// Positions of the group's motors, rad, that bring the hand to its goal without a collision.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Found {
+pub(super) struct HandPosture {
     pub q: Vec<f64>,
     /// Error of position and orientation, meters and rad.
     pub off: (f64, f64),
@@ -75,14 +75,14 @@ pub(super) enum Shortfall {
     },
 }
 
-impl Search<'_> {
+impl HandSearch<'_> {
     /// Returns joint values for a goal: from home if that leads to a free solution, otherwise the
     /// solution nearest to home from the other starts.
-    pub fn run(&self, goal: &Goal) -> Result<Found, Shortfall> {
+    pub fn run(&self, goal: &Goal) -> Result<HandPosture, Shortfall> {
         let home = self.home();
         let at_home = self.group.share(&home);
         let far = |q: &[f64]| q.iter().zip(&at_home).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-        let mut best: Option<(f64, Found)> = None;
+        let mut best: Option<(f64, HandPosture)> = None;
         let mut nearest: Option<(f64, (f64, f64))> = None;
         let mut tightest: Option<Option<(ShapeId, ShapeId, f64)>> = None;
         for (i, start) in self.starts(&home).enumerate() {
@@ -108,11 +108,11 @@ impl Search<'_> {
                 continue;
             }
             if i == 0 {
-                return Ok(Found { q, off });
+                return Ok(HandPosture { q, off });
             }
             let way = far(&q);
             if best.as_ref().is_none_or(|(least, _)| way < *least) {
-                best = Some((way, Found { q, off }));
+                best = Some((way, HandPosture { q, off }));
             }
         }
         match (best, tightest, nearest) {

@@ -5,7 +5,7 @@
 //! the sum of the squared parameters in units of their prior deviations.
 
 use super::model::HeadModel;
-use super::noise::{Noise, Origin};
+use super::noise::{Noise, ReadingOrigin};
 use super::parameters::Prior;
 use super::view::KnownView;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
@@ -22,7 +22,7 @@ const MIN_DECREASE: f64 = 1e-3;
 /// A view of a known position, with its explanation.
 pub(super) struct Lesson<'a> {
     pub(super) known: &'a KnownView,
-    pub(super) origin: Origin,
+    pub(super) origin: ReadingOrigin,
 }
 
 /// Returns the residual of a view, pixels: observation minus prediction.

@@ -48,10 +48,10 @@ pub struct EyePose {
 }
 
 /// One link: a and d in m, alpha in quarter turns, and the joint offset in quarter turns.
-type Link = (f64, f64, i8, i8);
+type DhLink = (f64, f64, i8, i8);
 
 impl HeadKind {
-    fn links(self) -> [Link; 8] {
+    fn links(self) -> [DhLink; 8] {
         let (waist, shoulders, neck, rise, eyes) = match self {
             HeadKind::V1 => ((0.00231, -0.1933), 0.033, 0.001, -0.054, 0.0825),
             HeadKind::V2 => ((0.0053, -0.2233), 0.011, 0.0, -0.051, 0.08052),
@@ -92,7 +92,7 @@ fn step(
     rotation: &mut Matrix3<f64>,
     at: &mut Vector3<f64>,
     axis: &mut (Vector3<f64>, Vector3<f64>),
-    (a, d, alpha, more): Link,
+    (a, d, alpha, more): DhLink,
     value: f64,
 ) {
     *axis = (rotation.column(2).into(), *at);

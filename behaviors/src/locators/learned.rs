@@ -44,7 +44,7 @@ impl EyeNames {
 }
 
 /// Time of an exposure and the detections of one object in it, by decreasing confidence.
-type Look = (Time, Vec<Glimpse>);
+type ExposedGlimpses = (Time, Vec<Glimpse>);
 
 /// Locates objects that two eyes detect.
 pub struct LearnedLocator {
@@ -55,7 +55,7 @@ pub struct LearnedLocator {
     /// Combine the views of objects that rest.
     tracks: bool,
     /// Last detections of each object by each eye that have not been paired yet.
-    waiting: BTreeMap<String, [Option<Look>; 2]>,
+    waiting: BTreeMap<String, [Option<ExposedGlimpses>; 2]>,
     trackers: BTreeMap<String, Tracker>,
     stands: Option<Standing>,
 }

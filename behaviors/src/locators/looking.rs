@@ -13,7 +13,7 @@ pub(super) type ByJoint = SMatrix<f64, 4, 9>;
 
 /// The head model in one configuration.
 #[derive(Clone, Debug)]
-pub(super) struct Looking<'a> {
+pub(super) struct HeadView<'a> {
     pub(super) model: &'a HeadModel,
     pub(super) q: JointAngles,
     pub(super) toward: JointAngles,
@@ -27,14 +27,14 @@ pub(super) struct Looking<'a> {
 
 /// Stereo projection of a position.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
+pub(super) struct StereoProjection {
     /// Left u and v, right u and v, pixels.
     pub(super) pixels: Vector4<f64>,
     /// Their derivatives with respect to the position, pixels/m.
     pub(super) by_place: Matrix4x3<f64>,
 }
 
-impl Looking<'_> {
+impl HeadView<'_> {
     /// Transforms a position to the root frame; returns the result and its derivative.
     fn root(&self, place: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
         let mut moved = *place;
@@ -51,9 +51,9 @@ impl Looking<'_> {
     }
 
     /// Projects a position to both images; `None` if it is not in front of both cameras.
-    pub(super) fn see(&self, place: &Vector3<f64>) -> Option<Seen> {
+    pub(super) fn see(&self, place: &Vector3<f64>) -> Option<StereoProjection> {
         let (root, by) = self.root(place);
-        let mut seen = Seen { pixels: Vector4::zeros(), by_place: Matrix4x3::zeros() };
+        let mut seen = StereoProjection { pixels: Vector4::zeros(), by_place: Matrix4x3::zeros() };
         for e in 0..2 {
             let eye = &self.eyes[e];
             let point = self.mounts[e].all.tr_mul(&eye.camera_from_root(&root));

@@ -5,7 +5,7 @@
 
 use super::head::{HeadKind, JointAngles};
 use super::lens::Lens;
-use super::looking::Looking;
+use super::looking::HeadView;
 use super::parameters::*;
 use nalgebra::{Matrix4, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
@@ -72,7 +72,7 @@ impl HeadModel {
 
     /// Evaluates the model for joints that read `read` and came from rest positions at a distance
     /// of `toward`, rad.
-    pub(super) fn look(&self, read: &JointAngles, toward: &JointAngles) -> Looking<'_> {
+    pub(super) fn look(&self, read: &JointAngles, toward: &JointAngles) -> HeadView<'_> {
         let offsets = self.offsets();
         let gains = self.part::<9>(GAINS);
         let lag = self.lag();
@@ -97,7 +97,7 @@ impl HeadModel {
             lens
         };
         let frame = self.part::<6>(FRAME);
-        Looking {
+        HeadView {
             model: self,
             q,
             toward: *toward,

@@ -1,7 +1,7 @@
 //! Noise of an observation: pixels of both eyes together, and the pose of a moving head.
 
 use super::head::JointAngles;
-use super::looking::Looking;
+use super::looking::HeadView;
 use super::model::invert;
 use super::view::StereoView;
 use nalgebra::{Matrix4, Vector3, Vector4};
@@ -24,7 +24,7 @@ pub(super) type Rests = Vec<Vec<f64>>;
 /// An explanation of a reading: the distance of each joint from its rest position, and the
 /// probability of that.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Origin {
+pub(super) struct ReadingOrigin {
     pub(super) toward: JointAngles,
     pub(super) ln_share: f64,
 }
@@ -57,8 +57,8 @@ pub(super) fn find_rests<'a>(views: impl Iterator<Item = &'a StereoView> + Clone
 }
 
 /// Returns the explanations of a reading, the most likely first.
-pub(super) fn origins(view: &StereoView, rests: &Rests) -> Vec<Origin> {
-    let mut nearest = Origin { toward: [0.0; 9], ln_share: 0.0 };
+pub(super) fn origins(view: &StereoView, rests: &Rests) -> Vec<ReadingOrigin> {
+    let mut nearest = ReadingOrigin { toward: [0.0; 9], ln_share: 0.0 };
     let mut turns: Vec<(usize, f64)> = Vec::new();
     if view.is_timed {
         return vec![nearest];
@@ -103,7 +103,7 @@ impl Noise {
     pub(super) fn of(
         &self,
         view: &StereoView,
-        looking: &Looking,
+        looking: &HeadView,
         toward: &JointAngles,
         place: &Vector3<f64>,
     ) -> Matrix4<f64> {

@@ -8,7 +8,7 @@
 use super::calibrated::Calibrated;
 use super::fit::{Lesson, fit};
 use super::head::JOINTS;
-use super::noise::Origin;
+use super::noise::ReadingOrigin;
 use super::parameters::{OFFSETS, priors};
 use super::view::KnownView;
 use nalgebra::{DMatrix, Matrix4, Vector4};
@@ -103,7 +103,7 @@ impl OnlineCalibration {
             (prior.middle, prior.deviation) = (*theta, 0.02 * prior.deviation);
         }
         near[OFFSETS + joint].deviation = 0.05;
-        let origin = Origin { toward: [0.0; 9], ln_share: 0.0 };
+        let origin = ReadingOrigin { toward: [0.0; 9], ln_share: 0.0 };
         let recent: Vec<KnownView> = self.recent.iter().copied().collect();
         let lessons: Vec<_> = recent.iter().map(|known| Lesson { known, origin }).collect();
         let _: DMatrix<f64> = fit(&mut self.learned.model, &lessons, &self.learned.noise, &near);

@@ -2,9 +2,9 @@
 //! right, the head's pose wrong, one eye wrong) and every component of the prior, each a normal
 //! distribution about its own mode. The estimate has the mean and the covariance of the mixture.
 
-use super::looking::Looking;
+use super::looking::HeadView;
 use super::model::{HeadModel, invert};
-use super::noise::{Noise, Origin};
+use super::noise::{Noise, ReadingOrigin};
 use super::view::{Estimate, StereoView};
 use super::workspace::Expected;
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
@@ -131,7 +131,7 @@ impl Mixture {
 pub(super) fn locate(
     model: &HeadModel,
     view: &StereoView,
-    origins: &[Origin],
+    origins: &[ReadingOrigin],
     (noise, shares): (&Noise, &Shares),
     expected: &[Expected],
 ) -> Option<Estimate> {
@@ -169,7 +169,7 @@ pub(super) struct Likeliest {
 
 /// Finds the mode under the wide component of the prior by damped Gauss-Newton steps.
 pub(super) fn best_place(
-    looking: &Looking,
+    looking: &HeadView,
     pixels: &Vector4<f64>,
     information: &Matrix4<f64>,
     wide: &Expected,

@@ -1,9 +1,9 @@
 //! Position of an object at rest from several simultaneous views. The estimates of single views are
 //! not combined, because the prior would then count once for each view.
 
-use super::looking::Looking;
+use super::looking::HeadView;
 use super::model::HeadModel;
-use super::noise::{Noise, Origin};
+use super::noise::{Noise, ReadingOrigin};
 use super::posterior::{Explained, Mixture, Shares};
 use super::view::{Estimate, StereoView};
 use super::workspace::Expected;
@@ -17,13 +17,13 @@ const MIN_STEP_M: f64 = 1e-5;
 /// A view with all its explanations.
 struct Explanations<'a> {
     pixels: Vector4<f64>,
-    of: Vec<(Looking<'a>, f64, Vec<Explained>)>,
+    of: Vec<(HeadView<'a>, f64, Vec<Explained>)>,
     ln_nothing: f64,
 }
 
 /// Likelihood of all views near a position: their information on it, the gradient of their fit, and
 /// the negative log-likelihood.
-struct Near {
+struct ViewLikelihood {
     information: Matrix3<f64>,
     gradient: Vector3<f64>,
     cost: f64,
@@ -33,13 +33,13 @@ struct Near {
 /// `None` only if the numerics fail.
 pub(super) fn locate_together(
     model: &HeadModel,
-    views: &[(StereoView, Vec<Origin>)],
+    views: &[(StereoView, Vec<ReadingOrigin>)],
     (noise, shares): (&Noise, &Shares),
     expected: &[Expected],
     guess: Vector3<f64>,
 ) -> Option<Estimate> {
-    let explained = |(view, origins): &(StereoView, Vec<Origin>)| {
-        let of = |origin: &Origin| {
+    let explained = |(view, origins): &(StereoView, Vec<ReadingOrigin>)| {
+        let of = |origin: &ReadingOrigin| {
             let looking = model.look(&view.encoders, &origin.toward);
             let covariance = noise.of(view, &looking, &origin.toward, &guess);
             (looking, origin.ln_share, shares.explanations(&covariance))
@@ -49,7 +49,7 @@ pub(super) fn locate_together(
     let views: Vec<_> = views.iter().map(explained).collect();
     let wide = expected.first()?;
     let mut place = guess;
-    let total = |near: &Near, place: &Vector3<f64>| {
+    let total = |near: &ViewLikelihood, place: &Vector3<f64>| {
         let from = place - wide.middle;
         near.cost + 0.5 * from.dot(&(wide.information * from))
     };
@@ -78,8 +78,8 @@ pub(super) fn locate_together(
     mixture.estimate()
 }
 
-fn look(views: &[Explanations], place: &Vector3<f64>) -> Near {
-    let mut all = Near { information: Matrix3::zeros(), gradient: Vector3::zeros(), cost: 0.0 };
+fn look(views: &[Explanations], place: &Vector3<f64>) -> ViewLikelihood {
+    let mut all = ViewLikelihood { information: Matrix3::zeros(), gradient: Vector3::zeros(), cost: 0.0 };
     for view in views {
         let mut likely: Vec<(f64, Matrix3<f64>, Vector3<f64>)> =
             vec![(view.ln_nothing, Matrix3::zeros(), Vector3::zeros())];

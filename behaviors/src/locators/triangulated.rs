@@ -5,7 +5,7 @@ use super::beginning::{Beginning, Untaught};
 use super::fit::{Lesson, off, scatter};
 use super::honest::{common, fused, widening};
 use super::model::{HeadModel, invert};
-use super::noise::{Noise, Origin};
+use super::noise::{Noise, ReadingOrigin};
 use super::posterior::best_place;
 use super::view::{Estimate, KnownView, StereoView};
 use super::workspace::Expected;
@@ -42,7 +42,7 @@ impl Triangulated {
         let model = from.model(known)?;
         let noise = Noise { resting: Matrix4::identity() * DEFAULT_SIGMA_PX.powi(2), clipped: [0.0; 2] };
         let mut learned = Triangulated { model, noise, widening: 1.0, common: Matrix3::zeros() };
-        let rest = Origin { toward: [0.0; 9], ln_share: 0.0 };
+        let rest = ReadingOrigin { toward: [0.0; 9], ln_share: 0.0 };
         let offs: Vec<_> =
             known.iter().filter_map(|known| off(&learned.model, &Lesson { known, origin: rest })).collect();
         if !offs.is_empty() {

@@ -106,31 +106,31 @@ pub(super) fn differ(a: &MapFile, b: &MapFile, matters: &[&str]) -> Result<(), M
 }
 
 /// A pose with a total order.
-struct Key<'a>(&'a [f64]);
+struct PoseKey<'a>(&'a [f64]);
 
-impl Ord for Key<'_> {
+impl Ord for PoseKey<'_> {
     fn cmp(&self, other: &Self) -> Ordering {
         let all = self.0.iter().zip(other.0).map(|(a, b)| a.total_cmp(b));
         all.fold(Ordering::Equal, Ordering::then).then(self.0.len().cmp(&other.0.len()))
     }
 }
-impl PartialOrd for Key<'_> {
+impl PartialOrd for PoseKey<'_> {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
-impl PartialEq for Key<'_> {
+impl PartialEq for PoseKey<'_> {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
-impl Eq for Key<'_> {}
+impl Eq for PoseKey<'_> {}
 
 /// Adds the vertices of all maps; returns the new numbers of the vertices of each map.
 fn vertices(merged: &mut MapFile, maps: &[MapFile]) -> Result<Vec<Vec<u32>>, MergeRefusal> {
-    let mut all: BTreeMap<Key<'_>, (Option<&String>, [f64; 3])> = BTreeMap::new();
+    let mut all: BTreeMap<PoseKey<'_>, (Option<&String>, [f64; 3])> = BTreeMap::new();
     for v in maps.iter().flat_map(|m| &m.vertices) {
-        let (name, at) = all.entry(Key(&v.q_rad)).or_insert((None, v.at_m));
+        let (name, at) = all.entry(PoseKey(&v.q_rad)).or_insert((None, v.at_m));
         match (*name, &v.name) {
             (Some(a), Some(b)) if a != b => {
                 let first = a.min(b).clone();
@@ -140,7 +140,7 @@ fn vertices(merged: &mut MapFile, maps: &[MapFile]) -> Result<Vec<Vec<u32>>, Mer
             (None, Some(b)) => *name = Some(b),
             _ => {}
         }
-        if Key(&v.at_m) > Key(at) {
+        if PoseKey(&v.at_m) > PoseKey(at) {
             *at = v.at_m;
         }
     }
@@ -155,7 +155,7 @@ fn vertices(merged: &mut MapFile, maps: &[MapFile]) -> Result<Vec<Vec<u32>>, Mer
         merged.vertices.push(MapVertex { id: i as u32, name: name.cloned(), q_rad: key.0.to_vec(), at_m: at });
         numbers.insert(key, i as u32);
     }
-    let number = |v: &MapVertex| numbers.get(&Key(&v.q_rad)).copied().unwrap_or(0);
+    let number = |v: &MapVertex| numbers.get(&PoseKey(&v.q_rad)).copied().unwrap_or(0);
     Ok(maps.iter().map(|m| m.vertices.iter().map(number).collect()).collect())
 }
 

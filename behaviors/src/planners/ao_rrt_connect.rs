@@ -11,7 +11,7 @@
 //! ```
 //! The cost of a path is its length by the weights of the space: a meter of a prismatic joint counts as a radian.
 
-use super::tree::Tree;
+use super::tree::SearchTree;
 use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem, RrtConnect, shorten};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -64,7 +64,7 @@ impl Planner for AoRrtConnect {
         let first = RrtConnect { step: self.step }.plan(space, problem, watch)?;
         let end = begun.saturating_add(problem.budget);
         let mut best = shortened(space, first, problem.seed, end);
-        let mut search = Search {
+        let mut search = AoRrtSearch {
             start: best.poses.first().cloned().unwrap_or_default(),
             goal: best.poses.last().cloned().unwrap_or_default(),
             space,
@@ -101,7 +101,7 @@ fn shortened(space: &mut JointSpace, path: JointPath, seed: u64, end: u64) -> Jo
     shorten(space, path, seed, lines)
 }
 
-struct Search<'a> {
+struct AoRrtSearch<'a> {
     space: &'a mut JointSpace,
     start: Vec<f64>,
     /// In the turn in which the best path reaches it.
@@ -118,7 +118,7 @@ struct Search<'a> {
     watch: &'a mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
 }
 
-impl Search<'_> {
+impl AoRrtSearch<'_> {
     /// Length of the straight line between two configurations, the short way of joints without end.
     fn far(&self, from: &[f64], to: &[f64]) -> f64 {
         let axes = self.space.weights().iter().enumerate();
@@ -136,8 +136,8 @@ impl Search<'_> {
     }
 
     /// The trees of a round: the roots alone.
-    fn roots(&self) -> [Tree; 2] {
-        [Tree::new(self.space, &self.start), Tree::new(self.space, &self.goal)]
+    fn roots(&self) -> [SearchTree; 2] {
+        [SearchTree::new(self.space, &self.start), SearchTree::new(self.space, &self.goal)]
     }
 
     /// A path that costs less than `bound`; `None` if budget or iterations are spent, or the watch ends the search.
@@ -146,7 +146,7 @@ impl Search<'_> {
         let mut grown = 0;
         while self.left > 0 {
             self.left -= 1;
-            let poses = trees.iter().map(Tree::len).sum();
+            let poses = trees.iter().map(SearchTree::len).sum();
             let evaluations = self.space.evaluations();
             let progress = PlanProgress { evaluations: evaluations - self.begun, poses };
             if evaluations >= self.end || (self.watch)(progress).is_break() {
@@ -230,7 +230,7 @@ impl Search<'_> {
 
     /// Adds a node at most a step from `from` toward `target`, at a parent as cheap as is found. `None` if that is blocked, or no path
     /// through it costs less than `bound`.
-    fn extend(&mut self, tree: &mut Tree, from: u32, target: &[f64], grown: usize, bound: f64) -> Option<u32> {
+    fn extend(&mut self, tree: &mut SearchTree, from: u32, target: &[f64], grown: usize, bound: f64) -> Option<u32> {
         let target = self.space.toward(tree.pose(from), target);
         let far = self.space.weighted(tree.pose(from), &target);
         let share = (self.step / far).min(1.0);
@@ -262,7 +262,7 @@ impl Search<'_> {
     }
 
     /// Leads the other tree to a node, step by step. Returns its last node if it arrives.
-    fn connect(&mut self, trees: &mut [Tree; 2], grown: usize, node: u32, bound: f64) -> Option<u32> {
+    fn connect(&mut self, trees: &mut [SearchTree; 2], grown: usize, node: u32, bound: f64) -> Option<u32> {
         let goal = trees[grown].pose(node).to_vec();
         let spent = trees[grown].cost(node);
         let other = &mut trees[1 - grown];
@@ -297,7 +297,7 @@ impl Search<'_> {
     }
 
     /// The path through the nodes at which the trees met, if it is certified as it will be driven.
-    fn path(&mut self, trees: &[Tree; 2], met: [u32; 2]) -> Option<JointPath> {
+    fn path(&mut self, trees: &[SearchTree; 2], met: [u32; 2]) -> Option<JointPath> {
         let mut here = trees[0].to_root(met[0]);
         here.reverse();
         let there = trees[1].to_root(met[1]);

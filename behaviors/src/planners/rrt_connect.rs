@@ -17,7 +17,7 @@
 //! *Dynamic-Domain RRTs*, 2005), so that a tree in a corner does not spend its lines on the walls
 //! around it.
 
-use super::tree::Tree;
+use super::tree::SearchTree;
 use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -62,18 +62,18 @@ impl Planner for RrtConnect {
         let (start, goal) = space.ends(problem)?;
         let begun = space.evaluations();
         let step = self.step.max(1e-6);
-        let trees = [Tree::new(space, &start), Tree::new(space, &goal)];
+        let trees = [SearchTree::new(space, &start), SearchTree::new(space, &goal)];
         let end = begun.saturating_add(problem.budget);
         let search =
-            Search { space, trees, step, begun, end, refuted: 0, target: Vec::new(), ahead: Vec::new(), watch };
+            RrtSearch { space, trees, step, begun, end, refuted: 0, target: Vec::new(), ahead: Vec::new(), watch };
         search.run(problem.seed)
     }
 }
 
-struct Search<'a> {
+struct RrtSearch<'a> {
     space: &'a mut JointSpace,
     /// Trees of the start and of the goal.
-    trees: [Tree; 2],
+    trees: [SearchTree; 2],
     step: f64,
     /// The space's count of evaluations at the beginning.
     begun: u64,
@@ -88,7 +88,7 @@ struct Search<'a> {
     watch: &'a mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
 }
 
-impl Search<'_> {
+impl RrtSearch<'_> {
     fn run(mut self, seed: u64) -> Result<JointPath, NoPath> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         // First try the whole straight line.
@@ -228,7 +228,7 @@ impl Search<'_> {
     /// Checks that the budget allows this number of further lines, and reports the progress.
     fn pay(&mut self, lines: usize) -> Result<(), NoPath> {
         let evaluations = self.space.evaluations() - self.begun;
-        let poses = self.trees.iter().map(Tree::len).sum();
+        let poses = self.trees.iter().map(SearchTree::len).sum();
         if (self.watch)(PlanProgress { evaluations, poses }).is_break() {
             return Err(NoPath::Cancelled);
         }

@@ -19,7 +19,7 @@ const ROUNDING_RAD: f64 = 1e-9;
 
 /// The motors of a space, independent of their environment.
 #[derive(Clone)]
-struct MotorGroup {
+struct SpaceMotors {
     robot: usize,
     /// Minimum distance, m; a pair at this distance or closer is not free.
     clearance: f64,
@@ -42,7 +42,7 @@ struct MotorGroup {
 /// are checked.
 pub struct JointSpace {
     fast: FastScene,
-    group: MotorGroup,
+    group: SpaceMotors,
     epoch: u64,
     /// Configuration of the whole scene without the group's motors, rad at the encoder.
     rest: Vec<f64>,
@@ -99,7 +99,7 @@ impl JointSpace {
         let metric = JointMetric::of_each(joints.iter().map(Some));
         let weights = joints.iter().map(|m| 1.0 / m.motion.encoder(1.0)).collect();
         let columns = motors.iter().map(|m| before + m).collect();
-        let group = MotorGroup { robot, clearance, motors, joints, metric, weights, columns };
+        let group = SpaceMotors { robot, clearance, motors, joints, metric, weights, columns };
         Ok(Self::over(fast, group, scene, poses))
     }
 
@@ -114,7 +114,7 @@ impl JointSpace {
         Ok(Self::over(fast, self.group.clone(), scene, poses))
     }
 
-    fn over<P: AsRef<[f64]>>(fast: FastScene, group: MotorGroup, scene: &Scene, poses: &[P]) -> JointSpace {
+    fn over<P: AsRef<[f64]>>(fast: FastScene, group: SpaceMotors, scene: &Scene, poses: &[P]) -> JointSpace {
         let mut space = JointSpace {
             fast,
             group,

@@ -7,11 +7,11 @@ use std::f64::consts::TAU;
 const BLOCK_SIZE: usize = 16;
 
 /// A tree that grows from one end of a problem.
-pub(super) struct Tree {
+pub(super) struct SearchTree {
     /// Configurations one after the other, each in the turn in which it was reached.
     poses: Vec<f64>,
     parents: Vec<u32>,
-    /// Cost of each node from the root, by the weights of the space. Only [`Tree::add_costed`] sets it.
+    /// Cost of each node from the root, by the weights of the space. Only [`SearchTree::add_costed`] sets it.
     costs: Vec<f64>,
     /// Radius of each node's domain: random configurations beyond it are not stepped toward.
     /// Infinite until a step is blocked.
@@ -20,10 +20,10 @@ pub(super) struct Tree {
     dimension: usize,
 }
 
-impl Tree {
-    pub fn new(space: &JointSpace, root: &[f64]) -> Tree {
+impl SearchTree {
+    pub fn new(space: &JointSpace, root: &[f64]) -> SearchTree {
         let near = NearestScan::new(space);
-        let mut tree = Tree {
+        let mut tree = SearchTree {
             poses: Vec::new(),
             parents: Vec::new(),
             costs: Vec::new(),

@@ -10,7 +10,7 @@ mod tree;
 pub use flat::Flat;
 
 use crate::short_way::JointMetric;
-use tree::Tree;
+use tree::PointTree;
 
 /// A set of points with ids, for nearest-neighbor queries. Distances are those of a
 /// [`JointMetric`], rad.
@@ -43,7 +43,7 @@ pub fn neighbors(dimension: usize, metric: &JointMetric) -> Box<dyn Neighbors> {
     macro_rules! by_dimension {
         ($($n:literal)*) => {
             match dimension {
-                $($n => Box::new(Tree::<$n>::default()),)*
+                $($n => Box::new(PointTree::<$n>::default()),)*
                 _ => flat(),
             }
         };
@@ -161,7 +161,7 @@ mod tests {
 
     #[test]
     fn a_thousand_points_that_share_six_of_seven_coordinates_are_all_kept() {
-        let mut tree = Tree::<7>::default();
+        let mut tree = PointTree::<7>::default();
         (0..1000).for_each(|i| tree.add(i, &[f64::from(i), 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]));
         assert!(tree.tree.is_some(), "the tree had to be given up");
         assert_eq!(tree.knn(&[2.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5], 1000).len(), 1000);

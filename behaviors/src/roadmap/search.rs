@@ -16,7 +16,7 @@ use std::collections::BinaryHeap;
 
 /// An edge that can be driven.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Link {
+struct SearchLink {
     to: u32,
     cost: Cost,
 }
@@ -27,7 +27,7 @@ pub(super) struct Links {
     dimension: usize,
     /// The group's part of every vertex, one after the other.
     poses: Vec<f64>,
-    out: Vec<Vec<Link>>,
+    out: Vec<Vec<SearchLink>>,
     /// Start vertices of the edges that lead to each vertex.
     into: Vec<Vec<u32>>,
 }
@@ -60,7 +60,7 @@ impl Links {
     pub fn add(&mut self, from: u32, to: u32, doubtful: bool, metric: &JointMetric) {
         let cost = Cost { doubtful: u32::from(doubtful), length: metric.distance(self.pose(from), self.pose(to)) };
         if let (Some(out), Some(into)) = (self.out.get_mut(from as usize), self.into.get_mut(to as usize)) {
-            out.push(Link { to, cost });
+            out.push(SearchLink { to, cost });
             into.push(from);
         }
     }
@@ -102,10 +102,10 @@ impl Links {
         let mut both_ends = true;
         let start = left(from);
         if let Some(seen) = seen.get_mut(first) {
-            *seen = Seen { now, from, cost: Cost::default(), left: start };
+            *seen = VisitedVertex { now, from, cost: Cost::default(), left: start };
         }
-        open.push(Open { total: start, left: start, cost: Cost::default(), vertex: from });
-        while let Some(Open { cost, vertex, .. }) = open.pop() {
+        open.push(OpenVertex { total: start, left: start, cost: Cost::default(), vertex: from });
+        while let Some(OpenVertex { cost, vertex, .. }) = open.pop() {
             if vertex == to {
                 return Some(way(seen, from, to));
             }
@@ -130,8 +130,8 @@ impl Links {
                     continue;
                 }
                 let left = if seen.now == now { seen.left } else { left(link.to) };
-                *seen = Seen { now, from: vertex, cost: reached, left };
-                open.push(Open { total: reached + left, left, cost: reached, vertex: link.to });
+                *seen = VisitedVertex { now, from: vertex, cost: reached, left };
+                open.push(OpenVertex { total: reached + left, left, cost: reached, vertex: link.to });
             }
         }
         None
@@ -139,7 +139,7 @@ impl Links {
 }
 
 /// Returns the path, traced back from its end.
-fn way(seen: &[Seen], from: u32, to: u32) -> Vec<u32> {
+fn way(seen: &[VisitedVertex], from: u32, to: u32) -> Vec<u32> {
     let mut way = vec![to];
     let mut at = to;
     while at != from {
@@ -153,7 +153,7 @@ fn way(seen: &[Seen], from: u32, to: u32) -> Vec<u32> {
 
 /// State of a vertex in a search.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct VisitedVertex {
     /// Number of the search in which it was visited; the state is void in any other search.
     now: u32,
     from: u32,
@@ -163,41 +163,41 @@ struct Seen {
 
 /// A vertex to expand, ordered by the least total cost.
 #[derive(Clone, Copy, Debug)]
-struct Open {
+struct OpenVertex {
     total: Cost,
     left: Cost,
     cost: Cost,
     vertex: u32,
 }
 
-impl Ord for Open {
-    fn cmp(&self, other: &Open) -> Ordering {
-        let key = |o: &Open| (o.total, o.left, o.cost);
+impl Ord for OpenVertex {
+    fn cmp(&self, other: &OpenVertex) -> Ordering {
+        let key = |o: &OpenVertex| (o.total, o.left, o.cost);
         // The heap returns the greatest element first. Lengths are finite, because the limits of
         // motors are.
         key(other).partial_cmp(&key(self)).unwrap_or(Ordering::Equal)
     }
 }
 
-impl PartialOrd for Open {
-    fn partial_cmp(&self, other: &Open) -> Option<Ordering> {
+impl PartialOrd for OpenVertex {
+    fn partial_cmp(&self, other: &OpenVertex) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl PartialEq for Open {
-    fn eq(&self, other: &Open) -> bool {
+impl PartialEq for OpenVertex {
+    fn eq(&self, other: &OpenVertex) -> bool {
         self.cmp(other).is_eq()
     }
 }
 
-impl Eq for Open {}
+impl Eq for OpenVertex {}
 
 /// Buffers of a search, reused by the next one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Buffers {
-    seen: Vec<Seen>,
-    open: BinaryHeap<Open>,
+    seen: Vec<VisitedVertex>,
+    open: BinaryHeap<OpenVertex>,
     /// Vertices that lead to the goal and have not been expanded backward yet.
     back: Vec<u32>,
     /// Number of the search in which each vertex was found to lead to the goal.
@@ -211,11 +211,11 @@ impl Buffers {
         self.back.clear();
         self.back.push(goal);
         self.leads.resize(vertices, 0);
-        self.seen.resize(vertices, Seen::default());
+        self.seen.resize(vertices, VisitedVertex::default());
         self.now = self.now.wrapping_add(1);
         if self.now == 0 {
             // The numbers wrapped around: clear the marks of old searches.
-            self.seen.fill(Seen::default());
+            self.seen.fill(VisitedVertex::default());
             self.leads.fill(0);
             self.now = 1;
         }

@@ -35,7 +35,7 @@ pub(crate) mod tests;
 
 pub use request::{BoardAxis, BoardReply, BoardRequest, ClientMode, ClientSet, KnownBetter, Question};
 
-use lines::Lines;
+use lines::ConnectionStates;
 use mobee_contract::{Board, Commit, CommitId, Hold, MotionEnd, Setpoints, Status, Time, Verdict};
 use mobee_model::Robot;
 use std::collections::BTreeSet;
@@ -47,7 +47,7 @@ use std::sync::Arc;
 const ARRIVED: f64 = 0.5;
 
 /// State of the robot when a request arrives.
-pub struct Seen<'a> {
+pub struct RobotSnapshot<'a> {
     /// Time of the request.
     pub now: Time,
     /// State of the filter.
@@ -74,7 +74,7 @@ pub fn closed(status: Status) -> bool {
 
 /// Decision on a request.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Step {
+pub enum FilterDecision {
     /// Reply without further action.
     Reply(BoardReply),
     /// Query, to be passed to the board unchanged, or answered from [`FilterCore::board`] if the board has no
@@ -90,7 +90,7 @@ pub enum Step {
 
 /// Connection of a client to one of the boards.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Client<'a> {
+pub struct BoardClient<'a> {
     /// Index of the part in the robot.
     pub part: usize,
     /// Number of the connection.
@@ -113,7 +113,7 @@ pub struct FilterCore {
     /// Share of a motor's greatest speed that clients may use.
     speed: f64,
     parts: Vec<PartBoard>,
-    lines: Lines,
+    lines: ConnectionStates,
     sensed: Option<Time>,
 }
 
@@ -134,7 +134,7 @@ impl FilterCore {
             agent: format!("{name}/filter").into(),
             speed,
             parts: robot.parts.iter().map(part).collect(),
-            lines: Lines::default(),
+            lines: ConnectionStates::default(),
             sensed: None,
         }
     }
@@ -157,26 +157,31 @@ impl FilterCore {
     }
 
     /// Decides on a request.
-    pub fn request(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Step {
+    pub fn request(&mut self, client: &BoardClient, request: &BoardRequest, seen: &RobotSnapshot) -> FilterDecision {
         self.lines.update(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
-            return Step::Reply(self.fail(client));
+            return FilterDecision::Reply(self.fail(client));
         }
         match request {
-            BoardRequest::Incomplete => Step::Reply(BoardReply::Malformed),
-            BoardRequest::Question(question) => Step::Question(question.clone()),
-            order => self.order(client, order, seen).unwrap_or(Step::Reply(BoardReply::Refused)),
+            BoardRequest::Incomplete => FilterDecision::Reply(BoardReply::Malformed),
+            BoardRequest::Question(question) => FilterDecision::Question(question.clone()),
+            order => self.order(client, order, seen).unwrap_or(FilterDecision::Reply(BoardReply::Refused)),
         }
     }
 
     /// True if a motion of this client has failed and the client has not been informed yet.
-    pub fn has_failed(&mut self, client: &Client, seen: &Seen) -> bool {
+    pub fn has_failed(&mut self, client: &BoardClient, seen: &RobotSnapshot) -> bool {
         self.lines.update(client, seen);
         self.lines.failed(client)
     }
 
     /// Decides on a streamed command; `None` if there is nothing to do.
-    pub fn streamed(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
+    pub fn streamed(
+        &mut self,
+        client: &BoardClient,
+        request: &BoardRequest,
+        seen: &RobotSnapshot,
+    ) -> Option<FilterDecision> {
         self.lines.update(client, seen);
         // recorded while the filter is closed, too: a client that never paused has not been silent
         let deaf = self.lines.deaf(client, seen.now);
@@ -192,7 +197,7 @@ impl FilterCore {
     }
 
     /// Decides on a request that would change something; `None` refuses it.
-    fn order(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
+    fn order(&mut self, client: &BoardClient, request: &BoardRequest, seen: &RobotSnapshot) -> Option<FilterDecision> {
         let part = self.parts.get(client.part).filter(|part| request.fits(part.axes.len()))?;
         match request {
             BoardRequest::Move { joints, values, relative } => {
@@ -217,7 +222,7 @@ impl FilterCore {
             BoardRequest::Mode { joints, modes } => self.store(client.part, joints, modes, |axis, mode| {
                 (axis.mode, axis.set.mode) = (*mode, true);
             }),
-            BoardRequest::BeStiff => Some(Step::Reply(BoardReply::Accepted)),
+            BoardRequest::BeStiff => Some(FilterDecision::Reply(BoardReply::Accepted)),
             BoardRequest::Question(_) | BoardRequest::Incomplete | BoardRequest::Unknown => None,
         }
     }
@@ -229,26 +234,38 @@ impl FilterCore {
         joints: &[usize],
         values: &[T],
         put: impl Fn(&mut BoardAxis, &T),
-    ) -> Option<Step> {
+    ) -> Option<FilterDecision> {
         let part = self.parts.get_mut(part)?;
         for (joint, value) in joints.iter().zip(values) {
             put(part.axes.get_mut(*joint)?, value);
         }
-        Some(Step::Reply(BoardReply::Accepted))
+        Some(FilterDecision::Reply(BoardReply::Accepted))
     }
 
     /// Stores references. As on real boards, the sign is ignored.
-    fn refer(&mut self, part: usize, joints: &[usize], values: &[f64], put: fn(&mut BoardAxis, f64)) -> Option<Step> {
+    fn refer(
+        &mut self,
+        part: usize,
+        joints: &[usize],
+        values: &[f64],
+        put: fn(&mut BoardAxis, f64),
+    ) -> Option<FilterDecision> {
         values.iter().all(|v| v.is_finite()).then_some(())?;
         self.store(part, joints, values, |axis, v| put(axis, v.abs()))
     }
 
     /// Records the verdict on a commit or a stream, and returns the reply.
-    pub fn accepted(&mut self, client: &Client, step: &Step, verdict: &Verdict, seen: &Seen) -> BoardReply {
+    pub fn accepted(
+        &mut self,
+        client: &BoardClient,
+        step: &FilterDecision,
+        verdict: &Verdict,
+        seen: &RobotSnapshot,
+    ) -> BoardReply {
         if let Ok(id) = verdict {
             let motors = match step {
-                Step::Commit(commit) => commit.target.motors.as_slice(),
-                Step::Stream(setpoints) => setpoints.motors.as_slice(),
+                FilterDecision::Commit(commit) => commit.target.motors.as_slice(),
+                FilterDecision::Stream(setpoints) => setpoints.motors.as_slice(),
                 _ => &[],
             };
             self.lines.moves(client, *id, motors);
@@ -266,9 +283,9 @@ impl FilterCore {
     /// The reply that replaces the answer.
     pub fn knows_better(
         &mut self,
-        client: &Client,
+        client: &BoardClient,
         question: &Question,
-        seen: &Seen,
+        seen: &RobotSnapshot,
     ) -> Result<KnownBetter, BoardReply> {
         self.lines.update(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
@@ -303,7 +320,7 @@ impl FilterCore {
 
     /// Motors whose motion has an open outcome, even if the board reports them as done. A client whose motors
     /// have all arrived does not wait for the other clients in the same transaction.
-    fn under_way(&self, seen: &Seen) -> BTreeSet<usize> {
+    fn under_way(&self, seen: &RobotSnapshot) -> BTreeSet<usize> {
         self.lines.under_way(seen, |motor| {
             let part = self.parts.iter().find(|part| part.motors.contains(&motor));
             let axis = part.and_then(|part| part.axes.get(motor - part.motors.start));
@@ -335,7 +352,7 @@ impl FilterCore {
     }
 
     /// Refuses, and records that the client has been informed if it waits for replies.
-    fn fail(&mut self, client: &Client) -> BoardReply {
+    fn fail(&mut self, client: &BoardClient) -> BoardReply {
         if client.listens {
             self.lines.inform_family(client);
         }

@@ -18,7 +18,7 @@ mod world;
 pub use settings::{RobotPorts, YarpSettings};
 pub use world::WorldService;
 
-use boards::Boards;
+use boards::FilteredBoards;
 use mobee_contract::{Answer, Bridge, Kind, KindError, Registered, Running, Service};
 use mobee_model::Robot;
 use mobee_yarp::{NameServer, Network, RpcServer};
@@ -86,7 +86,7 @@ impl Service for YarpServices {
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
             let (network, server) = network::open(&self.settings).await?;
-            let mut open = Open::new(server);
+            let mut open = OpenPorts::new(server);
             let mut result = open.all(&self.settings, &network, &running).await;
             if result.is_ok() {
                 let names = self.settings.port_names(&running.models());
@@ -128,19 +128,19 @@ impl Bridge for YarpServices {
 }
 
 /// All open ports and tasks, in the order in which they are closed.
-struct Open {
+struct OpenPorts {
     server: Option<NameServer>,
-    boards: Vec<Boards>,
+    boards: Vec<FilteredBoards>,
     world: Option<RpcServer>,
     robots: Vec<JoinHandle<()>>,
     tasks: Vec<JoinHandle<()>>,
     leave: watch::Sender<bool>,
 }
 
-impl Open {
-    fn new(server: Option<NameServer>) -> Open {
+impl OpenPorts {
+    fn new(server: Option<NameServer>) -> OpenPorts {
         let leave = watch::Sender::new(false);
-        Open { server, boards: Vec::new(), world: None, robots: Vec::new(), tasks: Vec::new(), leave }
+        OpenPorts { server, boards: Vec::new(), world: None, robots: Vec::new(), tasks: Vec::new(), leave }
     }
 
     async fn all(
@@ -157,10 +157,11 @@ impl Open {
                 settings.serves(name, &part.name).then(|| format!("{}/{}", settings.robot_prefix(name), part.name))
             };
             let prefixes: Vec<_> = model.parts.iter().map(prefix).collect();
-            let boards = Boards::open(network, running, filtered, model, &prefixes, settings).await;
+            let boards = FilteredBoards::open(network, running, filtered, model, &prefixes, settings).await;
             self.boards.push(boards.map_err(|e| e.to_string())?);
             if settings.parts {
-                let ports = parts::RobotPorts::open(network, running, filtered, model, settings, &mut taken).await?;
+                let ports =
+                    parts::OpenRobotPorts::open(network, running, filtered, model, settings, &mut taken).await?;
                 self.robots.push(tokio::spawn(ports.serve(self.leave.subscribe())));
             }
         }

@@ -72,7 +72,7 @@ struct Before {
 
 /// A change that can be undone.
 #[derive(Debug)]
-struct Step {
+struct UndoStep {
     change: Change,
     /// For each edit, in the order in which they were made, the edits that undo it.
     back: Vec<Vec<Edit>>,
@@ -83,7 +83,7 @@ struct Step {
 pub struct WorldRpc {
     counters: make::Counters,
     grabs: Grabs,
-    steps: VecDeque<Step>,
+    steps: VecDeque<UndoStep>,
 }
 
 impl WorldRpc {
@@ -230,7 +230,7 @@ impl WorldRpc {
         if self.steps.len() >= MOST_STEPS {
             self.steps.pop_front();
         }
-        self.steps.push_back(Step { change, back });
+        self.steps.push_back(UndoStep { change, back });
         Ok(Changed { edits, reply, before: self.before() })
     }
 

@@ -69,7 +69,7 @@ pub struct CoreNumbers {
 
 /// Stage of the connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum ConnectionStage {
     /// It is read only.
     Looking,
     /// Its goals follow the commands.
@@ -92,7 +92,7 @@ pub struct ArmCore {
     joints: Vec<ServoJoint>,
     axes: Vec<Axis>,
     numbers: CoreNumbers,
-    stage: Stage,
+    stage: ConnectionStage,
     plant: Plant,
     /// The trajectory's time, which runs no faster than the run's.
     path_time: Time,
@@ -131,7 +131,7 @@ impl ArmCore {
             joints,
             axes,
             numbers,
-            stage: Stage::Looking,
+            stage: ConnectionStage::Looking,
             path_time: Time::ZERO,
             rate: 1.0,
             held_up: false,
@@ -159,7 +159,7 @@ impl ArmCore {
     }
 
     /// The stage of the connection.
-    pub fn stage(&self) -> Stage {
+    pub fn stage(&self) -> ConnectionStage {
         self.stage
     }
 
@@ -201,7 +201,7 @@ impl ArmCore {
     /// Lets the arm move until then.
     pub fn lease(&mut self, now: Time, until: Time) {
         self.expire(now);
-        if until > now && self.stage == Stage::Driving {
+        if until > now && self.stage == ConnectionStage::Driving {
             self.lease = Some(until);
             self.plant.lease(self.path_time, self.path_time + UNBOUNDED);
         } else {
@@ -216,7 +216,7 @@ impl ArmCore {
     /// The reason of a refusal; nothing is changed then.
     pub fn command(&mut self, now: Time, command: &Command) -> Result<(), String> {
         self.expire(now);
-        if self.stage == Stage::Looking {
+        if self.stage == ConnectionStage::Looking {
             return Err("the servos have not been given torque".into());
         }
         if let Command::Stop { motors } = command {
@@ -270,7 +270,7 @@ impl ArmCore {
             self.brake();
         }
         let since = self.ticked.replace(now).map_or(Duration::ZERO, |before| now.since(before));
-        if self.stage == Stage::Looking {
+        if self.stage == ConnectionStage::Looking {
             return None;
         }
         self.rate = self.allowed_rate(now);
@@ -345,7 +345,7 @@ impl ArmCore {
 
     fn done(&self, at: Time) -> Vec<bool> {
         let rests = self.recent.iter().map(rests);
-        if self.stage == Stage::Looking {
+        if self.stage == ConnectionStage::Looking {
             return rests.collect();
         }
         let settled = |ended: &Option<Time>| ended.is_some_and(|ended| at.since(ended) > MAX_SETTLING);
@@ -373,7 +373,7 @@ impl ArmCore {
 
     /// By how much each joint rests beside its goal.
     fn learn_offsets(&mut self) {
-        if self.stage == Stage::Looking || self.plant.moves() || self.held_up {
+        if self.stage == ConnectionStage::Looking || self.plant.moves() || self.held_up {
             return;
         }
         let most = self.numbers.hold_error;
@@ -395,7 +395,7 @@ impl ArmCore {
             if let Some((text, remedy)) = status_text(state.status) {
                 found.get_or_insert(format!("motor {} (id {id}) {text}: {remedy}", joint.name));
             }
-            if self.stage == Stage::Looking {
+            if self.stage == ConnectionStage::Looking {
                 continue;
             }
             if !state.torque {
@@ -404,7 +404,7 @@ impl ArmCore {
                      it off; check the power supply (5 A), then recover",
                     joint.name
                 ));
-                self.stage = Stage::Looking;
+                self.stage = ConnectionStage::Looking;
                 self.interrupted = true;
                 continue;
             }
@@ -473,8 +473,8 @@ impl ArmCore {
 
     /// The connection is new: what was written before may not hold any more.
     pub fn look_again(&mut self) {
-        self.interrupted |= self.stage == Stage::Driving;
-        self.stage = Stage::Looking;
+        self.interrupted |= self.stage == ConnectionStage::Driving;
+        self.stage = ConnectionStage::Looking;
         self.lease = None;
         self.recent.iter_mut().for_each(VecDeque::clear);
     }
@@ -508,7 +508,7 @@ impl ArmCore {
         let start: Vec<f64> = self.joints.iter().zip(&self.goals).map(|(j, goal)| j.angle(f64::from(*goal))).collect();
         self.rest_at(&start);
         self.foreign_goals.fill(0);
-        self.stage = Stage::Driving;
+        self.stage = ConnectionStage::Driving;
         self.interrupted = false;
         self.ticked = Some(now);
         self.lease = None;

@@ -1,6 +1,6 @@
 //! The driver: checks, and never waits.
 
-use crate::core::Stage;
+use crate::core::ConnectionStage;
 use crate::worker::SharedArm;
 use mobee_contract::{AnswerTime, Board, Command, ControlMode, Driver, DriverFault, Sample, Time};
 use std::sync::Arc;
@@ -87,7 +87,7 @@ impl Driver for FeetechDriver {
     fn lease(&mut self, now: Time, until: Time) {
         let arm = self.arm_time(now);
         let mut state = self.shared.lock();
-        if !self.looks && state.core.stage() == Stage::Driving {
+        if !self.looks && state.core.stage() == ConnectionStage::Driving {
             state.core.lease(arm, if until > now { arm + until.since(now) } else { Time::ZERO });
         }
     }

@@ -1,6 +1,6 @@
 //! An arm of servos as hardware: it outlives its drivers.
 
-use crate::core::{ArmCore, CoreNumbers, Stage};
+use crate::core::{ArmCore, ConnectionStage, CoreNumbers};
 use crate::driver::FeetechDriver;
 use crate::settings::{FeetechSettings, PERIOD};
 use crate::worker::{BusCycles, BusWorker, SharedArm};
@@ -81,7 +81,7 @@ impl FeetechHardware {
     fn driver(&self, looks: bool) -> Result<Box<dyn Driver>, DriverFault> {
         let ready = |state: &crate::worker::SharedState| {
             let core = &state.core;
-            if looks { core.is_read() && core.fault().is_none() } else { core.stage() == Stage::Driving }
+            if looks { core.is_read() && core.fault().is_none() } else { core.stage() == ConnectionStage::Driving }
         };
         // in a running system the driver reports the fault: no wait
         let known_before = self.shared.lock().was_driven;

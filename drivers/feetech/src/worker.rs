@@ -6,7 +6,7 @@
 //! A port that is gone is opened again, the servos are identified again, and get torque again where they are.
 
 use crate::bus::{BusError, SerialLine, ServoBus, monotonic, open_port};
-use crate::core::{ArmCore, SILENCE, Stage};
+use crate::core::{ArmCore, ConnectionStage, SILENCE};
 use crate::joint::ServoJoint;
 use crate::registers::{
     ACCELERATION, FASTEST_RAMP, GOAL, IDENTITY_BYTES, LIMITS, MODEL, OFFSET, OPERATING_MODE, STS3215, ServoState,
@@ -335,9 +335,9 @@ impl BusWorker {
         let is_whole = states.len() == self.joints.len();
         let mut state = self.shared.lock();
         if is_whole {
-            let driven = state.core.stage() == Stage::Driving;
+            let driven = state.core.stage() == ConnectionStage::Driving;
             state.core.take_states(at, states);
-            if driven && state.core.stage() == Stage::Looking {
+            if driven && state.core.stage() == ConnectionStage::Looking {
                 self.rearm = now + REARM;
             }
         } else {
@@ -375,7 +375,7 @@ impl BusWorker {
             let core = &state.core;
             let waits = !state.taken || state.let_go || monotonic() < self.rearm;
             let is_fresh = core.read_at().is_some_and(|at| self.shared.now().since(at) < SILENCE);
-            if core.stage() == Stage::Driving || waits || !is_fresh {
+            if core.stage() == ConnectionStage::Driving || waits || !is_fresh {
                 return Ok(());
             }
             // an overloaded servo recovers with a new goal; other faults must end first
@@ -420,7 +420,7 @@ impl BusWorker {
         while begun.elapsed() < MAX_ENDING {
             {
                 let state = self.shared.lock();
-                if state.let_go || state.core.stage() == Stage::Looking || state.core.is_at_rest() {
+                if state.let_go || state.core.stage() == ConnectionStage::Looking || state.core.is_at_rest() {
                     break;
                 }
             }
@@ -433,7 +433,7 @@ impl BusWorker {
         }
         let state = self.shared.lock();
         let core = &state.core;
-        let releases = self.settings.release_torque && !state.let_go && core.stage() == Stage::Driving;
+        let releases = self.settings.release_torque && !state.let_go && core.stage() == ConnectionStage::Driving;
         let is_safe = releases && core.is_at_rest() && core.is_at(&self.settings.rest_deg);
         drop(state);
         if is_safe {

@@ -32,7 +32,7 @@ inventory::submit! {
 
 /// One joint of the skeleton in MuJoCo's state.
 #[derive(Clone, Debug)]
-struct Joint {
+struct ArmJoint {
     hinge: Hinge,
     /// Index into positions and speeds: every joint has one degree of freedom.
     dof: usize,
@@ -51,7 +51,7 @@ struct MotorJoint {
 
 /// Owner of a geom: forces on all geoms of one owner are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Owner {
+struct GeomOwner {
     /// MuJoCo's body.
     body: usize,
     /// Distinguishes the world's shapes, which count individually; the shapes of a robot's link count
@@ -63,10 +63,10 @@ struct Owner {
 #[derive(Debug)]
 pub struct MujocoArm {
     data: MjData<Box<MjModel>>,
-    joints: Vec<Joint>,
+    joints: Vec<ArmJoint>,
     motors: Vec<MotorJoint>,
     /// Owners, by MuJoCo's index of the geom.
-    owners: Vec<Owner>,
+    owners: Vec<GeomOwner>,
     /// Share of the weight that is not compensated.
     felt: f64,
     clock: StepClock,
@@ -100,20 +100,20 @@ impl MujocoArm {
         let joints = hinges
             .iter()
             .enumerate()
-            .map(|(i, hinge)| Ok(Joint { hinge: hinge.clone(), dof: id(MjtObjBase::mjOBJ_JOINT, &joint_name(i))? }));
-        let joints = joints.collect::<Result<Vec<Joint>, KindError>>()?;
+            .map(|(i, hinge)| Ok(ArmJoint { hinge: hinge.clone(), dof: id(MjtObjBase::mjOBJ_JOINT, &joint_name(i))? }));
+        let joints = joints.collect::<Result<Vec<ArmJoint>, KindError>>()?;
         let leaders = leaders(robot, hinges);
         let motors = servos.into_iter().zip(leaders).zip(q).enumerate().map(|(m, ((servo, leader), q))| {
             let actuator = leader.map(|_| id(MjtObjBase::mjOBJ_ACTUATOR, &actuator_name(m))).transpose()?;
             Ok(MotorJoint { servo, leader: leader.zip(actuator), q: *q })
         });
         let motors = motors.collect::<Result<Vec<MotorJoint>, KindError>>()?;
-        let mut owners = vec![Owner { body: 0, thing: 0 }; model.ngeom() as usize];
+        let mut owners = vec![GeomOwner { body: 0, thing: 0 }; model.ngeom() as usize];
         for i in 0..scene.colliders().count() {
             let geom = id(MjtObjBase::mjOBJ_GEOM, &geom_name(i))?;
             let body = model.geom_bodyid().get(geom).and_then(|body| usize::try_from(*body).ok()).unwrap_or(0);
             if let Some(owner) = owners.get_mut(geom) {
-                *owner = Owner { body, thing: if body == 0 { geom } else { 0 } };
+                *owner = GeomOwner { body, thing: if body == 0 { geom } else { 0 } };
             }
         }
         let mut data = MjData::try_new(Box::new(model)).map_err(|e| refused(&e))?;
@@ -139,7 +139,7 @@ impl MujocoArm {
     }
 
     /// Leading joint and actuator of a motor.
-    fn leader(&self, motor: &MotorJoint) -> Option<(&Joint, usize)> {
+    fn leader(&self, motor: &MotorJoint) -> Option<(&ArmJoint, usize)> {
         let (joint, actuator) = motor.leader?;
         Some((self.joints.get(joint)?, actuator))
     }
@@ -172,7 +172,7 @@ impl MujocoArm {
     /// of freedom.
     fn contacts(&self) -> (f64, Vec<f64>) {
         let mut torques = vec![0.0; self.joints.len()];
-        let mut forces: BTreeMap<(Owner, Owner), f64> = BTreeMap::new();
+        let mut forces: BTreeMap<(GeomOwner, GeomOwner), f64> = BTreeMap::new();
         for (i, contact) in self.data.contact().iter().enumerate() {
             let Ok([normal, along, across, ..]) = self.data.try_contact_force(i) else { continue };
             if normal <= 0.0 {
@@ -193,7 +193,7 @@ impl MujocoArm {
     }
 
     /// Total torque of a motor's joints, converted to the motor.
-    fn of_motor(&self, m: usize, of: impl Fn(&Joint) -> f64) -> f64 {
+    fn of_motor(&self, m: usize, of: impl Fn(&ArmJoint) -> f64) -> f64 {
         let unit = self.motors.get(m).map_or(1.0, |motor| motor.servo.unit);
         self.joints.iter().filter(|joint| joint.hinge.motor == m).map(|joint| joint.hinge.gain * of(joint)).sum::<f64>()
             / unit
@@ -219,7 +219,7 @@ impl ArmBody for MujocoArm {
         self.clock.step(commanded, before && is_still(&self.data));
         let (greatest, torques) = self.contacts();
         self.pushes.note(greatest, STEP);
-        let at = |list: &[f64], joint: &Joint| list.get(joint.dof).copied().unwrap_or_default();
+        let at = |list: &[f64], joint: &ArmJoint| list.get(joint.dof).copied().unwrap_or_default();
         let external = |m| {
             // the bias is the torque that holds the arm against gravity and its own motion
             self.of_motor(m, |joint| at(&torques, joint) - self.felt * at(self.data.qfrc_bias(), joint))
@@ -229,7 +229,7 @@ impl ArmBody for MujocoArm {
 
     fn positions(&self) -> Vec<f64> {
         let position = |motor: &MotorJoint| {
-            let Some((Joint { hinge, dof }, _)) = self.leader(motor) else { return motor.q };
+            let Some((ArmJoint { hinge, dof }, _)) = self.leader(motor) else { return motor.q };
             let joint = self.data.qpos().get(*dof).copied().unwrap_or_default();
             hinge.limits.0 + (joint - hinge.min) / hinge.gain
         };

@@ -43,7 +43,7 @@ pub fn write(physics: &ArmPhysics, servos: &[Servo]) -> Option<String> {
     let shapes: Vec<&Collider> = physics.scene.colliders().collect();
     let moving = |shape: &&&Collider| (1..skeleton.frames()).contains(&shape.frame);
     let all: f64 = shapes.iter().filter(moving).map(|shape| shape.shape.volume()).sum();
-    let writer = Writer {
+    let writer = MjcfWriter {
         joints: &skeleton.joints,
         base: skeleton.base,
         servos,
@@ -72,7 +72,7 @@ pub fn write(physics: &ArmPhysics, servos: &[Servo]) -> Option<String> {
 }
 
 /// Source data of the elements.
-struct Writer<'a> {
+struct MjcfWriter<'a> {
     joints: &'a [Hinge],
     base: Isometry3<f64>,
     servos: &'a [Servo],
@@ -83,7 +83,7 @@ struct Writer<'a> {
     density: f64,
 }
 
-impl Writer<'_> {
+impl MjcfWriter<'_> {
     /// Writes hulls as meshes, in their frame.
     fn assets(&self, xml: &mut String) {
         xml.push_str("<asset>\n");

@@ -9,7 +9,7 @@ use super::scenery::{Scenery, ScenerySettings};
 use super::settings::SimulatedCameraSettings;
 use super::shadow::Shadows;
 use super::sight::{TileSight, lay, look};
-use super::solid::{Form, V3};
+use super::solid::{CameraForm, V3};
 use super::sticker;
 use super::surface::{Materials, Paint, TileSurfaces};
 use mobee_contract::{CameraMount, Frame, Intrinsics, KindError, Time, Truth};
@@ -44,7 +44,7 @@ pub struct Shot {
 }
 
 /// A visible shape: its pose in the camera frame, its paint, and its owner.
-struct Solid {
+struct VisibleSolid {
     shape: Shape,
     pose: Isometry3<f64>,
     paint: Paint,
@@ -191,7 +191,7 @@ impl SimulatedEye {
             &*shadows
         });
         let light = Light::new(&self.scenery, shadows, base, &eye);
-        let forms: Vec<Form> = solids.iter().map(|s| Form::new(&s.shape, &s.pose)).collect();
+        let forms: Vec<CameraForm> = solids.iter().map(|s| CameraForm::new(&s.shape, &s.pose)).collect();
         let size = self.rays.size;
         let room = Room::new(&self.scenery, base, &eye);
         let materials = Materials {
@@ -218,7 +218,7 @@ impl SimulatedEye {
     }
 
     /// All visible solids. Omits the housing of the camera, and ghosts, which are shown to people only.
-    fn solids(&self, truth: &Truth, eye: &Isometry3<f64>) -> Result<Vec<Solid>, String> {
+    fn solids(&self, truth: &Truth, eye: &Isometry3<f64>) -> Result<Vec<VisibleSolid>, String> {
         let scene = &truth.scene;
         let eye_from_world = eye.inverse();
         let mut solids = Vec::new();
@@ -238,7 +238,7 @@ impl SimulatedEye {
                     };
                     let paint = Paint { color, wood: false, gloss, stickers: [None; 6] };
                     let owner = Owner::Robot(u16::try_from(r).unwrap_or(u16::MAX));
-                    solids.push(Solid { shape: primitive.shape, pose: frame * primitive.pose, paint, owner });
+                    solids.push(VisibleSolid { shape: primitive.shape, pose: frame * primitive.pose, paint, owner });
                 }
             }
         }
@@ -252,13 +252,13 @@ impl SimulatedEye {
                 let stickers = if is_box { std::mem::take(&mut stickers) } else { [None; 6] };
                 let paint = Paint { color, wood, gloss: if wood { 0.0 } else { GLOSS }, stickers };
                 let pose = eye_from_world * object.pose * primitive.pose;
-                solids.push(Solid { shape: primitive.shape, pose, paint, owner: Owner::Object(id) });
+                solids.push(VisibleSolid { shape: primitive.shape, pose, paint, owner: Owner::Object(id) });
             }
             if !object.shapes.iter().any(|p| matches!(p.shape, Shape::Box { .. })) {
                 let cards = sticker::cards(&self.scenery.stickers, object);
                 solids.extend(cards.map(|(shape, pose, stickers)| {
                     let paint = Paint { color: V3::from(PAPER), wood: false, gloss: 0.0, stickers };
-                    Solid { shape, pose: eye_from_world * object.pose * pose, paint, owner: Owner::Object(id) }
+                    VisibleSolid { shape, pose: eye_from_world * object.pose * pose, paint, owner: Owner::Object(id) }
                 }));
             }
         }
@@ -267,7 +267,7 @@ impl SimulatedEye {
             for d in distractors.stand(scene, self.scenery.settings.seed).map_err(missing)? {
                 let paint = Paint { color: d.color, wood: false, gloss: GLOSS, stickers: [None; 6] };
                 let pose = eye_from_world * d.shape.pose;
-                solids.push(Solid { shape: d.shape.shape, pose, paint, owner: Owner::Scenery });
+                solids.push(VisibleSolid { shape: d.shape.shape, pose, paint, owner: Owner::Scenery });
             }
         }
         Ok(solids)
@@ -302,8 +302,8 @@ fn is_table(shape: &Shape) -> bool {
 /// Renders the unlit surfaces of a tile, in runs of pixels that show the same solid.
 fn see(
     seen: &TileSight,
-    forms: &[Form],
-    solids: &[Solid],
+    forms: &[CameraForm],
+    solids: &[VisibleSolid],
     materials: Materials,
     room: &Room,
     surfaces: &mut TileSurfaces,

@@ -83,9 +83,9 @@ struct ReceivedImages {
     skipped: Option<SkippedPictures>,
 }
 
-type Cell = Arc<Mutex<ReceivedImages>>;
+type ImageCell = Arc<Mutex<ReceivedImages>>;
 
-fn lock(cell: &Cell) -> MutexGuard<'_, ReceivedImages> {
+fn lock(cell: &ImageCell) -> MutexGuard<'_, ReceivedImages> {
     cell.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -97,7 +97,7 @@ pub struct YarpCamera {
     own: String,
     carrier: Carrier,
     mount: Option<CameraMount>,
-    cell: Cell,
+    cell: ImageCell,
     /// Sender whose drop ends the thread.
     thread: Option<watch::Sender<()>>,
 }
@@ -134,7 +134,7 @@ impl YarpCamera {
             carrier: carrier.unwrap_or_default(),
             settings: settings.clone(),
             mount: None,
-            cell: Cell::default(),
+            cell: ImageCell::default(),
             thread: None,
         })
     }
@@ -212,7 +212,7 @@ impl Camera for YarpCamera {
 
 /// Receiver of images, which runs in the thread.
 struct ImageReceiver {
-    cell: Cell,
+    cell: ImageCell,
     network: Network,
     own: String,
     theirs: String,

@@ -2,7 +2,7 @@
 
 use super::lens::{Rays, TILE, Tile};
 use super::sight::{lay, look};
-use super::solid::{Form, V3};
+use super::solid::{CameraForm, V3};
 use super::surface::Numbers;
 use mobee_contract::Intrinsics;
 use mobee_model::Shape;
@@ -53,7 +53,8 @@ impl Shadows {
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn));
         let lamp_from_eye = Isometry3::from_parts((-(turn * lamp)).into(), rotation);
         (self.turn, self.shift) = (axes.map(|a| a.cast()), lamp_from_eye.translation.vector.cast());
-        let forms: Vec<Form> = solids.map(|(shape, pose)| Form::new(&shape, &(lamp_from_eye * pose))).collect();
+        let forms: Vec<CameraForm> =
+            solids.map(|(shape, pose)| CameraForm::new(&shape, &(lamp_from_eye * pose))).collect();
         let Shadows { rays, depth, .. } = self;
         look(rays, &forms, |seen| lay(seen.corner, seen.depth, depth, rays.size));
     }

@@ -1,7 +1,7 @@
 //! Rasterizer: the shape that each pixel shows, and its depth, tile by tile.
 
 use super::lens::{NOTHING, Rays, TILE, TILE_HEIGHT, TILE_WIDTH, Tile, TileBounds, overlaps};
-use super::solid::Form;
+use super::solid::CameraForm;
 
 /// Index that stands for no shape.
 pub const NOBODY: u32 = u32::MAX;
@@ -22,9 +22,9 @@ pub struct TileSight<'a> {
 ///
 /// # Performance
 /// A shape is tested only with the tiles that its bounds overlap.
-pub fn look(rays: &Rays, forms: &[Form], mut tell: impl FnMut(TileSight)) {
-    let bounds: Vec<(u32, &Form, TileBounds)> = (0u32..).zip(forms).map(|(k, f)| (k, f, f.bounds())).collect();
-    let mut here: Vec<&(u32, &Form, TileBounds)> = Vec::with_capacity(bounds.len());
+pub fn look(rays: &Rays, forms: &[CameraForm], mut tell: impl FnMut(TileSight)) {
+    let bounds: Vec<(u32, &CameraForm, TileBounds)> = (0u32..).zip(forms).map(|(k, f)| (k, f, f.bounds())).collect();
+    let mut here: Vec<&(u32, &CameraForm, TileBounds)> = Vec::with_capacity(bounds.len());
     for (row, band) in rays.bands.iter().enumerate() {
         here.clear();
         here.extend(bounds.iter().filter(|(.., b)| *b != NOTHING && overlaps(b, &band.bounds)));

@@ -12,7 +12,7 @@ pub type V3 = Vector3<f32>;
 
 /// A shape in the camera frame, meters.
 #[derive(Clone, Copy, Debug)]
-pub enum Form {
+pub enum CameraForm {
     /// A ball.
     Ball {
         /// Its center.
@@ -50,25 +50,25 @@ pub struct Rod {
     pub round: bool,
 }
 
-impl Form {
+impl CameraForm {
     /// Transforms a shape by its pose, `eye_from_shape`.
-    pub fn new(shape: &Shape, pose: &Isometry3<f64>) -> Form {
+    pub fn new(shape: &Shape, pose: &Isometry3<f64>) -> CameraForm {
         let center = pose.translation.vector;
         let rod = |radius: f64, height: f64, round| {
             let axis = pose.rotation * Vector3::y();
             let moment = center.cross(&axis).cast();
             let half = (height / 2.0) as f32;
             let radius = radius as f32;
-            Form::Rod(Rod { center: center.cast(), axis: axis.cast(), moment, half, radius, round })
+            CameraForm::Rod(Rod { center: center.cast(), axis: axis.cast(), moment, half, radius, round })
         };
         match *shape {
-            Shape::Sphere { radius } => Form::Ball { center: center.cast(), radius: radius as f32 },
+            Shape::Sphere { radius } => CameraForm::Ball { center: center.cast(), radius: radius as f32 },
             Shape::Capsule { radius, height } => rod(radius, height, true),
             Shape::Cylinder { radius, height } => rod(radius, height, false),
             Shape::Box { size } => {
                 let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|a| (pose.rotation * a).cast());
                 let eye = (pose.rotation.inverse() * -center).cast();
-                Form::Box { axes, eye, half: (size / 2.0).cast() }
+                CameraForm::Box { axes, eye, half: (size / 2.0).cast() }
             }
         }
     }
@@ -76,9 +76,9 @@ impl Form {
     /// Bounds in the image; [`NOTHING`] if all of it is behind the camera.
     pub fn bounds(&self) -> TileBounds {
         match *self {
-            Form::Ball { center, radius } => ball_bounds(center, radius)
+            CameraForm::Ball { center, radius } => ball_bounds(center, radius)
                 .unwrap_or_else(|| corners_bounds(center, [V3::x(), V3::y(), V3::z()], V3::repeat(radius))),
-            Form::Rod(Rod { center, axis, half, radius, round, .. }) => {
+            CameraForm::Rod(Rod { center, axis, half, radius, round, .. }) => {
                 let ends = [center + axis * half, center - axis * half].map(|c| ball_bounds(c, radius));
                 if let (true, [Some(a), Some(b)]) = (round, ends) {
                     return union(a, b);
@@ -89,7 +89,7 @@ impl Form {
                 let length = if round { half + radius } else { half };
                 corners_bounds(center, [side, axis, side.cross(&axis)], V3::new(radius, length, radius))
             }
-            Form::Box { axes, eye, half } => {
+            CameraForm::Box { axes, eye, half } => {
                 corners_bounds(-(axes[0] * eye.x + axes[1] * eye.y + axes[2] * eye.z), axes, half)
             }
         }
@@ -99,13 +99,13 @@ impl Form {
     /// `depth` (along the optical axis, meters) and `owner`. A shape that contains the camera is not hit.
     pub fn cast(&self, tile: &Tile, number: u32, depth: &mut [f32; TILE], owner: &mut [u32; TILE]) {
         match *self {
-            Form::Ball { center, radius } => each(tile, number, depth, owner, |x, y| {
+            CameraForm::Ball { center, radius } => each(tile, number, depth, owner, |x, y| {
                 let (disc, t) = enter_ball(x, y, center, radius);
                 if disc > 0.0 { t } else { f32::INFINITY }
             }),
-            Form::Rod(rod) if rod.round => each(tile, number, depth, owner, |x, y| rod.enter_round(x, y)),
-            Form::Rod(rod) => each(tile, number, depth, owner, |x, y| rod.enter_flat(x, y)),
-            Form::Box { axes, eye, half } => each(tile, number, depth, owner, |x, y| {
+            CameraForm::Rod(rod) if rod.round => each(tile, number, depth, owner, |x, y| rod.enter_round(x, y)),
+            CameraForm::Rod(rod) => each(tile, number, depth, owner, |x, y| rod.enter_flat(x, y)),
+            CameraForm::Box { axes, eye, half } => each(tile, number, depth, owner, |x, y| {
                 let slab = |axis: V3, eye: f32, half: f32| {
                     let inverse = 1.0 / (axis.x * x + axis.y * y + axis.z);
                     let middle = -eye * inverse;

@@ -1,7 +1,7 @@
 //! Unlit surfaces of the pixels of a tile: depth, normal and color.
 
 use super::lens::{TILE, Tile};
-use super::solid::{Form, V3};
+use super::solid::{CameraForm, V3};
 use super::sticker::{self, Sticker, Stickers};
 use super::texture::Texture;
 
@@ -86,17 +86,17 @@ const WITHIN: u8 = 4;
 
 impl Run<'_> {
     /// Renders one shape in all of these pixels.
-    pub fn see(&mut self, form: &Form, paint: &Paint, materials: Materials) {
+    pub fn see(&mut self, form: &CameraForm, paint: &Paint, materials: Materials) {
         self.red.fill(paint.color.x);
         self.green.fill(paint.color.y);
         self.blue.fill(paint.color.z);
         self.gloss.fill(paint.gloss);
         match *form {
-            Form::Ball { center, radius } => {
+            CameraForm::Ball { center, radius } => {
                 let scale = 1.0 / radius;
                 self.face(|at| (at - center) * scale);
             }
-            Form::Rod(rod) => {
+            CameraForm::Rod(rod) => {
                 let scale = 1.0 / rod.radius;
                 // tolerates rounding at the edge of a flat end
                 let flat = if rod.round { f32::INFINITY } else { rod.half * 0.9999 };
@@ -108,7 +108,7 @@ impl Run<'_> {
                     if along.abs() > flat { end } else { side }
                 });
             }
-            Form::Box { axes: [a, b, c], eye, half } => {
+            CameraForm::Box { axes: [a, b, c], eye, half } => {
                 let own = |at: V3| V3::new(inner(a, at), inner(b, at), inner(c, at)) + eye;
                 self.face(|at| {
                     let own = own(at);

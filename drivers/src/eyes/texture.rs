@@ -46,8 +46,8 @@ impl Texture {
 
     /// Wooden boards around a gray of 128, to multiply colors by.
     pub fn wood(contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
-        let warp = Noise::new(4, rng);
-        let fine = Noise::new(32, rng);
+        let warp = LatticeNoise::new(4, rng);
+        let fine = LatticeNoise::new(32, rng);
         let boards = rng.random_range(2..6) as f32;
         let shades: Vec<f32> = (0..8).map(|_| rng.random_range(-0.3..0.3)).collect();
         Texture::sampled(DRAWN, |u, v| {
@@ -61,7 +61,7 @@ impl Texture {
 
     /// Cloth or rough plaster of about this color.
     pub fn rough(color: V3, contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
-        let octaves: Vec<Noise> = [3, 9, 27, 81].map(|n| Noise::new(n, rng)).into();
+        let octaves: Vec<LatticeNoise> = [3, 9, 27, 81].map(|n| LatticeNoise::new(n, rng)).into();
         Texture::sampled(DRAWN, |u, v| {
             let tone = octaves.iter().zip([0.5, 0.4, 0.3, 0.3]).map(|(n, w)| w * n.at(u, v)).sum::<f32>();
             color * (1.0 + contrast * tone)
@@ -71,7 +71,7 @@ impl Texture {
     /// Tiles of two shades of this color.
     pub fn tiles(color: V3, contrast: f32, rng: &mut ChaCha8Rng) -> Texture {
         let count = rng.random_range(1..5) as f32 * 2.0;
-        let noise = Noise::new(48, rng);
+        let noise = LatticeNoise::new(48, rng);
         Texture::sampled(DRAWN, |u, v| {
             let odd = ((u * count) as u32 + (v * count) as u32) % 2;
             let joint = (u * count).fract() < 0.04 || (v * count).fract() < 0.04;
@@ -131,14 +131,14 @@ pub fn to_hsv(c: V3) -> [f32; 3] {
 }
 
 /// Smooth periodic noise on a lattice, about -1 to 1.
-struct Noise {
+struct LatticeNoise {
     cells: usize,
     values: Vec<f32>,
 }
 
-impl Noise {
-    fn new(cells: usize, rng: &mut ChaCha8Rng) -> Noise {
-        Noise { cells, values: (0..cells * cells).map(|_| rng.random_range(-1.0..1.0)).collect() }
+impl LatticeNoise {
+    fn new(cells: usize, rng: &mut ChaCha8Rng) -> LatticeNoise {
+        LatticeNoise { cells, values: (0..cells * cells).map(|_| rng.random_range(-1.0..1.0)).collect() }
     }
 
     fn at(&self, u: f32, v: f32) -> f32 {

@@ -28,7 +28,7 @@ const PUBLISHES: Duration = Duration::from_millis(20);
 /// One part of a simulated robot as a control board.
 pub struct SimBoard {
     part: String,
-    state: Mutex<State>,
+    state: Mutex<SimBoardState>,
     clock: SimClock,
 }
 
@@ -59,7 +59,7 @@ impl SimClock {
     }
 }
 
-struct State {
+struct SimBoardState {
     hardware: SimHardware,
     driver: Box<dyn Driver>,
     shadow: Shadow,
@@ -137,7 +137,8 @@ impl SimBoard {
         if let Some(robot) = hardware.imitates() {
             shadow.axes.iter_mut().enumerate().for_each(|(j, axis)| axis.name = robot.joint(j));
         }
-        let state = State { hardware, driver, shadow, last: None, answers: Stamp::default(), states: Stamp::default() };
+        let state =
+            SimBoardState { hardware, driver, shadow, last: None, answers: Stamp::default(), states: Stamp::default() };
         Ok(SimBoard { part: part.to_owned(), state: Mutex::new(state), clock })
     }
 
@@ -164,7 +165,7 @@ impl SimBoard {
         self.lock().hardware.imitates().map_or(PUBLISHES, Imitated::publishes)
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, SimBoardState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -263,7 +264,7 @@ impl Device for SimBoard {
     }
 }
 
-impl State {
+impl SimBoardState {
     /// Updates the shadow from the simulated hardware.
     fn look(&mut self, now: Time) {
         self.driver.lease(now, now + FOR_EVER);

@@ -30,7 +30,7 @@ const STILL: f64 = 1e-7;
 
 /// State of one joint and its servo.
 #[derive(Clone, Debug)]
-struct ServoJoint {
+struct DynamicJoint {
     servo: Servo,
     /// Position, rad, and speed, rad/s.
     q: f64,
@@ -42,7 +42,7 @@ struct ServoJoint {
 /// An arm.
 #[derive(Clone, Debug)]
 pub struct Dynamics {
-    joints: Vec<ServoJoint>,
+    joints: Vec<DynamicJoint>,
     external: Option<ExternalTorques>,
     clock: StepClock,
     /// External torques in the last step, per radian of encoder.
@@ -53,7 +53,7 @@ pub struct Dynamics {
 impl Dynamics {
     /// Creates an arm at rest at `start`, rad.
     pub fn new(servos: Vec<Servo>, start: &[f64]) -> Dynamics {
-        let joint = |(servo, q): (Servo, &f64)| ServoJoint { servo, q: *q, v: 0.0, effort: 0.0 };
+        let joint = |(servo, q): (Servo, &f64)| DynamicJoint { servo, q: *q, v: 0.0, effort: 0.0 };
         Dynamics {
             joints: servos.into_iter().zip(start).map(joint).collect(),
             external: None,
@@ -124,7 +124,7 @@ impl ArmBody for Dynamics {
     }
 }
 
-impl ServoJoint {
+impl DynamicJoint {
     /// One step of implicit Euler under an external torque; the servo's own torque is limited.
     fn step(&mut self, commanded: State, outside: f64, dt: f64) {
         let Servo { stiffness, damping, torque, inertia, friction, lead, stops, .. } = self.servo;

@@ -179,12 +179,12 @@ impl Brake {
             return None;
         }
         match watched.seen(now, known.motions.speeds(watched.checked + self.latency)) {
-            Seen::Rest => {
+            BrakeObservation::Rest => {
                 *effect = None;
                 None
             }
-            Seen::Slower => None,
-            Seen::Nothing(joints) => Some(joints),
+            BrakeObservation::Slower => None,
+            BrakeObservation::Nothing(joints) => Some(joints),
         }
     }
 }
@@ -206,7 +206,7 @@ struct Effect {
 }
 
 #[derive(Debug, PartialEq)]
-enum Seen {
+enum BrakeObservation {
     Rest,
     Slower,
     /// The motion continues, at least of these joints.
@@ -215,12 +215,12 @@ enum Seen {
 
 impl Effect {
     /// Judges the joint speeds measured since the stop should act.
-    fn seen(&mut self, now: f64, speeds: MeasuredSpeeds) -> Seen {
+    fn seen(&mut self, now: f64, speeds: MeasuredSpeeds) -> BrakeObservation {
         self.checked = now;
         let speeds = match speeds {
-            MeasuredSpeeds::Rest => return Seen::Rest,
+            MeasuredSpeeds::Rest => return BrakeObservation::Rest,
             // without readings nothing shows whether the joints obey
-            MeasuredSpeeds::Unknown => return Seen::Nothing(self.joints.clone()),
+            MeasuredSpeeds::Unknown => return BrakeObservation::Nothing(self.joints.clone()),
             MeasuredSpeeds::At(speeds) => speeds,
         };
         let before = self.speeds.replace(speeds.clone());
@@ -237,14 +237,14 @@ impl Effect {
         };
         let going: Vec<usize> = speeds.iter().enumerate().filter(|(j, v)| goes_on((*j, v))).map(|(j, _)| j).collect();
         if going.is_empty() {
-            return Seen::Slower;
+            return BrakeObservation::Slower;
         }
         let fast = going.iter().any(|j| speeds.get(*j).is_some_and(|speed| speed.abs() >= SINKING_SPEED_DEG_S));
         if !fast && now < self.sent + SETTLING_TIME_S {
-            return Seen::Slower;
+            return BrakeObservation::Slower;
         }
         self.sent = now;
-        Seen::Nothing(Joints::Group(going))
+        BrakeObservation::Nothing(Joints::Group(going))
     }
 }
 

@@ -5,7 +5,7 @@ use super::answers::Answers;
 use super::found::{Finding, Owed};
 use super::gauge::Gauge;
 use super::layout::{Layout, disagreement};
-use super::motion::Motions;
+use super::motion::BoardMotions;
 use super::pace::Pace;
 use mobee_contract::{AnswerTime, AsFound, Axis, Board, ControlMode, DriverFault, Pose};
 use mobee_yarp::board::{AxisFacts, RemoteState, mode};
@@ -19,7 +19,7 @@ use tokio::time::Instant;
 /// State shared by all drivers and tasks.
 #[derive(Debug)]
 pub struct SharedBoards {
-    inner: Mutex<Inner>,
+    inner: Mutex<BoardsState>,
     changed: Condvar,
     /// Origin of the time of readings.
     pub base: Instant,
@@ -31,7 +31,7 @@ pub struct SharedBoards {
 
 /// Present state.
 #[derive(Debug)]
-pub struct Inner {
+pub struct BoardsState {
     /// The boards.
     pub boards: Vec<BoardFacts>,
     /// See [`SharedBoards::take`].
@@ -78,7 +78,7 @@ pub struct BoardFacts {
     /// Interaction modes as last reported.
     pub interactions: Vec<Vocab>,
     /// Motions of the joints.
-    pub motions: Motions,
+    pub motions: BoardMotions,
     /// Ticket of the newest order that moves a joint.
     pub moved: u64,
     /// Speed limits of the joints.
@@ -162,7 +162,7 @@ impl SharedBoards {
             lost: (0, 0),
             modes: vec![mode::UNKNOWN; p.motors.len()],
             interactions: vec![mode::UNKNOWN; p.motors.len()],
-            motions: Motions::new(p.motors.len()),
+            motions: BoardMotions::new(p.motors.len()),
             moved: 0,
             pace: Pace::new(p.motors.len()),
             gauge: Gauge::new(p.motors.len()),
@@ -173,7 +173,7 @@ impl SharedBoards {
             answers: Answers::default(),
             ahead: None,
         };
-        let inner = Inner {
+        let inner = BoardsState {
             boards: layout.patches.iter().map(known).collect(),
             taken: false,
             board: None,
@@ -195,7 +195,7 @@ impl SharedBoards {
 
     /// Locks the state. A poisoned lock is used anyway, because the robot is intact when a program
     /// crashed while holding it.
-    pub fn lock(&self) -> MutexGuard<'_, Inner> {
+    pub fn lock(&self) -> MutexGuard<'_, BoardsState> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -246,8 +246,8 @@ impl SharedBoards {
 
     /// Waits until all boards can be used and a reading is available, the robot turns out to be unusable, or
     /// `patience` is over.
-    pub fn wait(&self, patience: Duration) -> MutexGuard<'_, Inner> {
-        let waits = |inner: &mut Inner| !inner.is_ready() && inner.misfit.is_none();
+    pub fn wait(&self, patience: Duration) -> MutexGuard<'_, BoardsState> {
+        let waits = |inner: &mut BoardsState| !inner.is_ready() && inner.misfit.is_none();
         let waited = self.changed.wait_timeout_while(self.lock(), patience, waits);
         waited.unwrap_or_else(PoisonError::into_inner).0
     }
@@ -274,7 +274,7 @@ impl SharedBoards {
     }
 }
 
-impl Inner {
+impl BoardsState {
     /// True if drivers can work.
     pub fn is_ready(&self) -> bool {
         self.board.is_some() && self.joined.is_some() && self.trouble().is_none()

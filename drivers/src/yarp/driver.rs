@@ -1,6 +1,6 @@
 //! Driver of a robot behind YARP: checks, marks and queues commands, and never waits.
 
-use super::cell::{Inner, Joined, SharedBoards, Trouble, holds, instant};
+use super::cell::{BoardsState, Joined, SharedBoards, Trouble, holds, instant};
 use super::check::{CheckedAgainst, CheckedCommand};
 use super::fan::Fan;
 use super::hand::{Do, Halt, Order};
@@ -66,7 +66,7 @@ impl YarpDriver {
     /// Begins a move that is made of setpoints, by switching the mode of its motors.
     fn begin(
         &mut self,
-        inner: &mut Inner,
+        inner: &mut BoardsState,
         motors: &[usize],
         to: &[f64],
         speeds: Option<&[f64]>,
@@ -99,7 +99,7 @@ impl YarpDriver {
 
     /// True if moves are made of setpoints: because of the setting, or since the boards' own moves turned out
     /// not to follow speeds.
-    fn makes_moves(&self, inner: &Inner) -> bool {
+    fn makes_moves(&self, inner: &BoardsState) -> bool {
         let is_unfair = |board: &super::cell::BoardFacts| board.gauge.is_unfair();
         self.moves == Moves::SetPoints || (self.board.position_direct && inner.boards.iter().any(is_unfair))
     }
@@ -110,7 +110,7 @@ impl YarpDriver {
     }
 
     /// Continues or ends the moves made of setpoints after a new reading.
-    fn go_on(&mut self, inner: &mut Inner, now: Time, (q, done): (&[f64], &[bool])) -> Result<(), DriverFault> {
+    fn go_on(&mut self, inner: &mut BoardsState, now: Time, (q, done): (&[f64], &[bool])) -> Result<(), DriverFault> {
         // the lease watch may have stopped the boards, and a new lease may have come since
         if !self.is_leased(now) || self.halts != self.reach.halt.newest().epoch {
             self.legs.stop(&[]);
@@ -251,7 +251,7 @@ impl Driver for YarpDriver {
 }
 
 /// Fails unless all boards can be used.
-fn usable(inner: &Inner, layout: &Layout) -> Result<(), DriverFault> {
+fn usable(inner: &BoardsState, layout: &Layout) -> Result<(), DriverFault> {
     match inner.trouble() {
         Some(Trouble::Lost(_)) => Err(DriverFault::Lost),
         Some(Trouble::Forbidden(why)) => Err(DriverFault::Hardware(why)),
@@ -269,7 +269,7 @@ impl Reach {
     }
 
     /// Stops all boards before anything else; motions waiting in their queues are dropped.
-    pub fn stop_all(&self, inner: &mut Inner) {
+    pub fn stop_all(&self, inner: &mut BoardsState) {
         let now = self.cell.secs(instant());
         let joints = inner.boards.iter().map(|b| b.motions.to_stop(now)).collect();
         let all = |b: &mut super::cell::BoardFacts| {
@@ -281,7 +281,7 @@ impl Reach {
     }
 
     /// Queues a command with all the boards it concerns, or with none.
-    fn queue(&self, inner: &mut Inner, checked: CheckedCommand) -> Result<(), DriverFault> {
+    fn queue(&self, inner: &mut BoardsState, checked: CheckedCommand) -> Result<(), DriverFault> {
         let epoch = self.halt.newest().epoch;
         let orders = split(&self.layout, &checked);
         let reserve = |(board, _): &(usize, Do)| {

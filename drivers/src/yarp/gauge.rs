@@ -30,7 +30,7 @@ const ROUNDING: f64 = 0.01;
 /// Timing of the first moves of a board's joints.
 #[derive(Clone, Debug)]
 pub struct Gauge {
-    joints: Vec<Option<Timed>>,
+    joints: Vec<Option<TimedJoint>>,
     /// Measurements whose references have not been read back yet.
     pending: Vec<Pending>,
     /// Measured speeds by reference speeds.
@@ -54,7 +54,7 @@ struct Pending {
 
 /// A joint in motion.
 #[derive(Clone, Copy, Debug)]
-struct Timed {
+struct TimedJoint {
     from: f64,
     way: f64,
     /// Number of the move.
@@ -90,7 +90,7 @@ impl Gauge {
             self.seen.len() < MAX_SECTIONS && way.abs() >= LEAST.0 && stretch >= LEAST.1 && stretch.is_finite();
         self.pending.retain(|pending| pending.joint != joint);
         if let Some(slot) = self.joints.get_mut(joint) {
-            *slot = counts.then_some(Timed {
+            *slot = counts.then_some(TimedJoint {
                 from,
                 way,
                 number: self.moves,
@@ -174,7 +174,7 @@ impl Gauge {
     }
 }
 
-impl Timed {
+impl TimedJoint {
     /// Adds a reading. Returns measured by reference speed if a section has ended.
     fn read(&mut self, at: f64, q: f64) -> Option<f64> {
         let share = (q - self.from) / self.way;

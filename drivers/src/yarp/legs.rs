@@ -23,7 +23,7 @@ const BEHIND: (f64, f64) = (0.1, 0.5 * std::f64::consts::PI / 180.0);
 
 /// One move.
 #[derive(Clone, Debug)]
-struct Leg {
+struct MoveLeg {
     motors: Vec<usize>,
     from: Vec<f64>,
     to: Vec<f64>,
@@ -36,7 +36,7 @@ struct Leg {
     behind: Vec<f64>,
 }
 
-impl Leg {
+impl MoveLeg {
     /// Share of the path covered.
     fn share(&self) -> f64 {
         let all = self.full + self.ramp;
@@ -72,7 +72,7 @@ impl Leg {
 /// Moves in progress, and motors that are settling after one.
 #[derive(Clone, Debug, Default)]
 pub struct Legs {
-    under_way: Vec<Leg>,
+    under_way: Vec<MoveLeg>,
     ending: Vec<usize>,
     last: Option<Time>,
 }
@@ -84,7 +84,7 @@ impl Legs {
         self.forget(&motors);
         let lag = board.latency.as_secs_f64() + BEHIND.0;
         let behind = speeds.iter().map(|speed| speed * lag + BEHIND.1).collect();
-        let mut leg = Leg { from, to, full: 0.0, ramp: 0.0, gone: 0.0, motors, behind };
+        let mut leg = MoveLeg { from, to, full: 0.0, ramp: 0.0, gone: 0.0, motors, behind };
         let ways = leg.from.iter().zip(&leg.to).map(|(from, to)| (to - from).abs());
         for ((way, speed), motor) in ways.zip(speeds).zip(&leg.motors) {
             let (speed, acceleration) =
@@ -130,7 +130,7 @@ impl Legs {
             leg.gone += if leg.follows(q) { gone } else { 0.0 };
             due.push((leg.motors.clone(), leg.set_points()));
         }
-        let over = |leg: &Leg| leg.gone >= leg.full + leg.ramp;
+        let over = |leg: &MoveLeg| leg.gone >= leg.full + leg.ramp;
         self.ending.extend(self.under_way.iter().filter(|leg| over(leg)).flat_map(|leg| leg.motors.iter().copied()));
         self.under_way.retain(|leg| !over(leg));
         due

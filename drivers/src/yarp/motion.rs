@@ -39,7 +39,7 @@ pub enum MeasuredSpeeds {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Doing {
+enum JointActivity {
     Rest,
     /// Commanded, or on its way to the board.
     Busy {
@@ -54,8 +54,8 @@ enum Doing {
 
 /// Motions of one board. Times in seconds, positions in degrees.
 #[derive(Clone, Debug)]
-pub struct Motions {
-    joints: Vec<Doing>,
+pub struct BoardMotions {
+    joints: Vec<JointActivity>,
     window: VecDeque<(f64, Vec<f64>)>,
     encoders: Vec<Encoder>,
     /// Number of states received.
@@ -64,11 +64,11 @@ pub struct Motions {
     tickets: u64,
 }
 
-impl Motions {
+impl BoardMotions {
     /// Creates the motions of a board with `axes` joints at rest.
-    pub fn new(axes: usize) -> Motions {
-        Motions {
-            joints: vec![Doing::Rest; axes],
+    pub fn new(axes: usize) -> BoardMotions {
+        BoardMotions {
+            joints: vec![JointActivity::Rest; axes],
             window: VecDeque::new(),
             encoders: vec![Encoder::default(); axes],
             states: 0,
@@ -83,7 +83,7 @@ impl Motions {
         let end = if self.board_reports { end } else { End::Seen };
         for j in joints {
             if let Some(slot) = self.joints.get_mut(*j) {
-                *slot = Doing::Busy { end, ticket: self.tickets, given: None, arrived: false };
+                *slot = JointActivity::Busy { end, ticket: self.tickets, given: None, arrived: false };
             }
         }
         self.tickets
@@ -92,7 +92,7 @@ impl Motions {
     /// Marks everything up to this ticket as received by the board, or as dropped.
     pub fn given(&mut self, upto: u64, now: f64) {
         for slot in &mut self.joints {
-            if let Doing::Busy { ticket, given, .. } = slot
+            if let JointActivity::Busy { ticket, given, .. } = slot
                 && *ticket <= upto
                 && given.is_none()
             {
@@ -104,8 +104,8 @@ impl Motions {
     /// Joints whose end only the board can report and which are due for a query, with the ticket for its
     /// answer.
     pub fn due_query(&self) -> Option<(Vec<usize>, u64)> {
-        let waits = |(j, doing): (usize, &Doing)| match doing {
-            Doing::Busy { end: End::Reported, given: Some(_), arrived: false, .. } => Some(j),
+        let waits = |(j, doing): (usize, &JointActivity)| match doing {
+            JointActivity::Busy { end: End::Reported, given: Some(_), arrived: false, .. } => Some(j),
             _ => None,
         };
         let joints: Vec<usize> = self.joints.iter().enumerate().filter_map(waits).collect();
@@ -115,7 +115,7 @@ impl Motions {
     /// Stores the board's answer for these joints.
     pub fn answered(&mut self, joints: &[usize], upto: u64, done: bool) {
         for j in joints {
-            if let Some(Doing::Busy { ticket, given: Some(_), arrived, .. }) = self.joints.get_mut(*j)
+            if let Some(JointActivity::Busy { ticket, given: Some(_), arrived, .. }) = self.joints.get_mut(*j)
                 && *ticket <= upto
             {
                 *arrived = done;
@@ -127,7 +127,7 @@ impl Motions {
     pub fn use_encoders_only(&mut self) {
         self.board_reports = false;
         for slot in &mut self.joints {
-            if let Doing::Busy { end, .. } = slot {
+            if let JointActivity::Busy { end, .. } = slot {
                 *end = End::Seen;
             }
         }
@@ -146,13 +146,13 @@ impl Motions {
             encoder.read(*q, covered && is_steady(&self.window, j));
         }
         for (j, slot) in self.joints.iter_mut().enumerate() {
-            let Doing::Busy { end, given: Some(given), arrived, .. } = *slot else { continue };
+            let JointActivity::Busy { end, given: Some(given), arrived, .. } = *slot else { continue };
             let over = match end {
                 End::Reported => arrived,
                 End::Seen => covered && at >= given + REST_TIME_S && rests(&self.window, &self.encoders, j),
             };
             if over {
-                *slot = Doing::Rest;
+                *slot = JointActivity::Rest;
             }
         }
     }
@@ -183,7 +183,7 @@ impl Motions {
 
     /// True where the motion is done, per joint.
     pub fn done(&self) -> impl Iterator<Item = bool> + '_ {
-        self.joints.iter().map(|d| *d == Doing::Rest)
+        self.joints.iter().map(|d| *d == JointActivity::Rest)
     }
 
     /// Joint speeds, provided that the newest state is no older than `since`.
@@ -203,13 +203,13 @@ impl Motions {
 
     /// True if a joint has no motion in progress and its encoder shows that it rests.
     pub fn rests(&self, joint: usize) -> bool {
-        let over = self.joints.get(joint) == Some(&Doing::Rest);
+        let over = self.joints.get(joint) == Some(&JointActivity::Rest);
         over && is_covered(&self.window) && rests(&self.window, &self.encoders, joint)
     }
 
     /// True if any motion is in progress.
     pub fn is_busy(&self) -> bool {
-        self.joints.iter().any(|d| *d != Doing::Rest)
+        self.joints.iter().any(|d| *d != JointActivity::Rest)
     }
 }
 
@@ -244,13 +244,13 @@ fn rests(window: &VecDeque<(f64, Vec<f64>)>, encoders: &[Encoder], joint: usize)
 mod tests {
     use super::*;
 
-    fn done(m: &Motions) -> Vec<bool> {
+    fn done(m: &BoardMotions) -> Vec<bool> {
         m.done().collect()
     }
 
     #[test]
     fn a_move_is_done_after_the_boards_report_and_a_newer_state() {
-        let mut m = Motions::new(2);
+        let mut m = BoardMotions::new(2);
         let ticket = m.order(&[1], End::Reported);
         assert_eq!((done(&m), m.due_query()), (vec![true, false], None), "the board has not got it yet");
         m.given(ticket, 1.0);
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn an_answer_to_an_older_question_ends_nothing_newer() {
-        let mut m = Motions::new(1);
+        let mut m = BoardMotions::new(1);
         let first = m.order(&[0], End::Reported);
         m.given(first, 0.0);
         let (joints, upto) = m.due_query().unwrap();
@@ -280,7 +280,7 @@ mod tests {
 
     #[test]
     fn set_points_end_when_the_encoders_rest() {
-        let mut m = Motions::new(1);
+        let mut m = BoardMotions::new(1);
         let mut at = 0.0;
         for i in 0..50 {
             at = 0.02 * f64::from(i);
@@ -302,7 +302,7 @@ mod tests {
     /// Rest before the board got the setpoint does not count.
     #[test]
     fn rest_counts_from_the_time_the_board_got_the_order() {
-        let mut m = Motions::new(1);
+        let mut m = BoardMotions::new(1);
         (0..50).for_each(|i| m.read(0.02 * f64::from(i), &[0.0]));
         let ticket = m.order(&[0], End::Seen);
         m.given(ticket, 1.0);
@@ -315,7 +315,7 @@ mod tests {
 
     #[test]
     fn speeds_require_enough_recent_states() {
-        let mut m = Motions::new(2);
+        let mut m = BoardMotions::new(2);
         assert_eq!(m.speeds(0.0), MeasuredSpeeds::Unknown);
         m.read(0.0, &[0.0, 0.0]);
         m.read(0.5 * REST_TIME_S, &[1.0, 0.0]);
@@ -340,8 +340,9 @@ mod tests {
         // simple pseudo-random noise of 0.03 deg: the fractional part of a multiple of an irrational number
         let noise = |i: u32| 0.1 * ((f64::from(i) * 0.754_877_666) % 1.0 - 0.5);
         for (q, rests) in [(&flickers as &dyn Fn(u32) -> f64, true), (&noise, true), (&|i| 0.1 * f64::from(i), false)] {
-            let mut m = Motions::new(1);
-            let read = |m: &mut Motions, n: std::ops::Range<u32>| n.for_each(|i| m.read(0.01 * f64::from(i), &[q(i)]));
+            let mut m = BoardMotions::new(1);
+            let read =
+                |m: &mut BoardMotions, n: std::ops::Range<u32>| n.for_each(|i| m.read(0.01 * f64::from(i), &[q(i)]));
             read(&mut m, 0..100);
             let ticket = m.order(&[0], End::Seen);
             m.given(ticket, 1.0);
@@ -355,7 +356,7 @@ mod tests {
     /// while since.
     #[test]
     fn a_rest_is_seen_anew_in_each_life_of_a_board() {
-        let mut m = Motions::new(2);
+        let mut m = BoardMotions::new(2);
         let ticket = m.order(&[0], End::Seen);
         m.given(ticket, 4.0);
         (0..10).for_each(|i| m.read(4.0 + 0.02 * f64::from(i), &[f64::from(i), 0.0]));
@@ -371,14 +372,14 @@ mod tests {
 
     #[test]
     fn a_board_in_a_hurry_takes_no_more_room() {
-        let mut m = Motions::new(1);
+        let mut m = BoardMotions::new(1);
         (0..1000).for_each(|i| m.read(1e-4 * f64::from(i), &[0.0]));
         assert_eq!(m.window.len(), MAX_STATES);
     }
 
     #[test]
     fn what_never_reached_the_board_stays_busy_and_a_silent_board_is_watched() {
-        let mut m = Motions::new(1);
+        let mut m = BoardMotions::new(1);
         m.order(&[0], End::Reported);
         for i in 0..100 {
             m.read(0.02 * f64::from(i), &[0.0]);

@@ -23,7 +23,7 @@ use super::settings::Moves;
 use super::{Questions, YarpDriverSettings, YarpHardware};
 use crate::{Fault, Garbage, Imitated, SimHardware, SimSettings};
 use crate::{SimBoard, SimClock};
-use client::{Client, Stops};
+use client::{SimClient, Stops};
 use far::{Far, KeptConnection, lock};
 use faults::Faults;
 use judge::Judge;
@@ -49,13 +49,13 @@ pub struct YarpSim {
 
 /// The boards, and the simulated connections to them.
 struct SimWire {
-    parts: Vec<Part>,
+    parts: Vec<SimPart>,
     judge: Arc<Mutex<Judge>>,
     /// Set by the first connection, at which all clocks start.
     far: OnceLock<Vec<Arc<Far>>>,
 }
 
-struct Part {
+struct SimPart {
     patch: Patch,
     hardware: SimHardware,
     faults: Arc<Mutex<Faults>>,
@@ -102,14 +102,14 @@ impl YarpSim {
             let seed = context.seed.wrapping_add(seed);
             let of = |all: &[f64]| all.get(patch.motors.clone()).unwrap_or_default().to_vec();
             let axes = axes.get(patch.motors.clone()).unwrap_or_default().to_vec();
-            Part {
+            SimPart {
                 patch: patch.clone(),
                 hardware: SimHardware::with_axes(axes, &of(&start), &sim, seed),
                 faults: Arc::new(Mutex::new(Faults::new(ChaCha8Rng::seed_from_u64(seed)))),
                 lies: Mutex::default(),
             }
         };
-        let parts: Vec<Part> = (0..).zip(&layout.patches).map(part).collect();
+        let parts: Vec<SimPart> = (0..).zip(&layout.patches).map(part).collect();
         let boards = layout.patches.iter().map(|p| (p.port.clone(), p.motors.clone()));
         let judge = Arc::new(Mutex::new(Judge::new(boards, layout.units(), layout.motors(), imitates.is_some())));
         let board = described(&layout, &parts, &settings)?;
@@ -164,7 +164,7 @@ impl YarpSim {
     /// True speeds of the motors that a stop could reach, rad/s.
     pub fn speeds(&self, now: Time) -> Vec<f64> {
         let judge = lock(&self.wire.judge);
-        let of = |(board, part): (usize, &Part)| {
+        let of = |(board, part): (usize, &SimPart)| {
             let in_reach = judge.is_in_reach(board, now);
             part.hardware.speeds(now).into_iter().filter(move |_| in_reach).collect::<Vec<f64>>()
         };
@@ -183,7 +183,7 @@ impl Hardware for YarpSim {
             return Ok(Box::new(Unreached(self.board.clone())));
         }
         self.wire.begin()?;
-        Ok(Box::new(Judged { driver: self.hardware.connect()?, wire: self.wire.clone() }))
+        Ok(Box::new(JudgedDriver { driver: self.hardware.connect()?, wire: self.wire.clone() }))
     }
 
     fn let_go(&self) {
@@ -196,7 +196,7 @@ impl Hardware for YarpSim {
 }
 
 /// Description of the robot as the driver will find it.
-fn described(layout: &Layout, parts: &[Part], settings: &YarpDriverSettings) -> Result<Board, KindError> {
+fn described(layout: &Layout, parts: &[SimPart], settings: &YarpDriverSettings) -> Result<Board, KindError> {
     let cell = super::cell::SharedBoards::new(layout);
     let mut inner = cell.lock();
     for (known, part) in inner.boards.iter_mut().zip(parts) {
@@ -213,7 +213,7 @@ impl SimWire {
             return Ok(());
         }
         let clock = SimClock::start(1.0, 1.79e9);
-        let far = |(index, part): (usize, &Part)| {
+        let far = |(index, part): (usize, &SimPart)| {
             Ok(Arc::new(Far {
                 index,
                 port: part.patch.port.clone(),
@@ -253,7 +253,7 @@ async fn watch(judge: Arc<Mutex<Judge>>, all: Vec<Arc<Far>>) {
 
 impl Wire for SimWire {
     fn board(&self, patch: &Patch, options: RemoteOptions) -> Option<Arc<dyn Remote>> {
-        Some(Arc::new(Client::new(self.far(patch)?, options.timeout)))
+        Some(Arc::new(SimClient::new(self.far(patch)?, options.timeout)))
     }
 
     fn stop_line(&self, patch: &Patch, _own: &str, patience: Duration) -> Option<Box<dyn StopLine>> {
@@ -266,7 +266,7 @@ impl Wire for SimWire {
 }
 
 /// The driver, observed by the judge.
-struct Judged {
+struct JudgedDriver {
     driver: Box<dyn Driver>,
     wire: Arc<SimWire>,
 }
@@ -282,7 +282,7 @@ impl SimWire {
     }
 }
 
-impl Driver for Judged {
+impl Driver for JudgedDriver {
     fn board(&self) -> &Board {
         self.driver.board()
     }

@@ -37,7 +37,7 @@ const RESTART_PAUSE: Duration = Duration::from_millis(200);
 
 /// Location of the two threads.
 #[derive(Clone, Copy, Debug)]
-pub enum Place {
+pub enum ThreadPlacement {
     /// On threads of their own.
     Threads,
     /// On the present runtime, whose clock may be virtual.
@@ -57,8 +57,12 @@ enum Thread {
 }
 
 impl Thread {
-    fn begin(place: Place, name: String, work: impl Future<Output = ()> + Send + 'static) -> io::Result<Thread> {
-        let Place::Threads = place else { return Ok(Thread::Here(tokio::spawn(work))) };
+    fn begin(
+        place: ThreadPlacement,
+        name: String,
+        work: impl Future<Output = ()> + Send + 'static,
+    ) -> io::Result<Thread> {
+        let ThreadPlacement::Threads = place else { return Ok(Thread::Here(tokio::spawn(work))) };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         Ok(Thread::Own(std::thread::Builder::new().name(name).spawn(move || runtime.block_on(work))?))
     }
@@ -94,7 +98,7 @@ impl Threads {
 
 /// State of both threads.
 #[derive(Clone)]
-struct Shared {
+struct SharedThreads {
     wire: Arc<dyn Wire>,
     settings: YarpDriverSettings,
     /// Prefix of our own port names.
@@ -109,7 +113,7 @@ struct Shared {
 /// # Errors
 /// The system can't create a thread or its runtime.
 pub fn start(
-    (wire, place): (Arc<dyn Wire>, Place),
+    (wire, place): (Arc<dyn Wire>, ThreadPlacement),
     settings: &YarpDriverSettings,
     robot: &str,
     layout: Arc<Layout>,
@@ -124,11 +128,11 @@ pub fn start(
     let questions = layout.patches.iter().filter_map(question).collect();
     let (end, ended) = watch::channel(false);
     let queues = queues.into_iter().map(|q| Arc::new(Mutex::new(q))).collect();
-    let shared = Shared { wire, settings: settings.clone(), name, reach: reach.clone(), queues, end: ended };
+    let shared = SharedThreads { wire, settings: settings.clone(), name, reach: reach.clone(), queues, end: ended };
     let mut running = Threads { end, threads: Vec::new() };
-    let brakes: (Side, Muster) = (Side::Brakes, Shared::brakes);
+    let brakes: (Side, Muster) = (Side::Brakes, SharedThreads::brakes);
     for (name, crew) in
-        [(format!("yarp stop {robot}"), brakes), (format!("yarp {robot}"), (Side::Boards, Shared::boards))]
+        [(format!("yarp stop {robot}"), brakes), (format!("yarp {robot}"), (Side::Boards, SharedThreads::boards))]
     {
         let work = shared.clone().watch(name.clone(), crew);
         #[cfg(test)]
@@ -146,9 +150,9 @@ enum Side {
 }
 
 /// Function that creates the tasks of a thread.
-type Muster = fn(&Shared, &watch::Receiver<bool>) -> Crew;
+type Muster = fn(&SharedThreads, &watch::Receiver<bool>) -> Crew;
 
-impl Shared {
+impl SharedThreads {
     /// Keeps the tasks of a thread alive until the end.
     async fn watch(self, thread: String, (side, muster): (Side, Muster)) {
         let _guard = Guard { reach: self.reach.clone(), thread, end: self.end.clone() };

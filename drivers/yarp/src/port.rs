@@ -27,7 +27,7 @@ mod slot;
 mod source;
 mod writer;
 
-pub(crate) use self::core::Core;
+pub(crate) use self::core::PortCore;
 pub use client::{CallError, RpcClient};
 pub use inbox::Queue;
 pub use listen::check_free;

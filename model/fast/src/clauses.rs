@@ -1,19 +1,19 @@
 //! Constraints are tested before anything is placed: this is cheap, and leaves the lanes to other poses.
 
 use crate::kernel::Block;
-use crate::lanes::{Mask, WIDTH, WideRow};
+use crate::lanes::{LaneMask, WIDTH, WideRow};
 use crate::program::{FlatClause, Program};
 
 /// The lanes that certainly violate a constraint, and those in which rounding could decide about one.
 #[inline(always)]
-pub(crate) fn violated(program: &Program, block: &Block) -> (Mask, Mask) {
+pub(crate) fn violated(program: &Program, block: &Block) -> (LaneMask, LaneMask) {
     let mut violated = 0;
     let mut doubtful = 0;
     for clause in &program.clauses {
         let value = clause_value(clause, &block.motors);
         for (i, value) in value.0.iter().enumerate() {
-            violated |= Mask::from(*value < -clause.doubt) << i;
-            doubtful |= Mask::from(value.abs() <= clause.doubt) << i;
+            violated |= LaneMask::from(*value < -clause.doubt) << i;
+            doubtful |= LaneMask::from(value.abs() <= clause.doubt) << i;
         }
     }
     (violated, doubtful)

@@ -9,10 +9,10 @@ use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
 use crate::limits::constraints;
-use crate::program::{Ball, BallAndBox, Form, Group, InnerCapsules, PairTest, Program, Solid};
+use crate::program::{Ball, BallAndBox, InnerCapsules, PairTest, Program, ProgramSolid, SolidForm, SolidGroup};
 use crate::proof::Proofs;
-use crate::regions::{Region, branches, regions};
-use crate::steps::{Layout, Size};
+use crate::regions::{SubtreeRegion, branches, regions};
+use crate::steps::{BoundSizes, StepLayout};
 use crate::sweep::{Sphere, in_world, least_distance};
 use mobee_model::{Collider, IndexPair, InnerCapsule, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -21,7 +21,7 @@ use std::ops::Range;
 /// A program, and the data for reordering its steps.
 pub(crate) struct Compiled {
     pub program: Program,
-    pub layout: Layout,
+    pub layout: StepLayout,
     /// Number of pairs that were omitted because they can never meet.
     pub pruned: usize,
     /// The moving things, and the frames as they were chosen.
@@ -48,11 +48,11 @@ impl Sized {
         Sphere { center: self.pose.translation.vector, radius: self.shape.bounding_radius() }
     }
 
-    fn size(&self) -> Size {
+    fn size(&self) -> BoundSizes {
         let capsule = self.shape.bounding_capsule();
         let ball = self.shape.bounding_radius();
         let turn = self.is_box().then_some(self.turn);
-        Size { ball, half: capsule.half_axis.norm(), radius: capsule.radius, error: self.error, turn }
+        BoundSizes { ball, half: capsule.half_axis.norm(), radius: capsule.radius, error: self.error, turn }
     }
 
     /// Balls that contain the extreme points of its core. For a shape with a hull they contain those of the shape,
@@ -98,8 +98,8 @@ pub(crate) struct RobotFacts {
 struct Hands {
     order: Vec<usize>,
     pairs: Vec<(usize, usize)>,
-    regions: Vec<Region>,
-    branches: Vec<Region>,
+    regions: Vec<SubtreeRegion>,
+    branches: Vec<SubtreeRegion>,
 }
 
 impl RobotFacts {
@@ -111,7 +111,7 @@ impl RobotFacts {
         order: &[usize],
         sized: &[Sized],
         pairs: &[(usize, usize)],
-    ) -> (Vec<Region>, Vec<Region>) {
+    ) -> (Vec<SubtreeRegion>, Vec<SubtreeRegion>) {
         let robots = self.swept.len();
         let own_order: Vec<usize> = order.iter().copied().filter(|s| *s < robots).collect();
         let own_pairs: Vec<(usize, usize)> = pairs.iter().copied().filter(|(_, b)| *b < robots).collect();
@@ -171,7 +171,7 @@ pub(crate) fn compile(scene: &Scene, selected: &[IndexPair], clearance: f64, fac
     place_frames(&mut program, &frames, &branches, &order, &sized);
     constraints(&mut program, scene);
     place_solids(&mut program, &order, &sized, &groups, &frames);
-    let mut layout = Layout::new(&groups, clearance);
+    let mut layout = StepLayout::new(&groups, clearance);
     for range in &groups {
         let ball = facts.group_ball(&order[range.clone()], &sized);
         let frame = sized[order[range.start]].frame;
@@ -300,7 +300,13 @@ fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<u
 }
 
 /// Adds the joints that carry solids: first those that are always placed, then branch by branch.
-fn place_frames(program: &mut Program, frames: &[LaneFrame], branches: &[Region], order: &[usize], sized: &[Sized]) {
+fn place_frames(
+    program: &mut Program,
+    frames: &[LaneFrame],
+    branches: &[SubtreeRegion],
+    order: &[usize],
+    sized: &[Sized],
+) {
     let mut live = vec![false; frames.len()];
     for s in order {
         live[sized[*s].frame] = true;
@@ -339,11 +345,11 @@ fn place_solids(
         let first_axis = program.axes;
         program.axes += axes.len();
         let center = single(&solid.pose.translation.vector);
-        program.solids.push(Solid { frame: solid.frame, center, axes, first_axis, form });
+        program.solids.push(ProgramSolid { frame: solid.frame, center, axes, first_axis, form });
     }
     for range in groups {
         let fixed = frames[sized[order[range.start]].frame].carried.is_none();
-        program.groups.push(Group { solids: range.clone(), fixed });
+        program.groups.push(SolidGroup { solids: range.clone(), fixed });
     }
 }
 
@@ -363,26 +369,28 @@ fn inset(solid: &Sized) -> f64 {
 }
 
 /// Axes and sizes of a shape.
-fn form(shape: &Shape, inset: f64) -> (Vec<Vector3<f64>>, Form) {
+fn form(shape: &Shape, inset: f64) -> (Vec<Vector3<f64>>, SolidForm) {
     let y = vec![Vector3::y()];
     match *shape {
-        Shape::Sphere { radius } => (y, Form::Round { half: 0.0, radius: radius as f32 }),
-        Shape::Capsule { radius, height } => (y, Form::Round { half: (height / 2.0) as f32, radius: radius as f32 }),
+        Shape::Sphere { radius } => (y, SolidForm::Round { half: 0.0, radius: radius as f32 }),
+        Shape::Capsule { radius, height } => {
+            (y, SolidForm::Round { half: (height / 2.0) as f32, radius: radius as f32 })
+        }
         Shape::Cylinder { radius, height } => {
-            (y, Form::Cylinder { half: (height / 2.0) as f32, radius: radius as f32, inset: inset as f32 })
+            (y, SolidForm::Cylinder { half: (height / 2.0) as f32, radius: radius as f32, inset: inset as f32 })
         }
         Shape::Box { size } => {
             let long = size.imax();
             let order = [long, (long + 1) % 3, (long + 2) % 3];
             let axes = order.map(|i| Vector3::ith(i, 1.0)).to_vec();
-            (axes, Form::Box { half: order.map(|i| (size[i] / 2.0) as f32), inset: inset as f32 })
+            (axes, SolidForm::Box { half: order.map(|i| (size[i] / 2.0) as f32), inset: inset as f32 })
         }
     }
 }
 
 fn add_ball(
     program: &mut Program,
-    layout: &mut Layout,
+    layout: &mut StepLayout,
     frames: &[LaneFrame],
     (frame, ball): (usize, Sphere),
     group: Option<Option<usize>>,

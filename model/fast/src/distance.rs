@@ -11,9 +11,9 @@
 //! these two tests matters, which the thresholds include (`bound.rs`).
 
 use crate::kernel::Block;
-use crate::lanes::{Lanes, Mask};
-use crate::program::{BallAndBox, Form, PairTest, Program, Solid};
-use crate::vector::{Rows3, V3};
+use crate::lanes::{LaneMask, Lanes};
+use crate::program::{BallAndBox, PairTest, Program, ProgramSolid, SolidForm};
+use crate::vector::{LaneVector, Rows3};
 
 /// Maximum number of projections; then the reference decides the pair.
 const MAX_PROJECTIONS: usize = 12;
@@ -22,30 +22,30 @@ const MAX_PROJECTIONS: usize = 12;
 #[derive(Clone, Copy)]
 pub(crate) struct PairResult {
     /// Lanes in which it certainly touches.
-    pub touching: Mask,
+    pub touching: LaneMask,
     /// Lanes in which rounding could decide if it touches.
-    pub doubtful: Mask,
+    pub doubtful: LaneMask,
     /// Lanes in which the two may touch after their motion.
-    pub open: Mask,
+    pub open: LaneMask,
     /// Open lanes in which more projections might give a result.
-    pub stuck: Mask,
+    pub stuck: LaneMask,
 }
 
 const FREE: PairResult = PairResult { touching: 0, doubtful: 0, open: 0, stuck: 0 };
 
 /// A solid at its pose.
 #[derive(Clone, Copy)]
-struct Placed<'a, L> {
-    form: Form,
-    center: V3<L>,
+struct PlacedSolid<'a, L> {
+    form: SolidForm,
+    center: LaneVector<L>,
     /// One axis, or three for a box.
     axes: &'a [Rows3],
 }
 
-impl<L: Lanes> Placed<'_, L> {
+impl<L: Lanes> PlacedSolid<'_, L> {
     #[inline(always)]
-    fn axis(&self, i: usize) -> V3<L> {
-        V3::load(&self.axes[i])
+    fn axis(&self, i: usize) -> LaneVector<L> {
+        LaneVector::load(&self.axes[i])
     }
 }
 
@@ -56,7 +56,7 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     program: &Program,
     block: &Block,
     pair: &PairTest,
-    live: Mask,
+    live: LaneMask,
     motion: L,
 ) -> PairResult {
     let (a, b) = (placed::<L>(program, block, pair.a), placed::<L>(program, block, pair.b));
@@ -102,16 +102,16 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
 /// Tests a ball and a box, in closed form.
 #[inline(always)]
 fn measure<L: Lanes, const MOVES: bool>(
-    a: &Placed<L>,
-    b: &Placed<L>,
-    between: V3<L>,
+    a: &PlacedSolid<L>,
+    b: &PlacedSolid<L>,
+    between: LaneVector<L>,
     sizes: &BallAndBox,
-    near: Mask,
+    near: LaneMask,
     motion: L,
 ) -> PairResult {
-    let squared = if let Form::Box { half, .. } = a.form {
+    let squared = if let SolidForm::Box { half, .. } = a.form {
         beyond::<L>(a, half, between)
-    } else if let Form::Box { half, .. } = b.form {
+    } else if let SolidForm::Box { half, .. } = b.form {
         beyond::<L>(b, half, between)
     } else {
         // Unreachable: such a pair would be entirely in doubt.
@@ -126,7 +126,7 @@ fn measure<L: Lanes, const MOVES: bool>(
 
 /// Squared distance of a point from a box, given the vector from the box's center to the point.
 #[inline(always)]
-fn beyond<L: Lanes>(solid: &Placed<L>, half: [f32; 3], way: V3<L>) -> L {
+fn beyond<L: Lanes>(solid: &PlacedSolid<L>, half: [f32; 3], way: LaneVector<L>) -> L {
     let mut squared = L::splat(0.0);
     for i in 0..3 {
         let over = (solid.axis(i).dot(way).abs() - L::splat(half[i])).max(L::splat(0.0));
@@ -138,7 +138,7 @@ fn beyond<L: Lanes>(solid: &Placed<L>, half: [f32; 3], way: V3<L>) -> L {
 /// Result for a pair whose shapes may contain hulls: shapes that are apart contain hulls that are apart; hulls touch if
 /// their inner capsules touch; in all other cases the reference decides.
 #[inline(always)]
-fn solid<const MOVES: bool>(pair: &PairTest, found: PairResult, held: Mask) -> PairResult {
+fn solid<const MOVES: bool>(pair: &PairTest, found: PairResult, held: LaneMask) -> PairResult {
     if pair.held.is_none() {
         return found;
     }
@@ -155,10 +155,10 @@ pub(crate) fn beside<L: Lanes, const MOVES: bool>(
     (ball, of): (u32, u32),
     (half, within_squared): (f32, f32),
     motion: L,
-) -> Mask {
+) -> LaneMask {
     let solid = placed::<L>(program, block, of as usize);
-    let way = V3::load(&block.centers[ball as usize]).minus(solid.center);
-    if let Form::Box { half, .. } = solid.form {
+    let way = LaneVector::load(&block.centers[ball as usize]).minus(solid.center);
+    if let SolidForm::Box { half, .. } = solid.form {
         return within::<L, MOVES>(beyond::<L>(&solid, half, way), within_squared, motion);
     }
     let axis = solid.axis(0);
@@ -168,7 +168,7 @@ pub(crate) fn beside<L: Lanes, const MOVES: bool>(
 
 /// The lanes in which centers of this squared distance are closer than the threshold plus the motion.
 #[inline(always)]
-pub(crate) fn within<L: Lanes, const MOVES: bool>(squared: L, within_squared: f32, motion: L) -> Mask {
+pub(crate) fn within<L: Lanes, const MOVES: bool>(squared: L, within_squared: f32, motion: L) -> LaneMask {
     if !MOVES {
         return squared.below(L::splat(within_squared));
     }
@@ -177,16 +177,16 @@ pub(crate) fn within<L: Lanes, const MOVES: bool>(squared: L, within_squared: f3
 }
 
 #[inline(always)]
-fn placed<'a, L: Lanes>(program: &Program, block: &'a Block, index: usize) -> Placed<'a, L> {
-    let solid: &Solid = &program.solids[index];
-    let center = V3::load(&block.centers[program.balls.len() + index]);
-    Placed { form: solid.form, center, axes: &block.axes[solid.first_axis..] }
+fn placed<'a, L: Lanes>(program: &Program, block: &'a Block, index: usize) -> PlacedSolid<'a, L> {
+    let solid: &ProgramSolid = &program.solids[index];
+    let center = LaneVector::load(&block.centers[program.balls.len() + index]);
+    PlacedSolid { form: solid.form, center, axes: &block.axes[solid.first_axis..] }
 }
 
 /// The lanes in which supports are apart by more than `distance` plus the motion, along a direction of this squared
 /// length.
 #[inline(always)]
-fn apart<L: Lanes, const MOVES: bool>(gap: L, squared: L, distance: f32, motion: L) -> Mask {
+fn apart<L: Lanes, const MOVES: bool>(gap: L, squared: L, distance: f32, motion: L) -> LaneMask {
     let distance_squared = if MOVES {
         let distance = L::splat(distance) + motion;
         distance * distance
@@ -198,7 +198,7 @@ fn apart<L: Lanes, const MOVES: bool>(gap: L, squared: L, distance: f32, motion:
 
 /// The lanes in which points of this squared distance are closer than `distance`.
 #[inline(always)]
-fn touching<L: Lanes>(squared: L, distance: f32) -> Mask {
+fn touching<L: Lanes>(squared: L, distance: f32) -> LaneMask {
     if distance > 0.0 { squared.below(L::splat(distance * distance)) } else { 0 }
 }
 
@@ -206,7 +206,7 @@ fn touching<L: Lanes>(squared: L, distance: f32) -> Mask {
 /// the second midpoint to the first. After Ericson, *Real-Time Collision Detection*, 5.1.9, without branches: if they
 /// are parallel any point will do, and the last line optimizes the first coordinate for the second.
 #[inline(always)]
-fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L) {
+fn nearest<L: Lanes>(between: LaneVector<L>, u: LaneVector<L>, v: LaneVector<L>, half: [L; 2]) -> (L, L) {
     let (uv, ur, vr) = (u.dot(v), u.dot(between), v.dot(between));
     let sine_squared = uv.neg_mul_add(uv, L::splat(1.0)).max(L::splat(1e-7));
     let s = (uv * vr - ur).div(sine_squared).clamp(half[0]);
@@ -218,11 +218,11 @@ fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L)
 /// pair of points and every direction on the way is tried as a witness.
 #[inline(always)]
 fn alternate_projections<L: Lanes, const MOVES: bool>(
-    a: &Placed<L>,
-    b: &Placed<L>,
-    start: V3<L>,
+    a: &PlacedSolid<L>,
+    b: &PlacedSolid<L>,
+    start: LaneVector<L>,
     pair: &PairTest,
-    near: Mask,
+    near: LaneMask,
     motion: L,
 ) -> PairResult {
     let between = a.center.minus(b.center);
@@ -258,11 +258,13 @@ fn alternate_projections<L: Lanes, const MOVES: bool>(
 
 /// The point of a solid's core nearest to a point.
 #[inline(always)]
-fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
+fn project<L: Lanes>(solid: &PlacedSolid<L>, point: LaneVector<L>) -> LaneVector<L> {
     let way = point.minus(solid.center);
     match solid.form {
-        Form::Round { half, .. } => solid.center.along(solid.axis(0), solid.axis(0).dot(way).clamp(L::splat(half))),
-        Form::Cylinder { half, radius, inset } => {
+        SolidForm::Round { half, .. } => {
+            solid.center.along(solid.axis(0), solid.axis(0).dot(way).clamp(L::splat(half)))
+        }
+        SolidForm::Cylinder { half, radius, inset } => {
             let u = solid.axis(0);
             let along = u.dot(way);
             let across = way.against(u, along);
@@ -270,7 +272,7 @@ fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
             let share = L::splat(radius - inset).div(length).min(L::splat(1.0));
             solid.center.along(u, along.clamp(L::splat(half - inset))).along(across, share)
         }
-        Form::Box { half, inset } => {
+        SolidForm::Box { half, inset } => {
             let mut at = solid.center;
             for i in 0..3 {
                 let u = solid.axis(i);
@@ -284,16 +286,16 @@ fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
 /// Extent of a solid from its center along a direction, times that direction's length; without the radius of round
 /// ones.
 #[inline(always)]
-fn support<L: Lanes>(solid: &Placed<L>, g: V3<L>) -> L {
+fn support<L: Lanes>(solid: &PlacedSolid<L>, g: LaneVector<L>) -> L {
     match solid.form {
-        Form::Round { half, .. } => L::splat(half) * g.dot(solid.axis(0)).abs(),
-        Form::Cylinder { half, radius, .. } => {
+        SolidForm::Round { half, .. } => L::splat(half) * g.dot(solid.axis(0)).abs(),
+        SolidForm::Cylinder { half, radius, .. } => {
             let along = g.dot(solid.axis(0));
             // Computed as a vector: from the lengths alone it would be lost to rounding if g is along the axis.
             let across = g.against(solid.axis(0), along).squared().sqrt();
             L::splat(half) * along.abs() + L::splat(radius) * across
         }
-        Form::Box { half, .. } => {
+        SolidForm::Box { half, .. } => {
             let mut sum = L::splat(0.0);
             for i in 0..3 {
                 sum = L::splat(half[i]).mul_add(g.dot(solid.axis(i)).abs(), sum);

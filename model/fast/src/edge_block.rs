@@ -4,7 +4,7 @@ use crate::bound::REFERENCE;
 use crate::edges::{Edges, Interval, Obstruction};
 use crate::fast::FastScene;
 use crate::intervals::{NONE, Stuck};
-use crate::lanes::{Mask, WIDTH};
+use crate::lanes::{LaneMask, WIDTH};
 
 impl FastScene {
     /// Checks sixteen intervals; those that are not proved are added to `next`, undivided.
@@ -58,7 +58,7 @@ impl FastScene {
         let mut lane = 0;
         // Both halves of an interval, and edges that start at this level, share their units.
         for alike in block.chunk_by(|a, b| a.first == b.first) {
-            let lanes = (Mask::MAX >> (WIDTH - alike.len())) << lane;
+            let lanes = (LaneMask::MAX >> (WIDTH - alike.len())) << lane;
             for unit in &all.units[alike[0].first as usize..alike[0].end as usize] {
                 all.lanes[*unit as usize] |= lanes;
                 all.wanted[*unit as usize / 64] |= 1 << (unit % 64);

@@ -11,7 +11,7 @@
 
 use crate::edge_block::middle;
 use crate::fast::{FastError, FastScene};
-use crate::lanes::{Mask, WIDTH};
+use crate::lanes::{LaneMask, WIDTH};
 use crate::limits::is_within;
 use crate::program::Program;
 use mobee_model::Pair;
@@ -72,7 +72,7 @@ pub(crate) struct Interval {
 
 /// State of an edge.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct State {
+pub(crate) struct EdgeCheckState {
     /// The level at which its bisection starts, and the level at which the resolution is reached.
     pub start: u32,
     pub levels: u32,
@@ -85,14 +85,14 @@ pub(crate) struct State {
 /// Buffers, reused for every call.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Edges {
-    pub states: Vec<State>,
+    pub states: Vec<EdgeCheckState>,
     pub open: Vec<Interval>,
     pub next: Vec<Interval>,
     /// Units of the intervals of this level, and of the next.
     pub units: Vec<u32>,
     pub next_units: Vec<u32>,
     /// Per unit: the lanes in which it is tested.
-    pub lanes: Vec<Mask>,
+    pub lanes: Vec<LaneMask>,
     /// A bit per unit that is tested in any lane.
     pub wanted: Vec<u64>,
     /// Edges that start at a later level, as (level, edge); the next ones last.
@@ -154,7 +154,7 @@ impl FastScene {
     /// As [`FastScene::certify`].
     pub fn edges_free_within(&mut self, edges: &[f64], most: usize, free: &mut Vec<bool>) -> Result<(), FastError> {
         free.clear();
-        let is_free = |state: &State| state.blocked.is_none() && state.uncertified.is_none();
+        let is_free = |state: &EdgeCheckState| state.blocked.is_none() && state.uncertified.is_none();
         self.bisect_all(edges, (MAX_LEVELS, most.min(MAX_OPEN)), |state| free.push(is_free(state)))
     }
 
@@ -164,7 +164,7 @@ impl FastScene {
         &mut self,
         edges: &[f64],
         limits: (u32, usize),
-        mut done: impl FnMut(&State),
+        mut done: impl FnMut(&EdgeCheckState),
     ) -> Result<(), FastError> {
         let motors = self.motors();
         if motors == 0 || !edges.len().is_multiple_of(2 * motors) {
@@ -250,11 +250,11 @@ impl FastScene {
     }
 
     /// Checks limits and constraints, and computes the levels of the bisection.
-    fn start(&self, edge: &[f64], moving: &[usize]) -> State {
+    fn start(&self, edge: &[f64], moving: &[usize]) -> EdgeCheckState {
         let (from, to) = edge.split_at(self.motors());
         let travel: f64 = moving.iter().map(|m| (to[*m] - from[*m]).abs() * self.program.reach[*m]).sum();
         let violated = self.first_beyond_limits(from, to, moving).into_iter().chain(self.first_violation(from, to));
-        let mut state = State { start: 0, levels: 0, blocked: None, uncertified: None };
+        let mut state = EdgeCheckState { start: 0, levels: 0, blocked: None, uncertified: None };
         for (at, sure) in violated {
             if sure && state.blocked.is_none_or(|b| at < b.at) {
                 state.blocked = Some(Obstruction { at, pair: None });

@@ -5,7 +5,7 @@ use crate::edges::Edges;
 use crate::intervals::Intervals;
 use crate::isa::{InstructionSet, Runner, checked};
 use crate::kernel::Block;
-use crate::lanes::{Mask, WIDTH};
+use crate::lanes::{LaneMask, WIDTH};
 use crate::limits::within_limits;
 use crate::program::Program;
 use crate::reference::Reference;
@@ -315,7 +315,7 @@ impl FastScene {
         &mut self,
         poses: &[f64],
         block: &[usize],
-        (requested, cut): (Mask, usize),
+        (requested, cut): (LaneMask, usize),
         free: &mut [bool],
     ) -> Option<usize> {
         let motors = self.motors();
@@ -338,14 +338,16 @@ impl FastScene {
     ///
     /// # Returns
     /// The lanes with only finite numbers.
-    fn load_all(&mut self, poses: &[f64], block: &[usize]) -> Mask {
+    fn load_all(&mut self, poses: &[f64], block: &[usize]) -> LaneMask {
         let motors = self.motors();
         let lanes = block.iter().enumerate();
-        lanes.fold(0, |all, (lane, i)| all | Mask::from(self.load(lane, &poses[i * motors..(i + 1) * motors])) << lane)
+        lanes.fold(0, |all, (lane, i)| {
+            all | LaneMask::from(self.load(lane, &poses[i * motors..(i + 1) * motors])) << lane
+        })
     }
 
     /// True if a pair that is in doubt in this lane touches.
-    pub(crate) fn doubt_touches(&mut self, pose: &[f64], lane: Mask) -> bool {
+    pub(crate) fn doubt_touches(&mut self, pose: &[f64], lane: LaneMask) -> bool {
         let doubts = self.block.doubts.iter().filter(|(_, lanes)| lanes & lane != 0);
         let pairs = doubts.map(|(pair, _)| self.program.pairs[*pair].ids);
         self.reference.any_touches(pose, pairs, self.clearance)

@@ -6,10 +6,10 @@
 
 use crate::distance::{PairResult, beside, test_pair, within};
 use crate::kernel::{Block, place_group, place_region, start_placing};
-use crate::lanes::{Lanes, Mask, Row, WIDTH};
+use crate::lanes::{LaneMask, Lanes, Row, WIDTH};
 use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
 use crate::program::{Program, Step, UnitTest};
-use crate::vector::V3;
+use crate::vector::LaneVector;
 
 /// Number of unit pairs per batch of ball tests.
 const BATCH: usize = 32;
@@ -22,13 +22,13 @@ pub(crate) struct Intervals {
     /// Motions from the midpoint to either end.
     pub motions: Motions,
     /// The units to test, with their lanes; in ascending order.
-    pub requested: Vec<(u32, Mask)>,
+    pub requested: Vec<(u32, LaneMask)>,
     /// The units that may touch, with their lanes, in the same order.
-    pub open: Vec<(u32, Mask)>,
+    pub open: Vec<(u32, LaneMask)>,
     /// Per lane: the first pair found that certainly touches at the midpoint, or [`NONE`].
     pub touching: [usize; WIDTH],
     /// Pairs for which rounding could decide if they touch at the midpoint, with their lanes.
-    pub doubts: Vec<(usize, Mask)>,
+    pub doubts: Vec<(usize, LaneMask)>,
     /// Pairs that the lanes could not decide; these count as free in `open`.
     pub stuck: Vec<Stuck>,
 }
@@ -38,7 +38,7 @@ pub(crate) struct Intervals {
 pub(crate) struct Stuck {
     pub unit: u32,
     pub pair: usize,
-    pub lanes: Mask,
+    pub lanes: LaneMask,
     /// Bound of the relative motion of the two, meters.
     pub motion: Row,
 }
@@ -97,8 +97,8 @@ pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &
 
 /// Lanes in which two centers are closer than the threshold, or may be after the motion.
 #[inline(always)]
-fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32, motion: L) -> Mask {
-    let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
+fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32, motion: L) -> LaneMask {
+    let between = LaneVector::<L>::load(&block.centers[a]).minus(LaneVector::load(&block.centers[b]));
     within::<L, true>(between.squared(), within_squared, motion)
 }
 
@@ -112,8 +112,8 @@ fn take_steps<L: Lanes>(
     block: &mut Block,
     intervals: &mut Intervals,
     unit: usize,
-    near: Mask,
-) -> (Mask, Mask) {
+    near: LaneMask,
+) -> (LaneMask, LaneMask) {
     let mut hit = 0;
     let mut open = 0;
     let steps = program.units[unit].steps.clone();

@@ -5,7 +5,7 @@ use crate::intervals::{Intervals, sweep};
 use crate::kernel::{Block, judge};
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::{Avx2, Avx512};
-use crate::lanes::{Mask, Portable};
+use crate::lanes::{LaneMask, Portable};
 use crate::program::Program;
 
 /// A set of vector instructions that [`crate::FastScene`] supports.
@@ -68,7 +68,7 @@ impl Runner {
     }
 
     /// Runs [`violated`].
-    pub fn violated(self, program: &Program, block: &Block) -> (Mask, Mask) {
+    pub fn violated(self, program: &Program, block: &Block) -> (LaneMask, LaneMask) {
         match self.0 {
             InstructionSet::Portable => violated(program, block),
             // SAFETY: `checked` has verified that the processor has the instructions.
@@ -83,7 +83,13 @@ impl Runner {
     }
 
     /// Runs [`judge`].
-    pub fn judge(self, program: &Program, block: &mut Block, requested: Mask, cut: usize) -> (Mask, Option<usize>) {
+    pub fn judge(
+        self,
+        program: &Program,
+        block: &mut Block,
+        requested: LaneMask,
+        cut: usize,
+    ) -> (LaneMask, Option<usize>) {
         match self.0 {
             InstructionSet::Portable => judge::<Portable>(program, block, requested, cut),
             // SAFETY: `checked` has verified that the processor has the instructions.
@@ -100,13 +106,13 @@ impl Runner {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn judge_avx2(program: &Program, block: &mut Block, requested: Mask, cut: usize) -> (Mask, Option<usize>) {
+fn judge_avx2(program: &Program, block: &mut Block, requested: LaneMask, cut: usize) -> (LaneMask, Option<usize>) {
     judge::<Avx2>(program, block, requested, cut)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
-fn judge_avx512(program: &Program, block: &mut Block, requested: Mask, cut: usize) -> (Mask, Option<usize>) {
+fn judge_avx512(program: &Program, block: &mut Block, requested: LaneMask, cut: usize) -> (LaneMask, Option<usize>) {
     judge::<Avx512>(program, block, requested, cut)
 }
 
@@ -124,12 +130,12 @@ fn sweep_avx512(program: &Program, block: &mut Block, intervals: &mut Intervals)
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn violated_avx2(program: &Program, block: &Block) -> (Mask, Mask) {
+fn violated_avx2(program: &Program, block: &Block) -> (LaneMask, LaneMask) {
     violated(program, block)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
-fn violated_avx512(program: &Program, block: &Block) -> (Mask, Mask) {
+fn violated_avx512(program: &Program, block: &Block) -> (LaneMask, LaneMask) {
     violated(program, block)
 }

@@ -5,9 +5,9 @@
 //! `distance.rs`, `vector.rs` and `lanes.rs`.
 
 use crate::distance::{beside, test_pair};
-use crate::lanes::{Lanes, Mask, Row, WIDTH, WideRow};
+use crate::lanes::{LaneMask, Lanes, Row, WIDTH, WideRow};
 use crate::program::{Bend, Joint, Motion, Program, Step, UnitTest};
-use crate::vector::{Rows3, V3};
+use crate::vector::{LaneVector, Rows3};
 use std::ops::Range;
 
 /// Number of unit pairs per batch of ball tests.
@@ -37,7 +37,7 @@ pub(crate) struct Block {
     /// Per joint with a fixed motor: its sine and cosine, once computed.
     turns: Vec<Option<Box<[Row; 2]>>>,
     /// Lanes in which rounding could decide a pair: (pair, lanes).
-    pub doubts: Vec<(usize, Mask)>,
+    pub doubts: Vec<(usize, LaneMask)>,
     /// True if the lanes are poses of one line, so that a contact in any lane ends the check of all.
     pub one_decides: bool,
     /// Per pair: the number of lanes that it decided; empty unless decisions are counted.
@@ -90,9 +90,9 @@ impl Block {
 pub(crate) fn judge<L: Lanes>(
     program: &Program,
     block: &mut Block,
-    requested: Mask,
+    requested: LaneMask,
     cut: usize,
-) -> (Mask, Option<usize>) {
+) -> (LaneMask, Option<usize>) {
     block.doubts.clear();
     let mut live = requested;
     start_placing::<L>(program, block);
@@ -111,7 +111,7 @@ pub(crate) fn judge<L: Lanes>(
 }
 
 #[inline(always)]
-fn judge_units<L: Lanes>(program: &Program, block: &mut Block, units: &[UnitTest], mut live: Mask) -> Mask {
+fn judge_units<L: Lanes>(program: &Program, block: &mut Block, units: &[UnitTest], mut live: LaneMask) -> LaneMask {
     // All at once and without a branch: the pairs of units that are near can't be predicted.
     let (mut near, mut count) = ([(0, 0); BATCH], 0);
     for (i, unit) in units.iter().enumerate() {
@@ -140,14 +140,14 @@ pub(crate) fn start_placing<L: Lanes>(program: &Program, block: &mut Block) {
 
 /// Lanes in which two centers are closer than the threshold.
 #[inline(always)]
-fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32) -> Mask {
-    let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
+fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32) -> LaneMask {
+    let between = LaneVector::<L>::load(&block.centers[a]).minus(LaneVector::load(&block.centers[b]));
     between.squared().below(L::splat(within_squared))
 }
 
 /// Executes the steps of two units; returns the lanes that are still live.
 #[inline(always)]
-fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize>, mut live: Mask) -> Mask {
+fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize>, mut live: LaneMask) -> LaneMask {
     let mut at = steps.start;
     while at < steps.end {
         let step = &program.steps[at];
@@ -235,7 +235,7 @@ fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint, index: usize) {
             for (way, q) in way.0.iter_mut().zip(&q.0) {
                 *way = (joint.start + (q - joint.low) * joint.gain) as f32;
             }
-            let zero = V3 { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
+            let zero = LaneVector { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
             origin = origin.along(moved(zero, [x, y, z], along), L::load(&way));
         }
     }
@@ -248,7 +248,7 @@ fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint, index: usize) {
 
 /// A point translated by a constant vector of a frame with these axes.
 #[inline(always)]
-pub(crate) fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V3<L> {
+pub(crate) fn moved<L: Lanes>(point: LaneVector<L>, axes: [LaneVector<L>; 3], by: [f32; 3]) -> LaneVector<L> {
     let mut at = point;
     for i in 0..3 {
         if by[i] != 0.0 {
@@ -260,18 +260,18 @@ pub(crate) fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V
 
 /// A frame's axes and origin.
 #[inline(always)]
-fn axes_and_origin<L: Lanes>(frame: &[Rows3; 4]) -> [V3<L>; 4] {
-    [V3::load(&frame[0]), V3::load(&frame[1]), V3::load(&frame[2]), V3::load(&frame[3])]
+fn axes_and_origin<L: Lanes>(frame: &[Rows3; 4]) -> [LaneVector<L>; 4] {
+    [LaneVector::load(&frame[0]), LaneVector::load(&frame[1]), LaneVector::load(&frame[2]), LaneVector::load(&frame[3])]
 }
 
 /// Two axes of a frame, rotated in their plane.
 #[inline(always)]
-fn turn<L: Lanes>(u: V3<L>, v: V3<L>, cosine: L, sine: L) -> (V3<L>, V3<L>) {
+fn turn<L: Lanes>(u: LaneVector<L>, v: LaneVector<L>, cosine: L, sine: L) -> (LaneVector<L>, LaneVector<L>) {
     (u.times(cosine).along(v, sine), v.times(cosine).against(u, sine))
 }
 
 #[inline(always)]
-fn bend<L: Lanes>(u: V3<L>, v: V3<L>, by: Bend) -> (V3<L>, V3<L>) {
+fn bend<L: Lanes>(u: LaneVector<L>, v: LaneVector<L>, by: Bend) -> (LaneVector<L>, LaneVector<L>) {
     match by {
         Bend::None => (u, v),
         Bend::Quarter => (v, u.negated()),
@@ -292,7 +292,7 @@ pub(crate) fn place_group<L: Lanes>(program: &Program, block: &mut Block, group:
     if std::mem::replace(&mut block.groups_placed[group], true) {
         return;
     }
-    let zero = V3 { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
+    let zero = LaneVector { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
     for s in program.groups[group].solids.clone() {
         let solid = &program.solids[s];
         let [x, y, z, origin] = axes_and_origin::<L>(&block.frames[solid.frame]);

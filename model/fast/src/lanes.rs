@@ -10,7 +10,7 @@ use std::ops::{Add, Mul, Sub};
 pub(crate) const WIDTH: usize = 16;
 
 /// One bit per lane.
-pub(crate) type Mask = u16;
+pub(crate) type LaneMask = u16;
 
 /// A number per lane, in memory.
 #[derive(Clone, Copy, Debug, Default)]
@@ -50,7 +50,7 @@ pub(crate) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Out
     /// Square root.
     fn sqrt(self) -> Self;
     /// The lanes in which it is less than the other; false for NaN.
-    fn below(self, other: Self) -> Mask;
+    fn below(self, other: Self) -> LaneMask;
     /// Clamps to `-half ..= half`.
     #[inline(always)]
     fn clamp(self, half: Self) -> Self {
@@ -116,10 +116,10 @@ impl Lanes for Portable {
         self.each(self, |x, _| x.sqrt())
     }
     #[inline(always)]
-    fn below(self, other: Self) -> Mask {
+    fn below(self, other: Self) -> LaneMask {
         let mut bits = 0;
         for i in 0..WIDTH {
-            bits |= Mask::from(self.0[i] < other.0[i]) << i;
+            bits |= LaneMask::from(self.0[i] < other.0[i]) << i;
         }
         bits
     }
@@ -151,7 +151,7 @@ pub(crate) use x86::{Avx2, Avx512};
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{Lanes, Mask, Row};
+    use super::{LaneMask, Lanes, Row};
     use std::arch::x86_64::*;
     use std::ops::{Add, Mul, Sub};
 
@@ -223,14 +223,14 @@ mod x86 {
             halves!(_mm256_sqrt_ps(self))
         }
         #[inline(always)]
-        fn below(self, other: Self) -> Mask {
+        fn below(self, other: Self) -> LaneMask {
             // SAFETY: see `Lanes`.
             let (low, high) = unsafe {
                 let (low, high) =
                     (_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0), _mm256_cmp_ps::<_CMP_LT_OQ>(self.1, other.1));
                 (_mm256_movemask_ps(low), _mm256_movemask_ps(high))
             };
-            low as Mask | ((high as Mask) << 8)
+            low as LaneMask | ((high as LaneMask) << 8)
         }
     }
 
@@ -291,7 +291,7 @@ mod x86 {
             whole!(_mm512_sqrt_ps(self))
         }
         #[inline(always)]
-        fn below(self, other: Self) -> Mask {
+        fn below(self, other: Self) -> LaneMask {
             // SAFETY: see `Lanes`.
             unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0) }
         }

@@ -11,7 +11,7 @@
 
 use crate::bound::U;
 use crate::chain::LaneFrame;
-use crate::program::{Lever, Relative};
+use crate::program::{MotorLever, Relative};
 use crate::sweep::{Sphere, common};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -38,7 +38,7 @@ pub(crate) struct Movers {
     known: BTreeMap<(usize, Option<usize>), u32>,
     /// One sum each: a range of levers. The first is empty.
     pub sums: Vec<Range<usize>>,
-    pub levers: Vec<Lever>,
+    pub levers: Vec<MotorLever>,
 }
 
 impl Movers {
@@ -81,17 +81,17 @@ impl Movers {
 }
 
 /// Bounds of a mover's motion in frame `to` (which carries it; or else the world), joint by joint outward.
-fn levers(frames: &[LaneFrame], mover: &Mover, to: Option<usize>) -> Vec<Lever> {
+fn levers(frames: &[LaneFrame], mover: &Mover, to: Option<usize>) -> Vec<MotorLever> {
     let mut ends = mover.ends.clone();
     let mut at = mover.frame;
-    let mut levers: Vec<Lever> = Vec::new();
+    let mut levers: Vec<MotorLever> = Vec::new();
     while Some(at) != to {
         let Some(carried) = frames[at].carried.as_ref() else { break };
         let off_axis = ends.iter().map(|end| end.center.xy().norm() + end.radius).fold(0.0, f64::max);
         let arm = if carried.slide.is_some() { 1.0 } else { off_axis };
         let gain = carried.joint.gain.abs() * (1.0 + SUMS);
         let turn = if carried.slide.is_some() { 0.0 } else { gain };
-        levers.push(Lever { motor: carried.joint.motor, reach: (arm * gain) as f32, turn: turn as f32 });
+        levers.push(MotorLever { motor: carried.joint.motor, reach: (arm * gain) as f32, turn: turn as f32 });
         ends = ends.iter().map(|end| end.carried(carried)).collect();
         at = carried.parent;
     }

@@ -14,7 +14,7 @@
 use crate::kernel::{Block, moved};
 use crate::lanes::{Lanes, Row};
 use crate::program::{Motion, Program, Relative};
-use crate::vector::{Rows3, V3};
+use crate::vector::{LaneVector, Rows3};
 
 /// Motions that result from the motors' steps.
 #[derive(Clone, Debug, Default)]
@@ -67,15 +67,15 @@ pub(crate) fn place_twists<L: Lanes>(program: &Program, block: &Block, motions: 
             continue;
         }
         let [turn, way] = &motions.twists[joint.parent];
-        let (mut turn, mut way) = (V3::<L>::load(turn), V3::<L>::load(way));
+        let (mut turn, mut way) = (LaneVector::<L>::load(turn), LaneVector::<L>::load(way));
         let [parent, frame] = [&block.frames[joint.parent], &block.frames[joint.frame]];
-        way = way.plus(turn.cross(V3::load(&frame[3]).minus(V3::load(&parent[3]))));
+        way = way.plus(turn.cross(LaneVector::load(&frame[3]).minus(LaneVector::load(&parent[3]))));
         let step = L::load(&motions.steps[joint.motor]) * L::splat(joint.gain as f32);
         match joint.motion {
-            Motion::Turn { .. } => turn = turn.along(V3::load(&frame[2]), step),
+            Motion::Turn { .. } => turn = turn.along(LaneVector::load(&frame[2]), step),
             Motion::Slide { along } => {
-                let zero = V3 { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
-                let axes = [V3::load(&parent[0]), V3::load(&parent[1]), V3::load(&parent[2])];
+                let zero = LaneVector { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
+                let axes = [LaneVector::load(&parent[0]), LaneVector::load(&parent[1]), LaneVector::load(&parent[2])];
                 way = way.along(moved(zero, axes, along), step);
             }
         }
@@ -124,8 +124,8 @@ pub(crate) fn fine<L: Lanes>(
     b: usize,
 ) -> L {
     let coarse = coarse::<L>(motions, between);
-    let common = V3::<L>::load(&motions.twists[between.common as usize][0]);
-    let (one, other) = (V3::load(&block.centers[a]), V3::load(&block.centers[b]));
+    let common = LaneVector::<L>::load(&motions.twists[between.common as usize][0]);
+    let (one, other) = (LaneVector::load(&block.centers[a]), LaneVector::load(&block.centers[b]));
     let (turn_a, way_a) = at::<L>(program, block, motions, a, one);
     let (turn_b, way_b) = at::<L>(program, block, motions, b, other);
     let way = way_a.minus(way_b).minus(common.cross(one.minus(other)));
@@ -146,12 +146,18 @@ pub(crate) fn fine<L: Lanes>(
 
 /// Rotation of a thing, and translation of its center.
 #[inline(always)]
-fn at<L: Lanes>(program: &Program, block: &Block, motions: &Motions, index: usize, center: V3<L>) -> (V3<L>, V3<L>) {
+fn at<L: Lanes>(
+    program: &Program,
+    block: &Block,
+    motions: &Motions,
+    index: usize,
+    center: LaneVector<L>,
+) -> (LaneVector<L>, LaneVector<L>) {
     let frame = match index.checked_sub(program.balls.len()) {
         Some(solid) => program.solids[solid].frame,
         None => program.balls[index].frame,
     };
     let [turn, way] = &motions.twists[frame];
-    let (turn, way) = (V3::<L>::load(turn), V3::<L>::load(way));
-    (turn, way.plus(turn.cross(center.minus(V3::load(&block.frames[frame][3])))))
+    let (turn, way) = (LaneVector::<L>::load(turn), LaneVector::<L>::load(way));
+    (turn, way.plus(turn.cross(center.minus(LaneVector::load(&block.frames[frame][3])))))
 }

@@ -21,9 +21,9 @@ pub(crate) struct Program {
     /// The joints of each region. The first region is placed at every pose, the others, fingers, on demand.
     pub regions: Vec<Range<usize>>,
     /// All solids, group by group.
-    pub solids: Vec<Solid>,
+    pub solids: Vec<ProgramSolid>,
     /// Solids on one frame, enclosed by one ball.
-    pub groups: Vec<Group>,
+    pub groups: Vec<SolidGroup>,
     /// Balls: one per group, then one per hand, then one per finger.
     pub balls: Vec<Ball>,
     /// Indices of balls sorted by frame; `frame_balls[f]` is a range of it.
@@ -44,7 +44,7 @@ pub(crate) struct Program {
     /// Motion bounds: sums of levers times motors' steps. The first is empty, for fixed things.
     pub sums: Vec<Range<usize>>,
     /// The levers of the `sums`.
-    pub levers: Vec<Lever>,
+    pub levers: Vec<MotorLever>,
     /// Per unit test: relative motion of the two units.
     pub unit_motions: Vec<Relative>,
     /// Per step: relative motion of the two things it compares, if any.
@@ -59,7 +59,7 @@ pub(crate) struct Program {
 
 /// Contribution of one joint to a sum.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Lever {
+pub(crate) struct MotorLever {
     pub motor: usize,
     /// Meters per rad of encoder.
     pub reach: f32,
@@ -127,20 +127,20 @@ pub(crate) enum Bend {
 
 /// A convex shape: all points within `radius` of a core. Its center and axes are placed together.
 #[derive(Clone, Debug)]
-pub(crate) struct Solid {
+pub(crate) struct ProgramSolid {
     pub frame: usize,
     /// Center in the frame.
     pub center: [f32; 3],
     /// Unit axes in the frame, and the index of their first row: one, or three for a box (the longest edge first).
     pub axes: Vec<[f32; 3]>,
     pub first_axis: usize,
-    pub form: Form,
+    pub form: SolidForm,
 }
 
 /// Sizes of a solid, meters. Round shapes are exact; the cores of the others are smaller than the shapes by `inset` on
 /// all sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Form {
+pub(crate) enum SolidForm {
     /// Ball (`half` = 0) or capsule.
     Round { half: f32, radius: f32 },
     /// Flat-ended cylinder.
@@ -150,7 +150,7 @@ pub(crate) enum Form {
 }
 
 #[derive(Clone, Debug)]
-pub(crate) struct Group {
+pub(crate) struct SolidGroup {
     pub solids: Range<usize>,
     /// True if no motor moves it, so that it is placed once.
     pub fixed: bool,

@@ -94,7 +94,7 @@ impl JointInterval {
 /// A part of all joints' ranges, and the ball at its midpoint: the distance from the other shape, the bound of its
 /// decrease within the part, and the joint that contributes most to it.
 #[derive(Clone, Copy)]
-struct Part {
+struct RangePart {
     joint_intervals: [JointInterval; MAX_JOINTS],
     distance: f64,
     spread: f64,
@@ -214,7 +214,7 @@ impl<'a> Proofs<'a> {
                     widest = (more, i);
                 }
             }
-            Part { joint_intervals, distance: other.distance(&point) - distance, spread, widest: widest.1 }
+            RangePart { joint_intervals, distance: other.distance(&point) - distance, spread, widest: widest.1 }
         };
         let mut whole = [JointInterval::default(); MAX_JOINTS];
         whole.iter_mut().zip(crossings).for_each(|(joint_interval, (_, range))| *joint_interval = *range);

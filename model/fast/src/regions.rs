@@ -14,7 +14,7 @@ const MIN_REGION_FRAMES: usize = 3;
 
 /// A subtree that is small at every pose: a hand, or one of its fingers, which is placed on demand.
 #[derive(Clone, Debug)]
-pub(crate) struct Region {
+pub(crate) struct SubtreeRegion {
     /// The frame nearest to the base in a hand, which is always placed.
     pub root: usize,
     /// Per frame of the scene: true if it is in the region. A hand includes the root, a finger does not.
@@ -30,8 +30,8 @@ pub(crate) fn regions(
     order: &[usize],
     sized: &[Sized],
     pairs: &[(usize, usize)],
-) -> Vec<Region> {
-    let mut regions: Vec<Region> = Vec::new();
+) -> Vec<SubtreeRegion> {
+    let mut regions: Vec<SubtreeRegion> = Vec::new();
     let mut taken = vec![false; frames.len()];
     let mut whole = 0.0;
     for (root, frame) in frames.iter().enumerate() {
@@ -58,7 +58,7 @@ pub(crate) fn regions(
         let Some(root) = branching_frame(frames, root, order, sized) else { continue };
         let has = below(frames, root);
         let ball = Sphere::around(&balls_of(frames, root, &has, order, sized));
-        regions.push(Region { root, has, ball });
+        regions.push(SubtreeRegion { root, has, ball });
     }
     regions
 }
@@ -82,12 +82,17 @@ fn branching_frame(frames: &[LaneFrame], mut root: usize, order: &[usize], sized
 
 /// The subtrees that are attached to a region's root by one joint: the fingers of a hand, each with a ball in the
 /// root's frame, so that it is placed only if something is near.
-pub(crate) fn branches(frames: &[LaneFrame], regions: &[Region], order: &[usize], sized: &[Sized]) -> Vec<Region> {
-    let branch = |region: &Region, root: usize| {
+pub(crate) fn branches(
+    frames: &[LaneFrame],
+    regions: &[SubtreeRegion],
+    order: &[usize],
+    sized: &[Sized],
+) -> Vec<SubtreeRegion> {
+    let branch = |region: &SubtreeRegion, root: usize| {
         frames[root].carried.as_ref().filter(|c| c.parent == region.root)?;
         let has = below(frames, root);
         let inside = balls_of(frames, region.root, &has, order, sized);
-        (!inside.is_empty()).then(|| Region { root: region.root, has, ball: Sphere::around(&inside) })
+        (!inside.is_empty()).then(|| SubtreeRegion { root: region.root, has, ball: Sphere::around(&inside) })
     };
     regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| branch(region, root))).collect()
 }

@@ -1,7 +1,7 @@
 //! Samples of one line: fast, but not a proof.
 
 use crate::fast::{FastError, FastScene};
-use crate::lanes::{Mask, WIDTH};
+use crate::lanes::{LaneMask, WIDTH};
 use crate::limits::is_within;
 
 impl FastScene {
@@ -72,13 +72,13 @@ impl FastScene {
             return false;
         }
         self.block.one_decides = true;
-        let (live, _) = self.runner.judge(&self.program, &mut self.block, Mask::MAX, 0);
+        let (live, _) = self.runner.judge(&self.program, &mut self.block, LaneMask::MAX, 0);
         self.block.one_decides = false;
-        live == Mask::MAX && !self.doubt_blocks(from, to, share, doubtful)
+        live == LaneMask::MAX && !self.doubt_blocks(from, to, share, doubtful)
     }
 
     /// True if any lane in doubt, because of a constraint or a pair, is not free according to the scalar engine.
-    fn doubt_blocks(&mut self, from: &[f64], to: &[f64], share: &[f64; WIDTH], of_constraints: Mask) -> bool {
+    fn doubt_blocks(&mut self, from: &[f64], to: &[f64], share: &[f64; WIDTH], of_constraints: LaneMask) -> bool {
         let lanes = self.block.doubts.iter().fold(of_constraints, |all, (_, lanes)| all | lanes);
         (0..WIDTH).filter(|lane| lanes >> lane & 1 != 0).any(|lane| {
             self.figures.doubtful += 1;

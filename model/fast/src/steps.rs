@@ -14,7 +14,7 @@
 use crate::bound::TESTS;
 use crate::levers::Movers;
 use crate::program::{Program, Relative, Step, UnitTest};
-use crate::write::Writer;
+use crate::write::StepWriter;
 use std::ops::Range;
 
 /// Numbers of unit tests after which a block may stop. They affect only speed.
@@ -29,7 +29,7 @@ pub(crate) enum Unit {
 
 /// Input for writing the steps.
 #[derive(Clone, Debug)]
-pub(crate) struct Layout {
+pub(crate) struct StepLayout {
     clearance: f64,
     /// Per group: its region, if it belongs to one.
     region: Vec<Option<usize>>,
@@ -38,12 +38,12 @@ pub(crate) struct Layout {
     branches: Vec<Vec<bool>>,
     /// Radius and error of each ball: groups, then regions, then branches.
     balls: Vec<(f64, f64)>,
-    pub solids: Vec<Size>,
+    pub solids: Vec<BoundSizes>,
 }
 
 /// Sizes of a solid's bounds, meters.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Size {
+pub(crate) struct BoundSizes {
     /// Radius of the bounding ball.
     pub ball: f64,
     /// Half length and radius of the bounding capsule.
@@ -55,9 +55,9 @@ pub(crate) struct Size {
     pub turn: Option<f64>,
 }
 
-impl Layout {
+impl StepLayout {
     pub fn new(groups: &[Range<usize>], clearance: f64) -> Self {
-        Layout {
+        StepLayout {
             clearance,
             region: Vec::new(),
             groups: groups.to_vec(),
@@ -120,7 +120,7 @@ impl Layout {
 
     /// Writes the program's unit tests and their steps, given the number of lanes that each pair decided.
     pub fn write(&self, program: &mut Program, decided: &[u32]) {
-        let mut writer = Writer::new(self, program, decided);
+        let mut writer = StepWriter::new(self, program, decided);
         let mut units = writer.by((0..program.pairs.len()).collect(), |w, p| w.units(p));
         // Relative to their cost: a few pairs may decide as often as many.
         units.sort_by_key(|(_, pairs)| std::cmp::Reverse(writer.decided(pairs) * 1000 / (4 + pairs.len() as u32)));

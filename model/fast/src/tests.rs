@@ -5,7 +5,7 @@ use crate::chain::LaneFrame;
 use crate::compile::{Compiled, RobotFacts, compile};
 use crate::isa::{InstructionSet, checked};
 use crate::kernel::{Block, place_group, place_region, sine_cosine, start_placing};
-use crate::lanes::{Lanes, Mask, Portable, Row, WIDTH, WideRow};
+use crate::lanes::{LaneMask, Lanes, Portable, Row, WIDTH, WideRow};
 use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
 use crate::program::Step;
 use crate::proof::{JointInterval, Proofs};
@@ -48,7 +48,7 @@ fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &B
                     row.0[lane] = *q;
                 }
             }
-            runner.judge(&compiled.program, &mut block, Mask::MAX, 0);
+            runner.judge(&compiled.program, &mut block, LaneMask::MAX, 0);
             look(&scene, &compiled.movers.frames, &poses, &block, &frames);
         }
     }

@@ -1,7 +1,7 @@
 //! Writes the steps of two units: from the coarsest test to pairs of shapes.
 
 use crate::program::{Program, Step};
-use crate::steps::{Layout, Unit};
+use crate::steps::{StepLayout, Unit};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 const MIN_SHAPES_FOR_BALLS: usize = 3;
 
 /// State of writing steps.
-pub(crate) struct Writer<'a> {
-    layout: &'a Layout,
+pub(crate) struct StepWriter<'a> {
+    layout: &'a StepLayout,
     /// Per pair: its solids.
     pairs: Vec<[usize; 2]>,
     /// Number of lanes that each pair decided; empty if unknown.
@@ -23,14 +23,14 @@ pub(crate) struct Writer<'a> {
     pub steps: Vec<Step>,
 }
 
-impl<'a> Writer<'a> {
-    pub fn new(layout: &'a Layout, program: &Program, decided: &'a [u32]) -> Self {
+impl<'a> StepWriter<'a> {
+    pub fn new(layout: &'a StepLayout, program: &Program, decided: &'a [u32]) -> Self {
         let mut group = vec![0; program.solids.len()];
         for (g, range) in layout.groups.iter().enumerate() {
             group[range.clone()].fill(g);
         }
         let pairs = program.pairs.iter().map(|pair| [pair.a, pair.b]).collect();
-        Writer { layout, pairs, decided, group, balls: program.balls.len(), steps: Vec::new() }
+        StepWriter { layout, pairs, decided, group, balls: program.balls.len(), steps: Vec::new() }
     }
 
     /// Number of lanes that any of these pairs decided.

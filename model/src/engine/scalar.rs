@@ -25,12 +25,12 @@ use nalgebra::{Isometry3, Point3, Vector3};
 #[derive(Clone, Debug)]
 pub struct ScalarEngine {
     /// In the order of the colliders; pairs are indices into this list.
-    solids: Vec<Solid>,
+    solids: Vec<PreparedSolid>,
 }
 
 /// A prepared collider.
 #[derive(Clone, Debug)]
-struct Solid {
+struct PreparedSolid {
     /// Its shape, prepared.
     form: Form,
     /// Index of its frame.
@@ -62,7 +62,7 @@ impl Engine for ScalarEngine {
                 None => form,
             };
             let half_axis = c.pose.rotation * form.outer.half_axis;
-            Solid { form, frame: c.frame, pose: c.pose, half_axis }
+            PreparedSolid { form, frame: c.frame, pose: c.pose, half_axis }
         };
         ScalarEngine { solids: colliders.iter().map(solid).collect() }
     }
@@ -169,7 +169,7 @@ impl ScalarEngine {
     }
 }
 
-impl Solid {
+impl PreparedSolid {
     /// The axis of its outer capsule, world frame.
     fn axis(&self, frames: &[Isometry3<f64>]) -> Segment {
         let frame = &frames[self.frame];

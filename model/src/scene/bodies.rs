@@ -4,7 +4,7 @@
 //! for one robot as for three.
 
 use super::edit::{check_count, check_pose, check_primitive};
-use super::travel::{Reach, Terms};
+use super::travel::{FrameReach, Terms};
 use super::{SceneError, ShapeId, Skeleton};
 use crate::engine::{Collider, IndexPair};
 use crate::robot::Robot;
@@ -37,7 +37,7 @@ pub(crate) struct Bodies {
     /// Per robot: its moving frames.
     pub skeletons: Vec<Skeleton>,
     /// Motion bounds of each robot's shapes.
-    pub reach: Vec<Reach>,
+    pub reach: Vec<FrameReach>,
     /// Index of each robot's first motor among all motors of the scene.
     pub first_motor: Vec<usize>,
     /// Number of motors of all robots.
@@ -142,7 +142,7 @@ impl Bodies {
             }
         }
         let colliders: Vec<Collider> = self.solids[first_solid..].iter().map(|s| s.collider.clone()).collect();
-        self.reach.push(Reach::new(&skeleton, self.frames, &colliders));
+        self.reach.push(FrameReach::new(&skeleton, self.frames, &colliders));
         self.first_motor.push(self.motors);
         self.motors += robot.motors.len();
         self.first_frame.push(self.frames);

@@ -3,7 +3,7 @@
 //! Skeletons, reach and the robots' own pairs are shared with the old snapshot; shapes are prepared and pairs grouped
 //! again. This is cheap enough for several edits per second, for example while a hand carries an object.
 
-use super::{Object, ObjectClass, Scene, World};
+use super::{Object, ObjectClass, Scene, SolidWorld};
 use crate::engine::Engine;
 use crate::shape::{Primitive, Shape};
 use nalgebra::Isometry3;
@@ -116,7 +116,7 @@ impl<E: Engine> Scene<E> {
         let mut next = self.clone();
         change(&mut next)?;
         next.epoch += 1;
-        next.world = Arc::new(World::new(&next.bodies, &next.objects));
+        next.world = Arc::new(SolidWorld::new(&next.bodies, &next.objects));
         Ok(next)
     }
 

@@ -35,7 +35,7 @@ pub struct LineVerdict {
 
 /// A constraint that a line violates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Violation {
+struct LineViolation {
     /// Start of the violation along the line, 0 to 1.
     at: f64,
     /// Index into the robot's parts.
@@ -168,13 +168,13 @@ impl<E: Engine> Scene<E> {
 
     /// The first violated constraint on a line. Exact: half-spaces are linear, so each clause is violated on one
     /// interval.
-    fn violation(&self, robot: usize, from: &[f64], to: &[f64]) -> Option<Violation> {
+    fn violation(&self, robot: usize, from: &[f64], to: &[f64]) -> Option<LineViolation> {
         let model = self.robots().get(robot)?;
         let value = |terms: &[(usize, f64)], b: f64, q: &[f64]| {
             let home = |m: usize| model.motors.get(m).map_or(0.0, |m| m.home);
             terms.iter().map(|(m, a)| a * q.get(*m).copied().unwrap_or_else(|| home(*m)).to_degrees()).sum::<f64>() + b
         };
-        let mut first: Option<Violation> = None;
+        let mut first: Option<LineViolation> = None;
         for (part, of_part) in model.parts.iter().enumerate() {
             for (clause, members) in of_part.clauses.iter().enumerate() {
                 // A clause is violated where all of its members are: the intersection of their intervals.
@@ -190,8 +190,8 @@ impl<E: Engine> Scene<E> {
                         (false, false) => {}
                     }
                 }
-                if enter <= leave && first.is_none_or(|v: Violation| enter < v.at) {
-                    first = Some(Violation { at: enter, part, clause });
+                if enter <= leave && first.is_none_or(|v: LineViolation| enter < v.at) {
+                    first = Some(LineViolation { at: enter, part, clause });
                 }
             }
         }

@@ -46,7 +46,7 @@ pub struct Lever {
 /// Motion bounds per frame of one robot: displacement of its shapes relative to the base, hinge by hinge from the frame
 /// to the base.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Reach {
+pub(crate) struct FrameReach {
     /// Per frame: the hinges between it and the base.
     pub levers: Vec<Vec<Lever>>,
     /// Maximum distance of any of its shapes from the base's origin, meters.
@@ -95,7 +95,7 @@ impl Hinge {
     }
 }
 
-impl Reach {
+impl FrameReach {
     /// Computes the bounds. `colliders` are those of this robot, whose frames are numbered from `first_frame`.
     pub fn new(skeleton: &Skeleton, first_frame: usize, colliders: &[Collider]) -> Self {
         let levers = (0..skeleton.frames())
@@ -151,7 +151,7 @@ impl Reach {
             outward.push(outward.get(joint.parent).copied().unwrap_or_default() + arm);
         }
         let radius = outward.iter().enumerate().map(|(f, out)| out + from_origin(f)).fold(0.0, f64::max);
-        Reach { levers, radius }
+        FrameReach { levers, radius }
     }
 
     /// Upper bound of the relative motion between the shapes of frame `a` and those of frame `b` of the same robot; `b

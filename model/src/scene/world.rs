@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 /// All solids of a scene, and the pairs that the reflex monitors.
 #[derive(Debug)]
-pub(crate) struct World<E> {
+pub(crate) struct SolidWorld<E> {
     /// Those of the robots, then those of the obstacles, in order of their ids.
     pub solids: Vec<Solid>,
     /// The solids, prepared.
@@ -17,21 +17,21 @@ pub(crate) struct World<E> {
     /// Reflex pairs that can move relative to each other: indices, smaller first, sorted.
     pub pairs: Vec<IndexPair>,
     /// The same pairs, grouped by their two frames.
-    pub groups: Vec<Group>,
+    pub groups: Vec<PairGroup>,
     /// Touching pairs that can't move relative to each other.
     pub fixed_contacts: Vec<Contact>,
 }
 
 /// Pairs of solids with the same relative motion: those of the same two frames.
 #[derive(Clone, Debug)]
-pub(crate) struct Group {
+pub(crate) struct PairGroup {
     /// Bound of their relative motion.
     pub travel: Terms,
     /// The pairs.
     pub pairs: Vec<IndexPair>,
 }
 
-impl<E: Engine> World<E> {
+impl<E: Engine> SolidWorld<E> {
     /// Prepares the robots together with the obstacles among the objects: targets and ghosts never collide.
     pub fn new(bodies: &Bodies, objects: &[(u32, Arc<Object>)]) -> Self {
         let mut solids = bodies.solids.clone();
@@ -66,9 +66,9 @@ impl<E: Engine> World<E> {
             by_frames.entry((f.min(g), f.max(g))).or_default().push((i, j));
         }
         let groups =
-            by_frames.into_iter().map(|((f, g), pairs)| Group { travel: bodies.travel(f, g), pairs }).collect();
+            by_frames.into_iter().map(|((f, g), pairs)| PairGroup { travel: bodies.travel(f, g), pairs }).collect();
         let engine = E::prepare(&solids.iter().map(|s| s.collider.clone()).collect::<Vec<_>>());
-        let mut world = World { solids, engine, pairs, groups, fixed_contacts: Vec::new() };
+        let mut world = SolidWorld { solids, engine, pairs, groups, fixed_contacts: Vec::new() };
         // These contacts are the same at every configuration; home is used here.
         let mut frames = Vec::new();
         let mut placement = E::Placement::default();

@@ -3,7 +3,7 @@
 use super::resolve::LIMIT_TOLERANCE;
 use super::{EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint};
 use crate::JointMotion;
-use crate::error::{FileError, Loaded, Source};
+use crate::error::{FileError, Loaded, SourceText};
 use crate::urdf::JointUse;
 use crate::urdf::words::{Unused, Words, words};
 use crate::xml::{self, XmlElement};
@@ -48,7 +48,7 @@ const WORDS: &[Words] = &[
 /// If the file is not an SRDF, or an element lacks a name or a number, with location and remedy. Names that the URDF
 /// does not have are warnings: elements that refer to them have no effect.
 pub fn load_srdf(path: impl AsRef<Path>, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
-    read(&Source::read(path.as_ref(), MAX_BYTES)?, tree)
+    read(&SourceText::read(path.as_ref(), MAX_BYTES)?, tree)
 }
 
 /// Reads SRDF text; `name` is the file name for messages.
@@ -56,10 +56,10 @@ pub fn load_srdf(path: impl AsRef<Path>, tree: &LinkTree) -> Result<Loaded<Srdf>
 /// # Errors
 /// As [`load_srdf`].
 pub fn parse_srdf(name: &str, text: &str, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
-    read(&Source::new(name, text), tree)
+    read(&SourceText::new(name, text), tree)
 }
 
-fn read(source: &Source, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
+fn read(source: &SourceText, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
     let root = xml::parse(source)?;
     if root.name != "robot" {
         let message = format!("<{}> does not begin an SRDF", root.name);
@@ -72,7 +72,7 @@ fn read(source: &Source, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
     }
     let passive = root.all("passive_joint").filter_map(|p| p.get("name")).map(str::to_owned).collect();
     let mut reading =
-        Reading { source, tree, passive, warnings: Vec::new(), idle: BTreeSet::new(), srdf: Srdf::default() };
+        SrdfReader { source, tree, passive, warnings: Vec::new(), idle: BTreeSet::new(), srdf: Srdf::default() };
     reading.srdf.name = root.get("name").unwrap_or_default().to_owned();
     for element in &root.children {
         reading.element(element)?;
@@ -89,8 +89,8 @@ fn read(source: &Source, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
 }
 
 /// State of the reader.
-struct Reading<'a> {
-    source: &'a Source,
+struct SrdfReader<'a> {
+    source: &'a SourceText,
     tree: &'a LinkTree,
     warnings: Vec<FileError>,
     /// Passive joints.
@@ -100,7 +100,7 @@ struct Reading<'a> {
     srdf: Srdf,
 }
 
-impl Reading<'_> {
+impl SrdfReader<'_> {
     fn element(&mut self, element: &XmlElement) -> Result<(), FileError> {
         match element.name.as_str() {
             "group" => self.group(element)?,

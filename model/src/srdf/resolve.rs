@@ -2,7 +2,7 @@
 
 use super::Srdf;
 use crate::Robot;
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use crate::urdf::{JointUse, Named, read_names};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -27,7 +27,7 @@ pub struct LinkTree {
 /// # Errors
 /// As [`load_urdf`](crate::load_urdf), with respect to links and joints.
 pub fn load_link_tree(path: impl AsRef<Path>) -> Result<LinkTree, FileError> {
-    Source::read(path.as_ref(), crate::urdf::MAX_BYTES).and_then(|source| LinkTree::new(&source))
+    SourceText::read(path.as_ref(), crate::urdf::MAX_BYTES).and_then(|source| LinkTree::new(&source))
 }
 
 /// As [`load_link_tree`], from text; `name` is the file name for messages.
@@ -35,11 +35,11 @@ pub fn load_link_tree(path: impl AsRef<Path>) -> Result<LinkTree, FileError> {
 /// # Errors
 /// As [`load_link_tree`].
 pub fn parse_link_tree(name: &str, text: &str) -> Result<LinkTree, FileError> {
-    LinkTree::new(&Source::new(name, text))
+    LinkTree::new(&SourceText::new(name, text))
 }
 
 impl LinkTree {
-    fn new(source: &Source) -> Result<Self, FileError> {
+    fn new(source: &SourceText) -> Result<Self, FileError> {
         let Named { parents, joints } = read_names(source)?;
         Ok(Self { parents, joints })
     }

@@ -1,6 +1,6 @@
 //! Assignment of fault in false contacts: which of the two shapes should leave which points.
 
-use super::refit::{RefitState, Touch};
+use super::refit::{FalseContact, RefitState};
 use crate::engine::distances_from_hull;
 use crate::fit::shared;
 use crate::{Fit, Primitive};
@@ -17,7 +17,7 @@ impl RefitState<'_> {
     /// The points that each of these shapes should leave, in its link's frame.
     pub(super) fn claims(
         &self,
-        touches: &[Touch],
+        touches: &[FalseContact],
         of: &BTreeSet<(usize, usize)>,
     ) -> BTreeMap<(usize, usize), Vec<Vector3<f64>>> {
         let mut claims: BTreeMap<_, Vec<_>> = of.iter().map(|shape| (*shape, Vec::new())).collect();

@@ -9,7 +9,7 @@
 //! ([`RefitLimits::hulls`]), the shapes get hulls (`refit_hulls.rs`).
 
 use super::false_contacts::{FalseContacts, NodePair, find_false_contacts};
-use super::{Placed, Subject};
+use super::{PlacedShapes, Subject};
 use crate::scene::MAX_PAIRS;
 use crate::{Fit, FitOptions, LinkSurface, Robot, SceneError, Surfaces};
 use nalgebra::{Point3, Vector3};
@@ -104,7 +104,7 @@ pub fn fit_closer(
 }
 
 /// Two shapes in false contact, each as its node and its index there.
-pub(super) struct Touch {
+pub(super) struct FalseContact {
     /// Index of the pose.
     pub(super) pose: usize,
     /// The two shapes.
@@ -196,18 +196,18 @@ impl<'a> RefitState<'a> {
     }
 
     /// Finds the remaining false contacts, and drops poses that have none.
-    pub(super) fn find_touches(&mut self, surfaces: &Surfaces) -> Result<Vec<Touch>, SceneError> {
+    pub(super) fn find_touches(&mut self, surfaces: &Surfaces) -> Result<Vec<FalseContact>, SceneError> {
         let subject = Subject::new(self.robot, surfaces)?;
         let mut touches = Vec::new();
         let mut pose = 0;
         self.falsely.retain_mut(|f| {
-            let placed: Placed = subject.place(&f.q);
+            let placed: PlacedShapes = subject.place(&f.q);
             f.pairs.retain(|(a, b)| {
                 let count = touches.len();
                 for (i, j) in subject.touching(&placed, (*a, *b), 0.0) {
                     let hulls = [*a, *b].iter().any(|node| !subject.robot.nodes[*node].hulls.is_empty());
                     let place = hulls.then(|| subject.place_of(&placed, [(*a, i), (*b, j)])).flatten();
-                    touches.push(Touch { pose, shapes: [(*a, i), (*b, j)], place });
+                    touches.push(FalseContact { pose, shapes: [(*a, i), (*b, j)], place });
                 }
                 touches.len() > count
             });
@@ -238,7 +238,7 @@ impl<'a> RefitState<'a> {
     }
 
     /// Refits the shapes that touch most often; returns false if there are none.
-    pub(super) fn refit_worst(&mut self, touches: &[Touch]) -> bool {
+    pub(super) fn refit_worst(&mut self, touches: &[FalseContact]) -> bool {
         self.idle.clear();
         loop {
             let worst = self.worst(touches);
@@ -259,7 +259,7 @@ impl<'a> RefitState<'a> {
     }
 
     /// The refittable shapes that touch at the most poses.
-    fn worst(&self, touches: &[Touch]) -> BTreeSet<(usize, usize)> {
+    fn worst(&self, touches: &[FalseContact]) -> BTreeSet<(usize, usize)> {
         let mut poses: BTreeMap<(usize, usize), (usize, usize)> = BTreeMap::new();
         for touch in touches {
             for shape in touch.shapes {

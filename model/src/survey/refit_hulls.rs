@@ -4,7 +4,7 @@
 //! each tested against all of the other's. The hull of the enclosed part of the mesh is the tightest convex shape, and
 //! it is tested only if the shapes themselves are not apart.
 
-use super::refit::{RefitState, Touch};
+use super::refit::{FalseContact, RefitState};
 use crate::{SceneError, Surfaces};
 use std::collections::BTreeSet;
 
@@ -25,7 +25,7 @@ impl RefitState<'_> {
     }
 
     /// Adds hulls to all shapes of every link with a false contact; returns false if all had hulls already.
-    fn add_hulls(&mut self, touches: &[Touch]) -> bool {
+    fn add_hulls(&mut self, touches: &[FalseContact]) -> bool {
         let nodes: BTreeSet<usize> = touches.iter().flat_map(|t| t.shapes).map(|(node, _)| node).collect();
         let mut changed = false;
         for node in nodes {

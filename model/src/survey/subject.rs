@@ -16,7 +16,7 @@ pub(super) struct Subject<'a> {
     /// Per node: the range of its shapes in the engine.
     shapes: Vec<Range<u32>>,
     /// Per node: the bounds of its shapes, in its frame.
-    bounds: Vec<Bounds>,
+    bounds: Vec<NodeBounds>,
     /// The tested pairs of nodes that can move relative to each other.
     pub(super) tested: Vec<(usize, usize)>,
     /// Per node: its link's index in the surfaces.
@@ -24,7 +24,7 @@ pub(super) struct Subject<'a> {
 }
 
 /// Bounding box and ball of all shapes of a node, in its frame.
-struct Bounds {
+struct NodeBounds {
     low: Vector3<f64>,
     high: Vector3<f64>,
     /// Center and radius.
@@ -34,13 +34,13 @@ struct Bounds {
 }
 
 /// All shapes at one configuration.
-pub(super) struct Placed {
+pub(super) struct PlacedShapes {
     /// `world_from_node`.
     frames: Vec<Isometry3<f64>>,
     placement: <DefaultEngine as Engine>::Placement,
 }
 
-impl Bounds {
+impl NodeBounds {
     fn new(shapes: &[Primitive]) -> Self {
         let balls = shapes.iter().map(|s| (Point3::from(s.pose.translation.vector), s.shape.bounding_radius()));
         let balls: Vec<_> = balls.collect();
@@ -92,20 +92,21 @@ impl<'a> Subject<'a> {
             colliders.extend(solids.map(|(k, s)| Collider::new(s.shape, frame, s.pose).with_hull(hull(k))));
             shapes.push(first..colliders.len() as u32);
         }
-        let bounds = robot.nodes.iter().map(|n| Bounds::new(&n.solids)).collect();
+        let bounds = robot.nodes.iter().map(|n| NodeBounds::new(&n.solids)).collect();
         let tested = robot.pairs.reflex.iter().copied().filter(|(a, b)| robot.moves(*a, *b)).collect();
         Ok(Self { robot, engine: DefaultEngine::prepare(&colliders), shapes, bounds, tested, surface_of })
     }
 
-    pub(super) fn place(&self, q: &[f64]) -> Placed {
-        let mut placed = Placed { frames: Vec::with_capacity(self.robot.nodes.len()), placement: Default::default() };
+    pub(super) fn place(&self, q: &[f64]) -> PlacedShapes {
+        let mut placed =
+            PlacedShapes { frames: Vec::with_capacity(self.robot.nodes.len()), placement: Default::default() };
         self.robot.forward(q, &mut placed.frames);
         self.engine.place(&placed.frames, &mut placed.placement);
         placed
     }
 
     /// The shapes of two nodes that may be nearer than a margin, by their indices on their nodes.
-    fn facing(&self, placed: &Placed, (a, b): (usize, usize), margin: f64) -> Option<[Vec<usize>; 2]> {
+    fn facing(&self, placed: &PlacedShapes, (a, b): (usize, usize), margin: f64) -> Option<[Vec<usize>; 2]> {
         let x = &self.bounds[a];
         let y = &self.bounds[b];
         let apart = (placed.frames[a] * x.ball.0 - placed.frames[b] * y.ball.0).norm();
@@ -113,7 +114,7 @@ impl<'a> Subject<'a> {
             return None;
         }
         let a_from_b = placed.frames[a].inv_mul(&placed.frames[b]);
-        let near = |of: &Bounds, to: &Bounds, to_from_of: &Isometry3<f64>| -> Vec<usize> {
+        let near = |of: &NodeBounds, to: &NodeBounds, to_from_of: &Isometry3<f64>| -> Vec<usize> {
             let near = |(_, (center, radius)): &(usize, &(Point3<f64>, f64))| {
                 to.distance(&(to_from_of * center)) <= radius + margin
             };
@@ -124,7 +125,7 @@ impl<'a> Subject<'a> {
     }
 
     /// The smallest distance of the shapes of two nodes, if it is less than a margin (meters) or they touch.
-    pub(super) fn distance(&self, placed: &Placed, (a, b): (usize, usize), margin: f64) -> Option<f64> {
+    pub(super) fn distance(&self, placed: &PlacedShapes, (a, b): (usize, usize), margin: f64) -> Option<f64> {
         let [of_a, of_b] = self.facing(placed, (a, b), margin)?;
         let mut least = None;
         for i in &of_a {
@@ -144,7 +145,7 @@ impl<'a> Subject<'a> {
     /// nodes.
     pub(super) fn touching<'s>(
         &'s self,
-        placed: &'s Placed,
+        placed: &'s PlacedShapes,
         (a, b): (usize, usize),
         margin: f64,
     ) -> impl Iterator<Item = (usize, usize)> + 's {
@@ -156,7 +157,7 @@ impl<'a> Subject<'a> {
 
     /// The center of the intersection of two touching shapes, world frame; each is given by its node and its index
     /// there.
-    pub(super) fn place_of(&self, placed: &Placed, shapes: [(usize, usize); 2]) -> Option<Point3<f64>> {
+    pub(super) fn place_of(&self, placed: &PlacedShapes, shapes: [(usize, usize); 2]) -> Option<Point3<f64>> {
         let [a, b] = shapes.map(|(node, shape)| self.shapes[node].start + shape as u32);
         match self.engine.near(&placed.placement, (a, b), 0.0) {
             Near::Within(near) => Some(nalgebra::center(&near.points[0], &near.points[1])),

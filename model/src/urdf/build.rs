@@ -5,12 +5,12 @@
 //!                                                └── links to the origins of its other links (their shapes, markers)
 //! ```
 
-use super::document::{Collision, Document, Geometry, Joint, JointType, Link};
+use super::document::{Document, JointType, UrdfCollision, UrdfGeometry, UrdfJoint, UrdfLink};
 use super::mesh::{MeshFile, MeshIssue, Meshes};
 use super::sizes::Sizes;
-use super::tree::{Drive, Tree};
+use super::tree::{JointDrive, Tree};
 use super::{UrdfOptions, neighbors, upright};
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use crate::hull::Hulls;
 use crate::{
     Fit, JointMotion, LinkSurface, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape,
@@ -30,7 +30,7 @@ const MAX_NODES: usize = 2048;
 const MAX_SHAPES: usize = 4096;
 
 /// Links connected by fixed joints, with their frames at the zero position.
-struct Body {
+struct RigidBody {
     /// Index of each link, and `root_from_link` at zero.
     links: Vec<(usize, Isometry3<f64>)>,
     /// The moving joints below it: joint, and the child link's frame at zero.
@@ -43,7 +43,7 @@ struct Body {
 /// need no fixed rotation between them.
 struct Builder<'a> {
     /// The file, for messages.
-    source: &'a Source,
+    source: &'a SourceText,
     /// Contents of the file.
     urdf: &'a Document,
     /// Tree of its links.
@@ -85,11 +85,11 @@ pub(super) struct Built {
 }
 
 /// Work item: the first link of a body, its frame at zero, and the node of its parent joint.
-type Todo = (usize, Isometry3<f64>, Option<usize>);
+type PendingBody = (usize, Isometry3<f64>, Option<usize>);
 
 /// Builds the robot. Without `fits` nothing is fitted to meshes, for callers that need only the surfaces.
 pub(super) fn build(
-    source: &Source,
+    source: &SourceText,
     urdf: &Document,
     tree: &Tree,
     options: &UrdfOptions,
@@ -175,8 +175,8 @@ impl Builder<'_> {
     ///
     /// # Errors
     /// If an axis has no direction.
-    fn body(&self, link: usize, frame: Isometry3<f64>) -> Result<Body, FileError> {
-        let mut body = Body { links: Vec::new(), joints: Vec::new() };
+    fn body(&self, link: usize, frame: Isometry3<f64>) -> Result<RigidBody, FileError> {
+        let mut body = RigidBody { links: Vec::new(), joints: Vec::new() };
         let mut todo = vec![(link, frame)];
         while let Some((link, frame)) = todo.pop() {
             body.links.push((link, frame));
@@ -188,13 +188,13 @@ impl Builder<'_> {
                 };
                 let at_joint = frame * what.origin;
                 match self.tree.drives[joint] {
-                    Drive::Fixed(0.0) => todo.push((self.tree.child[joint], at_joint)),
+                    JointDrive::Fixed(0.0) => todo.push((self.tree.child[joint], at_joint)),
                     // A joint without range has a constant position; its child is attached as by a fixed joint.
-                    Drive::Fixed(position) => {
+                    JointDrive::Fixed(position) => {
                         let moved = motion(what).by(&axis(&what.axis).ok_or_else(bad)?, position);
                         todo.push((self.tree.child[joint], at_joint * moved));
                     }
-                    Drive::Moves { .. } => {
+                    JointDrive::Moves { .. } => {
                         axis(&what.axis).ok_or_else(bad)?;
                         body.joints.push((joint, at_joint));
                     }
@@ -205,7 +205,7 @@ impl Builder<'_> {
     }
 
     /// Adds a body's nodes under the joint `parent`; returns the bodies that follow.
-    fn emit(&mut self, body: &Body, parent: Option<usize>) -> Result<Vec<Todo>, FileError> {
+    fn emit(&mut self, body: &RigidBody, parent: Option<usize>) -> Result<Vec<PendingBody>, FileError> {
         let Some(&(first, frame)) = body.links.first() else { return Ok(Vec::new()) };
         let start = frame.translation.vector;
         // The body's first node ends at the first point that is needed.
@@ -267,16 +267,16 @@ impl Builder<'_> {
     /// At the link, if there are too many shapes or one of them is invalid.
     fn solids(&mut self, link: usize, turn: UnitQuaternion<f64>) -> Result<Vec<Primitive>, FileError> {
         let urdf = self.urdf;
-        let Link { name, at, collisions, .. } = &urdf.links[link];
+        let UrdfLink { name, at, collisions, .. } = &urdf.links[link];
         let mut own = LinkSurface { link: name.clone(), turn, meshes: Vec::new(), solids: Vec::new() };
         for collision in collisions {
             match &collision.geometry {
-                Geometry::Mesh { filename, .. } if self.options.drop_meshes => {
+                UrdfGeometry::Mesh { filename, .. } if self.options.drop_meshes => {
                     let message = format!("link `{name}`: the mesh {filename} is left out");
                     let help = "give the link a shape in the converted file";
                     self.warnings.push(self.source.warning(collision.at.clone(), message, help));
                 }
-                Geometry::Mesh { filename, scale } => {
+                UrdfGeometry::Mesh { filename, scale } => {
                     let file = self.mesh(name, collision, filename, scale)?;
                     let turn = self.turns_y_up && file.y_up;
                     own.meshes.push(placed(&file.mesh, turn, scale, &collision.origin));
@@ -304,7 +304,7 @@ impl Builder<'_> {
         if own.meshes.is_empty() {
             return Ok(own.shapes(None));
         }
-        let Link { name, at, .. } = &self.urdf.links[link];
+        let UrdfLink { name, at, .. } = &self.urdf.links[link];
         let fit = Fit::new(&own.meshes, &self.options.fit).map_err(|why| {
             let help = "leave meshes out with --drop-meshes, or give the link a box, cylinder or sphere";
             self.source.error(at.clone(), format!("the meshes of link `{name}`: {why}"), help)
@@ -323,7 +323,7 @@ impl Builder<'_> {
     /// parent if the joint has no motor.
     fn joint(&mut self, link: usize, joint: usize, frame: &Isometry3<f64>, parent: usize) -> Result<usize, FileError> {
         let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis).unwrap_or(Vector3::z_axis());
-        let Drive::Moves { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
+        let JointDrive::Moves { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
         let (Some(motor), Some(limits)) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
         // Positions at the motor's limits, in the joint's own unit, which may differ from the motor's (a prismatic
         // finger may follow a revolute joint). For a mimic joint they may be in reverse order.
@@ -369,17 +369,19 @@ impl Builder<'_> {
     }
 
     /// A primitive collision shape, in its link's frame.
-    fn shape(&self, link: usize, collision: &Collision) -> Result<Primitive, FileError> {
+    fn shape(&self, link: usize, collision: &UrdfCollision) -> Result<Primitive, FileError> {
         let name = self.urdf.links[link].name.as_str();
         let place = collision.origin;
         // URDF's cylinders and capsules are along z, those of ZRP along y.
         let along_z = place * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
         let (shape, pose) = match &collision.geometry {
-            Geometry::Sphere { radius } => (Shape::Sphere { radius: *radius }, place),
-            Geometry::Box { size } => (Shape::Box { size: *size }, place),
-            Geometry::Cylinder { radius, length } => (Shape::Cylinder { radius: *radius, height: *length }, along_z),
-            Geometry::Capsule { radius, length } => (Shape::Capsule { radius: *radius, height: *length }, along_z),
-            Geometry::Mesh { filename, .. } => {
+            UrdfGeometry::Sphere { radius } => (Shape::Sphere { radius: *radius }, place),
+            UrdfGeometry::Box { size } => (Shape::Box { size: *size }, place),
+            UrdfGeometry::Cylinder { radius, length } => {
+                (Shape::Cylinder { radius: *radius, height: *length }, along_z)
+            }
+            UrdfGeometry::Capsule { radius, length } => (Shape::Capsule { radius: *radius, height: *length }, along_z),
+            UrdfGeometry::Mesh { filename, .. } => {
                 let issue = MeshIssue::in_file("is no shape");
                 return Err(self.bad_mesh(name, collision, filename, &issue));
             }
@@ -400,7 +402,7 @@ impl Builder<'_> {
     fn mesh(
         &mut self,
         link: &str,
-        collision: &Collision,
+        collision: &UrdfCollision,
         file: &str,
         scale: &Vector3<f64>,
     ) -> Result<Rc<MeshFile>, FileError> {
@@ -413,7 +415,7 @@ impl Builder<'_> {
         Ok(read)
     }
 
-    fn bad_mesh(&self, link: &str, collision: &Collision, file: &str, issue: &MeshIssue) -> FileError {
+    fn bad_mesh(&self, link: &str, collision: &UrdfCollision, file: &str, issue: &MeshIssue) -> FileError {
         let message = format!("link `{link}`: the mesh {file} {}", issue.message);
         self.source.error(collision.at.clone(), message, issue.remedy.as_str())
     }
@@ -430,7 +432,7 @@ fn placed(mesh: &Mesh, turn: bool, scale: &Vector3<f64>, link_from_mesh: &Isomet
 }
 
 /// The motion of a joint of the file.
-pub(super) fn motion(joint: &Joint) -> JointMotion {
+pub(super) fn motion(joint: &UrdfJoint) -> JointMotion {
     match joint.joint_type {
         JointType::Prismatic => JointMotion::Slide,
         _ => JointMotion::Turn,

@@ -13,9 +13,9 @@ pub(super) struct Document {
     /// Location of the root tag.
     pub at: Range<usize>,
     /// The links in file order; names are unique.
-    pub links: Vec<Link>,
+    pub links: Vec<UrdfLink>,
     /// The joints in file order; names are unique.
-    pub joints: Vec<Joint>,
+    pub joints: Vec<UrdfJoint>,
     /// The unused elements and attributes of the file.
     pub unused: Unused,
     /// Warnings about the origins in the file.
@@ -24,13 +24,13 @@ pub(super) struct Document {
 
 /// A rigid body.
 #[derive(Debug)]
-pub(super) struct Link {
+pub(super) struct UrdfLink {
     /// Its name, not empty.
     pub name: String,
     /// Location of its start tag.
     pub at: Range<usize>,
     /// The collision shapes.
-    pub collisions: Vec<Collision>,
+    pub collisions: Vec<UrdfCollision>,
     /// Its center of mass in its frame; `None` if the file gives no mass.
     pub center: Option<Vector3<f64>>,
     /// True if it has a visual shape but no collision shape.
@@ -39,18 +39,18 @@ pub(super) struct Link {
 
 /// A collision shape.
 #[derive(Debug)]
-pub(super) struct Collision {
+pub(super) struct UrdfCollision {
     /// Location of its geometry's tag.
     pub at: Range<usize>,
     /// `link_from_shape`.
     pub origin: Isometry3<f64>,
     /// The shape.
-    pub geometry: Geometry,
+    pub geometry: UrdfGeometry,
 }
 
 /// A shape in its own frame, lengths in meters, not yet checked.
 #[derive(Debug)]
-pub(super) enum Geometry {
+pub(super) enum UrdfGeometry {
     /// Edge lengths.
     Box { size: Vector3<f64> },
     /// Along z.
@@ -63,7 +63,7 @@ pub(super) enum Geometry {
     Mesh { filename: String, scale: Vector3<f64> },
 }
 
-impl Geometry {
+impl UrdfGeometry {
     /// The name of its element.
     pub fn name(&self) -> &'static str {
         match self {
@@ -95,7 +95,7 @@ pub(super) enum JointType {
 
 /// A joint between two links.
 #[derive(Debug)]
-pub(super) struct Joint {
+pub(super) struct UrdfJoint {
     /// Its name, not empty.
     pub name: String,
     /// Location of its start tag.

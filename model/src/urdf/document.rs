@@ -1,11 +1,13 @@
 //! Reader of a URDF's links, joints and collision shapes, with their locations. All other parts of the file are listed
 //! as unused: transmissions, sensors, materials, visual shapes and vendors' tags can't stop a conversion.
 
-pub(super) use super::contents::{Collision, Document, Geometry, Joint, JointType, Limit, Link, Mimic, Safety};
+pub(super) use super::contents::{
+    Document, JointType, Limit, Mimic, Safety, UrdfCollision, UrdfGeometry, UrdfJoint, UrdfLink,
+};
 use super::grouped::Grouped;
 use super::sizes::DOUBTED_LENGTH_M;
 use super::words::{self, Unused};
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use crate::xml::{self, XmlElement};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use std::cell::RefCell;
@@ -30,12 +32,12 @@ const EXPAND: &str =
 /// # Errors
 /// If the text is not XML or is in another format, if a link or joint has no name or a duplicate one, or if a number, a
 /// link's shape or a joint's type is invalid.
-pub(super) fn read(source: &Source, visual: bool) -> Result<Document, FileError> {
+pub(super) fn read(source: &SourceText, visual: bool) -> Result<Document, FileError> {
     let root = xml::parse(source)?;
     if root.name != "robot" {
         return Err(other_format(source, &root));
     }
-    let reading = Reading { source, visual, far: RefCell::default(), turned: RefCell::default() };
+    let reading = UrdfReader { source, visual, far: RefCell::default(), turned: RefCell::default() };
     root.children.iter().filter(|c| c.name.starts_with("xacro:")).try_for_each(|c| reading.refuse_xacro(c))?;
     let links = reading.named(&root, "link", |e, name| reading.link(e, name))?;
     let joints = reading.named(&root, "joint", |e, name| reading.joint(e, name))?;
@@ -67,7 +69,7 @@ const EXPAND_USER: &str = "expand the file that uses those macros: `xacro FILE >
                            `ros2 run xacro xacro FILE > robot.urdf`";
 
 /// Error for a file in another format, recognized by its root element.
-fn other_format(source: &Source, root: &XmlElement) -> FileError {
+fn other_format(source: &SourceText, root: &XmlElement) -> FileError {
     let help = match root.name.to_ascii_lowercase().as_str() {
         "zeropositionkinematictree" => "this is a ZRP file already; it needs no conversion",
         "sdf" | "gazebo" => "this is SDF, the format of Gazebo; give the URDF that it was made from",
@@ -80,9 +82,9 @@ fn other_format(source: &Source, root: &XmlElement) -> FileError {
 }
 
 /// Context of the reader.
-struct Reading<'a> {
+struct UrdfReader<'a> {
     /// The file, for errors.
-    source: &'a Source,
+    source: &'a SourceText,
     /// True if visuals replace missing collisions.
     visual: bool,
     /// Origins that are suspiciously far away.
@@ -91,7 +93,7 @@ struct Reading<'a> {
     turned: RefCell<Grouped>,
 }
 
-impl Reading<'_> {
+impl UrdfReader<'_> {
     /// Reads all children of the root of a kind; their names must be unique.
     fn named<T>(
         &self,
@@ -128,14 +130,14 @@ impl Reading<'_> {
         element.children.iter().try_for_each(|c| self.refuse_xacro(c))
     }
 
-    fn link(&self, element: &XmlElement, name: &str) -> Result<Link, FileError> {
+    fn link(&self, element: &XmlElement, name: &str) -> Result<UrdfLink, FileError> {
         let bare = element.child("collision").is_none() && element.child("visual").is_some();
         let kind = if bare && self.visual { "visual" } else { "collision" };
         let collisions = element.all(kind).map(|c| self.collision(c, name)).collect::<Result<_, _>>()?;
         let name = name.to_owned();
         let at = element.at.clone();
         let center = self.center(element)?;
-        Ok(Link { name, at, collisions, center, bare })
+        Ok(UrdfLink { name, at, collisions, center, bare })
     }
 
     /// A link's center of mass. It is only a hint for the conversion, so an unreadable one is `None`.
@@ -148,7 +150,7 @@ impl Reading<'_> {
         Ok(center.filter(|_| mass.is_some_and(|m| m > 0.0)))
     }
 
-    fn collision(&self, element: &XmlElement, link: &str) -> Result<Collision, FileError> {
+    fn collision(&self, element: &XmlElement, link: &str) -> Result<UrdfCollision, FileError> {
         let shapes = self.one(element, "geometry")?.map(|g| g.children.as_slice()).unwrap_or_default();
         let Some(shape) = shapes.first() else {
             let message = format!("link `{link}`: a {} without a geometry", element.name);
@@ -161,11 +163,13 @@ impl Reading<'_> {
         }
         let number = |name: &str| self.number(shape, name).and_then(|v| v.ok_or_else(|| self.missing(shape, name)));
         let geometry = match shape.name.as_str() {
-            "box" => Geometry::Box { size: self.vector(shape, "size")?.ok_or_else(|| self.missing(shape, "size"))? },
-            "cylinder" => Geometry::Cylinder { radius: number("radius")?, length: number("length")? },
-            "capsule" => Geometry::Capsule { radius: number("radius")?, length: number("length")? },
-            "sphere" => Geometry::Sphere { radius: number("radius")? },
-            "mesh" => Geometry::Mesh {
+            "box" => {
+                UrdfGeometry::Box { size: self.vector(shape, "size")?.ok_or_else(|| self.missing(shape, "size"))? }
+            }
+            "cylinder" => UrdfGeometry::Cylinder { radius: number("radius")?, length: number("length")? },
+            "capsule" => UrdfGeometry::Capsule { radius: number("radius")?, length: number("length")? },
+            "sphere" => UrdfGeometry::Sphere { radius: number("radius")? },
+            "mesh" => UrdfGeometry::Mesh {
                 filename: self.required(shape, "filename")?.to_owned(),
                 scale: self.scale(shape, link)?,
             },
@@ -174,7 +178,7 @@ impl Reading<'_> {
                 return Err(self.error(shape, message, "use a box, cylinder, capsule, sphere or mesh"));
             }
         };
-        Ok(Collision { at: shape.at.clone(), origin: self.origin(element, &format!("link `{link}`"))?, geometry })
+        Ok(UrdfCollision { at: shape.at.clone(), origin: self.origin(element, &format!("link `{link}`"))?, geometry })
     }
 
     /// The scale of a mesh. A negative factor mirrors it.
@@ -187,7 +191,7 @@ impl Reading<'_> {
         Err(self.error(mesh, message, "write factors that are not 0, or leave `scale` out"))
     }
 
-    fn joint(&self, element: &XmlElement, name: &str) -> Result<Joint, FileError> {
+    fn joint(&self, element: &XmlElement, name: &str) -> Result<UrdfJoint, FileError> {
         let joint_type = match self.required(element, "type")? {
             "fixed" => JointType::Fixed,
             "revolute" => JointType::Revolute,
@@ -221,7 +225,7 @@ impl Reading<'_> {
             let multiplier = self.number(m, "multiplier")?.unwrap_or(1.0);
             Ok(Mimic { joint, multiplier, offset: self.number(m, "offset")?.unwrap_or(0.0) })
         });
-        Ok(Joint {
+        Ok(UrdfJoint {
             name: name.to_owned(),
             at: element.at.clone(),
             joint_type,

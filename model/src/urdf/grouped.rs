@@ -1,6 +1,6 @@
 //! Groups findings of one kind into one warning: a robot with thirty links should not cause thirty lines.
 
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use std::ops::Range;
 
 /// Findings of one kind, reported together at the location of the first.
@@ -20,7 +20,7 @@ impl Grouped {
     }
 
     /// Adds one warning with all findings, if there are any: `message`, then the list.
-    pub fn warn(self, source: &Source, message: &str, help: &str, warnings: &mut Vec<FileError>) {
+    pub fn warn(self, source: &SourceText, message: &str, help: &str, warnings: &mut Vec<FileError>) {
         if let Some(at) = self.first {
             warnings.push(source.warning(at, format!("{message}: {}", self.items.join(", ")), help));
         }

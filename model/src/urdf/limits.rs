@@ -1,12 +1,12 @@
 //! Range and speed of joints: limits, soft limits, velocity limits, and warnings about implausible ones.
 
 use super::UrdfOptions;
-use super::document::{Joint, JointType, Safety};
+use super::document::{JointType, Safety, UrdfJoint};
 use super::grouped::Grouped;
 use super::sizes::DOUBTED_LENGTH_M;
-use super::tree::Drive;
+use super::tree::JointDrive;
 use crate::JointMotion;
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use std::f64::consts::{PI, TAU};
 
 /// Limit of a continuous joint in either direction, rad: the range that an encoder may count.
@@ -53,7 +53,7 @@ impl Limits {
 
 /// Reads the limits of joints, and collects warnings about them.
 pub(super) struct LimitReader<'a> {
-    source: &'a Source,
+    source: &'a SourceText,
     options: &'a UrdfOptions,
     warnings: &'a mut Vec<FileError>,
     degrees: Grouped,
@@ -68,7 +68,7 @@ pub(super) struct LimitReader<'a> {
 
 impl<'a> LimitReader<'a> {
     /// Creates a reader without findings.
-    pub fn new(source: &'a Source, options: &'a UrdfOptions, warnings: &'a mut Vec<FileError>) -> Self {
+    pub fn new(source: &'a SourceText, options: &'a UrdfOptions, warnings: &'a mut Vec<FileError>) -> Self {
         let [degrees, far, fast, no_speed, endless, no_soft, half_soft, narrowed] = Default::default();
         Self { source, options, warnings, degrees, far, fast, no_speed, endless, no_soft, half_soft, narrowed }
     }
@@ -77,7 +77,7 @@ impl<'a> LimitReader<'a> {
     ///
     /// # Errors
     /// If its type is not supported, or its limits are invalid.
-    pub fn read(&mut self, joint: &Joint) -> Result<Option<Limits>, FileError> {
+    pub fn read(&mut self, joint: &UrdfJoint) -> Result<Option<Limits>, FileError> {
         let name = &joint.name;
         let limits = match joint.joint_type {
             JointType::Fixed => return Ok(None),
@@ -109,7 +109,7 @@ impl<'a> LimitReader<'a> {
     }
 
     /// Limits of a continuous joint: unlimited, or its soft limits.
-    fn endless(&mut self, joint: &Joint) -> Result<Limits, FileError> {
+    fn endless(&mut self, joint: &UrdfJoint) -> Result<Limits, FileError> {
         if let Some(limit) = &joint.limit
             && let (Some(lower), Some(upper)) = (limit.lower, limit.upper)
             && lower < upper
@@ -127,7 +127,7 @@ impl<'a> LimitReader<'a> {
     }
 
     /// Limits of a revolute or prismatic joint.
-    fn bounded(&mut self, joint: &Joint, motion: JointMotion) -> Result<Limits, FileError> {
+    fn bounded(&mut self, joint: &UrdfJoint, motion: JointMotion) -> Result<Limits, FileError> {
         let name = &joint.name;
         let unit = if motion == JointMotion::Turn { "radians" } else { "meters" };
         let Some(limit) = &joint.limit else {
@@ -168,7 +168,7 @@ impl<'a> LimitReader<'a> {
     }
 
     /// The range that soft limits leave.
-    fn softened(&mut self, joint: &Joint, (lo, hi): (f64, f64)) -> Result<(f64, f64), FileError> {
+    fn softened(&mut self, joint: &UrdfJoint, (lo, hi): (f64, f64)) -> Result<(f64, f64), FileError> {
         let Some(Safety { lower, upper, at }) = &joint.safety else { return Ok((lo, hi)) };
         if lower.is_none() && upper.is_none() {
             return Ok((lo, hi));
@@ -192,7 +192,7 @@ impl<'a> LimitReader<'a> {
     }
 
     /// The maximum speed of a joint; `None` if it has none or an implausible one.
-    fn speed(&mut self, joint: &Joint, motion: JointMotion) -> Result<Option<f64>, FileError> {
+    fn speed(&mut self, joint: &UrdfJoint, motion: JointMotion) -> Result<Option<f64>, FileError> {
         let Some(limit) = &joint.limit else { return Ok(None) };
         let most = if motion == JointMotion::Turn { DOUBTED_SPEED_RAD_PER_S } else { DOUBTED_SPEED_M_PER_S };
         let name = &joint.name;
@@ -224,9 +224,9 @@ impl<'a> LimitReader<'a> {
     /// If the follower violates its limits at all positions of its leader.
     pub fn follow(
         &mut self,
-        (follower, own): (&Joint, Limits),
-        drive: Drive,
-        leader: (&Joint, &mut Option<Limits>),
+        (follower, own): (&UrdfJoint, Limits),
+        drive: JointDrive,
+        leader: (&UrdfJoint, &mut Option<Limits>),
     ) -> Result<(), FileError> {
         let given = follower.limit.as_ref().is_some_and(|l| l.lower.is_some() || l.upper.is_some());
         let ranged = (given || follower.safety.is_some()) && !own.continuous;
@@ -235,10 +235,12 @@ impl<'a> LimitReader<'a> {
         let help = "correct its limits, or the multiplier and offset of its <mimic>";
         let (name, limits) = leader;
         match (drive, limits) {
-            (Drive::Fixed(at), _) if ranged && (at < own.min - LIMIT_TOLERANCE || at > own.max + LIMIT_TOLERANCE) => {
+            (JointDrive::Fixed(at), _)
+                if ranged && (at < own.min - LIMIT_TOLERANCE || at > own.max + LIMIT_TOLERANCE) =>
+            {
                 Err(self.error(follower, message, help))
             }
-            (Drive::Moves { factor, offset, .. }, Some(limits)) => {
+            (JointDrive::Moves { factor, offset, .. }, Some(limits)) => {
                 if let Some(speed) = own.speed.map(|v| v / factor.abs()) {
                     limits.speed = Some(limits.speed.map_or(speed, |v| v.min(speed)));
                 }
@@ -313,11 +315,11 @@ impl<'a> LimitReader<'a> {
         }
     }
 
-    fn warn(&mut self, joint: &Joint, message: String, help: &str) {
+    fn warn(&mut self, joint: &UrdfJoint, message: String, help: &str) {
         self.warnings.push(self.source.warning(joint.at.clone(), message, help));
     }
 
-    fn error(&self, joint: &Joint, message: String, help: &str) -> FileError {
+    fn error(&self, joint: &UrdfJoint, message: String, help: &str) -> FileError {
         self.source.error(joint.at.clone(), message, help)
     }
 }
@@ -338,9 +340,9 @@ fn turning(lo: f64, hi: f64) -> Limits {
 
 /// Limits a continuous joint to one turn if another joint follows it by a fractional factor: after a full turn of the
 /// leader the follower has another position, so that the leader's positions a turn apart are not equivalent.
-pub(super) fn limit_leaders_of_fractional_followers(drives: &[Drive], limits: &mut [Option<Limits>]) {
+pub(super) fn limit_leaders_of_fractional_followers(drives: &[JointDrive], limits: &mut [Option<Limits>]) {
     for drive in drives {
-        let Drive::Moves { source, factor, .. } = *drive else { continue };
+        let JointDrive::Moves { source, factor, .. } = *drive else { continue };
         if let Some(limit) = limits.get_mut(source).and_then(Option::as_mut).filter(|l| l.continuous)
             && factor.fract() != 0.0
         {

@@ -13,7 +13,7 @@ mod stl;
 
 use super::UrdfOptions;
 use crate::Mesh;
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use crate::file::{self, MIB};
 use nalgebra::Vector3;
 use percent_encoding::percent_decode_str;
@@ -143,7 +143,11 @@ impl<'a> Meshes<'a> {
 pub fn load_mesh(path: impl AsRef<Path>) -> Result<Mesh, FileError> {
     let path = path.as_ref();
     read(path).map(|(file, ..)| file.mesh).map_err(|issue| {
-        Source::new(&path.display().to_string(), "").error(0..0, format!("the mesh {}", issue.message), issue.remedy)
+        SourceText::new(&path.display().to_string(), "").error(
+            0..0,
+            format!("the mesh {}", issue.message),
+            issue.remedy,
+        )
     })
 }
 

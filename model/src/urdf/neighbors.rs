@@ -8,7 +8,7 @@
 //! ```
 
 use super::document::Document;
-use super::tree::{Drive, Tree};
+use super::tree::{JointDrive, Tree};
 use crate::LeftOut;
 use std::collections::BTreeSet;
 
@@ -20,7 +20,7 @@ pub(super) fn neighbors(urdf: &Document, tree: &Tree, shapes_of: &[Option<usize>
     let graph = Graph::new(urdf.links.len(), tree, shapes_of);
     let mut out = Vec::new();
     for (parent, joints) in tree.leaving.iter().enumerate() {
-        for &joint in joints.iter().filter(|j| matches!(tree.drives[**j], Drive::Moves { .. })) {
+        for &joint in joints.iter().filter(|j| matches!(tree.drives[**j], JointDrive::Moves { .. })) {
             let below = graph.nearest(tree.child[joint]).0;
             let above = graph.nearest_above(parent);
             let reason = format!("neighbors, joined by {}", urdf.joints[joint].name);
@@ -49,11 +49,11 @@ impl<'a> Graph<'a> {
             for &joint in joints {
                 let child = tree.child[joint];
                 match tree.drives[joint] {
-                    Drive::Fixed(_) => {
+                    JointDrive::Fixed(_) => {
                         graph.fixed[parent].push(child);
                         graph.fixed[child].push(parent);
                     }
-                    Drive::Moves { .. } => graph.above[child] = Some(parent),
+                    JointDrive::Moves { .. } => graph.above[child] = Some(parent),
                 }
             }
         }

@@ -1,9 +1,9 @@
 //! Plausibility of sizes and positions: implausible ones indicate a file in millimeters, or one that was scaled twice.
 
-use super::document::{Collision, Geometry};
+use super::document::{UrdfCollision, UrdfGeometry};
 use super::grouped::Grouped;
 use crate::Mesh;
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use nalgebra::Vector3;
 
 /// Length of a shape, or distance of an origin, above which a warning is given, meters.
@@ -26,19 +26,19 @@ pub(super) struct Sizes {
 
 impl Sizes {
     /// Checks a primitive shape.
-    pub fn shape(&mut self, link: &str, collision: &Collision) {
+    pub fn shape(&mut self, link: &str, collision: &UrdfCollision) {
         let longest = match &collision.geometry {
-            Geometry::Box { size } => size.max(),
-            Geometry::Sphere { radius } => 2.0 * radius,
-            Geometry::Cylinder { radius, length } => length.max(2.0 * radius),
-            Geometry::Capsule { radius, length } => length + 2.0 * radius,
-            Geometry::Mesh { .. } => return,
+            UrdfGeometry::Box { size } => size.max(),
+            UrdfGeometry::Sphere { radius } => 2.0 * radius,
+            UrdfGeometry::Cylinder { radius, length } => length.max(2.0 * radius),
+            UrdfGeometry::Capsule { radius, length } => length + 2.0 * radius,
+            UrdfGeometry::Mesh { .. } => return,
         };
         self.judge(collision, longest, &format!("link `{link}`: a {}", collision.geometry.name()));
     }
 
     /// Checks a mesh; `scale` is the URDF's.
-    pub fn mesh(&mut self, link: &str, collision: &Collision, (file, mesh): (&str, &Mesh), scale: &Vector3<f64>) {
+    pub fn mesh(&mut self, link: &str, collision: &UrdfCollision, (file, mesh): (&str, &Mesh), scale: &Vector3<f64>) {
         let far = |f: fn(f64, f64) -> f64, start: f64, i: usize| mesh.vertices.iter().map(|v| v[i]).fold(start, f);
         let size = |i| (far(f64::max, f64::NEG_INFINITY, i) - far(f64::min, f64::INFINITY, i)) * scale[i].abs();
         let longest = size(0).max(size(1)).max(size(2));
@@ -48,7 +48,7 @@ impl Sizes {
         }
     }
 
-    fn judge(&mut self, collision: &Collision, longest: f64, what: &str) {
+    fn judge(&mut self, collision: &UrdfCollision, longest: f64, what: &str) {
         if longest > DOUBTED_LENGTH_M {
             self.long.add(&collision.at, format!("{what} is {longest:.0} m long"));
         } else if longest < MIN_LENGTH_M {
@@ -57,7 +57,7 @@ impl Sizes {
     }
 
     /// Adds warnings about all findings.
-    pub fn warn(self, source: &Source, warnings: &mut Vec<FileError>) {
+    pub fn warn(self, source: &SourceText, warnings: &mut Vec<FileError>) {
         let help =
             "lengths are in meters; if a mesh is in millimeters, write scale=\"0.001 0.001 0.001\" into its <mesh>";
         self.long.warn(source, "written in millimeters, perhaps", help, warnings);

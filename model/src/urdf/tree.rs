@@ -4,9 +4,9 @@
 //! the faulty joint, so that the conversion works on valid indices.
 
 use super::UrdfOptions;
-use super::document::{Document, Joint};
+use super::document::{Document, UrdfJoint};
 use super::limits::{LimitReader, Limits, limit_leaders_of_fractional_followers};
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use std::collections::BTreeMap;
 
 /// Maximum number of joints in a chain.
@@ -14,7 +14,7 @@ const MAX_DEPTH: usize = 200;
 
 /// Drive of a joint.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Drive {
+pub(super) enum JointDrive {
     /// Constant position, rad or meters.
     Fixed(f64),
     /// Moves by `factor * q + offset` with the position q of the joint `source`, which has a motor and may be itself.
@@ -30,7 +30,7 @@ pub(super) struct Tree {
     /// Per joint: its child link.
     pub child: Vec<usize>,
     /// Per joint: its drive.
-    pub drives: Vec<Drive>,
+    pub drives: Vec<JointDrive>,
     /// Per joint: its limits, if it has a motor.
     pub limits: Vec<Option<Limits>>,
 }
@@ -41,12 +41,12 @@ impl Tree {
     /// # Errors
     /// At the first joint or link that does not belong to one tree, or can't be converted.
     pub fn new(
-        source: &Source,
+        source: &SourceText,
         urdf: &Document,
         options: &UrdfOptions,
         warnings: &mut Vec<FileError>,
     ) -> Result<Self, FileError> {
-        let blame = |joint: &Joint, message: String, help: &str| source.error(joint.at.clone(), message, help);
+        let blame = |joint: &UrdfJoint, message: String, help: &str| source.error(joint.at.clone(), message, help);
         let links: BTreeMap<&str, usize> = urdf.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
         let joints: BTreeMap<&str, usize> = urdf.joints.iter().enumerate().map(|(i, j)| (j.name.as_str(), i)).collect();
         let mut leaving = vec![Vec::new(); urdf.links.len()];
@@ -97,7 +97,7 @@ impl Tree {
         for (i, joint) in urdf.joints.iter().enumerate().filter(|(_, j)| j.mimic.is_some()) {
             let Some(own) = limits[i] else { continue };
             let drive = drive(i, urdf, &joints, &limits, &blame)?;
-            let leader = if let Drive::Moves { source, .. } = drive { source } else { i };
+            let leader = if let JointDrive::Moves { source, .. } = drive { source } else { i };
             reader.follow((joint, own), drive, (&urdf.joints[leader], &mut limits[leader]))?;
         }
         reader.finish();
@@ -118,10 +118,10 @@ fn drive(
     urdf: &Document,
     joints: &BTreeMap<&str, usize>,
     limits: &[Option<Limits>],
-    blame: &impl Fn(&Joint, String, &str) -> FileError,
-) -> Result<Drive, FileError> {
+    blame: &impl Fn(&UrdfJoint, String, &str) -> FileError,
+) -> Result<JointDrive, FileError> {
     if limits[start].is_none() {
-        return Ok(Drive::Fixed(0.0));
+        return Ok(JointDrive::Fixed(0.0));
     }
     // Substitutes `q_i = m * q_next + o` along the chain, which yields one linear function, `factor * q + offset`.
     let mut at = start;
@@ -132,9 +132,9 @@ fn drive(
         let joint = &urdf.joints[at];
         let Some(mimic) = &joint.mimic else {
             return Ok(match limits[at] {
-                Some(l) if l.min < l.max && factor != 0.0 => Drive::Moves { source: at, factor, offset },
-                Some(l) if l.min == l.max => Drive::Fixed(factor * l.min + offset),
-                _ => Drive::Fixed(offset),
+                Some(l) if l.min < l.max && factor != 0.0 => JointDrive::Moves { source: at, factor, offset },
+                Some(l) if l.min == l.max => JointDrive::Fixed(factor * l.min + offset),
+                _ => JointDrive::Fixed(offset),
             });
         };
         let m = mimic.multiplier;

@@ -5,9 +5,9 @@
 //! mean distance is larger by at least half in the wrong orientation.
 
 use super::UpAxis;
-use super::document::{Collision, Document, Geometry};
+use super::document::{Document, UrdfCollision, UrdfGeometry};
 use super::mesh::Meshes;
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use nalgebra::Vector3;
 
 /// The declaration is applied if it reduces the distance between centers of mass and meshes to this fraction.
@@ -17,7 +17,7 @@ const MIN_LINKS: usize = 3;
 
 /// True if meshes that declare y as up are to be rotated by [`z_up`]; adds a warning if this is a guess.
 pub(super) fn turns_y_up(
-    source: &Source,
+    source: &SourceText,
     urdf: &Document,
     wanted: UpAxis,
     meshes: &mut Meshes<'_>,
@@ -26,7 +26,7 @@ pub(super) fn turns_y_up(
     if wanted != UpAxis::Guess {
         return wanted == UpAxis::Respect;
     }
-    let of_link = |link: &super::document::Link| {
+    let of_link = |link: &super::document::UrdfLink| {
         let center = link.center?;
         link.collisions.iter().find_map(|c| center_offsets(c, &center, meshes))
     };
@@ -51,8 +51,8 @@ pub(super) fn z_up(v: &Vector3<f64>) -> Vector3<f64> {
 /// Distances of a link's center of mass from the center of its mesh, without and with the rotation, relative to the
 /// size of the mesh. `None` without a mesh that declares y as up. Read errors are ignored here; the conversion reports
 /// them.
-fn center_offsets(collision: &Collision, center: &Vector3<f64>, meshes: &mut Meshes<'_>) -> Option<[f64; 2]> {
-    let Geometry::Mesh { filename, scale } = &collision.geometry else { return None };
+fn center_offsets(collision: &UrdfCollision, center: &Vector3<f64>, meshes: &mut Meshes<'_>) -> Option<[f64; 2]> {
+    let UrdfGeometry::Mesh { filename, scale } = &collision.geometry else { return None };
     let file = meshes.get(filename).ok().filter(|f| f.y_up)?;
     let start = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     let (low, high) = file.mesh.vertices.iter().fold(start, |(low, high), v| (low.inf(v), high.sup(v)));

@@ -1,7 +1,7 @@
 //! Tables of the used and unused words of a URDF or SRDF: no part of a file is ignored silently.
 
 use super::grouped::Grouped;
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use crate::xml::XmlElement;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -125,7 +125,7 @@ impl Unused {
     }
 
     /// Adds a warning about the words that are not in the format.
-    pub fn warn(self, source: &Source, format: &str, warnings: &mut Vec<FileError>) {
+    pub fn warn(self, source: &SourceText, format: &str, warnings: &mut Vec<FileError>) {
         let mut unknown: Vec<_> = self.unknown.into_iter().collect();
         unknown.sort_by_key(|(_, (at, _))| at.start);
         let mut all = Grouped::default();

@@ -1,7 +1,7 @@
 //! Strict reader of one element's attributes: a missing one has its default, an unreadable one is an error at its
 //! location.
 
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use nalgebra::Vector3;
 use std::ops::Range;
 
@@ -45,7 +45,7 @@ pub(super) struct Attr {
 /// An element with its attributes; its accessors return a default, the value, or an error at the value.
 pub(super) struct Element {
     /// The file, for errors.
-    source: Source,
+    source: SourceText,
     /// Its name as written.
     pub(super) written: String,
     /// Its name in lower case: element names are compared without case.
@@ -58,7 +58,7 @@ pub(super) struct Element {
 
 impl Element {
     /// Creates an element without attributes.
-    pub(super) fn new(source: Source, written: &str, at: Range<usize>) -> Self {
+    pub(super) fn new(source: SourceText, written: &str, at: Range<usize>) -> Self {
         Self { source, written: written.to_owned(), name: written.to_ascii_lowercase(), at, attrs: Vec::new() }
     }
 

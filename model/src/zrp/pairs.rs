@@ -42,7 +42,7 @@ pub(crate) fn near_root(nodes: &[Node]) -> Vec<bool> {
 /// The pairs to test. Pairs within one node, of neighbors in the tree and of near relatives of one part are excluded.
 /// Pairs within a `noSelfCollision` subtree are only displayed, and their fields do not act.
 pub(crate) fn node_pairs(nodes: &[Node]) -> NodePairs {
-    let filtered = Filtered::new(nodes);
+    let filtered = FilteredPairs::new(nodes);
     let quiet = quiet_subtrees(nodes);
     let mut pairs = NodePairs::default();
     for (a, x) in nodes.iter().enumerate() {
@@ -72,14 +72,14 @@ pub(crate) fn quiet_subtrees(nodes: &[Node]) -> Vec<Option<usize>> {
 }
 
 /// Square tables over nodes (both triangles filled) of the pairs that the adjacency filter excludes.
-struct Filtered {
+struct FilteredPairs {
     /// For collision shapes.
     solid: Vec<bool>,
     /// For force-field shapes: the filter excludes more of them, regardless of their part.
     field: Vec<bool>,
 }
 
-impl Filtered {
+impl FilteredPairs {
     /// Walks from every node through the subtrees of its siblings and its own, as the original does.
     fn new(nodes: &[Node]) -> Self {
         // Dense tables: at 2048 nodes four million flags each, read for every pair, built once per robot.

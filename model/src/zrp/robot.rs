@@ -11,7 +11,7 @@ use super::motion::MotorMotion;
 use super::pair_list::PairList;
 use super::xml::{Token, Tokens};
 use super::{geometry, pairs};
-use crate::error::{FileError, Loaded, Source};
+use crate::error::{FileError, Loaded, SourceText};
 use crate::{Clause, Marker, Motor, Node, NodeKind, NodePairs, Part, Robot};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ const ROOT: &str = "ZeroPositionKinematicTree";
 ///
 /// # Errors
 /// The first mistake, with location and remedy.
-pub(super) fn read(source: &Source) -> Result<Loaded<Robot>, FileError> {
+pub(super) fn read(source: &SourceText) -> Result<Loaded<Robot>, FileError> {
     let mut tokens = Tokens::new(source);
     let mut reader = RobotReader::default();
     while let Some(token) = tokens.next()? {
@@ -52,7 +52,7 @@ struct PartBuilder {
 }
 
 /// The state that the end of an open element restores.
-enum Open {
+enum OpenElement {
     Part { part: usize, element: Element },
     Motor { before: Option<usize> },
     Node { before: Option<usize> },
@@ -81,7 +81,7 @@ struct RobotReader {
     /// Markers in order of appearance.
     markers: Vec<Marker>,
     /// The state that the open elements restore at their ends, the innermost last.
-    open: Vec<Open>,
+    open: Vec<OpenElement>,
     /// The current part, an index into `parts`.
     part: Option<usize>,
     /// The current motor, an index into `motors` (in order of creation).
@@ -109,7 +109,7 @@ impl RobotReader {
     fn start(&mut self, e: Element) -> Result<(), FileError> {
         if self.open.is_empty() {
             self.root(&e)?;
-            self.open.push(Open::Other);
+            self.open.push(OpenElement::Other);
             return Ok(());
         }
         let open = match e.name.as_str() {
@@ -129,7 +129,7 @@ impl RobotReader {
                                 constraintList, constraint, pairs, leaveOut and bare";
                     let message = format!("<{}> is not known; it is ignored", e.written);
                     self.warnings.add(|| e.warning_at("", message, help));
-                    Open::Other
+                    OpenElement::Other
                 }
             },
         };
@@ -140,7 +140,7 @@ impl RobotReader {
     /// Handles the end of the innermost element: restores the state, and checks what can only be checked as a whole.
     fn end(&mut self) -> Result<(), FileError> {
         match self.open.pop() {
-            Some(Open::Part { part, element }) => {
+            Some(OpenElement::Part { part, element }) => {
                 let part = &self.parts[part];
                 if let Some(gap) = part.slots.iter().position(Option::is_none) {
                     return Err(element.error(
@@ -150,9 +150,9 @@ impl RobotReader {
                 }
                 self.part = part.around;
             }
-            Some(Open::Motor { before }) => self.motor = before,
-            Some(Open::Node { before }) => self.node = before,
-            Some(Open::Clause { element }) => {
+            Some(OpenElement::Motor { before }) => self.motor = before,
+            Some(OpenElement::Node { before }) => self.node = before,
+            Some(OpenElement::Clause { element }) => {
                 let clause = self.clause.take().unwrap_or_default();
                 match self.part {
                     None => {}
@@ -163,7 +163,7 @@ impl RobotReader {
                     Some(part) => self.parts[part].clauses.push(clause),
                 }
             }
-            Some(Open::Pairs | Open::Other) | None => {}
+            Some(OpenElement::Pairs | OpenElement::Other) | None => {}
         }
         Ok(())
     }
@@ -192,7 +192,7 @@ impl RobotReader {
     }
 
     /// Sorts the motors, resolves the constraints and builds the pair tables.
-    fn finish(mut self, source: &Source) -> Result<Loaded<Robot>, FileError> {
+    fn finish(mut self, source: &SourceText) -> Result<Loaded<Robot>, FileError> {
         // Motors are ordered by part and index, regardless of the order of creation: `order[new] = old`.
         let mut order = Vec::with_capacity(self.motors.len());
         let mut parts = Vec::with_capacity(self.parts.len());

@@ -5,7 +5,7 @@
 use super::element::{COLOR, Element, Warnings};
 use super::geometry;
 use super::xml::{Token, Tokens};
-use crate::error::{FileError, Loaded, Source};
+use crate::error::{FileError, Loaded, SourceText};
 use crate::{Object, ObjectClass};
 use std::collections::BTreeSet;
 
@@ -20,7 +20,7 @@ const MAX_SHAPES: usize = 20_000;
 ///
 /// # Errors
 /// The first mistake, with location and remedy.
-pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
+pub(super) fn read(source: &SourceText) -> Result<Loaded<Vec<Object>>, FileError> {
     let mut tokens = Tokens::new(source);
     let mut reader = WorldReader::default();
     let mut depth = 0_usize;

@@ -46,13 +46,13 @@ pub fn write_robot(robot: &Robot) -> String {
             first_marker[parent] = first_marker[parent].min(first_marker[i]);
         }
     }
-    let mut writer = Writer { robot, children, markers, first_marker, out: String::new(), depth: 0, current: None };
+    let mut writer = ZrpWriter { robot, children, markers, first_marker, out: String::new(), depth: 0, current: None };
     writer.document(&roots);
     writer.out
 }
 
 /// State of the writer, and of the reader at this point of the file.
-struct Writer<'a> {
+struct ZrpWriter<'a> {
     /// The robot to write.
     robot: &'a Robot,
     /// Per node its children, in ascending order, which is the order in which the reader will number them.
@@ -70,14 +70,14 @@ struct Writer<'a> {
 }
 
 /// Work items, the next on top: a stack instead of recursion, for trees of any depth.
-enum Todo {
+enum PendingItem {
     Node(usize),
     Marker(usize),
     Close(&'static str),
     ClosePart,
 }
 
-impl Writer<'_> {
+impl ZrpWriter<'_> {
     /// Writes the complete file.
     fn document(&mut self, roots: &[usize]) {
         self.out.push_str("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
@@ -86,13 +86,13 @@ impl Writer<'_> {
         for part in 0..self.robot.parts.len() {
             self.part(part);
         }
-        let mut todo: Vec<Todo> = roots.iter().rev().map(|r| Todo::Node(*r)).collect();
+        let mut todo: Vec<PendingItem> = roots.iter().rev().map(|r| PendingItem::Node(*r)).collect();
         while let Some(next) = todo.pop() {
             match next {
-                Todo::Close(name) => self.close(name),
-                Todo::ClosePart => self.close_part(),
-                Todo::Marker(marker) => self.marker(marker),
-                Todo::Node(node) => self.node(node, &mut todo),
+                PendingItem::Close(name) => self.close(name),
+                PendingItem::ClosePart => self.close_part(),
+                PendingItem::Marker(marker) => self.marker(marker),
+                PendingItem::Node(node) => self.node(node, &mut todo),
             }
         }
         self.left_out();
@@ -148,22 +148,22 @@ impl Writer<'_> {
 
     /// Opens a node, writes its shapes and pushes its contents and its end onto the stack. A joint is enclosed by its
     /// motor, a node of another part by that part.
-    fn node(&mut self, index: usize, todo: &mut Vec<Todo>) {
+    fn node(&mut self, index: usize, todo: &mut Vec<PendingItem>) {
         let robot = self.robot;
         let node = &robot.nodes[index];
         if self.enter(node.part) {
-            todo.push(Todo::ClosePart);
+            todo.push(PendingItem::ClosePart);
         }
         let tag = match &node.kind {
             NodeKind::Link { .. } => "link",
             NodeKind::Joint { motor, .. } => {
                 self.open(&format!("motor name=\"{}\"", escape(&robot.motors[*motor].name)));
-                todo.push(Todo::Close("motor"));
+                todo.push(PendingItem::Close("motor"));
                 "joint"
             }
         };
         self.open(&format!("{tag}{}", node_attributes(node)));
-        todo.push(Todo::Close(tag));
+        todo.push(PendingItem::Close(tag));
         // The shapes defined by `radius` and `field` in the tag must not be written twice.
         let automatic = automatic_shapes(node);
         for (i, p) in node.solids.iter().enumerate().skip(usize::from(automatic.solid)) {
@@ -176,11 +176,11 @@ impl Writer<'_> {
         let mut content = Vec::new();
         for child in &self.children[index] {
             while let Some(m) = own.next_if(|m| *m < self.first_marker[*child]) {
-                content.push(Todo::Marker(m));
+                content.push(PendingItem::Marker(m));
             }
-            content.push(Todo::Node(*child));
+            content.push(PendingItem::Node(*child));
         }
-        content.extend(own.map(Todo::Marker));
+        content.extend(own.map(PendingItem::Marker));
         todo.extend(content.into_iter().rev());
     }
 

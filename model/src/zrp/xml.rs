@@ -1,7 +1,7 @@
 //! Converts XML text to located tokens.
 
 use super::element::{Attr, Element};
-use crate::error::{FileError, Source};
+use crate::error::{FileError, SourceText};
 use crate::printable::hidden_in;
 use quick_xml::events::attributes::AttrError;
 use quick_xml::events::{BytesStart, Event};
@@ -26,7 +26,7 @@ pub(super) enum Token {
 /// The tokens of a file in sequence, with locations, so that every error can refer to the text.
 pub(super) struct Tokens<'a> {
     /// The text, for locations.
-    source: &'a Source,
+    source: &'a SourceText,
     /// The XML parser; it borrows from the text, so that the locations of slices can be computed.
     reader: Reader<&'a [u8]>,
     /// Locations of the names of the open elements.
@@ -37,7 +37,7 @@ pub(super) struct Tokens<'a> {
 
 impl<'a> Tokens<'a> {
     /// Creates the tokens of a text.
-    pub(super) fn new(source: &'a Source) -> Self {
+    pub(super) fn new(source: &'a SourceText) -> Self {
         let mut reader = Reader::from_str(source.text());
         // Expands `<a/>` to a start and an end, which saves the readers a case.
         reader.config_mut().expand_empty_elements = true;

@@ -1,6 +1,6 @@
 //! Retreat group: robots that retreat together on one clock, their progress, and the detection of lost robots.
 
-use super::{CHECKS_PER_REQUEST, MEMBER_TIMEOUT, Participant, Plan, RetreatPath};
+use super::{CHECKS_PER_REQUEST, JointRetreatPlan, MEMBER_TIMEOUT, Participant, RetreatPath};
 use mobee_contract::Time;
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use std::time::Duration;
 #[derive(Clone, Debug)]
 pub(super) struct RetreatGroup {
     /// Plan, while it is being checked.
-    pub(super) plan: Option<Plan>,
+    pub(super) plan: Option<JointRetreatPlan>,
     /// Robots of the group.
     pub(super) members: Vec<GroupMember>,
     /// Common clock: seconds on the path.

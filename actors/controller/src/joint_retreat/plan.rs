@@ -156,9 +156,9 @@ impl RetreatPath {
 /// Plan for a retreat group. The requesting reflexes check it in slices, since all reflexes wait for it and none may
 /// be delayed.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct JointRetreatPlan {
     /// One leg per robot.
-    legs: Vec<Leg>,
+    legs: Vec<RetreatLeg>,
     /// Times of all recordings, newest first.
     times: Vec<Time>,
     /// Index of the next time to check.
@@ -174,7 +174,7 @@ pub struct Plan {
 
 /// Part of a plan for one robot.
 #[derive(Clone, Debug)]
-struct Leg {
+struct RetreatLeg {
     /// Robot and recording.
     participant: Participant,
     /// Index in `past` of the end.
@@ -188,7 +188,7 @@ struct Leg {
     end_unchecked: bool,
 }
 
-impl Leg {
+impl RetreatLeg {
     /// Recorded time of the end.
     fn ends_at(&self) -> Time {
         self.participant.past.get(self.end).map_or(Time::ZERO, |r| r.at)
@@ -281,27 +281,27 @@ impl Leg {
     }
 }
 
-impl Plan {
+impl JointRetreatPlan {
     /// Creates an unchecked plan. Returns `None` without participants.
-    pub fn new(participants: Vec<Participant>) -> Option<Plan> {
+    pub fn new(participants: Vec<Participant>) -> Option<JointRetreatPlan> {
         let scene = participants.first()?.scene.clone();
         let leg = |participant: Participant| {
             let end = participant.end;
             let end_unchecked = end > participant.start;
-            let mut leg = Leg { participant, end, rested: Time::ZERO, blocked: false, end_unchecked };
+            let mut leg = RetreatLeg { participant, end, rested: Time::ZERO, blocked: false, end_unchecked };
             leg.end_at(end);
             leg
         };
-        let legs: Vec<Leg> = participants.into_iter().map(leg).collect();
+        let legs: Vec<RetreatLeg> = participants.into_iter().map(leg).collect();
         let mut times: Vec<Time> = legs.iter().flat_map(|l| l.participant.past.iter().map(|r| r.at)).collect();
         times.sort_unstable_by(|a, b| b.cmp(a));
         times.dedup();
-        Some(Plan { legs, times, next: 0, replan: false, scene, sweep: None })
+        Some(JointRetreatPlan { legs, times, next: 0, replan: false, scene, sweep: None })
     }
 
     /// Sets whether the robots are replanned.
-    pub fn replan(self, replan: bool) -> Plan {
-        Plan { replan, ..self }
+    pub fn replan(self, replan: bool) -> JointRetreatPlan {
+        JointRetreatPlan { replan, ..self }
     }
 
     /// Checks up to this number of configurations. Returns whether the whole plan is checked. A robot that gives way
@@ -346,7 +346,7 @@ impl Plan {
     /// Checks whether a robot may rest at its end. If not, the end moves one recorded configuration back, to the safe
     /// pose at most.
     fn check_end(&mut self, leg: usize) {
-        let Some(time) = self.legs.get(leg).map(Leg::ends_at) else { return };
+        let Some(time) = self.legs.get(leg).map(RetreatLeg::ends_at) else { return };
         let mut poses = self.legs.first().map(|leg| leg.participant.poses.clone()).unwrap_or_default();
         for other in &self.legs {
             poses.get_mut(other.participant.robot).into_iter().for_each(|pose| *pose = other.at(time).0);
@@ -378,10 +378,10 @@ impl Plan {
     /// Changes the end of one of two robots that would collide: the robot that would have rested longer retreats
     /// farther; else the other one stops where all still move as they did. Returns whether anything changed.
     fn give_way(&mut self, a: usize, b: usize) -> bool {
-        let common = self.legs.iter().map(Leg::ends_at).max().unwrap_or_default();
-        let time = |leg: usize| self.legs.get(leg).map_or(Time::ZERO, Leg::ends_at);
+        let common = self.legs.iter().map(RetreatLeg::ends_at).max().unwrap_or_default();
+        let time = |leg: usize| self.legs.get(leg).map_or(Time::ZERO, RetreatLeg::ends_at);
         let (younger, older) = if time(a) >= time(b) { (a, b) } else { (b, a) };
-        if self.legs.get_mut(younger).is_some_and(Leg::go_farther) {
+        if self.legs.get_mut(younger).is_some_and(RetreatLeg::go_farther) {
             return true;
         }
         match self.legs.get_mut(older).filter(|l| !l.blocked && l.ends_at() < common) {
@@ -397,7 +397,7 @@ impl Plan {
     /// common rests, and no faster than the motors can. Set-points accelerate and brake such that a lagging robot can
     /// follow.
     pub fn paths(&self) -> Vec<RetreatPath> {
-        let last = self.legs.iter().map(Leg::ends_at).min().unwrap_or_default();
+        let last = self.legs.iter().map(RetreatLeg::ends_at).min().unwrap_or_default();
         let mut points: Vec<(f64, Pose)> = Vec::new();
         let mut later = None;
         let mut dwelt = false;
@@ -421,7 +421,7 @@ impl Plan {
         let direct = self.legs.iter().all(|l| l.participant.rules.position_direct);
         points = if direct { ease::eased(&points, &self.accelerations(), self.replan) } else { simplify(points) };
         let mut from = 0;
-        let path = |leg: &Leg| {
+        let path = |leg: &RetreatLeg| {
             let motors = from..from + leg.participant.safe.len();
             from = motors.end;
             let own = |(t, q): &(f64, Pose)| (*t, q.get(motors.clone()).unwrap_or_default().into());

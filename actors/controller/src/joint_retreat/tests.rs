@@ -145,7 +145,7 @@ fn a_robot_does_not_wait_for_a_dead_one() {
 #[test]
 fn way_points_are_left_by_all_at_once() {
     let both = [recorded(0, false, &A, 4.0), recorded(1, false, &B, 4.0)];
-    let mut plan = Plan::new(both.to_vec()).unwrap();
+    let mut plan = JointRetreatPlan::new(both.to_vec()).unwrap();
     assert!(plan.check(CHECKS_PER_REQUEST));
     let paths = plan.paths();
     assert!(paths.iter().all(|w| !w.direct && (3..10).contains(&w.points.len())), "{paths:?}");

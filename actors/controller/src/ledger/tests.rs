@@ -47,7 +47,7 @@ fn a_settled_transaction_is_recorded_with_its_positions() {
 fn a_failed_transaction_has_its_cause() {
     for outcome in [Outcome::Committed, Outcome::RolledBack, Outcome::Faulted] {
         let open = Open { cause: Some(Cause::Asked), ..open(false) };
-        let events = Ended { open, outcome, q: vec![0.0; 3].into(), measured: false }.events("r".into());
+        let events = EndedTransaction { open, outcome, q: vec![0.0; 3].into(), measured: false }.events("r".into());
         let [Event::Outcome { robot, cause, .. }] = events.as_slice() else { panic!("{events:?}") };
         assert_eq!((robot.as_str(), cause.is_some()), ("r", outcome != Outcome::Committed), "{outcome:?}");
     }

@@ -180,7 +180,7 @@ impl Open {
 
 /// Transaction that has an outcome.
 #[derive(Clone, Debug)]
-pub struct Ended {
+pub struct EndedTransaction {
     /// Transaction as it was open.
     pub open: Open,
     /// Its outcome.
@@ -192,7 +192,7 @@ pub struct Ended {
     pub measured: bool,
 }
 
-impl Ended {
+impl EndedTransaction {
     /// Result for the agent: whether the target was reached. The configuration at rest is only journaled.
     pub fn end(&self) -> MotionEnd {
         if self.outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed }
@@ -201,7 +201,7 @@ impl Ended {
     /// Events of the end. If the transaction was cut off at its target: the target, since a stream changes it without
     /// an event per set-point. Then the outcome; its cause only if it failed.
     pub fn events(self, robot: String) -> Vec<Event> {
-        let Ended { open: Open { id, target, safe, cause, extent, .. }, outcome, q, measured } = self;
+        let EndedTransaction { open: Open { id, target, safe, cause, extent, .. }, outcome, q, measured } = self;
         let committed = outcome == Outcome::Committed;
         let stream = extent != Extent::Whole;
         let amended = Event::Amended { robot: robot.clone(), id, target, motors: Vec::new(), stream };

@@ -1,6 +1,6 @@
 //! Stopping distance of a robot: as its board states it at first, then as measured.
 
-use super::course::{Motion, Moving};
+use super::course::{CurrentMotion, MovingMotor};
 use crate::reflex::HALT_ACCELERATION_SHARE;
 use crate::{Rules, within};
 use mobee_contract::{Axis, Pose};
@@ -32,15 +32,15 @@ impl Brakes {
     /// Predicts the configurations of the robot at these shares of the time to rest, if it were stopped at this
     /// reading; each motor brakes by itself. `open`: by a stop command; else the robot may be retreating, and halts
     /// on its path.
-    pub fn ahead(&self, q: &Pose, motion: &Motion, open: bool, rules: &Rules, parts: &[f64]) -> Vec<Pose> {
-        let stops: Vec<Stop> = if open { stops(motion, rules) } else { halts(motion, rules) };
-        if stops.iter().all(Stop::is_none) {
+    pub fn ahead(&self, q: &Pose, motion: &CurrentMotion, open: bool, rules: &Rules, parts: &[f64]) -> Vec<Pose> {
+        let stops: Vec<PredictedStop> = if open { stops(motion, rules) } else { halts(motion, rules) };
+        if stops.iter().all(PredictedStop::is_none) {
             return vec![q.clone(); parts.len()];
         }
-        let rest = stops.iter().map(Stop::time).fold(0.0, f64::max);
+        let rest = stops.iter().map(PredictedStop::time).fold(0.0, f64::max);
         let factor = |m: usize| self.factors.get(m).copied().unwrap_or(1.0);
         let at = |part: f64| -> Pose {
-            let end = |(m, ((q, axis), stop)): (usize, ((&f64, &Axis), &Stop))| match stop.is_none() {
+            let end = |(m, ((q, axis), stop)): (usize, ((&f64, &Axis), &PredictedStop))| match stop.is_none() {
                 true => *q,
                 // No motor goes beyond its limits.
                 false => within(q + stop.way(part * rest) * factor(m) * SAFETY_FACTOR, axis),
@@ -51,7 +51,7 @@ impl Brakes {
     }
 
     /// Measures a stop: from the reading at which the filter was closed to the first reading at rest.
-    pub fn learn(&mut self, q: &Pose, motion: &Motion, open: bool, rules: &Rules) {
+    pub fn learn(&mut self, q: &Pose, motion: &CurrentMotion, open: bool, rules: &Rules) {
         if open {
             let ways = stops(motion, rules).iter().map(|stop| stop.way(f64::INFINITY)).collect();
             self.last = Some((q.clone(), ways));
@@ -73,30 +73,30 @@ impl Brakes {
 }
 
 /// Predicts the stop of each motor as stated by its board.
-fn stops(motion: &Motion, rules: &Rules) -> Vec<Stop> {
+fn stops(motion: &CurrentMotion, rules: &Rules) -> Vec<PredictedStop> {
     // If the stop is not sent at this reading, it is sent at the next one.
     stops_after(rules.latency.as_secs_f64() + motion.period, 1.0, motion, rules)
 }
 
 /// Predicts the halt of each motor of a retreat: the board lags its set-points by a control period, and the
 /// set-points brake less hard than the board can.
-fn halts(motion: &Motion, rules: &Rules) -> Vec<Stop> {
+fn halts(motion: &CurrentMotion, rules: &Rules) -> Vec<PredictedStop> {
     stops_after(rules.follows().as_secs_f64() + motion.period, HALT_ACCELERATION_SHARE, motion, rules)
 }
 
 /// Predicts the stop of each motor that moves on for `reaction`, s, then brakes by this share of its greatest
 /// acceleration.
-fn stops_after(reaction: f64, share: f64, motion: &Motion, rules: &Rules) -> Vec<Stop> {
-    let stop = |(m, axis): (&Moving, &Axis)| match m.speed.abs() < rules.rest_speed {
-        true => Stop::default(),
-        false => Stop::new(*m, reaction, share * axis.max_acceleration, axis.max_speed),
+fn stops_after(reaction: f64, share: f64, motion: &CurrentMotion, rules: &Rules) -> Vec<PredictedStop> {
+    let stop = |(m, axis): (&MovingMotor, &Axis)| match m.speed.abs() < rules.rest_speed {
+        true => PredictedStop::default(),
+        false => PredictedStop::new(*m, reaction, share * axis.max_acceleration, axis.max_speed),
     };
     motion.motors.iter().zip(rules.axes.iter()).map(stop).collect()
 }
 
 /// Predicted stop of a motor: it accelerates as now until the stop takes effect, then brakes as hard as it can.
 #[derive(Clone, Copy, Debug, Default)]
-struct Stop {
+struct PredictedStop {
     sign: f64,
     /// Speed, and acceleration until the stop takes effect at `time`; rad/s, rad/s^2, s.
     speed: f64,
@@ -107,8 +107,8 @@ struct Stop {
     brakes: f64,
 }
 
-impl Stop {
-    fn new(moving: Moving, reaction: f64, brakes: f64, max_speed: f64) -> Stop {
+impl PredictedStop {
+    fn new(moving: MovingMotor, reaction: f64, brakes: f64, max_speed: f64) -> PredictedStop {
         let sign = moving.speed.signum();
         let brakes = brakes.max(1e-6);
         let speed = moving.speed.abs();
@@ -116,7 +116,7 @@ impl Stop {
         // A decelerating motor comes to rest and does not reverse.
         let time = if gain < 0.0 { reaction.min(-speed / gain) } else { reaction };
         let then = (speed + gain * time).clamp(0.0, max_speed.max(speed));
-        Stop { sign, speed, gain: (then - speed) / time.max(1e-9), time, then, brakes }
+        PredictedStop { sign, speed, gain: (then - speed) / time.max(1e-9), time, then, brakes }
     }
 
     fn is_none(&self) -> bool {

@@ -11,7 +11,7 @@ const MIN_INTERVAL: Duration = Duration::from_millis(8);
 
 /// Motion of a motor at the newest reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Moving {
+pub(super) struct MovingMotor {
     /// Speed, rad/s.
     pub speed: f64,
     /// Acceleration, rad/s^2.
@@ -57,9 +57,9 @@ impl Course {
     ///
     /// Uses polynomials that are orthogonal on the readings' times: 1, `p = t - mean` and `r = p^2 - skew p -
     /// spread`.
-    pub fn now(&self) -> Motion {
+    pub fn now(&self) -> CurrentMotion {
         let motors = self.readings.back().map_or(0, |(_, q)| q.len());
-        let still = Motion { motors: vec![Moving::default(); motors], period: self.period };
+        let still = CurrentMotion { motors: vec![MovingMotor::default(); motors], period: self.period };
         let Some((newest, _)) = self.readings.back().filter(|_| self.readings.len() == READINGS) else { return still };
         let n = READINGS as f64;
         let times = || self.readings.iter().map(|(at, _)| -newest.since(*at).as_secs_f64());
@@ -80,17 +80,17 @@ impl Course {
             };
             let slope = on(&|t| t - mean) / squares;
             let bend = on(&curved) / norm;
-            Moving { speed: slope + bend * (-2.0 * mean - skew), gain: 2.0 * bend }
+            MovingMotor { speed: slope + bend * (-2.0 * mean - skew), gain: 2.0 * bend }
         };
-        Motion { motors: (0..motors).map(of).collect(), period: self.period }
+        CurrentMotion { motors: (0..motors).map(of).collect(), period: self.period }
     }
 }
 
 /// Motion of a robot at its newest reading.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Motion {
+pub(super) struct CurrentMotion {
     /// One entry per motor.
-    pub motors: Vec<Moving>,
+    pub motors: Vec<MovingMotor>,
     /// Time until the next reading, seconds.
     pub period: f64,
 }

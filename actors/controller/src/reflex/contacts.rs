@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 /// A present contact.
 #[derive(Clone, Debug)]
-struct Touch {
+struct PresentContact {
     /// Contact in the newest reading.
     contact: Contact,
     /// True if distance zero was reported, or was not caused by the robot.
@@ -19,7 +19,7 @@ struct Touch {
     depth: Option<f64>,
 }
 
-impl Touch {
+impl PresentContact {
     fn ended(&self) -> EndedContact {
         EndedContact { pair: self.contact.pair, depth: self.depth }
     }
@@ -53,7 +53,7 @@ pub struct Contacts {
     /// Edit count of the scene in the previous reading.
     epoch: u64,
     /// Contacts that began and have not ended, oldest first.
-    present: Vec<Touch>,
+    present: Vec<PresentContact>,
     /// The same contacts in a shared slice: cloned with each pulse, rebuilt only on changes.
     shown: Arc<[Contact]>,
 }
@@ -92,7 +92,7 @@ impl Contacts {
         let begins = if back { margin - DEEPER } else { margin };
         for c in near.iter().filter(|c| c.distance < begins) {
             if !self.present.iter().any(|t| t.contact.pair == c.pair) {
-                self.present.push(Touch { contact: *c, hard: false, depth: None });
+                self.present.push(PresentContact { contact: *c, hard: false, depth: None });
                 changes.began.push(*c);
             }
         }
@@ -104,7 +104,7 @@ impl Contacts {
                 changes.hard.push(touch.contact);
             }
         }
-        for Touch { contact, depth, .. } in &mut self.present {
+        for PresentContact { contact, depth, .. } in &mut self.present {
             *depth = depth.map(|depth| depth.max(-contact.distance));
         }
         self.show();

@@ -14,8 +14,8 @@ use super::floors::ClearanceFloors;
 use super::retreat::{GroupBroken, Retreat};
 use super::yielding::{RetreatYield, YieldDecision, another};
 use super::{
-    AfterStop, FROZEN_TIME, FROZEN_TRAVEL, FrozenEncoderWatch, Names, Phase, ReflexCore, ReflexOut, ReflexReport,
-    RetreatJob, Step,
+    AfterStop, FROZEN_TIME, FROZEN_TRAVEL, FrozenEncoderWatch, Names, ReflexCore, ReflexOut, ReflexPhase, ReflexReport,
+    ReflexStep, RetreatJob,
 };
 use crate::joint_retreat::{RetreatReply, RetreatRequest};
 use crate::ledger::Underway;
@@ -40,20 +40,20 @@ impl ReflexCore {
     ///
     /// Each phase checks the conditions that forbid going on before those that complete it: a robot that arrives in
     /// contact has not arrived. `close`: the pairs checked against the floors, at their present distances.
-    pub(super) fn step_phase(&mut self, pulse: &Pulse, close: &[Contact], step: &mut Step) {
+    pub(super) fn step_phase(&mut self, pulse: &Pulse, close: &[Contact], step: &mut ReflexStep) {
         let rules = step.rules;
         let names = step.names;
         // The time of the reading dates what it shows; the clock spaces what is written.
         let sampled_at = pulse.sample.at;
         let now = step.now;
         let at_rest = pulse.speed < rules.rest_speed;
-        if matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. }) {
+        if matches!(self.phase, ReflexPhase::Retreating { .. } | ReflexPhase::Settling { .. }) {
             self.passed.note(&self.near);
         }
         let ahead = self.foreseen_on_the_way(pulse, step);
         match &mut self.phase {
-            Phase::Watching => {}
-            Phase::Stopping { token, since, then } => {
+            ReflexPhase::Watching => {}
+            ReflexPhase::Stopping { token, since, then } => {
                 let token = *token;
                 // The robot moves deeper into the contact while it brakes. The retreat path leads through there
                 // again, so the floors include these distances.
@@ -83,7 +83,7 @@ impl ReflexCore {
                     step.joint_retreat.announce(self.robot, now);
                 }
             }
-            Phase::Retreating { token, retreat, job, violated, frozen_watch, yielding } => {
+            ReflexPhase::Retreating { token, retreat, job, violated, frozen_watch, yielding } => {
                 let token = *token;
                 // On the first segment, joints that are hooked to an obstacle stand still.
                 if frozen_watch.unchanged != pulse.unchanged || retreat.takes_load_off() {
@@ -146,17 +146,17 @@ impl ReflexCore {
                         // Not by `enter`: the robot retains its place on the common clock for those that are still
                         // retreating.
                         let since = retreat.arrival(now);
-                        self.phase = Phase::Settling { token, since, retreat, job, violated, yielding };
+                        self.phase = ReflexPhase::Settling { token, since, retreat, job, violated, yielding };
                         step.out.push(ReflexOut::ReflexReport(ReflexReport::Settling));
                     }
                 }
             }
-            Phase::Settling { token, job, .. } if step.joint_retreat.must_replan(self.robot, now) => {
+            ReflexPhase::Settling { token, job, .. } if step.joint_retreat.must_replan(self.robot, now) => {
                 let token = *token;
                 let job = job.clone();
                 self.leave_group(token, job, step);
             }
-            Phase::Settling { token, since, retreat, job, violated, yielding } => {
+            ReflexPhase::Settling { token, since, retreat, job, violated, yielding } => {
                 let token = *token;
                 let path = retreat.path();
                 let broken = self.floors.broken(close, rules).copied();
@@ -216,8 +216,8 @@ impl ReflexCore {
     /// there, and a robot that is about to turn off at a corner of it must not be stopped by an obstacle beyond the
     /// corner. A board that plans between way-points aborts where it would wait: other robots stop it only by the
     /// margin.
-    fn foreseen_on_the_way(&self, pulse: &Pulse, step: &Step) -> Vec<Contact> {
-        let Phase::Retreating { retreat, .. } = &self.phase else { return Vec::new() };
+    fn foreseen_on_the_way(&self, pulse: &Pulse, step: &ReflexStep) -> Vec<Contact> {
+        let ReflexPhase::Retreating { retreat, .. } = &self.phase else { return Vec::new() };
         let direct = retreat.path().direct;
         let counts = |f: &&Foreseen| {
             let meets = direct && another(&f.contact, self.robot).is_some() && !self.shares_group(&f.contact, step);
@@ -230,8 +230,8 @@ impl ReflexCore {
     ///
     /// Called at each reading until there is a plan: the planner waits for other robots to come to rest, and checks
     /// the plan in slices.
-    pub(super) fn request_retreat(&mut self, step: &mut Step) {
-        let Phase::Stopping { token, then: AfterStop::Retreat(job), .. } = &self.phase else { return };
+    pub(super) fn request_retreat(&mut self, step: &mut ReflexStep) {
+        let ReflexPhase::Stopping { token, then: AfterStop::Retreat(job), .. } = &self.phase else { return };
         let token = *token;
         let mut job = job.clone();
         let robot = step.robot();
@@ -271,7 +271,7 @@ impl ReflexCore {
                 let violated = self.violated;
                 let yielding = RetreatYield::default();
                 self.passed = ClearanceFloors::default();
-                self.phase = Phase::Retreating { token, retreat, job, violated, frozen_watch, yielding };
+                self.phase = ReflexPhase::Retreating { token, retreat, job, violated, frozen_watch, yielding };
             }
         }
     }
@@ -279,23 +279,23 @@ impl ReflexCore {
     /// Leaves a retreat group that has changed: the robot stops and requests another path. The plan covered all
     /// robots of the group and is void without one of them, so each retreats alone; if the paths block each other,
     /// all are replanned together, through the distances that they have passed.
-    fn leave_group(&mut self, token: u64, job: RetreatJob, step: &mut Step) {
+    fn leave_group(&mut self, token: u64, job: RetreatJob, step: &mut ReflexStep) {
         let replan = step.joint_retreat.must_replan(self.robot, step.now);
         if replan {
             self.floors.join(std::mem::take(&mut self.passed));
         }
         step.stop(token);
         let then = AfterStop::Retreat(RetreatJob { again: !replan, ..job });
-        self.enter(Phase::Stopping { token, since: step.now, then }, step);
+        self.enter(ReflexPhase::Stopping { token, since: step.now, then }, step);
     }
 
     /// Aborts the retreat: stops the robot, journals the reason, and reports it to Supervise once the robot rests.
     /// `seen` is the time of the reading that shows the reason.
-    fn abort(&mut self, token: u64, reason: Hold, what: String, seen: Time, step: &mut Step) {
+    fn abort(&mut self, token: u64, reason: Hold, what: String, seen: Time, step: &mut ReflexStep) {
         step.stop(token);
         step.emit(Event::RetreatStopped { robot: step.robot(), reason, what, seen });
         self.enter(
-            Phase::Stopping { token, since: step.now, then: AfterStop::Report(ReflexReport::GaveUp(reason)) },
+            ReflexPhase::Stopping { token, since: step.now, then: AfterStop::Report(ReflexReport::GaveUp(reason)) },
             step,
         );
     }
@@ -303,10 +303,10 @@ impl ReflexCore {
     /// Handles a robot, or its readings, that did not come to rest in time: stops it again, and reports nothing
     /// before it rests (I17). A retreat that has not begun is aborted: the robot may have left its recorded path long
     /// ago.
-    fn stop_again(&mut self, token: u64, then: AfterStop, seen: Time, step: &mut Step) {
+    fn stop_again(&mut self, token: u64, then: AfterStop, seen: Time, step: &mut ReflexStep) {
         if let AfterStop::Report(_) = then {
             step.stop(token);
-            self.enter(Phase::Stopping { token, since: step.now, then }, step);
+            self.enter(ReflexPhase::Stopping { token, since: step.now, then }, step);
         } else {
             let what = "the robot did not come to rest in time".into();
             self.abort(token, Hold::RetreatMissed, what, seen, step);
@@ -315,13 +315,13 @@ impl ReflexCore {
 
     /// Ends the phase of a resting robot: restores the control modes, then reports. The modes come first: Supervise
     /// may open the filter at the very next reading, and an agent's move in the mode of set-points would be a jump.
-    pub(super) fn report(&mut self, token: u64, word: ReflexReport, step: &mut Step) {
+    pub(super) fn report(&mut self, token: u64, word: ReflexReport, step: &mut ReflexStep) {
         let motors = self.stopped.to_vec();
         if !motors.is_empty() {
             step.out.push(ReflexOut::Command(token, Command::Mode { motors, mode: ControlMode::Position }));
         }
         step.out.push(ReflexOut::ReflexReport(word));
-        self.enter(Phase::Watching, step);
+        self.enter(ReflexPhase::Watching, step);
     }
 }
 
@@ -339,7 +339,7 @@ fn report_wait(
     robot: usize,
     met: Option<Contact>,
     seen: Time,
-    step: &mut Step,
+    step: &mut ReflexStep,
 ) {
     match decision {
         YieldDecision::StartWait => {
@@ -354,7 +354,7 @@ fn report_wait(
 }
 
 /// Returns whether the robot touches one whose own retreat waits for it: the group is replanned then.
-fn blocks_waiting_robot(robot: usize, close: &[Contact], step: &Step) -> bool {
+fn blocks_waiting_robot(robot: usize, close: &[Contact], step: &ReflexStep) -> bool {
     let touches = close.iter().filter(|c| c.distance < step.rules.margin);
     let mut others = touches.filter_map(|c| another(c, robot));
     others.any(|other| step.joint_retreat.blocks_waiting_robot(robot, other))

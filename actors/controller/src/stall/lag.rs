@@ -96,9 +96,9 @@ pub(super) enum CommandedMotion {
     /// A move to a position, with the board's own profile.
     Move(MoveProfile),
     /// A stream of positions.
-    Positions(Stream),
+    Positions(SetpointStream),
     /// A stream of velocities.
-    Velocities(Stream),
+    Velocities(SetpointStream),
 }
 
 impl CommandedMotion {
@@ -124,7 +124,7 @@ impl CommandedMotion {
 
     /// Stream of set-points for a motor at `q`, rad: of positions, or of velocities.
     pub fn stream(positions: bool, q: f64) -> CommandedMotion {
-        let new = |value: f64| Stream { points: VecDeque::new(), value, direction: 0.0, speed: 0.0 };
+        let new = |value: f64| SetpointStream { points: VecDeque::new(), value, direction: 0.0, speed: 0.0 };
         if positions { CommandedMotion::Positions(new(q)) } else { CommandedMotion::Velocities(new(0.0)) }
     }
 
@@ -202,7 +202,7 @@ impl MoveProfile {
 
 /// Stream of set-points.
 #[derive(Clone, Debug)]
-pub(super) struct Stream {
+pub(super) struct SetpointStream {
     /// Times and values of the set-points; the first one is in force in the readings.
     points: VecDeque<(Time, f64)>,
     /// Value in force at the last reading.
@@ -213,7 +213,7 @@ pub(super) struct Stream {
     speed: f64,
 }
 
-impl Stream {
+impl SetpointStream {
     /// Returns the set-point in force in readings of this time, and drops earlier ones.
     fn in_force(&mut self, at: Time) -> Option<f64> {
         while self.points.get(1).is_some_and(|(since, _)| *since <= at) {

@@ -4,7 +4,7 @@
 //! free: its configuration becomes the safe pose, and is only as safe as that reading shows (I4, I8).
 
 use super::check::{check, check_speeds};
-use super::{Closing, MotionState, Reading, Started, Step, SuperviseCore, SuperviseOut};
+use super::{Closing, ExpectedProgress, MotionState, StoredReading, SuperviseCore, SuperviseOut, SuperviseStep};
 use crate::ledger::{Extent, Motion, Open, SafePose};
 use crate::{Rules, distance};
 use mobee_contract::{
@@ -22,7 +22,7 @@ const MAX_FORCES_SPEED: f64 = 0.9;
 
 impl SuperviseCore {
     /// Handles a command (Algorithm 5).
-    pub(super) fn commit(&mut self, commit: Commit, step: &mut Step) -> Verdict {
+    pub(super) fn commit(&mut self, commit: Commit, step: &mut SuperviseStep) -> Verdict {
         // Permanent errors are reported before temporary ones: the agent should correct its command, not retry.
         check(&commit.target, step.rules)?;
         check_speeds(&commit, step.rules)?;
@@ -31,12 +31,12 @@ impl SuperviseCore {
         }
         // After the checks and before any event: refusals have a credit of their own.
         match self.admit(step)? {
-            Admission::Join { here } => self.amend(commit, &here, step),
-            Admission::Begin { here, sampled_at, speed } => {
+            CommitAdmission::Join { here } => self.amend(commit, &here, step),
+            CommitAdmission::Begin { here, sampled_at, speed } => {
                 let safe = self.take_safe(sampled_at, &here, speed, step);
                 self.accept(commit, Some(safe), here, step)
             }
-            Admission::Escape { here, .. } => {
+            CommitAdmission::Escape { here, .. } => {
                 // The filter opens for this commit only: the reflex lets it creep, and closes if any distance gets
                 // worse.
                 let Some(token) = step.gate.open(self.token) else { return Err(Refusal::Closed) };
@@ -51,7 +51,7 @@ impl SuperviseCore {
     ///
     /// # Errors
     /// The reason why no command is admitted now.
-    pub(super) fn admit(&self, step: &Step) -> Result<Admission, Refusal> {
+    pub(super) fn admit(&self, step: &SuperviseStep) -> Result<CommitAdmission, Refusal> {
         if self.shutdown {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
@@ -59,7 +59,7 @@ impl SuperviseCore {
             return Err(Refusal::Holding { reason: Hold::Halted });
         }
         let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
-        let Some(Reading { sampled_at, q: here, speed, at_rest, free }) = self.newest.clone() else {
+        let Some(StoredReading { sampled_at, q: here, speed, at_rest, free }) = self.newest.clone() else {
             return not_ready("a first reading of the encoders");
         };
         if step.now > sampled_at + step.rules.fresh {
@@ -72,20 +72,20 @@ impl SuperviseCore {
             Status::Stopping | Status::Retreating | Status::Settling => Err(Refusal::Closed),
             Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
             Status::Rest | Status::Moving | Status::Escaping if step.gate.token() != self.token => Err(Refusal::Closed),
-            Status::Moving | Status::Escaping => Ok(Admission::Join { here }),
+            Status::Moving | Status::Escaping => Ok(CommitAdmission::Join { here }),
             // The filter may have opened by a reading before the contact began: the reflex will close it at the next
             // one.
             Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
             Status::Holding(reason @ (Hold::AfterCrash | Hold::SlowBoard)) => Err(Refusal::Holding { reason }),
             // Something moves the robot, though it was at rest: there is no safe pose to return to (I4).
             Status::Rest | Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
-            Status::Rest => Ok(Admission::Begin { here, sampled_at, speed }),
-            Status::Holding(reason) => Ok(Admission::Escape { here, reason }),
+            Status::Rest => Ok(CommitAdmission::Begin { here, sampled_at, speed }),
+            Status::Holding(reason) => Ok(CommitAdmission::Escape { here, reason }),
         }
     }
 
     /// Takes the safe pose of a new transaction from a reading at rest (I4).
-    pub(super) fn take_safe(&self, sampled_at: Time, q: &Pose, speed: f64, step: &mut Step) -> SafePose {
+    pub(super) fn take_safe(&self, sampled_at: Time, q: &Pose, speed: f64, step: &mut SuperviseStep) -> SafePose {
         let safe = step.safe_pose(q);
         let robot = step.robot();
         let age = step.now.since(sampled_at).as_secs_f64();
@@ -94,7 +94,7 @@ impl SuperviseCore {
     }
 
     /// Begins a transaction for a commit: with a safe pose, or as an escape without one.
-    fn accept(&mut self, commit: Commit, safe: Option<SafePose>, here: Pose, step: &mut Step) -> Verdict {
+    fn accept(&mut self, commit: Commit, safe: Option<SafePose>, here: Pose, step: &mut SuperviseStep) -> Verdict {
         let escape = safe.is_none();
         let course = course(&commit, &here, escape, step.rules);
         let target = commit.target.pose(&here);
@@ -133,7 +133,7 @@ impl SuperviseCore {
         agent: Arc<str>,
         (target, motors): (Pose, &[usize]),
         (safe, motion): (Option<SafePose>, Motion),
-        step: &mut Step,
+        step: &mut SuperviseStep,
     ) -> CommitId {
         self.retry = None;
         self.motion = MotionState::default();
@@ -152,7 +152,7 @@ impl SuperviseCore {
 
     /// Amends the open transaction by a command in mid-motion: same id, same safe pose. Motors that the command does
     /// not name retain their targets.
-    fn amend(&mut self, commit: Commit, here: &Pose, step: &mut Step) -> Verdict {
+    fn amend(&mut self, commit: Commit, here: &Pose, step: &mut SuperviseStep) -> Verdict {
         match step.owner() {
             None => return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() }),
             Some(owner) if owner != commit.agent => return Err(Refusal::Busy),
@@ -245,7 +245,7 @@ fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedM
 
 /// Admission of a valid command. It holds the reading that it was decided by: a newer one might lead to another
 /// decision.
-pub(super) enum Admission {
+pub(super) enum CommitAdmission {
     /// The command joins the open transaction.
     Join {
         /// Configuration in the newest reading.
@@ -279,8 +279,8 @@ struct PlannedMove {
 
 impl PlannedMove {
     /// Expected progress of the move over this distance, starting now.
-    fn started(&self, distance_to_go: f64, now: Time) -> Started {
-        Started { at: now, distance_to_go, expected: self.secs }
+    fn started(&self, distance_to_go: f64, now: Time) -> ExpectedProgress {
+        ExpectedProgress { at: now, distance_to_go, expected: self.secs }
     }
 
     /// Time after which the move must have ended: twice its expected duration, plus a second for a short move on a

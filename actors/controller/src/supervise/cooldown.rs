@@ -2,7 +2,7 @@
 //! regardless would push repeatedly, once per retreat. Set-points of motors that did not cause the contact cannot
 //! push, and are accepted: gaze goes on when an arm has hit something.
 
-use super::{Step, SuperviseCore};
+use super::{SuperviseCore, SuperviseStep};
 use crate::gate::Gate;
 use mobee_contract::{Refusal, SILENCE, Time};
 use std::collections::BTreeSet;
@@ -21,7 +21,7 @@ pub(super) struct StreamCooldown {
 
 impl SuperviseCore {
     /// Starts the cooldown after a closing by the reflex in mid-motion, if the motion was an agent's stream.
-    pub(super) fn start_cooldown(&mut self, blamed: Option<BTreeSet<usize>>, step: &Step) {
+    pub(super) fn start_cooldown(&mut self, blamed: Option<BTreeSet<usize>>, step: &SuperviseStep) {
         // A motion under forces is a stream of the controller itself; its agent has committed once, and pushes no
         // more.
         if self.motion.stream.is_none() || self.motion.forces.is_some() {
@@ -42,7 +42,12 @@ impl SuperviseCore {
     ///
     /// # Errors
     /// If its cooldown has not ended.
-    pub(super) fn admit_stream(&mut self, agent: &Arc<str>, motors: &[usize], step: &Step) -> Result<(), Refusal> {
+    pub(super) fn admit_stream(
+        &mut self,
+        agent: &Arc<str>,
+        motors: &[usize],
+        step: &SuperviseStep,
+    ) -> Result<(), Refusal> {
         let open = Gate::opens(self.token) && step.gate.token() == self.token;
         let Some(cooldown) = self.cooldown.as_mut().filter(|cooldown| cooldown.agent == *agent) else { return Ok(()) };
         if cooldown.blamed.as_ref().is_some_and(|blamed| motors.iter().all(|m| !blamed.contains(m))) {

@@ -4,7 +4,7 @@
 //! A token bucket: an agent that commits in an endless loop must neither starve the readings nor fill the disk (I7),
 //! and a burst of a program that moves each motor separately must pass.
 
-use super::{Step, SuperviseCore, SuperviseOut};
+use super::{SuperviseCore, SuperviseOut, SuperviseStep};
 use mobee_contract::{Credit, Event, SILENCE, Time, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
@@ -60,14 +60,14 @@ impl Credits {
 
 impl SuperviseCore {
     /// Puts the verdict on a commit in front of the step's actions, since the agent waits for it; journals a refusal.
-    pub(super) fn answer(&mut self, agent: &str, verdict: Verdict, step: &mut Step) {
+    pub(super) fn answer(&mut self, agent: &str, verdict: Verdict, step: &mut SuperviseStep) {
         self.report_refusal(agent, &verdict, step);
         step.out.insert(0, SuperviseOut::Verdict(verdict));
     }
 
     /// Answers set-points, which arrive in bursts: if several are refused for one reason without a silence between
     /// them, only the first is journaled.
-    pub(super) fn answer_setpoints(&mut self, agent: &Arc<str>, verdict: Verdict, step: &mut Step) {
+    pub(super) fn answer_setpoints(&mut self, agent: &Arc<str>, verdict: Verdict, step: &mut SuperviseStep) {
         if let Err(refusal) = &verdict {
             let bursts = &mut self.credits.bursts;
             bursts.retain(|burst| step.now < burst.last + SILENCE);
@@ -83,7 +83,7 @@ impl SuperviseCore {
     }
 
     /// Journals a refusal, if there is credit; else counts it.
-    pub(super) fn report_refusal(&mut self, agent: &str, verdict: &Verdict, step: &mut Step) {
+    pub(super) fn report_refusal(&mut self, agent: &str, verdict: &Verdict, step: &mut SuperviseStep) {
         if let Err(refusal) = verdict {
             if self.credits.reports.take(step.now) {
                 let robot = step.robot();
@@ -96,7 +96,7 @@ impl SuperviseCore {
     }
 
     /// Warns of the number of refusals that were not journaled.
-    pub(super) fn summarize_refusals(&mut self, step: &mut Step) {
+    pub(super) fn summarize_refusals(&mut self, step: &mut SuperviseStep) {
         let Unreported { count, since } = self.credits.unreported;
         if count > 0 && step.now >= since + SUMMARY_INTERVAL {
             self.credits.unreported = Unreported { count: 0, since: step.now };

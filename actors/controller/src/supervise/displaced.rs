@@ -2,7 +2,7 @@
 //! reported. Beyond the tolerance the filter closes until the robot rests again, and a motion in progress is rolled
 //! back: agents plan from the assumed configuration of the robot.
 
-use super::{Closing, Step, SuperviseCore};
+use super::{Closing, SuperviseCore, SuperviseStep};
 use crate::gate::Gate;
 use crate::pulse::Pulse;
 use crate::{Rules, play};
@@ -17,14 +17,14 @@ const READINGS: u32 = 3;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Resting {
     /// Position of each motor; `None` for a motor that is commanded, or has not rested since.
-    places: Vec<Option<Place>>,
+    places: Vec<Option<RestPosition>>,
     /// Numbers of consecutive readings that showed a motor beyond half of the tolerance, which is reported, and
     /// beyond the whole tolerance, which closes the filter.
     beyond: [u32; 2],
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct RestPosition {
     /// Position, rad.
     q: f64,
     /// True if the displacement has been reported.
@@ -46,7 +46,9 @@ impl Resting {
     fn farthest(&mut self, q: &[f64], commanded: &[usize], rules: &Rules) -> Option<(usize, f64)> {
         self.places.resize(q.len(), None);
         let idle = self.places.iter_mut().zip(q).enumerate().filter(|(m, _)| !commanded.contains(m));
-        let way = |place: &mut Option<Place>, q: f64| (q - place.get_or_insert(Place { q, reported: false }).q).abs();
+        let way = |place: &mut Option<RestPosition>, q: f64| {
+            (q - place.get_or_insert(RestPosition { q, reported: false }).q).abs()
+        };
         let gives = |m: usize| rules.hold_error(m).max(rules.axes.get(m).map_or(0.0, |axis| play(axis.motion)));
         let ways = idle.map(|(m, (place, q))| (m, (way(place, *q) - gives(m)).max(0.0)));
         ways.max_by(|(_, a), (_, b)| a.total_cmp(b))
@@ -56,7 +58,7 @@ impl Resting {
 impl SuperviseCore {
     /// Processes a fresh reading. Returns whether it closes the filter. With a closed filter a displacement is only
     /// reported.
-    pub(super) fn watch_idle(&mut self, pulse: &Pulse, step: &mut Step) -> bool {
+    pub(super) fn watch_idle(&mut self, pulse: &Pulse, step: &mut SuperviseStep) -> bool {
         if self.status == Status::Starting {
             return false;
         }

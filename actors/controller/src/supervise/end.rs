@@ -4,7 +4,7 @@
 //! configuration counts, at rest, within the tolerance of the target (I2, I17). All decisions use `sampled_at`, the
 //! time of the reading; `now` only decides whether the reading is still fresh.
 
-use super::{Closing, Reading, Started, Step, SuperviseCore, SuperviseOut};
+use super::{Closing, ExpectedProgress, StoredReading, SuperviseCore, SuperviseOut, SuperviseStep};
 use crate::gate::Gate;
 use crate::ledger::{Open, SafePose, TransactionState};
 use crate::pulse::Pulse;
@@ -30,14 +30,19 @@ impl SuperviseCore {
     /// Processes a reading that has passed the whole chain, so all links are alive: renews the lease, and checks
     /// whether a motion has ended. The lease is counted from the time of the reading: a late chain has used up a part
     /// of it.
-    pub(super) fn pulse(&mut self, pulse: &Pulse, step: &mut Step) {
+    pub(super) fn pulse(&mut self, pulse: &Pulse, step: &mut SuperviseStep) {
         let sampled_at = pulse.sample.at;
         let at_rest = pulse.speed < step.rules.rest_speed;
         if self.newest.as_ref().is_some_and(|newest| sampled_at <= newest.sampled_at) {
             return;
         }
-        self.newest =
-            Some(Reading { sampled_at, q: pulse.sample.q.clone(), speed: pulse.speed, at_rest, free: pulse.free });
+        self.newest = Some(StoredReading {
+            sampled_at,
+            q: pulse.sample.q.clone(),
+            speed: pulse.speed,
+            at_rest,
+            free: pulse.free,
+        });
         if let Some(pushed) = self.push.read(&pulse.sample, &step.rules.robot) {
             step.emit(pushed);
         }
@@ -81,7 +86,7 @@ impl SuperviseCore {
     ///
     /// The order matters: a motion that can still be rolled back has no outcome yet; a motion left by a crash must
     /// not open the filter by itself; then all others are measured.
-    fn settle(&mut self, pulse: &Pulse, step: &mut Step) {
+    fn settle(&mut self, pulse: &Pulse, step: &mut SuperviseStep) {
         if self.resume_rollback(step) {
             return;
         }
@@ -110,9 +115,9 @@ impl SuperviseCore {
 
     /// Rolls back a motion after a restart of a part of the controller: if the path has been recorded without a gap,
     /// the retreat is driven after all, from a fresh reading and monitored as always. Returns whether it is.
-    fn resume_rollback(&mut self, step: &mut Step) -> bool {
+    fn resume_rollback(&mut self, step: &mut SuperviseStep) -> bool {
         let restarted = self.status == Status::Holding(Hold::Restarted) && !self.shutdown && !step.book.halted;
-        let (Some(open), Some(Reading { q: here, .. }), true) = (&step.book.open, &self.newest, restarted) else {
+        let (Some(open), Some(StoredReading { q: here, .. }), true) = (&step.book.open, &self.newest, restarted) else {
             return false;
         };
         let Some(SafePose { since, q: safe }) = &open.safe else { return false };
@@ -132,7 +137,7 @@ impl SuperviseCore {
 
     /// Opens the filter, unless the board answers more slowly than its assumed latency. The margin was chosen for
     /// that latency: a robot that stops later than assumed stops in contact.
-    fn open_or_hold(&mut self, pulse: &Pulse, step: &mut Step) {
+    fn open_or_hold(&mut self, pulse: &Pulse, step: &mut SuperviseStep) {
         let Some(answers) = pulse.answers.filter(|answers| answers.most > step.rules.latency) else {
             return self.reopen(step);
         };
@@ -149,7 +154,7 @@ impl SuperviseCore {
 
     /// Gives a transaction of an earlier process the outcome that the configuration shows. Returns whether the robot
     /// is at neither end of the motion: then nothing moves until a person requests it, and the retreat can be tried.
-    fn end_after_crash(&mut self, step: &mut Step) -> bool {
+    fn end_after_crash(&mut self, step: &mut SuperviseStep) -> bool {
         let crashed = step.book.open.as_ref().is_some_and(|o| o.cause == Some(Cause::Crashed));
         if !crashed {
             return false;
@@ -161,7 +166,7 @@ impl SuperviseCore {
     }
 
     /// Opens the filter, if it was not closed again since; a retry of a failed retreat is no longer possible.
-    fn reopen(&mut self, step: &mut Step) {
+    fn reopen(&mut self, step: &mut SuperviseStep) {
         debug_assert!(!step.book.halted, "only a release ends a halt");
         self.retry = None;
         if !Gate::opens(self.token) {
@@ -176,7 +181,7 @@ impl SuperviseCore {
     /// Gives the open transaction its single outcome (I2): the given one, or the one shown by the newest reading.
     /// This is the only place that does so; the ledger takes the transaction and records its end in one step, so that
     /// a death in between loses nothing. No-op if none is open.
-    pub(super) fn end(&mut self, given: Option<Outcome>, step: &mut Step) -> Option<Outcome> {
+    pub(super) fn end(&mut self, given: Option<Outcome>, step: &mut SuperviseStep) -> Option<Outcome> {
         let newest = self.newest.as_ref().map(|newest| newest.q.clone());
         let q = newest.or_else(|| step.book.last_known())?;
         let ended = step.book.settle(given, q, step.rules.tolerance)?;
@@ -192,7 +197,7 @@ impl SuperviseCore {
 
     /// Checks whether a motion in progress has ended or failed, in the order of certainty: at rest at its target;
     /// done elsewhere for a while, or overdue; frozen encoders. Else it goes on.
-    fn moving(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) {
+    fn moving(&mut self, pulse: &Pulse, at_rest: bool, step: &mut SuperviseStep) {
         if self.motion.forces.is_some() {
             return self.under_forces(pulse, at_rest, step);
         }
@@ -233,7 +238,7 @@ impl SuperviseCore {
 
     /// Repeats the command to the target if the board left its joints beside it by no more than a servo may under
     /// load; by then the hold offsets have been measured. Returns whether this is the case, and the motion goes on.
-    fn command_hold(&mut self, pulse: &Pulse, step: &mut Step) -> bool {
+    fn command_hold(&mut self, pulse: &Pulse, step: &mut SuperviseStep) -> bool {
         let sampled_at = pulse.sample.at;
         let q = &pulse.sample.q;
         let Some(open) = step.book.open.as_mut().filter(|_| self.motion.stream.is_none()) else { return false };
@@ -254,7 +259,8 @@ impl SuperviseCore {
         }
         self.motion.held = Some((step.now, times + 1));
         let expected = SETTLE_TIME.as_secs_f64();
-        self.motion.started = Some(Started { at: step.now, distance_to_go: distance(q, &open.target), expected });
+        self.motion.started =
+            Some(ExpectedProgress { at: step.now, distance_to_go: distance(q, &open.target), expected });
         open.since = step.now;
         open.motion = open.motion.until(open.motion.due().unwrap_or(step.now).max(step.now + SETTLE_TIME));
         let to = |m: &usize| open.target.get(*m).copied();
@@ -268,7 +274,7 @@ impl SuperviseCore {
     /// Completes a motion at rest at its target. An escape may have led to a configuration that is still in contact:
     /// then the filter closes in the same step, not by the reflex one reading later, so that no commit slips in
     /// between.
-    pub(super) fn done(&mut self, pulse: &Pulse, step: &mut Step) {
+    pub(super) fn done(&mut self, pulse: &Pulse, step: &mut SuperviseStep) {
         self.learn_following();
         let escaped = self.status == Status::Escaping;
         self.restore_modes(Writer::Agent, step);
@@ -294,7 +300,7 @@ impl SuperviseCore {
 
     /// Moves the safe pose of a motion that outlasts the history, which would otherwise lose the path back to it.
     /// Everything recorded in the motion was free, else the reflex would have ended it.
-    pub(super) fn advance_safe_pose(&self, step: &mut Step) {
+    pub(super) fn advance_safe_pose(&self, step: &mut SuperviseStep) {
         let TransactionState { open: Some(open), history, .. } = &mut *step.book else { return };
         let later = open.safe.as_ref().and_then(|safe| history.later_start(safe.since));
         if let Some(later) = later {

@@ -10,8 +10,8 @@
 //!                    │ contact at any time: as any motion
 //! ```
 
-use super::streaming::Streaming;
-use super::{MotionState, Reading, Step, SuperviseCore};
+use super::streaming::OpenStream;
+use super::{MotionState, StoredReading, SuperviseCore, SuperviseStep};
 use crate::pulse::Pulse;
 use crate::trajectory::ReferenceTrajectory;
 use crate::{FieldRules, Rules, clamped, distance};
@@ -39,11 +39,11 @@ impl SuperviseCore {
         fields: &FieldRules,
         (target, motors): (&Pose, &[(usize, f64)]),
         here: &Pose,
-        step: &mut Step,
+        step: &mut SuperviseStep,
     ) {
         let rules = step.rules;
         let now = step.now;
-        let mut stream = Streaming::new(rules, now);
+        let mut stream = OpenStream::new(rules, now);
         let start = clamped(here, rules);
         let mut course = ReferenceTrajectory::new(&start);
         course.aim(fields, target, motors);
@@ -55,7 +55,7 @@ impl SuperviseCore {
     }
 
     /// Changes the target in mid-motion: the reference goes on from its present position, at its present speed.
-    pub(super) fn aim_forces(&mut self, target: &Pose, motors: &[(usize, f64)], step: &mut Step) {
+    pub(super) fn aim_forces(&mut self, target: &Pose, motors: &[(usize, f64)], step: &mut SuperviseStep) {
         let rules = step.rules;
         let now = step.now;
         let Some(fields) = rules.fields.as_deref() else { return };
@@ -65,7 +65,7 @@ impl SuperviseCore {
         forces.there = None;
         forces.still = None;
         let new: Vec<usize> = motors.iter().map(|(m, _)| *m).filter(|m| !stream.names(*m)).collect();
-        let Some(Reading { q: here, .. }) = &self.newest else { return };
+        let Some(StoredReading { q: here, .. }) = &self.newest else { return };
         stream.request(&new, mode(rules), &still(here, rules), (here, now), rules);
         self.switch_modes(&new, step);
     }
@@ -73,7 +73,7 @@ impl SuperviseCore {
     /// Processes a reading during a motion under forces. The motion is done when the reference has arrived, enough
     /// time has passed for the robot to follow it, and the robot rests at the target: the reference alone proves
     /// nothing.
-    pub(super) fn under_forces(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) {
+    pub(super) fn under_forces(&mut self, pulse: &Pulse, at_rest: bool, step: &mut SuperviseStep) {
         let rules = step.rules;
         let now = step.now;
         let sampled_at = pulse.sample.at;

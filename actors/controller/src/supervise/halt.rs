@@ -10,11 +10,11 @@
 //! retreat, no `recover`. The ledger records the halt, so that it outlives every actor. A request to halt or release
 //! is recorded there first, so that the newest request counts, whatever messages are still in transit.
 
-use super::{Closing, Step, SuperviseCore};
+use super::{Closing, SuperviseCore, SuperviseStep};
 use mobee_contract::{Cause, Event, Hold, Status};
 
 /// Journals a halt, or a release, that the predecessor of a new Supervise did not live to journal.
-pub(super) fn journal_at_start(step: &mut Step) {
+pub(super) fn journal_at_start(step: &mut SuperviseStep) {
     let was_halted = std::mem::replace(&mut step.book.halt_journaled, step.book.halted);
     if step.book.halted {
         step.emit(Event::Halted { robot: step.robot() });
@@ -25,7 +25,7 @@ pub(super) fn journal_at_start(step: &mut Step) {
 
 impl SuperviseCore {
     /// Halts the robot on the request of a person.
-    pub(super) fn halt(&mut self, step: &mut Step) {
+    pub(super) fn halt(&mut self, step: &mut SuperviseStep) {
         if self.shutdown || !step.book.halted {
             return;
         }
@@ -52,7 +52,7 @@ impl SuperviseCore {
 
     /// Releases the robot on the request of a person. The filter opens no sooner than after any stop: by a fresh
     /// reading at rest, free of contact.
-    pub(super) fn release(&mut self, step: &mut Step) {
+    pub(super) fn release(&mut self, step: &mut SuperviseStep) {
         if step.book.halted || !std::mem::take(&mut step.book.halt_journaled) {
             return;
         }
@@ -64,7 +64,7 @@ impl SuperviseCore {
 
     /// Settles a halted robot at rest, with every outcome given. A retreat that the halt cut off before its end can
     /// be retried; the motors that it moved rest where they are now.
-    pub(super) fn settle_halted(&mut self, lost: bool, step: &mut Step) {
+    pub(super) fn settle_halted(&mut self, lost: bool, step: &mut SuperviseStep) {
         self.held = self.held.or(lost.then_some(Hold::AfterCrash));
         if let Some(motion) = &self.retry {
             self.resting.commanded(&motion.named);

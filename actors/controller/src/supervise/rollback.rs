@@ -4,7 +4,7 @@
 //! The reflex drives; Supervise owns the transactions: only it gives outcomes and opens the filter. They communicate
 //! by messages, which may arrive late or after another closing; each belongs to a token and is checked against it.
 
-use super::{Closing, MotionState, Step, SuperviseCore, SuperviseOut};
+use super::{Closing, MotionState, SuperviseCore, SuperviseOut, SuperviseStep};
 use crate::ledger::{Extent, Underway};
 use crate::reflex::ReflexReport;
 use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 
 impl SuperviseCore {
     /// Rolls back the motion for a cause detected by Supervise. An escape has no retreat: its outcome is measured.
-    pub(super) fn roll_back(&mut self, cause: Cause, step: &mut Step) {
+    pub(super) fn roll_back(&mut self, cause: Cause, step: &mut SuperviseStep) {
         // An obstacle that stalls a motor is not in the model, so no later configuration is known to be free of it:
         // undo the whole motion.
         let pressed = matches!(cause, Cause::Stall { .. } | Cause::ExternalTorque { .. });
@@ -36,7 +36,7 @@ impl SuperviseCore {
 
     /// Handles the death of the open motion's agent since the last step: the motion is cancelled, whatever the agent
     /// had sent before and is still queued.
-    pub(super) fn note_agent_death(&mut self, step: &mut Step) {
+    pub(super) fn note_agent_death(&mut self, step: &mut SuperviseStep) {
         let orphan = step.book.orphan.take();
         let is_open = step.book.open.as_ref().is_some_and(|open| Some(open.id) == orphan);
         if is_open && self.is_moving() {
@@ -46,7 +46,12 @@ impl SuperviseCore {
 
     /// Handles a closing by the reflex; `blamed`: the motors that caused it, if they are known. In mid-motion the
     /// reflex retreats by itself. At rest there is nothing to roll back, and an escape is the way out of the contact.
-    pub(super) fn closed(&mut self, token: u64, (cause, blamed): (Cause, Option<BTreeSet<usize>>), step: &mut Step) {
+    pub(super) fn closed(
+        &mut self,
+        token: u64,
+        (cause, blamed): (Cause, Option<BTreeSet<usize>>),
+        step: &mut SuperviseStep,
+    ) {
         if token != step.gate.token() {
             return; // closed again since
         }
@@ -65,7 +70,7 @@ impl SuperviseCore {
     }
 
     /// Marks the open motion as stopped now: a stream is undone from here, also by a retry.
-    pub(super) fn note_stop(&self, step: &mut Step) {
+    pub(super) fn note_stop(&self, step: &mut SuperviseStep) {
         let recorded = step.book.history.newest().map(|newest| newest.at);
         let newest = self.newest.as_ref().map(|newest| newest.sampled_at).or(recorded);
         if let (Some(open), Some(newest)) = (&mut step.book.open, newest) {
@@ -75,7 +80,7 @@ impl SuperviseCore {
 
     /// Handles a report of the retreat. It counts only while a retreat is awaited, and under the current token: it
     /// may be the last report of a retreat that was superseded by a stop.
-    pub(super) fn on_report(&mut self, report: ReflexReport, step: &mut Step) {
+    pub(super) fn on_report(&mut self, report: ReflexReport, step: &mut SuperviseStep) {
         if self.closing != Closing::Reflex || self.token != step.gate.token() {
             return;
         }
@@ -131,7 +136,7 @@ impl SuperviseCore {
     }
 
     /// Retries the failed retreat on the request of a person: nothing else moves a robot that holds after one.
-    pub(super) fn recover(&mut self, step: &mut Step) {
+    pub(super) fn recover(&mut self, step: &mut SuperviseStep) {
         if !self.can_recover() || step.book.halted {
             return;
         }

@@ -2,7 +2,7 @@
 //! the model. The filter closes, and the motion is rolled back as after a contact, so that no motor goes on pushing
 //! ([`crate::stall`], [`crate::effort`]).
 
-use super::{Step, SuperviseCore, SuperviseOut};
+use super::{SuperviseCore, SuperviseOut, SuperviseStep};
 use crate::effort::Pushed;
 use crate::pulse::Pulse;
 use crate::stall::Stalled;
@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 
 impl SuperviseCore {
     /// Records the commands of this step for the stall detection.
-    pub(super) fn track_commands(&mut self, step: &Step) {
+    pub(super) fn track_commands(&mut self, step: &SuperviseStep) {
         let Some(watch) = &self.stall else { return };
         for out in &step.out {
             if let SuperviseOut::Command(_, Writer::Agent, command) = out {
@@ -23,7 +23,7 @@ impl SuperviseCore {
 
     /// Checks a fresh reading for a stall. Returns whether it closes the filter. Between motions the motors track no
     /// commands.
-    pub(super) fn watch_stall(&mut self, pulse: &Pulse, step: &mut Step) -> bool {
+    pub(super) fn watch_stall(&mut self, pulse: &Pulse, step: &mut SuperviseStep) -> bool {
         let moving = self.is_moving() && step.gate.token() == self.token;
         let Some(watch) = &mut self.stall else { return false };
         let stalled = watch.read(&mut self.motion.tracked, pulse, step.rules).filter(|_| moving);
@@ -44,7 +44,7 @@ impl SuperviseCore {
 
     /// Checks a fresh reading for an external torque. Returns whether it closes the filter. At rest it never does:
     /// there is no motion to roll back.
-    pub(super) fn watch_effort(&mut self, pulse: &Pulse, step: &mut Step) -> bool {
+    pub(super) fn watch_effort(&mut self, pulse: &Pulse, step: &mut SuperviseStep) -> bool {
         let moving = self.is_moving() && step.gate.token() == self.token;
         let pushed = self.effort.read(&pulse.sample, moving, step.rules);
         let Some(Pushed { motor: index, torque }) = pushed else { return false };
@@ -54,7 +54,7 @@ impl SuperviseCore {
     }
 
     /// Rolls back the motion because an obstacle that is not in the model holds or pushes this motor.
-    fn roll_back_for_obstacle(&mut self, motor: usize, cause: Cause, step: &mut Step) {
+    fn roll_back_for_obstacle(&mut self, motor: usize, cause: Cause, step: &mut SuperviseStep) {
         // A stream that goes on would push again.
         self.start_cooldown(Some(BTreeSet::from([motor])), step);
         self.roll_back(cause, step);
@@ -69,6 +69,6 @@ impl SuperviseCore {
 }
 
 /// Name and joint kind of a motor.
-fn named(motor: usize, step: &Step) -> (String, JointMotion) {
+fn named(motor: usize, step: &SuperviseStep) -> (String, JointMotion) {
     step.rules.axes.get(motor).map(|axis| (axis.name.clone(), axis.motion)).unwrap_or_default()
 }

@@ -6,13 +6,13 @@
 //! ```
 //!
 //! Several programs may share one transaction: some stream positions, some velocities, some move; each motor follows
-//! the latest command that names it. Streams are refused while the robot holds: an escape is a commit. [`Streaming`]
+//! the latest command that names it. Streams are refused while the robot holds: an escape is a commit. [`OpenStream`]
 //! decides what is written.
 
 use super::check::check_setpoints;
-use super::commit::Admission;
-use super::streaming::{StreamFreezeWatch, Streaming, mode_of};
-use super::{Step, SuperviseCore};
+use super::commit::CommitAdmission;
+use super::streaming::{OpenStream, StreamFreezeWatch, mode_of};
+use super::{SuperviseCore, SuperviseStep};
 use crate::Rules;
 use crate::ledger::{Motion, home};
 use crate::pulse::Pulse;
@@ -30,19 +30,19 @@ const REST_TIMEOUT: Duration = Duration::from_secs(5);
 impl SuperviseCore {
     /// Handles set-points: they open a transaction, or amend the open stream. The checks are in the order in which a
     /// program can correct the error: the set-points, a continued push, the state of the filter.
-    pub(super) fn stream(&mut self, agent: &Arc<str>, setpoints: Setpoints, step: &mut Step) -> Verdict {
+    pub(super) fn stream(&mut self, agent: &Arc<str>, setpoints: Setpoints, step: &mut SuperviseStep) -> Verdict {
         let rules = step.rules;
         let now = step.now;
         check_setpoints(&setpoints, rules)?;
         self.admit_stream(agent, &setpoints.motors, step)?;
         match self.admit(step)? {
-            Admission::Escape { reason, .. } => Err(Refusal::Holding { reason }),
-            Admission::Join { .. } if self.status == Status::Escaping => {
+            CommitAdmission::Escape { reason, .. } => Err(Refusal::Holding { reason }),
+            CommitAdmission::Join { .. } if self.status == Status::Escaping => {
                 Err(Refusal::Holding { reason: Hold::InContact })
             }
-            Admission::Join { here } => self.join_stream(agent, &setpoints, &here, step),
-            Admission::Begin { here, sampled_at, speed } => {
-                let mut stream = Streaming::new(rules, now);
+            CommitAdmission::Join { here } => self.join_stream(agent, &setpoints, &here, step),
+            CommitAdmission::Begin { here, sampled_at, speed } => {
+                let mut stream = OpenStream::new(rules, now);
                 stream.take(&setpoints, (&here, now), rules)?;
                 let safe = self.take_safe(sampled_at, &here, speed, step);
                 let target = stream.requested(&here);
@@ -61,7 +61,7 @@ impl SuperviseCore {
     }
 
     /// Begins or continues the stream, with these new motors; `here`: the newest reading, rad.
-    pub(super) fn begin_stream(&mut self, stream: Streaming, new: &[usize], here: &Pose, step: &mut Step) {
+    pub(super) fn begin_stream(&mut self, stream: OpenStream, new: &[usize], here: &Pose, step: &mut SuperviseStep) {
         self.motion.stream = Some(stream);
         self.switch_modes(new, step);
         self.write_stream(here, step);
@@ -69,7 +69,13 @@ impl SuperviseCore {
 
     /// Adds set-points to a motion in progress: from its owner only, and not while it brakes. A refusal changes
     /// nothing.
-    fn join_stream(&mut self, agent: &Arc<str>, setpoints: &Setpoints, here: &Pose, step: &mut Step) -> Verdict {
+    fn join_stream(
+        &mut self,
+        agent: &Arc<str>,
+        setpoints: &Setpoints,
+        here: &Pose,
+        step: &mut SuperviseStep,
+    ) -> Verdict {
         let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
         let Some(open) = &mut step.book.open else { return not_ready("the outcome of the last motion") };
         if open.agent != *agent {
@@ -82,7 +88,7 @@ impl SuperviseCore {
         let rules = step.rules;
         let now = step.now;
         let mode = mode_of(&setpoints.values);
-        let mut stream = self.motion.stream.clone().unwrap_or_else(|| Streaming::new(rules, now));
+        let mut stream = self.motion.stream.clone().unwrap_or_else(|| OpenStream::new(rules, now));
         if stream.braking.is_some() {
             return not_ready("the robot to come to rest");
         }
@@ -102,7 +108,7 @@ impl SuperviseCore {
     }
 
     /// Writes the due set-points of the stream, for a robot at `here`, rad.
-    pub(super) fn write_stream(&mut self, here: &[f64], step: &mut Step) {
+    pub(super) fn write_stream(&mut self, here: &[f64], step: &mut SuperviseStep) {
         let Some(stream) = &mut self.motion.stream else { return };
         for command in stream.write(here, step.rules, step.now) {
             step.command(self.token, Writer::Agent, command);
@@ -119,7 +125,7 @@ impl SuperviseCore {
 
     /// Processes a reading during a stream: goes on, brakes, or detects rest. Returns whether the stream is over and
     /// the motion is to be checked like any other.
-    pub(super) fn streaming(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) -> bool {
+    pub(super) fn streaming(&mut self, pulse: &Pulse, at_rest: bool, step: &mut SuperviseStep) -> bool {
         let rules = step.rules;
         let sampled_at = pulse.sample.at;
         let q = &pulse.sample.q;
@@ -177,7 +183,7 @@ impl SuperviseCore {
     /// Ends the stream of a robot at rest. Its target becomes the configuration at rest, or the last set-point if the
     /// robot is close to it. A stream has no target before its end: its outcome is `Committed` wherever it has led,
     /// unless something stopped it.
-    fn end_stream(&mut self, q: &Pose, since: Time, sampled_at: Time, step: &mut Step) {
+    fn end_stream(&mut self, q: &Pose, since: Time, sampled_at: Time, step: &mut SuperviseStep) {
         let Some(stream) = self.motion.stream.take() else { return };
         if let Some(open) = &mut step.book.open {
             let rest = |(m, q): (usize, &f64)| home(stream.sent(m), *q, step.rules.tolerance);
@@ -199,7 +205,7 @@ impl SuperviseCore {
 
     /// Switches motors that join the stream to the mode of its set-points. The mode goes before the first set-point,
     /// which the board would drop otherwise.
-    pub(super) fn switch_modes(&mut self, motors: &[usize], step: &mut Step) {
+    pub(super) fn switch_modes(&mut self, motors: &[usize], step: &mut SuperviseStep) {
         let Some(stream) = &self.motion.stream else { return };
         self.modes.extend(motors);
         for mode in [ControlMode::Velocity, ControlMode::PositionDirect] {
@@ -213,7 +219,7 @@ impl SuperviseCore {
     /// Switches motors that a stream has taken out of the mode of position moves back to it. Returns whether there
     /// were any. They are stored in this core, and not in the stream: an interrupted stream is gone before its motors
     /// are at rest.
-    pub(super) fn restore_modes(&mut self, writer: Writer, step: &mut Step) -> bool {
+    pub(super) fn restore_modes(&mut self, writer: Writer, step: &mut SuperviseStep) -> bool {
         let motors: Vec<usize> = std::mem::take(&mut self.modes).into_iter().collect();
         let any = !motors.is_empty();
         if any {

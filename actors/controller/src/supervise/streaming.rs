@@ -20,9 +20,9 @@ const MAX_SPEED_SHARE: f64 = 0.95;
 
 /// Stream in progress. Several programs may share it, some motors in positions and others in velocities.
 #[derive(Clone, Debug)]
-pub(super) struct Streaming {
+pub(super) struct OpenStream {
     /// Set-points of each motor; `None`: the motor is not in the stream and is not commanded.
-    slots: Vec<Option<Slot>>,
+    slots: Vec<Option<MotorSetpoint>>,
     /// State of writing positions. Separate from velocities: each kind is one command, and two programs have their
     /// own rates.
     positions: Writing,
@@ -50,7 +50,7 @@ pub(super) struct StreamFreezeWatch {
 
 /// Set-points of one motor: positions, rad, or velocities, rad/s.
 #[derive(Clone, Copy, Debug)]
-struct Slot {
+struct MotorSetpoint {
     /// Kind of the set-points.
     mode: ControlMode,
     /// Last requested value.
@@ -70,11 +70,11 @@ struct Writing {
     pending: bool,
 }
 
-impl Streaming {
+impl OpenStream {
     /// An empty stream. It counts as having written a period ago: its first set-point need not wait.
-    pub(super) fn new(rules: &Rules, now: Time) -> Streaming {
+    pub(super) fn new(rules: &Rules, now: Time) -> OpenStream {
         let writing = Writing { wrote: now - rules.period, pending: false };
-        Streaming {
+        OpenStream {
             slots: vec![None; rules.axes.len()],
             positions: writing,
             velocities: writing,
@@ -96,12 +96,12 @@ impl Streaming {
     }
 
     /// Motors of the stream, with their set-points.
-    fn each(&self) -> impl Iterator<Item = (usize, &Slot)> {
+    fn each(&self) -> impl Iterator<Item = (usize, &MotorSetpoint)> {
         self.slots.iter().enumerate().filter_map(|(m, slot)| Some((m, slot.as_ref()?)))
     }
 
     /// Set-points of this motor, if it is in the stream.
-    fn slot(&self, motor: usize) -> Option<&Slot> {
+    fn slot(&self, motor: usize) -> Option<&MotorSetpoint> {
         self.slots.get(motor)?.as_ref()
     }
 
@@ -190,7 +190,7 @@ impl Streaming {
             Some(slot) => slot.written,
             None => start(motor, mode, here, rules),
         };
-        let new = Slot { mode, requested, written, requested_at: now };
+        let new = MotorSetpoint { mode, requested, written, requested_at: now };
         *slot = Some(new);
         self.last_request = now;
         let writing = if new.is_velocity() { &mut self.velocities } else { &mut self.positions };
@@ -300,7 +300,7 @@ impl Streaming {
     }
 }
 
-impl Slot {
+impl MotorSetpoint {
     /// Returns whether these are velocities.
     fn is_velocity(self) -> bool {
         self.mode == ControlMode::Velocity

@@ -1,8 +1,8 @@
 //! Meshes of a robot's links, each on the entity of its link, so that it moves with the shapes around it.
 
-use crate::body::{Body, entity};
+use crate::body::{RobotEntities, entity};
 use crate::palette;
-use crate::stream::{Stream, Written};
+use crate::stream::{EntityStream, Written};
 use crate::surface::mesh3d;
 use mobee_model::{LinkSurface, Robot};
 use nalgebra::Translation3;
@@ -18,7 +18,7 @@ pub(super) fn nodes<'a>(robot: &Robot, links: &'a [LinkSurface]) -> Result<Vec<(
 }
 
 /// Writes the meshes as static data.
-pub(super) fn write(stream: &Stream, body: &Body, links: &[(usize, &LinkSurface)]) -> Written {
+pub(super) fn write(stream: &EntityStream, body: &RobotEntities, links: &[(usize, &LinkSurface)]) -> Written {
     for (node, link) in links {
         let Some(seat) = body.seats.get(*node) else { continue };
         let place = Translation3::from(seat.offset) * link.turn;

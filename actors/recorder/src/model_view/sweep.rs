@@ -13,7 +13,7 @@ pub(super) const AT_HOME: f64 = 2.0;
 const POSES: usize = 150;
 
 /// A motor and its successive positions, from home over both limits back to home.
-pub(super) struct Sweep {
+pub(super) struct MotorSweep {
     /// Index into the robot's motors.
     pub(super) motor: usize,
     /// Times, and positions at these times, rad of encoder.
@@ -21,7 +21,7 @@ pub(super) struct Sweep {
 }
 
 /// Sweeps of all motors that can move, one after the other.
-pub(super) fn sweeps(robot: &Robot) -> Vec<Sweep> {
+pub(super) fn sweeps(robot: &Robot) -> Vec<MotorSweep> {
     let moving: Vec<usize> = (0..robot.motors.len()).filter(|m| robot.motors.get(*m).is_some_and(moves)).collect();
     let secs = (TOTAL_SECS / moving.len().max(1) as f64).clamp(MOTOR_SECS.0, MOTOR_SECS.1);
     let sweep = |(i, motor): (usize, usize)| {
@@ -29,7 +29,7 @@ pub(super) fn sweeps(robot: &Robot) -> Vec<Sweep> {
         let step = secs / positions.len().max(1) as f64;
         let begin = AT_HOME + secs * i as f64;
         let at = |(n, q): (usize, f64)| (Time::from_secs(begin + step * n as f64), q);
-        Sweep { motor, positions: positions.into_iter().enumerate().map(at).collect() }
+        MotorSweep { motor, positions: positions.into_iter().enumerate().map(at).collect() }
     };
     moving.into_iter().enumerate().map(sweep).collect()
 }

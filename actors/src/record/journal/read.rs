@@ -2,7 +2,7 @@
 //! first defect.
 
 use super::seal::{self, Seal};
-use super::{Chain, VERSION};
+use super::{HashChain, VERSION};
 use mobee_contract::{Event, Time};
 use serde::Deserialize;
 use std::fs::File;
@@ -57,7 +57,7 @@ pub struct JournalLines {
     reader: BufReader<File>,
     line: u64,
     n: u64,
-    chain: Chain,
+    chain: HashChain,
     /// Its seal, if it has one.
     seal: Option<Seal>,
     /// True if its first line states that it has a seal.
@@ -70,7 +70,7 @@ pub struct JournalLines {
 
 /// The first line.
 #[derive(Deserialize)]
-struct Head {
+struct JournalHead {
     #[serde(default = "first_version")]
     version: u32,
     /// True if the journal has a seal, as in all runs since their files have digests.
@@ -111,7 +111,7 @@ pub fn read(path: &Path) -> Result<JournalLines, JournalError> {
     let seal = seal::read(&file).map_err(|e| wrong(e, "take it away to go by the journal alone"))?;
     let reader = BufReader::with_capacity(1 << 16, opened);
     let version = first_version();
-    let chain = Chain::default();
+    let chain = HashChain::default();
     let is_sealed = false;
     let text = Vec::new();
     Ok(JournalLines { file, version, reader, line: 0, n: 0, chain, seal, is_sealed, good: 0, failed: false, text })
@@ -142,7 +142,7 @@ impl JournalLines {
     }
 
     /// Size of all valid lines so far, bytes, and the hash over them.
-    pub(super) fn good(&self) -> (u64, Chain) {
+    pub(super) fn good(&self) -> (u64, HashChain) {
         (self.good, self.chain)
     }
 
@@ -184,7 +184,8 @@ impl JournalLines {
         let text = std::str::from_utf8(bytes)
             .map_err(|e| self.error(e.valid_up_to() as u64 + 1, "this is not UTF-8 text", BROKEN))?;
         if self.line == 1 && text.starts_with("{\"aside\":") {
-            let head: Head = serde_json::from_str(text).map_err(|e| self.error(e.column() as u64, json(&e), BROKEN))?;
+            let head: JournalHead =
+                serde_json::from_str(text).map_err(|e| self.error(e.column() as u64, json(&e), BROKEN))?;
             if head.version > VERSION {
                 let what = format!("this journal is of version {}; this program reads up to {VERSION}", head.version);
                 return Err(self.error(0, what, "read it with the version of mobee that wrote it"));

@@ -7,14 +7,14 @@ use std::collections::BTreeMap;
 /// last transaction, and its roadmap. It is as large as the roadmap, however long the run.
 #[derive(Clone, Debug, Default)]
 pub struct Kept {
-    newest: BTreeMap<Key, (Time, Entry)>,
+    newest: BTreeMap<KeptKey, (Time, Entry)>,
     robots: Vec<String>,
     now: Time,
 }
 
 /// Subject of an entry, for the robot with this index. Entries of one instant are reported in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Key {
+enum KeptKey {
     Started,
     Scene,
     State(usize),
@@ -45,11 +45,12 @@ impl Kept {
         self.now = self.now.max(at);
         if let Some(key) = self.key(entry) {
             let before = self.newest.insert(key, (at, entry.clone()));
-            if let (Key::Vertex(robot, id), Some((_, Entry::Event(before)))) = (key, before)
+            if let (KeptKey::Vertex(robot, id), Some((_, Entry::Event(before)))) = (key, before)
                 && pose(&before) != pose_of(entry)
             {
                 // It is another vertex now: its old edges are void.
-                let its = |k: &Key| matches!(k, Key::Edge(r, from, to) if *r == robot && (*from == id || *to == id));
+                let its =
+                    |k: &KeptKey| matches!(k, KeptKey::Edge(r, from, to) if *r == robot && (*from == id || *to == id));
                 self.newest.retain(|key, _| !its(key));
             }
         }
@@ -64,20 +65,20 @@ impl Kept {
         entries
     }
 
-    fn key(&mut self, entry: &Entry) -> Option<Key> {
+    fn key(&mut self, entry: &Entry) -> Option<KeptKey> {
         let event = match entry {
-            Entry::Scene(_) => return Some(Key::Scene),
+            Entry::Scene(_) => return Some(KeptKey::Scene),
             Entry::Pose { .. } | Entry::Picture { .. } => return None,
             Entry::Event(event) => event,
         };
         Some(match &**event {
-            Event::Started { .. } => Key::Started,
-            Event::State { robot, .. } => Key::State(self.index(robot)),
-            Event::Commit { robot, .. } | Event::Outcome { robot, .. } => Key::Transaction(self.index(robot)),
+            Event::Started { .. } => KeptKey::Started,
+            Event::State { robot, .. } => KeptKey::State(self.index(robot)),
+            Event::Commit { robot, .. } | Event::Outcome { robot, .. } => KeptKey::Transaction(self.index(robot)),
             Event::Note { robot, note } => match note {
-                Note::Vertex { id, .. } => Key::Vertex(self.index(robot), *id),
-                Note::Edge { from, to, .. } => Key::Edge(self.index(robot), *from, *to),
-                Note::Plan { .. } => Key::Plan(self.index(robot)),
+                Note::Vertex { id, .. } => KeptKey::Vertex(self.index(robot), *id),
+                Note::Edge { from, to, .. } => KeptKey::Edge(self.index(robot), *from, *to),
+                Note::Plan { .. } => KeptKey::Plan(self.index(robot)),
                 Note::Tried { .. } | Note::Log { .. } => return None,
             },
             _ => return None,

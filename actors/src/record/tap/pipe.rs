@@ -54,12 +54,12 @@ pub(super) struct Pipe {
     /// Opens the sink; `None` until one is attached.
     open: Mutex<Option<OpenSink>>,
     virtual_time: bool,
-    shared: Arc<Shared>,
+    shared: Arc<SharedPipe>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-struct Shared {
-    queue: Mutex<Queue>,
+struct SharedPipe {
+    queue: Mutex<PipeQueue>,
     filled: Condvar,
     emptied: Condvar,
     /// Processor time that writing has taken.
@@ -69,7 +69,7 @@ struct Shared {
 }
 
 #[derive(Default)]
-struct Queue {
+struct PipeQueue {
     entries: VecDeque<(Time, Entry)>,
     /// Entries that the thread has taken and not written yet.
     in_hand: usize,
@@ -97,14 +97,14 @@ struct Queue {
     pictures: BTreeMap<String, Time>,
 }
 
-impl Queue {
+impl PipeQueue {
     fn waiting_pictures(&self) -> usize {
         self.entries.iter().filter(|(_, e)| matches!(e, Entry::Picture { .. })).count()
     }
 }
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Queue> {
+impl SharedPipe {
+    fn lock(&self) -> MutexGuard<'_, PipeQueue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -121,7 +121,7 @@ impl Shared {
 impl Pipe {
     pub(super) fn spawn(clock: ClockKind, spec: SinkSpec) -> Result<Pipe, String> {
         let spec = SinkSpec { capacity: spec.capacity.max(1), ..spec };
-        let shared = Shared {
+        let shared = SharedPipe {
             queue: Mutex::default(),
             filled: Condvar::new(),
             emptied: Condvar::new(),
@@ -264,12 +264,12 @@ impl Pipe {
         self.put(queue, at, entry.clone());
     }
 
-    fn put(&self, mut queue: MutexGuard<'_, Queue>, at: Time, entry: Entry) {
+    fn put(&self, mut queue: MutexGuard<'_, PipeQueue>, at: Time, entry: Entry) {
         if queue.closed || queue.threads == 0 {
             return;
         }
         queue.sent += 1;
-        let full = |queue: &Queue| queue.entries.len() + queue.in_hand >= self.spec.capacity;
+        let full = |queue: &PipeQueue| queue.entries.len() + queue.in_hand >= self.spec.capacity;
         while self.virtual_time && full(&queue) && queue.error.is_none() {
             self.shared.filled.notify_one();
             queue = self.shared.emptied.wait(queue).unwrap_or_else(PoisonError::into_inner);
@@ -384,7 +384,7 @@ impl Pipe {
 
 /// Body of a sink's thread: writes entries until the pipe is closed or the sink is replaced. An entry that
 /// failed returns to the queue.
-fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> {
+fn serve(shared: &SharedPipe, sink: &mut dyn Sink, mine: u64) -> Result<(), String> {
     let mut batch = VecDeque::new();
     let mut dropped = shared.lock().dropped;
     loop {

@@ -47,13 +47,13 @@ struct Last {
 
 /// Records that are not written yet.
 #[derive(Debug, Default)]
-pub(super) struct Frame {
+pub(super) struct TrackFrame {
     bytes: Vec<u8>,
     readings: usize,
     last: Option<Last>,
 }
 
-impl Frame {
+impl TrackFrame {
     pub(super) fn readings(&self) -> usize {
         self.readings
     }

@@ -19,7 +19,7 @@ pub(super) struct MotionReport {
 }
 
 /// Answer of a planner, with its notes.
-struct Reply<T> {
+struct PlannerReply<T> {
     answer: T,
     notes: Vec<Note>,
 }
@@ -271,7 +271,7 @@ impl PlannerHost {
         let mut agent = self.agent.take().ok_or("there is no agent")?;
         let call = move || {
             let answer = method(&mut *agent);
-            let reply = Reply { answer, notes: agent.notes() };
+            let reply = PlannerReply { answer, notes: agent.notes() };
             let cost = agent.simulated_latency();
             Timed { value: (agent, reply), cost }
         };

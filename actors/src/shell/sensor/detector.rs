@@ -1,6 +1,6 @@
 //! The detector's shell.
 
-use super::{CameraChannel, DetectorVersion, FRAME_TIMEOUT, PartMaker, Seen};
+use super::{CameraChannel, DetectorVersion, FRAME_TIMEOUT, FrameDetections, PartMaker};
 use crate::runtime::attempt::{Timed, attempt};
 use crate::wiring::SharedContext;
 use mobee_contract::{Detector, Event, Frame, Region, SeenPicture, SwapPart, SwapStep, limit_regions};
@@ -130,7 +130,7 @@ impl DetectorState {
         self.channel.slot.answered(self.shared.clock.now());
         if let Some(seen) = &self.channel.seen {
             let camera = self.channel.name.as_str().into();
-            seen.push(Seen { camera, intrinsics, exposed, regions: regions.clone() });
+            seen.push(FrameDetections { camera, intrinsics, exposed, regions: regions.clone() });
         }
         if let Some(what) = complaint {
             self.shared.emit(Event::Warning { text: format!("{}: {what}", self.channel.name) });

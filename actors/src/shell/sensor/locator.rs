@@ -1,6 +1,6 @@
 //! The locator's shell: pairs detections with the robot's configuration at the exposure.
 
-use super::{CameraChannel, FRAME_TIMEOUT, KeptObject, LocatorSlot, LocatorVersion, PartMaker, Seen};
+use super::{CameraChannel, FRAME_TIMEOUT, FrameDetections, KeptObject, LocatorSlot, LocatorVersion, PartMaker};
 use crate::runtime::attempt::{Timed, attempt};
 use crate::runtime::clock::Clock;
 use crate::wiring::{AgentMsg, ModelMsg, SharedContext};
@@ -120,9 +120,9 @@ impl LocatorState {
         self.make()
     }
 
-    async fn locate(&mut self, seen: Seen, body: BodyState) -> Result<(), String> {
+    async fn locate(&mut self, seen: FrameDetections, body: BodyState) -> Result<(), String> {
         let mut locator = self.locator.take().ok_or("the locator is away")?;
-        let Seen { camera, intrinsics, exposed, regions } = seen;
+        let FrameDetections { camera, intrinsics, exposed, regions } = seen;
         let sighting = |region| Sighting { camera: camera.clone(), intrinsics, region, at: exposed };
         let sightings: Vec<Sighting> = regions.into_iter().map(sighting).collect();
         let locate = move || {

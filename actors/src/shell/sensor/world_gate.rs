@@ -42,12 +42,12 @@ pub struct WorldGateSettings {
 #[derive(Clone, Debug)]
 pub struct WorldGate {
     settings: WorldGateSettings,
-    tracks: BTreeMap<String, Track>,
+    tracks: BTreeMap<String, ObjectTrack>,
 }
 
 /// Track of one object.
 #[derive(Clone, Debug, Default)]
-struct Track {
+struct ObjectTrack {
     /// Its last accepted place, meters.
     place: Option<Vector3<f64>>,
     /// Its last steady place, meters: a chain of outliers, each near the one before, can't lead it away.
@@ -77,7 +77,7 @@ pub struct KeptObject {
 impl WorldGate {
     /// Creates a gate without sightings, at the time `now`.
     pub fn new(settings: WorldGateSettings, now: Time) -> WorldGate {
-        let fresh = |name: &String| (name.clone(), Track { seen: now, ..Track::default() });
+        let fresh = |name: &String| (name.clone(), ObjectTrack { seen: now, ..ObjectTrack::default() });
         let tracks = settings.objects.iter().map(fresh).collect();
         WorldGate { settings, tracks }
     }
@@ -132,7 +132,7 @@ impl WorldGate {
 
     /// State of all its objects.
     pub fn objects(&self) -> Vec<KeptObject> {
-        let object = |(name, track): (&String, &Track)| KeptObject {
+        let object = |(name, track): (&String, &ObjectTrack)| KeptObject {
             object: name.clone(),
             place: track.place.map(Into::into),
             seen: track.seen,
@@ -142,7 +142,7 @@ impl WorldGate {
     }
 }
 
-impl Track {
+impl ObjectTrack {
     /// Selects the candidate that is, or may be, the object.
     fn choose(
         &mut self,

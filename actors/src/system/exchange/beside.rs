@@ -93,7 +93,8 @@ impl Exchanges {
     pub(in crate::system) fn begin_beside(&mut self, name: &str, offer: BesideOffer) -> Result<(), String> {
         while self.tasks.try_join_next().is_some() {}
         let BesideOffer { part, what, terms } = offer;
-        let trial = |part| Trial { shared: self.shared.clone(), name: name.to_owned(), part, budget: terms.budget };
+        let trial =
+            |part| PartExchange { shared: self.shared.clone(), name: name.to_owned(), part, budget: terms.budget };
         match part {
             NewBeside::Bridge(new) => {
                 let service_slot =
@@ -139,14 +140,14 @@ impl Exchanges {
 }
 
 /// The exchange of one part.
-struct Trial {
+struct PartExchange {
     shared: Arc<SharedContext>,
     name: String,
     part: SwapPart,
     budget: Duration,
 }
 
-impl Trial {
+impl PartExchange {
     fn report(&self, step: SwapStep) {
         self.shared.report_swap_beside(&self.name, self.part, step);
     }

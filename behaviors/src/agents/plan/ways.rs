@@ -33,7 +33,7 @@ pub(super) struct Ways {
 }
 
 /// A planning query: from the robot's configuration to a vertex of the map.
-pub(super) struct Leg<'a> {
+pub(super) struct PathQuery<'a> {
     pub map: &'a Roadmap,
     /// Vertex where the robot rests.
     pub at: u32,
@@ -42,7 +42,7 @@ pub(super) struct Leg<'a> {
     pub goal: u32,
 }
 
-impl Leg<'_> {
+impl PathQuery<'_> {
     fn pose(&self, id: u32) -> Option<Vec<f64>> {
         self.map.vertex(id).map(|v| self.map.group(&v.q))
     }
@@ -57,7 +57,7 @@ impl Ways {
     ///
     /// # Errors
     /// An invalid clearance.
-    pub fn look(&mut self, leg: &Leg, view: &View) -> Result<(), FastError> {
+    pub fn look(&mut self, leg: &PathQuery, view: &View) -> Result<(), FastError> {
         for (kept, room) in [(&mut self.space, 0.0), (&mut self.roomy, EXTRA_CLEARANCE_M)] {
             let motors = leg.map.motors();
             let mut space = JointSpace::renewed(kept.take(), view, motors, room)?;
@@ -70,19 +70,19 @@ impl Ways {
 
     /// Returns whether the first edge of a route is not removed, and is free from the measured
     /// configuration.
-    pub fn passable(&mut self, leg: &Leg, route: &[u32]) -> bool {
+    pub fn passable(&mut self, leg: &PathQuery, route: &[u32]) -> bool {
         let [from, to, ..] = route[..] else { return false };
         let known = leg.map.edge(from, to).is_some_and(|e| e.state != EdgeState::Removed);
         known && self.free(leg, &[from, to])
     }
 
     /// Returns the shortest path of the map if all of it is free now.
-    pub fn known(&mut self, leg: &Leg) -> Option<Vec<u32>> {
+    pub fn known(&mut self, leg: &PathQuery) -> Option<Vec<u32>> {
         leg.map.plan(leg.at, leg.goal).filter(|way| self.free(leg, way))
     }
 
     /// Returns whether a path over vertices is free from the measured configuration.
-    fn free(&mut self, leg: &Leg, way: &[u32]) -> bool {
+    fn free(&mut self, leg: &PathQuery, way: &[u32]) -> bool {
         let Some(space) = self.space.as_mut() else { return false };
         let mut poses = vec![leg.here.to_vec()];
         for q in way.iter().skip(1).filter_map(|id| leg.pose(*id)) {
@@ -92,7 +92,7 @@ impl Ways {
     }
 
     /// Plans and shortens a new path. Every call uses another seed.
-    pub fn plan(&mut self, leg: &Leg) -> Result<JointPath, NoPath> {
+    pub fn plan(&mut self, leg: &PathQuery) -> Result<JointPath, NoPath> {
         let seed = self.seed.wrapping_add(u64::from(self.spent.plans));
         self.spent.plans = self.spent.plans.saturating_add(1);
         let goal = leg.pose(leg.goal).unwrap_or_default();
@@ -121,7 +121,7 @@ impl Ways {
 
     /// Returns the lengths, rad, of a path over vertices from the measured configuration and of the
     /// straight line to the goal.
-    pub fn lengths(&self, leg: &Leg, way: &[u32]) -> (f64, f64) {
+    pub fn lengths(&self, leg: &PathQuery, way: &[u32]) -> (f64, f64) {
         let Some(metric) = self.space.as_ref().map(JointSpace::metric) else { return (0.0, 0.0) };
         let far = |a: &[f64], b: Option<Vec<f64>>| b.map_or(0.0, |b| metric.distance(a, &b));
         let along = way.windows(2).filter_map(|w| Some(far(&leg.pose(w[0])?, leg.pose(w[1]))));
@@ -130,7 +130,7 @@ impl Ways {
 }
 
 /// Makes a space avoid the middles of failed edges, and nothing else.
-fn avoid_failed(space: &mut JointSpace, leg: &Leg) {
+fn avoid_failed(space: &mut JointSpace, leg: &PathQuery) {
     space.forgive();
     for (from, to, _) in leg.map.edges().into_iter().filter(|(.., e)| e.state == EdgeState::Removed) {
         let (Some(from), Some(to), Some(goal)) = (leg.pose(from), leg.pose(to), leg.pose(leg.goal)) else { continue };

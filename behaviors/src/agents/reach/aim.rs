@@ -13,7 +13,7 @@ const REST_TOLERANCE_RAD: f64 = std::f64::consts::PI / 180.0;
 
 /// A hand, and the motors that move it.
 #[derive(Clone, Debug)]
-pub(super) struct Hand {
+pub(super) struct ReachHand {
     pub chain: HandChain,
     /// The map's motors, except those that move only other hands.
     pub group: MotorGroup,
@@ -23,7 +23,7 @@ pub(super) struct Hand {
     pub palm: Unit<Vector3<f64>>,
 }
 
-impl Hand {
+impl ReachHand {
     /// Returns whether all other hands are at rest.
     pub fn is_alone(&self, pose: &[f64]) -> bool {
         self.others.iter().all(|(m, rest)| pose.get(*m).is_some_and(|q| (q - rest).abs() < REST_TOLERANCE_RAD))

@@ -6,7 +6,7 @@
 //!    nearest vertices ──damped least squares──> pre-grasp posture ──> grasp posture ──> lines certified ──> the nearest one
 //! ```
 
-use super::aim::Hand;
+use super::aim::ReachHand;
 use crate::planners::JointSpace;
 use crate::roadmap::Roadmap;
 use mobee_contract::View;
@@ -26,7 +26,7 @@ const MAX_PALM_ERROR_RAD: f64 = std::f64::consts::PI / 12.0;
 
 /// Two postures of a hand, and the vertex from which they are reached.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Choice {
+pub(super) struct HandChoice {
     /// Index of the hand among the agent's.
     pub hand: usize,
     /// Vertex from which the search for the first posture started.
@@ -50,7 +50,7 @@ pub(super) enum NoChoice {
 
 /// Goal positions of the hand, world frame, meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Places {
+pub(super) struct HandPositions {
     pub pre: Vector3<f64>,
     pub grasp: Vector3<f64>,
 }
@@ -61,11 +61,11 @@ pub(super) struct Places {
 /// batch with a result ends it.
 pub(super) fn choose(
     map: &Roadmap,
-    hands: &[Hand],
+    hands: &[ReachHand],
     space: &mut JointSpace,
     view: &View,
-    (places, vertices, tried): (&Places, &[usize], &BTreeSet<u32>),
-) -> Result<Choice, NoChoice> {
+    (places, vertices, tried): (&HandPositions, &[usize], &BTreeSet<u32>),
+) -> Result<HandChoice, NoChoice> {
     let far = |at: [f64; 3]| (Vector3::from(at) - places.pre).norm();
     let untried = map.vertices().filter(|(id, _)| !tried.contains(id));
     let mut near: Vec<(f64, u32)> = untried.map(|(id, v)| (far(v.at), id)).collect();
@@ -86,19 +86,19 @@ pub(super) fn choose(
 
 /// Returns the index of the hand that a configuration belongs to: the first for which all other
 /// hands rest.
-pub(super) fn side(hands: &[Hand], pose: &[f64]) -> Option<usize> {
+pub(super) fn side(hands: &[ReachHand], pose: &[f64]) -> Option<usize> {
     hands.iter().position(|hand| hand.is_alone(pose))
 }
 
 /// Returns the best choice that starts from one of these vertices.
 fn best_of(
     map: &Roadmap,
-    hands: &[Hand],
+    hands: &[ReachHand],
     space: &mut JointSpace,
     view: &View,
-    (places, near): (&Places, &[(f64, u32)]),
-) -> Result<Choice, NoChoice> {
-    let posture = |hand: &Hand, from: &[f64], to: Vector3<f64>| {
+    (places, near): (&HandPositions, &[(f64, u32)]),
+) -> Result<HandChoice, NoChoice> {
+    let posture = |hand: &ReachHand, from: &[f64], to: Vector3<f64>| {
         let pose = hand.group.whole(from, &hand.bring(from, to));
         let (off, angle) = hand.off(&pose, to);
         (off <= MAX_HAND_ERROR_M && angle <= MAX_PALM_ERROR_RAD).then_some(pose)
@@ -110,9 +110,9 @@ fn best_of(
         let pre = posture(hand, &from, places.pre)?;
         let grasp = posture(hand, &pre, places.grasp)?;
         let [from, pre, grasp] = [from, pre, grasp].map(|pose| map.group(&pose));
-        Some((from, Choice { hand: index, vertex: *vertex, is_joined: false, pre, grasp }))
+        Some((from, HandChoice { hand: index, vertex: *vertex, is_joined: false, pre, grasp }))
     };
-    let choices: Vec<(Vec<f64>, Choice)> = near.iter().filter_map(choice).collect();
+    let choices: Vec<(Vec<f64>, HandChoice)> = near.iter().filter_map(choice).collect();
     if choices.is_empty() {
         return Err(NoChoice::OutOfReach);
     }
@@ -124,10 +124,10 @@ fn best_of(
         let [first, last] = verdicts else { return None };
         // The last line begins at the first posture, so that is free as well.
         let is_joined = *first == EdgeVerdict::Free;
-        (*last == EdgeVerdict::Free).then_some(Choice { is_joined, ..choice })
+        (*last == EdgeVerdict::Free).then_some(HandChoice { is_joined, ..choice })
     });
     let nearest = judged.min_by(|a, b| {
-        let way = |c: &Choice| space.metric().distance(&here, &c.pre);
+        let way = |c: &HandChoice| space.metric().distance(&here, &c.pre);
         b.is_joined.cmp(&a.is_joined).then(way(a).total_cmp(&way(b))).then(a.vertex.cmp(&b.vertex))
     });
     nearest.ok_or_else(|| NoChoice::NotFree(obstruction(&verdicts, view)))

@@ -2,7 +2,7 @@
 
 use super::choice::{BATCHES_AT_REST, NoChoice};
 use super::look::middle;
-use super::{MAX_HOMEWARD, MAX_OTHER_POSTURES, MAX_PLANS, Phase, ReachAgent};
+use super::{MAX_HOMEWARD, MAX_OTHER_POSTURES, MAX_PLANS, ReachAgent, ReachPhase};
 use mobee_contract::{Intent, Summary, Time, View};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -127,9 +127,9 @@ impl ReachAgent {
 
     /// Handles a vertex that no path leads to. `None`: the next step of the loop continues.
     pub(super) fn no_way(&mut self, goal: u32, view: &View) -> Option<Intent> {
-        let may_plan = self.mind.plans < MAX_PLANS || self.mind.phase == Phase::Home;
+        let may_plan = self.mind.plans < MAX_PLANS || self.mind.phase == ReachPhase::Home;
         self.mind.plans = self.mind.plans.saturating_add(1);
-        let found = if may_plan && self.mind.phase != Phase::Approach { self.plan(goal, view) } else { None };
+        let found = if may_plan && self.mind.phase != ReachPhase::Approach { self.plan(goal, view) } else { None };
         if let Some(text) = found.as_ref().and_then(|found| found.as_ref().err()) {
             self.walker.log(format!("no plan either: {text}"));
         } else if found.is_some() {
@@ -138,11 +138,11 @@ impl ReachAgent {
         }
         // The estimated position of the object changed slightly in the meantime: choose other
         // postures from here.
-        if self.mind.phase == Phase::Approach && may_plan && self.choose_again(view) {
+        if self.mind.phase == ReachPhase::Approach && may_plan && self.choose_again(view) {
             return None;
         }
         // Other postures may be easier to reach.
-        if self.mind.phase == Phase::Go
+        if self.mind.phase == ReachPhase::Go
             && self.mind.tried.len() < MAX_OTHER_POSTURES
             && let Some(from) = self.mind.place.as_ref().map(|place| place.from)
         {
@@ -153,16 +153,16 @@ impl ReachAgent {
             }
         }
         match self.mind.phase {
-            Phase::Go => self.miss(&Missed { miss: Miss::NoWay, why: "no way leads there".to_owned() }),
-            Phase::Approach => self.miss(&Missed { miss: Miss::Approach, why: "the last line failed".to_owned() }),
-            Phase::Home if self.mind.homeward >= MAX_HOMEWARD => {
+            ReachPhase::Go => self.miss(&Missed { miss: Miss::NoWay, why: "no way leads there".to_owned() }),
+            ReachPhase::Approach => self.miss(&Missed { miss: Miss::Approach, why: "the last line failed".to_owned() }),
+            ReachPhase::Home if self.mind.homeward >= MAX_HOMEWARD => {
                 return Some(self.done("no way leads back to where the arm rests"));
             }
-            Phase::Home => {
+            ReachPhase::Home => {
                 self.mind.homeward += 1;
                 return Some(Intent::Wait(Duration::from_secs(1)));
             }
-            Phase::Look | Phase::Back => {}
+            ReachPhase::Look | ReachPhase::Back => {}
         }
         self.go_home();
         None
@@ -184,7 +184,7 @@ impl ReachAgent {
         let object = middle(&self.settings.object, view);
         let pre = object.and_then(|object| self.set_out(object, &BATCHES_AT_REST, view).ok());
         pre.is_some_and(|pre| {
-            self.enter_phase(Phase::Go, pre);
+            self.enter_phase(ReachPhase::Go, pre);
             true
         })
     }

@@ -37,7 +37,7 @@ pub(super) struct Looking {
 
 /// Result of a step of the search.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Look {
+pub(super) enum LookResult {
     /// The next intent of the search.
     Do(Intent),
     /// The object was detected: its center, world frame, meters.
@@ -126,21 +126,21 @@ impl Looking {
 
     /// Advances the search while the robot rests. For an object without a sensor, the scene's
     /// position is used.
-    pub fn step(&mut self, object: &str, gaze: Option<&Gaze>, view: &View) -> Look {
+    pub fn step(&mut self, object: &str, gaze: Option<&Gaze>, view: &View) -> LookResult {
         let rested = *self.rested.get_or_insert(view.at);
         let (at, seen) = match (middle(object, view), view.seen(object)) {
-            (None, _) => return Look::Do(self.about(gaze, view, None, false)),
-            (Some(at), None) => return Look::Seen(at),
+            (None, _) => return LookResult::Do(self.about(gaze, view, None, false)),
+            (Some(at), None) => return LookResult::Seen(at),
             (Some(at), Some(seen)) => (at, seen),
         };
         // A detection from a moving camera is good enough for the model, but not for a target of
         // the hand.
         if seen.is_stale || seen.at.is_none_or(|t| t < self.since.max(rested)) {
             let lately = seen.at.is_some() && !seen.is_stale;
-            return Look::Do(self.about(gaze, view, Some(at), lately));
+            return LookResult::Do(self.about(gaze, view, Some(at), lately));
         }
         self.first.get_or_insert(seen.at.unwrap_or(view.at));
-        Look::Seen(at)
+        LookResult::Seen(at)
     }
 
     /// Waits for the dwell time of the plan, then chooses another gaze target. The first wait is

@@ -1,10 +1,10 @@
 //! Map of the reaching agent: postures, rest posture and planned waypoints as vertices of the given
 //! roadmap.
 
-use super::aim::Hand;
-use super::choice::{self, Choice};
+use super::aim::ReachHand;
+use super::choice::{self, HandChoice};
 use super::look::{Gaze, limits};
-use super::{Place, ReachAgent, ReachSettings, Ready};
+use super::{ReachAgent, ReachHardware, ReachSettings, ReachTarget};
 use crate::group;
 use crate::inverse_kinematics::MotorGroup;
 use crate::map_file::{MapFile, unite};
@@ -89,11 +89,11 @@ impl ReachAgent {
         if self.ready.is_some() {
             return;
         }
-        let hands: Vec<Hand> = (0..self.hands.len()).filter_map(|i| self.ready_hand(i, view)).collect();
+        let hands: Vec<ReachHand> = (0..self.hands.len()).filter_map(|i| self.ready_hand(i, view)).collect();
         let of = |q: &[f64]| hands.get(choice::side(&hands, q).unwrap_or(0));
         self.walker.map.place(|q| of(q).map_or([0.0; 3], |hand| hand.chain.at(q).at.coords.into()));
         let gaze = self.gaze_plan.clone().map(|plan| Gaze::new(plan, &self.robot, view));
-        self.ready = Some(Ready { hands, gaze });
+        self.ready = Some(ReachHardware { hands, gaze });
         if !std::mem::replace(&mut self.mind.joined, true) {
             self.join_rest(view);
         }
@@ -101,7 +101,7 @@ impl ReachAgent {
 
     /// Returns a hand of the agent, an index, with the motors that may move it: those of the map
     /// that do not move only another hand.
-    fn ready_hand(&self, hand: usize, view: &View) -> Option<Hand> {
+    fn ready_hand(&self, hand: usize, view: &View) -> Option<ReachHand> {
         let (marker, palm) = *self.hands.get(hand)?;
         let movers = |marker: usize| -> BTreeSet<usize> {
             let marker = self.robot.markers.get(marker);
@@ -116,7 +116,7 @@ impl ReachAgent {
         let others = others.into_iter().map(|m| (m, rest.get(m).copied().unwrap_or(0.0))).collect();
         let chain = HandChain::of_robot(&view.scene, view.robot, marker, palm);
         let group = MotorGroup { limits: limits(&motors, &self.robot, view), motors };
-        Some(Hand { chain, group, others, palm: self.palm_toward })
+        Some(ReachHand { chain, group, others, palm: self.palm_toward })
     }
 
     /// Joins the rest posture, for each hand, to nearby vertices that a free line leads to.
@@ -178,14 +178,14 @@ impl ReachAgent {
     }
 
     /// Adds postures to the map.
-    pub(super) fn enter(&mut self, choice: Choice, object: Vector3<f64>, view: &View) -> Place {
+    pub(super) fn enter(&mut self, choice: HandChoice, object: Vector3<f64>, view: &View) -> ReachTarget {
         let pre = self.add(&choice.pre, view);
         let grasp = self.add(&choice.grasp, view);
         if choice.is_joined {
             self.walker.map.join(choice.vertex, pre);
         }
         self.walker.map.join(pre, grasp);
-        Place { object: object.into(), hand: choice.hand, from: choice.vertex, pre, grasp }
+        ReachTarget { object: object.into(), hand: choice.hand, from: choice.vertex, pre, grasp }
     }
 
     /// Returns whether the straight line from the robot's configuration to a vertex is free.
@@ -209,7 +209,7 @@ impl ReachAgent {
         let here = self.walker.map.group(view.pose());
         let space = self.space.as_mut()?;
         // An arm that rests is not moved by another arm's plan.
-        let is_its = |hand: &&Hand| hand.is_alone(view.pose()) && hand.is_alone(&goal_pose);
+        let is_its = |hand: &&ReachHand| hand.is_alone(view.pose()) && hand.is_alone(&goal_pose);
         let hand = self.ready.as_ref().and_then(|ready| ready.hands.iter().find(is_its));
         space.hold(hand.map_or(&[], |hand| &hand.others));
         let seed = self.seed.wrapping_add(u64::from(self.mind.counts.planned)).wrapping_add(u64::from(self.mind.plans));

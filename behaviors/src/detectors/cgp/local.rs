@@ -79,12 +79,17 @@ pub(super) fn median(a: &Plane, r: usize) -> Plane {
 /// Number of adjacent pixels for which the median is computed at once.
 const LANE_COUNT: usize = 8;
 /// One value of each of these pixels.
-type Lanes = [f32; LANE_COUNT];
+type PixelLanes = [f32; LANE_COUNT];
 
 /// Computes the medians of all whole windows in `N` rows of `w` pixels, `w` at least `N`. Each
 /// column is sorted once for all windows that contain it; `middle` computes the median of `N`
 /// sorted columns, which it is given as rows.
-fn medians<const N: usize>(rows: &[f32], w: usize, out: &mut Vec<f32>, middle: impl Fn([[Lanes; N]; N]) -> Lanes) {
+fn medians<const N: usize>(
+    rows: &[f32],
+    w: usize,
+    out: &mut Vec<f32>,
+    middle: impl Fn([[PixelLanes; N]; N]) -> PixelLanes,
+) {
     let mut columns: [Vec<f32>; N] = std::array::from_fn(|k| rows[k * w..(k + 1) * w].to_vec());
     for j in (1..N).flat_map(|i| (1..=i).rev()) {
         if let ([.., low], [high, ..]) = columns.split_at_mut(j) {
@@ -117,7 +122,7 @@ fn medians<const N: usize>(rows: &[f32], w: usize, out: &mut Vec<f32>, middle: i
 /// Computes the median of nine as the median of three: the greatest of the columns' minima, the
 /// median of their medians, and the least of their maxima.
 #[inline(always)]
-fn middle_of_nine([mut least, mut middle, mut most]: [[Lanes; 3]; 3]) -> Lanes {
+fn middle_of_nine([mut least, mut middle, mut most]: [[PixelLanes; 3]; 3]) -> PixelLanes {
     select::<3, 2, 3>(&mut least);
     select::<3, 1, 2>(&mut middle);
     select::<3, 0, 1>(&mut most);
@@ -134,7 +139,7 @@ fn middle_of_nine([mut least, mut middle, mut most]: [[Lanes; 3]; 3]) -> Lanes {
 /// the others, eight at a time, the minimum and the maximum are not the median either; the next
 /// value replaces them.
 #[inline(always)]
-fn middle_of_25([mut a, mut b, mut c, mut d, mut e]: [[Lanes; 5]; 5]) -> Lanes {
+fn middle_of_25([mut a, mut b, mut c, mut d, mut e]: [[PixelLanes; 5]; 5]) -> PixelLanes {
     select::<5, 3, 5>(&mut a);
     select::<5, 2, 5>(&mut b);
     select::<5, 1, 4>(&mut c);
@@ -158,14 +163,14 @@ fn middle_of_25([mut a, mut b, mut c, mut d, mut e]: [[Lanes; 5]; 5]) -> Lanes {
 /// Moves the values that would be in the places `FROM` to `TO` (exclusive), were they sorted, into
 /// these places, in any order.
 #[inline(always)]
-fn select<const N: usize, const FROM: usize, const TO: usize>(all: &mut [Lanes; N]) {
+fn select<const N: usize, const FROM: usize, const TO: usize>(all: &mut [PixelLanes; N]) {
     (0..FROM).for_each(|k| (k + 1..N).for_each(|j| sort(all, k, j)));
     (TO..N).rev().for_each(|k| (FROM..k).for_each(|j| sort(all, j, k)));
 }
 
 /// Moves the minimum of the values from `FROM` on to `FROM`, and the maximum to the end.
 #[inline(always)]
-fn ends<const N: usize, const FROM: usize>(all: &mut [Lanes; N]) {
+fn ends<const N: usize, const FROM: usize>(all: &mut [PixelLanes; N]) {
     let count = N - FROM;
     (0..count / 2).for_each(|i| sort(all, FROM + i, N - 1 - i));
     (FROM + 1..FROM + count.div_ceil(2)).for_each(|k| sort(all, FROM, k));
@@ -174,7 +179,7 @@ fn ends<const N: usize, const FROM: usize>(all: &mut [Lanes; N]) {
 
 /// Sorts two of the values, in each lane.
 #[inline(always)]
-fn sort<const N: usize>(all: &mut [Lanes; N], low: usize, high: usize) {
+fn sort<const N: usize>(all: &mut [PixelLanes; N], low: usize, high: usize) {
     let a = all[low];
     let b = all[high];
     all[low] = std::array::from_fn(|k| lesser(a[k], b[k]));

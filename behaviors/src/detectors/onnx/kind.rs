@@ -1,7 +1,7 @@
 //! The detector kind `onnx`.
 
 use super::network::{NetworkOutput, NetworkSetup};
-use super::process::{RunError, Runner};
+use super::process::{NetworkRunError, NetworkRunner};
 use super::settings::{OnnxDetectorSettings, OnnxOutput};
 use crate::detectors::picture::Picture;
 use mobee_contract::*;
@@ -11,7 +11,7 @@ use std::time::Duration;
 /// Finds objects by an imported network.
 pub struct OnnxDetector {
     settings: OnnxDetectorSettings,
-    network: Runner,
+    network: NetworkRunner,
     /// Width and height of the network's input, pixels.
     size: [usize; 2],
     /// Mask of the last frame.
@@ -39,7 +39,7 @@ impl OnnxDetector {
             output: settings.output.name().map(str::to_owned),
             limits: settings.limits,
         };
-        let (network, size) = Runner::start(&setup).map_err(|mut e| {
+        let (network, size) = NetworkRunner::start(&setup).map_err(|mut e| {
             e.what = format!("{at}: {}", e.what);
             e
         })?;
@@ -67,11 +67,11 @@ impl OnnxDetector {
         let picture = Picture { width, height, rgb: (0..width * height * 3).map(value).collect() };
         let at = self.settings.file.display();
         let output = self.network.run(&picture).map_err(|e| match e {
-            RunError::Refused(e) => {
+            NetworkRunError::Refused(e) => {
                 let help = "give a network that takes one image, of the size and layout given in `input`";
                 KindError::new("file", format!("{at} can't be run: {e}"), help)
             }
-            RunError::Ended(why) => {
+            NetworkRunError::Ended(why) => {
                 let help = "export a simpler network, or raise `limits`";
                 KindError::new("file", format!("{at} can't be run: {why}"), help)
             }
@@ -154,11 +154,11 @@ impl Detector for OnnxDetector {
         // The network was tried at the start. If it fails on this image, nothing is detected.
         let output = match self.network.run(&picture) {
             Ok(output) => output,
-            Err(RunError::Ended(why)) => {
+            Err(NetworkRunError::Ended(why)) => {
                 self.failure = Some(format!("the network failed on a picture: {why}"));
                 return Vec::new();
             }
-            Err(RunError::Refused(why)) => {
+            Err(NetworkRunError::Refused(why)) => {
                 self.complain(format!("the network can't be run on an image, so nothing is detected in it: {why}"));
                 return Vec::new();
             }

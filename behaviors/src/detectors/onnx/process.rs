@@ -118,7 +118,7 @@ fn numbers(bytes: &[u8]) -> Option<[usize; 2]> {
 
 /// Reason why a network has no output for an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum RunError {
+pub(super) enum NetworkRunError {
     /// The network can't be run on the image.
     Refused(String),
     /// The network's process has ended.
@@ -126,26 +126,26 @@ pub(super) enum RunError {
 }
 
 /// A network that is ready to run, in this process or its own.
-pub(super) enum Runner {
+pub(super) enum NetworkRunner {
     Here(Box<OnnxNetwork>),
     Process(NetworkProcess),
 }
 
-impl Runner {
+impl NetworkRunner {
     /// Loads a network, and returns it with the width and height of its input, pixels.
     ///
     /// # Errors
     /// As for [`OnnxNetwork::load`], and a process that can't be started or ends.
-    pub(super) fn start(setup: &NetworkSetup) -> Result<(Runner, [usize; 2]), KindError> {
+    pub(super) fn start(setup: &NetworkSetup) -> Result<(NetworkRunner, [usize; 2]), KindError> {
         match PROGRAM.get() {
             None => {
                 let network = OnnxNetwork::load(setup)?;
                 let size = network.size;
-                Ok((Runner::Here(Box::new(network)), size))
+                Ok((NetworkRunner::Here(Box::new(network)), size))
             }
             Some((program, arguments)) => {
                 let (process, size) = NetworkProcess::start(program, arguments, setup)?;
-                Ok((Runner::Process(process), size))
+                Ok((NetworkRunner::Process(process), size))
             }
         }
     }
@@ -154,10 +154,10 @@ impl Runner {
     ///
     /// # Errors
     /// The reason why there is no output.
-    pub(super) fn run(&mut self, picture: &Picture) -> Result<NetworkOutput, RunError> {
+    pub(super) fn run(&mut self, picture: &Picture) -> Result<NetworkOutput, NetworkRunError> {
         match self {
-            Runner::Here(network) => network.run(picture).map_err(RunError::Refused),
-            Runner::Process(process) => process.run(picture),
+            NetworkRunner::Here(network) => network.run(picture).map_err(NetworkRunError::Refused),
+            NetworkRunner::Process(process) => process.run(picture),
         }
     }
 }
@@ -208,15 +208,15 @@ impl NetworkProcess {
         Ok((process, size))
     }
 
-    fn run(&mut self, picture: &Picture) -> Result<NetworkOutput, RunError> {
+    fn run(&mut self, picture: &Picture) -> Result<NetworkOutput, NetworkRunError> {
         let [width, height] = [picture.width, picture.height].map(|n| (n as u32).to_le_bytes());
-        let answer = self.call(&[&width, &height, &picture.rgb]).map_err(RunError::Ended)?;
+        let answer = self.call(&[&width, &height, &picture.rgb]).map_err(NetworkRunError::Ended)?;
         let output = match answer.split_first() {
             Some((0, rest)) => rest.split_first().and_then(|(bytes, rest)| rest.split_at_checked(usize::from(*bytes))),
-            Some((_, why)) => return Err(RunError::Refused(String::from_utf8_lossy(why).into_owned())),
+            Some((_, why)) => return Err(NetworkRunError::Refused(String::from_utf8_lossy(why).into_owned())),
             None => None,
         };
-        let (shape, values) = output.ok_or_else(|| RunError::Ended("its answer is damaged".into()))?;
+        let (shape, values) = output.ok_or_else(|| NetworkRunError::Ended("its answer is damaged".into()))?;
         let four = |b: &[u8]| [b[0], b[1], b[2], b[3]];
         Ok(NetworkOutput {
             shape: shape.chunks_exact(4).map(|b| u32::from_le_bytes(four(b)) as usize).collect(),

@@ -19,7 +19,7 @@ struct Guess {
 /// A refined estimate: half the sum of the squared whitened residuals, and the information matrix
 /// of position and rotation.
 #[derive(Clone, Copy, Debug)]
-struct Fit {
+struct PoseFit {
     guess: Guess,
     cost: f64,
     information: Matrix6<f64>,
@@ -138,7 +138,7 @@ fn look(guess: &Guess, corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Optio
 }
 
 /// Refines an estimate by Levenberg-Marquardt.
-fn refine(guess: &Guess, corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option<Fit> {
+fn refine(guess: &Guess, corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Option<PoseFit> {
     let mut guess = *guess;
     let (mut gradient, mut information, mut cost) = look(&guess, corners, size, lens)?;
     let mut damping = 1e-3;
@@ -163,5 +163,5 @@ fn refine(guess: &Guess, corners: &[[f64; 2]; 4], size: f64, lens: &Lens) -> Opt
             _ => damping *= 8.0,
         }
     }
-    Some(Fit { guess, cost, information })
+    Some(PoseFit { guess, cost, information })
 }

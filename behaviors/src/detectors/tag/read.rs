@@ -33,7 +33,7 @@ impl Gray<'_> {
 
 /// Result of decoding a quad.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reading {
+pub struct DecodedTag {
     /// Number of the tag.
     pub id: u16,
     /// Number of misread bits.
@@ -71,7 +71,7 @@ impl Codes {
     ///
     /// # Arguments
     /// * `place`: maps a position in the quad, with its border from -1 to 1, to the image.
-    pub fn read(&self, gray: &Gray, place: impl Fn(f64, f64) -> [f64; 2]) -> Option<Reading> {
+    pub fn read(&self, gray: &Gray, place: impl Fn(f64, f64) -> [f64; 2]) -> Option<DecodedTag> {
         let side = self.cells + 2;
         let own = |k: usize| (k as f64 - 0.5) / self.cells as f64 * 2.0 - 1.0;
         let mut values = Vec::with_capacity(side * side);
@@ -113,7 +113,7 @@ impl Codes {
         }
         let mean = |k: usize| if counts[k] > 0.0 { sums[k] / counts[k] } else { 0.0 };
         let margin = mean(0).min(mean(1)).min(255.0);
-        let mut best: Option<Reading> = None;
+        let mut best: Option<DecodedTag> = None;
         for quarters in 0..4u8 {
             let code = self.bits.iter().fold(0u64, |code, [x, y]| {
                 let [x, y] = (0..quarters).fold([*x, *y], |[x, y], _| [self.cells - 1 - y, x]);
@@ -122,7 +122,7 @@ impl Codes {
             for (of, id) in self.codes.iter().zip(0u16..) {
                 let errors = (of ^ code).count_ones() as u8;
                 if best.is_none_or(|b| errors < b.errors) {
-                    best = Some(Reading { id, errors, quarters, margin });
+                    best = Some(DecodedTag { id, errors, quarters, margin });
                 }
             }
         }

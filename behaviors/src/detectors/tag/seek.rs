@@ -46,10 +46,10 @@ const MAX_ERRORS: u8 = 2;
 pub struct TagSeeker {
     codes: Codes,
     /// Buffers that are reused while the image size is constant.
-    work: Option<Work>,
+    work: Option<TagBuffers>,
 }
 
-struct Work {
+struct TagBuffers {
     size: ImageSize,
     /// Without a family: decodes nothing.
     config: DecodeTagsConfig,
@@ -59,13 +59,13 @@ struct Work {
     parts: UnionFind,
 }
 
-impl Work {
-    fn new(size: ImageSize) -> Option<Work> {
+impl TagBuffers {
+    fn new(size: ImageSize) -> Option<TagBuffers> {
         let mut config = DecodeTagsConfig::new(Vec::new());
         (config.downscale_factor, config.min_tag_width, config.normal_border) = (1, MIN_TAG_PX, true);
         let pixels = Image::from_size_val(size, Pixel::Skip, CpuAllocator).ok()?;
         let parts = UnionFind::new(size.width * size.height);
-        Some(Work { size, config, pixels, tiles: TileMinMax::new(size, TILE_PX), parts })
+        Some(TagBuffers { size, config, pixels, tiles: TileMinMax::new(size, TILE_PX), parts })
     }
 
     /// Finds quadrilaterals that are black within white.
@@ -105,7 +105,7 @@ impl TagSeeker {
         let size = ImageSize { width, height };
         let image = Image::<u8, 1, CpuAllocator>::new(size, gray(picture, width, height), CpuAllocator).ok()?;
         if self.work.as_ref().is_none_or(|w| w.size != size) {
-            self.work = Work::new(size);
+            self.work = TagBuffers::new(size);
         }
         let quads = self.work.as_mut()?.quads(&image)?;
         let gray = Gray { width, height, data: image.as_slice() };

@@ -20,7 +20,7 @@ const MAX_COORDINATE: f64 = 1e6;
 const MAX_NEIGHBORS: usize = 64;
 
 /// One number per point of a tile.
-type Row = [f32; TILE_POINTS];
+type TileRow = [f32; TILE_POINTS];
 
 /// Nearest neighbors by a linear scan: the fastest structure in many dimensions, and the reference
 /// for the tree.
@@ -37,7 +37,7 @@ pub struct Flat {
     points: Vec<f64>,
     slots: BTreeMap<u32, usize>,
     /// Copy in `f32`: `dimension` rows for each tile; infinity in lanes without a point.
-    tiles: Vec<Row>,
+    tiles: Vec<TileRow>,
     /// Largest absolute coordinate that was ever added, up to [`MAX_COORDINATE`].
     largest: f64,
     /// Number of points beyond [`MAX_COORDINATE`].
@@ -114,7 +114,7 @@ impl Flat {
     }
 
     /// Returns the rows of a tile.
-    fn tile(&self, tile: usize) -> &[Row] {
+    fn tile(&self, tile: usize) -> &[TileRow] {
         let from = tile * self.dimension;
         self.tiles.get(from..from + self.dimension).unwrap_or(&[])
     }
@@ -190,7 +190,7 @@ impl Neighbors for Flat {
 /// Returns the squared distances of a point from those of a tile; `None` as soon as all exceed the
 /// limit.
 #[inline(always)]
-fn squares(row: &[f32], tile: &[Row], turning: &[bool], limit: f32) -> Option<Row> {
+fn squares(row: &[f32], tile: &[TileRow], turning: &[bool], limit: f32) -> Option<TileRow> {
     let mut sums = [0.0f32; TILE_POINTS];
     for (from, coordinates) in tile.chunks(CHECK_INTERVAL).enumerate() {
         for (i, xs) in coordinates.iter().enumerate() {

@@ -11,7 +11,7 @@ use std::num::NonZero;
 /// repeated configurations, grids). Therefore the tree contains every coordinate shifted by up to
 /// [`JITTER`]; results use the unshifted points. If the tree still rejects a point, it is replaced
 /// by the scan, so no point is ever lost.
-pub(super) struct Tree<const N: usize> {
+pub(super) struct PointTree<const N: usize> {
     flat: Flat,
     pub(super) tree: Option<MutableKdTree<f64, N>>,
 }
@@ -19,13 +19,13 @@ pub(super) struct Tree<const N: usize> {
 /// Maximum shift of each coordinate in the tree's copy of a point.
 const JITTER: f64 = 1e-9;
 
-impl<const N: usize> Default for Tree<N> {
+impl<const N: usize> Default for PointTree<N> {
     fn default() -> Self {
-        Tree { flat: Flat::new(N, &JointMetric::default()), tree: Some(MutableKdTree::default()) }
+        PointTree { flat: Flat::new(N, &JointMetric::default()), tree: Some(MutableKdTree::default()) }
     }
 }
 
-impl<const N: usize> Neighbors for Tree<N> {
+impl<const N: usize> Neighbors for PointTree<N> {
     fn add(&mut self, id: u32, q: &[f64]) {
         self.remove(id);
         let q = fixed::<N>(q);

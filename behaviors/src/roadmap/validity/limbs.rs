@@ -42,7 +42,7 @@ pub(super) type WorldBox = [f32; 6];
 pub(super) struct Limbs {
     base: Isometry3<f64>,
     /// Joints that the map moves; joint `i` carries body `i + 1`, and body 0 is fixed.
-    hinges: Vec<Carrier>,
+    hinges: Vec<LimbCarrier>,
     limbs: Vec<Limb>,
     /// Body of each frame of the robot.
     body: Vec<usize>,
@@ -51,7 +51,7 @@ pub(super) struct Limbs {
 }
 
 #[derive(Clone, Debug)]
-struct Carrier {
+struct LimbCarrier {
     parent: usize,
     /// `parent_from_hinge` at position zero.
     at: Isometry3<f64>,
@@ -81,7 +81,7 @@ impl Limbs {
             let body = Vec::new();
             return Limbs { base, hinges: Vec::new(), limbs: Vec::new(), body, first_frame };
         };
-        let mut hinges: Vec<Carrier> = Vec::new();
+        let mut hinges: Vec<LimbCarrier> = Vec::new();
         // For each frame: its body, `body_from_frame`, and the joint that carries it if the map
         // moves that.
         let mut bodies = vec![(0, Isometry3::identity())];
@@ -91,7 +91,7 @@ impl Limbs {
             let at = above * hinge.at;
             if let Some(rank) = motors.iter().position(|m| *m == hinge.motor) {
                 let hinge = Hinge { motor: rank, ..hinge.clone() };
-                hinges.push(Carrier { parent: body, at, hinge });
+                hinges.push(LimbCarrier { parent: body, at, hinge });
                 carriers.push(Some(hinges.len() - 1));
                 bodies.push((hinges.len(), Isometry3::identity()));
             } else {
@@ -131,7 +131,8 @@ impl Limbs {
     /// Appends the box that each limb sweeps on the straight line between two configurations of the
     /// map's motors (rad at the encoder).
     pub fn sweep(&self, from: &[f64], to: &[f64], boxes: &mut Vec<WorldBox>) {
-        let way = |c: &Carrier| (to.get(c.hinge.motor).unwrap_or(&0.0) - from.get(c.hinge.motor).unwrap_or(&0.0)).abs();
+        let way =
+            |c: &LimbCarrier| (to.get(c.hinge.motor).unwrap_or(&0.0) - from.get(c.hinge.motor).unwrap_or(&0.0)).abs();
         let ways: Vec<f64> = self.hinges.iter().map(way).collect();
         let bends: Vec<f64> = self.limbs.iter().map(|limb| self.bend(limb, &ways)).collect();
         let most = bends.iter().copied().fold(0.0, f64::max);
@@ -177,7 +178,7 @@ impl Limbs {
     fn place(&self, q: &[f64], bodies: &mut Vec<Isometry3<f64>>) {
         bodies.clear();
         bodies.push(self.base);
-        for Carrier { parent, at, hinge } in &self.hinges {
+        for LimbCarrier { parent, at, hinge } in &self.hinges {
             let parent = bodies.get(*parent).copied().unwrap_or(self.base);
             bodies.push(parent * at * hinge.motion.by(&hinge.axis, hinge.position(q)));
         }

@@ -27,14 +27,14 @@ pub(super) struct SeenWorld {
     pub limbs: Limbs,
     poses: ScenePoses,
     /// Checker of the robot with itself.
-    own: Checker,
-    objects: BTreeMap<u32, SeenObject>,
+    own: ObjectPairs,
+    objects: BTreeMap<u32, CheckedObject>,
 }
 
 /// An object, and the checker of the robot with it alone, created when needed.
-struct SeenObject {
+struct CheckedObject {
     object: Arc<Object>,
-    checker: Option<Checker>,
+    checker: Option<ObjectPairs>,
 }
 
 impl SeenWorld {
@@ -43,11 +43,11 @@ impl SeenWorld {
         let limbs = Limbs::new(&scene, view.robot, motors, view.pose());
         let carried = limbs.carried(&scene);
         let owner = |i: u32| scene.shape_id(i).and_then(ShapeId::robot);
-        let own = Checker::new(&scene, view.clearance, |i, j| {
+        let own = ObjectPairs::new(&scene, view.clearance, |i, j| {
             let apart = carried.get(i as usize) != carried.get(j as usize);
             apart && owner(i) == Some(view.robot) && owner(j) == Some(view.robot)
         });
-        let seen = |o: &Arc<Object>| SeenObject { object: o.clone(), checker: None };
+        let seen = |o: &Arc<Object>| CheckedObject { object: o.clone(), checker: None };
         let objects = scene.objects().map(|(id, o)| (id, seen(o))).collect();
         let poses = ScenePoses::new(&scene, view, motors);
         let robot = view.robot;
@@ -79,7 +79,7 @@ impl SeenWorld {
             if known.is_none() {
                 changed.insert(id);
             }
-            objects.insert(id, known.unwrap_or_else(|| SeenObject { object: object.clone(), checker: None }));
+            objects.insert(id, known.unwrap_or_else(|| CheckedObject { object: object.clone(), checker: None }));
         }
         changed.extend(self.objects.keys());
         self.objects = objects;
@@ -95,7 +95,7 @@ impl SeenWorld {
     /// Returns boxes around an object's shapes, enlarged by the clearance; empty if it is not an
     /// obstacle.
     pub fn region(&self, object: u32) -> Vec<WorldBox> {
-        let Some(SeenObject { object, .. }) = self.objects.get(&object) else { return Vec::new() };
+        let Some(CheckedObject { object, .. }) = self.objects.get(&object) else { return Vec::new() };
         let around = self.clearance + ROUNDING_M;
         let shapes = object.shapes.iter().filter(|_| object.class == ObjectClass::Obstacle);
         let region = |shape: &Primitive| {
@@ -120,7 +120,7 @@ impl SeenWorld {
             let moves = |i: u32| carried.get(i as usize).is_some_and(|body| *body > 0);
             let is_it =
                 |i: u32| matches!(self.scene.shape_id(i), Some(ShapeId::Object { object: o, .. }) if o == object);
-            Checker::new(&self.scene, self.clearance, |i, j| (moves(i) && is_it(j)) || (moves(j) && is_it(i)))
+            ObjectPairs::new(&self.scene, self.clearance, |i, j| (moves(i) && is_it(j)) || (moves(j) && is_it(i)))
         });
         checker.certify(&mut self.poses, ways)
     }
@@ -166,11 +166,11 @@ impl ScenePoses {
 
 /// The pairs relevant to one object, compiled. `None` (an invalid clearance): nothing can be
 /// certified.
-struct Checker(Option<FastScene>);
+struct ObjectPairs(Option<FastScene>);
 
-impl Checker {
-    fn new(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> Checker {
-        Checker(FastScene::of_pairs(scene, clearance, keep).ok())
+impl ObjectPairs {
+    fn new(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> ObjectPairs {
+        ObjectPairs(FastScene::of_pairs(scene, clearance, keep).ok())
     }
 
     /// Certifies edges, each given by the positions of the map's motors at its start and then at

@@ -1,14 +1,14 @@
 //! Connections of the clients: their shares in motions, and the failures that they have not been informed of.
 
-use super::{Client, Seen};
+use super::{BoardClient, RobotSnapshot};
 use mobee_contract::{CommitId, MotionEnd, SILENCE, Time};
 use std::collections::{BTreeMap, BTreeSet};
 
 #[derive(Default)]
-pub(super) struct Lines(BTreeMap<u64, Line>);
+pub(super) struct ConnectionStates(BTreeMap<u64, ConnectionState>);
 
 #[derive(Default)]
-struct Line {
+struct ConnectionState {
     /// Client's name, if its connections can be recognized as related.
     family: Option<String>,
     /// Present motion, and the motors that the client moved in it.
@@ -26,9 +26,9 @@ fn family(from: &str) -> Option<String> {
     (matches!(tail, "rpc:o" | "command:o") && !head.is_empty()).then(|| head.to_owned())
 }
 
-impl Lines {
+impl ConnectionStates {
     /// Updates a connection and its motion when something arrives on it.
-    pub(super) fn update(&mut self, client: &Client, seen: &Seen) {
+    pub(super) fn update(&mut self, client: &BoardClient, seen: &RobotSnapshot) {
         let line = self.0.entry(client.connection).or_default();
         if line.family.is_none() {
             line.family = family(client.from);
@@ -46,13 +46,13 @@ impl Lines {
     }
 
     /// True if the client has not been informed of a failure.
-    pub(super) fn failed(&self, client: &Client) -> bool {
+    pub(super) fn failed(&self, client: &BoardClient) -> bool {
         self.0.get(&client.connection).is_some_and(|l| l.failed)
     }
 
     /// True if a stream has to be ignored, because it took part in a failure and has not been silent since.
     /// Counts as receiving a command.
-    pub(super) fn deaf(&mut self, client: &Client, now: Time) -> bool {
+    pub(super) fn deaf(&mut self, client: &BoardClient, now: Time) -> bool {
         let Some(line) = self.0.get_mut(&client.connection) else { return false };
         let silent = line.heard.replace(now).is_some_and(|heard| now.since(heard) >= SILENCE);
         if silent || line.innocent {
@@ -63,7 +63,7 @@ impl Lines {
 
     /// Records that the client was informed by a refusal, on this connection and on related ones without
     /// replies.
-    pub(super) fn inform_family(&mut self, client: &Client) {
+    pub(super) fn inform_family(&mut self, client: &BoardClient) {
         let Some(line) = self.0.get_mut(&client.connection) else { return };
         (line.open, line.failed) = (None, false);
         let Some(family) = line.family.clone() else { return };
@@ -74,7 +74,7 @@ impl Lines {
 
     /// Records that the client moves these motors in this motion, and so does its RPC connection if this one
     /// has no replies.
-    pub(super) fn moves(&mut self, client: &Client, id: CommitId, motors: &[usize]) {
+    pub(super) fn moves(&mut self, client: &BoardClient, id: CommitId, motors: &[usize]) {
         let Some(line) = self.0.get(&client.connection) else { return };
         let family = line.family.clone().filter(|_| !client.listens);
         for (connection, line) in &mut self.0 {
@@ -92,15 +92,16 @@ impl Lines {
     }
 
     /// Motors that clients move in present motions.
-    pub(super) fn moving(&self, seen: &Seen) -> BTreeSet<usize> {
-        let under_way = |line: &&Line| line.open.as_ref().is_some_and(|(id, _)| (seen.end_of)(*id).is_none());
+    pub(super) fn moving(&self, seen: &RobotSnapshot) -> BTreeSet<usize> {
+        let under_way =
+            |line: &&ConnectionState| line.open.as_ref().is_some_and(|(id, _)| (seen.end_of)(*id).is_none());
         self.0.values().filter(under_way).filter_map(|l| l.open.as_ref()).flat_map(|(_, m)| m.iter().copied()).collect()
     }
 
-    /// Same as [`Lines::moving`], without clients whose motors have all arrived while other clients continue
+    /// Same as [`ConnectionStates::moving`], without clients whose motors have all arrived while other clients continue
     /// in the same motion.
-    pub(super) fn under_way(&self, seen: &Seen, arrived: impl Fn(usize) -> bool) -> BTreeSet<usize> {
-        let open = |(connection, line): (&u64, &'_ Line)| {
+    pub(super) fn under_way(&self, seen: &RobotSnapshot, arrived: impl Fn(usize) -> bool) -> BTreeSet<usize> {
+        let open = |(connection, line): (&u64, &'_ ConnectionState)| {
             let (id, motors) = line.open.clone().filter(|(id, _)| (seen.end_of)(*id).is_none())?;
             Some((*connection, line.family.clone(), id, motors))
         };
@@ -117,7 +118,7 @@ impl Lines {
 
     /// Records that a client stopped all present motions, so that ending short of the target is not a
     /// failure.
-    pub(super) fn stopped(&mut self, seen: &Seen) {
+    pub(super) fn stopped(&mut self, seen: &RobotSnapshot) {
         for line in self.0.values_mut() {
             if line.open.as_ref().is_some_and(|(id, _)| (seen.end_of)(*id).is_none()) {
                 line.open = None;

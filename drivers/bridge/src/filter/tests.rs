@@ -9,8 +9,8 @@ fn go(joints: &[usize], values: &[f64]) -> BoardRequest {
     BoardRequest::Move { joints: joints.to_vec(), values: values.to_vec(), relative: false }
 }
 
-fn client(connection: u64) -> Client<'static> {
-    Client { part: 0, connection, from: "/me/rpc:o", listens: true }
+fn client(connection: u64) -> BoardClient<'static> {
+    BoardClient { part: 0, connection, from: "/me/rpc:o", listens: true }
 }
 
 #[test]
@@ -20,7 +20,7 @@ fn a_move_is_a_commit_at_the_references_that_the_client_has_set() {
     assert_eq!(b.ask(1, &slow), Err(BoardReply::Accepted));
     assert_eq!((b.core.board(0)[1].ref_speed, b.core.board(0)[1].set.speed), (20.0, true), "the amount");
     let step = b.seen(|core, seen| core.request(&client(1), &go(&[1, 0], &[-90.0, 10.0]), seen));
-    let Step::Commit(commit) = step else { panic!("no commit: {step:?}") };
+    let FilterDecision::Commit(commit) = step else { panic!("no commit: {step:?}") };
     assert_eq!(commit.target.motors, [1, 0]);
     assert!((commit.speeds.unwrap()[0].to_degrees() - 20.0).abs() < 1e-9);
     let speeds = BoardRequest::Question(Question::Speeds(vec![0, 1]));
@@ -57,7 +57,7 @@ fn what_does_not_fit_the_board_is_refused() {
 fn a_stream_takes_motions_only_and_a_question_learns_of_what_is_open() {
     let mut b = Bench::new();
     let velocity = BoardRequest::Velocity { joints: vec![0], values: vec![500.0] };
-    let Some(Step::Stream(setpoints)) = b.stream(7, &velocity) else { panic!("no stream") };
+    let Some(FilterDecision::Stream(setpoints)) = b.stream(7, &velocity) else { panic!("no stream") };
     let Values::Velocity(values) = setpoints.values else { panic!("no velocities") };
     assert!((values[0].to_degrees() - 50.0).abs() < 1e-9, "no faster than the motor can");
     assert_eq!(b.stream(7, &BoardRequest::Stop(vec![0])), None);
@@ -105,12 +105,12 @@ proptest! {
                 false => Some(core.request(&client(1), &request, seen)),
             });
             match step {
-                Some(Step::Commit(c)) => {
+                Some(FilterDecision::Commit(c)) => {
                     prop_assert!(c.target.motors.iter().all(|m| *m < 2));
                     prop_assert!(c.target.q.iter().all(|q| q.to_degrees().abs() <= 90.0 + 1e-9));
                     prop_assert!(c.speeds.unwrap().iter().all(|s| *s > 0.0 && s.to_degrees() <= 50.0 + 1e-9));
                 }
-                Some(Step::Stream(s)) => {
+                Some(FilterDecision::Stream(s)) => {
                     prop_assert!(s.motors.iter().all(|m| *m < 2));
                     let most = if matches!(s.values, Values::Velocity(_)) { 50.0 } else { 90.0 };
                     let (Values::Position(values) | Values::Velocity(values)) = s.values;

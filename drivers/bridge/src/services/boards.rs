@@ -1,7 +1,7 @@
 //! Service of the filter: a control board in front of each part of a robot.
 
 use super::YarpSettings;
-use crate::filter::{BoardReply, Client, FilterCore, Question, Seen, Step, closed};
+use crate::filter::{BoardClient, BoardReply, FilterCore, FilterDecision, Question, RobotSnapshot, closed};
 use crate::yarp;
 use mobee_contract::{CommitId, Filtered, NativeMessage, Refusal, Running, Status, Verdict};
 use mobee_model::Robot;
@@ -21,12 +21,12 @@ const STARTING: usize = 200;
 const WAITING: usize = 64;
 
 /// Filtered boards of one robot, open until closed or dropped.
-pub(crate) struct Boards {
+pub(crate) struct FilteredBoards {
     servers: Vec<BoardServer>,
     tasks: Vec<JoinHandle<()>>,
 }
 
-impl Boards {
+impl FilteredBoards {
     /// Opens a board for every part that has a port prefix.
     ///
     /// # Errors
@@ -38,7 +38,7 @@ impl Boards {
         model: &Robot,
         prefixes: &[Option<String>],
         settings: &YarpSettings,
-    ) -> Result<Boards, PortError> {
+    ) -> Result<FilteredBoards, PortError> {
         let period = settings.period();
         let core = FilterCore::new(filtered.name(), model, filtered.board(), &filtered.latest().q, settings.speed);
         let robot = Arc::new(RobotFilter {
@@ -47,7 +47,7 @@ impl Boards {
             core: Mutex::new(core),
             network: network.clone(),
         });
-        let mut boards = Boards { servers: Vec::new(), tasks: Vec::new() };
+        let mut boards = FilteredBoards { servers: Vec::new(), tasks: Vec::new() };
         for ((index, part), prefix) in model.parts.iter().enumerate().zip(prefixes) {
             let Some(prefix) = prefix else { continue };
             let (jobs, waiting) = mpsc::channel(WAITING);
@@ -90,12 +90,12 @@ struct RobotFilter {
 
 impl RobotFilter {
     /// Calls the core with the present state of the robot.
-    fn with<T>(&self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
+    fn with<T>(&self, f: impl FnOnce(&mut FilterCore, &RobotSnapshot) -> T) -> T {
         let latest = self.filtered.latest();
         let end_of = |id: CommitId| self.filtered.end_of(id);
         let to_blame = |id: CommitId| self.filtered.to_blame(id);
         let now = self.running.now();
-        let seen = Seen { now, status: latest.status, q: &latest.q, end_of: &end_of, to_blame: &to_blame };
+        let seen = RobotSnapshot { now, status: latest.status, q: &latest.q, end_of: &end_of, to_blame: &to_blame };
         let mut core = self.core.lock().unwrap_or_else(PoisonError::into_inner);
         core.sense(latest.at, &latest.q, latest.status);
         f(&mut core, &seen)
@@ -117,7 +117,7 @@ impl PartFilter {
     async fn rpc(self: Arc<Self>, message: Message) -> Payload {
         let dialect = self.robot.network.dialect();
         self.started().await;
-        let client = Client {
+        let client = BoardClient {
             part: self.index,
             connection: message.connection,
             from: &message.from,
@@ -129,9 +129,9 @@ impl PartFilter {
         let (failed, step) =
             self.robot.with(|core, seen| (core.has_failed(&client, seen), core.request(&client, &parsed, seen)));
         match &step {
-            Step::Reply(reply) => self.explained(*reply, failed, None).into(),
-            Step::Question(question) => self.query(&client, question, &message, &request).await,
-            Step::Commit(_) | Step::Stream(_) | Step::Stop => {
+            FilterDecision::Reply(reply) => self.explained(*reply, failed, None).into(),
+            FilterDecision::Question(question) => self.query(&client, question, &message, &request).await,
+            FilterDecision::Commit(_) | FilterDecision::Stream(_) | FilterDecision::Stop => {
                 let (reply, refusal) = self.act(&client, &step).await;
                 self.explained(reply, false, refusal).into()
             }
@@ -165,7 +165,13 @@ impl PartFilter {
     }
 
     /// Passes a query on to the board, and its answer back.
-    async fn query(&self, client: &Client<'_>, question: &Question, message: &Message, request: &Bottle) -> Payload {
+    async fn query(
+        &self,
+        client: &BoardClient<'_>,
+        question: &Question,
+        message: &Message,
+        request: &Bottle,
+    ) -> Payload {
         let dialect = self.robot.network.dialect();
         let words = message.payload.binary(dialect).map(|b| b.to_vec()).unwrap_or_default();
         let Some(answer) = self.robot.filtered.passthrough(&self.name, NativeMessage(words)) else {
@@ -187,7 +193,7 @@ impl PartFilter {
     }
 
     /// Answers a query on behalf of a board that has no protocol of its own.
-    fn answer(&self, client: &Client<'_>, question: &Question, request: &Bottle) -> Bottle {
+    fn answer(&self, client: &BoardClient<'_>, question: &Question, request: &Bottle) -> Bottle {
         let known = self.robot.with(|core, seen| match core.knows_better(client, question, seen) {
             Ok(known) => {
                 let mut stamp = self.answers.lock().unwrap_or_else(PoisonError::into_inner);
@@ -200,17 +206,19 @@ impl PartFilter {
     }
 
     /// Moves or stops the robot. Returns the reply, and the reason of a refusal.
-    async fn act(&self, client: &Client<'_>, step: &Step) -> (BoardReply, Option<Refusal>) {
+    async fn act(&self, client: &BoardClient<'_>, step: &FilterDecision) -> (BoardReply, Option<Refusal>) {
         let filtered = &self.robot.filtered;
         let agent = self.robot.with(|core, _| core.agent());
         let verdict: Verdict = match step {
-            Step::Commit(commit) => self.patiently(|| filtered.commit(commit.clone())).await,
-            Step::Stream(setpoints) => self.patiently(|| filtered.stream(agent.clone(), setpoints.clone())).await,
-            Step::Stop => {
+            FilterDecision::Commit(commit) => self.patiently(|| filtered.commit(commit.clone())).await,
+            FilterDecision::Stream(setpoints) => {
+                self.patiently(|| filtered.stream(agent.clone(), setpoints.clone())).await
+            }
+            FilterDecision::Stop => {
                 filtered.stop(agent);
                 return (BoardReply::Accepted, None);
             }
-            Step::Reply(_) | Step::Question(_) => return (BoardReply::Refused, None),
+            FilterDecision::Reply(_) | FilterDecision::Question(_) => return (BoardReply::Refused, None),
         };
         if let Err(refusal) = &verdict {
             tracing::debug!(part = self.name, from = client.from, %refusal, "a motion was refused");
@@ -233,9 +241,9 @@ impl PartFilter {
     }
 
     /// Passes streamed commands on, in order.
-    async fn give_on(self: Arc<Self>, mut waiting: mpsc::Receiver<Job>) {
+    async fn give_on(self: Arc<Self>, mut waiting: mpsc::Receiver<StreamedCommand>) {
         while let Some(job) = waiting.recv().await {
-            let client = Client { part: self.index, connection: job.connection, from: &job.from, listens: false };
+            let client = BoardClient { part: self.index, connection: job.connection, from: &job.from, listens: false };
             self.act(&client, &job.step).await;
         }
     }
@@ -282,16 +290,16 @@ fn in_words(status: Status, met: Option<[String; 2]>, failed: bool, refusal: Opt
 }
 
 /// A streamed command in transit.
-struct Job {
+struct StreamedCommand {
     connection: u64,
     from: String,
-    step: Step,
+    step: FilterDecision,
 }
 
 /// Device behind a part's four ports.
 struct PartDevice {
     part: Arc<PartFilter>,
-    jobs: mpsc::Sender<Job>,
+    jobs: mpsc::Sender<StreamedCommand>,
     published: Mutex<(Stamp, Option<u64>)>,
 }
 
@@ -301,11 +309,11 @@ impl Device for PartDevice {
     }
 
     fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>) {
-        let client = Client { part: self.part.index, connection, from, listens: false };
+        let client = BoardClient { part: self.part.index, connection, from, listens: false };
         let parsed = yarp::board::streamed(&head, &body, &self.part.units);
         let step = self.part.robot.with(|core, seen| core.streamed(&client, &parsed, seen));
         if let Some(step) = step
-            && self.jobs.try_send(Job { connection, from: from.to_owned(), step }).is_err()
+            && self.jobs.try_send(StreamedCommand { connection, from: from.to_owned(), step }).is_err()
         {
             tracing::debug!(part = self.part.name, from, "a streamed command was dropped: they come too quickly");
         }

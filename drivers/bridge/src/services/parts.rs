@@ -23,8 +23,8 @@ use std::time::Duration;
 const PERIOD: Duration = Duration::from_millis(20);
 
 /// Ports of one robot.
-pub(super) struct RobotPorts {
-    robot: Arc<Known>,
+pub(super) struct OpenRobotPorts {
+    robot: Arc<SharedRobot>,
     servers: Vec<RpcServer>,
     parts: Vec<PartPorts>,
     collisions: OutputPort,
@@ -32,7 +32,7 @@ pub(super) struct RobotPorts {
 }
 
 /// State shared by all ports of a robot.
-pub(super) struct Known {
+pub(super) struct SharedRobot {
     pub running: Arc<dyn Running>,
     pub filtered: Arc<dyn Filtered>,
     pub model: Arc<Robot>,
@@ -47,7 +47,7 @@ pub(super) struct PartPorts {
     pub control: Option<(ForceField, InputPort)>,
 }
 
-impl RobotPorts {
+impl OpenRobotPorts {
     /// Opens all ports. `taken` contains the names of parts of earlier robots.
     ///
     /// # Errors
@@ -59,9 +59,9 @@ impl RobotPorts {
         model: &Arc<Robot>,
         settings: &YarpSettings,
         taken: &mut BTreeSet<String>,
-    ) -> Result<RobotPorts, String> {
+    ) -> Result<OpenRobotPorts, String> {
         let wrong = |e: PortError| e.to_string();
-        let robot = Arc::new(Known {
+        let robot = Arc::new(SharedRobot {
             running: running.clone(),
             filtered: filtered.clone(),
             model: model.clone(),
@@ -95,7 +95,7 @@ impl RobotPorts {
             };
             parts.push(PartPorts { part: index, state, control });
         }
-        Ok(RobotPorts { robot, servers, parts, collisions, observation: observed })
+        Ok(OpenRobotPorts { robot, servers, parts, collisions, observation: observed })
     }
 
     /// Publishes to the connected ports.
@@ -152,7 +152,7 @@ enum RpcReceiver {
     Part(usize),
 }
 
-struct RpcHandler(Arc<Known>, RpcReceiver);
+struct RpcHandler(Arc<SharedRobot>, RpcReceiver);
 
 impl Handler for RpcHandler {
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
@@ -170,7 +170,7 @@ impl Handler for RpcHandler {
     }
 }
 
-impl Known {
+impl SharedRobot {
     fn view<T>(&self, part: usize, q: &[f64], commanded: &[f64], f: impl FnOnce(&PartView) -> T) -> T {
         let motors = self.model.parts.get(part).map(|p| p.motors.clone()).unwrap_or_default();
         let base = self.running.scene().base(self.filtered.index());

@@ -1,6 +1,6 @@
 //! Runs the force fields of a robot's parts as one agent that streams velocities.
 
-use super::parts::{Known, PartPorts, degrees};
+use super::parts::{PartPorts, SharedRobot, degrees};
 use crate::yarp;
 use mobee_contract::{CommitId, MotionEnd, Refusal, Setpoints, Time, Values};
 use std::sync::{Arc, PoisonError};
@@ -13,12 +13,12 @@ pub(super) struct Steering {
 }
 
 impl Steering {
-    pub(super) fn new(robot: &Known) -> Steering {
+    pub(super) fn new(robot: &SharedRobot) -> Steering {
         Steering { agent: format!("{}/force_field", robot.filtered.name()).into(), last: None, open: None }
     }
 
     /// Runs one cycle: applies the newest requests, and streams the resulting velocities.
-    pub(super) async fn cycle(&mut self, robot: &Known, parts: &mut [PartPorts]) {
+    pub(super) async fn cycle(&mut self, robot: &SharedRobot, parts: &mut [PartPorts]) {
         let latest = robot.filtered.latest();
         let secs = self.last.map(|last| latest.at.since(last).as_secs_f64());
         if self.last.replace(latest.at) == Some(latest.at) {

@@ -27,11 +27,11 @@ const SUM_UP: Duration = Duration::from_secs(1);
 pub struct WorldService {
     running: Arc<dyn Running>,
     folder: Option<PathBuf>,
-    core: Mutex<Core>,
+    core: Mutex<WorldCore>,
 }
 
 /// State that only one request at a time may use.
-struct Core {
+struct WorldCore {
     rpc: WorldRpc,
     /// Budget of changes.
     credit: Credit,
@@ -44,7 +44,7 @@ impl WorldService {
     pub fn new(running: Arc<dyn Running>, folder: Option<PathBuf>) -> WorldService {
         let now = running.now();
         let credit = Credit::full(now, PER_SECOND, MAX_CHANGES);
-        let core = Core { rpc: WorldRpc::default(), credit, refused: (0, now) };
+        let core = WorldCore { rpc: WorldRpc::default(), credit, refused: (0, now) };
         WorldService { running, folder, core: Mutex::new(core) }
     }
 
@@ -120,8 +120,8 @@ impl WorldService {
             Answered::Reply(reply) => return Ok(reply),
             Answered::Changed(changed) => changed,
             Answered::Errand(errand) => match self.run(errand).await? {
-                Done::Saved(file) => return Ok(WorldReply::Saved(file)),
-                Done::Loaded(file, objects) => self.view(|view| core.rpc.loaded(&file, objects, view))?,
+                FileTransfer::Saved(file) => return Ok(WorldReply::Saved(file)),
+                FileTransfer::Loaded(file, objects) => self.view(|view| core.rpc.loaded(&file, objects, view))?,
             },
         };
         core.credit.owe(changed.edits.len().saturating_sub(1));
@@ -148,23 +148,23 @@ impl WorldService {
         Ok(())
     }
 
-    async fn run(&self, errand: Errand) -> Result<Done, WorldRefusal> {
+    async fn run(&self, errand: Errand) -> Result<FileTransfer, WorldRefusal> {
         let folder = self.folder.clone().ok_or(WorldRefusal::FilesOff)?;
         let run = move || match errand {
             Errand::Save { file, text } => {
                 save(&folder, &file, &text).map_err(|e| WorldRefusal::NotSaved(e.to_string()))?;
-                Ok(Done::Saved(file))
+                Ok(FileTransfer::Saved(file))
             }
             Errand::Load { file } => {
                 let world = load_world(folder.join(&file)).map_err(|e| WorldRefusal::NotLoaded(e.to_string()))?;
-                Ok(Done::Loaded(file, world.value))
+                Ok(FileTransfer::Loaded(file, world.value))
             }
         };
         tokio::task::spawn_blocking(run).await.map_err(|e| WorldRefusal::NotDone(e.to_string()))?
     }
 }
 
-enum Done {
+enum FileTransfer {
     Saved(String),
     Loaded(String, Vec<Object>),
 }

@@ -85,7 +85,7 @@ impl ServoTerminal {
         tcsetattr(&slave, OptionalActions::Now, &termios)?;
         std::os::unix::fs::symlink(&name, &self.link)?;
         let end = Arc::new(AtomicBool::new(false));
-        let line = Line {
+        let line = TerminalEnd {
             master: File::from(master),
             _slave: slave,
             world: self.world.clone(),
@@ -106,7 +106,7 @@ impl Drop for ServoTerminal {
 }
 
 /// The servos' end of the terminal.
-struct Line {
+struct TerminalEnd {
     master: File,
     _slave: OwnedFd,
     world: Arc<Mutex<ServoWorld>>,
@@ -115,7 +115,7 @@ struct Line {
     end: Arc<AtomicBool>,
 }
 
-impl Line {
+impl TerminalEnd {
     fn serve(mut self) {
         let wait = Timespec { tv_sec: 0, tv_nsec: WAIT_NS };
         let mut bytes = vec![0; READ_AT_ONCE];

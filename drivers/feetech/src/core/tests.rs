@@ -228,7 +228,7 @@ fn a_servo_without_torque_is_a_fault_until_it_is_armed() {
     bench.torque = false;
     bench.step(true);
     assert!(bench.core.fault().unwrap().contains("lost its torque"));
-    assert_eq!(bench.core.stage(), Stage::Looking);
+    assert_eq!(bench.core.stage(), ConnectionStage::Looking);
     for _ in 0..100 {
         bench.now = bench.now + MS;
         bench.read(2000);

@@ -19,7 +19,7 @@ const MAX_REPORTED: usize = 100;
 const MAX_SEARCHED_BYTES: u64 = 8 << 30;
 
 /// Description of an error, and its remedy.
-type Wrong = (String, String);
+type FrameProblem = (String, String);
 
 /// Reader of the file of a camera's frames. Holds no frame in memory.
 #[derive(Debug)]
@@ -60,13 +60,13 @@ impl FrameReader {
         if !path.exists() {
             return Err(missing(run, camera));
         }
-        let wrong = |(what, help): Wrong| KindError::new("run", what, help);
+        let wrong = |(what, help): FrameProblem| KindError::new("run", what, help);
         let reader = FrameReader::of(&path).map_err(wrong)?;
         reader.ok_or_else(|| wrong((format!("{} has no frame", path.display()), again())))
     }
 
     /// Opens a file of frames; `None` if it ends before the first frame, as after a crash.
-    pub(super) fn of(path: &Path) -> Result<Option<FrameReader>, Wrong> {
+    pub(super) fn of(path: &Path) -> Result<Option<FrameReader>, FrameProblem> {
         let at = path.display();
         let io =
             |e: std::io::Error| (format!("{at} can't be read: {e}"), "give a run's folder as it was written".into());

@@ -40,7 +40,7 @@ impl ArmPhysics {
 
 /// A part of the arm's mass.
 #[derive(Clone, Copy, Debug)]
-struct Weight {
+struct PartWeight {
     node: usize,
     /// Its center in the node's frame, m.
     at: Vector3<f64>,
@@ -60,7 +60,7 @@ struct Gap {
 pub struct ExternalTorques {
     physics: ArmPhysics,
     watch: Watch,
-    weights: Vec<Weight>,
+    weights: Vec<PartWeight>,
     /// Last evaluation: joint positions, their torques by weight, and the close pairs.
     seen: Vec<f64>,
     weight: Vec<f64>,
@@ -77,7 +77,7 @@ impl ExternalTorques {
             .collect();
         let all: f64 = shapes.iter().map(|(_, _, volume)| volume).sum();
         let per_volume = if all > 0.0 { physics.mass * physics.felt * GRAVITY / all } else { 0.0 };
-        let weight = |(node, at, volume)| Weight { node, at, newtons: volume * per_volume };
+        let weight = |(node, at, volume)| PartWeight { node, at, newtons: volume * per_volume };
         let motors = robot.motors.len();
         Some(ExternalTorques {
             watch: Watch::new(physics.scene.clone(), TRACKING_DISTANCE_M),

@@ -7,7 +7,7 @@ const MAX_PIECES: usize = 9;
 
 /// A piece of constant acceleration: its start state and time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Piece {
+struct PathPiece {
     t: f64,
     state: State,
 }
@@ -15,17 +15,17 @@ struct Piece {
 /// A motion in pieces of constant acceleration that ends at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pieces {
-    pieces: [Piece; MAX_PIECES],
+    pieces: [PathPiece; MAX_PIECES],
     len: usize,
     /// State after the last piece, and its time.
-    last: Piece,
+    last: PathPiece,
 }
 
 impl Pieces {
     /// A motion without pieces, at `state`.
     pub fn new(state: State) -> Pieces {
         let state = State { a: 0.0, ..state };
-        Pieces { pieces: [Piece::default(); MAX_PIECES], len: 0, last: Piece { t: 0.0, state } }
+        Pieces { pieces: [PathPiece::default(); MAX_PIECES], len: 0, last: PathPiece { t: 0.0, state } }
     }
 
     /// Adds `seconds` at acceleration `a`. Pieces without a duration are omitted.
@@ -33,9 +33,9 @@ impl Pieces {
         if seconds > 0.0
             && let Some(slot) = self.pieces.get_mut(self.len)
         {
-            *slot = Piece { t: self.last.t, state: State { a, ..self.last.state } };
+            *slot = PathPiece { t: self.last.t, state: State { a, ..self.last.state } };
             let next = slot.state.after(seconds);
-            self.last = Piece { t: self.last.t + seconds, state: State { a: 0.0, ..next } };
+            self.last = PathPiece { t: self.last.t + seconds, state: State { a: 0.0, ..next } };
             self.len += 1;
         }
     }
@@ -82,13 +82,13 @@ impl Pieces {
             all.add(self.last);
         }
         for p in rest.pieces.iter().take(rest.len) {
-            all.add(Piece { t: p.t + t, ..*p });
+            all.add(PathPiece { t: p.t + t, ..*p });
         }
-        all.last = Piece { t: rest.last.t + t, ..rest.last };
+        all.last = PathPiece { t: rest.last.t + t, ..rest.last };
         all
     }
 
-    fn add(&mut self, piece: Piece) {
+    fn add(&mut self, piece: PathPiece) {
         if let Some(slot) = self.pieces.get_mut(self.len) {
             *slot = piece;
             self.len += 1;

@@ -200,15 +200,15 @@ fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
         sent: 0.0,
     };
     let at = |speeds: &[f64]| MeasuredSpeeds::At(speeds.to_vec());
-    let on = |joints: &[usize]| Seen::Nothing(Joints::Group(joints.to_vec()));
+    let on = |joints: &[usize]| BrakeObservation::Nothing(Joints::Group(joints.to_vec()));
     let mut effect = watched(Joints::All, None);
     assert_eq!(effect.seen(0.0, at(&[30.0, 0.0])), on(&[0, 1]), "nothing to compare with yet");
-    assert_eq!(effect.seen(0.0, at(&[20.0, 0.0])), Seen::Slower);
+    assert_eq!(effect.seen(0.0, at(&[20.0, 0.0])), BrakeObservation::Slower);
     assert_eq!(effect.seen(0.0, at(&[19.9, 0.0])), on(&[0]));
     assert_eq!(effect.seen(0.0, at(&[16.0, 0.0])), on(&[0]), "so much it may slow down as its motion ends anyway");
     assert_eq!(effect.seen(0.0, at(&[10.0, 18.0])), on(&[1]), "another one sets out");
-    assert_eq!(effect.seen(0.0, MeasuredSpeeds::Unknown), Seen::Nothing(Joints::All));
-    assert_eq!(effect.seen(0.0, MeasuredSpeeds::Rest), Seen::Rest);
+    assert_eq!(effect.seen(0.0, MeasuredSpeeds::Unknown), BrakeObservation::Nothing(Joints::All));
+    assert_eq!(effect.seen(0.0, MeasuredSpeeds::Rest), BrakeObservation::Rest);
     // only the joints of the group count, and only if they move in the same direction as before
     let mut effect = watched(Joints::Group(vec![0, 1]), Some(vec![20.0, 20.0, 20.0]));
     assert_eq!(effect.seen(0.0, at(&[20.0, -20.0, 20.0])), on(&[0]));
@@ -221,7 +221,8 @@ fn a_slow_joint_is_stopped_again_once_it_had_time_to_sink() {
     let speeds = Some(vec![9.0]);
     let mut effect = Effect { ticket: 1, joints: Joints::All, checked: 0.0, first: speeds.clone(), speeds, sent: 0.0 };
     let looks = (1..=20).map(|i| 0.15 * f64::from(i));
-    let again: Vec<f64> = looks.filter(|at| effect.seen(*at, MeasuredSpeeds::At(vec![9.0])) != Seen::Slower).collect();
+    let again: Vec<f64> =
+        looks.filter(|at| effect.seen(*at, MeasuredSpeeds::At(vec![9.0])) != BrakeObservation::Slower).collect();
     assert_eq!(again.len(), 5, "{again:?}");
     assert!(again.windows(2).all(|w| w[1] - w[0] > 0.49), "{again:?}");
 }

@@ -33,7 +33,7 @@ fn ready() -> SharedBoards {
 
 #[test]
 fn a_robot_is_ready_once_all_of_it_is() {
-    type Spoil = fn(&mut Inner);
+    type Spoil = fn(&mut BoardsState);
     let spoils: [(&str, Spoil); 5] = [
         ("its board is not known", |inner| inner.board = None),
         ("it was never read", |inner| inner.joined = None),

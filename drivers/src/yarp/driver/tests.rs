@@ -234,7 +234,7 @@ async fn a_mode_counts_from_its_command_on() {
         [1, 4, 3].map(|m| inner.expected[m]),
         [ControlMode::Velocity, ControlMode::Velocity, ControlMode::Position]
     );
-    let report = |inner: &mut Inner| {
+    let report = |inner: &mut BoardsState| {
         inner.boards.iter_mut().for_each(|known| known.fresh = true);
         inner.join(&layout);
         [inner.expected[1], inner.expected[4]]

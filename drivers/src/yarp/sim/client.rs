@@ -4,7 +4,7 @@ use super::super::fan::Fan;
 use super::super::remote::{Later, Remote, StopLine};
 use super::far::{Far, KeptConnection};
 use super::faults::Who;
-use super::judge::Line;
+use super::judge::JudgedConnection;
 use mobee_yarp::board::{Ask, AxisFacts, Get, LinkState, RemoteState, Streamed};
 use mobee_yarp::{Bottle, CallError, JointData, Stamp};
 use std::collections::BTreeMap;
@@ -23,13 +23,13 @@ const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::fro
 const GREATEST_GAP: u32 = 100_000;
 
 /// Client of one simulated board.
-pub(super) struct Client {
-    shared: Arc<Shared>,
+pub(super) struct SimClient {
+    shared: Arc<SharedClient>,
     tasks: Mutex<JoinSet<()>>,
     commands: mpsc::Sender<(u64, Streamed)>,
 }
 
-struct Shared {
+struct SharedClient {
     far: Arc<Far>,
     patience: Duration,
     control: Mutex<KeptConnection>,
@@ -41,10 +41,10 @@ struct Shared {
     age: AtomicU64,
 }
 
-impl Client {
+impl SimClient {
     /// Creates a client, which starts to connect.
-    pub fn new(far: Arc<Far>, patience: Duration) -> Client {
-        let shared = Arc::new(Shared {
+    pub fn new(far: Arc<Far>, patience: Duration) -> SimClient {
+        let shared = Arc::new(SharedClient {
             far,
             patience,
             control: Mutex::new(KeptConnection::new()),
@@ -59,11 +59,11 @@ impl Client {
         let mut tasks = JoinSet::new();
         tasks.spawn(session(shared.clone()));
         tasks.spawn(send_all(shared.clone(), queue));
-        Client { shared, tasks: Mutex::new(tasks), commands }
+        SimClient { shared, tasks: Mutex::new(tasks), commands }
     }
 }
 
-impl Remote for Client {
+impl Remote for SimClient {
     fn port(&self) -> &str {
         &self.shared.far.port
     }
@@ -109,9 +109,9 @@ impl Remote for Client {
     }
 }
 
-impl Shared {
+impl SharedClient {
     async fn ask(&self, request: &Ask) -> Result<Bottle, CallError> {
-        let answer = self.control.lock().await.send(&self.far, Line::Orders, request, self.patience).await;
+        let answer = self.control.lock().await.send(&self.far, JudgedConnection::Orders, request, self.patience).await;
         if answer.is_err() {
             self.trouble.notify_one();
         }
@@ -124,7 +124,7 @@ impl Shared {
         sleep(until.since(self.far.now())).await;
         let probe = Ask::Get(Get::Axes);
         let mut control = self.control.lock().await;
-        let answer = control.send(&self.far, Line::Orders, &probe, self.patience).await;
+        let answer = control.send(&self.far, JudgedConnection::Orders, &probe, self.patience).await;
         answer.map_err(|e| e.to_string())?;
         self.facts.send_if_modified(|facts| {
             let is_new = facts.is_none();
@@ -197,7 +197,7 @@ async fn until(at: Option<Instant>) {
 }
 
 /// Reaches the board, watches it, and starts again when it is lost. Ends only if this task is to die.
-async fn session(shared: Arc<Shared>) {
+async fn session(shared: Arc<SharedClient>) {
     let mut pause = BACK_OFF.0;
     let mut generation = 0;
     loop {
@@ -227,7 +227,7 @@ async fn session(shared: Arc<Shared>) {
     }
 }
 
-async fn send_all(shared: Arc<Shared>, mut queue: mpsc::Receiver<(u64, Streamed)>) {
+async fn send_all(shared: Arc<SharedClient>, mut queue: mpsc::Receiver<(u64, Streamed)>) {
     while let Some((age, command)) = queue.recv().await {
         if age == shared.age.load(SeqCst) {
             shared.far.stream(&command).await;
@@ -245,6 +245,6 @@ pub(super) struct Stops {
 impl StopLine for Stops {
     fn send<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
         self.far.may_kill(Who::Brake);
-        Box::pin(self.connection.send(&self.far, Line::Stops, request, self.patience))
+        Box::pin(self.connection.send(&self.far, JudgedConnection::Stops, request, self.patience))
     }
 }

@@ -1,7 +1,7 @@
 //! A simulated board and the simulated connection to it.
 
 use super::faults::{Faults, Who, WireFault};
-use super::judge::{Judge, Line};
+use super::judge::{Judge, JudgedConnection};
 use crate::sim::SimHardware;
 use crate::{SimBoard, SimClock};
 use mobee_contract::Time;
@@ -72,7 +72,12 @@ impl Far {
 
     /// Sends a request on one of the connections and waits for the answer. The request arrives even if the
     /// caller no longer waits.
-    pub async fn exchange(self: &Arc<Far>, line: Line, ask: &Ask, patience: Duration) -> Result<Bottle, CallError> {
+    pub async fn exchange(
+        self: &Arc<Far>,
+        line: JudgedConnection,
+        ask: &Ask,
+        patience: Duration,
+    ) -> Result<Bottle, CallError> {
         let now = self.now();
         lock(&self.judge).sent(self.index, line, ask, now);
         let fate = lock(&self.faults).fate(now);
@@ -228,7 +233,7 @@ impl KeptConnection {
     pub async fn send(
         &mut self,
         far: &Arc<Far>,
-        line: Line,
+        line: JudgedConnection,
         ask: &Ask,
         patience: Duration,
     ) -> Result<Bottle, CallError> {

@@ -80,7 +80,7 @@ impl WireFault {
 
 /// A fault and its interval.
 #[derive(Clone, Copy, Debug)]
-struct Span {
+struct FaultSpan {
     fault: WireFault,
     from: Time,
     until: Time,
@@ -104,7 +104,7 @@ pub(super) struct Fate {
 /// Faults of one wire, and the random numbers they depend on.
 #[derive(Debug)]
 pub(super) struct Faults {
-    spans: Vec<Span>,
+    spans: Vec<FaultSpan>,
     dice: ChaCha8Rng,
 }
 
@@ -120,7 +120,7 @@ impl Faults {
             WireFault::Deaf(stops) => stops,
             _ => 1,
         };
-        self.spans.push(Span { fault, from, until, left });
+        self.spans.push(FaultSpan { fault, from, until, left });
     }
 
     /// Faults active now.
@@ -141,7 +141,7 @@ impl Faults {
 
     /// Uses up one effect of a fault with a limited number.
     pub fn take(&mut self, now: Time, which: impl Fn(&WireFault) -> bool) -> bool {
-        let due = |s: &&mut Span| s.from <= now && now < s.until && s.left > 0 && which(&s.fault);
+        let due = |s: &&mut FaultSpan| s.from <= now && now < s.until && s.left > 0 && which(&s.fault);
         self.spans.iter_mut().find(due).is_some_and(|s| {
             s.left -= 1;
             true

@@ -5,7 +5,7 @@
 //! are excused: a stop does not get through a wire that is cut.
 
 use super::faults::{Faults, WireFault};
-use super::watched::Watched;
+use super::watched::WatchedBoard;
 use crate::sim::JointSettings;
 use mobee_contract::{AnswerTime, Command, MotorUnits, Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set, Streamed};
@@ -48,7 +48,7 @@ const SUSPENDED: Duration = Duration::from_millis(60);
 
 /// Connection that a message is sent on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Line {
+pub(super) enum JudgedConnection {
     Orders,
     Stops,
 }
@@ -56,7 +56,7 @@ pub(super) enum Line {
 /// Judges the driver of one robot.
 #[derive(Debug)]
 pub(super) struct Judge {
-    boards: Vec<Watched>,
+    boards: Vec<WatchedBoard>,
     units: MotorUnits,
     /// Violations found.
     pub found: Vec<String>,
@@ -83,7 +83,7 @@ impl Judge {
         led: bool,
     ) -> Judge {
         Judge {
-            boards: boards.into_iter().map(|(port, motors)| Watched::new(port, motors)).collect(),
+            boards: boards.into_iter().map(|(port, motors)| WatchedBoard::new(port, motors)).collect(),
             units,
             found: Vec::new(),
             looked: Time::ZERO,
@@ -196,7 +196,7 @@ impl Judge {
     }
 
     /// Checks a message that the driver sends.
-    pub fn sent(&mut self, board: usize, line: Line, ask: &Ask, now: Time) {
+    pub fn sent(&mut self, board: usize, line: JudgedConnection, ask: &Ask, now: Time) {
         let touched = touched(ask).map(|joints| self.strangers(board, joints, now));
         let Some(watched) = self.boards.get_mut(board) else { return };
         let is_stop = matches!(ask, Ask::Set(Set::Stop(_)));
@@ -210,7 +210,7 @@ impl Judge {
         if let (Some(since), Ask::Set(Set::Move { .. })) = (watched.stopped.filter(|since| *since < now), ask) {
             self.found.push(format!("{port}: stopped at {since}, it is told to move at {now}"));
         }
-        if let (Line::Orders, Ask::Set(set)) = (line, ask) {
+        if let (JudgedConnection::Orders, Ask::Set(set)) = (line, ask) {
             let first = std::mem::take(&mut watched.fresh);
             if first && !is_stop {
                 self.found
@@ -254,7 +254,7 @@ impl Judge {
     }
 
     /// Records that a message has been answered, or that its sender has stopped waiting.
-    pub fn exchange_ended(&mut self, board: usize, line: Line, now: Time, answered: bool) {
+    pub fn exchange_ended(&mut self, board: usize, line: JudgedConnection, now: Time, answered: bool) {
         let Some(watched) = self.boards.get_mut(board) else { return };
         let sent = watched.in_transit.get_mut(line as usize).and_then(Option::take);
         if let Some((since, _)) = sent.filter(|_| answered) {

@@ -12,7 +12,7 @@ const OLDER: Duration = Duration::from_millis(250);
 
 /// State of one board, as the judge tracks it.
 #[derive(Debug)]
-pub(super) struct Watched {
+pub(super) struct WatchedBoard {
     pub port: String,
     pub motors: Range<usize>,
     /// Time since which a stop is due.
@@ -44,10 +44,10 @@ pub(super) struct Watched {
     pub excused: Time,
 }
 
-impl Watched {
+impl WatchedBoard {
     /// Creates the initial state of a board.
-    pub fn new(port: String, motors: Range<usize>) -> Watched {
-        Watched {
+    pub fn new(port: String, motors: Range<usize>) -> WatchedBoard {
+        WatchedBoard {
             port,
             fast: vec![None; motors.len()],
             motors,

@@ -97,7 +97,7 @@ fn started(robot: &str, answers: bool) -> super::super::Started {
     });
     let cell = Arc::new(SharedBoards::new(&layout));
     cell.take();
-    start((Arc::new(FakeWire { answers }), Place::Here), &settings, robot, layout, cell).unwrap()
+    start((Arc::new(FakeWire { answers }), ThreadPlacement::Here), &settings, robot, layout, cell).unwrap()
 }
 
 async fn after(ms: u64) {

@@ -1,6 +1,6 @@
 //! A parsed request to a board's `rpc:i` (spec section 12.2).
 
-use super::joints::{Joints, Shape, floats, index, int, numbers, vocab_list, vocabs};
+use super::joints::{CodeSuffix, Joints, floats, index, int, numbers, vocab_list, vocabs};
 use super::words;
 use crate::{Bottle, Value, Vocab};
 
@@ -194,7 +194,7 @@ impl Get {
             words::INTERACTION => return nested(INTERACTIONS, words).map(|(joints, _)| Get::Interactions(joints)),
             _ => {}
         }
-        let (family, shape) = Shape::of(code)?;
+        let (family, shape) = CodeSuffix::of(code)?;
         let (joints, _) = Joints::read(shape, words)?;
         if family == DONE {
             return Some(Get::Done(joints));
@@ -254,7 +254,7 @@ impl Set {
             }
             _ => {}
         }
-        let (family, shape) = Shape::of(code)?;
+        let (family, shape) = CodeSuffix::of(code)?;
         let (joints, rest) = Joints::read(shape, words)?;
         let values = |joints: &Joints| values(joints, rest);
         match family {
@@ -263,9 +263,9 @@ impl Set {
             STOP => Some(Set::Stop(joints)),
             SPEED => Some(Set::Speed(joints.clone(), values(&joints)?)),
             ACCELERATION => Some(Set::Acceleration(joints.clone(), values(&joints)?)),
-            VELOCITY if shape == Shape::All => values(&joints).map(Set::Velocity),
-            ENCODER if shape != Shape::Group => Some(Set::Encoders(joints.clone(), values(&joints)?)),
-            RESET if shape != Shape::Group => Some(Set::ResetEncoders(joints)),
+            VELOCITY if shape == CodeSuffix::All => values(&joints).map(Set::Velocity),
+            ENCODER if shape != CodeSuffix::Group => Some(Set::Encoders(joints.clone(), values(&joints)?)),
+            RESET if shape != CodeSuffix::Group => Some(Set::ResetEncoders(joints)),
             _ => None,
         }
     }
@@ -301,19 +301,19 @@ impl Set {
 /// The code within `[icmd]` or `[intm]`, and its joints.
 fn nested(codes: [Vocab; 3], words: &[Value]) -> Option<(Joints, &[Value])> {
     let (code, rest) = words.split_first()?;
-    Joints::read(Shape::among(code.as_vocab()?, codes)?, rest)
+    Joints::read(CodeSuffix::among(code.as_vocab()?, codes)?, rest)
 }
 
 /// Values of these joints: a number for one, otherwise a list.
 fn values(joints: &Joints, words: &[Value]) -> Option<Vec<f64>> {
     let first = words.first()?;
-    let values = if joints.shape() == Shape::One { vec![first.as_f64()?] } else { numbers(first)? };
+    let values = if joints.shape() == CodeSuffix::One { vec![first.as_f64()?] } else { numbers(first)? };
     joints.count().is_none_or(|n| n == values.len()).then_some(values)
 }
 
 fn modes(joints: &Joints, words: &[Value]) -> Option<Vec<Vocab>> {
     let first = words.first()?;
-    let modes = if joints.shape() == Shape::One { vec![first.as_vocab()?] } else { vocabs(first)? };
+    let modes = if joints.shape() == CodeSuffix::One { vec![first.as_vocab()?] } else { vocabs(first)? };
     joints.count().is_none_or(|n| n == modes.len()).then_some(modes)
 }
 

@@ -49,14 +49,14 @@ impl Joints {
     }
 
     /// Parses `j`, nothing, or `n (J)`, and returns the rest.
-    pub(super) fn read(shape: Shape, words: &[Value]) -> Option<(Joints, &[Value])> {
+    pub(super) fn read(shape: CodeSuffix, words: &[Value]) -> Option<(Joints, &[Value])> {
         match shape {
-            Shape::All => Some((Joints::All, words)),
-            Shape::One => {
+            CodeSuffix::All => Some((Joints::All, words)),
+            CodeSuffix::One => {
                 let (first, rest) = words.split_first()?;
                 Some((Joints::One(index(first)?), rest))
             }
-            Shape::Group => {
+            CodeSuffix::Group => {
                 let (count, rest) = words.split_first()?;
                 let (list, rest) = rest.split_first()?;
                 let list = &list.as_list()?.0;
@@ -77,33 +77,33 @@ impl Joints {
         }
     }
 
-    pub(super) fn shape(&self) -> Shape {
+    pub(super) fn shape(&self) -> CodeSuffix {
         match self {
-            Joints::One(_) => Shape::One,
-            Joints::All => Shape::All,
-            Joints::Group(_) => Shape::Group,
+            Joints::One(_) => CodeSuffix::One,
+            Joints::All => CodeSuffix::All,
+            Joints::Group(_) => CodeSuffix::Group,
         }
     }
 }
 
 /// Meaning of the last letter of a code.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Shape {
+pub(super) enum CodeSuffix {
     One,
     All,
     Group,
 }
 
-impl Shape {
+impl CodeSuffix {
     /// Three-letter family of a code, and its shape: `pos`, `poss`, `posg`.
-    pub(super) fn of(code: Vocab) -> Option<(Vocab, Shape)> {
+    pub(super) fn of(code: Vocab) -> Option<(Vocab, CodeSuffix)> {
         let [a, b, c, last] = code.0.to_le_bytes();
         let family = Vocab(u32::from_le_bytes([a, b, c, 0]));
         match last {
             _ if c == 0 => None,
-            0 => Some((family, Shape::One)),
-            b's' => Some((family, Shape::All)),
-            b'g' => Some((family, Shape::Group)),
+            0 => Some((family, CodeSuffix::One)),
+            b's' => Some((family, CodeSuffix::All)),
+            b'g' => Some((family, CodeSuffix::Group)),
             _ => None,
         }
     }
@@ -111,25 +111,25 @@ impl Shape {
     /// Code of a family for this shape.
     pub(super) fn code(self, family: Vocab) -> Vocab {
         let last = match self {
-            Shape::One => 0,
-            Shape::All => b's',
-            Shape::Group => b'g',
+            CodeSuffix::One => 0,
+            CodeSuffix::All => b's',
+            CodeSuffix::Group => b'g',
         };
         Vocab(family.0 | u32::from(last) << 24)
     }
 
     /// Shape by position in a table of codes (one, all, group).
-    pub(super) fn among(code: Vocab, codes: [Vocab; 3]) -> Option<Shape> {
-        let shapes = [Shape::One, Shape::All, Shape::Group];
+    pub(super) fn among(code: Vocab, codes: [Vocab; 3]) -> Option<CodeSuffix> {
+        let shapes = [CodeSuffix::One, CodeSuffix::All, CodeSuffix::Group];
         codes.iter().zip(shapes).find(|(c, _)| **c == code).map(|(_, s)| s)
     }
 
     /// Code of this shape in such a table.
     pub(super) fn pick(self, [one, all, group]: [Vocab; 3]) -> Vocab {
         match self {
-            Shape::One => one,
-            Shape::All => all,
-            Shape::Group => group,
+            CodeSuffix::One => one,
+            CodeSuffix::All => all,
+            CodeSuffix::Group => group,
         }
     }
 }

@@ -64,13 +64,13 @@ pub struct RemoteState {
 
 /// Client of one real board. It connects and reconnects in the background until it is dropped.
 pub struct RemoteBoard {
-    shared: Arc<Shared>,
+    shared: Arc<SharedRemote>,
     tasks: Mutex<JoinSet<()>>,
     commands: mpsc::Sender<(u64, Streamed)>,
 }
 
 /// State shared by the tasks of one board.
-struct Shared {
+struct SharedRemote {
     network: Network,
     port: String,
     options: RemoteOptions,
@@ -102,7 +102,7 @@ impl RemoteBoard {
             &format!("{port}/command:i"),
             options.carrier,
         );
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(SharedRemote {
             control: Mutex::new(control),
             link: watch::Sender::new(LinkState::Down("not connected yet".into())),
             facts: watch::Sender::new(None),
@@ -197,7 +197,7 @@ impl RemoteBoard {
     }
 }
 
-impl Shared {
+impl SharedRemote {
     async fn ask(&self, request: &Bottle) -> Result<Bottle, CallError> {
         let answer = self.control.lock().await.call(request).await;
         if let Err(error) = &answer
@@ -209,7 +209,7 @@ impl Shared {
     }
 }
 
-async fn send_all(shared: Arc<Shared>, mut sender: Sender, mut queue: mpsc::Receiver<(u64, Streamed)>) {
+async fn send_all(shared: Arc<SharedRemote>, mut sender: Sender, mut queue: mpsc::Receiver<(u64, Streamed)>) {
     let dialect = shared.network.dialect();
     while let Some((age, command)) = queue.recv().await {
         if age != shared.age.load(Ordering::SeqCst) {

@@ -1,6 +1,6 @@
 //! A parsed command of the streaming port `command:i` (spec section 13).
 
-use super::joints::{Joints, Shape};
+use super::joints::{CodeSuffix, Joints};
 use crate::{Bottle, Value, Vocab};
 
 /// Setpoints, which have no answer. Values are finite; in degrees, or meters for prismatic joints.
@@ -28,7 +28,7 @@ impl Streamed {
         let (family, joints) = if code == MOVE {
             (MOVE, Joints::All)
         } else {
-            let (family, shape) = Shape::of(code)?;
+            let (family, shape) = CodeSuffix::of(code)?;
             (family, Joints::read(shape, rest)?.0)
         };
         let fits = joints.on(axes)?.len() == body.len() && !body.is_empty() && body.iter().all(|v| v.is_finite());

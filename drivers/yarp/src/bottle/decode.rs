@@ -82,7 +82,7 @@ impl Bottle {
     /// # Errors
     /// The bytes are not a bottle, or one beyond the limits.
     pub fn decode_within(bytes: &[u8], dialect: Dialect, limits: DecodeLimits) -> Result<Bottle, DecodeError> {
-        let mut input = Input::new(bytes, dialect, limits)?;
+        let mut input = BottleReader::new(bytes, dialect, limits)?;
         let bottle = input.bottle()?;
         input.end()?;
         Ok(bottle)
@@ -107,7 +107,7 @@ impl Bottle {
         limits: DecodeLimits,
     ) -> Result<Option<(Bottle, usize)>, DecodeError> {
         let whole = bytes.len() > limits.max_bytes;
-        let mut input = Input::new(bytes.get(..limits.max_bytes).unwrap_or(bytes), dialect, limits)?;
+        let mut input = BottleReader::new(bytes.get(..limits.max_bytes).unwrap_or(bytes), dialect, limits)?;
         match input.bottle() {
             Ok(bottle) => Ok(Some((bottle, input.at))),
             Err(DecodeError::Short { .. }) if !whole => Ok(None),
@@ -117,7 +117,7 @@ impl Bottle {
 }
 
 /// Reader of bytes.
-pub(crate) struct Input<'a> {
+pub(crate) struct BottleReader<'a> {
     bytes: &'a [u8],
     /// Position of the next byte.
     pub at: usize,
@@ -127,12 +127,12 @@ pub(crate) struct Input<'a> {
     elements: usize,
 }
 
-impl<'a> Input<'a> {
-    pub fn new(bytes: &'a [u8], dialect: Dialect, limits: DecodeLimits) -> Result<Input<'a>, DecodeError> {
+impl<'a> BottleReader<'a> {
+    pub fn new(bytes: &'a [u8], dialect: Dialect, limits: DecodeLimits) -> Result<BottleReader<'a>, DecodeError> {
         if bytes.len() > limits.max_bytes {
             return Err(DecodeError::Length { length: wide(bytes.len()), at: 0, limit: limits.max_bytes });
         }
-        Ok(Input { bytes, at: 0, dialect, limits, depth: 0, elements: 0 })
+        Ok(BottleReader { bytes, at: 0, dialect, limits, depth: 0, elements: 0 })
     }
 
     pub fn take(&mut self, n: usize) -> Result<&'a [u8], DecodeError> {

@@ -58,7 +58,7 @@ impl Default for ServerOptions {
 /// A name server that runs until it is closed or dropped.
 #[derive(Debug)]
 pub struct NameServer {
-    shared: Arc<Shared>,
+    shared: Arc<SharedNameServer>,
     address: SocketAddr,
     stop: watch::Sender<bool>,
     task: JoinHandle<()>,
@@ -66,7 +66,7 @@ pub struct NameServer {
 
 /// State shared by all connections.
 #[derive(Debug)]
-struct Shared {
+struct SharedNameServer {
     table: Mutex<NameTable>,
     contact: Contact,
     options: ServerOptions,
@@ -75,7 +75,7 @@ struct Shared {
     network: Network,
 }
 
-impl Shared {
+impl SharedNameServer {
     /// Locks the table. A poisoned lock is used anyway, because no panic can leave the table
     /// inconsistent.
     fn table(&self) -> MutexGuard<'_, NameTable> {
@@ -110,7 +110,7 @@ impl NameServer {
         let network = Network::at(near).with_timeout(options.timeout).with_auth(options.auth.clone());
         let (links, wanted) = mpsc::channel(persist::MOST_WAITING);
         let table = Mutex::new(NameTable::new(contact.clone(), options.max_ports));
-        let shared = Arc::new(Shared { table, contact, options, links, network: network.clone() });
+        let shared = Arc::new(SharedNameServer { table, contact, options, links, network: network.clone() });
         let (stop, stopped) = watch::channel(false);
         let task = tokio::spawn(serve(listener, shared.clone(), network, wanted, stopped));
         Ok(NameServer { shared, address, stop, task })
@@ -180,7 +180,7 @@ impl Drop for NameServer {
 /// Accepts connections until `stopped` changes; returning ends them all.
 async fn serve(
     listener: TcpListener,
-    shared: Arc<Shared>,
+    shared: Arc<SharedNameServer>,
     network: Network,
     wanted: mpsc::Receiver<super::PendingConnection>,
     mut stopped: watch::Receiver<bool>,
@@ -208,7 +208,7 @@ async fn serve(
     }
 }
 
-async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<Shared>, activity: Arc<LastMessage>) {
+async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<SharedNameServer>, activity: Arc<LastMessage>) {
     if let Err(e) = session::run(stream, peer, &shared, &activity).await {
         tracing::debug!("name server: connection of {peer}: {e}");
     }

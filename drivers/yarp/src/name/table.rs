@@ -9,7 +9,7 @@ pub use subscriptions::PendingConnection;
 
 use super::text::{registration, sayable};
 use crate::{Bottle, Contact, Dialect, Value};
-use numbers::Numbers;
+use numbers::NumberPool;
 use std::collections::BTreeMap;
 use subscriptions::Subscriptions;
 
@@ -42,8 +42,8 @@ pub struct Handled {
 /// Ports of a network, their properties, and the persistent connections.
 #[derive(Debug)]
 pub struct NameTable {
-    ports: BTreeMap<String, Entry>,
-    numbers: Numbers,
+    ports: BTreeMap<String, NameEntry>,
+    numbers: NumberPool,
     subscriptions: Subscriptions,
     topics: Vec<String>,
     most: usize,
@@ -51,7 +51,7 @@ pub struct NameTable {
 }
 
 #[derive(Debug)]
-struct Entry {
+struct NameEntry {
     contact: Contact,
     properties: BTreeMap<String, Vec<String>>,
     /// True for entries that are listed but can't be changed: the server itself.
@@ -63,7 +63,7 @@ impl NameTable {
     /// Port numbers are assigned from the server's own plus 2.
     pub fn new(server: Contact, most: usize) -> NameTable {
         let mut table = NameTable {
-            numbers: Numbers::new(server.port),
+            numbers: NumberPool::new(server.port),
             ports: BTreeMap::new(),
             subscriptions: Subscriptions::default(),
             topics: Vec::new(),
@@ -71,7 +71,7 @@ impl NameTable {
             counts: NameCounts::default(),
         };
         for contact in [server, Contact::new("fallback", "mcast", "224.2.1.1", 10000)] {
-            table.ports.insert(contact.name.clone(), Entry { contact, properties: BTreeMap::new(), fixed: true });
+            table.ports.insert(contact.name.clone(), NameEntry { contact, properties: BTreeMap::new(), fixed: true });
         }
         table
     }
@@ -216,7 +216,7 @@ impl NameTable {
         let contact = Contact::new(&name, carrier, &host, port);
         self.counts.registered += 1;
         self.counts.replaced += u64::from(before.is_some_and(|b| (b.host, b.port) != (host, port)));
-        self.ports.insert(name, Entry { contact: contact.clone(), properties: BTreeMap::new(), fixed: false });
+        self.ports.insert(name, NameEntry { contact: contact.clone(), properties: BTreeMap::new(), fixed: false });
         Some(contact)
     }
 

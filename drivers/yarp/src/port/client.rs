@@ -1,6 +1,6 @@
 //! Requests to other ports: to their owners, and administrative commands.
 
-use super::dial::TextMessage;
+use super::dial::DialedConnection;
 use super::keeper::Keeper;
 use super::link::{Link, LinkError};
 use super::slot::Packet;
@@ -163,7 +163,7 @@ impl RpcClient {
     pub async fn describe(&mut self) -> Result<String, CallError> {
         let mut line = self.keeper.take().await?;
         let work = async {
-            let TextMessage::Stream(link) = &mut line else { return Err(LinkError::Closed) };
+            let DialedConnection::Stream(link) = &mut line else { return Err(LinkError::Closed) };
             link.write(&[b"*\r\n"]).await?;
             let mut out = Vec::new();
             loop {
@@ -200,7 +200,7 @@ impl RpcClient {
         let carrier = self.keeper.carrier;
         let dialect = self.keeper.network.dialect();
         let work = async {
-            let TextMessage::Stream(link) = &mut line else { return Err(LinkError::Closed) };
+            let DialedConnection::Stream(link) = &mut line else { return Err(LinkError::Closed) };
             if carrier.is_text() {
                 link.write(&[&line::encode(key, None, payload)]).await?;
                 let reply = link.line().await?;

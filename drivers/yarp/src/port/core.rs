@@ -1,6 +1,6 @@
 //! Common state of all ports: lists of connections, and the effects of administrative commands.
 
-use super::dial::TextMessage;
+use super::dial::DialedConnection;
 use super::inbox::Inbox;
 use super::slot::{Delivery, Packet, Slot};
 use super::{Handler, PortError, PortOptions, dial, lock, output};
@@ -16,24 +16,24 @@ use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::timeout;
 
 /// Receiver of incoming data.
-pub(crate) enum Sink {
+pub(crate) enum InputSink {
     Inbox(Arc<Inbox>),
     Handler(Arc<dyn Handler>),
     /// Data is acknowledged and discarded.
     Nothing,
 }
 
-pub(crate) struct Core {
+pub(crate) struct PortCore {
     pub name: String,
     pub contact: Contact,
     pub network: Network,
     pub options: PortOptions,
     /// Memory for partial messages, KiB.
     pub budget: Arc<Semaphore>,
-    pub sink: Sink,
+    pub sink: InputSink,
     /// Delivery to outputs; `None` if this port has none.
     delivery: Option<Delivery>,
-    state: Mutex<State>,
+    state: Mutex<PortState>,
     pub dropped: Arc<AtomicU64>,
     closing: watch::Sender<bool>,
     /// Holder of our name, if the name server returns another port for it.
@@ -41,7 +41,7 @@ pub(crate) struct Core {
 }
 
 #[derive(Default)]
-struct State {
+struct PortState {
     inputs: BTreeMap<u64, In>,
     outputs: Vec<Out>,
     properties: Vec<(Text, Value)>,
@@ -62,15 +62,15 @@ struct Out {
 /// Numbers for connections, unique within the process.
 static NEXT: AtomicU64 = AtomicU64::new(1);
 
-impl Core {
+impl PortCore {
     pub fn new(
         network: &Network,
         contact: Contact,
-        sink: Sink,
+        sink: InputSink,
         delivery: Option<Delivery>,
         options: PortOptions,
-    ) -> Core {
-        Core {
+    ) -> PortCore {
+        PortCore {
             name: contact.name.clone(),
             contact,
             network: network.clone(),
@@ -130,9 +130,9 @@ impl Core {
         PortView {
             name: self.name.clone(),
             address: format!("tcp://{}:{}/", self.contact.host, self.contact.port),
-            is_input: !matches!(self.sink, Sink::Nothing),
+            is_input: !matches!(self.sink, InputSink::Nothing),
             is_output: self.delivery.is_some(),
-            is_rpc: matches!(self.sink, Sink::Handler(_)),
+            is_rpc: matches!(self.sink, InputSink::Handler(_)),
             inputs: state.inputs.values().map(|input| input.peer.clone()).collect(),
             outputs: state.outputs.iter().map(|output| output.peer.clone()).collect(),
             properties: state.properties.clone(),
@@ -193,7 +193,7 @@ impl Core {
     }
 
     /// Starts the task while the list is locked, so that it can't end before it is listed.
-    fn start(&self, job: output::Job, peer: Peer, line: TextMessage) {
+    fn start(&self, job: output::Job, peer: Peer, line: DialedConnection) {
         let mut state = lock(&self.state);
         if *self.closing.borrow() || state.outputs.len() >= self.options.connections {
             return;
@@ -308,7 +308,7 @@ impl Core {
 
 /// Entry of an input in the list; removed when dropped.
 pub(crate) struct Admitted {
-    core: Arc<Core>,
+    core: Arc<PortCore>,
     pub id: u64,
     pub end: Arc<Notify>,
 }
@@ -316,7 +316,7 @@ pub(crate) struct Admitted {
 impl Drop for Admitted {
     fn drop(&mut self) {
         lock(&self.core.state).inputs.remove(&self.id);
-        if let Sink::Handler(handler) = &self.core.sink {
+        if let InputSink::Handler(handler) = &self.core.sink {
             handler.gone(self.id);
         }
     }

@@ -9,7 +9,7 @@ use tokio::net::UdpSocket;
 use tokio::time::timeout;
 
 /// A connection after its handshake.
-pub(crate) enum TextMessage {
+pub(crate) enum DialedConnection {
     Stream(Link),
     /// The socket is connected to the reader's. The contact is that of the reader's TCP listener.
     Datagrams(UdpSocket, Contact),
@@ -30,7 +30,7 @@ pub(crate) async fn dial(
     to: &Contact,
     carrier: Carrier,
     own_name: &str,
-) -> Result<TextMessage, PortError> {
+) -> Result<DialedConnection, PortError> {
     let failed = |why: String| PortError::Connect { to: label(to), why };
     let stream = network.connect_tcp(&to.host, to.port).await.map_err(|e| failed(e.to_string()))?;
     let addresses = stream.local_addr().and_then(|local| Ok((local, stream.peer_addr()?)));
@@ -42,7 +42,7 @@ pub(crate) async fn dial(
         .map_err(|_| failed(format!("no answer to the handshake within {:?}", options.handshake)))?
         .map_err(|e| failed(e.to_string()))?;
     if carrier != Carrier::Udp {
-        return Ok(TextMessage::Stream(link));
+        return Ok(DialedConnection::Stream(link));
     }
     // The reader may expect datagrams from the number that the TCP connection had (spec section 18). But 3.5
     // built without ACE, on the same computer, uses that number for its own socket, and accepts datagrams
@@ -59,7 +59,7 @@ pub(crate) async fn dial(
         Ok::<_, std::io::Error>(socket)
     };
     let socket = socket.await.map_err(|e| failed(format!("no datagram socket: {e}")))?;
-    Ok(TextMessage::Datagrams(socket, to.clone()))
+    Ok(DialedConnection::Datagrams(socket, to.clone()))
 }
 
 /// Name of a contact if it has one, otherwise its address.

@@ -18,7 +18,7 @@ pub enum Queue {
 
 pub(crate) struct Inbox {
     queue: Queue,
-    state: Mutex<State>,
+    state: Mutex<InboxState>,
     /// Notifies the reader.
     bell: Notify,
     /// Notifies senders that wait for room.
@@ -27,7 +27,7 @@ pub(crate) struct Inbox {
 }
 
 #[derive(Default)]
-struct State {
+struct InboxState {
     messages: VecDeque<Message>,
     closed: bool,
 }

@@ -1,6 +1,6 @@
 //! One connection from another port or program.
 
-use super::core::{Core, Sink};
+use super::core::{InputSink, PortCore};
 use super::link::{Incoming, Link, LinkError};
 use super::{Message, Payload};
 use crate::guests::LastMessage;
@@ -16,7 +16,7 @@ use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
 
 /// Serves a connection until it ends. Misbehavior of the other side ends only this connection.
-pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, activity: Arc<LastMessage>) {
+pub(crate) async fn serve(core: Arc<PortCore>, stream: TcpStream, activity: Arc<LastMessage>) {
     let served = async {
         if let Err(error) = connection(&core, stream, &activity).await
             && !matches!(error, LinkError::Closed)
@@ -30,7 +30,7 @@ pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, activity: Arc<Last
     }
 }
 
-async fn connection(core: &Arc<Core>, stream: TcpStream, activity: &LastMessage) -> Result<(), LinkError> {
+async fn connection(core: &Arc<PortCore>, stream: TcpStream, activity: &LastMessage) -> Result<(), LinkError> {
     stream.set_nodelay(true)?;
     let mut link = Link::new(stream, &core.options).within(&core.budget);
     if let Some(key) = core.network.auth() {
@@ -67,7 +67,7 @@ async fn connection(core: &Arc<Core>, stream: TcpStream, activity: &LastMessage)
 
 /// Answers an invalid handshake with instructions. Reads the rest that is sent, since closing on unread bytes
 /// would lose the text.
-async fn not_found(core: &Core, mut link: Link) -> Result<(), LinkError> {
+async fn not_found(core: &PortCore, mut link: Link) -> Result<(), LinkError> {
     link.write(&[handshake::NOT_FOUND.as_bytes()]).await?;
     link.shutdown().await;
     let _ = timeout(core.options.handshake / 10, link.until_closed()).await;
@@ -76,7 +76,7 @@ async fn not_found(core: &Core, mut link: Link) -> Result<(), LinkError> {
 
 /// Executes a message; returns `true` if the connection ends.
 async fn respond(
-    core: &Arc<Core>,
+    core: &Arc<PortCore>,
     link: &mut Link,
     hello: &Hello,
     id: u64,
@@ -94,9 +94,9 @@ async fn respond(
             let from = hello.bare().to_owned();
             let message = Message { payload, envelope: command.envelope, from, connection: id, wants_reply };
             match &core.sink {
-                Sink::Inbox(inbox) => inbox.push(message).await,
-                Sink::Handler(handler) => reply = handler.call(message).await.filter(|_| wants_reply),
-                Sink::Nothing => {}
+                InputSink::Inbox(inbox) => inbox.push(message).await,
+                InputSink::Handler(handler) => reply = handler.call(message).await.filter(|_| wants_reply),
+                InputSink::Nothing => {}
             }
         }
         // An unreadable command counts as an unknown one.
@@ -138,7 +138,7 @@ async fn respond(
 }
 
 /// Logs a handler's reply that can't be written on this carrier.
-fn unreadable(core: &Core, error: &super::PayloadError) -> &'static [u8] {
+fn unreadable(core: &PortCore, error: &super::PayloadError) -> &'static [u8] {
     tracing::warn!(port = core.name, %error, "the reply has no form for this carrier");
     b""
 }
@@ -155,7 +155,7 @@ const LONGEST_BY_DATAGRAMS: usize = 8 << 20;
 /// specification requires the same port number, but 3.5 built without ACE uses any. The first valid datagram
 /// from that host therefore determines the number, and other senders are ignored from then on.
 async fn datagrams(
-    core: &Arc<Core>,
+    core: &Arc<PortCore>,
     mut link: Link,
     hello: &Hello,
     peer: Peer,
@@ -191,9 +191,9 @@ async fn datagrams(
         let envelope = found.command.envelope;
         let message = Message { payload, envelope, from, connection: admitted.id, wants_reply: false };
         match &core.sink {
-            Sink::Inbox(inbox) => inbox.offer(message),
-            Sink::Handler(handler) => drop(handler.call(message).await),
-            Sink::Nothing => {}
+            InputSink::Inbox(inbox) => inbox.offer(message),
+            InputSink::Handler(handler) => drop(handler.call(message).await),
+            InputSink::Nothing => {}
         }
     }
 }

@@ -1,6 +1,6 @@
 //! A connection to one given port without a port of our own, reconnected on demand.
 
-use super::dial::{self, TextMessage};
+use super::dial::{self, DialedConnection};
 use super::{PortError, PortOptions, output};
 use crate::{Carrier, Contact, Network};
 use std::pin::Pin;
@@ -23,7 +23,7 @@ pub(crate) struct Keeper {
     /// True if the last address of the other side may be tried.
     remembers: bool,
     last: Option<Contact>,
-    line: Option<TextMessage>,
+    line: Option<DialedConnection>,
     delay: Duration,
     pause: Option<Pin<Box<Sleep>>>,
 }
@@ -75,7 +75,7 @@ impl Keeper {
         self.line.is_some()
     }
 
-    async fn dial(&mut self) -> Result<TextMessage, PortError> {
+    async fn dial(&mut self) -> Result<DialedConnection, PortError> {
         let last = self.last.as_ref().filter(|_| self.remembers);
         let found = match (dial::find(&self.network, &self.to).await, last) {
             (Err(PortError::Name(_) | PortError::Unknown(_)), Some(last)) => last.clone(),
@@ -88,7 +88,7 @@ impl Keeper {
 
     /// Takes the connection. A lost one is re-established if [`keep`](Keeper::keep) was called, but not
     /// before a pause that grows from failure to failure.
-    pub async fn take(&mut self) -> Result<TextMessage, PortError> {
+    pub async fn take(&mut self) -> Result<DialedConnection, PortError> {
         if let Some(line) = self.line.take() {
             return Ok(line);
         }
@@ -118,7 +118,7 @@ impl Keeper {
 
     /// Puts the connection back after success: if it is lost or canceled later, the first new attempt is made
     /// at once.
-    pub fn put(&mut self, line: TextMessage) {
+    pub fn put(&mut self, line: DialedConnection) {
         self.line = Some(line);
         (self.delay, self.pause) = (MIN_PAUSE, None);
     }

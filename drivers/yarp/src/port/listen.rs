@@ -1,6 +1,6 @@
 //! Life cycle of a port: it listens, registers, accepts, and ends in order.
 
-use super::core::{Core, Sink};
+use super::core::{InputSink, PortCore};
 use super::slot::Delivery;
 use super::{PortError, PortOptions, input};
 use crate::Network;
@@ -18,7 +18,7 @@ const CLOSES: (u32, Duration) = (5, Duration::from_millis(100));
 
 /// An open port. Dropping it closes it in the background.
 pub(crate) struct Handle {
-    pub core: Arc<Core>,
+    pub core: Arc<PortCore>,
     listener: Option<JoinHandle<()>>,
 }
 
@@ -26,7 +26,7 @@ impl Handle {
     pub async fn open(
         network: &Network,
         name: &str,
-        sink: Sink,
+        sink: InputSink,
         delivery: Option<Delivery>,
         options: PortOptions,
     ) -> Result<Handle, PortError> {
@@ -48,7 +48,7 @@ impl Handle {
                 return Err(error.into());
             }
         };
-        let core = Arc::new(Core::new(network, contact, sink, delivery, options));
+        let core = Arc::new(PortCore::new(network, contact, sink, delivery, options));
         let listener = Some(tokio::spawn(listen_loop(core.clone(), listener)));
         let handle = Handle { core, listener };
         // Persistent connections are optional; without them the port is open nevertheless.
@@ -91,7 +91,7 @@ impl Drop for Handle {
     }
 }
 
-async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
+async fn listen_loop(core: Arc<PortCore>, listener: TcpListener) {
     let mut inputs = Guests::new(core.options.connections);
     let renewal = tokio::spawn(renew(core.clone()));
     let closed = core.closed();
@@ -119,7 +119,7 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
     // Inputs end by themselves when they detect that the port closes.
     let _ = timeout(core.options.write, async { while inputs.ended().await.is_some() {} }).await;
     inputs.shutdown().await;
-    if let Sink::Inbox(inbox) = &core.sink {
+    if let InputSink::Inbox(inbox) = &core.sink {
         inbox.close();
     }
     // a port that has taken the name since then keeps it
@@ -136,7 +136,7 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
 }
 
 /// Renews the registration periodically.
-async fn renew(core: Arc<Core>) {
+async fn renew(core: Arc<PortCore>) {
     loop {
         sleep(core.options.renew).await;
         core.roll_call().await;

@@ -1,8 +1,8 @@
 //! One connection to another port.
 
 use super::PortOptions;
-use super::core::Core;
-use super::dial::{self, TextMessage};
+use super::core::PortCore;
+use super::dial::{self, DialedConnection};
 use super::link::{Link, LinkError};
 use super::slot::{Packet, Slot};
 use crate::wire::{Carrier, datagram, frame, line};
@@ -13,7 +13,7 @@ use tokio::time::timeout;
 
 /// Parameters of an output.
 pub(crate) struct Job {
-    pub core: Arc<Core>,
+    pub core: Arc<PortCore>,
     pub id: u64,
     pub to: Contact,
     pub carrier: Carrier,
@@ -22,7 +22,7 @@ pub(crate) struct Job {
 
 /// Sends the packets of the slot until it has to quit or the other side is gone. After a missing
 /// acknowledgment it reconnects once; a second one without success in between ends it.
-pub(crate) async fn run(job: Job, mut line: TextMessage) {
+pub(crate) async fn run(job: Job, mut line: DialedConnection) {
     let Job { core, to, carrier, slot, .. } = &job;
     let mut retry = true;
     let end = loop {
@@ -57,20 +57,20 @@ pub(crate) async fn run(job: Job, mut line: TextMessage) {
 
 /// Sends until the slot has to quit.
 async fn serve(
-    core: &Core,
+    core: &PortCore,
     carrier: Carrier,
     slot: &Slot,
-    line: &mut TextMessage,
+    line: &mut DialedConnection,
     retry: &mut bool,
 ) -> Result<(), LinkError> {
     let dialect = core.network.dialect();
     loop {
         let packet = match line {
-            TextMessage::Stream(link) => tokio::select! {
+            DialedConnection::Stream(link) => tokio::select! {
                 packet = slot.take() => packet,
                 error = link.until_closed() => return Err(error),
             },
-            TextMessage::Datagrams(..) => slot.take().await,
+            DialedConnection::Datagrams(..) => slot.take().await,
         };
         let Some(packet) = packet else { return Ok(()) };
         if !send(line, carrier, b'D', &packet, dialect, &core.options).await? {
@@ -82,7 +82,7 @@ async fn serve(
 
 /// Sends one message and waits for its acknowledgment; `false` if it has no form for this carrier.
 pub(crate) async fn send(
-    line: &mut TextMessage,
+    line: &mut DialedConnection,
     carrier: Carrier,
     key: u8,
     packet: &Packet,
@@ -91,17 +91,17 @@ pub(crate) async fn send(
 ) -> Result<bool, LinkError> {
     let envelope = packet.envelope.as_deref();
     match line {
-        TextMessage::Stream(link) if carrier.is_text() => {
+        DialedConnection::Stream(link) if carrier.is_text() => {
             let Some(text) = packet.text(dialect) else { return Ok(false) };
             link.write(&[&line::encode(key, envelope, text)]).await?;
             acknowledged(link, carrier, options).await?;
         }
-        TextMessage::Stream(link) => {
+        DialedConnection::Stream(link) => {
             let Some(bytes) = packet.binary(dialect) else { return Ok(false) };
             link.write(&[&frame::encode(key, envelope, bytes.len()), bytes]).await?;
             acknowledged(link, carrier, options).await?;
         }
-        TextMessage::Datagrams(socket, _) => {
+        DialedConnection::Datagrams(socket, _) => {
             let Some(bytes) = packet.binary(dialect) else { return Ok(false) };
             let message = [&frame::encode(key, envelope, bytes.len()), bytes].concat();
             for piece in datagram::split(&message) {
@@ -134,11 +134,11 @@ pub(crate) async fn leave(
     options: &PortOptions,
     own_name: &str,
     carrier: Carrier,
-    line: TextMessage,
+    line: DialedConnection,
 ) -> Result<(), LinkError> {
     match line {
-        TextMessage::Stream(mut link) => leave_stream(&mut link, carrier, options).await,
-        TextMessage::Datagrams(_, reader) => leave_datagrams(network, options, own_name, &reader).await,
+        DialedConnection::Stream(mut link) => leave_stream(&mut link, carrier, options).await,
+        DialedConnection::Datagrams(_, reader) => leave_datagrams(network, options, own_name, &reader).await,
     }
 }
 

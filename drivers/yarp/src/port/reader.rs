@@ -1,6 +1,6 @@
 //! Ports that receive data.
 
-use super::core::{Core, Sink};
+use super::core::{InputSink, PortCore};
 use super::inbox::{Inbox, Queue};
 use super::listen::Handle;
 use super::{Message, PortError, PortOptions};
@@ -33,7 +33,7 @@ impl InputPort {
         options: PortOptions,
     ) -> Result<InputPort, PortError> {
         let inbox = Arc::new(Inbox::new(queue));
-        let handle = Handle::open(network, name, Sink::Inbox(inbox.clone()), None, options).await?;
+        let handle = Handle::open(network, name, InputSink::Inbox(inbox.clone()), None, options).await?;
         Ok(InputPort { handle, inbox })
     }
 
@@ -67,7 +67,7 @@ impl InputPort {
     }
 
     /// The port itself, which lives as long as this reader is open.
-    pub(crate) fn core(&self) -> &Arc<Core> {
+    pub(crate) fn core(&self) -> &Arc<PortCore> {
         &self.handle.core
     }
 

@@ -1,6 +1,6 @@
 //! Ports that both receive and publish data, under one name.
 
-use super::core::Sink;
+use super::core::InputSink;
 use super::inbox::{Inbox, Queue};
 use super::listen::Handle;
 use super::slot::{Delivery, Packet};
@@ -21,7 +21,7 @@ impl Relay {
     /// A bad name, no socket, or no name server.
     pub async fn open(network: &Network, name: &str, queue: Queue, delivery: Delivery) -> Result<Relay, PortError> {
         let inbox = Arc::new(Inbox::new(queue));
-        let sink = Sink::Inbox(inbox.clone());
+        let sink = InputSink::Inbox(inbox.clone());
         let handle = Handle::open(network, name, sink, Some(delivery), PortOptions::default()).await?;
         Ok(Relay { handle, inbox })
     }

@@ -1,6 +1,6 @@
 //! Ports that answer requests.
 
-use super::core::Sink;
+use super::core::InputSink;
 use super::listen::Handle;
 use super::{Message, Payload, PortError, PortOptions};
 use crate::{Contact, Network};
@@ -43,7 +43,7 @@ impl RpcServer {
         handler: Arc<dyn Handler>,
         options: PortOptions,
     ) -> Result<RpcServer, PortError> {
-        Ok(RpcServer { handle: Handle::open(network, name, Sink::Handler(handler), None, options).await? })
+        Ok(RpcServer { handle: Handle::open(network, name, InputSink::Handler(handler), None, options).await? })
     }
 
     /// Name of the port, as registered.

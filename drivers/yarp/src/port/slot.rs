@@ -55,14 +55,14 @@ impl Packet {
 /// Queue between a writer and one of its connections.
 pub(crate) struct Slot {
     delivery: Delivery,
-    state: Mutex<State>,
+    state: Mutex<OutputSlotState>,
     bell: Notify,
     idle: Notify,
     dropped: Arc<AtomicU64>,
 }
 
 #[derive(Default)]
-struct State {
+struct OutputSlotState {
     /// Packets, each with the time at which it was added.
     packets: VecDeque<(Instant, Arc<Packet>)>,
     /// True if a packet was taken that is not sent and acknowledged yet.

@@ -1,6 +1,6 @@
 //! Ports that publish data.
 
-use super::core::Sink;
+use super::core::InputSink;
 use super::listen::Handle;
 use super::slot::{Delivery, Packet};
 use super::{Payload, PortError, PortOptions};
@@ -33,7 +33,7 @@ impl OutputPort {
         delivery: Delivery,
         options: PortOptions,
     ) -> Result<OutputPort, PortError> {
-        Ok(OutputPort { handle: Handle::open(network, name, Sink::Nothing, Some(delivery), options).await? })
+        Ok(OutputPort { handle: Handle::open(network, name, InputSink::Nothing, Some(delivery), options).await? })
     }
 
     /// Publishes a message. Never blocks: every connection has its own queue and task.

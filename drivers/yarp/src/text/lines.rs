@@ -5,14 +5,14 @@ use super::TextError;
 
 /// Parser state of a text: open quotes and brackets.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Open {
+pub(super) struct OpenQuotes {
     quoted: bool,
     escaped: bool,
     round: i64,
     curly: i64,
 }
 
-impl Open {
+impl OpenQuotes {
     /// Processes the next byte; true if it is literal, because it is escaped.
     pub fn take(&mut self, byte: u8) -> bool {
         if self.escaped {
@@ -45,7 +45,7 @@ impl Open {
 
 /// True if the message ends with this line.
 pub fn is_complete(line: &[u8]) -> bool {
-    let mut open = Open::default();
+    let mut open = OpenQuotes::default();
     for byte in line {
         open.take(*byte);
     }
@@ -56,7 +56,7 @@ pub fn is_complete(line: &[u8]) -> bool {
 #[derive(Clone, Debug, Default)]
 pub struct LineJoiner {
     text: Vec<u8>,
-    open: Open,
+    open: OpenQuotes,
     going_on: bool,
 }
 

@@ -1,6 +1,6 @@
 //! Parsing of text to bottles.
 
-use super::lines::Open;
+use super::lines::OpenQuotes;
 use super::{TextError, number};
 use crate::{Bottle, DecodeLimits, Dialect, Text, Value, Vocab};
 
@@ -39,7 +39,7 @@ impl Parser {
             return Err(TextError::TooDeep { limit: self.limits.max_depth });
         }
         let mut values = Vec::new();
-        for token in Tokens::of(text) {
+        for token in TextTokens::of(text) {
             self.elements += 1;
             if self.elements > self.limits.max_elements {
                 return Err(TextError::TooMany { limit: self.limits.max_elements });
@@ -59,7 +59,7 @@ impl Parser {
         Ok(match token.first() {
             Some(b'(') => Value::List(self.list(inner(token), depth + 1)?),
             Some(b'[') => self.vocab(inner(token)),
-            Some(b'{') => Value::Blob(Tokens::of(inner(token)).map(byte).collect()),
+            Some(b'{') => Value::Blob(TextTokens::of(inner(token)).map(byte).collect()),
             Some(b'"') => Value::String(Text(unescape(inner(token)))),
             _ => match unescape(token) {
                 word if word == b"true" => true.into(),
@@ -118,24 +118,24 @@ fn unescape(text: &[u8]) -> Vec<u8> {
 }
 
 /// Parts of a text between its separators, without a part that is open at the end.
-struct Tokens<'a> {
+struct TextTokens<'a> {
     text: &'a [u8],
 }
 
-impl<'a> Tokens<'a> {
-    fn of(text: &'a [u8]) -> Tokens<'a> {
-        Tokens { text }
+impl<'a> TextTokens<'a> {
+    fn of(text: &'a [u8]) -> TextTokens<'a> {
+        TextTokens { text }
     }
 }
 
-impl<'a> Iterator for Tokens<'a> {
+impl<'a> Iterator for TextTokens<'a> {
     type Item = &'a [u8];
 
     fn next(&mut self) -> Option<&'a [u8]> {
         let separator = |b: &u8| matches!(b, b' ' | b'\t' | b'\n' | b'\r' | b',');
         let start = self.text.iter().position(|b| !separator(b))?;
         let text = self.text.get(start..)?;
-        let mut open = Open::default();
+        let mut open = OpenQuotes::default();
         for (i, byte) in text.iter().enumerate() {
             let escaped = open.take(*byte);
             if !escaped && separator(byte) && open.closed() {

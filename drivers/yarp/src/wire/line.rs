@@ -26,18 +26,18 @@ pub struct TextMessage {
 pub struct Scanner {
     seen: usize,
     head: Option<(TextCommand, usize)>,
-    body: Body,
+    body: OpenBrackets,
 }
 
 /// Open quotes and brackets in a line of bottle text.
 #[derive(Clone, Copy, Debug, Default)]
-struct Body {
+struct OpenBrackets {
     depth: u32,
     quoted: bool,
     escaped: bool,
 }
 
-impl Body {
+impl OpenBrackets {
     /// Processes one byte; `true` if the text ends with it.
     fn step(&mut self, byte: u8) -> bool {
         match byte {
@@ -93,7 +93,7 @@ impl Scanner {
 
 /// Number of bytes of one line of bottle text (a reply), end of line included.
 pub fn reply_end(bytes: &[u8]) -> Option<usize> {
-    let mut body = Body::default();
+    let mut body = OpenBrackets::default();
     bytes.iter().position(|byte| body.step(*byte)).map(|end| end + 1)
 }
 

@@ -15,42 +15,42 @@ pub(super) fn by_axes(a: &Placed, b: &Placed) -> Separation {
     let edges_a = edges(a);
     let edges_b = edges(b);
     let between = b.center() - a.center();
-    let mut best: Option<(f64, Vector3<f64>, Kind)> = None;
-    let mut consider = |axis: Vector3<f64>, kind: Kind| {
+    let mut best: Option<(f64, Vector3<f64>, AxisSource)> = None;
+    let mut consider = |axis: Vector3<f64>, kind: AxisSource| {
         let Some(n) = axis.try_normalize(1e-300) else { return };
         let n = if n.dot(&between) < 0.0 { -n } else { n };
         let apart = n.dot(&between) - reach(&edges_a, &n) - reach(&edges_b, &n);
         // Edge pairs must be better by a small tolerance, so that faces win ties: their witness points are more stable.
-        let tie_margin = if matches!(kind, Kind::Edges(..)) { 1e-12 } else { 0.0 };
+        let tie_margin = if matches!(kind, AxisSource::Edges(..)) { 1e-12 } else { 0.0 };
         if best.is_none_or(|(d, ..)| apart > d + tie_margin) {
             best = Some((apart, n, kind));
         }
     };
     if matches!(a.core, Core::Box { .. }) {
-        edges_a.iter().for_each(|e| consider(*e, Kind::FaceOfA));
+        edges_a.iter().for_each(|e| consider(*e, AxisSource::FaceOfA));
     }
     if matches!(b.core, Core::Box { .. }) {
-        edges_b.iter().for_each(|e| consider(*e, Kind::FaceOfB));
+        edges_b.iter().for_each(|e| consider(*e, AxisSource::FaceOfB));
     }
     for ea in edges_a {
         for eb in edges_b {
             // Normalized first: a thin plate's short edge is as good a direction as its long one.
             let (Some(ua), Some(ub)) = (ea.try_normalize(1e-300), eb.try_normalize(1e-300)) else { continue };
             let axis = ua.cross(&ub);
-            consider(axis, Kind::Edges(ea, eb));
+            consider(axis, AxisSource::Edges(ea, eb));
         }
     }
-    let (distance, normal, kind) = best.unwrap_or((0.0, Vector3::x(), Kind::FaceOfA));
+    let (distance, normal, kind) = best.unwrap_or((0.0, Vector3::x(), AxisSource::FaceOfA));
     let points = match kind {
-        Kind::FaceOfA => {
+        AxisSource::FaceOfA => {
             let p = support_point(b, &-normal);
             [p - normal * distance, p]
         }
-        Kind::FaceOfB => {
+        AxisSource::FaceOfB => {
             let p = support_point(a, &normal);
             [p, p + normal * distance]
         }
-        Kind::Edges(ea, eb) => {
+        AxisSource::Edges(ea, eb) => {
             let edge = |placed: &Placed, edge: Vector3<f64>, n: Vector3<f64>| {
                 let middle = edges(placed)
                     .iter()
@@ -70,7 +70,7 @@ pub(super) fn by_axes(a: &Placed, b: &Placed) -> Separation {
 
 /// The features that an axis comes from; they determine the witness points.
 #[derive(Clone, Copy)]
-enum Kind {
+enum AxisSource {
     FaceOfA,
     FaceOfB,
     Edges(Vector3<f64>, Vector3<f64>),

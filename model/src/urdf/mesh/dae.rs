@@ -8,7 +8,7 @@
 
 use super::{MAX_TRIANGLES, Parsed, add_polygon, add_triangle, decoded};
 use crate::Mesh;
-use crate::error::Source;
+use crate::error::SourceText;
 use crate::xml::{self, XmlElement, XmlLimits};
 use nalgebra::{Matrix4, Point3, Rotation3, Translation3, Unit, Vector3};
 use percent_encoding::percent_decode_str;
@@ -34,7 +34,7 @@ const REFERRED_TO: [&str; 6] = ["visual_scene", "node", "geometry", "vertices", 
 /// # Errors
 /// The reason, as the end of a sentence.
 pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
-    let source = Source::new("mesh", &decoded(bytes));
+    let source = SourceText::new("mesh", &decoded(bytes));
     let root = xml::parse_within(&source, &LIMITS).map_err(|e| {
         let unreadable = format!("cannot be read: line {}: {}", e.line(), e.message());
         match std::str::from_utf8(bytes) {
@@ -47,7 +47,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     }
     let mut ids = BTreeMap::new();
     collect_ids(&root, &mut ids);
-    let mut scene = Scene { text: source.text(), ids, mesh: Mesh::default(), instances: 0, left: MAX_SHOWN };
+    let mut scene = DaeReader { text: source.text(), ids, mesh: Mesh::default(), instances: 0, left: MAX_SHOWN };
     let unit = scene.unit(&root)?;
     match scene.shown(&root)? {
         Some(shown) => scene.nodes(shown, &unit, 0)?,
@@ -80,7 +80,7 @@ fn collect_id<'d>(element: &'d XmlElement, ids: &mut Ids<'d>) {
 }
 
 /// State of the reader.
-struct Scene<'d> {
+struct DaeReader<'d> {
     /// The file.
     text: &'d str,
     /// The elements that others refer to.
@@ -93,7 +93,7 @@ struct Scene<'d> {
     left: usize,
 }
 
-impl<'d> Scene<'d> {
+impl<'d> DaeReader<'d> {
     /// The element of a kind that an attribute such as `url="#id"` refers to, within this file.
     fn target(&self, element: &XmlElement, attribute: &str, kind: &str) -> Option<&'d XmlElement> {
         let id = element.get(attribute)?.strip_prefix('#')?;
@@ -272,7 +272,7 @@ impl<'d> Scene<'d> {
     }
 
     /// The layout of a surface's lists. References are searched among the sources of its own mesh first.
-    fn layout(&self, own: &Ids<'d>, surface: &XmlElement) -> Result<Layout<'d>, String> {
+    fn layout(&self, own: &Ids<'d>, surface: &XmlElement) -> Result<SourceLayout<'d>, String> {
         let offset = |input: &XmlElement| input.get("offset").unwrap_or("0").parse::<usize>().ok().filter(|o| *o < 64);
         let bad = || format!("has a {} without readable inputs", self.tag(surface));
         let refer = |input: &XmlElement, kind: &'static str| {
@@ -292,7 +292,7 @@ impl<'d> Scene<'d> {
             }
         }
         let (offset, source) = layout.ok_or_else(bad)?;
-        Ok(Layout { offset, stride, source })
+        Ok(SourceLayout { offset, stride, source })
     }
 
     /// Adds a source's positions to the mesh's vertices.
@@ -331,7 +331,13 @@ impl<'d> Scene<'d> {
     }
 
     /// The corners in a list of a surface, whose positions are the `count` vertices starting at `first`.
-    fn corners(&mut self, list: &XmlElement, layout: &Layout<'_>, first: u32, count: u32) -> Result<Vec<u32>, String> {
+    fn corners(
+        &mut self,
+        list: &XmlElement,
+        layout: &SourceLayout<'_>,
+        first: u32,
+        count: u32,
+    ) -> Result<Vec<u32>, String> {
         let content = self.content(list)?;
         let mut words = 0_usize;
         let mut corners = Vec::new();
@@ -410,7 +416,7 @@ fn look_at(eye: &Vector3<f64>, target: &Vector3<f64>, up: &Vector3<f64>) -> Matr
 }
 
 /// Layout of a surface's lists of numbers.
-struct Layout<'d> {
+struct SourceLayout<'d> {
     /// Index of the position within the numbers of a corner.
     offset: usize,
     /// Count of numbers per corner.

@@ -28,13 +28,13 @@ static ZEROS: [u8; 12] = [0; 12];
 /// The parts of the JSON that are used.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-struct Document {
+struct GlbDocument {
     scene: Option<usize>,
     scenes: Vec<Nodes>,
-    nodes: Vec<Node>,
+    nodes: Vec<GlbNode>,
     meshes: Vec<Primitives>,
     accessors: Vec<Accessor>,
-    buffer_views: Vec<View>,
+    buffer_views: Vec<BufferView>,
     buffers: Vec<Buffer>,
     extensions_required: Vec<String>,
 }
@@ -47,7 +47,7 @@ struct Nodes {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct Node {
+struct GlbNode {
     children: Vec<usize>,
     mesh: Option<usize>,
     skin: Option<usize>,
@@ -63,12 +63,12 @@ struct Node {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Primitives {
-    primitives: Vec<Primitive>,
+    primitives: Vec<GlbPrimitive>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct Primitive {
+struct GlbPrimitive {
     attributes: Attributes,
     indices: Option<usize>,
     mode: Option<u32>,
@@ -98,14 +98,14 @@ struct Accessor {
 struct Sparse {
     count: usize,
     /// Their indices.
-    indices: Part,
+    indices: SparsePart,
     /// Their values.
-    values: Part,
+    values: SparsePart,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-struct Part {
+struct SparsePart {
     buffer_view: usize,
     byte_offset: usize,
     component_type: u32,
@@ -120,7 +120,7 @@ struct Buffer {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-struct View {
+struct BufferView {
     buffer: usize,
     byte_offset: usize,
     byte_length: usize,
@@ -152,11 +152,11 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
         }
         at = end;
     }
-    let document: Document = serde_json::from_slice(json.ok_or("has no JSON in it")?)
+    let document: GlbDocument = serde_json::from_slice(json.ok_or("has no JSON in it")?)
         .map_err(|e| format!("has JSON that is no glTF: {}", crate::printable(&e.to_string())))?;
     // Extensions for materials and textures are irrelevant.
     document.extensions_required.iter().try_for_each(|e| refuse_extension(e))?;
-    let mut scene = Scene { document: &document, binary, mesh: Mesh::default(), instances: 0 };
+    let mut scene = GlbReader { document: &document, binary, mesh: Mesh::default(), instances: 0 };
     let origin = Matrix4::identity();
     match document.scenes.get(document.scene.unwrap_or(0)) {
         Some(shown) => shown.nodes.iter().try_for_each(|node| scene.node(*node, &origin, 0))?,
@@ -184,7 +184,7 @@ fn refuse_extension(name: &str) -> Result<(), String> {
     Err(format!("needs `{}`: export it without compression and instancing", crate::printable(name)))
 }
 
-impl Node {
+impl GlbNode {
     /// `parent_from_node`.
     fn place(&self) -> Matrix4<f64> {
         if let Some(columns) = self.matrix {
@@ -199,8 +199,8 @@ impl Node {
 }
 
 /// State of the reader.
-struct Scene<'d> {
-    document: &'d Document,
+struct GlbReader<'d> {
+    document: &'d GlbDocument,
     /// The buffer of the file.
     binary: &'d [u8],
     /// The surface so far, meters.
@@ -208,7 +208,7 @@ struct Scene<'d> {
     instances: usize,
 }
 
-impl Scene<'_> {
+impl GlbReader<'_> {
     fn count(&mut self) -> Result<(), String> {
         self.instances += 1;
         if self.instances > MAX_INSTANCES {

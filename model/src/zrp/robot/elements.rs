@@ -1,6 +1,6 @@
 //! The effect of each element of a robot file on the robot and on the state of the reader.
 
-use super::{Open, PartBuilder, ROOT, RobotReader};
+use super::{OpenElement, PartBuilder, ROOT, RobotReader};
 use crate::error::FileError;
 use crate::hull::Hulls;
 use crate::zrp::constraint::Member;
@@ -25,7 +25,7 @@ const NODE: &[&str] = &["name", "x", "y", "z", "length", "radius", "field", "noS
 
 impl RobotReader {
     /// Makes a part current: a new one, or the existing one of that name.
-    pub(super) fn bodypart(&mut self, element: Element) -> Result<Open, FileError> {
+    pub(super) fn bodypart(&mut self, element: Element) -> Result<OpenElement, FileError> {
         element.warn_unknown(&[&["name"]], &mut self.warnings);
         let name = element.name_attr()?;
         let known = self.parts.iter().position(|p| p.name == name);
@@ -44,7 +44,7 @@ impl RobotReader {
             self.parts.len() - 1
         });
         self.part = Some(part);
-        Ok(Open::Part { part, element })
+        Ok(OpenElement::Part { part, element })
     }
 
     /// The current part, or an error at an element that needs one.
@@ -61,14 +61,14 @@ impl RobotReader {
     /// count.
     ///
     /// Its limits are encoder units in the file and converted to rad of encoder; the default is -1 to 1 unit.
-    pub(super) fn motor(&mut self, e: &Element) -> Result<Open, FileError> {
+    pub(super) fn motor(&mut self, e: &Element) -> Result<OpenElement, FileError> {
         e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home", "maxSpeed"], motion::MOTOR], &mut self.warnings);
         let part = self.current_part(e)?;
         let name = e.name_attr()?;
         let before = self.motor;
         if let Some(known) = self.motors.iter().position(|m| m.name == name) {
             self.motor = Some(known);
-            return Ok(Open::Motor { before });
+            return Ok(OpenElement::Motor { before });
         }
         room_for_one(e, self.motors.len())?;
         let (min, max) = limits(e, "the motor", -1.0, 1.0)?;
@@ -129,11 +129,11 @@ impl RobotReader {
         });
         self.motions.push(motion);
         self.motor = Some(index);
-        Ok(Open::Motor { before })
+        Ok(OpenElement::Motor { before })
     }
 
     /// Adds a link or a joint: a node below the current one, with the shapes defined by `radius` and `field`.
-    pub(super) fn tree_node(&mut self, e: &Element) -> Result<Open, FileError> {
+    pub(super) fn tree_node(&mut self, e: &Element) -> Result<OpenElement, FileError> {
         let is_joint = e.name == "joint";
         let own: &[&str] = if is_joint { &["type", "minPos", "maxPos"] } else { &[] };
         e.warn_unknown(&[NODE, COLOR, own], &mut self.warnings);
@@ -179,7 +179,7 @@ impl RobotReader {
         });
         self.parts[part].root_node.get_or_insert(index);
         let before = self.node.replace(index);
-        Ok(Open::Node { before })
+        Ok(OpenElement::Node { before })
     }
 
     /// The name of a link or joint, if it has one.
@@ -210,7 +210,7 @@ impl RobotReader {
     }
 
     /// Adds a shape to the current node: solid, or part of the force field.
-    pub(super) fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<Open, FileError> {
+    pub(super) fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<OpenElement, FileError> {
         e.warn_unknown(&[sizes, geometry::POSE, geometry::HULL, &["field"]], &mut self.warnings);
         let Some(node) = self.node else {
             let message = format!("<{}> is outside any link or joint", e.written);
@@ -234,12 +234,12 @@ impl RobotReader {
         }
         list.push(primitive);
         self.shapes += 1;
-        Ok(Open::Other)
+        Ok(OpenElement::Other)
     }
 
     /// Adds a marker at the origin of the current node. It belongs to the current part, which may differ from the
     /// node's.
-    pub(super) fn marker(&mut self, e: &Element) -> Result<Open, FileError> {
+    pub(super) fn marker(&mut self, e: &Element) -> Result<OpenElement, FileError> {
         e.warn_unknown(&[&["name", "nx", "ny", "nz", "tracer"]], &mut self.warnings);
         let part = self.current_part(e)?;
         let Some(node) = self.node else {
@@ -255,42 +255,42 @@ impl RobotReader {
         let normal = Unit::try_new(e.vector(["nx", "ny", "nz"])?, geometry::ZERO).unwrap_or(Vector3::x_axis());
         let tracer = e.integer("tracer")?.unwrap_or(5).clamp(1, 10_000) as u32;
         self.markers.push(Marker { name, node, part, normal, tracer });
-        Ok(Open::Other)
+        Ok(OpenElement::Other)
     }
 
     /// Opens a `constraintList`: a disjunction, whose members follow.
-    pub(super) fn clause(&mut self, element: Element) -> Open {
+    pub(super) fn clause(&mut self, element: Element) -> OpenElement {
         if self.part.is_none() {
             let message = "<constraintList> is outside any body part; it is ignored";
             self.warnings.add(|| element.warning_at("", message, "put it into the part whose motors it is about"));
         }
         self.clause = Some(Vec::new());
-        Open::Clause { element }
+        OpenElement::Clause { element }
     }
 
     /// Adds one half-space to the open clause.
-    pub(super) fn constraint(&mut self, e: Element) -> Result<Open, FileError> {
+    pub(super) fn constraint(&mut self, e: Element) -> Result<OpenElement, FileError> {
         e.warn_unknown(&[Member::ATTRIBUTES], &mut self.warnings);
         let Some(clause) = &mut self.clause else {
             return Err(e.error("<constraint> is outside a constraintList", "put it into a <constraintList>"));
         };
         clause.push(Member::read(e)?);
-        Ok(Open::Other)
+        Ok(OpenElement::Other)
     }
 
     /// Opens or continues the list of disabled pairs.
-    pub(super) fn pairs(&mut self, e: &Element) -> Result<Open, FileError> {
+    pub(super) fn pairs(&mut self, e: &Element) -> Result<OpenElement, FileError> {
         e.warn_unknown(&[], &mut self.warnings);
         if self.open.len() != 1 {
             let help = format!("put it directly into <{ROOT}>: it is about the whole robot");
             return Err(e.error("<pairs> is within another element", help));
         }
         self.left_out.get_or_insert_default();
-        Ok(Open::Pairs)
+        Ok(OpenElement::Pairs)
     }
 
     /// Adds a link without a collision shape in its URDF; all of them are listed in one warning at the end.
-    pub(super) fn bare(&mut self, e: Element) -> Result<Open, FileError> {
+    pub(super) fn bare(&mut self, e: Element) -> Result<OpenElement, FileError> {
         e.warn_unknown(&[&["link"]], &mut self.warnings);
         if self.open.len() != 1 {
             return Err(e.error("<bare> is within another element", format!("put it directly into <{ROOT}>")));
@@ -301,16 +301,16 @@ impl RobotReader {
         room_for_one(&e, self.bare.len())?;
         self.bare.push(link);
         self.first_bare.get_or_insert(e);
-        Ok(Open::Other)
+        Ok(OpenElement::Other)
     }
 
     /// Adds one disabled pair.
-    pub(super) fn leave_out(&mut self, e: Element) -> Result<Open, FileError> {
+    pub(super) fn leave_out(&mut self, e: Element) -> Result<OpenElement, FileError> {
         match (&mut self.left_out, self.open.last()) {
-            (Some(list), Some(Open::Pairs)) => list.push(e, &mut self.warnings)?,
+            (Some(list), Some(OpenElement::Pairs)) => list.push(e, &mut self.warnings)?,
             _ => return Err(e.error("<leaveOut> is outside <pairs>", "put it into a <pairs> element")),
         }
-        Ok(Open::Other)
+        Ok(OpenElement::Other)
     }
 }
 

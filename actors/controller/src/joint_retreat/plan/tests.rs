@@ -10,11 +10,11 @@ use std::time::Duration;
 
 /// A robot that rested at the first of these angles (radians), moved, and rests at the second; its path ends at the
 /// first rest.
-fn farther(then: f64, safe: f64, place: Option<f64>) -> Leg {
+fn farther(then: f64, safe: f64, place: Option<f64>) -> RetreatLeg {
     let (a, b) = (then.to_degrees(), safe.to_degrees());
     let participant = recorded(0, true, &[(0.0, a), (1.0, a), (2.0, b), (3.0, b)], 2.5);
     let participant = Participant { named: [].into(), places: vec![place].into(), ..participant };
-    Leg { end: 50, rested: Time::ZERO, blocked: false, end_unchecked: false, participant }
+    RetreatLeg { end: 50, rested: Time::ZERO, blocked: false, end_unchecked: false, participant }
 }
 
 /// A motor that the motion did not name is included only if it was sent elsewhere since then.
@@ -71,7 +71,8 @@ fn two_meet_until_they_are_released() {
     assert!(near < far, "{near} {far}");
     let colliding = |b: f64| {
         let other = recorded(1, true, &[(0.0, b), (3.0, b)], 0.0);
-        let mut plan = Plan::new(vec![recorded(0, true, &[(0.0, -90.0), (3.0, 90.0)], 0.0), other]).unwrap();
+        let mut plan =
+            JointRetreatPlan::new(vec![recorded(0, true, &[(0.0, -90.0), (3.0, 90.0)], 0.0), other]).unwrap();
         (0..300).any(|k| !plan.colliding(Time(k * 10_000_000)).is_empty())
     };
     assert!(colliding(near) && !colliding(far + 0.1), "{near} {far}");
@@ -106,7 +107,7 @@ fn two_of_three_meet() {
     let of = |robot, turns: &[(f64, f64)]| Participant { scene: three(), ..recorded(robot, true, turns, 0.0) };
     let turns = [(0.0, -90.0), (3.0, 90.0)];
     let still = [(0.0, 0.0), (3.0, 0.0)];
-    let mut plan = Plan::new(vec![of(0, &turns), of(1, &still), of(2, &turns)]).unwrap();
+    let mut plan = JointRetreatPlan::new(vec![of(0, &turns), of(1, &still), of(2, &turns)]).unwrap();
     let met: std::collections::BTreeSet<_> = (0..300).flat_map(|k| plan.colliding(Time(k * 10_000_000))).collect();
     assert_eq!(met.into_iter().collect::<Vec<_>>(), [(1, 2)]);
 }
@@ -116,7 +117,7 @@ fn two_of_three_meet() {
 fn recorded_encounters_block_no_robot() {
     let of = |robot, turns: &[(f64, f64)], safe| Participant { scene: three(), ..recorded(robot, true, turns, safe) };
     let ([left, right], first) = ([[(0.0, 90.0), (3.0, 0.0), (5.0, 0.0)]; 2], [(0.0, 0.0), (1.0, 0.0), (5.0, 90.0)]);
-    let mut plan = Plan::new(vec![of(0, &first, 0.5), of(1, &left, 4.0), of(2, &right, 4.0)]).unwrap();
+    let mut plan = JointRetreatPlan::new(vec![of(0, &first, 0.5), of(1, &left, 4.0), of(2, &right, 4.0)]).unwrap();
     assert!(!plan.colliding(Time(2_000_000_000)).is_empty(), "where both end they touch");
     while !plan.check(CHECKS_PER_REQUEST) {}
     let paths = plan.paths();
@@ -129,7 +130,8 @@ fn a_recorded_encounter_needs_no_change_when_a_third_robot_is_back() {
     let of = |robot, turns: &[(f64, f64)], safe| Participant { scene: three(), ..recorded(robot, true, turns, safe) };
     let touching = [(0.0, 95.0), (0.2, 95.0), (0.4, 90.0), (0.8, 90.0), (1.4, 0.0), (3.0, 0.0)];
     let third = [(0.0, -90.0), (2.0, 0.0), (2.3, 0.0), (3.0, 60.0)];
-    let mut plan = Plan::new(vec![of(0, &third, 2.2), of(1, &touching, 0.6), of(2, &touching, 0.6)]).unwrap();
+    let mut plan =
+        JointRetreatPlan::new(vec![of(0, &third, 2.2), of(1, &touching, 0.6), of(2, &touching, 0.6)]).unwrap();
     while !plan.check(CHECKS_PER_REQUEST) {}
     let paths = plan.paths();
     assert!(paths.iter().all(|path| !path.blocked && !path.farther));
@@ -139,7 +141,8 @@ fn a_recorded_encounter_needs_no_change_when_a_third_robot_is_back() {
 #[test]
 fn a_way_goes_on_with_each_of_its_points() {
     let mut plan =
-        Plan::new(vec![recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (2.5, 30.0)], 0.5)]).unwrap();
+        JointRetreatPlan::new(vec![recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (2.5, 30.0)], 0.5)])
+            .unwrap();
     plan.legs[0].stop_at(Time(1_500_000_000));
     let path = plan.paths().remove(0);
     assert!(path.blocked && (path.points.last().unwrap().1[0].to_degrees() - 15.0).abs() < 1e-6);
@@ -154,9 +157,9 @@ fn a_plan_is_checked_in_slices() {
         let (there, back) = ([(0.0, -90.0), (3.0, 90.0)], [(0.0, 90.0), (1.0, 90.0), (2.0, 70.0), (3.0, 70.0)]);
         vec![recorded(0, true, &there, 0.0), recorded(1, true, &back, 2.5)]
     };
-    let mut whole = Plan::new(participants()).unwrap();
+    let mut whole = JointRetreatPlan::new(participants()).unwrap();
     assert!(whole.check(1000));
-    let mut plan = Plan::new(participants()).unwrap();
+    let mut plan = JointRetreatPlan::new(participants()).unwrap();
     let slices = (1..100).find(|_| plan.check(10));
     // not checked: both moving as recorded, or one passing the other at rest; the check begins where the other came
     // to rest, at 2.1 s
@@ -204,7 +207,7 @@ fn a_way_ends_where_its_motors_had_been_sent() {
 
 /// The path of a robot that retreats alone.
 fn alone(participant: Participant) -> RetreatPath {
-    let mut plan = Plan::new(vec![participant]).unwrap();
+    let mut plan = JointRetreatPlan::new(vec![participant]).unwrap();
     assert!(plan.check(CHECKS_PER_REQUEST));
     plan.paths().remove(0)
 }
@@ -298,7 +301,7 @@ fn a_detour_is_cut_off() {
 /// The ends of both, degrees; whether these are beyond their safe poses; and whether they are blocked on the path.
 fn ends(a: &[(f64, f64)], b: &[(f64, f64)], safe: [f64; 2]) -> [(f64, bool, bool); 2] {
     let participants = vec![recorded(0, true, a, safe[0]), recorded(1, true, b, safe[1])];
-    let mut plan = Plan::new(participants).unwrap();
+    let mut plan = JointRetreatPlan::new(participants).unwrap();
     while !plan.check(CHECKS_PER_REQUEST) {}
     let paths = plan.paths();
     assert_eq!(paths[0].end(), paths[1].end());
@@ -329,7 +332,7 @@ fn a_robot_that_cannot_pass_stops_where_the_common_past_ends() {
 
 #[test]
 fn dwells_of_all_are_skipped_and_no_motor_is_hurried() {
-    let mut plan = Plan::new(vec![recorded(0, true, &A, 0.3), recorded(1, true, &B, 4.0)]).unwrap();
+    let mut plan = JointRetreatPlan::new(vec![recorded(0, true, &A, 0.3), recorded(1, true, &B, 4.0)]).unwrap();
     while !plan.check(CHECKS_PER_REQUEST) {}
     let paths = plan.paths();
     // both rest from 3 s to 4 s; speeds are estimated a few readings late
@@ -347,7 +350,8 @@ fn a_stream_ends_where_nothing_touches() {
         let participant = recorded(0, true, &turns, 0.0);
         let last = participant.past.len() - 1;
         let poses = vec![participant.past[last].q.clone(), vec![other.to_radians()].into()];
-        let mut plan = Plan::new(vec![Participant { end: last - undo, poses, ..participant.clone() }]).unwrap();
+        let mut plan =
+            JointRetreatPlan::new(vec![Participant { end: last - undo, poses, ..participant.clone() }]).unwrap();
         while !plan.check(32) {}
         let path = plan.paths().remove(0);
         assert!(!path.farther && !path.blocked);

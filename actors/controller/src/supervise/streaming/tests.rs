@@ -26,8 +26,8 @@ fn ms(ms: u64) -> Time {
 
 const HERE: [f64; 2] = [0.0, 0.5];
 
-fn stream() -> Streaming {
-    Streaming::new(&rules(), ms(0))
+fn stream() -> OpenStream {
+    OpenStream::new(&rules(), ms(0))
 }
 
 fn positions(motors: &[usize], q: &[f64]) -> Setpoints {
@@ -39,7 +39,7 @@ fn velocities(motors: &[usize], v: &[f64]) -> Setpoints {
 }
 
 /// Written values, rounded to a millionth.
-fn written(stream: &mut Streaming, here: [f64; 2], now: u64) -> Option<(Vec<usize>, Vec<f64>)> {
+fn written(stream: &mut OpenStream, here: [f64; 2], now: u64) -> Option<(Vec<usize>, Vec<f64>)> {
     let round = |values: Vec<f64>| values.iter().map(|v| (v * 1e6).round() / 1e6).collect();
     let mut commands = stream.write(&here, &rules(), ms(now));
     assert!(commands.len() < 2, "{commands:?}");

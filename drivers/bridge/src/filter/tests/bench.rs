@@ -72,35 +72,40 @@ impl Bench {
         }
     }
 
-    pub fn seen<T>(&mut self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
+    pub fn seen<T>(&mut self, f: impl FnOnce(&mut FilterCore, &RobotSnapshot) -> T) -> T {
         let ends = self.ends.borrow();
         let end_of = |id: CommitId| ends.get(&id.0).copied();
         let blamed = self.blamed.clone();
-        let seen =
-            Seen { now: self.now, status: self.status, q: &self.q, end_of: &end_of, to_blame: &|_| blamed.clone() };
+        let seen = RobotSnapshot {
+            now: self.now,
+            status: self.status,
+            q: &self.q,
+            end_of: &end_of,
+            to_blame: &|_| blamed.clone(),
+        };
         f(&mut self.core, &seen)
     }
 
     /// Executes a request on a connection as the service does. A question counts as answered.
     pub fn ask(&mut self, connection: u64, request: &BoardRequest) -> Result<KnownBetter, BoardReply> {
-        let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
+        let client = BoardClient { part: 0, connection, from: "/me/rpc:o", listens: true };
         let step = self.seen(|core, seen| core.request(&client, request, seen));
         match &step {
-            Step::Question(question) => self.seen(|core, seen| core.knows_better(&client, question, seen)),
+            FilterDecision::Question(question) => self.seen(|core, seen| core.knows_better(&client, question, seen)),
             step => Err(self.act(&client, step)),
         }
     }
 
     /// Executes a step other than a question as the service does.
-    pub fn act(&mut self, client: &Client, step: &Step) -> BoardReply {
+    pub fn act(&mut self, client: &BoardClient, step: &FilterDecision) -> BoardReply {
         match step {
-            Step::Reply(reply) => *reply,
-            Step::Question(_) => BoardReply::Refused,
-            Step::Stop => {
+            FilterDecision::Reply(reply) => *reply,
+            FilterDecision::Question(_) => BoardReply::Refused,
+            FilterDecision::Stop => {
                 self.stopped += 1;
                 BoardReply::Accepted
             }
-            Step::Commit(_) | Step::Stream(_) => {
+            FilterDecision::Commit(_) | FilterDecision::Stream(_) => {
                 let verdict = Ok(CommitId(self.next));
                 self.status = Status::Moving;
                 self.seen(|core, seen| core.accepted(client, step, &verdict, seen))
@@ -109,8 +114,8 @@ impl Bench {
     }
 
     /// Executes a streamed command on a connection without replies, with its motion committed.
-    pub fn stream(&mut self, connection: u64, request: &BoardRequest) -> Option<Step> {
-        let client = Client { part: 0, connection, from: "/me/command:o", listens: false };
+    pub fn stream(&mut self, connection: u64, request: &BoardRequest) -> Option<FilterDecision> {
+        let client = BoardClient { part: 0, connection, from: "/me/command:o", listens: false };
         let step = self.seen(|core, seen| core.streamed(&client, request, seen));
         if let Some(step) = &step {
             let verdict = Ok(CommitId(self.next));

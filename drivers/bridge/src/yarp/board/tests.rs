@@ -4,7 +4,7 @@ mod slides;
 use super::words as reply;
 use super::*;
 use crate::filter::tests::bench::Bench;
-use crate::filter::{Client, Step, closed};
+use crate::filter::{BoardClient, FilterDecision, closed};
 use mobee_contract::{CommitId, Hold, MotionEnd, Status, Values};
 use proptest::prelude::*;
 use std::ops::{Deref, DerefMut};
@@ -43,10 +43,10 @@ impl Programs {
 
     /// Executes a request on a connection to a simulated robot as the service does.
     fn rpc(&mut self, connection: u64, request: &Bottle) -> Bottle {
-        let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
+        let client = BoardClient { part: 0, connection, from: "/me/rpc:o", listens: true };
         let asked = parse(request, &units(self.core.board(0)));
         let step = self.seen(|core, seen| core.request(&client, &asked, seen));
-        let Step::Question(question) = &step else { return super::reply(self.act(&client, &step)) };
+        let FilterDecision::Question(question) = &step else { return super::reply(self.act(&client, &step)) };
         self.asked.push(request.clone());
         match self.seen(|core, seen| core.knows_better(&client, question, seen)) {
             Ok(known) => {
@@ -59,7 +59,7 @@ impl Programs {
 
     /// Corrected answer of a board with its own protocol; `None` if the answer is passed on unchanged.
     fn pass(&mut self, request: &str, answer: &str) -> Option<String> {
-        let client = Client { part: 0, connection: 1, from: "/me/rpc:o", listens: true };
+        let client = BoardClient { part: 0, connection: 1, from: "/me/rpc:o", listens: true };
         let asked = parse(&bottle(request), &units(self.core.board(0)));
         let BoardRequest::Question(question) = asked else { panic!("no question: {request}") };
         let known = self.seen(|core, seen| core.knows_better(&client, &question, seen)).unwrap();
@@ -70,13 +70,13 @@ impl Programs {
         self.rpc(connection, &bottle(text)).to_string()
     }
 
-    fn step(&mut self, text: &str) -> Step {
-        let client = Client { part: 0, connection: 99, from: "anon", listens: true };
+    fn step(&mut self, text: &str) -> FilterDecision {
+        let client = BoardClient { part: 0, connection: 99, from: "anon", listens: true };
         let asked = parse(&bottle(text), &units(self.core.board(0)));
         self.seen(|core, seen| core.request(&client, &asked, seen))
     }
 
-    fn stream(&mut self, connection: u64, head: &str, body: &[f64]) -> Option<Step> {
+    fn stream(&mut self, connection: u64, head: &str, body: &[f64]) -> Option<FilterDecision> {
         let asked = streamed(&bottle(head), body, &units(self.core.board(0)));
         self.bench.stream(connection, &asked)
     }
@@ -95,23 +95,23 @@ fn bottle(text: &str) -> Bottle {
 fn a_move_is_a_commit_at_the_clients_own_speed() {
     let mut b = Programs::new();
     assert_eq!(b.say(1, "[set] [vel] 1 20.0"), "[ok]");
-    let Step::Commit(commit) = b.step("[set] [posg] 2 (0 1) (10.0 -90.0)") else { panic!("no commit") };
+    let FilterDecision::Commit(commit) = b.step("[set] [posg] 2 (0 1) (10.0 -90.0)") else { panic!("no commit") };
     assert_eq!(&*commit.agent, "toy/filter");
     assert_eq!(commit.target.motors, [0, 1]);
     assert!((commit.target.q[0].to_degrees() - 10.0).abs() < 1e-9);
     assert!((commit.speeds.unwrap()[1].to_degrees() - 20.0).abs() < 1e-9);
-    let Step::Commit(commit) = b.step("set rel 1 -5") else { panic!("no commit") };
+    let FilterDecision::Commit(commit) = b.step("set rel 1 -5") else { panic!("no commit") };
     assert!((commit.target.q[0] - (0.2 - 5.0_f64.to_radians())).abs() < 1e-12, "relative to where the joint is");
 }
 
 #[test]
 fn reads_pass_and_what_could_harm_does_not() {
     let mut b = Programs::new();
-    assert_eq!(b.step("[get] [encs]"), Step::Question(Question::Other));
-    assert_eq!(b.step("get axes"), Step::Question(Question::Other));
-    assert_eq!(b.step("[get] [pid] [pids] [pos]"), Step::Question(Question::Other));
-    assert_eq!(b.step("[get] [dons]"), Step::Question(Question::Done(vec![0, 1])));
-    let fail = Step::Reply(BoardReply::Refused);
+    assert_eq!(b.step("[get] [encs]"), FilterDecision::Question(Question::Other));
+    assert_eq!(b.step("get axes"), FilterDecision::Question(Question::Other));
+    assert_eq!(b.step("[get] [pid] [pids] [pos]"), FilterDecision::Question(Question::Other));
+    assert_eq!(b.step("[get] [dons]"), FilterDecision::Question(Question::Done(vec![0, 1])));
+    let fail = FilterDecision::Reply(BoardReply::Refused);
     for text in [
         "[get] [bogu]",
         "[set] [pos] 0 95.0",
@@ -135,8 +135,8 @@ fn reads_pass_and_what_could_harm_does_not() {
     ] {
         assert_eq!(b.step(text), fail, "{text}");
     }
-    assert_eq!(b.step("[help]"), Step::Reply(BoardReply::Malformed));
-    assert_eq!(b.step(""), Step::Reply(BoardReply::Malformed));
+    assert_eq!(b.step("[help]"), FilterDecision::Reply(BoardReply::Malformed));
+    assert_eq!(b.step(""), FilterDecision::Reply(BoardReply::Malformed));
 }
 
 #[test]
@@ -155,7 +155,7 @@ fn references_are_kept_and_never_reach_the_board() {
         assert_eq!(b.asked, [], "{text} went to the board");
     }
     assert!(b.say(1, "[get] [vels]").starts_with("[is] [vels] (200.0 200.0)"), "shown as a board would");
-    let Step::Commit(commit) = b.step("[set] [pos] 0 10.0") else { panic!("no commit") };
+    let FilterDecision::Commit(commit) = b.step("[set] [pos] 0 10.0") else { panic!("no commit") };
     assert!((commit.speeds.unwrap()[0].to_degrees() - 50.0).abs() < 1e-9, "moves keep to the greatest speed");
     assert_eq!(b.say(1, "[set] [vels] (200.0)"), "[fail]", "a list too short");
     // other settings that would change the motion of the board
@@ -218,7 +218,7 @@ fn a_stop_is_no_failure() {
     assert_eq!(b.stopped, 0, "nothing moves");
     b.say(1, "[set] [pos] 0 10.0");
     b.say(1, "[set] [pos] 1 10.0");
-    let Step::Commit(commit) = b.step("[set] [sto] 0") else { panic!("joint 1 goes on") };
+    let FilterDecision::Commit(commit) = b.step("[set] [sto] 0") else { panic!("joint 1 goes on") };
     assert_eq!((commit.target.motors, commit.target.q), (vec![0], vec![0.1]));
     assert_eq!(b.say(1, "[set] [stos]"), "[ok]");
     assert_eq!(b.stopped, 1);
@@ -350,9 +350,9 @@ proptest! {
                 _ => {
                     let shut = closed(b.status);
                     let before = b.asked.len();
-                    let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
+                    let client = BoardClient { part: 0, connection, from: "/me/rpc:o", listens: true };
                     let asked = parse(&request, &turning(2));
-                    if !shut && let Step::Commit(c) = b.seen(|core, seen| core.request(&client, &asked, seen)) {
+                    if !shut && let FilterDecision::Commit(c) = b.seen(|core, seen| core.request(&client, &asked, seen)) {
                         prop_assert!(c.target.q.iter().all(|q| q.to_degrees().abs() <= 90.0 + 1e-9));
                         prop_assert!(c.speeds.unwrap().iter().all(|s| *s > 0.0 && s.to_degrees() <= 50.0 + 1e-9));
                     }
@@ -380,12 +380,12 @@ fn a_joint_beyond_its_limit_may_stay_and_comes_back() {
         b.core.sense(at, &q, Status::Rest);
         b
     };
-    let motors = |step: Step| match step {
-        Step::Commit(commit) => {
+    let motors = |step: FilterDecision| match step {
+        FilterDecision::Commit(commit) => {
             let to = commit.target.motors.iter().zip(&commit.target.q);
             to.map(|(m, q)| format!("{m}:{:.1}", q.to_degrees())).collect::<Vec<_>>().join(" ")
         }
-        Step::Reply(answer) => super::reply(answer).to_string(),
+        FilterDecision::Reply(answer) => super::reply(answer).to_string(),
         other => panic!("{other:?}"),
     };
     for (at, asked, becomes) in [
@@ -405,10 +405,12 @@ fn a_joint_beyond_its_limit_may_stay_and_comes_back() {
         assert_eq!(motors(stands(at).step(asked)), becomes, "{asked} at {at}");
     }
     let mut b = stands(90.4);
-    let Some(Step::Stream(setpoints)) = b.stream(2, "[dpos]", &[90.4, 11.0]) else { panic!("no stream") };
+    let Some(FilterDecision::Stream(setpoints)) = b.stream(2, "[dpos]", &[90.4, 11.0]) else { panic!("no stream") };
     assert_eq!(setpoints.motors, [1]);
     assert_eq!(stands(90.4).stream(2, "[dpo] 0", &[90.4]), None, "there is nothing to do");
-    let Some(Step::Stream(setpoints)) = stands(90.4).stream(2, "[dpo] 0", &[91.5]) else { panic!("no stream") };
+    let Some(FilterDecision::Stream(setpoints)) = stands(90.4).stream(2, "[dpo] 0", &[91.5]) else {
+        panic!("no stream")
+    };
     let Values::Position(q) = setpoints.values else { panic!("no positions") };
     assert!((q[0].to_degrees() - 90.0).abs() < 1e-9);
 }
@@ -419,7 +421,7 @@ fn a_client_whose_joints_have_arrived_waits_for_no_other() {
     let mut b = Programs::new();
     assert_eq!(b.say(1, "[set] [pos] 0 20.0"), "[ok]");
     assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 0"));
-    let gaze = Client { part: 1, connection: 2, from: "/gaze/command:o", listens: false };
+    let gaze = BoardClient { part: 1, connection: 2, from: "/gaze/command:o", listens: false };
     let step =
         b.seen(|core, seen| core.streamed(&gaze, &streamed(&bottle("[vmos]"), &[5.0], &turning(1)), seen)).unwrap();
     let verdict = Ok(CommitId(b.next));

@@ -1,6 +1,6 @@
 //! Queries to a board when it is first reached.
 
-use super::Shared;
+use super::SharedRemote;
 use crate::board::{Ask, Get, JointKind, reply, server};
 use crate::{Bottle, Value};
 use std::sync::Arc;
@@ -27,7 +27,7 @@ pub struct AxisFacts {
 ///
 /// # Errors
 /// No answer, another version, or an invalid answer, as a message.
-pub(super) async fn query(shared: &Shared) -> Result<Arc<[AxisFacts]>, String> {
+pub(super) async fn query(shared: &SharedRemote) -> Result<Arc<[AxisFacts]>, String> {
     let version = get(shared, Get::Version).await?;
     let number = |i: usize| version.0.get(i).and_then(Value::as_i64);
     match (number(1), number(2)) {
@@ -56,7 +56,7 @@ pub(super) async fn query(shared: &Shared) -> Result<Arc<[AxisFacts]>, String> {
 }
 
 /// Answer to a query, which may be a `[fail]`.
-async fn get(shared: &Shared, what: Get) -> Result<Bottle, String> {
+async fn get(shared: &SharedRemote, what: Get) -> Result<Bottle, String> {
     let answer = shared.ask(&Ask::Get(what).bottle()).await.map_err(|e| e.to_string())?;
     if server::ends_well(&answer) || reply::is_fail(&answer) {
         return Ok(answer);

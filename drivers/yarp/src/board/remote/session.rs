@@ -1,6 +1,6 @@
 //! Life cycle of a connection: reached, watched, lost, and reached again.
 
-use super::{LinkState, Shared, facts, stream};
+use super::{LinkState, SharedRemote, facts, stream};
 use crate::board::{Ask, Get};
 use crate::{Contact, PortError};
 use std::sync::Arc;
@@ -13,7 +13,7 @@ const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::fro
 const SETTLES: Duration = Duration::from_millis(100);
 
 /// Reaches the board, watches it, and starts again when it is lost, until `leave` is set.
-pub(super) async fn run(shared: Arc<Shared>) {
+pub(super) async fn run(shared: Arc<SharedRemote>) {
     let mut stream = None;
     let mut leave = shared.leave.subscribe();
     tokio::select! {
@@ -27,7 +27,7 @@ pub(super) async fn run(shared: Arc<Shared>) {
 }
 
 /// Maintains the connection, without end.
-async fn stay(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) {
+async fn stay(shared: &Arc<SharedRemote>, stream: &mut Option<stream::AxisStream>) {
     let mut pause = BACK_OFF.0;
     let mut generation = 0;
     loop {
@@ -58,11 +58,11 @@ async fn stay(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) {
 }
 
 async fn reach<'a>(
-    shared: &Arc<Shared>,
-    stream: &'a mut Option<stream::Stream>,
-) -> Result<&'a mut stream::Stream, LinkState> {
+    shared: &Arc<SharedRemote>,
+    stream: &'a mut Option<stream::AxisStream>,
+) -> Result<&'a mut stream::AxisStream, LinkState> {
     if stream.is_none() {
-        *stream = Some(stream::Stream::open(shared.clone()).await.map_err(|e| match e {
+        *stream = Some(stream::AxisStream::open(shared.clone()).await.map_err(|e| match e {
             PortError::Taken(other) => taken(&other),
             e @ PortError::Silent(_) => LinkState::Taken(super::in_words(&e)),
             e => LinkState::Down(super::in_words(&e)),
@@ -93,7 +93,7 @@ async fn reach<'a>(
 }
 
 /// Watches the connection until it is lost, and returns the reason.
-async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> LinkState {
+async fn watch(shared: &Arc<SharedRemote>, stream: &mut stream::AxisStream) -> LinkState {
     let port = stream.port.clone();
     let mut look = tokio::time::interval(shared.options.stale.max(Duration::from_millis(20)));
     look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);

@@ -1,9 +1,9 @@
 //! Port that receives a board's states.
 
-use super::{RemoteState, Shared};
+use super::{RemoteState, SharedRemote};
 use crate::clock;
 use crate::payload::vector;
-use crate::port::Core;
+use crate::port::PortCore;
 use crate::{InputPort, JointData, JointField, Message, PortError, Queue, Stamp};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -15,30 +15,30 @@ use tokio::time::timeout;
 const GREATEST_GAP: u32 = 100_000;
 
 /// Name of the port.
-pub(super) fn name(shared: &Shared) -> String {
+pub(super) fn name(shared: &SharedRemote) -> String {
     format!("{}/state:i", shared.options.local)
 }
 
 /// The open port, with the task that reads it.
-pub(super) struct Stream {
+pub(super) struct AxisStream {
     /// The port, for its name and for checks that the name is still its own.
-    pub port: Arc<Core>,
+    pub port: Arc<PortCore>,
     axes: mpsc::Sender<usize>,
     task: JoinHandle<()>,
 }
 
-impl Stream {
+impl AxisStream {
     /// Opens the port.
-    pub async fn open(shared: Arc<Shared>) -> Result<Stream, PortError> {
+    pub async fn open(shared: Arc<SharedRemote>) -> Result<AxisStream, PortError> {
         let reader = InputPort::open(&shared.network, &name(&shared), Queue::Bounded(64)).await?;
         let port = reader.core().clone();
         let (axes, told) = mpsc::channel(1);
         let task = tokio::spawn(read(shared, reader, told));
-        Ok(Stream { port, axes, task })
+        Ok(AxisStream { port, axes, task })
     }
 
     /// Requests the states of the board: the extended ones, or otherwise the plain ones.
-    pub async fn begin(&mut self, shared: &Shared, axes: usize) -> Result<(), String> {
+    pub async fn begin(&mut self, shared: &SharedRemote, axes: usize) -> Result<(), String> {
         let _ = self.axes.try_send(axes);
         let mut why = String::new();
         for port in ["stateExt:o", "state:o"] {
@@ -55,7 +55,7 @@ impl Stream {
     }
 }
 
-impl Stream {
+impl AxisStream {
     /// True if its task has ended, and so nothing reads the states.
     pub fn is_over(&self) -> bool {
         self.task.is_finished()
@@ -76,13 +76,13 @@ impl Stream {
     }
 }
 
-impl Drop for Stream {
+impl Drop for AxisStream {
     fn drop(&mut self) {
         self.task.abort();
     }
 }
 
-async fn read(shared: Arc<Shared>, mut reader: InputPort, mut told: mpsc::Receiver<usize>) {
+async fn read(shared: Arc<SharedRemote>, mut reader: InputPort, mut told: mpsc::Receiver<usize>) {
     let mut axes = None;
     let mut seq = 0;
     let mut last: Option<Stamp> = None;
@@ -119,7 +119,7 @@ async fn read(shared: Arc<Shared>, mut reader: InputPort, mut told: mpsc::Receiv
 }
 
 /// State in a message of either port; `None` unless it is finite and has one value per axis.
-fn joints(shared: &Shared, message: &Message, axes: usize) -> Option<JointData> {
+fn joints(shared: &SharedRemote, message: &Message, axes: usize) -> Option<JointData> {
     let bottle = message.payload.bottle(shared.network.dialect()).ok()?;
     let joints = match JointData::from_bottle(&bottle) {
         Ok(joints) => joints,

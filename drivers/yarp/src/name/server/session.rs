@@ -1,6 +1,6 @@
 //! One connection to the name server: the plain form, or a port's carriers (spec sections 3.1 and 3.4).
 
-use super::Shared;
+use super::SharedNameServer;
 use crate::guests::LastMessage;
 use crate::name::text::{LONGEST_LINE, REQUEST};
 use crate::name::{NameReply, NameTable};
@@ -14,12 +14,12 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 /// Bytes that a peer has sent and that are not parsed yet.
-struct Incoming {
+struct IncomingBytes {
     stream: TcpStream,
     bytes: Vec<u8>,
 }
 
-impl Incoming {
+impl IncomingBytes {
     /// Waits for more bytes; `false` at the end of the stream.
     async fn more(&mut self, limit: std::time::Duration) -> io::Result<bool> {
         let late = |_| io::Error::new(io::ErrorKind::TimedOut, "it said nothing for too long");
@@ -39,7 +39,7 @@ impl Incoming {
 pub(super) async fn run(
     mut stream: TcpStream,
     peer: SocketAddr,
-    shared: &Shared,
+    shared: &SharedNameServer,
     activity: &LastMessage,
 ) -> io::Result<()> {
     let peer = peer.ip().to_canonical().to_string();
@@ -48,7 +48,7 @@ pub(super) async fn run(
         auth::accept(&mut stream, key).await?;
     }
     let limit = shared.options.timeout;
-    let mut incoming = Incoming { stream, bytes: Vec::new() };
+    let mut incoming = IncomingBytes { stream, bytes: Vec::new() };
     while incoming.bytes.len() < 8 {
         if !incoming.more(limit).await? {
             return Ok(());
@@ -79,7 +79,12 @@ pub(super) async fn run(
 }
 
 /// Serves the plain form: one answer per line.
-async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, activity: &LastMessage) -> io::Result<()> {
+async fn plain(
+    mut incoming: IncomingBytes,
+    peer: &str,
+    shared: &SharedNameServer,
+    activity: &LastMessage,
+) -> io::Result<()> {
     loop {
         let Some(end) = incoming.bytes.iter().position(|b| *b == b'\n') else {
             if incoming.bytes.len() > LONGEST_LINE {
@@ -100,10 +105,10 @@ async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, activity: &L
 
 /// Serves a port's carrier: data messages are requests, administrative ones are those of any port.
 async fn carrier(
-    mut incoming: Incoming,
+    mut incoming: IncomingBytes,
     hello: &handshake::Hello,
     peer: &str,
-    shared: &Shared,
+    shared: &SharedNameServer,
     activity: &LastMessage,
 ) -> io::Result<()> {
     let carrier = hello.carrier;
@@ -142,7 +147,13 @@ async fn carrier(
 }
 
 /// Reply to one message, without its acknowledgment.
-async fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, shared: &Shared) -> Vec<u8> {
+async fn reply(
+    verb: &Verb,
+    payload: &Bottle,
+    hello: &handshake::Hello,
+    peer: &str,
+    shared: &SharedNameServer,
+) -> Vec<u8> {
     let text = hello.carrier.is_text();
     let view = || admin::PortView {
         name: shared.contact.name.clone(),
@@ -185,7 +196,7 @@ fn parse(line: &[u8]) -> Bottle {
 }
 
 /// Applies a request to the table, and passes on the persistent connections that are due.
-async fn answer(request: &Bottle, peer: &str, shared: &Shared) -> NameReply {
+async fn answer(request: &Bottle, peer: &str, shared: &SharedNameServer) -> NameReply {
     let word = |v: &Value| v.as_text().map_or_else(|| v.to_string(), |t| t.into_owned());
     let mut words: Vec<String> = request.iter().map(word).collect();
     if words.first().is_some_and(|w| w == "NAME_SERVER") {
@@ -216,7 +227,7 @@ async fn answer(request: &Bottle, peer: &str, shared: &Shared) -> NameReply {
 
 /// Port at another address that holds the name to be registered, if any. The original reassigns the name
 /// without notice to its owner; here it is refused as long as the owner answers.
-fn rival(table: &NameTable, words: &[String], peer: &str, shared: &Shared) -> Option<Contact> {
+fn rival(table: &NameTable, words: &[String], peer: &str, shared: &SharedNameServer) -> Option<Contact> {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let ["register", name, rest @ ..] = words.as_slice() else { return None };
     let before = table.query(name).filter(|before| before.name != shared.contact.name)?;

@@ -8,7 +8,7 @@ const LAST: u16 = 9999;
 
 /// One counter each, and the released values.
 #[derive(Debug)]
-pub(super) struct Numbers {
+pub(super) struct NumberPool {
     next: u16,
     last: u16,
     /// Last owner of each number, and whether it is in use.
@@ -20,9 +20,9 @@ pub(super) struct Numbers {
     free_groups: BTreeSet<String>,
 }
 
-impl Numbers {
-    pub(super) fn new(server: u16) -> Numbers {
-        Numbers {
+impl NumberPool {
+    pub(super) fn new(server: u16) -> NumberPool {
+        NumberPool {
             next: server.saturating_add(2),
             last: server.saturating_add(LAST),
             given: BTreeMap::new(),

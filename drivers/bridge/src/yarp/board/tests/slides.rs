@@ -32,25 +32,25 @@ fn programs_count_meters_where_a_joint_slides() {
     alike(numbers(&b.say(1, "[get] [vels]")), &[20.0, 0.02]);
     assert_eq!(b.say(1, "[set] [accs] (20.0 0.02)"), "[ok]");
     alike(numbers(&b.say(1, "[get] [acc] 1")), &[0.02]);
-    let Step::Commit(commit) = b.step("[set] [posg] 2 (1 0) (0.08 10.0)") else { panic!("no commit") };
+    let FilterDecision::Commit(commit) = b.step("[set] [posg] 2 (1 0) (0.08 10.0)") else { panic!("no commit") };
     let speeds = commit.speeds.unwrap();
     assert!(near(commit.target.q[0], 80.0) && near(commit.target.q[1], 10.0), "{:?}", commit.target.q);
     assert!(near(speeds[0], 20.0) && near(speeds[1], 20.0), "{speeds:?}");
-    let Step::Commit(commit) = b.step("[set] [rel] 1 -0.005") else { panic!("no commit") };
+    let FilterDecision::Commit(commit) = b.step("[set] [rel] 1 -0.005") else { panic!("no commit") };
     assert!(near(commit.target.q[0], 0.2f64.to_degrees() - 5.0));
     for beyond in ["[set] [pos] 1 0.091", "[set] [pos] 1 80.0", "[set] [poss] (10.0 10.0)", "[set] [rel] 1 0.08"] {
-        assert_eq!(b.step(beyond), Step::Reply(BoardReply::Refused), "{beyond}");
+        assert_eq!(b.step(beyond), FilterDecision::Reply(BoardReply::Refused), "{beyond}");
     }
 
     // streams: setpoints out of range are refused, velocities are limited, in millimeters per second
-    let Some(Step::Stream(s)) = b.stream(7, "[dpog] 2 (0 1)", &[5.0, 0.03]) else { panic!("no stream") };
+    let Some(FilterDecision::Stream(s)) = b.stream(7, "[dpog] 2 (0 1)", &[5.0, 0.03]) else { panic!("no stream") };
     let Values::Position(q) = s.values else { panic!("no positions") };
     assert!(near(q[0], 5.0) && near(q[1], 30.0), "{q:?}");
     assert_eq!(b.stream(7, "[dpo] 1", &[30.0]), None, "thirty meters");
-    let Some(Step::Stream(s)) = b.stream(8, "[vmog] 2 (0 1)", &[20.0, 0.02]) else { panic!("no stream") };
+    let Some(FilterDecision::Stream(s)) = b.stream(8, "[vmog] 2 (0 1)", &[20.0, 0.02]) else { panic!("no stream") };
     let Values::Velocity(v) = s.values else { panic!("no velocities") };
     assert!(near(v[0], 20.0) && near(v[1], 20.0), "{v:?}");
-    let Some(Step::Stream(s)) = b.stream(8, "[vmo] 1", &[20.0]) else { panic!("no stream") };
+    let Some(FilterDecision::Stream(s)) = b.stream(8, "[vmo] 1", &[20.0]) else { panic!("no stream") };
     let Values::Velocity(v) = s.values else { panic!("no velocities") };
     assert!(near(v[0], 50.0), "no faster than 50 mm/s: {v:?}");
 
