@@ -149,9 +149,9 @@ pub(crate) fn run_in_terminal(
     };
     let live = composition.config.clock_kind() == ClockKind::Real;
     let ready = ready::lines(&composition, folder, ctl);
-    let lasts = StopConnections::default();
+    let stop_connections = StopConnections::default();
     if let Some(address) = address.filter(|_| live) {
-        attach_ctl(&mut composition, &mut extras, folder, address, (controls, &recording, &lasts));
+        attach_ctl(&mut composition, &mut extras, folder, address, (controls, &recording, &stop_connections));
     }
     extras.recording = Some(recording);
     let recent = RecentFailures::default();
@@ -162,7 +162,7 @@ pub(crate) fn run_in_terminal(
     bar.finish();
     report::print(&done, folder, output, &labels, &recent.lines())?;
     // the client that requested the end waits until its connection is closed
-    lasts.close();
+    stop_connections.close();
     Ok(done)
 }
 
@@ -172,11 +172,11 @@ fn attach_ctl(
     extras: &mut Extras,
     folder: &Folder,
     address: Option<SocketAddr>,
-    (controls, recording, lasts): (mpsc::Sender<Control>, &Arc<Recording>, &LastLines),
+    (controls, recording, stop_connections): (mpsc::Sender<Control>, &Arc<Recording>, &StopConnections),
 ) {
     let beside = BesideNames { bridges: composition.bridge_names(), cameras: composition.camera_names() };
     let log = extras.log.insert(LogBook::default()).clone();
-    let port = CtlPort { address, log, lasts: lasts.clone() };
+    let port = CtlPort { address, log, stop_connections: stop_connections.clone() };
     composition.services.push(Arc::new(CtlService::new(folder, port, controls, recording.clone(), beside)));
 }
 

@@ -53,7 +53,8 @@ pub(crate) fn shell_word(path: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::path::PathBuf;
+    use super::shell_word;
+    use std::path::{Path, PathBuf};
 
     fn files(dir: &Path) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(dir).expect("a folder").map(|e| e.expect("an entry").path());
@@ -63,9 +64,8 @@ mod tests {
     #[test]
     fn a_copied_command_has_its_path_in_one_word() {
         for path in ["runs/explore-2026", "/tmp/a b", "it's", "$(rm)", "-"] {
-            let words =
-                std::process::Command::new("sh").args(["-c", &format!("printf %s {}", shell_word(Path::new(path)))]);
-            let out = words.output().expect("a shell");
+            let script = format!("printf %s {}", shell_word(Path::new(path)));
+            let out = std::process::Command::new("sh").args(["-c", &script]).output().expect("a shell");
             assert_eq!(String::from_utf8_lossy(&out.stdout), path);
         }
     }

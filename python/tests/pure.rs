@@ -11,7 +11,7 @@ mod joints;
 mod pose;
 
 use chain::Chain;
-use joints::{Beyond, Joints};
+use joints::{Beyond, JointTable};
 use mobee_model::{Robot, Scene, Skeleton, load_robot, parse_robot, random_poses};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::fmt::Write;
@@ -37,7 +37,7 @@ fn chain_of(robot: &Robot, node: usize) -> Chain {
 #[test]
 fn configurations_are_radians_and_meters() {
     let robot = arm();
-    let joints = Joints::new([&robot]);
+    let joints = JointTable::new([&robot]);
     assert_eq!(joints.units().collect::<Vec<_>>(), ["m", "rad"]);
     let upper = joints.si(|m| m.max);
     assert!((upper[0] - 0.2).abs() < 1e-12 && (upper[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-12, "{upper:?}");
@@ -51,7 +51,7 @@ fn configurations_are_radians_and_meters() {
 #[test]
 fn what_is_beyond_a_limit_is_refused_or_passed_and_rounding_is_neither() {
     let robot = arm();
-    let joints = Joints::new([&robot]);
+    let joints = JointTable::new([&robot]);
     let refused = joints.convert("q", &mut [0.1, 0.0, 0.21, 0.0], Some(7), Beyond::Refused).expect_err("beyond");
     assert_eq!((refused.code, refused.place.as_deref()), ("limits", Some("q[8]")));
     assert!(refused.message.contains("lift at 0.210000 m") && refused.message.contains("0.200000"), "{refused:?}");
@@ -138,7 +138,7 @@ fn only_rotations_are_taken_for_poses() {
 #[test]
 fn the_table_of_verdicts_is_the_engines() {
     let robot = Arc::new(shipped("ur5"));
-    let joints = Joints::new([robot.as_ref()]);
+    let joints = JointTable::new([robot.as_ref()]);
     let scene = Scene::new(vec![(Arc::clone(&robot), Isometry3::identity())], Vec::new()).expect("a scene");
     let mut table = String::new();
     for pose in random_poses(&robot, 11).take(200) {

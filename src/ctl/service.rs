@@ -33,7 +33,7 @@ pub(crate) struct CtlPort {
     /// The newest events as sentences.
     pub(crate) log: LogBook,
     /// The connections that stay open until the run is over.
-    pub(crate) lasts: StopConnections,
+    pub(crate) stop_connections: StopConnections,
 }
 
 /// The connections by which the run was stopped. They are closed when the run is over and its folder is written: `mobee
@@ -98,7 +98,7 @@ impl Service for CtlService {
             tokio::select! {
                 () = until => {}
                 () = desk.follow() => {}
-                () = accept_connections(&door, &desk, &mut connections, (&ending, &self.port.lasts)) => {}
+                () = accept_connections(&door, &desk, &mut connections, (&ending, &self.port.stop_connections)) => {}
             }
             CtlListener::remove_files(&self.folder);
             ending.send_replace(true);
@@ -113,14 +113,14 @@ async fn accept_connections(
     door: &CtlListener,
     desk: &Arc<RequestHandler>,
     connections: &mut JoinSet<()>,
-    (ending, lasts): (&watch::Sender<bool>, &StopConnections),
+    (ending, stop_connections): (&watch::Sender<bool>, &StopConnections),
 ) {
     loop {
         tokio::select! {
             Some(_) = connections.join_next() => {}
             accept = door.accept() => match accept {
                 Ok(guest) if connections.len() < MAX_CONNECTIONS => {
-                    connections.spawn(serve_connection(guest, desk.clone(), ending.subscribe(), lasts.clone()));
+                    connections.spawn(serve_connection(guest, desk.clone(), ending.subscribe(), stop_connections.clone()));
                 }
                 Ok(_) => {}
                 Err(_) => tokio::time::sleep(ACCEPT_RETRY_DELAY).await,
@@ -134,7 +134,7 @@ async fn serve_connection(
     guest: CtlPeer,
     desk: Arc<RequestHandler>,
     mut ending: watch::Receiver<bool>,
-    lasts: StopConnections,
+    stop_connections: StopConnections,
 ) {
     let Ok(line) = guest.admit().await else { return };
     let mut line = BufReader::new(line);
@@ -166,7 +166,7 @@ async fn serve_connection(
         }
         if last {
             if reply.done {
-                lasts.push(line.into_inner());
+                stop_connections.push(line.into_inner());
             }
             return;
         }

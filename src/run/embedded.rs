@@ -3,7 +3,7 @@
 use super::{CtlAt, Done, Extras, Folder, Recording, attach_ctl, disk_space, resource_limits, run_with};
 use crate::compose::Composition;
 use crate::config::ClockMode;
-use crate::ctl::LastLines;
+use crate::ctl::StopConnections;
 use miette::Report;
 use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec};
 use mobee_actors::system::Control;
@@ -43,12 +43,12 @@ pub fn embedded(
     let folder = Folder::create(&composition.config.name, out)?;
     let recording = Arc::new(Recording::new(composition.config.record.enabled));
     let mut extras = Extras { sinks, ..Extras::default() };
-    let lasts = LastLines::default();
+    let stop_connections = StopConnections::default();
     if live {
-        attach_ctl(&mut composition, &mut extras, &folder, None, (controls, &recording, &lasts));
+        attach_ctl(&mut composition, &mut extras, &folder, None, (controls, &recording, &stop_connections));
     }
     extras.recording = Some(recording);
     let done = run_with(composition, &folder, extras, receiver, |_| ())?;
-    lasts.close();
+    stop_connections.close();
     Ok((folder, done))
 }

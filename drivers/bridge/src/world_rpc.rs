@@ -67,7 +67,7 @@ struct Before {
     counters: make::Counters,
     grabs: Grabs,
     /// The step that the change undoes; `None` if the change is recorded as a step itself.
-    undone: Option<Step>,
+    undone: Option<UndoStep>,
 }
 
 /// A change that can be undone.
@@ -128,9 +128,9 @@ impl WorldRpc {
         let Before { counters, grabs, undone } = changed.before;
         (self.counters, self.grabs) = (counters, grabs);
         let step = match undone {
-            Some(Step { change, .. }) => {
+            Some(UndoStep { change, .. }) => {
                 let left = changed.edits.into_iter().skip(made);
-                Some(Step { change, back: left.rev().map(|edit| vec![edit]).collect() })
+                Some(UndoStep { change, back: left.rev().map(|edit| vec![edit]).collect() })
             }
             None => self.steps.pop_back().map(|mut step| {
                 step.back.truncate(made);

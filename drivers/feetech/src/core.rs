@@ -357,18 +357,17 @@ impl ArmCore {
     /// contact: the lead keeps its servo from pushing as hard.
     fn external(&self, at: Time) -> Vec<f64> {
         let joints = self.joints.iter().zip(&self.states).zip(&self.axes).zip(&self.blocked);
-        let torque =
-            |(((joint, state), axis), blocked): (((&ServoJoint, &ServoState), &Axis), &Option<(Time, f64)>)| {
-                let torque = -f64::from(state.load) * 1e-3 * self.numbers.torque;
-                let torque = if joint.inverted { -torque } else { torque };
-                match blocked {
-                    Some((since, direction)) if at.since(*since) >= BLOCKED_FOR => {
-                        -direction * torque.abs().max(CONTACT_SHARE * axis.contact_effort)
-                    }
-                    _ => torque,
+        let torques = joints.map(|(((joint, state), axis), blocked)| {
+            let torque = -f64::from(state.load) * 1e-3 * self.numbers.torque;
+            let torque = if joint.inverted { -torque } else { torque };
+            match blocked {
+                Some((since, direction)) if at.since(*since) >= BLOCKED_FOR => {
+                    -direction * torque.abs().max(CONTACT_SHARE * axis.contact_effort)
                 }
-            };
-        joints.map(torque).collect()
+                _ => torque,
+            }
+        });
+        torques.collect()
     }
 
     /// By how much each joint rests beside its goal.
