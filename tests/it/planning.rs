@@ -1,7 +1,7 @@
 //! `mobee plan` and `mobee bench plan` as a user meets them: paths that hold, equal questions with equal answers, and inputs that are
 //! none, refused with place and remedy.
 
-use super::common::{answer, complaint, text};
+use super::common::{answer, complaint, mobee_here, said, text};
 use serde_json::Value;
 use std::path::Path;
 
@@ -106,8 +106,8 @@ fn aorrtc_shortens_every_path_and_a_recording_shows_the_robot_on_it() {
     assert_eq!(best["totals"]["refuted"], 0, "{best}");
     let cost = |told: &Value| told["totals"]["simplified_cost"]["mean"].as_f64().expect("a cost");
     assert!(cost(&best) < 0.97 * cost(&first), "{} rad, {} by RRT-Connect", cost(&best), cost(&first));
-    let words = complaint(&["bench", "plan", PROBLEMS, "--planner", "prm"]);
-    assert!(words.contains("`rrt_connect` and `aorrtc`"), "{words}");
+    let wrong = mobee_here().args(["bench", "plan", PROBLEMS, "--planner", "prm"]).output().expect("mobee starts");
+    assert!(wrong.status.code() == Some(2) && said(&wrong).contains("`rrt_connect` and `aorrtc`"), "{}", said(&wrong));
 
     let dir = tempfile::tempdir().expect("a folder");
     let file = dir.path().join("path.rrd");
