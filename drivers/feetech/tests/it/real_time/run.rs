@@ -98,3 +98,13 @@ fn each_motion_of_an_arm_has_one_outcome() {
     println!("the elbow rests at {at:.1} of 2048 counts; {:?}", arm.hardware.cycles());
     assert!((at - 2048.0).abs() < 8.0 && stored == 0, "{at} counts, {stored} stored writes");
 }
+
+/// A joint that something blocks in mid-motion is rolled back, and the next motion is driven.
+#[test]
+fn a_motion_into_a_block_is_rolled_back() {
+    let arm = Arc::new(Arm::new());
+    arm.terminal.with(|world| world.servo(1).expect("the pan joint").block = Some(2148.0));
+    let events = tour(&arm, &[[20.0, 0.0, 0.0], [-10.0, 0.0, 0.0]], Vec::new());
+    assert_eq!(outcomes(&events), [Outcome::RolledBack, Outcome::Committed]);
+    assert_eq!(check_events(events), []);
+}
