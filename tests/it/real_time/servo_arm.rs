@@ -18,6 +18,8 @@ fn behavior(folder: &Path, port: &Path) -> PathBuf {
     let motors: Vec<String> = names.iter().enumerate().map(motor).collect();
     let text = format!(
         r#"
+        clock = "real"
+
         [[robot]]
         name = "so101"
         model = {model:?}

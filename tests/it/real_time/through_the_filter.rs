@@ -133,6 +133,7 @@ async fn streams_are_transactions_and_what_is_grabbed_follows_the_hand() {
     let network = network();
     let mut run = Run::start(&network, "configs/behaviors/filter.toml");
     run.wait_for_port("/MoBeE/icub/right_arm/rpc:i");
+    run.wait_for_port("/MoBeE/world");
     let mut arm = Line::to(&network, "/test/rpc:o", "/MoBeE/icub/right_arm/rpc:i").await;
     let mut world = Line::to(&network, "/typist", "/MoBeE/world").await;
     let yarp = mobee_yarp::Network::at(SocketAddr::from((Ipv4Addr::LOCALHOST, network.port)));

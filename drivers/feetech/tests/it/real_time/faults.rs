@@ -96,7 +96,9 @@ fn another_program_on_the_bus_is_named() {
     let arm = Arm::new();
     let mut driver = connected(&arm);
     let mut fault = None;
-    for _ in 0..40 {
+    for i in 0..40 {
+        // at every phase of the driver's cycle: its own goals replace others within the cycle
+        arm.pause(Duration::from_millis(i % 10));
         arm.terminal.with(|world| {
             // goal 2100, as another program's sync write sets it
             world.servo(4).unwrap().write(42, &[0x34, 0x08]);
