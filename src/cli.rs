@@ -103,29 +103,7 @@ enum Command {
         name: Option<String>,
     },
     /// Write a starting file for your own behavior, together with the robot and world that it names; or a crate of your own.
-    New {
-        /// Its name: NAME.toml is written.
-        #[arg(required_unless_present = "crate_name")]
-        name: Option<String>,
-        /// Write a Rust crate into the new folder NAME: a driver, an agent and a camera of your own, a behavior, and a program with every
-        /// subcommand.
-        #[arg(long = "crate", value_name = "NAME", conflicts_with_all = ["name", "robot", "from"])]
-        crate_name: Option<String>,
-        /// The checkout of MoBeE that the crate builds on. Default: the one that this program was built from.
-        #[arg(long, value_name = "FOLDER", requires = "crate_name")]
-        mobee: Option<PathBuf>,
-        /// The behavior to start from: explore, ball, filter, torture or explore-yarp.
-        #[arg(long, value_name = "BEHAVIOR", default_value = "explore")]
-        from: String,
-        /// The URDF of your own robot: it is converted, and explores.
-        #[arg(long, value_name = "URDF")]
-        robot: Option<PathBuf>,
-        /// The kind of driver.
-        #[arg(long, value_name = "DRIVER", value_enum, default_value_t, requires = "robot")]
-        driver: NewDriver,
-        #[command(flatten)]
-        import: Box<ImportArgs>,
-    },
+    New(NewArgs),
     /// Print the JSON Schema of configuration files, for editors.
     Schema,
     /// Run only the agent of a behavior, against the filtered control boards of a system running elsewhere.
@@ -144,6 +122,31 @@ enum Command {
     OnnxWorker,
     /// Use YARP: a name server, and tools to inspect, read, write and connect ports.
     Yarp(yarp::YarpArgs),
+}
+
+#[derive(clap::Args)]
+struct NewArgs {
+    /// Its name: NAME.toml is written.
+    #[arg(required_unless_present = "crate_name")]
+    name: Option<String>,
+    /// Write a Rust crate into the new folder NAME: a driver, an agent and a camera of your own, a behavior, and a program with every
+    /// subcommand.
+    #[arg(long = "crate", value_name = "NAME", conflicts_with_all = ["name", "robot", "from"])]
+    crate_name: Option<String>,
+    /// The checkout of MoBeE that the crate builds on. Default: the one that this program was built from.
+    #[arg(long, value_name = "FOLDER", requires = "crate_name")]
+    mobee: Option<PathBuf>,
+    /// The behavior to start from: explore, ball, filter, torture or explore-yarp.
+    #[arg(long, value_name = "BEHAVIOR", default_value = "explore")]
+    from: String,
+    /// The URDF of your own robot: it is converted, and explores.
+    #[arg(long, value_name = "URDF")]
+    robot: Option<PathBuf>,
+    /// The kind of driver.
+    #[arg(long, value_name = "DRIVER", value_enum, default_value_t, requires = "robot", conflicts_with = "crate_name")]
+    driver: NewDriver,
+    #[command(flatten)]
+    import: Box<ImportArgs>,
 }
 
 #[derive(clap::Args)]
@@ -371,20 +374,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             terminal::out(&kinds::listing(name.as_deref())?);
             Ok(ExitCode::SUCCESS)
         }
-        Command::New { crate_name: Some(name), mobee, .. } => {
-            terminal::out(&new_crate::command(&name, mobee.as_deref())?);
-            Ok(ExitCode::SUCCESS)
-        }
-        Command::New { name, from, robot: None, .. } => {
-            for file in new::write(&name.unwrap_or_default(), &from)? {
-                terminal::out(&format!("{}\n", file.display()));
-            }
-            Ok(ExitCode::SUCCESS)
-        }
-        Command::New { name, from, robot: Some(urdf), driver, import, .. } => {
-            terminal::out(&new_robot::command(&name.unwrap_or_default(), &from, &urdf, driver, &import)?);
-            Ok(ExitCode::SUCCESS)
-        }
+        Command::New(args) => write_new(args),
         Command::Schema => {
             terminal::out(&schema::text());
             Ok(ExitCode::SUCCESS)
@@ -401,4 +391,21 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         },
         Command::Yarp(args) => Ok(yarp::command(args)),
     }
+}
+
+/// `mobee new`: a behavior, a robot with a behavior, or a crate.
+fn write_new(args: NewArgs) -> Result<ExitCode, Report> {
+    let NewArgs { name, crate_name, mobee, from, robot, driver, import } = args;
+    if robot.is_none() && import.is_given() {
+        let what = "options of the import are given, and no URDF to import";
+        return Err(ConfigError::plain(what, "name it by --robot FILE, or leave the options out").into());
+    }
+    let name = name.unwrap_or_default();
+    let text = match (crate_name, robot) {
+        (Some(name), _) => new_crate::command(&name, mobee.as_deref())?,
+        (None, Some(urdf)) => new_robot::command(&name, &from, &urdf, driver, &import)?,
+        (None, None) => new::write(&name, &from)?.iter().map(|file| format!("{}\n", file.display())).collect(),
+    };
+    terminal::out(&text);
+    Ok(ExitCode::SUCCESS)
 }

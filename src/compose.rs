@@ -346,27 +346,26 @@ fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result
 
 /// Makes the paths of a kind's settings relative to the working directory, because kinds do not have the configuration
 /// file's path. Writes each file that was sent with the configuration to a temporary one, which lives as long as the
-/// result.
+/// result; its setting's place is beside it.
 fn localize<R: Role + ?Sized>(
     source: &Source,
     at: &str,
     kind: &Kind<R>,
     settings: &mut Value,
-) -> Result<Vec<NamedTempFile>, ConfigError> {
+) -> Result<Vec<(String, NamedTempFile)>, ConfigError> {
     let mut sent = Vec::new();
-    for PathSetting { place, path: file, is_folder } in paths(R::NAME, kind.name, settings) {
+    for PathSetting { place, path: file, is_folder, .. } in paths(R::NAME, kind.name, settings) {
         let mut path = Config::beside(source, Path::new(file.as_str()));
+        let key = format!("{at}.{place}");
         // folders are not sent
-        if source.was_sent() && !is_folder && !path.is_dir() {
-            let key = format!("{at}.{place}");
+        let is_sent = source.was_sent() && !is_folder && !path.is_dir();
+        if is_sent && let Some(bytes) = source.bytes_sent(&key, &path).transpose()? {
             let unwritten =
                 |e: std::io::Error| source.error(&key, format!("no room for it: {e}"), "make room on the disk");
-            if let Some(bytes) = source.bytes_sent(&key, &path).transpose()? {
-                let mut copy = NamedTempFile::new().map_err(unwritten)?;
-                copy.write_all(bytes).map_err(unwritten)?;
-                path = copy.path().to_owned();
-                sent.push(copy);
-            }
+            let mut copy = NamedTempFile::new().map_err(unwritten)?;
+            copy.write_all(bytes).map_err(unwritten)?;
+            path = copy.path().to_owned();
+            sent.push((place, copy));
         }
         *file = path.to_string_lossy().into_owned();
     }

@@ -2,10 +2,10 @@
 //! for Rerun.
 
 use crate::robot_import::{UrdfArgs, millimeters};
-use crate::view;
+use crate::view::{self, recording_settings};
 use miette::{IntoDiagnostic, Report, WrapErr, miette};
 use mobee_model::{LinkSurface, Robot, load_robot, load_surfaces};
-use mobee_recorder::{ModelView, SeenModel, Settings, view_model};
+use mobee_recorder::{ModelView, SeenModel, view_model};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -50,15 +50,7 @@ pub fn command(args: &ViewArgs) -> Result<String, Report> {
         Some(out) => out.clone(),
         None => passing_file(&args.robot)?,
     };
-    let settings = Settings {
-        path: out.clone(),
-        name: robot.name.clone(),
-        config: args.robot.display().to_string(),
-        build: env!("CARGO_PKG_VERSION").to_owned(),
-        live: None,
-        index: true,
-        names: Vec::new(),
-    };
+    let settings = recording_settings(&out, &robot.name, &args.robot);
     let view = ModelView { robot: &robot, meshes: &meshes, margin: args.margin * 1e-3 };
     let seen = view_model(&settings, &view).map_err(|why| miette!("{}: {why}", args.robot.display()))?;
     let text = summary(&out, &robot, &seen, args.margin);

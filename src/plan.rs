@@ -6,16 +6,21 @@ use crate::terminal;
 use miette::{Report, miette};
 use mobee_behaviors::group;
 use mobee_behaviors::hand_goal::HandGoals;
-use mobee_behaviors::planners::{AoRrtConnect, JointPath, JointSpace, NoPath, PlannerKind, PlanningProblem, shorten};
+use mobee_behaviors::planners::{
+    AoRrtConnect, JointPath, JointSpace, NoPath, Planner, PlannerKind, PlanningProblem, shorten,
+};
 use mobee_contract::KindError;
 use mobee_model::{Robot, Scene};
-use mobee_recorder::{MapLines, MapView, Settings, view_map};
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+mod record;
+
+use record::RecordedPath;
 
 /// From where to where, and among what.
 #[derive(clap::Args, Clone, Debug)]
@@ -47,12 +52,8 @@ pub struct PlanArgs {
     /// The seed of all randomness: equal questions have equal answers.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// `rrt_connect`: the first path; `aorrtc`: shorter paths for more time.
-    #[arg(long, value_name = "PLANNER", default_value = "rrt_connect", value_parser = str::parse::<PlannerKind>)]
-    planner: PlannerKind,
-    /// Random configurations that `aorrtc` spends after the first path. It ends earlier when --time is spent.
-    #[arg(long, value_name = "N", default_value_t = AoRrtConnect::default().iterations)]
-    iterations: u64,
+    #[command(flatten)]
+    planner: PlannerArgs,
     /// Processor time for the search.
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = positive)]
     time: f64,
@@ -82,8 +83,31 @@ pub struct PlanArgs {
     force: bool,
 }
 
-/// Configurations of a recorded path, about.
-const RECORDED: usize = 120;
+/// The planner, for `mobee plan` and `mobee bench plan`.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct PlannerArgs {
+    /// `rrt_connect`: the first path; `aorrtc`: shorter paths for more time.
+    #[arg(long, value_name = "PLANNER", default_value = "rrt_connect", value_parser = str::parse::<PlannerKind>)]
+    planner: PlannerKind,
+    /// Random configurations that `aorrtc` spends after the first path; default: 2000. It ends earlier when --time is spent.
+    #[arg(long, value_name = "N")]
+    iterations: Option<u64>,
+}
+
+impl PlannerArgs {
+    /// The planner.
+    ///
+    /// # Errors
+    /// If iterations are given to a planner that has none.
+    pub(crate) fn planner(&self) -> Result<Box<dyn Planner + Send>, ConfigError> {
+        if self.iterations.is_some() && self.planner != PlannerKind::Aorrtc {
+            let what = "--iterations is given, and `rrt_connect` stops at its first path";
+            return Err(ConfigError::plain(what, "add --planner aorrtc, or leave --iterations out"));
+        }
+        Ok(self.planner.planner(self.iterations.unwrap_or(AoRrtConnect::default().iterations)))
+    }
+}
+
 /// The most lines that are judged to make a path shorter.
 const SHORTEN_LINES: u64 = 5000;
 
@@ -102,6 +126,13 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
         let what = "--every says how often joint values are written, and nothing writes them";
         return Err(ConfigError::plain(what, "add --csv FILE or --json FILE").into());
     }
+    if let Some(record) = args.record.as_ref().filter(|file| {
+        *file == Path::new("-") || [&args.csv, &args.json].into_iter().any(|other| other.as_ref() == Some(*file))
+    }) {
+        let what = format!("a recording can't be written to {}", record.display());
+        return Err(ConfigError::plain(what, "name a file of its own by --record FILE.rrd").into());
+    }
+    let planner = args.planner.planner()?;
     let files = [&args.csv, &args.json].into_iter().flatten().filter(|file| *file != Path::new("-"));
     for file in files.chain(&args.record) {
         may_write(file, args.force)?;
@@ -123,7 +154,7 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
         let help = "name it in --motors, or leave it where it is";
         return Err(ConfigError::plain(format!("the goal moves {name}, which is not in --motors"), help).into());
     }
-    let found = search(args, &scene, &motors, (&from, &to))?;
+    let found = search(args, planner.as_ref(), &scene, &motors, (&from, &to))?;
     let (path, how) = match found {
         Ok(found) => found,
         Err(why) => {
@@ -160,7 +191,7 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
         }
     }
     if let Some(file) = &args.record {
-        record(args, &scene, along(&from, &motors, &path), file)?;
+        record::write(args, &scene, &RecordedPath::along(&from, &motors, &path), file)?;
         if to_terminal == 0 {
             terminal::out(&format!("now: mobee view {}\n", terminal::shell_word(file)));
         }
@@ -168,73 +199,10 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes a recording of the robot along the path, with the way of its hand: the marker of --hand, or the one that moves farthest.
-fn record(
-    args: &PlanArgs,
-    scene: &Scene,
-    (poses, waypoints): (Vec<Vec<f64>>, Vec<usize>),
-    file: &Path,
-) -> Result<(), Report> {
-    let robot = robot(scene)?;
-    let at = |q: &[f64], i: usize| robot.markers_at(q).get(i).map_or([0.0; 3], |pose| pose.position().coords.into());
-    let length = |i: usize| {
-        let places: Vec<[f64; 3]> = poses.iter().map(|q| at(q, i)).collect();
-        let ways = places.windows(2).map(|w| (0..3).map(|k| (w[1][k] - w[0][k]).powi(2)).sum::<f64>().sqrt());
-        ways.sum::<f64>()
-    };
-    let named = args.hand.as_ref().and_then(|hand| robot.markers.iter().position(|m| m.name == *hand));
-    let farthest = (0..robot.markers.len()).max_by(|a, b| length(*a).total_cmp(&length(*b)));
-    let hand = named.or(farthest).unwrap_or_default();
-    let vertices: Vec<[f64; 3]> = poses.iter().map(|q| at(q, hand)).collect();
-    let whole: Vec<&[f64]> = poses.iter().map(Vec::as_slice).collect();
-    let labels: Vec<Option<String>> = (0..poses.len())
-        .map(|i| waypoints.iter().position(|w| *w == i).map(|k| if k == 0 { "start".into() } else { k.to_string() }))
-        .collect();
-    let names: Vec<Option<&str>> = labels.iter().map(Option::as_deref).collect();
-    let edges = (1..poses.len() as u32).map(|i| (i - 1, i)).collect();
-    let lines = [MapLines { name: "path".to_owned(), blocked: false, edges }];
-    let settings = Settings {
-        path: file.to_owned(),
-        name: robot.name.clone(),
-        config: args.robot.display().to_string(),
-        build: env!("CARGO_PKG_VERSION").to_owned(),
-        live: None,
-        index: true,
-        names: Vec::new(),
-    };
-    let view = MapView { scene, vertices: &vertices, poses: &whole, names: &names, lines: &lines };
-    view_map(&settings, &view).map_err(|why| miette!("{}: {why}", file.display()))
-}
-
-/// Configurations of the whole robot along a path, rad of encoder, and the indices of the way-points among them.
-fn along(from: &[f64], motors: &[usize], path: &JointPath) -> (Vec<Vec<f64>>, Vec<usize>) {
-    let whole = |group: Vec<f64>| -> Vec<f64> {
-        let mut pose = from.to_vec();
-        for (m, q) in motors.iter().zip(group) {
-            if let Some(slot) = pose.get_mut(*m) {
-                *slot = q;
-            }
-        }
-        pose
-    };
-    let mut poses: Vec<Vec<f64>> = path.poses.first().cloned().map(whole).into_iter().collect();
-    let mut waypoints = vec![0];
-    let length = path.length().max(1e-9);
-    for (from, to) in path.edges() {
-        let way = from.iter().zip(to).map(|(a, b)| (b - a) * (b - a)).sum::<f64>().sqrt();
-        let steps = (RECORDED as f64 * way / length).ceil().max(1.0) as usize;
-        for step in 1..=steps {
-            let share = step as f64 / steps as f64;
-            poses.push(whole(from.iter().zip(to).map(|(a, b)| a + (b - a) * share).collect()));
-        }
-        waypoints.push(poses.len() - 1);
-    }
-    (poses, waypoints)
-}
-
 /// The path, and how long the search took; or the reason why there is none.
 fn search(
     args: &PlanArgs,
+    planner: &dyn Planner,
     scene: &Scene,
     motors: &[usize],
     (from, to): (&[f64], &[f64]),
@@ -244,7 +212,7 @@ fn search(
     let of = |pose: &[f64]| motors.iter().filter_map(|m| pose.get(*m).copied()).collect::<Vec<f64>>();
     let problem = PlanningProblem { start: of(from), goal: of(to), seed: args.seed, budget: u64::MAX };
     let begun = processor_s();
-    let found = args.planner.planner(args.iterations).plan(&mut space, &problem, &mut |_| {
+    let found = planner.plan(&mut space, &problem, &mut |_| {
         if processor_s() - begun > args.time { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     Ok(found.map(|path| {

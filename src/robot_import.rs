@@ -32,6 +32,13 @@ pub struct UrdfArgs {
     fix_unsupported: bool,
 }
 
+/// Default of `--overshoot`, millimeters.
+const OVERSHOOT_MM: f64 = 10.0;
+/// Default of `--shapes`.
+const SHAPES_PER_LINK: u16 = 12;
+/// Default of `--poses`.
+const SAMPLED_POSES: usize = 10_000;
+
 /// Options of the import of a URDF.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ImportArgs {
@@ -44,13 +51,13 @@ pub struct ImportArgs {
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
     /// Maximum distance by which the shapes around a mesh may protrude from it, millimeters.
-    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = millimeters(0.1, 1000.0))]
+    #[arg(long, value_name = "MM", default_value_t = OVERSHOOT_MM, value_parser = millimeters(0.1, 1000.0))]
     overshoot: f64,
     /// Maximum number of shapes per link.
-    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=64))]
+    #[arg(long, value_name = "N", default_value_t = SHAPES_PER_LINK, value_parser = clap::value_parser!(u16).range(1..=64))]
     shapes: u16,
     /// Number of random poses in the search for pairs of links that need no test; 0: none.
-    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    #[arg(long, value_name = "N", default_value_t = SAMPLED_POSES)]
     poses: usize,
 }
 
@@ -92,6 +99,12 @@ impl UrdfArgs {
 }
 
 impl ImportArgs {
+    /// True if any of them differs from its default.
+    pub fn is_given(&self) -> bool {
+        let defaults = self.overshoot == OVERSHOOT_MM && self.shapes == SHAPES_PER_LINK && self.poses == SAMPLED_POSES;
+        self.srdf.is_some() || self.part.is_some() || self.read.is_given() || !defaults
+    }
+
     /// Converts the URDF into a robot that can run, with a progress bar.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 //! `mobee view RUN`: starts the Rerun viewer on a run's recording, if it is installed.
 
 use crate::config::ConfigError;
+use mobee_recorder::Settings;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -36,5 +37,18 @@ pub fn open(run: &Path) -> Result<String, ConfigError> {
     match Command::new("rerun").arg(&file).spawn() {
         Ok(_) => Ok(format!("rerun {}", file.display())),
         Err(e) => Err(ConfigError::plain(format!("the viewer `rerun` can't be started: {e}"), advice)),
+    }
+}
+
+/// Settings of a recording that is no run's: of a robot, a map or a path, made from the file `source`.
+pub(crate) fn recording_settings(path: &Path, name: &str, source: &Path) -> Settings {
+    Settings {
+        path: path.to_owned(),
+        name: name.to_owned(),
+        config: source.display().to_string(),
+        build: env!("CARGO_PKG_VERSION").to_owned(),
+        live: None,
+        index: true,
+        names: Vec::new(),
     }
 }

@@ -9,9 +9,10 @@ mod arm;
 mod problems;
 mod trial;
 
+use crate::plan::PlannerArgs;
 use crate::robot_import::Steps;
 use miette::{IntoDiagnostic, Report, miette};
-use mobee_behaviors::planners::{AoRrtConnect, PlannerKind};
+use mobee_behaviors::planners::Planner;
 use mobee_contract::suggestion;
 use problems::{InputFault, Problem, read_problems};
 use serde_json::{Map, Value, json};
@@ -32,12 +33,8 @@ pub struct PlanBenchArgs {
     /// Only every N-th problem of a scene.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     every: u16,
-    /// `rrt_connect`: the first path; `aorrtc`: shorter paths for more time.
-    #[arg(long, value_name = "PLANNER", default_value = "rrt_connect", value_parser = str::parse::<PlannerKind>)]
-    planner: PlannerKind,
-    /// Random configurations that `aorrtc` spends after the first path.
-    #[arg(long, value_name = "N", default_value_t = AoRrtConnect::default().iterations)]
-    iterations: u64,
+    #[command(flatten)]
+    planner: PlannerArgs,
     /// Processor time for one plan.
     #[arg(long, value_name = "SECONDS", default_value_t = 3.0, value_parser = seconds)]
     time: f64,
@@ -83,16 +80,16 @@ pub(super) fn command(args: &PlanBenchArgs) -> Result<ExitCode, Report> {
     let settings = TrialSettings {
         clearance: args.clearance_mm / 1e3,
         seed: args.seed,
-        planner: args.planner,
-        iterations: args.iterations,
         limit_s: args.time,
         simplify_lines: SIMPLIFY_LINES,
         check_step: args.check,
         rounds: args.rounds,
     };
-    let (mut refuted, mut all) = (0, Map::new());
+    let planner = args.planner.planner()?;
+    let mut refuted = 0;
+    let mut all = Map::new();
     for path in &args.files {
-        let (notes, trials) = run_file(path, args, &settings)?;
+        let (notes, trials) = run_file(path, args, planner.as_ref(), &settings)?;
         refuted += trials.iter().filter(|t| t.refuted == Some(true)).count();
         if args.json {
             let totals = totals(&trials);
@@ -114,7 +111,12 @@ pub(super) fn command(args: &PlanBenchArgs) -> Result<ExitCode, Report> {
 }
 
 /// Runs the problems of a file that are asked for; returns the notes about its robot as well.
-fn run_file(path: &Path, args: &PlanBenchArgs, settings: &TrialSettings) -> Result<(Vec<String>, Vec<Trial>), Report> {
+fn run_file(
+    path: &Path,
+    args: &PlanBenchArgs,
+    planner: &dyn Planner,
+    settings: &TrialSettings,
+) -> Result<(Vec<String>, Vec<Trial>), Report> {
     let file = read_problems(path).map_err(complaint)?;
     let known: Vec<&str> = file.scenes.keys().map(String::as_str).collect();
     if let Some(unknown) = args.scenes.iter().find(|s| !known.contains(&s.as_str())) {
@@ -135,7 +137,7 @@ fn run_file(path: &Path, args: &PlanBenchArgs, settings: &TrialSettings) -> Resu
     let mut trials = Vec::with_capacity(chosen.len());
     for (i, (scene, problem)) in chosen.iter().enumerate() {
         bar.show(i as f64 / chosen.len() as f64);
-        trials.push(trial::run(&arm, &alone, scene, problem, settings).map_err(complaint)?);
+        trials.push(trial::run((&arm, &alone), planner, scene, problem, settings).map_err(complaint)?);
     }
     Ok((arm.notes, trials))
 }

@@ -2,7 +2,7 @@
 
 use super::{derive_seed, kind, localize, must_exist, needs_real_clock, placed};
 use crate::config::{
-    ClockMode, Complaints, Config, PathSetting, SensorConfig, Source, WorldGateConfig, paths, suggestion,
+    ClockMode, Complaints, Config, ConfigError, PathSetting, SensorConfig, Source, WorldGateConfig, paths, suggestion,
 };
 use mobee_actors::system::{CameraSetup, LocatorSetup, PartMaker, SensorSetup, TruthCell, WorldGateSettings};
 use mobee_contract::{Camera, CameraContext, Context, Detector, Kind, Locator, Role, check_object_name};
@@ -153,41 +153,37 @@ impl SensorBuilder<'_> {
         kind: &Kind<R>,
         settings: &mut Value,
     ) -> Result<Vec<(String, NamedTempFile)>, Complaints> {
-        let mut copies = Vec::new();
-        for PathSetting { place, path: file, is_folder } in paths(R::NAME, kind.name, settings) {
-            let path = Config::beside(self.source, Path::new(file.as_str()));
-            *file = path.to_string_lossy().into_owned();
-            let key = format!("{at}.{place}");
-            let io = |e: std::io::Error| {
-                self.source.error(&key, format!("no copy can be made of it: {e}"), "make room on the disk")
-            };
+        let mut copies = localize(self.source, at, kind, settings)?;
+        if self.source.was_sent() {
+            return Ok(copies);
+        }
+        for PathSetting { place, path, is_folder, doc } in paths(R::NAME, kind.name, settings) {
+            let path = Path::new(path.as_str());
             // cameras report a missing file themselves
-            let is_missing = R::NAME == <dyn Camera>::NAME && !self.source.was_sent() && !path.is_file();
+            let is_missing = R::NAME == <dyn Camera>::NAME && !path.is_file();
             if is_folder || path.is_dir() || is_missing {
                 continue;
             }
-            let sent = self.source.bytes_sent(&key, &path).transpose()?;
-            if sent.is_none() {
-                must_exist(self.source, &key, &path, "file of `mobee detector train` or `mobee locator train`")?;
-            }
-            let mut copy = NamedTempFile::new().map_err(io)?;
-            match sent {
-                Some(bytes) => {
-                    std::io::Write::write_all(&mut copy, bytes).map_err(io)?;
-                    *file = copy.path().to_string_lossy().into_owned();
-                }
-                None => {
-                    let mut original = mobee_model::file::open(&path).map_err(io)?;
-                    let size = original.metadata().map_err(io)?.len();
-                    if size > MAX_PART_FILE_BYTES {
-                        let what = format!("{} has {size} bytes, more than {MAX_PART_FILE_BYTES}", path.display());
-                        return Err(self.source.error(&key, what, "give a smaller file").into());
-                    }
-                    std::io::copy(&mut original, copy.as_file_mut()).map_err(io)?;
-                }
-            }
+            let key = format!("{at}.{place}");
+            must_exist(self.source, &key, path, &format!("file ({})", doc.trim_end_matches('.')))?;
+            let copy = self.copy(&key, path)?;
             copies.push((place, copy));
         }
         Ok(copies)
+    }
+
+    fn copy(&self, key: &str, path: &Path) -> Result<NamedTempFile, ConfigError> {
+        let io = |e: std::io::Error| {
+            self.source.error(key, format!("no copy can be made of it: {e}"), "make room on the disk")
+        };
+        let mut copy = NamedTempFile::new().map_err(io)?;
+        let mut original = mobee_model::file::open(path).map_err(io)?;
+        let size = original.metadata().map_err(io)?.len();
+        if size > MAX_PART_FILE_BYTES {
+            let what = format!("{} has {size} bytes, more than {MAX_PART_FILE_BYTES}", path.display());
+            return Err(self.source.error(key, what, "give a smaller file"));
+        }
+        std::io::copy(&mut original, copy.as_file_mut()).map_err(io)?;
+        Ok(copy)
     }
 }

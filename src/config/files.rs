@@ -16,46 +16,67 @@ const ROADMAP: &str = "roadmap";
 /// Greatest depth of settings within settings. Types that contain themselves end here.
 const MAX_DEPTH: usize = 16;
 
-/// A value of a kind's table and its place in the table, such as `scenery.stickers[0].picture`.
-type Marked<'v> = (String, &'v mut Value);
+/// A marked value of a kind's table.
+struct MarkedValue<'s, 'v> {
+    format: &'static str,
+    /// The setting's documentation.
+    doc: &'s str,
+    /// Its place in the table, such as `scenery.stickers[0].picture`.
+    place: String,
+    value: &'v mut Value,
+}
 
 /// A setting that is the path of a file or folder.
 pub(crate) struct PathSetting<'v> {
     /// Its place in the kind's table.
     pub place: String,
     pub path: &'v mut String,
-    /// Whether it can only be a folder.
+    /// True if it can only be a folder.
     pub is_folder: bool,
+    /// The setting's documentation, on one line.
+    pub doc: String,
 }
 
 /// The paths of files and folders in the table of a kind of `role`. The table may have its `kind` or not.
 pub(crate) fn paths<'v>(role: &str, kind: &str, table: &'v mut Value) -> impl Iterator<Item = PathSetting<'v>> {
-    marked(role, kind, table, &[PATH, FOLDER]).into_iter().filter_map(|(format, (place, value))| {
-        let Value::String(path) = value else { return None };
-        Some(PathSetting { place, path, is_folder: format == FOLDER })
+    marked(role, kind, table, &[PATH, FOLDER], |marked| {
+        let is_folder = marked.format == FOLDER;
+        let doc = marked.doc.replace('\n', " ");
+        each(marked).filter_map(move |(place, value)| match value {
+            Value::String(path) => Some(PathSetting { place, path, is_folder, doc: doc.clone() }),
+            _ => None,
+        })
     })
+    .into_iter()
 }
 
 /// The maps in the table of a kind of `role`, one for each path or JSON.
-pub(crate) fn maps<'v>(role: &str, kind: &str, table: &'v mut Value) -> Vec<Marked<'v>> {
-    let one_or_several = marked(role, kind, table, &[ROADMAP]).into_iter().map(|(_, (at, value))| match value {
-        Value::Array(maps) => maps.iter_mut().enumerate().map(|(i, map)| (format!("{at}[{i}]"), map)).collect(),
-        map => vec![(at, map)],
-    });
-    one_or_several.flat_map(|maps: Vec<Marked<'_>>| maps).collect()
+pub(crate) fn maps<'v>(role: &str, kind: &str, table: &'v mut Value) -> Vec<(String, &'v mut Value)> {
+    marked(role, kind, table, &[ROADMAP], each)
 }
 
-fn marked<'v>(
+/// The values of a marked setting, which may be a list of them, each with its place.
+fn each<'v>(marked: MarkedValue<'_, 'v>) -> impl Iterator<Item = (String, &'v mut Value)> + use<'v> {
+    let place = marked.place;
+    let values: Vec<_> = match marked.value {
+        Value::Array(list) => list.iter_mut().enumerate().map(|(i, value)| (format!("{place}[{i}]"), value)).collect(),
+        value => vec![(place, value)],
+    };
+    values.into_iter()
+}
+
+fn marked<'v, T, I: Iterator<Item = T>>(
     role: &str,
     kind: &str,
     table: &'v mut Value,
     formats: &[&'static str],
-) -> Vec<(&'static str, Marked<'v>)> {
+    of: impl Fn(MarkedValue<'_, 'v>) -> I,
+) -> Vec<T> {
     let Some(kind) = registered().into_iter().find(|k| k.role() == role && k.name() == kind) else { return Vec::new() };
     let schema = kind.schema().to_value();
     let mut found = Vec::new();
     Search { root: &schema, formats }.value(&schema, String::new(), table, 0, &mut found);
-    found
+    found.into_iter().flat_map(of).collect()
 }
 
 /// Walks values along their schema.
@@ -71,10 +92,11 @@ impl<'s> Search<'s> {
         at: String,
         value: &'v mut Value,
         depth: usize,
-        found: &mut Vec<(&'static str, Marked<'v>)>,
+        found: &mut Vec<MarkedValue<'s, 'v>>,
     ) {
         if let Some(format) = self.formats.iter().find(|format| schema["format"] == **format) {
-            found.push((format, (at, value)));
+            let doc = schema["description"].as_str().unwrap_or_default();
+            found.push(MarkedValue { format, doc, place: at, value });
             return;
         }
         if depth > MAX_DEPTH {
@@ -209,6 +231,8 @@ mod tests {
         weights: PathBuf,
         #[schemars(extend("format" = "path"))]
         cache: Option<PathBuf>,
+        #[schemars(extend("format" = "path"))]
+        shards: Vec<PathBuf>,
         layers: Vec<Layer>,
         source: Option<Source>,
     }
@@ -238,18 +262,20 @@ mod tests {
     fn paths_are_found_by_their_schema_wherever_they_stand() {
         let schema = schemars::schema_for!(Weights).to_value();
         let mut table = json!({
-            "weights": "a.bin", "cache": "c", "name": "no path", "layers": [{ "name": "x", "table": "t.csv" }, { "name": "y", "table": "u.csv" }],
+            "weights": "a.bin", "cache": "c", "shards": ["s", "t"], "name": "no path", "layers": [{ "name": "x", "table": "t.csv" }, { "name": "y", "table": "u.csv" }],
             "source": { "kind": "disk", "folder": "d" },
         });
         let mut found = Vec::new();
         Search { root: &schema, formats: &[PATH, FOLDER] }.value(&schema, String::new(), &mut table, 0, &mut found);
         let mut found: Vec<(String, String)> =
-            found.into_iter().map(|(_, (at, v))| (at, v.as_str().unwrap_or_default().to_owned())).collect();
+            found.into_iter().flat_map(each).map(|(at, v)| (at, v.as_str().unwrap_or_default().to_owned())).collect();
         found.sort();
         let wanted = [
             ("cache", "c"),
             ("layers[0].table", "t.csv"),
             ("layers[1].table", "u.csv"),
+            ("shards[0]", "s"),
+            ("shards[1]", "t"),
             ("source.folder", "d"),
             ("weights", "a.bin"),
         ];

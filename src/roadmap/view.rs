@@ -1,10 +1,10 @@
 //! `mobee roadmap view`: a map as a recording, as in the paper's figure 7.
 
 use super::{PlaceArgs, load_for, may_write, robot};
-use crate::view;
+use crate::view::{self, recording_settings};
 use miette::{IntoDiagnostic, Report, WrapErr, miette};
 use mobee_behaviors::map_file::MapFile;
-use mobee_recorder::{MapLines, MapView, Settings, view_map};
+use mobee_recorder::{MapLines, MapView, view_map};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -41,15 +41,7 @@ pub fn command(args: &ViewMapArgs) -> Result<String, Report> {
             dir.keep().join("roadmap.rrd")
         }
     };
-    let settings = Settings {
-        path: out.clone(),
-        name: map.robot.clone(),
-        config: args.map.display().to_string(),
-        build: env!("CARGO_PKG_VERSION").to_owned(),
-        live: None,
-        index: true,
-        names: Vec::new(),
-    };
+    let settings = recording_settings(&out, &map.robot, &args.map);
     let vertices: Vec<[f64; 3]> = map.vertices.iter().map(|v| v.at_m).collect();
     let poses: Vec<&[f64]> = map.vertices.iter().map(|v| v.q_rad.as_slice()).collect();
     let lines = lines(&map);

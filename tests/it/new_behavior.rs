@@ -162,3 +162,46 @@ const ARM_GROUP: &str = r#"<robot name="rail arm"><group name="arm"><chain base_
   <group_state name="left" group="arm"><joint name="rail" value="-0.1"/><joint name="lift" value="0.2"/></group_state>
   <group_state name="up" group="arm"><joint name="lift" value="-0.5"/></group_state></robot>
 "#;
+
+#[test]
+fn a_crate_is_written_whole_and_its_name_and_options_are_checked() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let made = mobee(dir.path(), &["new", "--crate", "lab_arm"]);
+    assert!(made.status.success(), "{}", said(&made));
+    let read =
+        |file: &str| std::fs::read_to_string(dir.path().join("lab_arm").join(file)).expect("a file of the crate");
+    for file in [
+        "src/main.rs",
+        "src/lib.rs",
+        "src/driver.rs",
+        "src/agent.rs",
+        "src/camera.rs",
+        "tests/conformance.rs",
+        "lab_arm.toml",
+    ] {
+        let text = read(file);
+        assert!(!text.contains("my_arm") && !text.contains("../"), "{file}: {text}");
+    }
+    let manifest: toml::Table = read("Cargo.toml").parse().expect("a manifest");
+    let names = |section: &str| manifest[section].as_table().expect("a table").keys().cloned().collect::<Vec<_>>();
+    assert!(manifest.contains_key("workspace") && names("profile").contains(&"release".to_owned()));
+    for dependency in names("dependencies").iter().chain(&names("dev-dependencies")) {
+        let entry = manifest["dependencies"].get(dependency).or(manifest["dev-dependencies"].get(dependency));
+        let path = entry.and_then(|e| e.get("path")).and_then(toml::Value::as_str);
+        assert!(path.is_none_or(|path| Path::new(path).join("Cargo.toml").is_file()), "{dependency}: {path:?}");
+    }
+    for (args, expected) in [
+        (&["new", "--crate", "lab_arm"][..], "exists already"),
+        (&["new", "--crate", "Lab"], "not a valid name for a crate"),
+        (&["new", "--crate", "serde"], "is taken"),
+        (&["new", "--crate", "other", "--mobee", "."], "there is no checkout of MoBeE"),
+        (&["new", "--crate", "other", "--driver", "yarp"], "cannot be used with"),
+        (&["new", "--crate", "other", "--up-axis", "ignore"], "no URDF to import"),
+        (&["new", "other", "--shapes", "3"], "no URDF to import"),
+    ] {
+        let out = mobee(dir.path(), args);
+        assert_eq!(out.status.code(), Some(2), "{args:?}");
+        assert!(said(&out).contains(expected), "{args:?}: {}", said(&out));
+        assert!(!dir.path().join("other").exists(), "{args:?}: nothing is half-done");
+    }
+}

@@ -118,6 +118,13 @@ fn aorrtc_shortens_every_path_and_a_recording_shows_the_robot_on_it() {
     let rows =
         |entity: &str| contents.rows.iter().filter(|(name, _)| name.contains(entity)).map(|(_, n)| n).sum::<u64>();
     assert!(rows("world/map/poses") >= 60 && rows("world/map/path") > 0, "{:?}", contents.rows);
+    // options without an effect are refused
+    let idle = complaint(&["plan", PANDA, "--to", "home", "--iterations", "5"]);
+    assert!(idle.contains("add --planner aorrtc"), "{idle}");
+    let idle = complaint(&["bench", "plan", PROBLEMS, "--iterations", "5"]);
+    assert!(idle.contains("add --planner aorrtc"), "{idle}");
+    let nowhere = complaint(&["plan", PANDA, "--to", "home", "--record", "-"]);
+    assert!(nowhere.contains("can't be written to -"), "{nowhere}");
     let again = complaint(&[&["plan", PANDA, "--to", "home"][..], &["--record", text(&file)]].concat());
     assert!(again.contains("exists already"), "{again}");
 }

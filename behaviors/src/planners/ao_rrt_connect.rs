@@ -11,7 +11,7 @@
 //! ```
 //! The cost of a path is its length by the weights of the space: a meter of a prismatic joint counts as a radian.
 
-use super::tree::SearchTree;
+use super::tree::{SearchTree, joined};
 use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem, RrtConnect, shorten};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -298,16 +298,7 @@ impl AoRrtSearch<'_> {
 
     /// The path through the nodes at which the trees met, if it is certified as it will be driven.
     fn path(&mut self, trees: &[SearchTree; 2], met: [u32; 2]) -> Option<JointPath> {
-        let mut here = trees[0].to_root(met[0]);
-        here.reverse();
-        let there = trees[1].to_root(met[1]);
-        // both have the configuration where they met
-        let nodes = here.iter().map(|n| trees[0].pose(*n)).chain(there.iter().skip(1).map(|n| trees[1].pose(*n)));
-        let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), evaluations: 0 };
-        for q in nodes {
-            let q = path.poses.last().map_or_else(|| q.to_vec(), |last| self.space.toward(last, q));
-            path.poses.push(q);
-        }
+        let (path, _) = joined(self.space, trees, met);
         let within = path.poses.iter().all(|q| self.space.outside(q).is_none());
         (within && self.space.free_lines(path.edges()).iter().all(|free| *free)).then_some(path)
     }

@@ -17,7 +17,7 @@
 //! *Dynamic-Domain RRTs*, 2005), so that a tree in a corner does not spend its lines on the walls
 //! around it.
 
-use super::tree::SearchTree;
+use super::tree::{SearchTree, joined};
 use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -192,17 +192,7 @@ impl RrtSearch<'_> {
     /// certified as they will be driven, with continuous joints unwound. Refuted lines are pruned
     /// from their trees.
     fn path(&mut self, met: [u32; 2]) -> Result<Option<JointPath>, NoPath> {
-        let mut here = self.trees[0].to_root(met[0]);
-        here.reverse();
-        let there = self.trees[1].to_root(met[1]);
-        // Both contain the configuration where they met.
-        let poses =
-            here.iter().map(|n| self.trees[0].pose(*n)).chain(there.iter().skip(1).map(|n| self.trees[1].pose(*n)));
-        let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), evaluations: 0 };
-        for pose in poses {
-            let pose = path.poses.last().map_or_else(|| pose.to_vec(), |last| self.space.toward(last, pose));
-            path.poses.push(pose);
-        }
+        let (mut path, [here, there]) = joined(self.space, &self.trees, met);
         self.pay(path.poses.len().saturating_sub(1))?;
         if path.poses.iter().any(|q| self.space.outside(q).is_some()) {
             return Ok(None);

@@ -1,6 +1,6 @@
 //! A tree of configurations that are connected to its root by straight lines.
 
-use super::JointSpace;
+use super::{JointPath, JointSpace};
 use std::f64::consts::TAU;
 
 /// Number of nodes for which distances are computed together.
@@ -116,6 +116,21 @@ impl SearchTree {
             kept.push(moved);
         }
     }
+}
+
+/// A path through the nodes at which two trees met, from the root of the first to that of the second, each configuration in the turn
+/// nearest to the one before; and the nodes of either tree on it, in the order of the path. Both have the configuration where they met.
+pub(super) fn joined(space: &JointSpace, trees: &[SearchTree; 2], met: [u32; 2]) -> (JointPath, [Vec<u32>; 2]) {
+    let mut here = trees[0].to_root(met[0]);
+    here.reverse();
+    let there = trees[1].to_root(met[1]);
+    let nodes = here.iter().map(|n| trees[0].pose(*n)).chain(there.iter().skip(1).map(|n| trees[1].pose(*n)));
+    let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), evaluations: 0 };
+    for q in nodes {
+        let q = path.poses.last().map_or_else(|| q.to_vec(), |last| space.toward(last, q));
+        path.poses.push(q);
+    }
+    (path, [here, there])
 }
 
 /// Nearest neighbor by a linear scan in single precision: trees are small, and the nearest node

@@ -51,10 +51,10 @@ impl ArmCalibration {
             "give the calibration that LeRobot made for this arm; its path is relative to the configuration file";
         let name = path.display();
         let text = read_text(path, MAX_FILE_BYTES)
-            .map_err(|e| KindError::new("file", format!("{name} can't be read: {e}"), help))?;
+            .map_err(|e| KindError::new("calibration", format!("{name} can't be read: {e}"), help))?;
         ArmCalibration::parse(&text).map_err(|mut e| {
             e.what = format!("{name}: {}", e.what);
-            e.under("file")
+            e.under("calibration")
         })
     }
 

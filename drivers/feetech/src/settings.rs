@@ -32,7 +32,7 @@ pub struct FeetechSettings {
     /// motors.
     #[serde(default)]
     #[schemars(extend("format" = "path"))]
-    pub file: Option<PathBuf>,
+    pub calibration: Option<PathBuf>,
     /// The motors. With a calibration file: only what differs from it or is not in it.
     #[serde(default)]
     pub motors: Vec<BusMotorSettings>,
@@ -131,7 +131,7 @@ impl FeetechSettings {
         FeetechSettings {
             port: port.into(),
             baud: baud(),
-            file: None,
+            calibration: None,
             motors: Vec::new(),
             timeout_ms: timeout_ms(),
             latency_ms: latency_ms(),
@@ -190,7 +190,7 @@ impl FeetechSettings {
     /// # Errors
     /// A setting that does not fit the robot or the calibration.
     pub fn joints(&self, robot: &Robot) -> Result<Vec<ServoJoint>, KindError> {
-        let calibration = self.file.as_deref().map(ArmCalibration::read).transpose()?.unwrap_or_default();
+        let calibration = self.calibration.as_deref().map(ArmCalibration::read).transpose()?.unwrap_or_default();
         self.are_of(robot, &calibration)?;
         let joints = KindError::gather(robot.motors.iter().map(|motor| {
             let at = self.motors.iter().position(|m| m.joint == motor.name);
@@ -223,7 +223,7 @@ impl FeetechSettings {
             )),
         };
         let own = self.motors.iter().enumerate().map(|(i, m)| known(format!("motors[{i}].joint"), &m.joint));
-        let filed = calibration.0.keys().map(|name| known("file".into(), name));
+        let filed = calibration.0.keys().map(|name| known("calibration".into(), name));
         let twice = self.motors.iter().enumerate().map(|(i, m)| {
             let first = self.motors.iter().take(i).any(|other| other.joint == m.joint);
             match first {
@@ -317,7 +317,7 @@ fn joint(
         return wrong(".range", format!("the calibration has the range of `{name}`, too"), "leave one of them out");
     }
     let Some(id) = filed.map(|f| f.id).or(own.id) else {
-        let help = "state `file`, or { joint = ..., id = ..., range = [..., ...] } for each motor of the robot";
+        let help = "state `calibration`, or { joint = ..., id = ..., range = [..., ...] } for each motor of the robot";
         return wrong("", format!("motor `{name}` has no servo"), help);
     };
     let Some([min, max]) = filed.map(|f| [f.range_min, f.range_max]).or(own.range) else {

@@ -2,7 +2,7 @@
 
 use super::arm::Arm;
 use super::problems::{InputFault, Problem};
-use mobee_behaviors::planners::{JointPath, JointSpace, NoPath, PathEnd, PlannerKind, PlanningProblem, shorten};
+use mobee_behaviors::planners::{JointPath, JointSpace, NoPath, PathEnd, Planner, PlanningProblem, shorten};
 use mobee_model::Scene;
 use nalgebra::Isometry3;
 use rustix::time::{ClockId, clock_gettime};
@@ -20,9 +20,6 @@ pub(crate) struct TrialSettings {
     /// Meters.
     pub clearance: f64,
     pub seed: u64,
-    pub planner: PlannerKind,
-    /// Random configurations that AORRTC may spend after the first path.
-    pub iterations: u64,
     /// Processor time for one plan, seconds.
     pub limit_s: f64,
     /// The most lines that a simplification may judge.
@@ -73,13 +70,13 @@ pub(crate) fn compile_arm(arm: &Arm, settings: &TrialSettings) -> Result<JointSp
 /// Runs a problem.
 ///
 /// # Arguments
-/// * `alone`: the robot alone, compiled.
+/// * `arm`, `alone`: the robot, and its space without objects, compiled.
 ///
 /// # Errors
 /// If the scene can't be made.
 pub(crate) fn run(
-    arm: &Arm,
-    alone: &JointSpace,
+    (arm, alone): (&Arm, &JointSpace),
+    planner: &dyn Planner,
     scene: &str,
     problem: &Problem,
     settings: &TrialSettings,
@@ -105,7 +102,6 @@ pub(crate) fn run(
         seed: settings.seed,
         budget: u64::MAX,
     };
-    let planner = settings.planner.planner(settings.iterations);
     let mut found = Err(NoPath::Cancelled);
     trial.plan_ms = least(settings.rounds, || {
         let (begun, mut calls) = (processor_ms(), 0_u32);

@@ -33,7 +33,7 @@ fn each_setting_is_refused_at_its_place() {
     assert_eq!(place(&|s| drop(s.motors.pop())), "motors");
     assert_eq!(place(&|s| s.release_torque = true), "rest_deg");
     assert_eq!(place(&|s| s.rest_deg = vec![0.0; 6]), "rest_deg");
-    assert_eq!(place(&|s| s.file = Some("/nowhere/so101.json".into())), "file");
+    assert_eq!(place(&|s| s.calibration = Some("/nowhere/so101.json".into())), "calibration");
 }
 
 #[test]
@@ -55,13 +55,13 @@ fn a_calibration_file_replaces_the_motors() {
     };
     let all: serde_json::Map<_, _> = robot.motors.iter().map(|m| m.name.as_str()).enumerate().map(motor).collect();
     std::fs::write(&file, serde_json::to_string(&all).unwrap()).unwrap();
-    let plain = FeetechSettings { file: Some(file.clone()), ..FeetechSettings::at("/dev/x") };
+    let plain = FeetechSettings { calibration: Some(file.clone()), ..FeetechSettings::at("/dev/x") };
     assert!(FeetechHardware::new(&plain, &robot).is_ok());
     let mut again = settings(Path::new("/dev/x"), &robot);
-    again.file = Some(file.clone());
+    again.calibration = Some(file.clone());
     assert!(FeetechHardware::new(&again, &robot).err().unwrap().path.ends_with(".id"));
     let strange = serde_json::to_string(&all).unwrap().replace("gripper", "claw");
     std::fs::write(&file, strange).unwrap();
     let e = FeetechHardware::new(&plain, &robot).err().unwrap();
-    assert!(e.path == "file" && e.what.contains("claw"), "{e:?}");
+    assert!(e.path == "calibration" && e.what.contains("claw"), "{e:?}");
 }
