@@ -8,8 +8,11 @@
 //! While a servo is farther behind its goal than it should be, the trajectory's time runs slower for all joints: the path stays the
 //! same, and a blocked motion pushes with no more than the lead. The lead counts from the offset at which a servo rested under its load.
 
+mod arming;
+mod faults;
+
 use crate::joint::ServoJoint;
-use crate::registers::{ServoState, status_text};
+use crate::registers::ServoState;
 use mobee_contract::{Axis, Command, ControlMode, Sample, Time};
 use mobee_drivers::{Plant, path::Profile};
 use std::collections::VecDeque;
@@ -37,20 +40,10 @@ const STANDING: f64 = 1e-6;
 const HOLDS_AFTER: Duration = Duration::from_micros(1);
 /// Below this rate of its time a trajectory is held up.
 const HELD_UP: f64 = 0.5;
-/// Greatest distance of a joint outside its limits at which it gets torque, rad: 0.5 degrees.
-const MAX_OUTSIDE: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// By how many degrees a joint may be away from `rest_deg` when it loses its torque.
 const AT_REST_DEG: f64 = 3.0;
-/// Each reading with a goal that the driver did not write counts so much, each other takes one away...
-const FOREIGN_GOAL: u32 = 4;
-/// ... and from here on another program writes goals.
-const FOREIGN_GOALS: u32 = 10;
 /// A servo or bus whose last answer is older than this is silent.
 pub const SILENCE: Duration = Duration::from_millis(250);
-/// A fault that has ended is reported for this long after.
-const FAULT_TAIL: Duration = Duration::from_millis(300);
-/// An overloaded servo gets a new goal no sooner than this after the one before.
-const RELIEF: Duration = Duration::from_millis(500);
 /// The lease of the trajectory itself: the arm's lease is checked by the time of the run.
 const UNBOUNDED: Duration = Duration::from_secs(1 << 30);
 
@@ -74,17 +67,6 @@ pub enum ConnectionStage {
     Looking,
     /// Its goals follow the commands.
     Driving,
-}
-
-/// Registers of one servo that make it hold where it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Arming {
-    /// The servo.
-    pub id: u8,
-    /// Its goal, counts.
-    pub goal: i32,
-    /// True if it has no torque yet.
-    pub torque_off: bool,
 }
 
 /// The arm.
@@ -385,137 +367,12 @@ impl ArmCore {
         }
     }
 
-    /// Looks for faults in the newest states.
-    fn judge(&mut self, at: Time) {
-        let mut found = None;
-        let mut relieved = Vec::new();
-        for (m, (joint, state)) in self.joints.iter().zip(&self.states).enumerate() {
-            let id = joint.id;
-            if let Some((text, remedy)) = status_text(state.status) {
-                found.get_or_insert(format!("motor {} (id {id}) {text}: {remedy}", joint.name));
-            }
-            if self.stage == ConnectionStage::Looking {
-                continue;
-            }
-            if !state.torque {
-                found = Some(format!(
-                    "motor {} (id {id}) has lost its torque: the servo has reset, as its supply broke down, or another program switched \
-                     it off; check the power supply (5 A), then recover",
-                    joint.name
-                ));
-                self.stage = ConnectionStage::Looking;
-                self.interrupted = true;
-                continue;
-            }
-            if state.status & 0x20 != 0 {
-                relieved.push((m, joint.angle(f64::from(state.position))));
-            }
-            let Some(seen) = self.foreign_goals.get_mut(m) else { continue };
-            let written = self.goals.get(m).copied();
-            *seen = match written.is_none_or(|goal| goal == state.goal) {
-                true => seen.saturating_sub(1),
-                false => (*seen + FOREIGN_GOAL).min(3 * FOREIGN_GOALS),
-            };
-            if *seen >= FOREIGN_GOALS {
-                let (goal, written) = (state.goal, written.unwrap_or_default());
-                found.get_or_insert(format!(
-                    "motor {} (id {id}) follows goal {goal} and not {written}: another program writes to the bus; end it, then recover",
-                    joint.name
-                ));
-            }
-        }
-        self.relieve(at, &relieved);
-        match found {
-            Some(what) => self.set_fault(at, what),
-            None => {
-                let is_over = self.fault.as_ref().is_some_and(|(since, _)| at.since(*since) > FAULT_TAIL);
-                if is_over && !self.interrupted {
-                    self.fault = None;
-                }
-            }
-        }
-    }
-
-    /// Reports a fault from now on, until it has not been set for a while; everything brakes.
-    pub fn set_fault(&mut self, at: Time, what: String) {
-        if self.fault.is_none() {
-            self.fault = Some((at, what));
-            self.brake();
-        } else {
-            self.fault = Some((at, what));
-        }
-    }
-
-    /// Servos that have lowered their torque hold where they are, which relieves them. Not with each reading: a goal that follows a sinking
-    /// joint leaves it no torque at all.
-    fn relieve(&mut self, at: Time, overloaded: &[(usize, f64)]) {
-        if overloaded.is_empty() || self.relieved.is_some_and(|before| at.since(before) < RELIEF) {
-            return;
-        }
-        self.relieved = Some(at);
-        let mut start: Vec<f64> = self.plant.positions().collect();
-        for (m, q) in overloaded {
-            if let Some(slot) = start.get_mut(*m) {
-                *slot = *q;
-            }
-        }
-        self.rest_at(&start);
-    }
-
     /// A trajectory at rest there.
     fn rest_at(&mut self, q: &[f64]) {
         self.plant = Plant::new(self.axes.clone(), q, Profile::MinimumJerk);
         self.path_time = Time::ZERO;
         self.rate = 1.0;
         self.ended.fill(None);
-    }
-
-    /// The connection is new: what was written before may not hold any more.
-    pub fn look_again(&mut self) {
-        self.interrupted |= self.stage == ConnectionStage::Driving;
-        self.stage = ConnectionStage::Looking;
-        self.lease = None;
-        self.recent.iter_mut().for_each(VecDeque::clear);
-    }
-
-    /// Registers that make the arm hold where it is.
-    ///
-    /// # Errors
-    /// A joint that is outside its limits: torque would move it.
-    pub fn arming(&self) -> Result<Vec<Arming>, String> {
-        let each = self.joints.iter().zip(&self.axes).zip(&self.states).map(|((joint, axis), state)| {
-            let q = joint.angle(f64::from(state.position));
-            if q < axis.min - MAX_OUTSIDE || q > axis.max + MAX_OUTSIDE {
-                let [q, min, max] = [q, axis.min, axis.max].map(f64::to_degrees);
-                return Err(format!(
-                    "motor {} (id {}) is at {q:.1} deg, outside its limits {min:.1} to {max:.1} deg: move it there by hand, or calibrate the arm",
-                    joint.name, joint.id
-                ));
-            }
-            // a loaded servo retains its goal: with its position as the goal it would sag
-            let held = joint.angle(f64::from(state.goal));
-            let holds = state.torque && (held - q).abs() <= self.numbers.hold_error.max(self.numbers.lead);
-            let goal = joint.count((if holds { held } else { q }).clamp(axis.min, axis.max));
-            Ok(Arming { id: joint.id, goal, torque_off: !state.torque })
-        });
-        each.collect()
-    }
-
-    /// The arm has been armed like this.
-    pub fn armed(&mut self, now: Time, arming: &[Arming]) {
-        self.goals = arming.iter().map(|a| a.goal).collect();
-        let start: Vec<f64> = self.joints.iter().zip(&self.goals).map(|(j, goal)| j.angle(f64::from(*goal))).collect();
-        self.rest_at(&start);
-        self.foreign_goals.fill(0);
-        self.stage = ConnectionStage::Driving;
-        self.interrupted = false;
-        self.ticked = Some(now);
-        self.lease = None;
-        self.unread = None;
-        // until it is read, its states are those that it will have
-        for (state, arming) in self.states.iter_mut().zip(arming) {
-            (state.torque, state.goal) = (true, arming.goal);
-        }
     }
 
     /// True if no joint moves.

@@ -93,13 +93,15 @@ impl ServoState {
     }
 }
 
+/// The status bit of a servo that has lowered its torque.
+pub const OVERLOADED: u8 = 0x20;
 /// The error bits of an STS3215, each with a name and a remedy.
 pub const STATUS_BITS: [(u8, &str, &str); 5] = [
     (0x01, "has a voltage out of its range", "check the power supply: 5 to 7.4 V, or 12 V for 12 V servos, and 5 A"),
     (0x02, "has a fault of its position sensor", "switch the arm off and on; if it stays, replace the servo"),
     (0x04, "is too hot", "let the arm rest, its weight supported, until the servo is below 60 degrees Celsius"),
     (0x08, "draws too much current", "free the joint, then switch the arm off and on"),
-    (0x20, "is overloaded and has lowered its torque", "support the arm, free the joint, then recover"),
+    (OVERLOADED, "is overloaded and has lowered its torque", "support the arm, free the joint, then recover"),
 ];
 
 /// The names of these error bits, and what to do about the first.

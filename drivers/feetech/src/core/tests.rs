@@ -1,3 +1,4 @@
+use super::arming::Arming;
 use super::*;
 use mobee_contract::Move;
 
