@@ -7,7 +7,7 @@
 
 use crate::zrp::left_out_tag;
 use crate::zrp::pairs::quiet_subtrees;
-use crate::{LeftOut, Node, NodePairs, Robot};
+use crate::{LeftOut, NearPair, Node, NodePairs, Robot};
 use std::collections::BTreeSet;
 
 impl Robot {
@@ -31,6 +31,27 @@ impl Robot {
         }
         self.left_out = Some(all);
         self.pair_up(&known);
+    }
+
+    /// Gives tested pairs a clearance of their own. If a pair is given twice, its lower clearance is used. Pairs with an
+    /// unnamed node are ignored, since the file could not list them. A robot without a list of disabled pairs gets an
+    /// empty one, since its file needs the element.
+    pub fn bring_near(&mut self, more: impl IntoIterator<Item = NearPair>) {
+        for NearPair { nodes: (a, b), clearance, reason } in more {
+            let named = |node: usize| self.nodes.get(node).is_some_and(|n: &Node| n.name.is_some());
+            if a == b || !named(a) || !named(b) {
+                continue;
+            }
+            if self.left_out.is_none() {
+                self.leave_out([]);
+            }
+            let nodes = (a.min(b), a.max(b));
+            match self.near.iter_mut().find(|known| known.nodes == nodes) {
+                Some(known) if known.clearance <= clearance => {}
+                Some(known) => *known = NearPair { nodes, clearance, reason },
+                None => self.near.push(NearPair { nodes, clearance, reason }),
+            }
+        }
     }
 
     /// The line for `pairs` in the robot's file that disables this pair. `None` if one of the two nodes has no name, or

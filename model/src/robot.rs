@@ -28,6 +28,8 @@ pub struct Robot {
     /// The disabled pairs, if the file lists them; `None`: the adjacency filter of the format decides. Changed only by
     /// [`Robot::leave_out`], since `pairs` is derived from it.
     pub left_out: Option<Vec<LeftOut>>,
+    /// Tested pairs with a clearance of their own; changed only by [`Robot::bring_near`].
+    pub near: Vec<NearPair>,
     /// Links of the URDF with a visual but without a collision shape: they touch nothing.
     pub bare: Vec<String>,
 }
@@ -186,6 +188,17 @@ pub struct LeftOut {
     /// The two nodes, the lower index first; both have names.
     pub nodes: (usize, usize),
     /// Reason for display, such as `neighbors`.
+    pub reason: String,
+}
+
+/// A pair of nodes that are near each other by design, such as two fingers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NearPair {
+    /// The two nodes, the lower index first; both have names.
+    pub nodes: (usize, usize),
+    /// Clearance of the pair, meters: it replaces every larger one, that of the reflex and of planners alike.
+    pub clearance: f64,
+    /// Reason for display.
     pub reason: String,
 }
 

@@ -7,6 +7,7 @@ mod bodies;
 mod edit;
 mod label;
 mod line;
+mod pair_rules;
 mod queries;
 mod report;
 mod skeleton;
@@ -18,9 +19,11 @@ pub(crate) use bodies::{Bodies, MAX_PAIRS};
 pub use edit::{Edit, SceneError};
 pub use label::Labels;
 pub use line::LineVerdict;
+pub use pair_rules::PairRule;
 pub use report::{ContactKind, ReportedContact};
 pub use skeleton::{Hinge, Skeleton};
 pub use travel::Lever;
+use pair_rules::ResolvedRule;
 pub(crate) use world::{PairGroup, SolidWorld};
 
 use crate::engine::{Collider, DefaultEngine, Engine, IndexPair};
@@ -199,6 +202,8 @@ pub struct Scene<E: Engine = DefaultEngine> {
     objects: Vec<(u32, Arc<Object>)>,
     /// Shared by all snapshots derived from one scene: edits do not change the robots.
     bodies: Arc<Bodies>,
+    /// Rules for pairs, of queries such as a pick: see [`Scene::with_pair_rules`].
+    rules: Arc<[ResolvedRule]>,
     /// Rebuilt by each edit.
     world: Arc<SolidWorld<E>>,
 }
@@ -225,8 +230,8 @@ impl<E: Engine> Scene<E> {
     /// As [`Scene::new`].
     pub fn with_engine(robots: Vec<(Arc<Robot>, Isometry3<f64>)>, objects: Vec<Object>) -> Result<Self, SceneError> {
         let bodies = Arc::new(Bodies::new(robots)?);
-        let world = Arc::new(SolidWorld::new(&bodies, &[]));
-        let empty = Scene { epoch: 0, next_object: 0, objects: Vec::new(), bodies, world };
+        let world = Arc::new(SolidWorld::new(&bodies, &[], &[]));
+        let empty = Scene { epoch: 0, next_object: 0, objects: Vec::new(), bodies, rules: Arc::new([]), world };
         let mut scene = empty.with(|scene| objects.into_iter().try_for_each(|object| scene.add(object)))?;
         scene.epoch = 0;
         Ok(scene)
@@ -292,6 +297,11 @@ impl<E: Engine> Scene<E> {
     /// these.
     pub fn pairs(&self) -> &[IndexPair] {
         &self.world.pairs
+    }
+    /// The clearance that applies to one of [`Scene::pairs`] if `clearance` meters apply in general: the lower one if
+    /// the pair has a clearance of its own. All queries use it, so a pair that is near by design is no contact.
+    pub fn pair_clearance(&self, pair: IndexPair, clearance: f64) -> f64 {
+        self.world.clearance_of(pair, clearance)
     }
     /// The identity of a collider's shape.
     pub fn shape_id(&self, collider: u32) -> Option<ShapeId> {

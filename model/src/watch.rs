@@ -433,7 +433,7 @@ impl<E: Engine> Watch<E> {
             let distance = match world.engine.near(&self.placement, pair, enough) {
                 Near::Within(proximity) => {
                     self.counters.measured += 1;
-                    if proximity.distance < within || proximity.distance <= 0.0 {
+                    if world.is_near(pair, proximity.distance, within) {
                         self.found.push(world.contact(PairProximity { pair, proximity }));
                     }
                     proximity.distance

@@ -25,6 +25,7 @@ pub(super) fn robot(motors: usize) -> Robot {
         markers: Vec::new(),
         pairs: NodePairs::default(),
         left_out: None,
+        near: Vec::new(),
         bare: Vec::new(),
     }
 }

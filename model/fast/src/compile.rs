@@ -189,7 +189,10 @@ pub(crate) fn compile(scene: &Scene, selected: &[IndexPair], clearance: f64, fac
     let mut place = vec![0; sized.len()];
     order.iter().enumerate().for_each(|(i, s)| place[*s] = i);
     for &(a, b) in &pairs {
-        let test = pair_test((place[a], &sized[a]), (place[b], &sized[b]), (a as u32, b as u32), clearance);
+        let ids = (a as u32, b as u32);
+        // Coarser tests use the general clearance, which is not lower.
+        let clearance = scene.pair_clearance(ids, clearance);
+        let test = pair_test((place[a], &sized[a]), (place[b], &sized[b]), ids, clearance);
         program.pairs.push(test);
     }
     layout.solids = order.iter().map(|s| sized[*s].size()).collect();

@@ -91,12 +91,13 @@ impl FastScene {
                         is_placed = true;
                     }
                     let ids = self.program.pairs[*pair].ids;
-                    let margin = self.clearance + f64::from(motion.0[lane]) + REFERENCE;
+                    let clearance = self.reference.clearance(ids, self.clearance);
+                    let margin = clearance + f64::from(motion.0[lane]) + REFERENCE;
                     self.figures.stuck += 1;
                     if !self.reference.touches(ids, margin) {
                         continue;
                     }
-                    if self.reference.touches(ids, self.clearance) {
+                    if self.reference.touches(ids, clearance) {
                         self.intervals.touching[lane] = *pair;
                     }
                 }

@@ -54,10 +54,15 @@ impl Reference {
         self.robots(pose).enumerate().all(|(r, own)| self.scene.satisfies_constraints(r, own))
     }
 
-    /// True if any of these pairs touches.
+    /// The clearance that applies to a pair.
+    pub fn clearance(&self, pair: IndexPair, clearance: f64) -> f64 {
+        self.scene.pair_clearance(pair, clearance)
+    }
+
+    /// True if any of these pairs is not farther apart than the clearance that applies to it.
     pub fn any_touches(&mut self, pose: &[f64], mut pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
         self.place(pose);
-        pairs.any(|pair| self.touches(pair, clearance))
+        pairs.any(|pair| self.touches(pair, self.clearance(pair, clearance)))
     }
 
     /// Places everything at a pose.
@@ -72,7 +77,7 @@ impl Reference {
         self.engine.place_frames(&self.frames, &mut self.placement);
     }
 
-    /// True if a pair touches at the pose of [`Reference::place`].
+    /// True if a pair is within exactly this distance, meters, at the pose of [`Reference::place`].
     pub fn touches(&mut self, pair: IndexPair, clearance: f64) -> bool {
         self.engine.place_pair(&mut self.placement, pair);
         self.engine.touches(&self.placement, pair, clearance)

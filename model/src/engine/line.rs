@@ -16,6 +16,9 @@ pub struct SweptPair {
     pub pair: IndexPair,
     /// Upper bound of the change of their distance, meters per step.
     pub speed: f64,
+    /// Clearance of its own, meters, if it has one: it replaces a larger one of the query, and the pair's distance
+    /// matters only below it.
+    pub own: Option<f64>,
 }
 
 /// A motion in equal steps, and the query about it.
@@ -67,15 +70,17 @@ pub(super) fn advance<E: Engine>(
             frames_at(step, &mut frames);
             engine.place_frames(&frames, &mut placement);
         }
-        let SweptPair { pair, speed } = query.pairs[p as usize];
+        let SweptPair { pair, speed, own } = query.pairs[p as usize];
         engine.place_pair(&mut placement, pair);
-        let distance = match engine.near(&placement, pair, result.min_distance) {
+        let clearance = own.map_or(query.clearance, |own| own.min(query.clearance));
+        let matters = own.map_or(result.min_distance, |own| own.min(result.min_distance));
+        let distance = match engine.near(&placement, pair, matters) {
             Near::Within(near) => {
                 if near.distance < result.min_distance || result.pair.is_none() {
                     result.min_distance = near.distance;
                     result.pair = Some(pair);
                 }
-                if near.distance <= query.clearance {
+                if near.distance <= clearance {
                     result.hit = result.hit.or(Some(step));
                 }
                 near.distance
@@ -84,7 +89,7 @@ pub(super) fn advance<E: Engine>(
         };
         // The pair is irrelevant until it can be nearer than the smallest distance so far. Rounding down makes the next
         // check too early and never too late; at least one step, so that the loop advances.
-        let idle = ((distance - result.min_distance) / speed).floor();
+        let idle = ((distance - matters.min(result.min_distance)) / speed).floor();
         if speed > 0.0 && idle < f64::from(query.steps - step) {
             pending.push(Reverse((step + (idle.max(0.0) as u32).max(1), p)));
         }

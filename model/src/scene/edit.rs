@@ -72,6 +72,14 @@ pub enum SceneError {
         /// For sizes: the additional requirement.
         positive: &'static str,
     },
+    /// A rule for pairs names something that does not exist, or two things.
+    #[error("{what}; {help}")]
+    PairRule {
+        /// The problem.
+        what: String,
+        /// The remedy, with the known names.
+        help: String,
+    },
     /// There are too many of something.
     #[error("{what}: at most {most} are possible; split or simplify it")]
     TooMany {
@@ -116,7 +124,7 @@ impl<E: Engine> Scene<E> {
         let mut next = self.clone();
         change(&mut next)?;
         next.epoch += 1;
-        next.world = Arc::new(SolidWorld::new(&next.bodies, &next.objects));
+        next.world = Arc::new(SolidWorld::new(&next.bodies, &next.objects, &next.rules));
         Ok(next)
     }
 

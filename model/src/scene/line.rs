@@ -145,7 +145,7 @@ impl<E: Engine> Scene<E> {
         for group in &self.world().groups {
             let speed = group.travel.iter().map(moved).sum::<f64>() / f64::from(steps);
             let own = group.pairs.iter().filter(|pair| self.is_of(robot, **pair));
-            pairs.extend(own.map(|pair| SweptPair { pair: *pair, speed }));
+            pairs.extend(own.map(|pair| SweptPair { pair: *pair, speed, own: self.world().own_clearance(*pair) }));
         }
         pairs
     }

@@ -22,7 +22,8 @@ impl<E: Engine> Scene<E> {
     pub fn contacts<P: AsRef<[f64]>>(&self, poses: &[P], within: f64) -> Vec<Contact> {
         let world = self.world();
         let found = world.engine.contacts(&self.placement(poses), &world.pairs, within);
-        found.into_iter().map(|near| world.contact(near)).collect()
+        let near = found.into_iter().filter(|n| world.is_near(n.pair, n.proximity.distance, within));
+        near.map(|near| world.contact(near)).collect()
     }
 
     /// Distance query: the nearest reflex pair.
@@ -36,8 +37,7 @@ impl<E: Engine> Scene<E> {
     /// is the deepest.
     pub fn clearance<P: AsRef<[f64]>>(&self, poses: &[P], cap: f64) -> Option<Contact> {
         let world = self.world();
-        let nearest = world.engine.clearance(&self.placement(poses), &world.pairs, cap);
-        nearest.map(|near| world.contact(near))
+        world.nearest(&self.placement(poses), cap).map(|near| world.contact(near))
     }
 
     /// Intersection test of all robots: true if every reflex pair is farther apart than `clearance` meters and every
@@ -51,7 +51,7 @@ impl<E: Engine> Scene<E> {
             return false;
         }
         let world = self.world();
-        world.engine.free(&self.placement(poses), world.pairs.iter().copied(), clearance)
+        world.free(&self.placement(poses), world.pairs.iter().copied(), clearance)
     }
 
     /// Intersection test of one robot, with itself, the others and objects: true if each of its reflex pairs is farther
@@ -67,7 +67,7 @@ impl<E: Engine> Scene<E> {
         }
         let world = self.world();
         let own = world.pairs.iter().copied().filter(|pair| self.is_of(robot, *pair));
-        world.engine.free(&self.placement(poses), own, clearance)
+        world.free(&self.placement(poses), own, clearance)
     }
 
     /// True if one of two solids belongs to the robot.

@@ -1,9 +1,10 @@
 //! The objects of a scene, prepared, with the tested pairs: rebuilt by each edit.
 
 use super::bodies::{Bodies, Solid};
+use super::pair_rules::{PairPolicy, ResolvedRule, rule_of};
 use super::travel::Terms;
 use super::{Contact, Object, ObjectClass, ShapeId};
-use crate::engine::{Collider, Engine, IndexPair, PairProximity};
+use crate::engine::{Collider, Engine, IndexPair, Near, PairProximity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -18,6 +19,8 @@ pub(crate) struct SolidWorld<E> {
     pub pairs: Vec<IndexPair>,
     /// The same pairs, grouped by their two frames.
     pub groups: Vec<PairGroup>,
+    /// Pairs with a clearance of their own, meters; sorted.
+    pub near: Vec<(IndexPair, f64)>,
     /// Touching pairs that can't move relative to each other.
     pub fixed_contacts: Vec<Contact>,
 }
@@ -33,7 +36,7 @@ pub(crate) struct PairGroup {
 
 impl<E: Engine> SolidWorld<E> {
     /// Prepares the robots together with the obstacles among the objects: targets and ghosts never collide.
-    pub fn new(bodies: &Bodies, objects: &[(u32, Arc<Object>)]) -> Self {
+    pub fn new(bodies: &Bodies, objects: &[(u32, Arc<Object>)], rules: &[ResolvedRule]) -> Self {
         let mut solids = bodies.solids.clone();
         let mut sorted: Vec<_> = objects.iter().filter(|(_, o)| o.class == ObjectClass::Obstacle).collect();
         // In order of ids, so that pairs of indices sort as pairs of ids do, and contacts come out sorted.
@@ -58,6 +61,20 @@ impl<E: Engine> SolidWorld<E> {
             list.extend((own..solids.len()).map(|j| (i as u32, j as u32)));
         }
         pairs.sort_unstable();
+        let mut near = Vec::new();
+        if !rules.is_empty() || bodies.robots.iter().any(|robot| !robot.near.is_empty()) {
+            pairs.retain(|&(i, j)| {
+                let ids = (solids[i as usize].id, solids[j as usize].id);
+                match rule_of(&bodies.robots, rules, ids) {
+                    PairPolicy::General => true,
+                    PairPolicy::Near(clearance) => {
+                        near.push(((i, j), clearance));
+                        true
+                    }
+                    PairPolicy::MayTouch => false,
+                }
+            });
+        }
         // One motion bound serves all pairs of two frames, and a group that is not due is skipped as a whole.
         let mut by_frames = BTreeMap::<(usize, usize), Vec<IndexPair>>::new();
         for &(i, j) in &pairs {
@@ -68,7 +85,7 @@ impl<E: Engine> SolidWorld<E> {
         let groups =
             by_frames.into_iter().map(|((f, g), pairs)| PairGroup { travel: bodies.travel(f, g), pairs }).collect();
         let engine = E::prepare(&solids.iter().map(|s| s.collider.clone()).collect::<Vec<_>>());
-        let mut world = SolidWorld { solids, engine, pairs, groups, fixed_contacts: Vec::new() };
+        let mut world = SolidWorld { solids, engine, pairs, groups, near, fixed_contacts: Vec::new() };
         // These contacts are the same at every configuration; home is used here.
         let mut frames = Vec::new();
         let mut placement = E::Placement::default();
@@ -77,6 +94,54 @@ impl<E: Engine> SolidWorld<E> {
         let touching = world.engine.contacts(&placement, &fixed, 0.0);
         world.fixed_contacts = touching.into_iter().map(|near| world.contact(near)).collect();
         world
+    }
+
+    /// The clearance of a pair: its own, if that is lower than the given one.
+    pub fn clearance_of(&self, pair: IndexPair, clearance: f64) -> f64 {
+        self.own_clearance(pair).map_or(clearance, |own| own.min(clearance))
+    }
+
+    /// The pair's own clearance, if it has one.
+    pub fn own_clearance(&self, pair: IndexPair) -> Option<f64> {
+        let at = self.near.binary_search_by_key(&pair, |(pair, _)| *pair).ok()?;
+        self.near.get(at).map(|(_, own)| *own)
+    }
+
+    /// True if a measured pair counts as near: it is closer than the clearance that applies to it, or touches.
+    pub fn is_near(&self, pair: IndexPair, distance: f64, clearance: f64) -> bool {
+        distance < self.clearance_of(pair, clearance) || distance <= 0.0
+    }
+
+    /// True if all of these pairs are farther apart than the clearance that applies to each.
+    pub fn free(&self, placement: &E::Placement, pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
+        if self.near.is_empty() {
+            return self.engine.free(placement, pairs, clearance);
+        }
+        let mut own = Vec::new();
+        let general = pairs.filter(|pair| {
+            let at = self.own_clearance(*pair);
+            own.extend(at.map(|at| (*pair, at.min(clearance))));
+            at.is_none()
+        });
+        self.engine.free(placement, general, clearance)
+            && !own.iter().any(|(pair, clearance)| self.engine.touches(placement, *pair, *clearance))
+    }
+
+    /// The nearest pair within `cap` meters. A pair with a clearance of its own counts only if it is closer than that.
+    pub fn nearest(&self, placement: &E::Placement, cap: f64) -> Option<PairProximity> {
+        if self.near.is_empty() {
+            return self.engine.clearance(placement, &self.pairs, cap);
+        }
+        let general: Vec<IndexPair> =
+            self.pairs.iter().copied().filter(|pair| self.own_clearance(*pair).is_none()).collect();
+        let nearest = self.engine.clearance(placement, &general, cap);
+        let own = self.near.iter().filter_map(|(pair, own)| {
+            match self.engine.near(placement, *pair, own.min(cap)) {
+                Near::Within(proximity) => Some(PairProximity { pair: *pair, proximity }),
+                Near::Beyond(_) => None,
+            }
+        });
+        nearest.into_iter().chain(own).min_by(|a, b| a.proximity.distance.total_cmp(&b.proximity.distance))
     }
 
     /// Converts an engine's pair of indices to a contact with shape ids.

@@ -105,6 +105,7 @@ pub(super) fn build(
         markers: Vec::new(),
         pairs: NodePairs::default(),
         left_out: None,
+        near: Vec::new(),
         bare: urdf.links.iter().filter(|l| l.bare && !options.visual).map(|l| l.name.clone()).collect(),
     };
     let motors = vec![None; urdf.joints.len()];

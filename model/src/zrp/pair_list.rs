@@ -1,27 +1,36 @@
-//! The list of disabled pairs: `<pairs> <leaveOut a="upper_arm" b="forearm" reason="neighbors"/> </pairs>`.
+//! The list of disabled pairs, and of pairs with a clearance of their own:
+//! `<pairs> <leaveOut a="upper_arm" b="forearm" reason="neighbors"/> <near a="left_finger" b="right_finger" clearance="0.001"/> </pairs>`.
 
 use super::element::Element;
 use crate::error::FileError;
-use crate::{LeftOut, Node, suggestion};
+use crate::{LeftOut, NearPair, Node, suggestion};
 use std::collections::BTreeMap;
 
-/// Maximum number of disabled pairs.
-const MAX_LEFT_OUT: usize = 100_000;
+/// Maximum number of listed pairs.
+const MAX_LISTED: usize = 100_000;
+/// Maximum clearance of a pair, meters: detects values in millimeters.
+const MAX_CLEARANCE_M: f64 = 1.0;
 
 /// The list as written: the names in it may be defined later in the file.
 #[derive(Default)]
 pub(super) struct PairList(Vec<Element>);
 
+/// The list with indices of nodes.
+pub(super) struct ResolvedPairs {
+    pub(super) left_out: Vec<LeftOut>,
+    pub(super) near: Vec<NearPair>,
+}
+
 impl PairList {
-    /// The attributes of a `leaveOut`: the names of two links or joints, and the reason.
+    /// The attributes of both elements: the names of two links or joints, and the reason.
     const ATTRIBUTES: &[&str] = &["a", "b", "reason"];
 
-    /// Adds a `leaveOut` element.
+    /// Adds a `leaveOut` or `near` element.
     pub(super) fn push(&mut self, e: Element, warnings: &mut super::element::Warnings) -> Result<(), FileError> {
-        e.warn_unknown(&[Self::ATTRIBUTES], warnings);
-        if self.0.len() >= MAX_LEFT_OUT {
-            let message = format!("more than {MAX_LEFT_OUT} pairs are left out");
-            return Err(e.error(message, "leave out each pair once"));
+        let more: &[&str] = if is_near(&e) { &["clearance"] } else { &[] };
+        e.warn_unknown(&[Self::ATTRIBUTES, more], warnings);
+        if self.0.len() >= MAX_LISTED {
+            return Err(e.error(format!("more than {MAX_LISTED} pairs are listed"), "list each pair once"));
         }
         self.0.push(e);
         Ok(())
@@ -30,8 +39,8 @@ impl PairList {
     /// Resolves the names at the end of the file.
     ///
     /// # Errors
-    /// At an unknown name of a link or joint, and at a pair of a link with itself.
-    pub(super) fn resolve(self, nodes: &[Node]) -> Result<Vec<LeftOut>, FileError> {
+    /// At an unknown name of a link or joint, at a pair of a link with itself, and at a missing or unusable clearance.
+    pub(super) fn resolve(self, nodes: &[Node]) -> Result<ResolvedPairs, FileError> {
         let known: BTreeMap<&str, usize> =
             nodes.iter().enumerate().filter_map(|(i, n)| Some((n.name.as_deref()?, i))).collect();
         let find = |e: &Element, attr: &str| {
@@ -45,16 +54,39 @@ impl PairList {
                 e.error_at(attr, message, suggestion(name, "link or joint with a name", &names))
             })
         };
-        let pair = |e: &Element| {
+        let mut resolved = ResolvedPairs { left_out: Vec::new(), near: Vec::new() };
+        for e in &self.0 {
             let a = find(e, "a")?;
             let b = find(e, "b")?;
             if a == b {
                 let help = "shapes of one link are never tested against each other: remove the line";
                 return Err(e.error_at("b", "a pair is of two links, and this names one twice", help));
             }
+            let nodes = (a.min(b), a.max(b));
             let reason = e.get("reason").map(|r| r.value.trim().to_owned()).unwrap_or_default();
-            Ok(LeftOut { nodes: (a.min(b), a.max(b)), reason })
-        };
-        self.0.iter().map(pair).collect()
+            if is_near(e) {
+                resolved.near.push(NearPair { nodes, clearance: clearance(e)?, reason });
+            } else {
+                resolved.left_out.push(LeftOut { nodes, reason });
+            }
+        }
+        Ok(resolved)
+    }
+}
+
+fn is_near(e: &Element) -> bool {
+    e.name == "near"
+}
+
+/// The clearance of a `near` element, meters.
+fn clearance(e: &Element) -> Result<f64, FileError> {
+    let help = "give the pair's clearance in meters: clearance=\"0.003\"";
+    match e.number("clearance")? {
+        Some(clearance) if (0.0..=MAX_CLEARANCE_M).contains(&clearance) => Ok(clearance),
+        Some(clearance) => {
+            let message = format!("`clearance` is {clearance}, outside 0 to {MAX_CLEARANCE_M} m");
+            Err(e.error_at("clearance", message, help))
+        }
+        None => Err(e.error("<near> has no `clearance`", help)),
     }
 }

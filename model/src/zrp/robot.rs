@@ -120,13 +120,13 @@ impl RobotReader {
             "constraintlist" => self.clause(e),
             "constraint" => self.constraint(e)?,
             "pairs" => self.pairs(&e)?,
-            "leaveout" => self.leave_out(e)?,
+            "leaveout" | "near" => self.listed_pair(e)?,
             "bare" => self.bare(e)?,
             name => match geometry::shape_attributes(name) {
                 Some(sizes) => self.shape(&e, sizes)?,
                 None => {
                     let help = "known are bodypart, motor, joint, link, sphere, cylinder, box, capsule, marker, \
-                                constraintList, constraint, pairs, leaveOut and bare";
+                                constraintList, constraint, pairs, leaveOut, near and bare";
                     let message = format!("<{}> is not known; it is ignored", e.written);
                     self.warnings.add(|| e.warning_at("", message, help));
                     OpenElement::Other
@@ -238,10 +238,12 @@ impl RobotReader {
             markers: self.markers,
             pairs,
             left_out: None,
+            near: Vec::new(),
             bare: self.bare,
         };
         if let Some(list) = left_out {
-            robot.leave_out(list);
+            robot.leave_out(list.left_out);
+            robot.bring_near(list.near);
         }
         Ok(Loaded { value: robot, warnings: self.warnings.0 })
     }

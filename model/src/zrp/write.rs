@@ -8,7 +8,7 @@ mod world;
 pub use world::write_world;
 
 use super::geometry;
-use crate::{Hull, JointMotion, Marker, Motor, Node, NodeKind, Primitive, Robot, Shape};
+use crate::{Hull, JointMotion, Marker, Motor, NearPair, Node, NodeKind, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -102,14 +102,18 @@ impl ZrpWriter<'_> {
         self.close("ZeroPositionKinematicTree");
     }
 
-    /// Writes the disabled pairs, if the robot lists them.
+    /// Writes the disabled pairs and those with a clearance of their own, if the robot lists them.
     fn left_out(&mut self) {
         let robot = self.robot;
         let Some(list) = &robot.left_out else { return };
         self.open("pairs");
+        let name = |node: usize| robot.nodes.get(node).and_then(|n| n.name.as_deref()).unwrap_or_default();
         for pair in list {
-            let name = |node: usize| robot.nodes.get(node).and_then(|n| n.name.as_deref()).unwrap_or_default();
             self.line(&left_out_tag((name(pair.nodes.0), name(pair.nodes.1)), &pair.reason));
+        }
+        for NearPair { nodes: (a, b), clearance, reason } in &robot.near {
+            let [a, b] = [*a, *b].map(|node| escape(name(node)));
+            self.line(&format!("near a=\"{a}\" b=\"{b}\" clearance=\"{clearance}\" reason=\"{}\"", escape(reason)));
         }
         self.close("pairs");
     }

@@ -33,6 +33,7 @@ fn rules(settings: FieldsSettings) -> (Rules, Arc<FieldRules>) {
         markers,
         pairs,
         left_out: None,
+        near: Vec::new(),
         bare: Vec::new(),
     };
     let drive = Drive::Fields(settings);

@@ -58,6 +58,7 @@ pub fn arm(joints: usize) -> Arc<Robot> {
         markers: vec![marker],
         pairs: NodePairs::default(),
         left_out: None,
+        near: Vec::new(),
         bare: Vec::new(),
     })
 }

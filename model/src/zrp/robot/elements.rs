@@ -304,11 +304,14 @@ impl RobotReader {
         Ok(OpenElement::Other)
     }
 
-    /// Adds one disabled pair.
-    pub(super) fn leave_out(&mut self, e: Element) -> Result<OpenElement, FileError> {
+    /// Adds one pair that is disabled, or has a clearance of its own.
+    pub(super) fn listed_pair(&mut self, e: Element) -> Result<OpenElement, FileError> {
         match (&mut self.left_out, self.open.last()) {
             (Some(list), Some(OpenElement::Pairs)) => list.push(e, &mut self.warnings)?,
-            _ => return Err(e.error("<leaveOut> is outside <pairs>", "put it into a <pairs> element")),
+            _ => {
+                let message = format!("<{}> is outside <pairs>", e.written);
+                return Err(e.error(message, "put it into a <pairs> element"));
+            }
         }
         Ok(OpenElement::Other)
     }

@@ -34,6 +34,7 @@ fn one_motor() -> Robot {
         markers: Vec::new(),
         pairs,
         left_out: None,
+        near: Vec::new(),
         bare: Vec::new(),
     }
 }

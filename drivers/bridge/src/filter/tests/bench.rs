@@ -54,6 +54,7 @@ impl Bench {
             markers: vec![],
             pairs: Default::default(),
             left_out: None,
+            near: Vec::new(),
             bare: Vec::new(),
         };
         let axes = vec![axis("a"), axis("b"), axis("c")];
