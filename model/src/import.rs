@@ -8,21 +8,28 @@
 mod inputs;
 mod notes;
 
+use crate::survey::OWN_CLEARANCES_M;
 use crate::urdf::load_link_rotations;
 use crate::{
-    FileError, FitOptions, LeftOut, LinkSurface, LinkTree, Loaded, RefitLimits, Robot, RobotParts, SceneError, Srdf,
+    FileError, FitOptions, LeftOut, LinkSurface, LinkTree, Loaded, NearPair, RefitLimits, Robot, RobotParts, Scene, SceneError, ShapeId, Srdf,
     Surfaces, UrdfOptions, UrdfRobot, compare, find_disabled_pairs, find_home, fit_closer, load_link_tree, load_srdf,
     load_surfaces, load_urdf_with_surfaces, parse_robot, write_robot,
 };
 use miette::Diagnostic;
-use nalgebra::UnitQuaternion;
-use notes::{at_limits, coarse, motor_offsets, passive, refit_note, verdict};
+use nalgebra::{Isometry3, UnitQuaternion};
+use notes::{at_limits, coarse, motor_offsets, near_note, passive, refit_note, verdict};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Desired clearances of the home configuration, m, tried in this order: twice the margin of the reflex; for robots
 /// with parts built closer together, the minimum with which the robot starts.
 const HOME_CLEARANCES_M: [f64; 2] = [0.020, 0.013];
+/// Pairs nearer than this at a pose of rest get a clearance of their own, m: the reflex and planners would not accept
+/// the pose.
+const REST_CLEARANCE_M: f64 = 0.012;
+/// Distance by which such a pose must exceed the pair's own clearance, m.
+const REST_ROOM_M: f64 = 0.001;
 /// Minimum clearance of home beyond the margin, mm: plans maintain 2 mm more than the margin.
 const BEYOND_MARGIN_MM: f64 = 2.5;
 /// Limits of fitting shapes closer: it ends if the share of poses with false contacts is at most `falsely`, or a link
@@ -134,12 +141,26 @@ impl ImportOptions {
             decided.extend(nearer.iter().map(refit_note));
             decided.extend(coarse(&fits, overshoot));
             let mut show = |share| progress("tries pairs of links at random poses", share);
-            let spared = find_disabled_pairs(&robot, &surfaces, (self.poses, IMPORT_SEED), &mut show)?;
-            robot.leave_out(spared);
+            let found = find_disabled_pairs(&robot, &surfaces, (self.poses, IMPORT_SEED), &mut show)?;
+            robot.leave_out(found.left_out);
+            robot.bring_near(found.near);
+        }
+        let named = srdf.iter().flat_map(|(srdf, _)| srdf.states.iter().map(move |state| (srdf, state.name.as_str())));
+        for (srdf, name) in named {
+            if let Some(q) = srdf.pose(name, &robot) {
+                let by_design = near_at_rest(&robot, &format!("the SRDF's pose `{name}`"), &q)?;
+                robot.bring_near(by_design);
+            }
         }
         progress("looks for a home that is free", 0.0);
         let (home, margin_mm) = settle_home(&mut robot, srdf.as_ref().map(|(srdf, _)| srdf))?;
         decided.push(home);
+        // Only where no pose is free by more: then the pairs are near by design.
+        if margin_mm.is_some() {
+            let by_design = near_at_rest(&robot, "home", &robot.home())?;
+            robot.bring_near(by_design);
+        }
+        decided.extend(near_note(&robot));
         if self.poses > 0 {
             let mut show = |share| progress("compares shapes with meshes", share);
             let seen = compare(&robot, &surfaces, (VERDICT_POSES, VERDICT_SEED), &mut show)?;
@@ -266,6 +287,28 @@ fn settle_home(robot: &mut Robot, srdf: Option<&Srdf>) -> Result<(String, Option
         note += &format!(", so the margin of the reflex must be {mm:.0} mm or less");
     }
     Ok((note, margin))
+}
+
+/// The pairs that are nearer at a pose of rest than a robot's usual clearance: each with the greatest clearance of its
+/// own with which the pose is free, or 0 if they touch there.
+fn near_at_rest(robot: &Robot, pose: &str, q: &[f64]) -> Result<Vec<NearPair>, SceneError> {
+    let scene = Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new())?;
+    let mut nearest = BTreeMap::<(usize, usize), f64>::new();
+    for contact in scene.contacts(&[q], REST_CLEARANCE_M) {
+        let node = |id: ShapeId| match id {
+            ShapeId::Robot { node, .. } => Some(usize::from(node)),
+            ShapeId::Object { .. } => None,
+        };
+        if let (Some(a), Some(b)) = (node(contact.pair.0), node(contact.pair.1)) {
+            let least = nearest.entry((a.min(b), a.max(b))).or_insert(f64::INFINITY);
+            *least = least.min(contact.distance);
+        }
+    }
+    let near = |(nodes, distance): ((usize, usize), f64)| {
+        let own = OWN_CLEARANCES_M.into_iter().find(|own| own + REST_ROOM_M <= distance).unwrap_or(0.0);
+        NearPair { nodes, clearance: own, reason: format!("{:.1} mm apart in {pose}", distance.max(0.0) * 1e3) }
+    };
+    Ok(nearest.into_iter().map(near).collect())
 }
 
 /// Seed of all random configurations of an import, so that results are reproducible.

@@ -17,7 +17,8 @@ mod refit_hulls;
 mod subject;
 
 pub use compare::{Comparison, ContactCounts, compare};
-pub use find_disabled::find_disabled_pairs;
+pub(crate) use find_disabled::OWN_CLEARANCES_M;
+pub use find_disabled::{PairSurvey, find_disabled_pairs};
 pub use home::{HomePose, find_home};
 pub use refit::{RefitLimits, Refitted, fit_closer};
 use subject::{PlacedShapes, Subject};

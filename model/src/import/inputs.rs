@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// Version of the import. Increase it with every change of the fit, the survey or the writer that changes the resulting
 /// robot.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 /// Maximum file size; the readers reject longer files.
 const MAX_FILE_BYTES: u64 = 64 * MIB;
 /// Text before the digest in the robot file's comment.

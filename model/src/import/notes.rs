@@ -1,10 +1,12 @@
 //! Notes about the decisions of an import: one line each, for robot files and users.
 
-use crate::{Comparison, Fit, Refitted, Robot};
+use crate::{Comparison, Fit, NearPair, Refitted, Robot};
 use std::collections::BTreeMap;
 
 /// Maximum number of moved motors that are named.
 const MAX_NAMED_MOTORS: usize = 8;
+/// Maximum number of pairs of links that are named.
+const MAX_NAMED_PAIRS: usize = 8;
 
 /// The joints that are fixed because the SRDF marks them as passive, if there are any.
 pub(super) fn passive(held: &BTreeMap<String, f64>) -> Option<String> {
@@ -53,6 +55,20 @@ pub(super) fn coarse(fits: &BTreeMap<String, Fit>, most: f64) -> Option<String> 
         "shapes stick out by more than {most:.0} mm at {links} link(s), by {by:.0} mm at most ({link}); more shapes stick out \
          less: --shapes N"
     ))
+}
+
+/// The pairs of links with a clearance of their own, if there are any.
+pub(super) fn near_note(robot: &Robot) -> Option<String> {
+    let name = |node: usize| robot.nodes.get(node).and_then(|n| n.name.as_deref()).unwrap_or("?");
+    let one = |near: &NearPair| {
+        let mm = near.clearance * 1e3;
+        format!("{} and {} ({mm:.0} mm: {})", name(near.nodes.0), name(near.nodes.1), near.reason)
+    };
+    let mut all: Vec<String> = robot.near.iter().take(MAX_NAMED_PAIRS).map(one).collect();
+    if robot.near.len() > all.len() {
+        all.push(format!("{} more", robot.near.len() - all.len()));
+    }
+    (!all.is_empty()).then(|| format!("pairs with a clearance of their own: {}", all.join(", ")))
 }
 
 /// Accuracy of the finished shapes compared with the meshes.
