@@ -233,7 +233,7 @@ fn rrt(name: &str, (scene, motors): Setting) {
     let mut gains = Vec::new();
     let theirs = peers_times(&scene, &motors, &queries);
     for (seed, (start, goal)) in queries.into_iter().enumerate() {
-        let problem = PlanningProblem { start, goal, seed: seed as u64, budget: 50_000 };
+        let problem = PlanningProblem { start, goals: vec![goal], seed: seed as u64, budget: 50_000 };
         let mut path = Err(NoPath::Cancelled);
         search.push(least(|| {
             path = RrtConnect::default().plan(&mut space, &problem, &mut |_| ControlFlow::Continue(()));

@@ -29,13 +29,14 @@ use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::str::FromStr;
 
-/// Start, goal and budget of a plan.
+/// Start, goals and budget of a plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanningProblem {
     /// Start positions of the motors of the space, rad.
     pub start: Vec<f64>,
-    /// Goal positions of the motors, rad. For a continuous joint any turn is accepted.
-    pub goal: Vec<f64>,
+    /// Goals, one at least: positions of the motors, rad, any of which will do. For a continuous joint any turn is
+    /// accepted. Goals that can't be used are ignored if another one can.
+    pub goals: Vec<Vec<f64>>,
     /// Seed of all randomness.
     pub seed: u64,
     /// Maximum number of straight lines that may be checked.
@@ -58,6 +59,8 @@ pub struct JointPath {
     /// Positions of the motors of the space at each waypoint, including start and goal, rad; each
     /// in the turn that is closest to the previous one.
     pub poses: Vec<Vec<f64>>,
+    /// Goal that it leads to, an index into [`PlanningProblem::goals`].
+    pub goal: usize,
     /// Number of straight lines checked to find it.
     pub evaluations: u64,
 }

@@ -52,7 +52,7 @@ impl Default for AoRrtConnect {
 }
 
 impl Planner for AoRrtConnect {
-    /// The first path is that of [`RrtConnect`]; the rest of the iterations and of the budget shortens it. A break of the watch, or a spent
+    /// The first path is that of [`RrtConnect`], to one of the goals; the rest of the iterations and of the budget shortens the way to it. A break of the watch, or a spent
     /// budget, ends the search with the best path so far.
     fn plan(
         &self,
@@ -63,6 +63,7 @@ impl Planner for AoRrtConnect {
         let begun = space.evaluations();
         let first = RrtConnect { step: self.step }.plan(space, problem, watch)?;
         let end = begun.saturating_add(problem.budget);
+        let goal = first.goal;
         let mut best = shortened(space, first, problem.seed, end);
         let mut search = AoRrtSearch {
             start: best.poses.first().cloned().unwrap_or_default(),
@@ -87,7 +88,7 @@ impl Planner for AoRrtConnect {
             round = round.wrapping_add(1);
             let path = shortened(search.space, path, round, end);
             if search.cost(&path) < search.cost(&best) {
-                best = path;
+                best = JointPath { goal, ..path };
             }
         }
         best.evaluations = space.evaluations() - begun;
@@ -137,7 +138,7 @@ impl AoRrtSearch<'_> {
 
     /// The trees of a round: the roots alone.
     fn roots(&self) -> [SearchTree; 2] {
-        [SearchTree::new(self.space, &self.start), SearchTree::new(self.space, &self.goal)]
+        [SearchTree::new(self.space, [&self.start]), SearchTree::new(self.space, [&self.goal])]
     }
 
     /// A path that costs less than `bound`; `None` if budget or iterations are spent, or the watch ends the search.

@@ -1,4 +1,4 @@
-//! RRT-Connect: two trees of straight lines grow from start and goal toward each other, and the path between them is certified.
+//! RRT-Connect: two trees of straight lines grow from the start and from all goals toward each other, and the path between them is certified.
 //!
 //! Kuffner and LaValle, *RRT-Connect: An Efficient Approach to Single-Query Path Planning* (2000):
 //! the smaller tree is extended by a step toward a random configuration, and the other tree is then
@@ -59,21 +59,24 @@ impl Planner for RrtConnect {
         problem: &PlanningProblem,
         watch: &mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
     ) -> Result<JointPath, NoPath> {
-        let (start, goal) = space.ends(problem)?;
+        let (start, goals) = space.ends(problem)?;
         let begun = space.evaluations();
         let step = self.step.max(1e-6);
-        let trees = [SearchTree::new(space, &start), SearchTree::new(space, &goal)];
+        let trees = [SearchTree::new(space, [&start]), SearchTree::new(space, goals.iter().map(|(_, goal)| goal))];
+        let goals = goals.into_iter().map(|(i, _)| i).collect();
         let end = begun.saturating_add(problem.budget);
         let search =
-            RrtSearch { space, trees, step, begun, end, refuted: 0, target: Vec::new(), ahead: Vec::new(), watch };
+            RrtSearch { space, trees, goals, step, begun, end, refuted: 0, target: Vec::new(), ahead: Vec::new(), watch };
         search.run(problem.seed)
     }
 }
 
 struct RrtSearch<'a> {
     space: &'a mut JointSpace,
-    /// Trees of the start and of the goal.
+    /// Trees of the start and of the goals, each of which is a root of the second one.
     trees: [SearchTree; 2],
+    /// Per root of the goals' tree: its index among the problem's goals.
+    goals: Vec<usize>,
     step: f64,
     /// The space's count of evaluations at the beginning.
     begun: u64,
@@ -129,14 +132,18 @@ impl RrtSearch<'_> {
         }
     }
 
-    /// Returns the straight line from start to goal if it is free.
+    /// Returns the straight line from the start to the nearest goal for which it is free.
     fn straight(&mut self) -> Result<Option<JointPath>, NoPath> {
-        let goal = self.trees[1].pose(0).to_vec();
-        self.space.toward_into(self.trees[0].pose(0), &goal, &mut self.target);
-        match self.advance(0, 0, 1.0)? {
-            Some(node) => self.path([node, 0]),
-            None => Ok(None),
+        for root in 0..self.goals.len() as u32 {
+            let goal = self.trees[1].pose(root).to_vec();
+            self.space.toward_into(self.trees[0].pose(0), &goal, &mut self.target);
+            if let Some(node) = self.advance(0, 0, 1.0)?
+                && let Some(path) = self.path([node, root])?
+            {
+                return Ok(Some(path));
+            }
         }
+        Ok(None)
     }
 
     /// Shrinks a node's domain after a blocked step, and enlarges it slightly after a free one.
@@ -193,6 +200,8 @@ impl RrtSearch<'_> {
     /// from their trees.
     fn path(&mut self, met: [u32; 2]) -> Result<Option<JointPath>, NoPath> {
         let (mut path, [here, there]) = joined(self.space, &self.trees, met);
+        let root = there.last().copied().unwrap_or_default();
+        path.goal = self.goals.get(root as usize).copied().unwrap_or_default();
         self.pay(path.poses.len().saturating_sub(1))?;
         if path.poses.iter().any(|q| self.space.outside(q).is_some()) {
             return Ok(None);

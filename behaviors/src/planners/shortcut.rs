@@ -34,6 +34,7 @@ pub fn shorten(space: &mut JointSpace, path: JointPath, seed: u64, budget: u64) 
     let begun = space.evaluations();
     let end = begun.saturating_add(budget);
     let before = path.evaluations;
+    let goal = path.goal;
     let mut best = path.poses;
     let mut shortener = Shortener { space, end, rng: ChaCha8Rng::seed_from_u64(seed) };
     for round in 0..MAX_ROUNDS {
@@ -58,7 +59,7 @@ pub fn shorten(space: &mut JointSpace, path: JointPath, seed: u64, budget: u64) 
             break;
         }
     }
-    JointPath { poses: best, evaluations: before + space.evaluations() - begun }
+    JointPath { poses: best, goal, evaluations: before + space.evaluations() - begun }
 }
 
 struct Shortener<'a> {

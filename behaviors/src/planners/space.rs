@@ -394,31 +394,43 @@ impl JointSpace {
         (apart(&between(from, to, share), &pose) < radius).then_some(share)
     }
 
-    /// Returns the ends of a problem, with the goal in the turn nearest to the start.
+    /// Returns the start of a problem and the goals that a planner can use: each with its index among the problem's
+    /// goals and in the turn nearest to the start, the nearest goal first.
     ///
     /// # Errors
-    /// An end that no planner can use: malformed, outside the limits or not free.
-    pub fn ends(&mut self, problem: &PlanningProblem) -> Result<(Vec<f64>, Vec<f64>), NoPath> {
-        let n = self.group.motors.len();
+    /// A start, or all goals, that no planner can use: malformed, outside the limits or not free. Of several goals the
+    /// first one's reason is returned.
+    pub fn ends(&mut self, problem: &PlanningProblem) -> Result<(Vec<f64>, Vec<(usize, Vec<f64>)>), NoPath> {
         let start = problem.start.clone();
-        let goal = self.toward(&start, &problem.goal);
-        for (end, given, q) in [(PathEnd::Start, &problem.start, &start), (PathEnd::Goal, &problem.goal, &goal)] {
-            if n == 0 || given.len() != n || given.iter().any(|q| !q.is_finite()) {
-                return Err(NoPath::Malformed(end));
-            }
-            if let Some(motor) = self.outside(q) {
-                return Err(NoPath::Limits { end, motor });
-            }
-        }
-        let verdicts = self.certify([(start.as_slice(), start.as_slice()), (goal.as_slice(), goal.as_slice())]);
-        for (end, verdict) in [PathEnd::Start, PathEnd::Goal].into_iter().zip(verdicts) {
-            match verdict {
-                EdgeVerdict::Free => {}
-                EdgeVerdict::Blocked(obstruction) => return Err(NoPath::Blocked { end, pair: obstruction.pair }),
-                EdgeVerdict::Uncertified { .. } => return Err(NoPath::Blocked { end, pair: None }),
+        self.check_end(PathEnd::Start, &start)?;
+        let mut refusal = NoPath::Malformed(PathEnd::Goal);
+        let mut goals = Vec::new();
+        for (i, given) in problem.goals.iter().enumerate() {
+            let goal = if given.len() == start.len() { self.toward(&start, given) } else { given.clone() };
+            match self.check_end(PathEnd::Goal, &goal) {
+                Ok(()) => goals.push((i, goal)),
+                Err(why) if i == 0 => refusal = why,
+                Err(_) => {}
             }
         }
-        Ok((start, goal))
+        goals.sort_by(|a, b| self.weighted(&start, &a.1).total_cmp(&self.weighted(&start, &b.1)));
+        if goals.is_empty() { Err(refusal) } else { Ok((start, goals)) }
+    }
+
+    /// Checks that a planner can use an end of a problem.
+    fn check_end(&mut self, end: PathEnd, q: &[f64]) -> Result<(), NoPath> {
+        let n = self.group.motors.len();
+        if n == 0 || q.len() != n || q.iter().any(|q| !q.is_finite()) {
+            return Err(NoPath::Malformed(end));
+        }
+        if let Some(motor) = self.outside(q) {
+            return Err(NoPath::Limits { end, motor });
+        }
+        match self.certify([(q, q)]) {
+            [EdgeVerdict::Free] => Ok(()),
+            [EdgeVerdict::Blocked(obstruction)] => Err(NoPath::Blocked { end, pair: obstruction.pair }),
+            _ => Err(NoPath::Blocked { end, pair: None }),
+        }
     }
 }
 

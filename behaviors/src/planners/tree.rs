@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 /// Number of nodes for which distances are computed together.
 const BLOCK_SIZE: usize = 16;
 
-/// A tree that grows from one end of a problem.
+/// A tree that grows from one end of a problem; from several goals it is a forest. The roots are the first nodes.
 pub(super) struct SearchTree {
     /// Configurations one after the other, each in the turn in which it was reached.
     poses: Vec<f64>,
@@ -18,10 +18,13 @@ pub(super) struct SearchTree {
     radii: Vec<f64>,
     near: NearestScan,
     dimension: usize,
+    /// Number of roots.
+    roots: u32,
 }
 
 impl SearchTree {
-    pub fn new(space: &JointSpace, root: &[f64]) -> SearchTree {
+    /// Creates a tree of its roots alone, one at least.
+    pub fn new<'a>(space: &JointSpace, roots: impl IntoIterator<Item = &'a Vec<f64>>) -> SearchTree {
         let near = NearestScan::new(space);
         let mut tree = SearchTree {
             poses: Vec::new(),
@@ -29,9 +32,13 @@ impl SearchTree {
             costs: Vec::new(),
             radii: Vec::new(),
             near,
-            dimension: root.len(),
+            dimension: space.motors().len(),
+            roots: 0,
         };
-        tree.add(0, root);
+        for root in roots {
+            tree.add(tree.roots, root);
+            tree.roots += 1;
+        }
         tree
     }
 
@@ -82,7 +89,7 @@ impl SearchTree {
         self.radii.get_mut(node as usize)
     }
 
-    /// Returns the nodes from `node` to the root.
+    /// Returns the nodes from `node` to its root.
     pub fn to_root(&self, node: u32) -> Vec<u32> {
         let mut path = Vec::new();
         let mut at = node;
@@ -95,7 +102,7 @@ impl SearchTree {
         }
     }
 
-    /// Removes nodes and their descendants. The root stays.
+    /// Removes nodes and their descendants. Roots stay.
     pub fn prune(&mut self, cut: &[u32]) {
         let mut kept: Vec<Option<u32>> = Vec::with_capacity(self.len());
         let poses = std::mem::take(&mut self.poses);
@@ -107,8 +114,9 @@ impl SearchTree {
         for (node, ((parent, radius), pose)) in
             parents.iter().zip(radii).zip(poses.chunks(self.dimension.max(1))).enumerate()
         {
-            let parent = if node == 0 { Some(0) } else { kept.get(*parent as usize).copied().flatten() };
-            let stays = node == 0 || !cut.contains(&(node as u32));
+            let is_root = node < self.roots as usize;
+            let parent = if is_root { Some(node as u32) } else { kept.get(*parent as usize).copied().flatten() };
+            let stays = is_root || !cut.contains(&(node as u32));
             let moved = parent.filter(|_| stays).map(|parent| self.add(parent, pose));
             if let Some(slot) = moved.and_then(|node| self.radius_mut(node)) {
                 *slot = radius;
@@ -125,7 +133,7 @@ pub(super) fn joined(space: &JointSpace, trees: &[SearchTree; 2], met: [u32; 2])
     here.reverse();
     let there = trees[1].to_root(met[1]);
     let nodes = here.iter().map(|n| trees[0].pose(*n)).chain(there.iter().skip(1).map(|n| trees[1].pose(*n)));
-    let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), evaluations: 0 };
+    let mut path = JointPath { poses: Vec::with_capacity(here.len() + there.len()), goal: 0, evaluations: 0 };
     for q in nodes {
         let q = path.poses.last().map_or_else(|| q.to_vec(), |last| space.toward(last, q));
         path.poses.push(q);

@@ -154,7 +154,7 @@ impl Roadmap {
             let middle = start.iter().zip(&end).map(|(a, b)| (a + b) / 2.0).collect();
             space.avoid(middle, AVOID_RADIUS_SHARE * self.metric.distance(&start, &goal));
         }
-        let problem = PlanningProblem { start, goal, seed, budget };
+        let problem = PlanningProblem { start, goals: vec![goal], seed, budget };
         let path = planner.plan(space, &problem, &mut |_| ControlFlow::Continue(())).ok();
         let path = path.map(|path| shorten(space, path, seed, budget));
         space.forgive();

@@ -21,7 +21,7 @@ fn space(scene: &Scene, robot: &Robot) -> JointSpace {
 }
 
 fn problem(start: &[f64], goal: &[f64], seed: u64) -> PlanningProblem {
-    PlanningProblem { start: start.to_vec(), goal: goal.to_vec(), seed, budget: 4000 }
+    PlanningProblem { start: start.to_vec(), goals: vec![goal.to_vec()], seed, budget: 4000 }
 }
 
 fn plan(space: &mut JointSpace, problem: &PlanningProblem) -> Result<JointPath, NoPath> {
@@ -230,7 +230,7 @@ fn a_budget_and_a_cancel_end_it_and_the_progress_is_told() {
     let (start, goal) = ([0.0, 2.9], [2.0, -2.9]);
     assert!(scene.robot_free(0, &[&start], CLEARANCE) && scene.robot_free(0, &[&goal], CLEARANCE));
     for budget in [0, 1, 50, 1000] {
-        let problem = PlanningProblem { start: start.to_vec(), goal: goal.to_vec(), seed: 3, budget };
+        let problem = PlanningProblem { start: start.to_vec(), goals: vec![goal.to_vec()], seed: 3, budget };
         let mut told = Vec::new();
         let found = RrtConnect::default().plan(&mut space, &problem, &mut |p: PlanProgress| {
             told.push(p.evaluations);

@@ -105,7 +105,7 @@ impl Ways {
             let Some(space) = space else { continue };
             let before_plan = space.evaluations();
             let problem =
-                PlanningProblem { start: space.within(leg.here), goal: goal.clone(), seed, budget: budget.min(left) };
+                PlanningProblem { start: space.within(leg.here), goals: vec![goal.clone()], seed, budget: budget.min(left) };
             found = planner.plan(space, &problem, &mut |_| ControlFlow::Continue(()));
             left = left.saturating_sub(space.evaluations() - before_plan);
             let before_shortcuts = space.evaluations();

@@ -214,7 +214,7 @@ impl ReachAgent {
         space.hold(hand.map_or(&[], |hand| &hand.others));
         let seed = self.seed.wrapping_add(u64::from(self.mind.counts.planned)).wrapping_add(u64::from(self.mind.plans));
         let budget = self.settings.budget;
-        let problem = PlanningProblem { start: space.within(&here), goal: to, seed, budget };
+        let problem = PlanningProblem { start: space.within(&here), goals: vec![to], seed, budget };
         let path = match RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(())) {
             Ok(path) => shorten(space, path, seed, budget),
             Err(why) => return Some(Err(why.text(&view.scene, view.robot))),
