@@ -12,6 +12,7 @@ mod search;
 
 use crate::group;
 use crate::inverse_kinematics::MotorGroup;
+use crate::pair_rules::ruled_scene;
 use crate::table_map::HandChain;
 use mobee_contract::{KindError, settings};
 use mobee_model::{Robot, Scene};
@@ -149,12 +150,20 @@ pub struct HandGoals<'a> {
 }
 
 impl HandGoals<'_> {
-    /// Replaces the hand goals of an agent's settings by joint values.
+    /// Replaces the hand goals of an agent's settings by joint values. Rules for pairs in the settings (`may_touch`,
+    /// `pair_clearance_mm`) apply to these.
     ///
     /// # Errors
     /// Unknown names, numbers out of bounds, and positions that the hand can't reach or not without
     /// a collision, each with its path.
     pub fn resolve(&self, agent: &mut Value) -> Result<Vec<ResolvedGoal>, KindError> {
+        if let Some(ruled) = ruled_scene(agent, self.scene, self.robot)? {
+            return HandGoals { scene: &ruled, ..*self }.resolve_in_scene(agent);
+        }
+        self.resolve_in_scene(agent)
+    }
+
+    fn resolve_in_scene(&self, agent: &mut Value) -> Result<Vec<ResolvedGoal>, KindError> {
         if !is_given(agent) {
             return Ok(Vec::new());
         }

@@ -31,6 +31,7 @@ pub mod inverse_kinematics;
 pub mod learned_file;
 pub mod locators;
 pub mod map_file;
+pub mod pair_rules;
 pub mod planners;
 pub mod roadmap;
 pub mod search;

@@ -23,6 +23,7 @@ pub use settings::PlanSettings;
 use super::tour::{Tour, TourPace, predecessors_map};
 use super::{named, open, seal};
 use crate::group;
+use crate::pair_rules::pair_rules;
 use crate::planners::escape::{caught, escape};
 use crate::planners::{JointPath, NoPath, PathEnd};
 use crate::roadmap::validation::Validation;
@@ -107,11 +108,13 @@ impl PlanAgent {
         let hand = settings.hand.as_deref();
         let pace = TourPace::new(settings.speed, settings.tolerance_deg, settings.wait_s, hand, &robot);
         let bounds = settings.check_bounds();
+        let rules = pair_rules(&settings.may_touch, &settings.pair_clearance_mm);
         let map = named::map(None, &settings.motors, &settings.poses, &robot);
         let tour = map.and_then(|map| Ok((named::goals(&map, &settings.goals)?, map)));
         KindError::gather([
             pace.as_ref().map(drop).map_err(Clone::clone),
             bounds,
+            rules.as_ref().map(drop).map_err(Clone::clone),
             tour.as_ref().map(drop).map_err(Clone::clone),
         ])?;
         let pace = pace?;
@@ -131,7 +134,7 @@ impl PlanAgent {
             pace,
             seed,
             placed: false,
-            ways: Ways::new(settings.planner, seed, settings.budget),
+            ways: Ways::new(settings.planner, seed, settings.budget, rules?),
             route: Vec::new(),
             tour: Tour::default(),
             tries: Tries::default(),

@@ -6,6 +6,7 @@ use crate::planners::PlannerKind;
 use mobee_contract::KindError;
 use schemars::JsonSchema;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 
 /// Settings of the kind `plan`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -31,6 +32,13 @@ pub struct PlanSettings {
     /// Maximum distance of every motor from a pose for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
+    /// Pairs `A:B` that may touch in plans, such as the gripper and the object to be picked: names of links, parts and
+    /// markers of the robot, of objects, and of other robots. The reflex monitors these pairs as before.
+    #[serde(default)]
+    pub may_touch: Vec<String>,
+    /// Clearances of pairs `A:B` in plans where they are lower than that of all others, mm.
+    #[serde(default)]
+    pub pair_clearance_mm: BTreeMap<String, f64>,
     /// Planner: `rrt_connect` stops at the first path; `aorrtc` also searches for shorter ones, for 2,000 random configurations or as long as
     /// half of the budget lasts.
     #[serde(default)]

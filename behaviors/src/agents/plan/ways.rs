@@ -4,8 +4,10 @@ use crate::planners::{AoRrtConnect, JointPath, JointSpace, NoPath, PlannerKind, 
 use crate::roadmap::Roadmap;
 use mobee_contract::{EdgeState, View};
 use mobee_fast::FastError;
+use mobee_model::{PairRule, Scene};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 /// Radius around the middle of a failed edge that new paths avoid, as a share of the edge's length.
 const AVOID_RADIUS_SHARE: f64 = 0.2;
@@ -26,6 +28,9 @@ pub(super) struct Ways {
     planner: PlannerKind,
     seed: u64,
     budget: u64,
+    /// Rules for pairs, and the scene with them, of the epoch of the last one.
+    rules: Vec<PairRule>,
+    ruled: Option<Arc<Scene>>,
     space: Option<JointSpace>,
     /// The same space with [`EXTRA_CLEARANCE_M`] added to the clearance.
     roomy: Option<JointSpace>,
@@ -49,8 +54,8 @@ impl PathQuery<'_> {
 }
 
 impl Ways {
-    pub fn new(planner: PlannerKind, seed: u64, budget: u64) -> Ways {
-        Ways { planner, seed, budget, space: None, roomy: None, spent: Spent::default() }
+    pub fn new(planner: PlannerKind, seed: u64, budget: u64, rules: Vec<PairRule>) -> Ways {
+        Ways { planner, seed, budget, rules, ruled: None, space: None, roomy: None, spent: Spent::default() }
     }
 
     /// Updates the planning spaces to the current scene; the middles of failed edges are avoided.
@@ -58,6 +63,8 @@ impl Ways {
     /// # Errors
     /// An invalid clearance.
     pub fn look(&mut self, leg: &PathQuery, view: &View) -> Result<(), FastError> {
+        let ruled = View { scene: self.scene(view), ..view.clone() };
+        let view = &ruled;
         for (kept, room) in [(&mut self.space, 0.0), (&mut self.roomy, EXTRA_CLEARANCE_M)] {
             let motors = leg.map.motors();
             let mut space = JointSpace::renewed(kept.take(), view, motors, room)?;
@@ -66,6 +73,20 @@ impl Ways {
             *kept = Some(space);
         }
         Ok(())
+    }
+
+    /// Returns the scene of a view with the rules for pairs.
+    fn scene(&mut self, view: &View) -> Arc<Scene> {
+        if self.rules.is_empty() {
+            return view.scene.clone();
+        }
+        if let Some(known) = self.ruled.as_ref().filter(|known| known.epoch() == view.scene.epoch()) {
+            return known.clone();
+        }
+        // Names were checked with the configuration; an object may be absent now.
+        let ruled = Arc::new(view.scene.with_pair_rules_of_present(view.robot, &self.rules));
+        self.ruled = Some(ruled.clone());
+        ruled
     }
 
     /// Returns whether the first edge of a route is not removed, and is free from the measured
