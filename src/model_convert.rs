@@ -64,6 +64,9 @@ pub fn summary(path: &Path, imported: &Imported) -> String {
     for (reason, count) in reasons(robot) {
         let _ = writeln!(out, "  {count} pairs left out: {reason}");
     }
+    if !robot.near.is_empty() {
+        let _ = writeln!(out, "  {} pairs tested with a clearance of their own", robot.near.len());
+    }
     for line in decided {
         let _ = writeln!(out, "  {line}");
     }

@@ -53,6 +53,14 @@ pub fn text(path: &Path) -> Result<String, Report> {
             let _ = writeln!(out, "  {} and {}: {}", name(pair.nodes.0), name(pair.nodes.1), pair.reason);
         }
     }
+    if !robot.near.is_empty() {
+        let name = |n: usize| robot.nodes.get(n).and_then(|n| n.name.as_deref()).unwrap_or("?");
+        let _ = writeln!(out, "pairs with a clearance of their own: {}", robot.near.len());
+        for pair in &robot.near {
+            let mm = pair.clearance * 1e3;
+            let _ = writeln!(out, "  {} and {}: {mm:.1} mm, {}", name(pair.nodes.0), name(pair.nodes.1), pair.reason);
+        }
+    }
     for (i, part) in robot.parts.iter().enumerate() {
         let _ = writeln!(out, "\n{} ({} constraint clauses)", part.name, part.clauses.len());
         for m in robot.motors.get(part.motors.clone()).unwrap_or_default() {

@@ -5,7 +5,8 @@ use crate::roadmap::{Speeds, Trajectory, may_write, positive, robot, save_text, 
 use crate::terminal;
 use miette::{Report, miette};
 use mobee_behaviors::group;
-use mobee_behaviors::hand_goal::HandGoals;
+use mobee_behaviors::hand_goal::{HandGoal, HandGoals, ResolvedGoal};
+use mobee_behaviors::pair_rules::{pair_rules, rule_error};
 use mobee_behaviors::planners::{
     AoRrtConnect, JointPath, JointSpace, NoPath, Planner, PlannerKind, PlanningProblem, shorten,
 };
@@ -34,9 +35,10 @@ pub struct PlanArgs {
     /// NAME=VALUE,NAME=VALUE with all others at home.
     #[arg(long, value_name = "Q", default_value = "home", allow_hyphen_values = true)]
     from: String,
-    /// Where it is to go: as --from, but motors that NAME=VALUE does not name stay where they are.
+    /// Where it is to go: as --from, but motors that NAME=VALUE does not name stay where they are. Repeat it for several
+    /// goals, any of which will do.
     #[arg(long, value_name = "Q", allow_hyphen_values = true, required_unless_present = "to_hand")]
-    to: Option<String>,
+    to: Vec<String>,
     /// Instead: where its hand is to go, meters and degrees, in the world's frame; without roll, pitch and yaw in any orientation.
     #[arg(long, value_name = "X,Y,Z[,R,P,Y]", allow_hyphen_values = true, conflicts_with = "to")]
     to_hand: Option<String>,
@@ -49,6 +51,13 @@ pub struct PlanArgs {
     /// Nearer than this to anything is not free.
     #[arg(long, value_name = "MM", default_value_t = 12.0, value_parser = crate::robot_import::millimeters(0.0, 1000.0))]
     clearance_mm: f64,
+    /// A pair that may touch, such as the gripper and the object to be picked: names of links, parts, markers or objects.
+    /// May be repeated.
+    #[arg(long, value_name = "A:B")]
+    may_touch: Vec<String>,
+    /// A pair with a clearance of its own, lower than --clearance-mm. May be repeated.
+    #[arg(long, value_name = "A:B=MM", value_parser = pair_clearance)]
+    pair_clearance_mm: Vec<(String, f64)>,
     /// The seed of all randomness: equal questions have equal answers.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -137,23 +146,14 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
     for file in files.chain(&args.record) {
         may_write(file, args.force)?;
     }
-    let scene = scene(&args.robot, args.world.as_deref())?;
+    let scene = ruled_scene(args)?;
     let robot = robot(&scene)?;
     let motors = match args.motors.as_slice() {
         [] => (0..robot.motors.len()).collect(),
         names => group::motors("--motors", names, robot).map_err(complaint)?,
     };
     let from = pose("--from", &args.from, robot, &motors, &robot.home())?;
-    let to = match (&args.to, &args.to_hand) {
-        (Some(to), _) => pose("--to", to, robot, &motors, &from)?,
-        (None, Some(hand)) => hand_pose(hand, args, &scene, &motors, &from)?,
-        (None, None) => return Err(miette!(help = "add --to or --to-hand", "there is no goal")),
-    };
-    if let Some(m) = (0..from.len()).find(|m| from[*m] != to[*m] && !motors.contains(m)) {
-        let name = robot.motors.get(m).map_or("", |m| m.name.as_str());
-        let help = "name it in --motors, or leave it where it is";
-        return Err(ConfigError::plain(format!("the goal moves {name}, which is not in --motors"), help).into());
-    }
+    let to = goals(args, &scene, &motors, &from)?;
     let found = search(args, planner.as_ref(), &scene, &motors, (&from, &to))?;
     let (path, how) = match found {
         Ok(found) => found,
@@ -205,12 +205,13 @@ fn search(
     planner: &dyn Planner,
     scene: &Scene,
     motors: &[usize],
-    (from, to): (&[f64], &[f64]),
+    (from, to): (&[f64], &[Vec<f64>]),
 ) -> Result<Result<(JointPath, String), NoPath>, Report> {
     let compiled = JointSpace::new(scene, 0, &[from], motors, &[], args.clearance_mm / 1e3);
     let mut space = compiled.map_err(|e| miette!("{e}"))?;
     let of = |pose: &[f64]| motors.iter().filter_map(|m| pose.get(*m).copied()).collect::<Vec<f64>>();
-    let problem = PlanningProblem { start: of(from), goal: of(to), seed: args.seed, budget: u64::MAX };
+    let goals = to.iter().map(|to| of(to)).collect();
+    let problem = PlanningProblem { start: of(from), goals, seed: args.seed, budget: u64::MAX };
     let begun = processor_s();
     let found = planner.plan(&mut space, &problem, &mut |_| {
         if processor_s() - begun > args.time { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -219,8 +220,9 @@ fn search(
         let searched = processor_s();
         let path = if args.raw { path } else { shorten(&mut space, path, args.seed, SHORTEN_LINES) };
         let [search, short] = [searched - begun, processor_s() - searched].map(|s| s * 1e3);
+        let goal = if args.to.len() > 1 { format!("goal {} of {}\n", path.goal + 1, to.len()) } else { String::new() };
         let how = format!(
-            "{} straight lines, certified free at {} mm; searched in {search:.2} ms, made shorter in {short:.2} ms, {} lines judged\n",
+            "{goal}{} straight lines, certified free at {} mm; searched in {search:.2} ms, made shorter in {short:.2} ms, {} lines judged\n",
             path.poses.len().saturating_sub(1),
             args.clearance_mm,
             path.evaluations
@@ -268,8 +270,51 @@ fn pose(argument: &str, text: &str, robot: &Robot, motors: &[usize], others: &[f
     Ok(pose)
 }
 
-/// The pose at which the hand is where it is to be: found by inverse kinematics.
-fn hand_pose(text: &str, args: &PlanArgs, scene: &Scene, motors: &[usize], from: &[f64]) -> Result<Vec<f64>, Report> {
+/// A pair with its clearance, as an argument has it.
+fn pair_clearance(text: &str) -> Result<(String, f64), String> {
+    let parts = text.split_once('=').and_then(|(pair, mm)| Some((pair.to_owned(), mm.trim().parse().ok()?)));
+    parts.ok_or_else(|| "give two names and a clearance in mm, such as finger_1:finger_2=1".to_owned())
+}
+
+/// The scene of the robot and the world, with the rules for pairs.
+fn ruled_scene(args: &PlanArgs) -> Result<Scene, Report> {
+    let scene = scene(&args.robot, args.world.as_deref())?;
+    let mut clearances = BTreeMap::new();
+    for (pair, mm) in &args.pair_clearance_mm {
+        if clearances.insert(pair.clone(), *mm).is_some() {
+            let what = format!("--pair-clearance-mm: {pair} is there twice");
+            return Err(ConfigError::plain(what, "give one clearance").into());
+        }
+    }
+    let rules = pair_rules(&args.may_touch, &clearances).map_err(complaint)?;
+    scene.with_pair_rules(0, &rules).map_err(|e| complaint(rule_error(&e)))
+}
+
+/// The goals: whole poses, of which only motors that move differ from the start.
+fn goals(args: &PlanArgs, scene: &Scene, motors: &[usize], from: &[f64]) -> Result<Vec<Vec<f64>>, Report> {
+    let robot = robot(scene)?;
+    let to = match &args.to_hand {
+        Some(hand) => hand_poses(hand, args, scene, motors, from)?,
+        None => args.to.iter().map(|to| pose("--to", to, robot, motors, from)).collect::<Result<_, _>>()?,
+    };
+    for goal in &to {
+        if let Some(m) = (0..from.len()).find(|m| from[*m] != goal[*m] && !motors.contains(m)) {
+            let name = robot.motors.get(m).map_or("", |m| m.name.as_str());
+            let help = "name it in --motors, or leave it where it is";
+            return Err(ConfigError::plain(format!("the goal moves {name}, which is not in --motors"), help).into());
+        }
+    }
+    Ok(to)
+}
+
+/// The poses at which the hand is where it is to be: found by inverse kinematics, nearest to home first.
+fn hand_poses(
+    text: &str,
+    args: &PlanArgs,
+    scene: &Scene,
+    motors: &[usize],
+    from: &[f64],
+) -> Result<Vec<Vec<f64>>, Report> {
     let robot = robot(scene)?;
     let numbers = numbers("--to-hand", text)?;
     let mut goal = match numbers.as_slice() {
@@ -283,19 +328,20 @@ fn hand_pose(text: &str, args: &PlanArgs, scene: &Scene, motors: &[usize], from:
     if let Some(hand) = &args.hand {
         goal["hand"] = Value::from(hand.as_str());
     }
-    let names: Vec<&str> = motors.iter().filter_map(|m| Some(robot.motors.get(*m)?.name.as_str())).collect();
-    let mut settings = json!({ "motors": names, "poses": [{ "name": "goal", "hand_at": goal }] });
+    let goal: HandGoal = mobee_contract::settings(&goal).map_err(complaint)?;
     let goals = HandGoals { scene, robot: 0, clearance: args.clearance_mm / 1e3, seed: args.seed };
-    let found = goals.resolve(&mut settings).map_err(complaint)?;
-    let values = found.first().map(|goal| goal.q_deg.iter().map(|(name, deg)| (name.clone(), *deg)).collect());
-    let values: BTreeMap<String, f64> = values.unwrap_or_default();
-    let mut pose = from.to_vec();
-    for (m, q) in group::positions("--to-hand", &values, robot).map_err(complaint)? {
-        if let Some(slot) = pose.get_mut(m) {
-            *slot = q;
+    let found = goals.solutions(&goal, motors).map_err(complaint)?;
+    let whole = |found: &ResolvedGoal| {
+        let values: BTreeMap<String, f64> = found.q_deg.iter().cloned().collect();
+        let mut pose = from.to_vec();
+        for (m, q) in group::positions("--to-hand", &values, robot).map_err(complaint)? {
+            if let Some(slot) = pose.get_mut(m) {
+                *slot = q;
+            }
         }
-    }
-    Ok(pose)
+        Ok(pose)
+    };
+    found.iter().map(whole).collect()
 }
 
 fn numbers(argument: &str, text: &str) -> Result<Vec<f64>, ConfigError> {

@@ -18,7 +18,7 @@ use mobee_contract::{KindError, settings};
 use mobee_model::{Robot, Scene};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
-use search::{Goal, HandSearch, Orientation, Shortfall};
+use search::{Goal, HandPosture, HandSearch, Orientation, Shortfall};
 use serde::Deserialize;
 use serde_json::Value;
 use std::fmt;
@@ -189,7 +189,8 @@ impl HandGoals<'_> {
             let at = format!("{path}.hand_at");
             let goal: HandGoal = settings(&pose["hand_at"]).map_err(|e| e.under(&at))?;
             let name = pose["name"].as_str().map(str::to_owned);
-            let mut found = self.find(&goal, hand, motors.as_deref(), robot).map_err(|e| e.under(&at))?;
+            let prepared = self.prepare(&goal, hand, motors.as_deref(), robot);
+            let mut found = prepared.and_then(|search| search.first(self, &goal)).map_err(|e| e.under(&at))?;
             found.path = path;
             found.name = name;
             Ok((i, found))
@@ -204,14 +205,31 @@ impl HandGoals<'_> {
         Ok(found.into_iter().map(|(_, pose)| pose).collect())
     }
 
-    /// Finds joint values for a goal of the hand.
-    fn find(
-        &self,
+    /// Returns different joint values for a goal of the hand, nearest to home first, at least one: a planner can take
+    /// any of them as its goal.
+    ///
+    /// # Arguments
+    /// * `motors`: those that may move, indices into `Robot::motors`.
+    ///
+    /// # Errors
+    /// As for [`HandGoals::resolve`].
+    pub fn solutions(&self, goal: &HandGoal, motors: &[usize]) -> Result<Vec<ResolvedGoal>, KindError> {
+        let Some(robot) = self.scene.robots().get(self.robot) else {
+            return Err(KindError::new("", "there is no robot", "name a robot of the scene"));
+        };
+        let prepared = self.prepare(goal, group::hand(robot, motors), Some(motors), robot)?;
+        let found = prepared.search.all(&prepared.place).map_err(|why| self.refusal(&why, goal, &prepared.hand))?;
+        Ok(found.iter().map(|posture| prepared.resolved(posture)).collect())
+    }
+
+    /// Prepares the search for a goal of the hand.
+    fn prepare<'a>(
+        &'a self,
         goal: &HandGoal,
         default: Option<usize>,
         motors: Option<&[usize]>,
-        robot: &Robot,
-    ) -> Result<ResolvedGoal, KindError> {
+        robot: &'a Robot,
+    ) -> Result<PreparedGoal<'a>, KindError> {
         let marker = group::marker("hand", goal.hand.as_deref(), robot);
         let place = goal.place(&self.scene.base(self.robot));
         KindError::gather([marker.clone().map(drop), place.clone().map(drop)])?;
@@ -247,16 +265,7 @@ impl HandGoals<'_> {
             clearance: self.clearance,
             seed: self.seed,
         };
-        let found = search.run(&place).map_err(|why| self.refusal(&why, goal, &hand.name))?;
-        let named = |(m, q): (&usize, &f64)| Some((robot.motors.get(*m)?.name.clone(), q.to_degrees()));
-        Ok(ResolvedGoal {
-            path: String::new(),
-            name: None,
-            hand: hand.name.clone(),
-            q_deg: search.group.motors.iter().zip(&found.q).filter_map(named).collect(),
-            off_m: found.off.0,
-            off_rad: found.off.1,
-        })
+        Ok(PreparedGoal { search, place, hand: hand.name.clone(), robot })
     }
 
     /// Describes why there are no joint values.
@@ -291,6 +300,34 @@ impl HandGoals<'_> {
                 let help = "choose another place or orientation, or move the object";
                 KindError::new("position_m", what, help)
             }
+        }
+    }
+}
+
+/// A goal of the hand whose joint values can be searched.
+struct PreparedGoal<'a> {
+    search: HandSearch<'a>,
+    place: Goal,
+    hand: String,
+    robot: &'a Robot,
+}
+
+impl PreparedGoal<'_> {
+    /// Returns the joint values nearest to home.
+    fn first(&self, goals: &HandGoals, goal: &HandGoal) -> Result<ResolvedGoal, KindError> {
+        let found = self.search.run(&self.place).map_err(|why| goals.refusal(&why, goal, &self.hand))?;
+        Ok(self.resolved(&found))
+    }
+
+    fn resolved(&self, found: &HandPosture) -> ResolvedGoal {
+        let named = |(m, q): (&usize, &f64)| Some((self.robot.motors.get(*m)?.name.clone(), q.to_degrees()));
+        ResolvedGoal {
+            path: String::new(),
+            name: None,
+            hand: self.hand.clone(),
+            q_deg: self.search.group.motors.iter().zip(&found.q).filter_map(named).collect(),
+            off_m: found.off.0,
+            off_rad: found.off.1,
         }
     }
 }

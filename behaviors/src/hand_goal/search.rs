@@ -20,6 +20,9 @@ const MAX_STARTS: usize = 200;
 /// nearest to home is returned.
 const MIN_STARTS: usize = 50;
 
+/// Solutions nearer to each other than this count as one, rad.
+const SAME_SOLUTION_RAD: f64 = 1e-3;
+
 /// Goal of the hand, world frame.
 #[derive(Clone, Debug)]
 pub(super) struct Goal {
@@ -79,14 +82,25 @@ impl HandSearch<'_> {
     /// Returns joint values for a goal: from home if that leads to a free solution, otherwise the
     /// solution nearest to home from the other starts.
     pub fn run(&self, goal: &Goal) -> Result<HandPosture, Shortfall> {
+        let mut found = self.search(goal, true)?;
+        Ok(found.swap_remove(0))
+    }
+
+    /// Returns all different solutions for a goal that the starts lead to, nearest to home first; at least one.
+    pub fn all(&self, goal: &Goal) -> Result<Vec<HandPosture>, Shortfall> {
+        self.search(goal, false)
+    }
+
+    /// Searches from all starts; with `one`, a solution from home ends the search.
+    fn search(&self, goal: &Goal, one: bool) -> Result<Vec<HandPosture>, Shortfall> {
         let home = self.home();
         let at_home = self.group.share(&home);
-        let far = |q: &[f64]| q.iter().zip(&at_home).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-        let mut best: Option<(f64, HandPosture)> = None;
+        let far = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+        let mut found: Vec<HandPosture> = Vec::new();
         let mut nearest: Option<(f64, (f64, f64))> = None;
         let mut tightest: Option<Option<(ShapeId, ShapeId, f64)>> = None;
         for (i, start) in self.starts(&home).enumerate() {
-            if best.is_some() && i >= MIN_STARTS {
+            if !found.is_empty() && i >= MIN_STARTS {
                 break;
             }
             let q = self.group.solve(&start, |pose| self.residual(goal, pose));
@@ -107,18 +121,18 @@ impl HandSearch<'_> {
                 }
                 continue;
             }
-            if i == 0 {
-                return Ok(HandPosture { q, off });
+            if found.iter().all(|other| far(&other.q, &q).sqrt() > SAME_SOLUTION_RAD) {
+                found.push(HandPosture { q, off });
             }
-            let way = far(&q);
-            if best.as_ref().is_none_or(|(least, _)| way < *least) {
-                best = Some((way, HandPosture { q, off }));
+            if one && i == 0 {
+                break;
             }
         }
-        match (best, tightest, nearest) {
-            (Some((_, found)), ..) => Ok(found),
-            (None, Some(contact), _) => Err(Shortfall::NotFree { contact }),
-            (None, None, nearest) => {
+        found.sort_by(|a, b| far(&a.q, &at_home).total_cmp(&far(&b.q, &at_home)));
+        match (found.is_empty(), tightest, nearest) {
+            (false, ..) => Ok(found),
+            (true, Some(contact), _) => Err(Shortfall::NotFree { contact }),
+            (true, None, nearest) => {
                 let off = nearest.map_or((f64::INFINITY, 0.0), |(_, off)| off);
                 Err(Shortfall::OutOfReach { off, position_alone: self.reaches_position(goal) })
             }

@@ -9,7 +9,7 @@ use mobee_model::{
     random_poses, suggestion,
 };
 use nalgebra::Isometry3;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -24,6 +24,9 @@ pub(crate) struct Arm {
     pub pose: Vec<f64>,
     /// Indices into `Robot::motors`.
     pub motors: Vec<usize>,
+    /// Rules for pairs of all problems.
+    pub may_touch: Vec<String>,
+    pub pair_clearance_mm: BTreeMap<String, f64>,
     /// What is not used of the files, and which pairs always touch.
     pub notes: Vec<String>,
 }
@@ -79,7 +82,8 @@ pub(crate) fn load_arm(path: &Path, file: &ProblemFile) -> Result<Arm, InputFaul
         pose.get_mut(m).into_iter().for_each(|slot| *slot = within);
     }
     notes.extend(leave_out_what_always_touches(&mut robot, &pose, &motors)?);
-    Ok(Arm { robot: Arc::new(robot), pose, motors, notes })
+    let (may_touch, pair_clearance_mm) = (file.may_touch.clone(), file.pair_clearance_mm.clone());
+    Ok(Arm { robot: Arc::new(robot), pose, motors, may_touch, pair_clearance_mm, notes })
 }
 
 impl Arm {

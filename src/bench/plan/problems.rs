@@ -3,10 +3,12 @@
 use mobee_model::file::read_text;
 use mobee_model::{Object, ObjectClass, Primitive, Shape};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use serde::Deserialize;
+use serde::de::{Error as _, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
-use std::fmt::Display;
+use std::fmt::{self, Display};
+use std::marker::PhantomData;
 use std::path::Path;
 
 /// The format that is read.
@@ -43,9 +45,16 @@ pub(crate) struct ProblemFile {
     /// Joints that are planned for, in the order of start and goal.
     pub joints: Vec<String>,
     /// Joints that stand still, rad or meters.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "unique")]
     pub others: BTreeMap<String, f64>,
+    /// Pairs that may touch in all problems, `A:B`: links, parts and markers.
+    #[serde(default)]
+    pub may_touch: Vec<String>,
+    /// Clearances of pairs in all problems where they are lower than that of all others, mm.
+    #[serde(default, deserialize_with = "unique")]
+    pub pair_clearance_mm: BTreeMap<String, f64>,
     /// Problems by scene.
+    #[serde(deserialize_with = "unique")]
     pub scenes: BTreeMap<String, Vec<Problem>>,
 }
 
@@ -61,6 +70,10 @@ pub(crate) struct Problem {
     pub start: Vec<f64>,
     /// As `start`.
     pub goal: Vec<f64>,
+    /// More pairs that may touch in this problem, `A:B`: also obstacles, `obstacle0` and so on, counted through boxes,
+    /// cylinders and spheres in this order.
+    #[serde(default)]
+    pub may_touch: Vec<String>,
     /// Position, quaternion (x, y, z, w), full size.
     #[serde(default)]
     boxes: Vec<[f64; 10]>,
@@ -70,6 +83,36 @@ pub(crate) struct Problem {
     /// Position, radius.
     #[serde(default)]
     spheres: Vec<[f64; 4]>,
+}
+
+/// Reads a map and refuses a key that is there twice: the last one would replace the others silently.
+fn unique<'de, D, T>(from: D) -> Result<BTreeMap<String, T>, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    struct UniqueKeys<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for UniqueKeys<T> {
+        type Value = BTreeMap<String, T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+            f.write_str("a map with each key once")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+            let mut all = BTreeMap::new();
+            while let Some(key) = map.next_key::<String>()? {
+                // Before the value is read: the error's place is that of the key.
+                if all.contains_key(&key) {
+                    return Err(A::Error::custom(format!("the key `{key}` is there twice")));
+                }
+                let value = map.next_value()?;
+                all.insert(key, value);
+            }
+            Ok(all)
+        }
+    }
+    from.deserialize_map(UniqueKeys(PhantomData))
 }
 
 /// Reads a file of problems.

@@ -2,7 +2,9 @@
 
 use super::arm::Arm;
 use super::problems::{InputFault, Problem};
+use mobee_behaviors::pair_rules::{pair_rules, rule_error};
 use mobee_behaviors::planners::{JointPath, JointSpace, NoPath, PathEnd, Planner, PlanningProblem, shorten};
+use mobee_contract::KindError;
 use mobee_model::Scene;
 use nalgebra::Isometry3;
 use rustix::time::{ClockId, clock_gettime};
@@ -87,10 +89,13 @@ pub(crate) fn run(
         InputFault::new(format!("{scene}, problem {}: {e}", problem.index), "mend the problem")
     };
     let objects = problem.objects(scene);
+    let may_touch: Vec<String> = arm.may_touch.iter().chain(&problem.may_touch).cloned().collect();
+    let rules = pair_rules(&may_touch, &arm.pair_clearance_mm).map_err(|e| rule_fault(scene, problem, &e))?;
     let (mut world, mut space) = (None, None);
     trial.compile_ms = least(settings.rounds, || {
         let made =
             Scene::new(vec![(arm.robot.clone(), Isometry3::identity())], objects.clone()).map_err(|e| fault(&e))?;
+        let made = made.with_pair_rules(0, &rules).map_err(|e| rule_fault(scene, problem, &rule_error(&e)))?;
         let compiled = alone.among(&made, &[&arm.pose]).map_err(|e| fault(&e))?;
         (world, space) = (Some(made), Some(compiled));
         Ok(())
@@ -98,7 +103,7 @@ pub(crate) fn run(
     let (Some(world), Some(mut space)) = (world, space) else { return Ok(trial) };
     let asked = PlanningProblem {
         start: space.within(&arm.encoder(&problem.start)),
-        goal: space.within(&arm.encoder(&problem.goal)),
+        goals: vec![space.within(&arm.encoder(&problem.goal))],
         seed: settings.seed,
         budget: u64::MAX,
     };
@@ -138,6 +143,12 @@ pub(crate) fn run(
         }
     }
     Ok(trial)
+}
+
+/// A rule for pairs that can't be used, with its place.
+fn rule_fault(scene: &str, problem: &Problem, error: &KindError) -> InputFault {
+    let place = if error.path.is_empty() { String::new() } else { format!("{}: ", error.path) };
+    InputFault::new(format!("{scene}, problem {}: {place}{}", problem.index, error.what), &error.help)
 }
 
 /// True if any configuration of a path, in steps of this length, is not free.
