@@ -52,6 +52,7 @@ impl From<SceneError> for Failure {
             SceneError::Persistent { .. } => "persistent",
             SceneError::NotFinite { .. } => "not_finite",
             SceneError::TooMany { .. } => "too_many",
+            SceneError::PairRule { .. } => "pair",
         };
         Self::of_sentence(code, &e.to_string())
     }

@@ -4,9 +4,10 @@ use crate::arrays::array;
 use crate::failure::Failure;
 use crate::wait::Cancelled;
 use mobee_behaviors::planners::{JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
-use mobee_model::{Robot, Scene};
+use mobee_model::{PairRule, Robot, Scene};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
 
@@ -62,7 +63,7 @@ impl PyPlan {
 /// code : str
 ///     ``blocked`` or ``limits`` (an end can't be stood at), or ``exhausted`` (the budget is spent; there may be a path all the same).
 /// reason : str
-///     In words, of the goal that was tried last.
+///     In words; if none of several goals can be stood at, of the first one.
 #[pyclass(name = "NoPlan", module = "mobee", frozen, get_all)]
 pub(crate) struct PyNoPlan {
     pub code: &'static str,
@@ -90,6 +91,8 @@ pub(crate) struct PathSearch {
     pub seed: u64,
     pub budget: u64,
     pub shorten: bool,
+    /// Rules for pairs; their names are those of the robot that moves.
+    pub rules: Vec<PairRule>,
 }
 
 /// A path of all robots.
@@ -101,48 +104,38 @@ pub(crate) struct FoundPath {
 }
 
 impl PathSearch {
-    /// Tries the goals, the nearest first, until one is reached or the budget is spent.
+    /// Searches from the start and all goals at once, until one is reached or the budget is spent.
     ///
     /// # Errors
-    /// If more than one robot would move.
+    /// If more than one robot would move, or a rule has an unknown name.
     pub fn run(&self, cancelled: &Cancelled) -> Result<Result<FoundPath, PyNoPlan>, Failure> {
         let (robot, columns) = self.mover()?;
         let motors: Vec<usize> = (0..columns.len()).collect();
         let poses: Vec<&[f64]> = self.columns().into_iter().map(|own| slice(&self.start, &own)).collect();
-        let mut space = JointSpace::new(&self.scene, robot, &poses, &motors, &[], self.clearance)?;
-        let from = slice(&self.start, &columns).to_vec();
-        let far = |goal: &Vec<f64>| {
-            let to = space.toward(&from, slice(goal, &columns));
-            from.iter().zip(&to).map(|(a, b)| (a - b) * (a - b)).sum::<f64>()
+        let scene = self.scene.with_pair_rules(robot, &self.rules)?;
+        let mut space = JointSpace::new(&scene, robot, &poses, &motors, &[], self.clearance)?;
+        let problem = PlanningProblem {
+            start: slice(&self.start, &columns).to_vec(),
+            goals: self.goals.iter().map(|goal| slice(goal, &columns).to_vec()).collect(),
+            seed: self.seed,
+            budget: self.budget,
         };
-        let mut order: Vec<(f64, usize)> = self.goals.iter().map(far).zip(0..).collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut reason = PyNoPlan { code: "exhausted", reason: "the budget is spent".to_owned() };
-        for (_, goal) in order {
-            let budget = self.budget.saturating_sub(space.evaluations());
-            let Some(end) = self.goals.get(goal).filter(|_| budget > 0) else { break };
-            let goal_pose = slice(end, &columns).to_vec();
-            let problem = PlanningProblem { start: from.clone(), goal: goal_pose, seed: self.seed, budget };
-            let mut watch = |_| if cancelled.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            let path = match RrtConnect::default().plan(&mut space, &problem, &mut watch) {
-                Ok(path) if self.shorten => shorten(&mut space, path, self.seed, SHORTCUTS.min(budget)),
-                Ok(path) => path,
-                Err(why) => {
-                    reason = PyNoPlan { code: code(&why), reason: why.text(&self.scene, robot) };
-                    continue;
-                }
-            };
-            let whole = |own: &Vec<f64>| {
-                let mut pose = self.start.clone();
-                if let Some(place) = pose.get_mut(columns.clone()) {
-                    place.copy_from_slice(own);
-                }
-                pose
-            };
-            let poses = path.poses.iter().map(whole).collect();
-            return Ok(Ok(FoundPath { poses, goal, length: path.length(), evaluations: space.evaluations() }));
-        }
-        Ok(Err(reason))
+        let mut watch = |_| if cancelled.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        let path = match RrtConnect::default().plan(&mut space, &problem, &mut watch) {
+            Ok(path) if self.shorten => shorten(&mut space, path, self.seed, SHORTCUTS.min(self.budget)),
+            Ok(path) => path,
+            Err(why) => return Ok(Err(PyNoPlan { code: code(&why), reason: why.text(&scene, robot) })),
+        };
+        let whole = |own: &Vec<f64>| {
+            let mut pose = self.start.clone();
+            if let Some(place) = pose.get_mut(columns.clone()) {
+                place.copy_from_slice(own);
+            }
+            pose
+        };
+        let poses = path.poses.iter().map(whole).collect();
+        let (goal, length) = (path.goal, path.length());
+        Ok(Ok(FoundPath { poses, goal, length, evaluations: space.evaluations() }))
     }
 
     /// The robot that moves, and its columns; the first if none does.
@@ -169,6 +162,23 @@ impl PathSearch {
         };
         self.scene.robots().iter().map(own).collect()
     }
+}
+
+/// The rules for pairs of arguments.
+///
+/// # Errors
+/// A pair that is not two names.
+pub(crate) fn pair_rules(
+    may_touch: &[String],
+    clearances: &BTreeMap<String, f64>,
+) -> Result<Vec<PairRule>, Failure> {
+    let pair = |argument: &'static str, names: &str, rule: Option<PairRule>| {
+        let remedy = "give two names, such as \"gripper:cup\"";
+        rule.ok_or_else(|| Failure::new("pair", format!("{names:?} is not a pair"), remedy).at(argument))
+    };
+    let touching = may_touch.iter().map(|names| pair("may_touch", names, PairRule::may_touch(names)));
+    let near = clearances.iter().map(|(names, m)| pair("pair_clearances", names, PairRule::near(names, *m)));
+    touching.chain(near).collect()
 }
 
 fn slice<'a>(pose: &'a [f64], own: &Range<usize>) -> &'a [f64] {

@@ -4,7 +4,7 @@ use crate::arrays::{Rows, array, reserved};
 use crate::failure::Failure;
 use crate::joints::{Beyond, JointTable};
 use crate::place::bases_of;
-use crate::plan::{FoundPath, PathSearch, PyPlan};
+use crate::plan::{FoundPath, PathSearch, PyPlan, pair_rules};
 use crate::results::{PyBlocked, PyContact, PyFree, PyUnproved};
 use crate::robot::PyRobot;
 use crate::wait::{background, chunks};
@@ -13,6 +13,7 @@ use mobee_fast::{EdgeVerdict, FastScene};
 use mobee_model::{Contact, Robot, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Robots of a scene at most.
@@ -439,7 +440,7 @@ impl PyScene {
     /// start : array (dof,)
     ///     The configuration of all robots, rad or m.
     /// goal : array (dof,) or (K, dof)
-    ///     One goal, or several, of which the nearest is tried first; `Ik.q` of `Robot.ik`, for a pose of a frame. One
+    ///     One goal, or several, any of which will do: the search grows from all of them; `Ik.q` of `Robot.ik`, for a pose of a frame. One
     ///     robot moves: the others stand at `start`.
     /// seed : int
     ///     Seed of everything random: equal seeds, equal paths.
@@ -447,6 +448,11 @@ impl PyScene {
     ///     Straight lines that may be judged, for all goals together, at most.
     /// shorten : bool
     ///     Make the path shorter by shortcuts.
+    /// may_touch : sequence of str
+    ///     Pairs ``A:B`` that may touch, such as the gripper and the object to be picked: names of links, parts and
+    ///     markers of the robot that moves, of objects, and of other robots.
+    /// pair_clearances : dict of str to float
+    ///     Clearances of pairs ``A:B`` where they are lower than the scene's, meters.
     ///
     /// Returns
     /// -------
@@ -456,8 +462,9 @@ impl PyScene {
     /// Raises
     /// ------
     /// MobeeError
-    ///     code ``robots`` (more than one would move), ``limits``, ``bounds``, and as `free`.
-    #[pyo3(signature = (start, goal, *, seed=0, budget=20_000, shorten=true))]
+    ///     code ``robots`` (more than one would move), ``pair`` (an unknown name), ``limits``, ``bounds``, and as `free`.
+    #[pyo3(signature = (start, goal, *, seed=0, budget=20_000, shorten=true, may_touch=Vec::new(), pair_clearances=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python method")]
     fn plan<'py>(
         &self,
         py: Python<'py>,
@@ -466,7 +473,10 @@ impl PyScene {
         seed: u64,
         budget: u64,
         shorten: bool,
+        may_touch: Vec<String>,
+        pair_clearances: Option<BTreeMap<String, f64>>,
     ) -> PyResult<Bound<'py, PyAny>> {
+        let rules = pair_rules(&may_touch, &pair_clearances.unwrap_or_default())?;
         let mut ends: Vec<Vec<f64>> = Vec::new();
         for (what, given, most) in [("start", start, 1), ("goal", goal, MAX_GOALS)] {
             let rows = Rows::configurations(what, given, &self.joints)?;
@@ -488,6 +498,7 @@ impl PyScene {
             seed,
             budget,
             shorten,
+            rules,
         };
         let found = background(py, None, move |cancelled, _| search.run(cancelled))?;
         match found {

@@ -212,6 +212,8 @@ class Scene:
         seed: int = 0,
         budget: int = 20_000,
         shorten: bool = True,
+        may_touch: Sequence[str] = ...,
+        pair_clearances: Mapping[str, float] | None = None,
     ) -> Plan | NoPlan: ...
 
 @final
