@@ -3,6 +3,7 @@
 
 use crate::world::*;
 use mobee_behaviors::agents::{PlanAgent, PlanSettings};
+use mobee_behaviors::hand_goal::HandGoals;
 use mobee_contract::*;
 use mobee_model::{Contact, Edit, ObjectClass, ShapeId};
 use serde_json::json;
@@ -303,4 +304,38 @@ fn bad_settings_are_told_with_their_place() {
         let found = if error.more.is_empty() { error.path.clone() } else { format!("{error:?}") };
         assert!(found.contains(place), "{error:?}");
     }
+}
+
+#[test]
+fn the_agent_plans_into_contact_with_what_may_be_touched() {
+    // The goal is in contact with the cup; the ball is an obstacle as always.
+    let cup = ball("cup", 0.47, -0.8, 0.03, ObjectClass::Obstacle);
+    let scene = scene(&arm(3), vec![cup, ball("ball", 0.8, 0.0, 0.06, ObjectClass::Obstacle)]);
+    let goals = json!({ "goals": ["right"] });
+    let reached = |extra: serde_json::Value| {
+        let mut all = goals.clone();
+        all.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+        let run = drive(&mut agent(all), &mut view(&scene, &start()), 200, |_, _, _| true);
+        let pick = scene.with_pair_rules(0, &[mobee_model::PairRule::may_touch("arm:cup").unwrap()]).unwrap();
+        assert!(run.motions.iter().all(|(a, b, _)| pick.line_free(0, &[a], a, b, 0.001, 0.012)));
+        figure(&run, "goals_reached")
+    };
+    assert_eq!(reached(json!({})), 0.0);
+    assert_eq!(reached(json!({ "may_touch": ["arm:cup"] })), 1.0);
+    assert_eq!(reached(json!({ "may_touch": ["arm:ball"] })), 0.0);
+    for (extra, path) in [
+        (json!({ "may_touch": ["arm"] }), "may_touch[0]"),
+        (json!({ "pair_clearance_mm": { "arm:cup": -1 } }), "pair_clearance_mm.arm:cup"),
+    ] {
+        let wrong = PlanAgent::new(settings(extra), &context(&arm(3), 1)).err().expect("refused");
+        assert_eq!(wrong.path, path);
+    }
+    // Names are checked with the scene, and apply to the search of joint values.
+    let goals = |pair: &str| {
+        let mut value = json!({ "poses": [], "goals": [], "may_touch": [pair] });
+        HandGoals { scene: &scene, robot: 0, clearance: 0.012, seed: 1 }.resolve(&mut value)
+    };
+    assert!(goals("arm:cup").is_ok());
+    let wrong = goals("arm:cpu").expect_err("refused");
+    assert!(wrong.what.contains("`cpu`") && wrong.help.contains("cup"), "{wrong:?}");
 }

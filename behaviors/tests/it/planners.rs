@@ -7,7 +7,7 @@ use mobee_behaviors::planners::{
 };
 use mobee_contract::Axis;
 use mobee_fast::EdgeVerdict;
-use mobee_model::{Clause, HalfSpace, Object, ObjectClass, Robot, Scene};
+use mobee_model::{Clause, HalfSpace, Object, ObjectClass, PairRule, Robot, Scene};
 use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
 use std::ops::ControlFlow;
@@ -375,4 +375,77 @@ fn a_motor_that_rests_beyond_its_limit_blocks_nothing() {
     let rest = robot.motors[1].max + 2e-4;
     let mut space = JointSpace::new(&scene, 0, &[[0.0, rest]], &[0], &[], CLEARANCE).unwrap();
     assert_eq!(plan(&mut space, &problem(&[0.0], &[0.3], 1)).map(|path| path.poses.len()), Ok(2));
+}
+
+/// Of several goals any one will do: the path ends at the one that it names, unusable ones are ignored, and only if there
+/// are no others is the first one's reason returned.
+#[test]
+fn a_plan_to_a_set_of_goals_ends_at_the_one_that_it_names() {
+    let robot = arm(3);
+    let scene = scene(&robot, wall(0.0));
+    let mut space = space(&scene, &robot);
+    let start = [1.0, 0.0, 0.0];
+    let (beyond, blocked, outside) = (vec![-1.0, 0.0, 0.0], vec![0.0, 0.0, 0.0], vec![9.0, 0.0, 0.0]);
+    let near = vec![1.3, 0.2, 0.0];
+    let to = |goals: &[&Vec<f64>]| PlanningProblem {
+        goals: goals.iter().map(|goal| goal.to_vec()).collect(),
+        budget: 40_000,
+        ..problem(&start, &[], 3)
+    };
+    for planner in [&RrtConnect::default() as &dyn Planner, &AoRrtConnect { iterations: 100, ..AoRrtConnect::default() }] {
+        let mut plan = |goals: &[&Vec<f64>]| planner.plan(&mut space, &to(goals), &mut |_| ControlFlow::Continue(()));
+        let path = plan(&[&beyond, &near]).expect("a straight line");
+        assert_eq!((path.goal, path.poses.last()), (1, Some(&near)));
+        let path = plan(&[&blocked, &outside, &beyond]).expect("a way around the wall");
+        assert_eq!((path.goal, path.poses.last()), (2, Some(&beyond)));
+        assert!(path.edges().all(|(a, b)| line_free(&scene, a, b)));
+        assert!(matches!(plan(&[&blocked, &outside]), Err(NoPath::Blocked { end: PathEnd::Goal, .. })));
+        assert!(matches!(plan(&[&outside, &blocked]), Err(NoPath::Limits { end: PathEnd::Goal, motor: 0 })));
+        assert_eq!(plan(&[]), Err(NoPath::Malformed(PathEnd::Goal)));
+        assert_eq!(plan(&[&vec![0.0]]), Err(NoPath::Malformed(PathEnd::Goal)));
+    }
+    // Both goals lie beyond the wall, so the path is found by the trees.
+    let folded = vec![-1.4, 0.5, 0.5];
+    let mut reached: Vec<usize> = (0..12)
+        .map(|seed| {
+            let problem = PlanningProblem { seed, ..to(&[&beyond, &folded]) };
+            let path = plan(&mut space, &problem).expect("a way around the wall");
+            assert_eq!(path.poses.last(), Some(&problem.goals[path.goal]));
+            assert!(path.edges().all(|(a, b)| line_free(&scene, a, b)));
+            path.goal
+        })
+        .collect();
+    reached.sort_unstable();
+    reached.dedup();
+    assert_eq!(reached, [0, 1], "trees grow from all goals");
+}
+
+/// A pick: the goal is in contact with the object to be picked, and the path with nothing else.
+#[test]
+fn a_pick_ends_in_contact_with_what_may_be_touched_and_with_nothing_else() {
+    let robot = arm(3);
+    // the end of the arm, stretched along x, is within the cup; the post is between start and goal
+    let objects = |robot: &Arc<Robot>| {
+        let cup = ball("cup", 0.93, 0.0, 0.04, ObjectClass::Obstacle);
+        scene(robot, vec![cup, ball("post", 0.75, 0.45, 0.05, ObjectClass::Obstacle)])
+    };
+    let plain = objects(&robot);
+    let problem = problem(&[1.2, 0.0, 0.0], &[0.0, 0.0, 0.0], 5);
+    let mut space = space(&plain, &robot);
+    let Err(NoPath::Blocked { end: PathEnd::Goal, pair: Some((_, cup)) }) = plan(&mut space, &problem) else {
+        panic!("the goal is in contact");
+    };
+    assert_eq!(plain.shape_name(cup), "cup#0");
+    let pick = plain.with_pair_rules(0, &[PairRule::may_touch("tip:cup").unwrap()]).unwrap();
+    // the marker's body is the last link alone
+    let mut space = JointSpace::new(&pick, 0, &pick.home(), &[0, 1, 2], &[], CLEARANCE).unwrap();
+    let path = plan(&mut space, &problem).expect("a pick");
+    assert!(path.poses.len() > 2, "the post is in the way");
+    assert!(path.edges().all(|(a, b)| line_free(&pick, a, b)) && !path.edges().all(|(a, b)| line_free(&plain, a, b)));
+    // the same start and goal, seen from the pick: away with the cup
+    let back = PlanningProblem { start: problem.goals[0].clone(), goals: vec![problem.start.clone()], ..problem };
+    assert!(plan(&mut space, &back).is_ok());
+    // a space that is used again among other obstacles takes the rules of the new scene
+    let mut again = space.among(&plain, &plain.home()).unwrap();
+    assert!(matches!(plan(&mut again, &back), Err(NoPath::Blocked { end: PathEnd::Start, .. })));
 }

@@ -70,3 +70,37 @@ fn a_missing_file_is_named_with_a_remedy() {
     let ImportError::File(error) = error else { panic!("{error}") };
     assert!(error.file() == "nowhere/arm.urdf" && error.remedy().contains("path"), "{error:?}");
 }
+
+/// A gripper whose fingers are 4 mm apart at zero and 0.4 mm apart in the SRDF's pose `closed`.
+const GRIPPER: &str = r#"<robot name="gripper">
+  <link name="left"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+  <link name="arm"><collision><origin xyz="0 0 0.3"/><geometry><sphere radius="0.01"/></geometry></collision></link>
+  <link name="right"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+  <joint name="turn" type="revolute"><parent link="left"/><child link="arm"/><axis xyz="1 0 0"/><origin xyz="0.024 0 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="grip" type="prismatic"><parent link="arm"/><child link="right"/><axis xyz="1 0 0"/>
+    <limit lower="-0.005" upper="0.2" effort="1" velocity="1"/></joint>
+</robot>"#;
+
+#[test]
+fn pairs_that_are_near_in_a_named_pose_get_a_clearance_of_their_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let (urdf, srdf) = (dir.path().join("gripper.urdf"), dir.path().join("gripper.srdf"));
+    std::fs::write(&urdf, GRIPPER).unwrap();
+    let import = |grip: &str| {
+        let state = format!("<group_state name=\"closed\" group=\"g\"><joint name=\"grip\" value=\"{grip}\"/></group_state>");
+        let group = "<group name=\"g\"><joint name=\"turn\"/><joint name=\"grip\"/></group>";
+        std::fs::write(&srdf, format!("<robot name=\"gripper\">{group}{state}</robot>")).unwrap();
+        let options = ImportOptions { poses: 0, srdf: Some(srdf.clone()), ..options("a") };
+        options.import(&urdf, &mut |_, _| ()).unwrap()
+    };
+    let near = |grip: &str| import(grip).robot.near;
+    assert!(near("0.1").is_empty(), "{:?}", near("0.1"));
+    for (grip, mm) in [("0", 3.0), ("-0.0026", 0.0), ("-0.001", 1.0)] {
+        let near = near(grip);
+        assert!(near.len() == 1 && near[0].clearance * 1e3 == mm, "{grip}: {near:?}");
+        assert!(near[0].reason.contains("`closed`"), "{near:?}");
+    }
+    let told = import("0").decided.join("\n");
+    assert!(told.contains("left and right (3 mm: 4.0 mm apart in the SRDF's pose `closed`)"), "{told}");
+}

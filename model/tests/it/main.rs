@@ -11,6 +11,7 @@ mod mesh_files;
 mod oracle;
 mod oracle_load;
 mod own_robots;
+mod pair_rules;
 mod pairs_listed;
 mod pairs_oracle;
 mod robots_corpus;

@@ -1,7 +1,7 @@
 //! Promises: for a robot that lists disabled pairs all other pairs are tested; the list is preserved in a file; an
 //! unknown name is reported with its location and a suggestion.
 
-use mobee_model::{LeftOut, Robot, Scene, parse_robot, write_robot};
+use mobee_model::{LeftOut, NearPair, Robot, Scene, Watch, parse_robot, write_robot};
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
@@ -70,6 +70,10 @@ fn a_mistake_in_the_list_is_told_at_its_place() {
         ("<pairs><leaveOut a=\"upper\"/></pairs>", "no `b`", "name both"),
         ("<pairs><leaveOut a=\"upper\" b=\"upper\"/></pairs>", "twice", "remove"),
         ("<leaveOut a=\"upper\" b=\"base\"/>", "outside <pairs>", "put it into"),
+        ("<near a=\"upper\" b=\"base\" clearance=\"0.001\"/>", "<near> is outside <pairs>", "put it into"),
+        ("<pairs><near a=\"upper\" b=\"base\"/></pairs>", "no `clearance`", "in meters"),
+        ("<pairs><near a=\"upper\" b=\"base\" clearance=\"3\"/></pairs>", "outside 0 to 1 m", "in meters"),
+        ("<pairs><near a=\"upper\" b=\"bsae\" clearance=\"0\"/></pairs>", "`bsae`", "did you mean `base`"),
         ("<bodypart name=\"p\"><pairs/></bodypart>", "within another", "directly into"),
         ("<bodypart name=\"p\"><link name=\"base\" z=\"1\"/></bodypart>", "already", "its own name"),
     ];
@@ -78,4 +82,42 @@ fn a_mistake_in_the_list_is_told_at_its_place() {
         assert!(error.message().contains(message) && error.remedy().contains(remedy), "{error}\n{}", error.remedy());
         assert_eq!(error.line(), 7, "{error}");
     }
+}
+
+/// Two fingers, 4 mm apart where the slide is at 0; it moves up to 1 mm nearer and 20 mm away.
+const FINGERS: &str = r#"<ZeroPositionKinematicTree robotName="r"><bodypart name="p">
+<link name="left" z="0.1"><sphere radius="0.01"/>
+<motor name="grip" minPos="-3.5" maxPos="20"><joint x="1" type="prismatic" minPos="-0.0035" maxPos="0.02">
+<link name="right" z="0.01"><sphere radius="0.01" px="0.024" pz="-0.1"/></link></joint></motor></link>
+</bodypart><pairs><near a="left" b="right" clearance="0.003" reason="fingers"/></pairs></ZeroPositionKinematicTree>"#;
+
+#[test]
+fn a_pair_with_a_clearance_of_its_own_is_tested_at_that_by_every_query() {
+    let robot = parse_robot("r.xml", FINGERS).unwrap().value;
+    let again = parse_robot("again.xml", &write_robot(&robot)).unwrap();
+    assert!(again.warnings.is_empty() && again.value == robot, "{:?} {:?}", again.warnings, again.value.near);
+    assert_eq!((robot.near.len(), robot.near[0].reason.as_str()), (1, "fingers"));
+    let mut lower = robot.clone();
+    let near = |clearance| NearPair { clearance, ..robot.near[0].clone() };
+    lower.bring_near([near(0.001), near(0.002)]);
+    assert_eq!(lower.near, [NearPair { reason: "fingers".into(), ..near(0.001) }], "the lower one counts");
+
+    let scene = Arc::new(Scene::new(vec![(Arc::new(robot), Isometry3::identity())], vec![]).unwrap());
+    let at = |mm: f64| [[mm.to_radians()]];
+    let mut watch = Watch::new(scene.clone(), 0.01);
+    // (the slide, mm; free at 10 mm; free at 1 mm)
+    for (mm, wide, close) in [(0.0, true, true), (-0.9, true, true), (-1.1, false, true), (-3.2, false, false), (9.0, true, true)] {
+        let q = at(mm);
+        assert_eq!([scene.free(&q, 0.01), scene.free(&q, 0.001)], [wide, close], "{mm}");
+        assert_eq!(scene.robot_free(0, &q, 0.01), wide, "{mm}");
+        assert_eq!(scene.contacts(&q, 0.01).is_empty(), wide, "{mm}");
+        assert_eq!(scene.clearance(&q, 0.01).is_none(), wide, "{mm}");
+        assert_eq!(watch.update(&q).is_empty(), wide, "{mm}");
+    }
+    let line = |to: f64, clearance| scene.line(0, &at(0.0), &at(9.0)[0], &at(to)[0], 1e-4, clearance);
+    let stops = line(-2.0, 0.01);
+    // 3 mm are left where the slide is at -1 mm: 10 of 11 mm along the line
+    assert!(!stops.free && stops.at.is_some_and(|at| (at - 10.0 / 11.0).abs() < 0.02), "{stops:?}");
+    assert!(line(-0.9, 0.01).free && line(-2.0, 0.001).free, "{:?}", line(-0.9, 0.01));
+    assert!(scene.line_free(0, &at(0.0), &at(9.0)[0], &at(-0.9)[0], 1e-4, 0.01));
 }

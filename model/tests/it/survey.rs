@@ -1,7 +1,7 @@
 //! Random poses determine disabled pairs of links, false contacts of shapes, and a home for the robot.
 
 use mobee_model::{
-    Comparison, FitOptions, RefitLimits, Refitted, Robot, Scene, Surfaces, UrdfOptions, UrdfRobot, compare,
+    Comparison, FitOptions, PairSurvey, RefitLimits, Refitted, Robot, Scene, Surfaces, UrdfOptions, UrdfRobot, compare,
     find_disabled_pairs, find_home, fit_closer, load_urdf_with_surfaces,
 };
 use nalgebra::Isometry3;
@@ -52,14 +52,47 @@ fn what_never_meets_and_few_motors_move_is_spared_with_its_reason() {
     robot.left_out = None;
     robot.leave_out([]);
     let found = find_disabled_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap();
-    assert_eq!(found.len(), 1, "{found:?}");
-    assert!(found[0].reason.contains("300 poses"), "{found:?}");
+    assert_eq!((found.left_out.len(), found.near.len()), (1, 0), "{found:?}");
+    assert!(found.left_out[0].reason.contains("300 poses"), "{found:?}");
     assert_eq!(
         found,
         find_disabled_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap(),
         "equal seeds, equal answers"
     );
-    assert_eq!(find_disabled_pairs(&robot, &surfaces, (0, 1), &mut |_| ()).unwrap(), [], "no pose shows nothing");
+    let none = find_disabled_pairs(&robot, &surfaces, (0, 1), &mut |_| ()).unwrap();
+    assert_eq!(none, PairSurvey::default(), "no pose shows nothing");
+}
+
+/// A pin that rotates about z, beside a block that begins `gap` meters from it; at the end of its range a cam on the
+/// pin comes `nearer` by this distance.
+fn beside_cam(gap: f64, nearer: f64) -> PairSurvey {
+    let text = format!(
+        r#"<ZeroPositionKinematicTree robotName="r"><bodypart name="p">
+<link name="block" z="0.1"><box width="0.1" height="0.1" depth="0.1" px="{}"/>
+<motor name="turn" minPos="0" maxPos="90"><joint z="1" minPos="0" maxPos="90">
+<link name="pin" z="0.01"><sphere radius="0.05" pz="-0.1"/><sphere radius="0.01" py="{}" pz="-0.1"/></link></joint></motor></link>
+</bodypart><pairs/></ZeroPositionKinematicTree>"#,
+        0.1 + gap,
+        -(0.04 + nearer),
+    );
+    let robot = mobee_model::parse_robot("r.xml", &text).unwrap().value;
+    let surfaces = Surfaces::new(&robot, &[]).unwrap();
+    find_disabled_pairs(&robot, &surfaces, (2000, 1), &mut |_| ()).unwrap()
+}
+
+#[test]
+fn a_pair_that_is_always_near_and_meets_at_times_gets_a_clearance_of_its_own() {
+    // 7 mm apart, and in contact at the end of the range
+    let found = beside_cam(0.007, 0.0075);
+    assert_eq!((found.left_out.len(), found.near.len()), (0, 1), "{found:?}");
+    assert!(found.near[0].reason.contains("2000 poses"), "{found:?}");
+    let closest = beside_cam(0.0005, 0.001).near;
+    assert!(closest.len() == 1 && closest[0].clearance < found.near[0].clearance, "{closest:?} {found:?}");
+    // what touches at every pose, or never, needs no test
+    let touching = beside_cam(-0.001, 0.001);
+    assert!(touching.near.is_empty() && touching.left_out[0].reason.starts_with("in contact at each"), "{touching:?}");
+    let apart = beside_cam(0.007, 0.001);
+    assert!(apart.near.is_empty() && apart.left_out[0].reason.starts_with("near, but never"), "{apart:?}");
 }
 
 #[test]

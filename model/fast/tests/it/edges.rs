@@ -2,7 +2,7 @@
 
 use crate::scenes::{Dice, alone, hulled, made_up, obstacles, shipped, two_shapes};
 use mobee_fast::{EdgeVerdict, FastError, FastScene, InstructionSet};
-use mobee_model::{Robot, Scene, ShapeId, random_poses};
+use mobee_model::{PairRule, Robot, Scene, ShapeId, random_poses};
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
@@ -361,4 +361,35 @@ fn a_robot_among_other_obstacles_has_the_verdicts_of_a_new_scene() {
         let kind = |v: &EdgeVerdict| matches!(v, EdgeVerdict::Free);
         assert_eq!(a.iter().map(kind).collect::<Vec<_>>(), b.iter().map(kind).collect::<Vec<_>>(), "scene {s}");
     }
+}
+
+/// Clearances of single pairs, and pairs that may touch: verdicts of poses and edges are those of the scalar engine.
+#[test]
+fn pairs_with_clearances_of_their_own_are_judged_at_these() {
+    let objects = obstacles(5, 12);
+    let robot = made_up("r", 5);
+    let scene = Scene::new(vec![(robot, Isometry3::identity())], objects).expect("a scene");
+    let names: Vec<String> = scene.objects().map(|(_, o)| o.name.clone()).collect();
+    let clearance = 0.05;
+    let rules = names.iter().enumerate().filter_map(|(i, name)| match i % 3 {
+        0 => PairRule::may_touch(&format!("arm0:{name}")),
+        1 => PairRule::near(&format!("arm1:{name}"), 0.01 * (i % 4) as f64),
+        _ => None,
+    });
+    let own = ["arm0:arm1", "arm1:arm2"].map(|pair| PairRule::near(pair, 0.002).expect("a pair"));
+    let rules: Vec<PairRule> = rules.chain(own).collect();
+    let ruled = scene.with_pair_rules(0, &rules).expect("names that exist");
+    let mut differs = 0;
+    let mut fast = FastScene::new(&ruled, clearance).expect("it compiles");
+    let poses: Vec<f64> = random_poses(&ruled.robots()[0], 9).take(3000).flatten().collect();
+    let mut free = Vec::new();
+    fast.free(&poses, &mut free).expect("whole poses");
+    for (pose, free) in poses.chunks(fast.motors()).zip(free) {
+        assert_eq!(free, ruled.free(&[pose], clearance), "{pose:?}");
+        differs += usize::from(free != scene.free(&[pose], clearance));
+    }
+    assert!(differs > 20, "the rules matter at {differs} poses");
+    let edges = edges(&ruled, 11, 60, 0.05);
+    let [free, blocked, _] = compare("with rules", &ruled, &edges, clearance, (STEP, REACH));
+    assert!(free > 0.05 && blocked > 0.05, "{free} {blocked}");
 }
