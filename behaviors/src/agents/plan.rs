@@ -298,6 +298,7 @@ impl PlanAgent {
 
 impl Agent for PlanAgent {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
+        let view = &self.ways.ruled(view);
         if !self.placed {
             let hand = self.pace.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
             self.walker.map.place(|q| group::marker_at(view, hand, q));

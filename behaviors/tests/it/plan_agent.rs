@@ -317,6 +317,7 @@ fn the_agent_plans_into_contact_with_what_may_be_touched() {
         all.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
         let run = drive(&mut agent(all), &mut view(&scene, &start()), 200, |_, _, _| true);
         let pick = scene.with_pair_rules(0, &[mobee_model::PairRule::may_touch("arm:cup").unwrap()]).unwrap();
+        assert!(run.done.is_some(), "{run:?}");
         assert!(run.motions.iter().all(|(a, b, _)| pick.line_free(0, &[a], a, b, 0.001, 0.012)));
         figure(&run, "goals_reached")
     };

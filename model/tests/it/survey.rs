@@ -68,12 +68,12 @@ fn what_never_meets_and_few_motors_move_is_spared_with_its_reason() {
 fn beside_cam(gap: f64, nearer: f64) -> PairSurvey {
     let text = format!(
         r#"<ZeroPositionKinematicTree robotName="r"><bodypart name="p">
-<link name="block" z="0.1"><box width="0.1" height="0.1" depth="0.1" px="{}"/>
-<motor name="turn" minPos="0" maxPos="90"><joint z="1" minPos="0" maxPos="90">
+<link name="block" z="0.1"><box width="0.1" height="0.4" depth="0.1" px="{}"/>
+<motor name="turn" minPos="-90" maxPos="30"><joint z="1" minPos="-90" maxPos="30">
 <link name="pin" z="0.01"><sphere radius="0.05" pz="-0.1"/><sphere radius="0.01" py="{}" pz="-0.1"/></link></joint></motor></link>
 </bodypart><pairs/></ZeroPositionKinematicTree>"#,
         0.1 + gap,
-        -(0.04 + nearer),
+        -(0.04 + nearer) / 30f64.to_radians().sin(),
     );
     let robot = mobee_model::parse_robot("r.xml", &text).unwrap().value;
     let surfaces = Surfaces::new(&robot, &[]).unwrap();

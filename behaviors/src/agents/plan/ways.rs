@@ -28,7 +28,7 @@ pub(super) struct Ways {
     planner: PlannerKind,
     seed: u64,
     budget: u64,
-    /// Rules for pairs, and the scene with them, of the epoch of the last one.
+    /// Rules for pairs, and the last scene with them.
     rules: Vec<PairRule>,
     ruled: Option<Arc<Scene>>,
     space: Option<JointSpace>,
@@ -63,8 +63,6 @@ impl Ways {
     /// # Errors
     /// An invalid clearance.
     pub fn look(&mut self, leg: &PathQuery, view: &View) -> Result<(), FastError> {
-        let ruled = View { scene: self.scene(view), ..view.clone() };
-        let view = &ruled;
         for (kept, room) in [(&mut self.space, 0.0), (&mut self.roomy, EXTRA_CLEARANCE_M)] {
             let motors = leg.map.motors();
             let mut space = JointSpace::renewed(kept.take(), view, motors, room)?;
@@ -75,18 +73,17 @@ impl Ways {
         Ok(())
     }
 
-    /// Returns the scene of a view with the rules for pairs.
-    fn scene(&mut self, view: &View) -> Arc<Scene> {
+    /// Returns a view with the rules for pairs in its scene.
+    pub fn ruled(&mut self, view: &View) -> View {
         if self.rules.is_empty() {
-            return view.scene.clone();
+            return view.clone();
         }
-        if let Some(known) = self.ruled.as_ref().filter(|known| known.epoch() == view.scene.epoch()) {
-            return known.clone();
-        }
+        let known = self.ruled.take().filter(|known| known.epoch() == view.scene.epoch());
         // Names were checked with the configuration; an object may be absent now.
-        let ruled = Arc::new(view.scene.with_pair_rules_of_present(view.robot, &self.rules));
-        self.ruled = Some(ruled.clone());
-        ruled
+        let rule = || Arc::new(view.scene.with_pair_rules_of_present(view.robot, &self.rules));
+        let scene = known.unwrap_or_else(rule);
+        self.ruled = Some(scene.clone());
+        View { scene, ..view.clone() }
     }
 
     /// Returns whether the first edge of a route is not removed, and is free from the measured

@@ -366,18 +366,16 @@ fn a_robot_among_other_obstacles_has_the_verdicts_of_a_new_scene() {
 /// Clearances of single pairs, and pairs that may touch: verdicts of poses and edges are those of the scalar engine.
 #[test]
 fn pairs_with_clearances_of_their_own_are_judged_at_these() {
-    let objects = obstacles(5, 12);
-    let robot = made_up("r", 5);
-    let scene = Scene::new(vec![(robot, Isometry3::identity())], objects).expect("a scene");
-    let names: Vec<String> = scene.objects().map(|(_, o)| o.name.clone()).collect();
-    let clearance = 0.05;
-    let rules = names.iter().enumerate().filter_map(|(i, name)| match i % 3 {
-        0 => PairRule::may_touch(&format!("arm0:{name}")),
-        1 => PairRule::near(&format!("arm1:{name}"), 0.01 * (i % 4) as f64),
+    let scene = Scene::new(vec![(shipped("panda"), Isometry3::identity())], obstacles(5, 12)).expect("a scene");
+    let part = scene.robots()[0].parts[0].name.clone();
+    let clearance = 0.03;
+    let names = scene.objects().map(|(_, o)| o.name.clone()).enumerate();
+    let rules = names.filter_map(|(i, name)| match i % 3 {
+        0 => PairRule::may_touch(&format!("{part}:{name}")),
+        1 => PairRule::near(&format!("{part}:{name}"), 0.01 * (i % 4) as f64),
         _ => None,
     });
-    let own = ["arm0:arm1", "arm1:arm2"].map(|pair| PairRule::near(pair, 0.002).expect("a pair"));
-    let rules: Vec<PairRule> = rules.chain(own).collect();
+    let rules: Vec<PairRule> = rules.chain(PairRule::near(&format!("{part}:{part}"), 0.002)).collect();
     let ruled = scene.with_pair_rules(0, &rules).expect("names that exist");
     let mut differs = 0;
     let mut fast = FastScene::new(&ruled, clearance).expect("it compiles");
