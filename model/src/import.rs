@@ -11,9 +11,9 @@ mod notes;
 use crate::survey::OWN_CLEARANCES_M;
 use crate::urdf::load_link_rotations;
 use crate::{
-    FileError, FitOptions, LeftOut, LinkSurface, LinkTree, Loaded, NearPair, RefitLimits, Robot, RobotParts, Scene, SceneError, ShapeId, Srdf,
-    Surfaces, UrdfOptions, UrdfRobot, compare, find_disabled_pairs, find_home, fit_closer, load_link_tree, load_srdf,
-    load_surfaces, load_urdf_with_surfaces, parse_robot, write_robot,
+    FileError, FitOptions, LeftOut, LinkSurface, LinkTree, Loaded, NearPair, RefitLimits, Robot, RobotParts, Scene,
+    SceneError, ShapeId, Srdf, Surfaces, UrdfOptions, UrdfRobot, compare, find_disabled_pairs, find_home, fit_closer,
+    load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces, parse_robot, write_robot,
 };
 use miette::Diagnostic;
 use nalgebra::{Isometry3, UnitQuaternion};

@@ -68,7 +68,8 @@ pub use srdf::{
 };
 pub use surface::{LinkSurface, Surfaces, random_poses};
 pub use survey::{
-    Comparison, ContactCounts, HomePose, PairSurvey, RefitLimits, Refitted, compare, find_disabled_pairs, find_home, fit_closer,
+    Comparison, ContactCounts, HomePose, PairSurvey, RefitLimits, Refitted, compare, find_disabled_pairs, find_home,
+    fit_closer,
 };
 pub use sweep::Sweep;
 pub use urdf::{

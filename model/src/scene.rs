@@ -20,10 +20,10 @@ pub use edit::{Edit, SceneError};
 pub use label::Labels;
 pub use line::LineVerdict;
 pub use pair_rules::PairRule;
+use pair_rules::ResolvedRule;
 pub use report::{ContactKind, ReportedContact};
 pub use skeleton::{Hinge, Skeleton};
 pub use travel::Lever;
-use pair_rules::ResolvedRule;
 pub(crate) use world::{PairGroup, SolidWorld};
 
 use crate::engine::{Collider, DefaultEngine, Engine, IndexPair};

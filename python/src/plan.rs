@@ -168,10 +168,7 @@ impl PathSearch {
 ///
 /// # Errors
 /// A pair that is not two names.
-pub(crate) fn pair_rules(
-    may_touch: &[String],
-    clearances: &BTreeMap<String, f64>,
-) -> Result<Vec<PairRule>, Failure> {
+pub(crate) fn pair_rules(may_touch: &[String], clearances: &BTreeMap<String, f64>) -> Result<Vec<PairRule>, Failure> {
     let pair = |argument: &'static str, names: &str, rule: Option<PairRule>| {
         let remedy = "give two names, such as \"gripper:cup\"";
         rule.ok_or_else(|| Failure::new("pair", format!("{names:?} is not a pair"), remedy).at(argument))

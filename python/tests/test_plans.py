@@ -17,6 +17,8 @@ def scene(ur5: mobee.Robot) -> mobee.Scene:
 
 START = np.array([0.0, -1.2, 1.2, 0.0, 0.0, 0.0])
 GOAL = np.array([1.5, -1.2, 1.2, 0.0, 0.0, 0.0])
+# what is near the flange
+PARTS = ["wrist_1_link", "wrist_2_link", "wrist_3_link", "ee_link"]
 
 
 def test_every_edge_of_a_plan_is_certified(scene: mobee.Scene) -> None:
@@ -43,6 +45,25 @@ def test_the_nearest_goal_that_can_be_reached_is_taken(scene: mobee.Scene, ur5: 
     plan = scene.plan(START, goals)
     assert isinstance(plan, mobee.Plan)
     assert np.allclose(ur5.fk(plan.path[-1], "ee_link"), ur5.fk(GOAL, "ee_link"), atol=2e-3)
+
+
+def test_a_pick_may_touch_what_it_picks_and_nothing_else(ur5: mobee.Robot) -> None:
+    world = mobee.World()
+    world.add("post", mobee.Cylinder(0.05, 2.0), position=(0.5, 0.3, 0))
+    at_goal = ur5.fk(GOAL, "ee_link")[:3, 3]
+    world.add("cup", mobee.Sphere(0.03), position=at_goal)
+    scene = mobee.Scene(ur5, world, clearance=0.005)
+    refused = scene.plan(START, GOAL)
+    assert isinstance(refused, mobee.NoPlan) and refused.code == "blocked" and "cup" in refused.reason
+    pick = scene.plan(START, GOAL, may_touch=[f"{part}:cup" for part in PARTS])
+    assert isinstance(pick, mobee.Plan)
+    assert len(pick.path) > 2, "the post is in the way as before"
+    assert isinstance(scene.plan(START, GOAL, pair_clearances={f"{part}:cup": 0.0 for part in PARTS}), mobee.NoPlan)
+    with pytest.raises(mobee.MobeeError) as caught:
+        scene.plan(START, GOAL, may_touch=[f"{PARTS[0]}:cap"])
+    assert caught.value.code == "pair" and "cup" in caught.value.remedy
+    with pytest.raises(mobee.MobeeError):
+        scene.plan(START, GOAL, may_touch=["cup"])
 
 
 def test_what_cannot_be_planned_has_a_reason(scene: mobee.Scene, ur5: mobee.Robot) -> None:

@@ -65,8 +65,18 @@ impl Planner for RrtConnect {
         let trees = [SearchTree::new(space, [&start]), SearchTree::new(space, goals.iter().map(|(_, goal)| goal))];
         let goals = goals.into_iter().map(|(i, _)| i).collect();
         let end = begun.saturating_add(problem.budget);
-        let search =
-            RrtSearch { space, trees, goals, step, begun, end, refuted: 0, target: Vec::new(), ahead: Vec::new(), watch };
+        let search = RrtSearch {
+            space,
+            trees,
+            goals,
+            step,
+            begun,
+            end,
+            refuted: 0,
+            target: Vec::new(),
+            ahead: Vec::new(),
+            watch,
+        };
         search.run(problem.seed)
     }
 }

@@ -392,7 +392,9 @@ fn a_plan_to_a_set_of_goals_ends_at_the_one_that_it_names() {
         budget: 40_000,
         ..problem(&start, &[], 3)
     };
-    for planner in [&RrtConnect::default() as &dyn Planner, &AoRrtConnect { iterations: 100, ..AoRrtConnect::default() }] {
+    for planner in
+        [&RrtConnect::default() as &dyn Planner, &AoRrtConnect { iterations: 100, ..AoRrtConnect::default() }]
+    {
         let mut plan = |goals: &[&Vec<f64>]| planner.plan(&mut space, &to(goals), &mut |_| ControlFlow::Continue(()));
         let path = plan(&[&beyond, &near]).expect("a straight line");
         assert_eq!((path.goal, path.poses.last()), (1, Some(&near)));

@@ -150,7 +150,8 @@ impl<E: Engine> Scene<E> {
         let others = self.robots().iter().enumerate().filter(|(r, _)| *r != robot);
         found.extend(others.filter(|(_, other)| other.name == name).map(|(r, _)| RuleSide::Robot(r as u16)));
         if let Some(own) = self.robots().get(robot) {
-            let sets = [own.node_named(name).map(|n| BTreeSet::from([n as u16])), of_part(own, name), of_marker(own, name)];
+            let sets =
+                [own.node_named(name).map(|n| BTreeSet::from([n as u16])), of_part(own, name), of_marker(own, name)];
             // A marker often has the name of the link that carries it: then the link is meant.
             found.extend(sets.into_iter().flatten().next().map(|nodes| RuleSide::Nodes(robot as u16, nodes)));
         }

@@ -135,11 +135,9 @@ impl<E: Engine> SolidWorld<E> {
         let general: Vec<IndexPair> =
             self.pairs.iter().copied().filter(|pair| self.own_clearance(*pair).is_none()).collect();
         let nearest = self.engine.clearance(placement, &general, cap);
-        let own = self.near.iter().filter_map(|(pair, own)| {
-            match self.engine.near(placement, *pair, own.min(cap)) {
-                Near::Within(proximity) => Some(PairProximity { pair: *pair, proximity }),
-                Near::Beyond(_) => None,
-            }
+        let own = self.near.iter().filter_map(|(pair, own)| match self.engine.near(placement, *pair, own.min(cap)) {
+            Near::Within(proximity) => Some(PairProximity { pair: *pair, proximity }),
+            Near::Beyond(_) => None,
         });
         nearest.into_iter().chain(own).min_by(|a, b| a.proximity.distance.total_cmp(&b.proximity.distance))
     }

@@ -60,7 +60,9 @@ impl PairObservation {
             _ if self.covered && !self.met => format!("near, but never in contact at {poses} poses"),
             (_, true) if falsely > MAX_FALSE_SHARE * poses as f64 => {
                 let mm = NEAR_M * 1e3;
-                format!("never farther apart than {mm:.0} mm at {poses} poses, and often in contact by shapes alone{unseen}")
+                format!(
+                    "never farther apart than {mm:.0} mm at {poses} poses, and often in contact by shapes alone{unseen}"
+                )
             }
             (_, true) => {
                 let blocked = |i: &usize| (self.within[*i] - touching) as f64 <= MAX_BLOCKED_SHARE * poses as f64;
@@ -129,7 +131,10 @@ pub fn find_disabled_pairs(
                 let touching = near(0.0);
                 if always {
                     let [counts @ .., contacts] = &mut pair.within;
-                    counts.iter_mut().zip(coarser).for_each(|(count, own)| *count += usize::from(touching || near(own)));
+                    counts
+                        .iter_mut()
+                        .zip(coarser)
+                        .for_each(|(count, own)| *count += usize::from(touching || near(own)));
                     *contacts += usize::from(touching);
                 }
                 // The shapes contain the meshes: if the shapes are apart, so are the meshes. Without meshes the shapes

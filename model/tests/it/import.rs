@@ -88,7 +88,8 @@ fn pairs_that_are_near_in_a_named_pose_get_a_clearance_of_their_own() {
     let (urdf, srdf) = (dir.path().join("gripper.urdf"), dir.path().join("gripper.srdf"));
     std::fs::write(&urdf, GRIPPER).unwrap();
     let import = |grip: &str| {
-        let state = format!("<group_state name=\"closed\" group=\"g\"><joint name=\"grip\" value=\"{grip}\"/></group_state>");
+        let state =
+            format!("<group_state name=\"closed\" group=\"g\"><joint name=\"grip\" value=\"{grip}\"/></group_state>");
         let group = "<group name=\"g\"><joint name=\"turn\"/><joint name=\"grip\"/></group>";
         std::fs::write(&srdf, format!("<robot name=\"gripper\">{group}{state}</robot>")).unwrap();
         let options = ImportOptions { poses: 0, srdf: Some(srdf.clone()), ..options("a") };

@@ -41,7 +41,8 @@ fn the_object_to_be_picked_may_be_touched_by_what_is_named_and_by_nothing_else()
         assert!(pick.free(&at_cup, 0.005) && !pick.free(&at_post, 0.0), "{pair}");
         assert_eq!(pick.epoch(), scene.epoch());
         // the rule stays with an object that moves, and with nothing else
-        let moved = pick.edit(&Edit::Move { name: "cup".into(), pose: Isometry3::translation(0.45, 0.0, 1.0) }).unwrap();
+        let moved =
+            pick.edit(&Edit::Move { name: "cup".into(), pose: Isometry3::translation(0.45, 0.0, 1.0) }).unwrap();
         assert!(moved.contacts(&at_post, 0.0).iter().all(|c| scene.shape_name(c.pair.1) == "post#0"));
     }
     assert!(!pick("tip:cup").free(&at_cup, 0.0), "the palm is not named");

@@ -106,7 +106,9 @@ fn a_pair_with_a_clearance_of_its_own_is_tested_at_that_by_every_query() {
     let at = |mm: f64| [[mm.to_radians()]];
     let mut watch = Watch::new(scene.clone(), 0.01);
     // (the slide, mm; free at 10 mm; free at 1 mm)
-    for (mm, wide, close) in [(0.0, true, true), (-0.9, true, true), (-1.1, false, true), (-3.2, false, false), (9.0, true, true)] {
+    for (mm, wide, close) in
+        [(0.0, true, true), (-0.9, true, true), (-1.1, false, true), (-3.2, false, false), (9.0, true, true)]
+    {
         let q = at(mm);
         assert_eq!([scene.free(&q, 0.01), scene.free(&q, 0.001)], [wide, close], "{mm}");
         assert_eq!(scene.robot_free(0, &q, 0.01), wide, "{mm}");

@@ -122,8 +122,12 @@ impl Ways {
         for (space, budget) in [(&mut self.roomy, left / 2), (&mut self.space, left)] {
             let Some(space) = space else { continue };
             let before_plan = space.evaluations();
-            let problem =
-                PlanningProblem { start: space.within(leg.here), goals: vec![goal.clone()], seed, budget: budget.min(left) };
+            let problem = PlanningProblem {
+                start: space.within(leg.here),
+                goals: vec![goal.clone()],
+                seed,
+                budget: budget.min(left),
+            };
             found = planner.plan(space, &problem, &mut |_| ControlFlow::Continue(()));
             left = left.saturating_sub(space.evaluations() - before_plan);
             let before_shortcuts = space.evaluations();

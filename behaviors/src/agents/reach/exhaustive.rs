@@ -33,8 +33,12 @@ impl ReachAgent {
             };
             space.hold(ready.hands.get(choice.hand).map_or(&[], |hand| &hand.others));
             let is_reached = (0..PLANS_PER_POSTURE).any(|seed| {
-                let problem =
-                    PlanningProblem { start: start.clone(), goals: vec![choice.pre.clone()], seed, budget: LINE_BUDGET };
+                let problem = PlanningProblem {
+                    start: start.clone(),
+                    goals: vec![choice.pre.clone()],
+                    seed,
+                    budget: LINE_BUDGET,
+                };
                 RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(())).is_ok()
             });
             if is_reached {
