@@ -28,6 +28,9 @@ const HOME_CLEARANCES_M: [f64; 2] = [0.020, 0.013];
 /// Pairs nearer than this at a pose of rest get a clearance of their own, m: the reflex and planners would not accept
 /// the pose.
 const REST_CLEARANCE_M: f64 = 0.012;
+/// Maximum number of motors between such a pair, as between two fingers. Of an arm a pose may be near something by
+/// chance, and the reflex needs the whole margin to stop it.
+const MAX_NEAR_MOTORS: usize = 2;
 /// Distance by which such a pose must exceed the pair's own clearance, m.
 const REST_ROOM_M: f64 = 0.001;
 /// Minimum clearance of home beyond the margin, mm: plans maintain 2 mm more than the margin.
@@ -155,11 +158,6 @@ impl ImportOptions {
         progress("looks for a home that is free", 0.0);
         let (home, margin_mm) = settle_home(&mut robot, srdf.as_ref().map(|(srdf, _)| srdf))?;
         decided.push(home);
-        // Only where no pose is free by more: then the pairs are near by design.
-        if margin_mm.is_some() {
-            let by_design = near_at_rest(&robot, "home", &robot.home())?;
-            robot.bring_near(by_design);
-        }
         decided.extend(near_note(&robot));
         if self.poses > 0 {
             let mut show = |share| progress("compares shapes with meshes", share);
@@ -283,13 +281,21 @@ fn settle_home(robot: &mut Robot, srdf: Option<&Srdf>) -> Result<(String, Option
             break;
         }
     }
+    // If no pose is free by more, pairs that are near there by design do not lower the margin of all others.
+    if margin.is_some() {
+        let by_design = near_at_rest(robot, "home", &robot.home())?;
+        robot.bring_near(by_design);
+        let scene = Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new())?;
+        let [.., least] = HOME_CLEARANCES_M;
+        margin = margin.filter(|_| scene.clearance(&[robot.home()], least).is_some());
+    }
     if let Some(mm) = margin {
         note += &format!(", so the margin of the reflex must be {mm:.0} mm or less");
     }
     Ok((note, margin))
 }
 
-/// The pairs that are nearer at a pose of rest than a robot's usual clearance: each with the greatest clearance of its
+/// The pairs of few joints, such as fingers, that are nearer at a pose of rest than a robot's usual clearance: each with the greatest clearance of its
 /// own with which the pose is free, or 0 if they touch there.
 fn near_at_rest(robot: &Robot, pose: &str, q: &[f64]) -> Result<Vec<NearPair>, SceneError> {
     let scene = Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new())?;
@@ -299,7 +305,9 @@ fn near_at_rest(robot: &Robot, pose: &str, q: &[f64]) -> Result<Vec<NearPair>, S
             ShapeId::Robot { node, .. } => Some(usize::from(node)),
             ShapeId::Object { .. } => None,
         };
-        if let (Some(a), Some(b)) = (node(contact.pair.0), node(contact.pair.1)) {
+        if let (Some(a), Some(b)) = (node(contact.pair.0), node(contact.pair.1))
+            && robot.movers(Some(a), Some(b)).len() <= MAX_NEAR_MOTORS
+        {
             let least = nearest.entry((a.min(b), a.max(b))).or_insert(f64::INFINITY);
             *least = least.min(contact.distance);
         }

@@ -198,12 +198,12 @@ fn a_pick_and_a_set_of_goals_are_planned_from_the_command_line() {
     let refused = mobee_here().args(args).output().expect("mobee starts");
     let told = String::from_utf8_lossy(&refused.stdout).into_owned();
     assert!(refused.status.code() == Some(1) && told.contains("is too near to cup#0"), "{told}");
-    let pick = ["--may-touch", "hand:cup", "--may-touch", "panda_link7:cup"];
+    let pick = ["--may-touch", "hand:cup", "--may-touch", "panda_hand:cup", "--may-touch", "panda_link7:cup"];
     let told = answer(&[&args[..], &pick].concat());
     assert!(told.contains("certified free at 12 mm"), "{told}");
 
     // the first goal is blocked, so the second one is reached
-    let told = answer(&[&args[..], &["--to", "panda_joint1=-20", "--to", "panda_joint1=170"]].concat());
+    let told = answer(&[&args[..], &["--to", "panda_joint1=-20", "--to", "panda_joint1=160"]].concat());
     assert!(told.contains("goal 2 of 3"), "{told}");
     let place = format!("{},{},{}", -at.x, at.y, at.z);
     let told = answer(&["plan", PANDA, "--to-hand", &place, "--hand", "panda_leftfinger"]);
