@@ -43,6 +43,16 @@ pub struct PlanningProblem {
     pub budget: u64,
 }
 
+/// The ends of a problem that a planner can use.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlanEnds {
+    /// Start, rad.
+    pub start: Vec<f64>,
+    /// Goals, the one nearest to the start first: each with its index among the problem's goals, and in the turn
+    /// nearest to the start.
+    pub goals: Vec<(usize, Vec<f64>)>,
+}
+
 /// Progress of a planner, for a progress bar.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlanProgress {

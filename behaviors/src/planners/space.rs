@@ -1,6 +1,6 @@
 //! Joint space of a group of motors in a scene, in which straight lines are checked.
 
-use super::{NoPath, PathEnd, PlanningProblem, apart, between};
+use super::{NoPath, PathEnd, PlanEnds, PlanningProblem, apart, between};
 use crate::group::allowed;
 use crate::short_way::JointMetric;
 use mobee_contract::{Axis, View};
@@ -394,13 +394,12 @@ impl JointSpace {
         (apart(&between(from, to, share), &pose) < radius).then_some(share)
     }
 
-    /// Returns the start of a problem and the goals that a planner can use: each with its index among the problem's
-    /// goals and in the turn nearest to the start, the nearest goal first.
+    /// Returns the start of a problem and the goals that a planner can use.
     ///
     /// # Errors
     /// A start, or all goals, that no planner can use: malformed, outside the limits or not free. Of several goals the
     /// first one's reason is returned.
-    pub fn ends(&mut self, problem: &PlanningProblem) -> Result<(Vec<f64>, Vec<(usize, Vec<f64>)>), NoPath> {
+    pub fn ends(&mut self, problem: &PlanningProblem) -> Result<PlanEnds, NoPath> {
         let start = problem.start.clone();
         self.check_end(PathEnd::Start, &start)?;
         let mut refusal = NoPath::Malformed(PathEnd::Goal);
@@ -414,7 +413,7 @@ impl JointSpace {
             }
         }
         goals.sort_by(|a, b| self.weighted(&start, &a.1).total_cmp(&self.weighted(&start, &b.1)));
-        if goals.is_empty() { Err(refusal) } else { Ok((start, goals)) }
+        if goals.is_empty() { Err(refusal) } else { Ok(PlanEnds { start, goals }) }
     }
 
     /// Checks that a planner can use an end of a problem.

@@ -91,7 +91,7 @@ pub(super) fn near(robot: &Robot, seen: &SeenModel, margin: f64) -> String {
     out
 }
 
-/// Disabled pairs, with their reasons.
+/// Disabled pairs and those with a clearance of their own, with their reasons.
 pub(super) fn left_out(robot: &Robot) -> String {
     let tested = robot.pairs.reflex.len();
     let mut out = format!("# Pairs left out\n\n{tested} pairs of links are tested. ");
@@ -106,6 +106,13 @@ pub(super) fn left_out(robot: &Robot) -> String {
     for l in list {
         let [a, b] = [l.nodes.0, l.nodes.1].map(|n| escaped(&link(robot, n)));
         let _ = writeln!(out, "| {a} - {b} | {} |", escaped(&l.reason));
+    }
+    if !robot.near.is_empty() {
+        out += "\n# Pairs with a clearance of their own\n\n| links | mm | reason |\n|---|---|---|\n";
+    }
+    for near in &robot.near {
+        let [a, b] = [near.nodes.0, near.nodes.1].map(|n| escaped(&link(robot, n)));
+        let _ = writeln!(out, "| {a} - {b} | {:.1} | {} |", near.clearance * 1e3, escaped(&near.reason));
     }
     out
 }
