@@ -64,7 +64,8 @@ pub(crate) struct Trial {
 pub(crate) fn compile_arm(arm: &Arm, settings: &TrialSettings) -> Result<(Scene, JointSpace), InputFault> {
     let fault = |e: &dyn std::error::Error| InputFault::new(e, "mend the robot's files");
     let alone = Scene::new(vec![(arm.robot.clone(), Isometry3::identity())], Vec::new()).map_err(|e| fault(&e))?;
-    let space = JointSpace::new(&alone, 0, &[&arm.pose], &arm.motors, &[], settings.clearance).map_err(|e| fault(&e))?;
+    let space =
+        JointSpace::new(&alone, 0, &[&arm.pose], &arm.motors, &[], settings.clearance).map_err(|e| fault(&e))?;
     Ok((alone, space))
 }
 
