@@ -307,6 +307,10 @@ impl<E: Engine> Scene<E> {
     pub fn shape_id(&self, collider: u32) -> Option<ShapeId> {
         self.world.solids.get(collider as usize).map(|solid| solid.id)
     }
+    /// The engine, with all solid shapes prepared in the order of [`Scene::colliders`].
+    pub fn engine(&self) -> &E {
+        &self.world.engine
+    }
     /// The robots, prepared.
     pub(crate) fn bodies(&self) -> &Bodies {
         &self.bodies

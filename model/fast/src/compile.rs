@@ -81,6 +81,8 @@ const MAX_GROUP_BALLS: usize = 512;
 /// Facts about the robots of a scene alone, independent of the obstacles; for one clearance.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RobotFacts {
+    /// The frames of the robots and the world.
+    frames: Vec<LaneFrame>,
     /// Sorted pairs of the robots' solids, each with a flag that is true if the pair can meet.
     pub pairs: Vec<(IndexPair, bool)>,
     /// Per solid of a robot: a ball that contains it at every pose; world frame.
@@ -157,7 +159,10 @@ impl RobotFacts {
 
 /// Compiles some pairs of a scene for one clearance, meters. Missing facts are computed and added.
 pub(crate) fn compile(scene: &Scene, selected: &[IndexPair], clearance: f64, facts: &mut RobotFacts) -> Compiled {
-    let frames = frames(scene);
+    if facts.frames.is_empty() {
+        facts.frames = frames(scene);
+    }
+    let frames = facts.frames.clone();
     let colliders: Vec<&Collider> = scene.colliders().collect();
     let sized: Vec<Sized> = colliders.iter().map(|c| sized(c, &frames)).collect();
     let (pairs, pruned) = pairs_that_can_meet(selected, &sized, &frames, clearance, facts);
@@ -255,6 +260,7 @@ fn pairs_that_can_meet(
     if facts.swept.len() != robots {
         facts.swept = sized[..robots].iter().map(|s| in_world(frames, s.frame, s.ball())).collect();
     }
+    let obstacles: Vec<Sphere> = sized[robots..].iter().map(|s| in_world(frames, s.frame, s.ball())).collect();
     let mut proofs = Proofs::new(frames, sized, distance);
     let mut found = Vec::new();
     let mut pairs = Vec::new();
@@ -263,8 +269,8 @@ fn pairs_that_can_meet(
         let q = pair.1 as usize;
         let a = &sized[p];
         let b = &sized[q];
-        let meet = if let Some(swept) = facts.swept.get(p).filter(|_| q >= robots) {
-            let obstacle = in_world(frames, b.frame, b.ball());
+        let obstacle = q.checked_sub(robots).and_then(|o| obstacles.get(o));
+        let meet = if let (Some(swept), Some(obstacle)) = (facts.swept.get(p), obstacle) {
             (swept.center - obstacle.center).norm() - swept.radius - obstacle.radius <= distance
         } else if let Some(known) = facts.can_meet(pair) {
             known

@@ -13,7 +13,6 @@ use crate::bound::U;
 use crate::chain::LaneFrame;
 use crate::program::{MotorLever, Relative};
 use crate::sweep::{Sphere, common};
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Relative rounding error of a sum of levers times steps, and of the value it is added to, in the lanes; as in
@@ -35,7 +34,8 @@ pub(crate) struct Movers {
     pub frames: Vec<LaneFrame>,
     /// Balls of groups, of regions, then solids, numbered as in the steps.
     pub movers: Vec<Mover>,
-    known: BTreeMap<(usize, Option<usize>), u32>,
+    /// Per mover: the frames for which its sum is computed, with the sum's index.
+    known: Vec<Vec<(Option<usize>, u32)>>,
     /// One sum each: a range of levers. The first is empty.
     pub sums: Vec<Range<usize>>,
     pub levers: Vec<MotorLever>,
@@ -65,7 +65,10 @@ impl Movers {
     }
 
     fn sum(&mut self, mover: usize, to: Option<usize>) -> u32 {
-        if let Some(known) = self.known.get(&(mover, to)) {
+        if self.known.len() <= mover {
+            self.known.resize(self.movers.len().max(mover + 1), Vec::new());
+        }
+        if let Some((_, known)) = self.known[mover].iter().find(|(frame, _)| *frame == to) {
             return *known;
         }
         let found = levers(&self.frames, &self.movers[mover], to);
@@ -75,7 +78,7 @@ impl Movers {
             self.levers.extend(found);
             self.sums.push(first..self.levers.len());
         }
-        self.known.insert((mover, to), sum);
+        self.known[mover].push((to, sum));
         sum
     }
 }

@@ -7,7 +7,6 @@ use nalgebra::Isometry3;
 #[derive(Clone, Debug)]
 pub(crate) struct Reference {
     scene: Scene,
-    engine: ScalarEngine,
     placement: <ScalarEngine as Engine>::Placement,
     frames: Vec<Isometry3<f64>>,
     /// All pairs to check.
@@ -16,9 +15,7 @@ pub(crate) struct Reference {
 
 impl Reference {
     pub fn new(scene: &Scene, pairs: Vec<IndexPair>) -> Self {
-        let colliders: Vec<_> = scene.colliders().cloned().collect();
-        let engine = ScalarEngine::prepare(&colliders);
-        Reference { scene: scene.clone(), engine, placement: Default::default(), frames: Vec::new(), pairs }
+        Reference { scene: scene.clone(), placement: Default::default(), frames: Vec::new(), pairs }
     }
 
     /// The scene.
@@ -74,12 +71,12 @@ impl Reference {
         }
         frames.push(Isometry3::identity());
         self.frames = frames;
-        self.engine.place_frames(&self.frames, &mut self.placement);
+        self.scene.engine().place_frames(&self.frames, &mut self.placement);
     }
 
     /// True if a pair is within exactly this distance, meters, at the pose of [`Reference::place`].
     pub fn touches(&mut self, pair: IndexPair, clearance: f64) -> bool {
-        self.engine.place_pair(&mut self.placement, pair);
-        self.engine.touches(&self.placement, pair, clearance)
+        self.scene.engine().place_pair(&mut self.placement, pair);
+        self.scene.engine().touches(&self.placement, pair, clearance)
     }
 }

@@ -116,6 +116,18 @@ impl<E: Engine> Scene<E> {
         })
     }
 
+    /// The same robots among other objects, in place of all present ones: a new snapshot with the epoch one higher. Much
+    /// cheaper than [`Scene::new`], since what is derived from the robots is shared. Ids of objects continue.
+    ///
+    /// # Errors
+    /// As [`Scene::new`] for objects.
+    pub fn with_objects(&self, objects: Vec<Object>) -> Result<Self, SceneError> {
+        self.with(|scene| {
+            scene.objects.clear();
+            objects.into_iter().try_for_each(|object| scene.add(object))
+        })
+    }
+
     /// A copy with a change applied, prepared again; the epoch is one higher.
     ///
     /// # Errors

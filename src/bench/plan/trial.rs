@@ -59,25 +59,27 @@ pub(crate) struct Trial {
     pub refuted: Option<bool>,
 }
 
-/// The robot alone, compiled.
+/// The robot alone, and its space, compiled.
 ///
 /// # Errors
 /// If it can't stand in a scene.
-pub(crate) fn compile_arm(arm: &Arm, settings: &TrialSettings) -> Result<JointSpace, InputFault> {
+pub(crate) fn compile_arm(arm: &Arm, settings: &TrialSettings) -> Result<(Scene, JointSpace), InputFault> {
     let fault = |e: &dyn std::error::Error| InputFault::new(e, "mend the robot's files");
     let alone = Scene::new(vec![(arm.robot.clone(), Isometry3::identity())], Vec::new()).map_err(|e| fault(&e))?;
-    JointSpace::new(&alone, 0, &[&arm.pose], &arm.motors, &[], settings.clearance).map_err(|e| fault(&e))
+    let space =
+        JointSpace::new(&alone, 0, &[&arm.pose], &arm.motors, &[], settings.clearance).map_err(|e| fault(&e))?;
+    Ok((alone, space))
 }
 
 /// Runs a problem.
 ///
 /// # Arguments
-/// * `arm`, `alone`: the robot, and its space without objects, compiled.
+/// * `arm`, `alone`: the robot, and its scene and space without objects, compiled.
 ///
 /// # Errors
 /// If the scene can't be made.
 pub(crate) fn run(
-    (arm, alone): (&Arm, &JointSpace),
+    (arm, alone): (&Arm, &(Scene, JointSpace)),
     planner: &dyn Planner,
     scene: &str,
     problem: &Problem,
@@ -93,10 +95,9 @@ pub(crate) fn run(
     let rules = pair_rules(&may_touch, &arm.pair_clearance_mm).map_err(|e| rule_fault(scene, problem, &e))?;
     let (mut world, mut space) = (None, None);
     trial.compile_ms = least(settings.rounds, || {
-        let made =
-            Scene::new(vec![(arm.robot.clone(), Isometry3::identity())], objects.clone()).map_err(|e| fault(&e))?;
+        let made = alone.0.with_objects(objects.clone()).map_err(|e| fault(&e))?;
         let made = made.with_pair_rules(0, &rules).map_err(|e| rule_fault(scene, problem, &rule_error(&e)))?;
-        let compiled = alone.among(&made, &[&arm.pose]).map_err(|e| fault(&e))?;
+        let compiled = alone.1.among(&made, &[&arm.pose]).map_err(|e| fault(&e))?;
         (world, space) = (Some(made), Some(compiled));
         Ok(())
     })?;

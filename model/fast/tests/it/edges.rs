@@ -347,6 +347,8 @@ fn a_robot_among_other_obstacles_has_the_verdicts_of_a_new_scene() {
     let scenes = [
         same(&robot, place, 3),
         same(&robot, place, 4),
+        // Shares the robots with the scene that was compiled first.
+        alone.with_objects(obstacles(8, 12)).expect("a scene"),
         same(&robot, Isometry3::identity(), 4),
         same(&other, place, 5),
     ];
@@ -358,6 +360,11 @@ fn a_robot_among_other_obstacles_has_the_verdicts_of_a_new_scene() {
         let (mut a, mut b) = (Vec::new(), Vec::new());
         fast.certify(&edges, &mut a).expect("whole edges");
         fresh.certify(&edges, &mut b).expect("whole edges");
+        let poses: Vec<f64> = random_poses(&scene.robots()[0], 11).take(500).flatten().collect();
+        let (mut p, mut q) = (Vec::new(), Vec::new());
+        fast.free(&poses, &mut p).expect("whole poses");
+        fresh.free(&poses, &mut q).expect("whole poses");
+        assert_eq!(p, q, "scene {s}");
         let kind = |v: &EdgeVerdict| matches!(v, EdgeVerdict::Free);
         assert_eq!(a.iter().map(kind).collect::<Vec<_>>(), b.iter().map(kind).collect::<Vec<_>>(), "scene {s}");
     }
