@@ -28,7 +28,7 @@ def dataset(folder: Path, robot: mobee.Robot, q: Any, episodes: list[int]) -> li
     (folder / "meta/info.json").write_text(json.dumps(info))
     table = arrow.table({"observation.state": rows.tolist(), "episode_index": episodes})
     parquet.write_table(table, folder / "data/chunk-000/file-000.parquet")
-    return [str(folder), "--robot", str(Path(__file__).parents[2] / "configs/robots/so101.xml"), "--percent", "gripper"]
+    return [str(folder), "--robot", str(Path(__file__).parents[2] / "configs/robots/so101.xml"), "--unit", "degrees", "--percent", "gripper"]
 
 
 def test_frames_in_contact_are_those_of_the_scene(tmp_path: Path, repository: Path, capsys: Any) -> None:
@@ -53,3 +53,15 @@ def test_a_free_dataset_passes_and_damage_is_named(tmp_path: Path, repository: P
     (tmp_path / "data/chunk-000/file-000.parquet").write_bytes(b"PAR1 no")
     assert main(arguments) == 2
     assert "file-000.parquet" in capsys.readouterr().err
+
+
+def test_another_unit_is_refused_and_can_be_given(tmp_path: Path, repository: Path, capsys: Any) -> None:
+    robot = mobee.load(repository / "configs/robots/so101.xml")
+    ends = np.array([robot.lower, robot.upper] * 2)
+    arguments = dataset(tmp_path, robot, ends, [0, 0, 1, 1])
+    arguments[arguments.index("degrees")] = "range"
+    assert main(arguments) == 2
+    assert "4 of 4 frames are beyond the robot's limits" in capsys.readouterr().err
+    assert main([*arguments, "--percent", robot.joint_names[0]]) == 2
+    with pytest.raises(mobee.MobeeError):
+        mobee.audit.audit(tmp_path, robot, unit="rad")

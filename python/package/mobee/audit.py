@@ -1,6 +1,6 @@
 """Judges a LeRobotDataset v3 against a robot's model: frames in contact, or nearer than a margin.
 
-    python -m mobee.audit DATASET --robot so101.xml --percent gripper
+    python -m mobee.audit DATASET --robot so101.xml --unit degrees --percent gripper
 
 Needs pyarrow. Prints JSON. Exit code 1 if a frame is in contact, 2 if the dataset can't be judged.
 """
@@ -19,12 +19,19 @@ import numpy as np
 from ._error import MobeeError
 from ._native import Robot, Scene, World, load
 
-# a measured position exceeds a limit by noise
-_LIMIT_TOLERANCE = np.radians(1.0)
+# a measured position exceeds a limit by noise: of the range of the joint
+_LIMIT_TOLERANCE = 0.01
 
 
 def audit(
-    dataset: Path, robot: Robot, world: World | None = None, *, margin: float = 0.01, column: str = "observation.state", percent: Sequence[str] = ()
+    dataset: Path,
+    robot: Robot,
+    world: World | None = None,
+    *,
+    unit: str,
+    margin: float = 0.01,
+    column: str = "observation.state",
+    percent: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Judges each frame of a dataset.
 
@@ -35,15 +42,20 @@ def audit(
     margin : float
         Frames nearer than this are listed as near, m.
     column : str
-        The feature with the positions: degrees, or mm of a joint that slides.
+        The feature with the positions.
+    unit : str
+        ``degrees`` (mm of a joint that slides), or ``range``: -100 to 100 of the range between the model's limits.
     percent : sequence of str
         Joints in 0 to 100 of the range between the model's limits, as LeRobot's grippers.
 
     Raises
     ------
     MobeeError
-        code ``dataset`` or ``joints``: a file or column that can't be read, or that does not fit the robot.
+        code ``dataset`` or ``joints``: a file or column that can't be read, or that does not fit the robot; ``unit``:
+        most frames are beyond the limits.
     """
+    if unit not in ("degrees", "range"):
+        raise MobeeError("unit", f"there is no unit {unit!r}", "unit", "give degrees or range")
     if not 0.0 <= margin < 10.0:
         raise MobeeError("bounds", f"margin is {margin}", "margin", "give m, from 0 to below 10")
     names = _names(dataset, column)
@@ -55,13 +67,17 @@ def audit(
         raise MobeeError("dataset", "there is no data/*/*.parquet", str(dataset), "give the folder of a LeRobotDataset v3")
     for file in files:
         given, episodes = _read(file, column, len(names))
-        q = _positions(given[:, order], robot, percent)
-        beyond = ((q < robot.lower - _LIMIT_TOLERANCE) | (q > robot.upper + _LIMIT_TOLERANCE)).any(axis=1)
+        q = _positions(given[:, order], robot, unit, percent)
+        tolerance = _LIMIT_TOLERANCE * (robot.upper - robot.lower)
+        beyond = ((q < robot.lower - tolerance) | (q > robot.upper + tolerance)).any(axis=1)
         report["beyond_limits"] += int(beyond.sum())
         report["frames"] += len(q)
         found = scene.contacts(np.clip(q, robot.lower, robot.upper), margin)
         for episode, pairs in zip(episodes, found, strict=True):
             _count(report, str(episode), pairs)
+    if report["beyond_limits"] > report["frames"] / 2:
+        what = f"{report['beyond_limits']} of {report['frames']} frames are beyond the robot's limits"
+        raise MobeeError("unit", what, column, "give the dataset's robot, the unit of its positions, and the joints in percent")
     return report
 
 
@@ -107,7 +123,7 @@ def _order(names: list[str], robot: Robot, percent: Sequence[str]) -> list[int]:
 
 def _read(file: Path, column: str, width: int) -> tuple[Any, list[int]]:
     try:
-        import pyarrow.parquet as parquet
+        import pyarrow.parquet as parquet  # type: ignore[import-untyped,import-not-found,unused-ignore]
     except ImportError:
         raise MobeeError("import", "pyarrow is not installed", None, "pip install pyarrow") from None
     try:
@@ -124,14 +140,15 @@ def _read(file: Path, column: str, width: int) -> tuple[Any, list[int]]:
     return given, episodes
 
 
-def _positions(given: Any, robot: Robot, percent: Sequence[str]) -> Any:
+def _positions(given: Any, robot: Robot, unit: str, percent: Sequence[str]) -> Any:
     """To rad and m."""
     q = np.empty_like(given)
-    for i, (name, unit) in enumerate(zip(robot.joint_names, robot.units, strict=True)):
-        if name in percent:
-            q[:, i] = robot.lower[i] + given[:, i] / 100.0 * (robot.upper[i] - robot.lower[i])
+    for i, (name, angle) in enumerate(zip(robot.joint_names, robot.units, strict=True)):
+        share = given[:, i] / 100.0 if name in percent else (given[:, i] + 100.0) / 200.0
+        if name in percent or unit == "range":
+            q[:, i] = robot.lower[i] + share * (robot.upper[i] - robot.lower[i])
         else:
-            q[:, i] = given[:, i] / 1000.0 if unit == "m" else np.radians(given[:, i])
+            q[:, i] = given[:, i] / 1000.0 if angle == "m" else np.radians(given[:, i])
     return q
 
 
@@ -141,13 +158,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--robot", required=True, help="a robot file or URDF")
     parser.add_argument("--world", help="a world file")
+    parser.add_argument("--unit", required=True, choices=("degrees", "range"), help="degrees (mm of a slide), or -100 to 100 of the range")
     parser.add_argument("--margin", type=float, default=0.01, help="m")
     parser.add_argument("--column", default="observation.state")
     parser.add_argument("--percent", action="append", default=[], help="a joint in 0 to 100 of its range; repeatable")
     given = parser.parse_args(arguments)
     try:
         world = World.load(given.world) if given.world else None
-        report = audit(given.dataset, load(given.robot), world, margin=given.margin, column=given.column, percent=given.percent)
+        robot = load(given.robot)
+        report = audit(given.dataset, robot, world, unit=given.unit, margin=given.margin, column=given.column, percent=given.percent)
     except MobeeError as e:
         print(f"error: {e}", file=sys.stderr)
         return 2
