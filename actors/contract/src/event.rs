@@ -379,6 +379,15 @@ pub enum Event {
         #[serde(default)]
         near: Vec<Contact>,
     },
+    /// The retreat also moves motors that the motion did not name and a contact has bent.
+    RetreatJoined {
+        /// Robot.
+        robot: String,
+        /// Number of the commit that is being rolled back.
+        id: CommitId,
+        /// Indices of these motors.
+        motors: Vec<usize>,
+    },
     /// The retreat waits where it is, until another robot that blocks it has retreated.
     RetreatWaits {
         /// Robot.

@@ -6,7 +6,7 @@
 
 mod transaction;
 
-pub use transaction::{EndedTransaction, Extent, Motion, Open, Places, SafePose, Underway, home};
+pub use transaction::{EndedTransaction, Extent, Motion, Open, Places, SafePose, Underway, home, union};
 
 use crate::history::HistoryCore;
 use mobee_contract::{Cause, CommitId, MotionEnd, Outcome, Pose, Status};

@@ -46,7 +46,7 @@ pub struct Participant {
     pub again: bool,
     /// True if its path begins with a straight line away from an obstacle that is not in the model.
     pub pressed: bool,
-    /// Motors named by the motion.
+    /// Motors named by the motion, and those that a contact has bent.
     pub named: Arc<[usize]>,
     /// Commanded positions of the motors at the beginning of the motion.
     pub places: Places,
@@ -247,7 +247,7 @@ impl RetreatLeg {
         self.recorded().iter().enumerate().map(sent).collect()
     }
 
-    /// Motors of the path: those of the motion; and if the path goes farther, also those that were sent elsewhere
+    /// Motors of the path: those of the motion and those that a contact has bent; and if the path goes farther, also those that were sent elsewhere
     /// since then.
     fn motors(&self) -> Arc<[usize]> {
         if self.end >= self.participant.start {
