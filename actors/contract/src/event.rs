@@ -364,6 +364,17 @@ pub enum Event {
         /// True if it still pushes.
         lasting: bool,
     },
+    /// Readings were missing, and the history bridges the gap by the path that was commanded.
+    Bridged {
+        /// Robot.
+        robot: String,
+        /// Time of the last reading before the gap.
+        since: Time,
+        /// Time of the first reading after it.
+        until: Time,
+        /// Number of configurations that stand for the missing readings.
+        poses: usize,
+    },
     /// The retreat begins.
     RetreatBegan {
         /// Robot.

@@ -201,7 +201,13 @@ impl RetreatLeg {
 
     /// Returns whether the robot is, when the clock is back at that time, where it was recorded then.
     fn is_as_recorded(&self, time: Time) -> bool {
-        self.ends_at() <= time || self.rested <= time
+        (self.ends_at() <= time && !self.is_bridged(time)) || self.rested <= time
+    }
+
+    /// Returns whether the robot's path at that time was commanded and not measured.
+    fn is_bridged(&self, time: Time) -> bool {
+        let next = self.participant.past.partition_point(|r| r.at < time);
+        self.participant.past.get(next).is_some_and(|r| r.bridged)
     }
 
     /// Index of the first reading of the rest at the end.
