@@ -82,7 +82,7 @@ fn a_stiff_arm_is_taken_back_by_the_torque_of_a_contact() {
     assert!(count(&unwatched, "rolled_back") < back, "without looking at torques: {unwatched}");
 }
 
-/// Runs a Panda whose board holds the measured position at a stop: its first two joints sweep past a post for 200 s. Returns the counters, and
+/// Runs a Panda whose board holds the measured position at a stop: its first two joints sweep past a post for a minute. Returns the counters, and
 /// how often a retreat took other joints along.
 fn sweeps(folder: &Path, table: &str, driver: &str, controller: &str) -> (Value, usize) {
     let file = folder.join("arm.toml");
@@ -112,7 +112,7 @@ fn sweeps(folder: &Path, table: &str, driver: &str, controller: &str) -> (Value,
     };
     let (file, path) = (file.to_str().expect("UTF-8"), out.to_str().expect("UTF-8"));
     let summary =
-        run(&["run", file, "--out", path, "--clock", "virtual", "--for", "200", "--no-record", "--quiet", "--json"]);
+        run(&["run", file, "--out", path, "--clock", "virtual", "--for", "60", "--no-record", "--quiet", "--json"]);
     run(&["check", path]);
     let summary: Value = serde_json::from_slice(&summary).expect("the summary is JSON");
     let journal = std::fs::read_to_string(out.join("journal.jsonl")).expect("a journal");
@@ -127,7 +127,7 @@ fn joints_that_a_contact_has_bent_are_taken_back() {
     for controller in ["", ", contact_nm = 0"] {
         let folder = tempfile::tempdir().expect("a folder");
         let (counters, joined) = sweeps(folder.path(), "", post, controller);
-        assert!(count(&counters, "rolled_back") >= 20 && count(&counters, "faulted") == 0, "{counters}");
+        assert!(count(&counters, "rolled_back") >= 5 && count(&counters, "faulted") == 0, "{counters}");
         assert!(joined >= 1, "{counters}");
     }
 }
@@ -140,7 +140,7 @@ fn noise_adds_no_joint_to_a_retreat() {
     let file = folder.path().join("post.xml");
     std::fs::write(&file, world).expect("a world");
     let (counters, joined) = sweeps(folder.path(), &format!("world.file = {file:?}"), ", noise_deg = 0.03", "");
-    assert!(count(&counters, "rolled_back") >= 20 && count(&counters, "faulted") == 0, "{counters}");
+    assert!(count(&counters, "rolled_back") >= 5 && count(&counters, "faulted") == 0, "{counters}");
     assert_eq!(joined, 0, "{counters}");
 }
 
