@@ -82,6 +82,68 @@ fn a_stiff_arm_is_taken_back_by_the_torque_of_a_contact() {
     assert!(count(&unwatched, "rolled_back") < back, "without looking at torques: {unwatched}");
 }
 
+/// Runs a Panda whose board holds the measured position at a stop: its first two joints sweep past a post for a minute. Returns the counters, and
+/// how often a retreat took other joints along.
+fn sweeps(folder: &Path, table: &str, driver: &str, controller: &str) -> (Value, usize) {
+    let file = folder.join("arm.toml");
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/panda.xml");
+    let text = format!(
+        r#"
+        {table}
+        [[robot]]
+        name = "panda"
+        model = {model:?}
+        controller = {{ period_ms = 10, history = 6000, stall_deg = 2 {controller} }}
+        driver = {{ kind = "sim", profile = "panda", servo = {{ stop = "measured" }} {driver} }}
+        agent = {{ kind = "random", motors = ["panda_joint1", "panda_joint2"], count = 0, speed = 0.3, range_deg = {{ panda_joint1 = [-50, 80], panda_joint2 = [50, 70] }} }}
+        "#
+    );
+    std::fs::write(&file, text).expect("a behavior");
+    let out = folder.join("run");
+    let run = |args: &[&str]| {
+        let ran = mobee_here().args(args).output().expect("mobee starts");
+        assert!(
+            ran.status.success(),
+            "{}{}",
+            String::from_utf8_lossy(&ran.stdout),
+            String::from_utf8_lossy(&ran.stderr)
+        );
+        ran.stdout
+    };
+    let (file, path) = (file.to_str().expect("UTF-8"), out.to_str().expect("UTF-8"));
+    let summary =
+        run(&["run", file, "--out", path, "--clock", "virtual", "--for", "60", "--no-record", "--quiet", "--json"]);
+    run(&["check", path]);
+    let summary: Value = serde_json::from_slice(&summary).expect("the summary is JSON");
+    let journal = std::fs::read_to_string(out.join("journal.jsonl")).expect("a journal");
+    (summary["counters"].clone(), journal.matches("\"retreat_joined\"").count())
+}
+
+/// A contact bends joints that the motion does not name, and the stop holds them there: they are part of the retreat, whether torque or a
+/// displaced joint has shown the contact.
+#[test]
+fn joints_that_a_contact_has_bent_are_taken_back() {
+    let post = r#", unknown = [{ name = "post", size_m = [0.06, 0.06, 1.2], at_m = [0.45, 0.3, 0.6] }]"#;
+    for controller in ["", ", contact_nm = 0"] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (counters, joined) = sweeps(folder.path(), "", post, controller);
+        assert!(count(&counters, "rolled_back") >= 5 && count(&counters, "faulted") == 0, "{counters}");
+        assert!(joined >= 1, "{counters}");
+    }
+}
+
+/// Encoder noise of 0.03 deg, a third of the tolerance, adds no joint to a retreat.
+#[test]
+fn noise_adds_no_joint_to_a_retreat() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let world = r#"<WorldList version="1.0"><object name="post" type="obstacle" px="0.45" py="0.3" pz="0.6"><box width="0.06" height="0.06" depth="1.2"/></object></WorldList>"#;
+    let file = folder.path().join("post.xml");
+    std::fs::write(&file, world).expect("a world");
+    let (counters, joined) = sweeps(folder.path(), &format!("world.file = {file:?}"), ", noise_deg = 0.03", "");
+    assert!(count(&counters, "rolled_back") >= 5 && count(&counters, "faulted") == 0, "{counters}");
+    assert_eq!(joined, 0, "{counters}");
+}
+
 /// The same loop on the physics of MuJoCo, a second opinion on forces. With the post in the model nothing is ever pushed; without, each
 /// contact is taken back.
 #[cfg(feature = "mujoco")]

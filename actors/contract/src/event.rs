@@ -364,6 +364,17 @@ pub enum Event {
         /// True if it still pushes.
         lasting: bool,
     },
+    /// Readings were missing, and the history bridges the gap by the path that was commanded.
+    Bridged {
+        /// Robot.
+        robot: String,
+        /// Time of the last reading before the gap.
+        since: Time,
+        /// Time of the first reading after it.
+        until: Time,
+        /// Number of configurations that stand for the missing readings.
+        poses: usize,
+    },
     /// The retreat begins.
     RetreatBegan {
         /// Robot.
@@ -378,6 +389,15 @@ pub enum Event {
         /// none of them may get more than 1 mm closer than that.
         #[serde(default)]
         near: Vec<Contact>,
+    },
+    /// The retreat also moves motors that the motion did not name and a contact has bent.
+    RetreatJoined {
+        /// Robot.
+        robot: String,
+        /// Number of the commit that is being rolled back.
+        id: CommitId,
+        /// Indices of these motors.
+        motors: Vec<usize>,
     },
     /// The retreat waits where it is, until another robot that blocks it has retreated.
     RetreatWaits {

@@ -7,8 +7,10 @@
 //! Times are those at which readings were taken, not those at which they arrived.
 
 mod at;
+mod bridge;
 
 pub use at::Unrecorded;
+pub use bridge::{BridgedGap, CommandedPath, MAX_BRIDGED_TIME};
 
 use crate::distance;
 use crate::pulse::Pulse;
@@ -47,6 +49,8 @@ pub struct Recorded {
     pub speed: f64,
     /// True if the path from the previous configuration is unknown.
     pub after_gap: bool,
+    /// True if the path from the previous configuration was commanded and not measured.
+    pub bridged: bool,
     /// True if more than a few readings are missing before this one: no speed is estimated across that.
     after_pause: bool,
 }
@@ -54,7 +58,7 @@ pub struct Recorded {
 impl Recorded {
     /// Next configuration on the path, without a gap; rad, rad/s.
     pub fn next(at: Time, q: Pose, speed: f64) -> Recorded {
-        Recorded { at, q, speed, after_gap: false, after_pause: false }
+        Recorded { at, q, speed, after_gap: false, bridged: false, after_pause: false }
     }
 }
 
@@ -87,6 +91,8 @@ pub struct HistoryCore {
     restored: bool,
     /// Rest detection of each motor with a coarse encoder.
     coarse: Vec<Coarse>,
+    /// Recent set-points, to bridge gaps.
+    setpoints: bridge::RecentSetpoints,
 }
 
 /// Rest detection of a motor whose encoder is too coarse to show rest within the window.
@@ -126,6 +132,7 @@ impl HistoryCore {
             cut: false,
             restored: false,
             coarse: Vec::new(),
+            setpoints: bridge::RecentSetpoints::default(),
         }
     }
 
@@ -136,15 +143,27 @@ impl HistoryCore {
         self.coarse = axes.iter().map(|axis| Coarse::new(axis.resolution, rest_speed).unwrap_or_default()).collect();
     }
 
+    /// Records a whole configuration that was commanded at `now`, rad.
+    pub fn note_setpoint(&mut self, now: Time, q: Pose) {
+        self.setpoints.note(now, q);
+    }
+
+    /// Records a pulse's configuration without a commanded path: see [`HistoryCore::record`].
+    pub fn push(&mut self, pulse: &mut Pulse, stale: Duration) {
+        self.record(pulse, stale, &CommandedPath::Unknown);
+    }
+
     /// Records a pulse's configuration, and sets the pulse's speed. Skips readings that are not newer than the last.
     ///
     /// There is a gap before the reading if the previous reading was stale by then, or if more than a few readings
-    /// are missing and the robot has moved on in that time.
-    pub fn push(&mut self, pulse: &mut Pulse, stale: Duration) {
+    /// are missing and the robot has moved on in that time. A gap within [`MAX_BRIDGED_TIME`] is bridged by the
+    /// commanded path, if the robot is near it; the pulse then has the bridge.
+    pub fn record(&mut self, pulse: &mut Pulse, stale: Duration, commanded: &CommandedPath) {
         let at = pulse.sample.at;
         let q = pulse.sample.q.clone();
         let mut after_gap = true;
         let mut after_pause = true;
+        let mut bridge = Vec::new();
         if let Some(last) = self.ring.back() {
             if at <= last.at {
                 return;
@@ -160,7 +179,14 @@ impl HistoryCore {
             let follows = steps.is_some() && at <= last.at + stale && (!after_pause || near(&q));
             let cut = std::mem::take(&mut self.cut);
             after_gap = !bridged && (cut || !follows || q.len() != last.q.len());
-            if let Some(steps) = steps.filter(|n| !after_gap && *n <= few) {
+            let missed = steps.is_some() && !cut && at <= last.at + stale.min(MAX_BRIDGED_TIME);
+            if after_gap && missed && q.len() == last.q.len() {
+                let here = Recorded::next(at, q.clone(), f64::INFINITY);
+                bridge = bridge::bridge((last, &here), commanded, &self.setpoints, self.period).unwrap_or_default();
+                after_gap = bridge.is_empty();
+            }
+            pulse.bridged = (!bridge.is_empty()).then_some(BridgedGap { since: last.at, poses: bridge.len() });
+            if let Some(steps) = steps.filter(|n| !after_gap && bridge.is_empty() && *n <= few) {
                 // The period is a running mean, since the robot's own clock has jitter; after a burst of readings it
                 // grows again.
                 let pause = pause / steps as f64;
@@ -173,10 +199,15 @@ impl HistoryCore {
             self.unchanged = at;
         }
         self.seq = pulse.sample.seq;
-        if self.ring.len() == self.length {
-            self.ring.pop_front();
+        self.setpoints.forget(at);
+        let bridged = pulse.bridged.is_some();
+        let reading = Recorded { at, q, speed: f64::INFINITY, after_gap, bridged, after_pause };
+        for recorded in bridge.into_iter().chain([reading]) {
+            if self.ring.len() == self.length {
+                self.ring.pop_front();
+            }
+            self.ring.push_back(recorded);
         }
-        self.ring.push_back(Recorded { at, q, speed: f64::INFINITY, after_gap, after_pause });
         pulse.speed = self.speed();
         pulse.unchanged = self.unchanged;
         if let Some(last) = self.ring.back_mut() {

@@ -17,13 +17,14 @@
 //! still blocks it after its own retreat. A robot that is silent for a second is dropped from its group, so that no
 //! death needs to be reported; the others then stop, and go on one by one.
 
+mod bent;
 mod group;
 mod plan;
 
 pub use plan::{JointRetreatPlan, Participant, RetreatPath};
 
 use crate::history::{HistoryCore, HistoryTooShort};
-use crate::ledger::{Extent, Places, SafePose};
+use crate::ledger::{Extent, Places, SafePose, union};
 use crate::{RELEASE, Rules};
 use group::{GroupMember, RetreatGroup};
 use mobee_contract::{Pose, Time};
@@ -96,6 +97,8 @@ impl RetreatRequest {
                 past.partition_point(|r| r.at <= until).saturating_sub(1).max(start)
             }
         };
+        let bent = bent::bent_motors(&rules, &past, (start, &safe), pressed && !again);
+        let named = union(&named, &bent);
         let mut participant =
             Participant { robot, rules, past, start, end, safe, again, pressed: false, named, places, scene, poses };
         if again {

@@ -6,13 +6,16 @@
 
 mod transaction;
 
-pub use transaction::{EndedTransaction, Extent, Motion, Open, Places, SafePose, Underway, home};
+pub use transaction::{EndedTransaction, Extent, Motion, Open, Places, SafePose, Underway, home, union};
 
+use crate::history::CommandedPath;
 use crate::history::HistoryCore;
+use crate::pulse::Pulse;
 use mobee_contract::{Cause, CommitId, MotionEnd, Outcome, Pose, Status};
 use mobee_model::Contact;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// Number of remembered motion ends, for agents that query late. Bounded, since a ledger lives as long as its robot's
 /// controller, for days.
@@ -76,6 +79,17 @@ impl TransactionState {
             safe: None,
             ends: VecDeque::new(),
         }
+    }
+
+    /// Records a pulse's configuration in the history. A gap in the readings is bridged by the path that the open
+    /// motion was commanded. `stale`: greatest age of a fresh reading.
+    pub fn record(&mut self, pulse: &mut Pulse, stale: Duration) {
+        let commanded = match self.open.as_ref().map(|open| (open.motion, &open.target)) {
+            Some((Motion::Move { .. }, target)) => CommandedPath::Straight(target.clone()),
+            Some((Motion::Stream | Motion::Forces { .. }, _)) => CommandedPath::Setpoints,
+            Some((Motion::Escape { .. }, _)) | None => CommandedPath::Unknown,
+        };
+        self.history.record(pulse, stale, &commanded);
     }
 
     /// Records the death of an agent: if it owns the open transaction, Supervise cancels that before any other

@@ -9,6 +9,7 @@
 //! any link dies, the chain breaks, the lease expires and the robot brakes without any notification. A separate
 //! watchdog would have to be as trustworthy as the chain it watches.
 
+use crate::history::BridgedGap;
 use crate::look_ahead::Foreseen;
 use crate::simultaneous::note;
 use mobee_contract::{AnswerTime, Sample, Time};
@@ -24,6 +25,8 @@ pub struct Pulse {
     pub answers: Option<AnswerTime>,
     /// Greatest motor speed over the last readings, rad/s; infinite while there are too few readings (history).
     pub speed: f64,
+    /// BridgedGap over the gap before this reading, if there was one (history).
+    pub bridged: Option<BridgedGap>,
     /// Time since which the readings have been equal bit for bit (history).
     pub unchanged: Time,
     /// Reflex pairs closer than margin + 2 mm, by the newest readings of all robots (model).
@@ -67,6 +70,7 @@ impl Pulse {
             sample,
             answers: None,
             speed: f64::INFINITY,
+            bridged: None,
             unchanged,
             contacts: none.clone(),
             together: none.clone(),

@@ -100,6 +100,8 @@ pub enum ReflexReport {
         /// True if a stream is undone partially.
         stream: bool,
     },
+    /// The retreat also moves these motors, which the motion did not name and a contact has bent.
+    Joined(Vec<usize>),
     /// The last set-point of the retreat was written.
     Settling,
     /// The robot rests at the safe pose, and the control modes are restored.

@@ -21,8 +21,8 @@
 
 mod lag;
 
-use crate::Rules;
 use crate::pulse::Pulse;
+use crate::{FRESH_PERIODS, Rules};
 use lag::{CommandedMotion, Moment, TrackedCommand};
 use mobee_contract::{Command, Pose, Time};
 use std::collections::VecDeque;
@@ -142,6 +142,8 @@ impl StallWatch {
         let (before, last) = self.take(at, q, rules.fresh)?;
         // The board's motion during a gap is unknown: it may have braked by itself.
         let known = at > before && at <= before + rules.fresh && last.len() == q.len();
+        // During missing readings the board may have waited as well, as on a busy machine: the ghost does not run on.
+        let pauses = at > before + rules.period * FRESH_PERIODS;
         let dt = at.since(before).as_secs_f64();
         let mut worst: Option<Stalled> = None;
         for (m, tracked) in commands.0.iter_mut().enumerate() {
@@ -149,6 +151,10 @@ impl StallWatch {
             let (Some(q), Some(last)) = (q.get(m).copied(), last.get(m)) else { continue };
             if !known {
                 tracked.restart(q);
+                continue;
+            }
+            if pauses {
+                tracked.wait((before, at), q, rules);
                 continue;
             }
             let moment = Moment { at, q, by: q - last, speed: self.speed(m), dt, noise: NOISE * self.bound };

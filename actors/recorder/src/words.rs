@@ -103,6 +103,13 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
         Event::RetreatBegan { robot, id, secs, .. } => {
             (robot, Warn, format!("#{} goes back along {secs:.1} s of its path", id.0))
         }
+        Event::Bridged { robot, since, until, .. } => {
+            let secs = until.since(*since).as_secs_f64();
+            (robot, Warn, format!("no readings for {secs:.2} s: its path there is the commanded one"))
+        }
+        Event::RetreatJoined { robot, id, motors } => {
+            (robot, Info, format!("#{}: a contact has bent {} more motors, which go back as well", id.0, motors.len()))
+        }
         Event::RetreatWaits { robot, what, .. } => (robot, Warn, format!("waits on its way back: {what}")),
         Event::RetreatGoesOn { robot } => (robot, Info, "goes on on its way back".to_owned()),
         Event::RetreatStopped { robot, what, .. } => (robot, Error, format!("the retreat was given up: {what}")),

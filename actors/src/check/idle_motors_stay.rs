@@ -146,6 +146,9 @@ impl Invariant for IdleMotorsStay {
                 let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, "set-point", motors));
                 wrong.into_iter().for_each(|what| found.report(what));
             }
+            Event::RetreatJoined { robot, motors, .. } => self.robots.of(robot, |r| {
+                r.name(&motors.iter().map(|m| (*m, 0.0)).collect::<Vec<_>>());
+            }),
             Event::Amended { robot, motors, .. } => self.robots.of(robot, |r| r.name(motors)),
             Event::Outcome { robot, .. } => self.robots.of(robot, |r| {
                 r.settled = line.at + SETTLES;

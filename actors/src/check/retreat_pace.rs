@@ -65,6 +65,8 @@ pub(super) struct RetreatPace {
     count: f64,
     /// True if a board responds late, so that the retreat waits for it repeatedly.
     late: bool,
+    /// True if the gap before the next reading is bridged: the robot went there as it was commanded.
+    bridged: bool,
     /// Set once the path there or the retreat can't be determined.
     lost: bool,
 }
@@ -96,6 +98,7 @@ impl RetreatPace {
             beside: BESIDE,
             count: 0.0,
             late: false,
+            bridged: false,
             lost: false,
         };
         way.join(motors);
@@ -151,6 +154,11 @@ impl RetreatPace {
         self.count = count;
     }
 
+    /// Records that the history bridges the gap before the next reading.
+    pub fn bridge(&mut self) {
+        self.bridged = true;
+    }
+
     /// Records that a board responds late: the duration of the retreat is not judged.
     pub fn is_late(&mut self) {
         self.late = true;
@@ -174,7 +182,8 @@ impl RetreatPace {
             let counts = if self.back.is_some() { pause.min(self.pause / PAUSE_PERIODS * STEP) } else { pause };
             next.moved += counts.as_secs_f64();
         }
-        self.lost = pause > self.pause || self.jumps(newest, &next) || self.there.len() == MAX_READINGS;
+        let bridged = std::mem::take(&mut self.bridged);
+        self.lost = (pause > self.pause && !bridged) || self.jumps(newest, &next) || self.there.len() == MAX_READINGS;
         let Some(back) = &mut self.back else {
             self.there.push_back(next);
             return None;

@@ -10,6 +10,7 @@ use super::{FoundViolations, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, Event, Hold, MotorUnits, Outcome, Pose, Status, Time, Writer};
 use mobee_controller::distance;
+use mobee_controller::history::MAX_BRIDGED_TIME;
 use std::collections::BTreeMap;
 
 /// Time by which a stream is undone, s, unless the journal states another.
@@ -218,6 +219,12 @@ impl Invariant for TakenBack {
                     // Bent joints relax on a path of their own, so the measured path is no reference.
                     r.way = r.way.take().filter(|_| r.bends <= 0.0);
                 }
+            }),
+            Event::Bridged { robot, since, until, .. } => self.with(robot, |r| {
+                r.way.iter_mut().for_each(RetreatPace::bridge);
+                let secs = until.since(*since);
+                (secs > MAX_BRIDGED_TIME)
+                    .then(|| format!("bridges a gap of {:.3} s in its readings", secs.as_secs_f64()))
             }),
             Event::RetreatBegan { robot, .. } => self.of(robot, |r| {
                 (r.motion.driven, r.motion.settling) = (true, false);

@@ -40,7 +40,7 @@ impl Actor for HistoryActor {
         (shared, context): &mut Self::State,
     ) -> Result<(), ActorProcessingErr> {
         while let Some(mut pulse) = context.to_history.pop() {
-            context.ledger.book().history.push(&mut pulse, context.rules().fresh);
+            context.ledger.book().record(&mut pulse, context.rules().fresh);
             shared.to_model.push((context.robot, pulse));
         }
         Ok(())

@@ -122,6 +122,9 @@ impl Past {
                     open.name(&motors.iter().map(|(m, _)| *m).collect::<Vec<_>>());
                 }
             }
+            Event::RetreatJoined { robot, motors, .. } => {
+                self.of(robot).open.iter_mut().for_each(|open| open.name(motors));
+            }
             Event::Outcome { robot, outcome, q, .. } => {
                 let past = self.of(robot);
                 if let Some(open) = past.open.take() {

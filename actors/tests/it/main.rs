@@ -11,6 +11,7 @@ mod events;
 mod exchange;
 mod fifty_seeds;
 mod forces;
+mod gaps;
 mod halted;
 mod holding_in_contact;
 mod journal_chain;

@@ -22,8 +22,10 @@ impl HistoryCore {
     pub fn at(&self, at: Time) -> Result<Pose, Unrecorded> {
         let next = self.ring.partition_point(|r| r.at < at);
         let after = self.ring.get(next).ok_or(Unrecorded::NotYet)?;
+        // The reading after a bridge was measured, the configurations on it were not.
+        let measured = |r: &&super::Recorded| !r.bridged || self.ring.get(next + 1).is_none_or(|next| !next.bridged);
         if after.at == at {
-            return Ok(after.q.clone());
+            return Some(after).filter(measured).map(|r| r.q.clone()).ok_or(Unrecorded::NoMore);
         }
         let before = next.checked_sub(1).and_then(|i| self.ring.get(i));
         let before = before.filter(|_| !after.after_gap && !after.after_pause).ok_or(Unrecorded::NoMore)?;

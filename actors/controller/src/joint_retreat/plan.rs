@@ -46,7 +46,7 @@ pub struct Participant {
     pub again: bool,
     /// True if its path begins with a straight line away from an obstacle that is not in the model.
     pub pressed: bool,
-    /// Motors named by the motion.
+    /// Motors named by the motion, and those that a contact has bent.
     pub named: Arc<[usize]>,
     /// Commanded positions of the motors at the beginning of the motion.
     pub places: Places,
@@ -201,7 +201,13 @@ impl RetreatLeg {
 
     /// Returns whether the robot is, when the clock is back at that time, where it was recorded then.
     fn is_as_recorded(&self, time: Time) -> bool {
-        self.ends_at() <= time || self.rested <= time
+        (self.ends_at() <= time && !self.is_bridged(time)) || self.rested <= time
+    }
+
+    /// Returns whether the robot's path at that time was commanded and not measured.
+    fn is_bridged(&self, time: Time) -> bool {
+        let next = self.participant.past.partition_point(|r| r.at < time);
+        self.participant.past.get(next).is_some_and(|r| r.bridged)
     }
 
     /// Index of the first reading of the rest at the end.
@@ -247,7 +253,7 @@ impl RetreatLeg {
         self.recorded().iter().enumerate().map(sent).collect()
     }
 
-    /// Motors of the path: those of the motion; and if the path goes farther, also those that were sent elsewhere
+    /// Motors of the path: those of the motion and those that a contact has bent; and if the path goes farther, also those that were sent elsewhere
     /// since then.
     fn motors(&self) -> Arc<[usize]> {
         if self.end >= self.participant.start {

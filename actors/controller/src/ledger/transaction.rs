@@ -141,8 +141,7 @@ impl Open {
     /// Adds motors to the named ones.
     pub fn name(&mut self, motors: &[usize]) {
         if motors.iter().any(|m| !self.named.contains(m)) {
-            let all: BTreeSet<usize> = self.named.iter().chain(motors).copied().collect();
-            self.named = all.into_iter().collect();
+            self.named = union(&self.named, motors);
         }
     }
 
@@ -176,6 +175,11 @@ impl Open {
         }
         places.into()
     }
+}
+
+/// Returns the motors of both lists, in ascending order.
+pub fn union(a: &[usize], b: &[usize]) -> Arc<[usize]> {
+    a.iter().chain(b).copied().collect::<BTreeSet<usize>>().into_iter().collect()
 }
 
 /// Transaction that has an outcome.

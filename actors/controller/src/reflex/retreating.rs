@@ -259,10 +259,20 @@ impl ReflexCore {
                     job.safe = to.clone();
                 }
                 let elsewhere = elsewhere.then_some(ReflexReport::EndsAt { to, motors, stream });
+                let bent = |m: &usize| !job.motion.named.contains(m);
+                let joined: Vec<usize> =
+                    if path.farther { Vec::new() } else { path.motors.iter().copied().filter(bent).collect() };
                 let retreat = Retreat::new(self.robot, path, step.rules, step.now);
                 let (poses, secs) = retreat.length();
                 let near = self.floors.touched();
                 step.emit(Event::RetreatBegan { robot, id, poses, secs, near });
+                if !joined.is_empty() {
+                    // From here on a retry moves these motors, too.
+                    job.motion.named = self.stopped.clone();
+                    let robot = step.robot();
+                    step.emit(Event::RetreatJoined { robot, id, motors: joined.clone() });
+                    step.out.push(ReflexOut::ReflexReport(ReflexReport::Joined(joined)));
+                }
                 step.out.push(ReflexOut::Command(token, retreat.begin()));
                 step.out.push(ReflexOut::ReflexReport(ReflexReport::Retreating));
                 step.out.extend(elsewhere.map(ReflexOut::ReflexReport));

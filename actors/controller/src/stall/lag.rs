@@ -77,6 +77,19 @@ impl TrackedCommand {
         }
     }
 
+    /// Waits while readings were missing, from `before` until `at`: the motor is at `q`, rad, now, and its ghost has not
+    /// moved.
+    pub fn wait(&mut self, (before, at): (Time, Time), q: f64, rules: &Rules) {
+        self.beyond = 0;
+        match &mut self.motion {
+            CommandedMotion::Move(profile) => profile.shows = profile.shows + at.since(before),
+            CommandedMotion::Positions(stream) => {
+                stream.value = stream.in_force(at - rules.reaction()).unwrap_or(q);
+            }
+            CommandedMotion::Velocities(_) => {}
+        }
+    }
+
     /// Returns the motor's lag at this reading, rad; zero if it follows.
     pub fn lag(&mut self, moment: &Moment, axis: &Axis, rules: &Rules) -> f64 {
         let lag = &mut self.lag;

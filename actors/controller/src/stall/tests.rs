@@ -214,6 +214,25 @@ fn missing_readings_are_no_stall() {
     (0..10).for_each(|_| assert_eq!(run.read(14.0), None));
 }
 
+/// A machine that pauses for 0.3 s may pause its simulated board as well. The motor goes on as if nothing had happened, or is
+/// held meanwhile, which shows afterwards.
+#[test]
+fn a_ghost_waits_while_readings_are_missing() {
+    let after = |held: bool| {
+        let mut run = Run::new();
+        run.rules.fresh = Duration::from_millis(500);
+        (0..6).for_each(|_| {
+            _ = run.moves(0.0, 20.0, 20.0, minimum_jerk, None).or(run.moves(20.0, 0.0, 20.0, gain, None))
+        });
+        run.go(60.0, 60.0);
+        (0..50).for_each(|k| assert_eq!(run.read(0.6 * k as f64), None));
+        run.ms += 300;
+        (50..90).find(|k| run.read(if held { 30.0 } else { 0.6 * *k as f64 }).is_some())
+    };
+    assert_eq!(after(false), None);
+    assert!(after(true).is_some_and(|k| k < 80), "{:?}", after(true));
+}
+
 /// A stream with a set-point each period, which a motor follows as its acceleration allows; it is held at `until`.
 fn streamed(command: impl Fn(f64) -> Command, wanted: impl Fn(f64) -> f64, until: f64) -> Option<f64> {
     let mut run = Run::new();

@@ -6,6 +6,7 @@
 
 use super::{Closing, ExpectedProgress, StoredReading, SuperviseCore, SuperviseOut, SuperviseStep};
 use crate::gate::Gate;
+use crate::history::BridgedGap;
 use crate::ledger::{Open, SafePose, TransactionState};
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN_TIME, FROZEN_TRAVEL};
@@ -43,6 +44,9 @@ impl SuperviseCore {
             at_rest,
             free: pulse.free,
         });
+        if let Some(BridgedGap { since, poses }) = pulse.bridged {
+            step.emit(Event::Bridged { robot: step.robot(), since, until: sampled_at, poses });
+        }
         if let Some(pushed) = self.push.read(&pulse.sample, &step.rules.robot) {
             step.emit(pushed);
         }

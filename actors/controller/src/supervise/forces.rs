@@ -93,6 +93,7 @@ impl SuperviseCore {
             let push = pulse.push.as_deref().unwrap_or_default();
             forces.course.step(q, push, rules, elapsed.min(1.5 * period));
             step.book.ahead = Some(forces.course.q().into());
+            step.book.history.note_setpoint(now, forces.course.q().into());
             let moving = forces.course.motors();
             let next = match mode(rules) {
                 ControlMode::Velocity => forces.course.velocities(q),

@@ -5,7 +5,7 @@
 //! by messages, which may arrive late or after another closing; each belongs to a token and is checked against it.
 
 use super::{Closing, MotionState, SuperviseCore, SuperviseOut, SuperviseStep};
-use crate::ledger::{Extent, Underway};
+use crate::ledger::{Extent, Underway, union};
 use crate::reflex::ReflexReport;
 use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
 use std::collections::BTreeSet;
@@ -94,6 +94,11 @@ impl SuperviseCore {
             ReflexReport::Retreating => {
                 step.book.open.iter_mut().for_each(|open| open.retreated = true);
                 self.enter(Status::Retreating, step);
+            }
+            ReflexReport::Joined(motors) => {
+                let joins = |again: &mut Underway| again.named = union(&again.named, &motors);
+                self.retry.iter_mut().for_each(joins);
+                step.book.open.iter_mut().for_each(|open| open.name(&motors));
             }
             ReflexReport::Settling => self.enter(Status::Settling, step),
             ReflexReport::EndsAt { to, motors, stream } => {

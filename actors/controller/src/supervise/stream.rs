@@ -63,6 +63,9 @@ impl SuperviseCore {
     /// Begins or continues the stream, with these new motors; `here`: the newest reading, rad.
     pub(super) fn begin_stream(&mut self, stream: OpenStream, new: &[usize], here: &Pose, step: &mut SuperviseStep) {
         self.motion.stream = Some(stream);
+        if let Some(target) = step.book.open.as_ref().map(|open| open.target.clone()) {
+            step.book.history.note_setpoint(step.now, target);
+        }
         self.switch_modes(new, step);
         self.write_stream(here, step);
     }

@@ -102,6 +102,8 @@ pub struct Trial {
     pub drive: Drive,
     pub stall_deg: Option<f64>,
     pub undo_s: f64,
+    /// Greatest age of a fresh reading; with a real clock three seconds, unless given.
+    pub stale_s: Option<f64>,
     pub clock: ClockKind,
     /// Instead of the one that goes through the poses.
     pub agent: Option<AgentMaker>,
@@ -129,6 +131,7 @@ impl Default for Trial {
             drive: Drive::Straight,
             stall_deg: None,
             undo_s: ControllerSettings::default().undo_s,
+            stale_s: None,
             clock: ClockKind::Virtual,
             agent: None,
             rest: None,
@@ -230,7 +233,7 @@ impl Trial {
                     // the paper's Algorithm 6: by the margin alone
                     reserve_m: Some(0.0),
                     // the machine may take all processors away for half a second
-                    stale_s: (self.clock == ClockKind::Real).then_some(3.0),
+                    stale_s: self.stale_s.or((self.clock == ClockKind::Real).then_some(3.0)),
                     ..ControllerSettings::default()
                 },
                 agent: Some(self.agent.unwrap_or(Arc::new(agent))),
