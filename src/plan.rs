@@ -199,7 +199,7 @@ pub fn command(args: &PlanArgs) -> Result<ExitCode, Report> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The path, and how long the search took; or the reason why there is none.
+/// The path, with the time of the search; or the reason for which there is none.
 fn search(
     args: &PlanArgs,
     planner: &dyn Planner,
@@ -212,6 +212,9 @@ fn search(
     let of = |pose: &[f64]| motors.iter().filter_map(|m| pose.get(*m).copied()).collect::<Vec<f64>>();
     let goals = to.iter().map(|to| of(to)).collect();
     let problem = PlanningProblem { start: of(from), goals, seed: args.seed, budget: u64::MAX };
+    for (goal, why) in space.ends(&problem).map(|ends| ends.refused).unwrap_or_default() {
+        terminal::err(&format!("goal {} of {} is left out: {}", goal + 1, to.len(), why.text(scene, 0)));
+    }
     let begun = processor_s();
     let found = planner.plan(&mut space, &problem, &mut |_| {
         if processor_s() - begun > args.time { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -286,7 +289,18 @@ fn ruled_scene(args: &PlanArgs) -> Result<Scene, Report> {
             return Err(ConfigError::plain(what, "give one clearance").into());
         }
     }
+    if let Some((pair, mm)) = clearances.iter().find(|(_, mm)| **mm > args.clearance_mm) {
+        let what =
+            format!("--pair-clearance-mm: {pair} has {mm} mm, more than the {} mm of all pairs", args.clearance_mm);
+        return Err(ConfigError::plain(what, "give a lower clearance, or raise --clearance-mm").into());
+    }
     let rules = pair_rules(&args.may_touch, &clearances).map_err(complaint)?;
+    for rule in &rules {
+        if !scene.tests_pair_of(0, rule).map_err(|e| complaint(rule_error(&e)))? {
+            let [a, b] = &rule.names;
+            terminal::err(&format!("no pair of {a} and {b} is tested, so a rule for them has no effect"));
+        }
+    }
     scene.with_pair_rules(0, &rules).map_err(|e| complaint(rule_error(&e)))
 }
 

@@ -35,7 +35,7 @@ pub struct PlanningProblem {
     /// Start positions of the motors of the space, rad.
     pub start: Vec<f64>,
     /// Goals, one at least: positions of the motors, rad, any of which will do. For a continuous joint any turn is
-    /// accepted. Goals that can't be used are ignored if another one can.
+    /// accepted. Goals that can't be used are left out if another one can: [`PlanEnds::refused`].
     pub goals: Vec<Vec<f64>>,
     /// Seed of all randomness.
     pub seed: u64,
@@ -51,6 +51,8 @@ pub struct PlanEnds {
     /// Goals, the one nearest to the start first: each with its index among the problem's goals, and in the turn
     /// nearest to the start.
     pub goals: Vec<(usize, Vec<f64>)>,
+    /// Goals that can't be used, by index, each with the reason.
+    pub refused: Vec<(usize, NoPath)>,
 }
 
 /// Progress of a planner, for a progress bar.

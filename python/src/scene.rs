@@ -440,7 +440,8 @@ impl PyScene {
     /// start : array (dof,)
     ///     The configuration of all robots, rad or m.
     /// goal : array (dof,) or (K, dof)
-    ///     One goal, or several, any of which will do: the search grows from all of them; `Ik.q` of `Robot.ik`, for a pose of a frame. One
+    ///     One goal, or several, any of which will do: the search grows from all of them, and leaves out those that
+    ///     can't be stood at if another one can; `Ik.q` of `Robot.ik`, for a pose of a frame. One
     ///     robot moves: the others stand at `start`.
     /// seed : int
     ///     Seed of everything random: equal seeds, equal paths.

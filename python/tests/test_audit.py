@@ -24,7 +24,7 @@ def dataset(folder: Path, robot: mobee.Robot, q: Any, episodes: list[int]) -> li
     (folder / "meta").mkdir()
     (folder / "data/chunk-000").mkdir(parents=True)
     names = [f"{name}.pos" for name in robot.joint_names]
-    info = {"codebase_version": "v3.0", "features": {"observation.state": {"dtype": "float32", "shape": [6], "names": names}}}
+    info = {"codebase_version": "v3.0", "total_frames": len(q), "features": {"observation.state": {"dtype": "float32", "shape": [6], "names": names}}}
     (folder / "meta/info.json").write_text(json.dumps(info))
     table = arrow.table({"observation.state": rows.tolist(), "episode_index": episodes})
     parquet.write_table(table, folder / "data/chunk-000/file-000.parquet")
@@ -50,6 +50,10 @@ def test_a_free_dataset_passes_and_damage_is_named(tmp_path: Path, repository: P
     capsys.readouterr()
     assert main([*arguments, "--column", "action"]) == 2
     assert "info.json" in (said := capsys.readouterr().err) and "action" in said
+    info = tmp_path / "meta/info.json"
+    info.write_text(info.read_text().replace('"total_frames": 3', '"total_frames": 4'))
+    assert main(arguments) == 2
+    assert "data has 3 frames, and meta/info.json states 4" in capsys.readouterr().err
     (tmp_path / "data/chunk-000/file-000.parquet").write_bytes(b"PAR1 no")
     assert main(arguments) == 2
     assert "file-000.parquet" in capsys.readouterr().err

@@ -203,8 +203,15 @@ fn a_pick_and_a_set_of_goals_are_planned_from_the_command_line() {
     assert!(told.contains("certified free at 12 mm"), "{told}");
 
     // the first goal is blocked, so the second one is reached
-    let told = answer(&[&args[..], &["--to", "panda_joint1=-20", "--to", "panda_joint1=160"]].concat());
+    let more = ["--to", "panda_joint1=-20", "--to", "panda_joint1=160", "--may-touch", "panda_link0:panda_link1"];
+    let output = mobee_here().args(args).args(more).output().expect("mobee starts");
+    let [told, noted] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());
     assert!(told.contains("goal 2 of 3"), "{told}");
+    assert!(noted.contains("goal 1 of 3 is left out: the goal is not free"), "{noted}");
+    assert!(noted.contains("no pair of panda_link0 and panda_link1 is tested"), "neighbors: {noted}");
+    let told = complaint(&[&args[..], &["--pair-clearance-mm", "panda_hand:cup=13"]].concat());
+    assert!(told.contains("13 mm, more than the 12 mm of all pairs"), "{told}");
+
     let place = format!("{},{},{}", -at.x, at.y, at.z);
     let told = answer(&["plan", PANDA, "--to-hand", &place, "--hand", "panda_leftfinger"]);
     assert!(told.contains("certified free"), "{told}");

@@ -59,7 +59,7 @@ impl Planner for RrtConnect {
         problem: &PlanningProblem,
         watch: &mut dyn FnMut(PlanProgress) -> ControlFlow<()>,
     ) -> Result<JointPath, NoPath> {
-        let PlanEnds { start, goals } = space.ends(problem)?;
+        let PlanEnds { start, goals, .. } = space.ends(problem)?;
         let begun = space.evaluations();
         let step = self.step.max(1e-6);
         let trees = [SearchTree::new(space, [&start]), SearchTree::new(space, goals.iter().map(|(_, goal)| goal))];

@@ -397,23 +397,27 @@ impl JointSpace {
     /// Returns the start of a problem and the goals that a planner can use.
     ///
     /// # Errors
-    /// A start, or all goals, that no planner can use: malformed, outside the limits or not free. Of several goals the
-    /// first one's reason is returned.
+    /// A start, or all goals, that no planner can use: outside the limits or not free; of several goals the first one's
+    /// reason is returned. A malformed end, even if other goals can be used.
     pub fn ends(&mut self, problem: &PlanningProblem) -> Result<PlanEnds, NoPath> {
         let start = problem.start.clone();
         self.check_end(PathEnd::Start, &start)?;
-        let mut refusal = NoPath::Malformed(PathEnd::Goal);
         let mut goals = Vec::new();
+        let mut refused = Vec::new();
         for (i, given) in problem.goals.iter().enumerate() {
             let goal = if given.len() == start.len() { self.toward(&start, given) } else { given.clone() };
             match self.check_end(PathEnd::Goal, &goal) {
                 Ok(()) => goals.push((i, goal)),
-                Err(why) if i == 0 => refusal = why,
-                Err(_) => {}
+                Err(why @ NoPath::Malformed(_)) => return Err(why),
+                Err(why) => refused.push((i, why)),
             }
         }
         goals.sort_by(|a, b| self.weighted(&start, &a.1).total_cmp(&self.weighted(&start, &b.1)));
-        if goals.is_empty() { Err(refusal) } else { Ok(PlanEnds { start, goals }) }
+        if goals.is_empty() {
+            let first = refused.into_iter().next();
+            return Err(first.map_or(NoPath::Malformed(PathEnd::Goal), |(_, why)| why));
+        }
+        Ok(PlanEnds { start, goals, refused })
     }
 
     /// Checks that a planner can use an end of a problem.

@@ -50,6 +50,13 @@ pub(crate) struct ResolvedRule {
     clearance: Option<f64>,
 }
 
+impl ResolvedRule {
+    fn concerns(&self, (a, b): (ShapeId, ShapeId)) -> bool {
+        let [one, other] = &self.sides;
+        (one.has(a) && other.has(b)) || (one.has(b) && other.has(a))
+    }
+}
+
 /// The shapes of one name.
 #[derive(Clone, Debug, PartialEq)]
 enum RuleSide {
@@ -85,8 +92,7 @@ pub(super) enum PairPolicy {
 pub(super) fn rule_of(robots: &[Arc<Robot>], rules: &[ResolvedRule], (a, b): (ShapeId, ShapeId)) -> PairPolicy {
     let mut least = own_clearance(robots, a, b);
     for rule in rules {
-        let [one, other] = &rule.sides;
-        if (one.has(a) && other.has(b)) || (one.has(b) && other.has(a)) {
+        if rule.concerns((a, b)) {
             let Some(clearance) = rule.clearance else { return PairPolicy::MayTouch };
             least = Some(least.map_or(clearance, |least| least.min(clearance)));
         }
@@ -122,6 +128,17 @@ impl<E: Engine> Scene<E> {
     /// As [`Scene::with_pair_rules`], but rules with unknown names are ignored: an object may be absent now.
     pub fn with_pair_rules_of_present(&self, robot: usize, rules: &[PairRule]) -> Self {
         self.ruled(rules.iter().filter_map(|rule| self.resolve_rule(robot, rule).ok()).collect())
+    }
+
+    /// True if a rule concerns a tested pair: not links that are neighbors or that the robot's file disables, nor an
+    /// object that is no obstacle.
+    ///
+    /// # Errors
+    /// As [`Scene::with_pair_rules`].
+    pub fn tests_pair_of(&self, robot: usize, rule: &PairRule) -> Result<bool, SceneError> {
+        let rule = self.resolve_rule(robot, rule)?;
+        let pairs = self.pairs().iter().filter_map(|(a, b)| Some((self.shape_id(*a)?, self.shape_id(*b)?)));
+        Ok(pairs.into_iter().any(|pair| rule.concerns(pair)))
     }
 
     fn ruled(&self, rules: Arc<[ResolvedRule]>) -> Self {

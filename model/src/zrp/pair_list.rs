@@ -3,7 +3,7 @@
 
 use super::element::Element;
 use crate::error::FileError;
-use crate::{LeftOut, NearPair, Node, suggestion};
+use crate::{LeftOut, NearPair, Node, Robot, suggestion};
 use std::collections::BTreeMap;
 
 /// Maximum number of listed pairs.
@@ -19,6 +19,26 @@ pub(super) struct PairList(Vec<Element>);
 pub(super) struct ResolvedPairs {
     pub(super) left_out: Vec<LeftOut>,
     pub(super) near: Vec<NearPair>,
+    /// The element of each of these.
+    near_elements: Vec<Element>,
+}
+
+impl ResolvedPairs {
+    /// Disables and brings near the pairs of a robot. Warns about lines with a clearance that has no effect.
+    pub(super) fn apply(self, robot: &mut Robot, warnings: &mut super::element::Warnings) {
+        robot.leave_out(self.left_out);
+        for (near, e) in self.near.into_iter().zip(&self.near_elements) {
+            let help = "remove the line";
+            if robot.pairs.reflex.binary_search(&near.nodes).is_err() {
+                let message = "this pair is not tested, so its clearance has no effect";
+                warnings.add(|| e.warning_at("a", message, help));
+            } else if robot.near.iter().any(|known| known.nodes == near.nodes) {
+                let message = "this pair has a clearance already: the lower one applies";
+                warnings.add(|| e.warning_at("a", message, help));
+            }
+            robot.bring_near([near]);
+        }
+    }
 }
 
 impl PairList {
@@ -54,18 +74,19 @@ impl PairList {
                 e.error_at(attr, message, suggestion(name, "link or joint with a name", &names))
             })
         };
-        let mut resolved = ResolvedPairs { left_out: Vec::new(), near: Vec::new() };
-        for e in &self.0 {
-            let a = find(e, "a")?;
-            let b = find(e, "b")?;
+        let mut resolved = ResolvedPairs { left_out: Vec::new(), near: Vec::new(), near_elements: Vec::new() };
+        for e in self.0 {
+            let a = find(&e, "a")?;
+            let b = find(&e, "b")?;
             if a == b {
                 let help = "shapes of one link are never tested against each other: remove the line";
                 return Err(e.error_at("b", "a pair is of two links, and this names one twice", help));
             }
             let nodes = (a.min(b), a.max(b));
             let reason = e.get("reason").map(|r| r.value.trim().to_owned()).unwrap_or_default();
-            if is_near(e) {
-                resolved.near.push(NearPair { nodes, clearance: clearance(e)?, reason });
+            if is_near(&e) {
+                resolved.near.push(NearPair { nodes, clearance: clearance(&e)?, reason });
+                resolved.near_elements.push(e);
             } else {
                 resolved.left_out.push(LeftOut { nodes, reason });
             }

@@ -242,8 +242,7 @@ impl RobotReader {
             bare: self.bare,
         };
         if let Some(list) = left_out {
-            robot.leave_out(list.left_out);
-            robot.bring_near(list.near);
+            list.apply(&mut robot, &mut self.warnings);
         }
         Ok(Loaded { value: robot, warnings: self.warnings.0 })
     }

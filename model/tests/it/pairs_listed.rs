@@ -97,6 +97,14 @@ fn a_pair_with_a_clearance_of_its_own_is_tested_at_that_by_every_query() {
     let again = parse_robot("again.xml", &write_robot(&robot)).unwrap();
     assert!(again.warnings.is_empty() && again.value == robot, "{:?} {:?}", again.warnings, again.value.near);
     assert_eq!((robot.near.len(), robot.near[0].reason.as_str()), (1, "fingers"));
+    for (more, what) in [
+        (r#"<near a="right" b="left" clearance="0.002"/>"#, "the lower one applies"),
+        (r#"<leaveOut a="left" b="right"/>"#, "is not tested"),
+    ] {
+        let file = FINGERS.replace("</pairs>", &format!("{more}</pairs>"));
+        let warnings = parse_robot("r.xml", &file).unwrap().warnings;
+        assert!(warnings.iter().any(|w| w.to_string().contains(what)), "{more}: {warnings:?}");
+    }
     let mut lower = robot.clone();
     let near = |clearance| NearPair { clearance, ..robot.near[0].clone() };
     lower.bring_near([near(0.001), near(0.002)]);

@@ -58,7 +58,7 @@ def audit(
         raise MobeeError("unit", f"there is no unit {unit!r}", "unit", "give degrees or range")
     if not 0.0 <= margin < 10.0:
         raise MobeeError("bounds", f"margin is {margin}", "margin", "give m, from 0 to below 10")
-    names = _names(dataset, column)
+    names, frames = _names(dataset, column)
     order = _order(names, robot, percent)
     scene = Scene(robot, world)
     report: dict[str, Any] = {"frames": 0, "contact": 0, "near": 0, "beyond_limits": 0, "margin_m": margin, "pairs": {}, "episodes": {}}
@@ -75,6 +75,9 @@ def audit(
         found = scene.contacts(np.clip(q, robot.lower, robot.upper), margin)
         for episode, pairs in zip(episodes, found, strict=True):
             _count(report, str(episode), pairs)
+    if report["frames"] != frames:
+        what = f"data has {report['frames']} frames, and meta/info.json states {frames}"
+        raise MobeeError("dataset", what, str(dataset), "download the missing files")
     if report["beyond_limits"] > report["frames"] / 2:
         what = f"{report['beyond_limits']} of {report['frames']} frames are beyond the robot's limits"
         raise MobeeError("unit", what, column, "give the dataset's robot, the unit of its positions, and the joints in percent")
@@ -95,11 +98,13 @@ def _count(report: dict[str, Any], episode: str, pairs: Any) -> None:
         of["nearest_m"] = min(of["nearest_m"], pair.distance)
 
 
-def _names(dataset: Path, column: str) -> list[str]:
+def _names(dataset: Path, column: str) -> tuple[list[str], int]:
+    """The names of a column's positions, and the number of frames of the dataset."""
     path = dataset / "meta/info.json"
     try:
         info = json.loads(path.read_text())
         version, names = info["codebase_version"], info["features"][column]["names"]
+        frames = int(info["total_frames"])
     except (OSError, ValueError, KeyError, TypeError) as e:
         raise MobeeError("dataset", f"no feature {column} can be read: {type(e).__name__} {e}", str(path), "give a LeRobotDataset v3, and its column") from None
     if not str(version).startswith("v3"):
@@ -108,7 +113,7 @@ def _names(dataset: Path, column: str) -> list[str]:
         names = [name for group in names.values() for name in group]
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise MobeeError("dataset", f"{column} has no list of names", str(path), "name its motors in features.names")
-    return [name.removesuffix(".pos") for name in names]
+    return [name.removesuffix(".pos") for name in names], frames
 
 
 def _order(names: list[str], robot: Robot, percent: Sequence[str]) -> list[int]:

@@ -74,12 +74,12 @@ pub(crate) fn compile_arm(arm: &Arm, settings: &TrialSettings) -> Result<(Scene,
 /// Runs a problem.
 ///
 /// # Arguments
-/// * `arm`, `alone`: the robot, and its scene and space without objects, compiled.
+/// * `arm`, `robot_alone`, `space_alone`: the robot, and its scene and space without objects, compiled.
 ///
 /// # Errors
 /// If the scene can't be made.
 pub(crate) fn run(
-    (arm, alone): (&Arm, &(Scene, JointSpace)),
+    (arm, (robot_alone, space_alone)): (&Arm, &(Scene, JointSpace)),
     planner: &dyn Planner,
     scene: &str,
     problem: &Problem,
@@ -95,9 +95,9 @@ pub(crate) fn run(
     let rules = pair_rules(&may_touch, &arm.pair_clearance_mm).map_err(|e| rule_fault(scene, problem, &e))?;
     let (mut world, mut space) = (None, None);
     trial.compile_ms = least(settings.rounds, || {
-        let made = alone.0.with_objects(objects.clone()).map_err(|e| fault(&e))?;
+        let made = robot_alone.with_objects(objects.clone()).map_err(|e| fault(&e))?;
         let made = made.with_pair_rules(0, &rules).map_err(|e| rule_fault(scene, problem, &rule_error(&e)))?;
-        let compiled = alone.1.among(&made, &[&arm.pose]).map_err(|e| fault(&e))?;
+        let compiled = space_alone.among(&made, &[&arm.pose]).map_err(|e| fault(&e))?;
         (world, space) = (Some(made), Some(compiled));
         Ok(())
     })?;

@@ -28,7 +28,7 @@ pub enum CommandedPath {
     Setpoints,
 }
 
-/// BridgedGap over a gap.
+/// A gap in the readings that is bridged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BridgedGap {
     /// Time of the last reading before the gap.
