@@ -1,5 +1,6 @@
 //! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
 
+mod book;
 mod broken_files;
 mod collecting;
 mod common;
