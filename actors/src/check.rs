@@ -26,7 +26,7 @@
 //! | I26 | frozen encoders are noticed | readings that stay bit-identical while the motors should move end the motion within a stated time |
 //! | I27 | contacts have hysteresis | a contact begins below the margin, and again only after it has ended |
 //! | I28 | a death closes the filter | the death of the model or of a controller's actor closes the filter within two leases; an exchange closes it before the new part is inspected; a new driver first stops its board, and a stop discards queued set-points |
-//! | I29 | agents are told the truth | `committed` is reported only within the tolerance of the target; the built-in agent is notified of the end of its motion once, after the outcome and before its next commit, and the notification matches the outcome |
+//! | I29 | reports to agents are true | `committed` is reported only within the tolerance of the target; the built-in agent is notified of the end of its motion once, after the outcome and before its next commit, and the notification matches the outcome |
 //! | I31 | displacement at rest closes the filter | the filter closes if a robot at rest is moved by something other than its commands; a displacement beyond the tolerance is reported, and the filter does not stay open |
 //! | I34 | no avoidable hard contact | a robot that looks ahead touches nothing that it could have stopped short of |
 //! | I35 | nothing is pushed for long | a simulated robot pushes a thing for a second at most, in addition to the time in which it brakes and returns |

@@ -94,7 +94,7 @@ pub const ALL: &[InvariantEntry] = &[
     of::<FrozenIsNoticed>("I26", "frozen encoders are noticed", Wants::Poses),
     of::<ContactsHold>("I27", "contacts have hysteresis", Wants::Events),
     of::<ClosesAtOnce>("I28", "a death closes the filter", Wants::Events),
-    of::<ToldTheTruth>("I29", "agents are told the truth", Wants::Events),
+    of::<ToldTheTruth>("I29", "reports to agents are true", Wants::Events),
     of::<MovedAtRest>("I31", "displacement at rest closes the filter", Wants::Poses),
     of::<HardContacts>("I34", "no avoidable hard contact", Wants::Events),
     of::<Released>("I35", "nothing is pushed for long", Wants::Events),
