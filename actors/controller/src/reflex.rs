@@ -13,6 +13,7 @@
 
 mod contacts;
 mod floors;
+mod phases;
 mod retreat;
 mod retreating;
 mod yielding;
@@ -28,11 +29,10 @@ use contacts::Contacts;
 use floors::{ClearanceFloors, RecentClearances};
 use mobee_contract::{Cause, Command, CommitId, Event, Hold, Status, Time};
 use mobee_model::{Contact, Pair};
+use phases::{ReflexPhase, StoppingPhase};
 pub use retreat::HALT_ACCELERATION_SHARE;
-use retreat::Retreat;
 use std::sync::Arc;
 use std::time::Duration;
-use yielding::RetreatYield;
 
 /// Time for which readings must be equal bit for bit, while set-points move by [`FROZEN_TRAVEL`], to count as frozen
 /// (I26). Encoders are noisy: if they are equal for half a second, they were not read. A shorter time would mistake a
@@ -110,27 +110,6 @@ pub enum ReflexReport {
     Stopped,
     /// The robot has stopped and rests, but not at the safe pose.
     GaveUp(Hold),
-}
-
-/// Phase of the reflex. All phases but the first hold the token under which the filter was closed. If the gate has
-/// another token, another component acts, and the reflex returns to watching.
-#[derive(Clone, Debug)]
-enum ReflexPhase {
-    /// The filter is open, or was closed for a reason that needs no retreat.
-    Watching,
-    /// The robot was stopped at `since`; the reflex waits until it rests.
-    Stopping { token: u64, since: Time, then: AfterStop },
-    /// The retreat is in progress. `violated`: whether a constraint was violated as it began.
-    Retreating {
-        token: u64,
-        retreat: Retreat,
-        job: RetreatJob,
-        violated: bool,
-        frozen_watch: FrozenEncoderWatch,
-        yielding: RetreatYield,
-    },
-    /// The last set-point was written; the robot should arrive at `since`.
-    Settling { token: u64, since: Time, retreat: Retreat, job: RetreatJob, violated: bool, yielding: RetreatYield },
 }
 
 /// Action after a stop, once the robot rests.
@@ -299,12 +278,12 @@ impl ReflexCore {
                     let back = motion.safe.clone().map(|safe| AfterStop::Retreat(RetreatJob { motion, safe, again }));
                     let then = back.unwrap_or(AfterStop::Report(ReflexReport::GaveUp(Hold::HistoryTooShort)));
                     self.floors = ClearanceFloors::new(step.rules.margin, &self.near);
-                    self.enter(ReflexPhase::Stopping { token, since: step.now, then }, step);
+                    self.enter_stop(token, then, step);
                 }
             }
             ReflexIn::Brought(Ok(())) => self.request_retreat(step),
             ReflexIn::Brought(Err(why)) => {
-                if let ReflexPhase::Stopping { token, then: AfterStop::Retreat(_), .. } = self.phase {
+                if let ReflexPhase::Stopping(StoppingPhase { token, then: AfterStop::Retreat(_), .. }) = self.phase {
                     let robot = step.robot();
                     let reason = Hold::HistoryTooShort;
                     let what = why.to_string();
@@ -330,7 +309,7 @@ impl ReflexCore {
         self.recent.note(&self.near, pulse.sample.at);
         // An object that touches a robot at rest was moved there by something else.
         let moving = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
-        let back = matches!(self.phase, ReflexPhase::Retreating { .. } | ReflexPhase::Settling { .. });
+        let back = self.phase.is_on_path();
         // A robot that retreats in the same group passes this one as recorded. Of any other robot, and during a
         // motion, the smallest known distance counts.
         let along = |c: &Contact| back && self.shares_group(c, step);
@@ -358,12 +337,7 @@ impl ReflexCore {
         // The gate's current token, not the one at the beginning of this step: the last component that closed it is
         // in charge.
         let token = step.gate.token();
-        let outdated = match &self.phase {
-            ReflexPhase::Watching => false,
-            ReflexPhase::Stopping { token: t, .. }
-            | ReflexPhase::Retreating { token: t, .. }
-            | ReflexPhase::Settling { token: t, .. } => *t != token,
-        };
+        let outdated = self.phase.token().is_some_and(|own| own != token);
         if outdated {
             // The filter was closed again, and the robot stopped, by another component.
             self.enter(ReflexPhase::Watching, step);
@@ -444,26 +418,27 @@ impl ReflexCore {
         let then = motion.safe.clone().map_or(AfterStop::Report(ReflexReport::Stopped), back);
         // The stop takes effect from now on: a delayed reading does not show it.
         self.floors = ClearanceFloors::new(step.rules.margin, &self.near);
-        self.enter(ReflexPhase::Stopping { token, since: step.now, then }, step);
+        self.enter_stop(token, then, step);
     }
 
-    /// Enters the next phase, and joins or leaves the joint retreat accordingly.
+    /// Enters the phase that waits for rest after a stop, which was sent just before.
+    fn enter_stop(&mut self, token: u64, then: AfterStop, step: &ReflexStep) {
+        self.stop = Stop::sent(step.now);
+        self.enter(ReflexPhase::Stopping(StoppingPhase { token, since: step.now, then }), step);
+    }
+
+    /// Enters the next phase, and joins or leaves the joint retreat accordingly. On its path and at the end of it, the
+    /// robot retains its place on the common clock for those that are still retreating.
     fn enter(&mut self, phase: ReflexPhase, step: &ReflexStep) {
-        // A stop was sent just before this phase is entered.
-        if let ReflexPhase::Stopping { .. } = phase {
-            self.stop = Stop::sent(step.now);
-        }
         match &phase {
-            ReflexPhase::Stopping { then: AfterStop::Retreat(_), .. } => {
+            ReflexPhase::Stopping(StoppingPhase { then: AfterStop::Retreat(_), .. }) => {
                 // The robot may have been retreating already: that retreat is over, and would not plan another path
                 // for it.
                 step.joint_retreat.leave(self.robot);
                 step.joint_retreat.announce(self.robot, step.now);
             }
-            ReflexPhase::Retreating { .. } | ReflexPhase::Settling { .. } => {}
-            ReflexPhase::Watching | ReflexPhase::Stopping { then: AfterStop::Report(_), .. } => {
-                step.joint_retreat.leave(self.robot)
-            }
+            ReflexPhase::Retreating(_) | ReflexPhase::Settling(_) => {}
+            ReflexPhase::Watching | ReflexPhase::Stopping(_) => step.joint_retreat.leave(self.robot),
         }
         self.phase = phase;
     }
