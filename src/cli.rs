@@ -15,6 +15,9 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+#[cfg(test)]
+mod documented_commands;
+
 /// Modular Behavioral Environment: robots that explore, collide, undo their motion and plan again.
 ///
 /// A research safety layer, not a certified one: keep a hardware stop above it.
