@@ -8,6 +8,7 @@ mod report;
 mod rest;
 mod restart;
 mod run;
+mod running;
 mod tree;
 
 pub use crate::shell::{

@@ -98,10 +98,31 @@ fn is_news(now: &SystemReport, name: &str, part: SwapPart, step: &SwapStep) -> b
 
 /// The lines of `mobee ctl status`. Rates and shares are taken between `before`, an earlier report, and `now`.
 pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<String> {
-    let mut lines = Vec::new();
+    let mut lines = robot_lines(now);
+    let beside = now.beside.iter().filter(|((name, part), step)| is_news(now, name, *part, step));
+    lines.extend(
+        beside.map(|((name, part), step)| format!("{name}  swap of the {part}: {}", swap_step_text(*part, step))),
+    );
+    for sensor in &now.sensors {
+        lines.extend(sensor.objects.iter().map(|object| format!("{}  {}", sensor.name, object_line(now, object))));
+    }
+    for (name, why) in &now.counts.down {
+        lines.push(format!("{name}  DOWN: {why}; `mobee ctl restart {name}` starts it again"));
+    }
+    count_lines(now, &mut lines);
+    lines.push(String::new());
+    let secs = before.map(|b| now.at.since(b.at).as_secs_f64()).filter(|s| *s > 0.0);
+    load_lines(now, before, secs, &mut lines);
+    lines.push(String::new());
+    link_lines(now, before, secs, &mut lines);
+    lines
+}
+
+/// One line for each robot: state, outlook, board, hold offsets, swaps.
+fn robot_lines(now: &SystemReport) -> Vec<String> {
     let wide = now.robots.iter().map(|r| r.name.len()).max().unwrap_or(0);
-    for robot in &now.robots {
-        let gave_up = now.counts.is_given_up;
+    let gave_up = now.counts.is_given_up;
+    let line = |robot: &RobotReport| {
         let mut line = format!("{:wide$}  {}: {}", robot.name, state(robot, gave_up), outlook(robot, gave_up, now));
         if let Some(answers) = robot.answers {
             let _ = write!(line, "; its board {answers}");
@@ -113,27 +134,21 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         for (part, step) in robot.swaps.iter().filter(|(part, step)| is_news(now, &robot.name, **part, step)) {
             let _ = write!(line, "; swap of the {part}: {}", swap_step_text(*part, step));
         }
-        lines.push(line);
-    }
-    let beside = now.beside.iter().filter(|((name, part), step)| is_news(now, name, *part, step));
-    lines.extend(
-        beside.map(|((name, part), step)| format!("{name}  swap of the {part}: {}", swap_step_text(*part, step))),
-    );
-    for sensor in &now.sensors {
-        for KeptObject { object, place, seen, is_stale } in &sensor.objects {
-            let age = now.at.since(*seen).as_secs_f64();
-            lines.push(match place {
-                None => format!("{}  {object} has not been seen", sensor.name),
-                Some([x, y, z]) => {
-                    let stale = if *is_stale { ", STALE" } else { "" };
-                    format!("{}  {object} at {x:.3} {y:.3} {z:.3} m, seen {age:.1} s ago{stale}", sensor.name)
-                }
-            });
-        }
-    }
-    for (name, why) in &now.counts.down {
-        lines.push(format!("{name}  DOWN: {why}; `mobee ctl restart {name}` starts it again"));
-    }
+        line
+    };
+    now.robots.iter().map(line).collect()
+}
+
+/// The place of an object that a sensor tracks.
+fn object_line(now: &SystemReport, KeptObject { object, place, seen, is_stale }: &KeptObject) -> String {
+    let Some([x, y, z]) = place else { return format!("{object} has not been seen") };
+    let age = now.at.since(*seen).as_secs_f64();
+    let stale = if *is_stale { ", STALE" } else { "" };
+    format!("{object} at {x:.3} {y:.3} {z:.3} m, seen {age:.1} s ago{stale}")
+}
+
+/// The counters: motions and their causes, and those of the others that are not zero.
+fn count_lines(now: &SystemReport, lines: &mut Vec<String>) {
     let c = &now.counts;
     lines.push(format!(
         "{:.1} s: {} motions, {} committed, {} rolled back, {} faulted, {} refused, {} contacts, {} restarts",
@@ -166,8 +181,10 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     }
     let taps = now.links.iter().filter_map(|(name, c)| Some((name.strip_prefix("tap>")?.to_owned(), c.dropped)));
     lines.extend(crate::run::overload(c, taps).map(|(what, _)| what));
-    lines.push(String::new());
-    let secs = before.map(|b| now.at.since(b.at).as_secs_f64()).filter(|s| *s > 0.0);
+}
+
+/// The supervision tree, with the share of a core that each actor used in the last `secs` seconds.
+fn load_lines(now: &SystemReport, before: Option<&SystemReport>, secs: Option<f64>, lines: &mut Vec<String>) {
     let share = |now: Duration, before: Duration, secs: f64| 100.0 * now.saturating_sub(before).as_secs_f64() / secs;
     let mut shares = BTreeMap::new();
     if let (Some(before), Some(secs)) = (before.filter(|_| !now.busy.is_empty()), secs) {
@@ -180,7 +197,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         lines.push(format!("processor: {all:.1} % of a core, {known:.1} % by these actors and their tasks"));
     }
     for group in &now.tree {
-        branch(group, 0, &shares, &mut lines);
+        branch(group, 0, &shares, lines);
     }
     // the supervisors of the sinks are not part of this tree
     let sink = |(name, _): &(String, _)| {
@@ -192,7 +209,10 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         lines.push("taps".into());
     }
     lines.extend(sinks);
-    lines.push(String::new());
+}
+
+/// The links between the actors: rate in the last `secs` seconds, queue, and dropped messages.
+fn link_lines(now: &SystemReport, before: Option<&SystemReport>, secs: Option<f64>, lines: &mut Vec<String>) {
     lines.push(format!("{:28} {:>9} {:>6} {:>8}", "link", "per s", "queue", "dropped"));
     for (name, counters) in &now.links {
         let earlier = before.and_then(|b| b.links.iter().find(|(n, _)| n == name)).map(|(_, c)| c.sent);
@@ -202,7 +222,6 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         };
         lines.push(format!("{name:28} {rate:>9} {:>6} {:>8}", counters.queued, counters.dropped));
     }
-    lines
 }
 
 fn branch(health: &Health, depth: usize, shares: &BTreeMap<String, f64>, lines: &mut Vec<String>) {

@@ -14,7 +14,7 @@ use mobee_actors::check::Checker;
 use mobee_actors::record::journal::{Fingerprint, JournalLine};
 use mobee_actors::record::tap::Taps;
 use mobee_actors::record::track::Tracks;
-use mobee_actors::system::{Control, Injection, RunCounts, RunProgress, Setup, run_under};
+use mobee_actors::system::{Control, Injection, RunCounts, RunEnd, RunProgress, Setup, run_under};
 use mobee_contract::{Cause, Commit, Context, Entry, Event, Hold, Outcome, Sink, Status, SwapStep, Time};
 use mobee_drivers::{Fault, SimHardware};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
@@ -96,6 +96,27 @@ struct Watch {
     bugs: Vec<String>,
     /// Further sinks, if the run is stored.
     sinks: Vec<Box<dyn Sink>>,
+}
+
+impl Watch {
+    /// Watches a run whose boards with direct access are these. `sinks` receive all entries as well.
+    fn new(objects: ObjectChecker, boards: Vec<Option<SimHardware>>, sinks: Vec<Box<dyn Sink>>) -> Watch {
+        Watch {
+            checker: Checker::default(),
+            witness: Witness::default(),
+            objects,
+            n: 0,
+            hash: Fingerprint::default(),
+            faulted: BTreeMap::new(),
+            closed: BTreeMap::new(),
+            swaps: [0; 3],
+            boards,
+            escapes: BTreeMap::new(),
+            ending: false,
+            bugs: Vec::new(),
+            sinks,
+        }
+    }
 }
 
 impl Sink for Watch {
@@ -220,21 +241,8 @@ impl TortureTrial {
                 }
             }
         }
-        let mut watch = Watch {
-            checker: Checker::default(),
-            witness: Witness::default(),
-            objects: ObjectChecker::new(composed.truth.clone(), &composed.sensors, planned),
-            n: 0,
-            hash: Fingerprint::default(),
-            faulted: BTreeMap::new(),
-            closed: BTreeMap::new(),
-            swaps: [0; 3],
-            boards: boards.iter().map(|b| b.simulated().cloned()).collect(),
-            escapes: BTreeMap::new(),
-            ending: false,
-            bugs: Vec::new(),
-            sinks,
-        };
+        let objects = ObjectChecker::new(composed.truth.clone(), &composed.sensors, planned);
+        let mut watch = Watch::new(objects, boards.iter().map(|b| b.simulated().cloned()).collect(), sinks);
         sight::install_faults(&mut composed.sensors, planned, seed);
         watch.witness.board_faults(board_faults(planned, &watch.boards));
         watch.witness.late_boards((0..boards.len()).map(|board| late(planned, board)).collect());
@@ -281,37 +289,7 @@ impl TortureTrial {
         faults.sort_by_key(|(at, _)| *at);
         let end = run_under(setup, faults, controls, Some(limit), enough).map_err(|e| Report::msg(e.to_string()))?;
         taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });
-        let mut watch = sample();
-        let _ = watch.flush();
-        let (_, violations) = std::mem::take(&mut watch.checker).end();
-        let counted = violations.into_iter().filter(|v| counted::counts(v, planned));
-        let mut violations: Vec<(String, String)> = counted.map(|v| (v.invariant.to_owned(), v.to_string())).collect();
-        let seen = watch.witness.found.drain(..).map(|(i, what)| (i.to_owned(), format!("{i} broken: {what}")));
-        violations.extend(seen);
-        violations.extend(watch.bugs.drain(..).map(|b| ("bug".to_owned(), b)));
-        if end.counts.is_given_up && !planned.iter().any(|p| p.what.kind() == "F5") {
-            violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
-        }
-        let counts = end.counts;
-        let swaps = watch.swaps;
-        let hash = watch.hash.hex();
-        let faulted = std::mem::take(&mut watch.faulted);
-        let closed = std::mem::take(&mut watch.closed);
-        let growth = memory.slope();
-        if let Some(slope) = growth.filter(|slope| *slope > MAX_GROWTH_MB_PER_H) {
-            violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
-        }
-        Ok(TrialResult {
-            violations,
-            simulated: end.ended_at.since(Time::ZERO),
-            counts,
-            faulted,
-            closed,
-            swaps,
-            joint: watch.witness.joint.clone(),
-            hash,
-            growth,
-        })
+        Ok(result(&mut sample(), end, planned, memory.slope()))
     }
 
     fn boards(&self, i: usize, seed: u64, robots: &[Arc<mobee_model::Robot>]) -> Result<Boards, Report> {
@@ -321,6 +299,34 @@ impl TortureTrial {
         };
         let context = Context { robot: robot.clone(), seed: derive_seed(seed, &format!("{}/driver", config.name)) };
         driven.boards(&context).map_err(|e| Report::msg(e.to_string()))
+    }
+}
+
+/// Judges a trial that has ended. `growth`: slope of the process's memory, MB/h, if it was measured.
+fn result(watch: &mut Watch, end: RunEnd, planned: &[Planned], growth: Option<f64>) -> TrialResult {
+    let _ = watch.flush();
+    let (_, violations) = std::mem::take(&mut watch.checker).end();
+    let counted = violations.into_iter().filter(|v| counted::counts(v, planned));
+    let mut violations: Vec<(String, String)> = counted.map(|v| (v.invariant.to_owned(), v.to_string())).collect();
+    let seen = watch.witness.found.drain(..).map(|(i, what)| (i.to_owned(), format!("{i} broken: {what}")));
+    violations.extend(seen);
+    violations.extend(watch.bugs.drain(..).map(|b| ("bug".to_owned(), b)));
+    if end.counts.is_given_up && !planned.iter().any(|p| p.what.kind() == "F5") {
+        violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
+    }
+    if let Some(slope) = growth.filter(|slope| *slope > MAX_GROWTH_MB_PER_H) {
+        violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
+    }
+    TrialResult {
+        violations,
+        simulated: end.ended_at.since(Time::ZERO),
+        counts: end.counts,
+        faulted: std::mem::take(&mut watch.faulted),
+        closed: std::mem::take(&mut watch.closed),
+        swaps: watch.swaps,
+        joint: watch.witness.joint.clone(),
+        hash: watch.hash.hex(),
+        growth,
     }
 }
 

@@ -170,19 +170,8 @@ impl LookAhead {
         let last = self.sweeps.len() - 1;
         let stopping = self.scene.travel(robot, &sample.q, &runner.ghost(last, &sample.q));
         let reserve = runner.reserve_after(stopping);
-        // No pair gets closer while all robots rest; the first reading at rest ends the paths that led there.
-        if self.robots.iter().zip(poses).all(|(runner, q)| runner.rules.is_some() && runner.ghost(last, q) == *q) {
-            if self.resting.replace(poses.to_vec()).is_some() {
-                return Vec::new();
-            }
-        } else if let Some(rested) = self.resting.take() {
-            // The paths begin at the configurations at rest.
-            for sweep in &mut self.sweeps {
-                sweep.jump();
-            }
-            if let Some(sweep) = self.sweeps.last_mut() {
-                sweep.begin(&rested);
-            }
+        if self.all_still_rest(poses) {
+            return Vec::new();
         }
         let is_far = stopping > 2.0 * reserve;
         let mut ways: Vec<Option<Vec<Pose>>> = Vec::with_capacity(GHOSTS.len());
@@ -228,6 +217,22 @@ impl LookAhead {
         };
         let foreseen = |c: Contact| Foreseen { contact: c, edited: edits(c.pair.0).max(edits(c.pair.1)) };
         met.into_iter().map(foreseen).collect()
+    }
+
+    /// Returns true from the second reading on with all robots at rest: no pair gets closer. The first one ends the
+    /// paths that led there, and the first motion begins new ones at the configurations at rest.
+    fn all_still_rest(&mut self, poses: &[Pose]) -> bool {
+        let last = self.sweeps.len() - 1;
+        if self.robots.iter().zip(poses).all(|(runner, q)| runner.rules.is_some() && runner.ghost(last, q) == *q) {
+            return self.resting.replace(poses.to_vec()).is_some();
+        }
+        if let Some(rested) = self.resting.take() {
+            self.sweeps.iter_mut().for_each(|sweep| sweep.jump());
+            if let Some(sweep) = self.sweeps.last_mut() {
+                sweep.begin(&rested);
+            }
+        }
+        false
     }
 }
 

@@ -350,16 +350,7 @@ impl SuperviseCore {
                 let open = step.book.open.as_ref().is_some_and(|open| open.id == id);
                 self.handle_request(revision, open, step);
             }
-            SuperviseIn::Stop(agent) => {
-                let own = step.owner().is_some_and(|a| a == agent);
-                if own && self.is_moving() {
-                    self.interrupt(Cause::Asked, Status::Stopping, step);
-                } else if own {
-                    // The filter was closed for another reason first: the journal shows that the agent aborted its
-                    // motion (I23).
-                    self.report_refusal(&agent, &Err(Refusal::Closed), step);
-                }
-            }
+            SuperviseIn::Stop(agent) => self.stop_motion(&agent, step),
             SuperviseIn::AgentDied(agent) => {
                 step.book.note_agent_death(&agent);
                 self.note_agent_death(step);
@@ -367,12 +358,7 @@ impl SuperviseCore {
             SuperviseIn::Pulse(pulse) => self.pulse(pulse, step),
             SuperviseIn::Tick => {
                 self.summarize_refusals(step);
-                // Only a tick can detect this: missing readings cause no step.
-                let stale = self.newest.as_ref().is_none_or(|newest| now > newest.sampled_at + step.rules.fresh);
-                let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));
-                if stale && !known && !matches!(self.closing, Closing::Settle(_)) {
-                    self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
-                }
+                self.check_readings(step);
             }
             SuperviseIn::Fault(what) => {
                 // A faulty board reports its fault at each query: once is enough.
@@ -380,15 +366,7 @@ impl SuperviseCore {
                     self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), step);
                 }
             }
-            SuperviseIn::TooFast(what) => {
-                // A motor pushed by an obstacle is fast as well: in a motion it is rolled back; a robot driven at
-                // rest is no contact.
-                if self.is_moving() && self.token == step.gate.token() {
-                    self.roll_back(Cause::BoardFault(what), step);
-                } else if self.status != Status::Holding(Hold::BoardFault) && self.closing != Closing::Reflex {
-                    self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), step);
-                }
-            }
+            SuperviseIn::TooFast(what) => self.handle_excess_speed(what, step),
             SuperviseIn::Closed(token, cause, blamed) => self.closed(token, (cause, blamed), step),
             SuperviseIn::ReflexReport(report) => self.on_report(report, step),
             SuperviseIn::Recover => self.recover(step),
@@ -402,22 +380,8 @@ impl SuperviseCore {
                     self.closing = Closing::Settle(now);
                 }
             }
-            SuperviseIn::Shutdown => {
-                self.shutdown = true;
-                let closed = self.closing == Closing::Yielded;
-                if closed || self.is_moving() || self.status == Status::Rest {
-                    self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), step);
-                }
-            }
-            SuperviseIn::Abandon => {
-                self.shutdown = true;
-                if self.closing != Closing::No || self.is_moving() {
-                    self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), step);
-                    // There is no waiting for rest any more: the outcome is that shown by the newest reading.
-                    self.end(None, step);
-                    self.closing = Closing::No;
-                }
-            }
+            SuperviseIn::Shutdown => self.shut_down(step),
+            SuperviseIn::Abandon => self.abandon(step),
         }
         if self.yields && self.is_at_boundary(step) {
             self.yields = false;
@@ -428,6 +392,56 @@ impl SuperviseCore {
         }
         self.track_commands(step);
         std::mem::take(&mut step.out)
+    }
+
+    /// Stops the motion of this agent on its request.
+    fn stop_motion(&mut self, agent: &str, step: &mut SuperviseStep) {
+        let own = step.owner().is_some_and(|a| *a == *agent);
+        if own && self.is_moving() {
+            self.interrupt(Cause::Asked, Status::Stopping, step);
+        } else if own {
+            // The filter was closed for another reason first: the journal shows that the agent aborted its motion
+            // (I23).
+            self.report_refusal(agent, &Err(Refusal::Closed), step);
+        }
+    }
+
+    /// Interrupts a motion without fresh readings. Only a tick can detect this: missing readings cause no step.
+    fn check_readings(&mut self, step: &mut SuperviseStep) {
+        let stale = self.newest.as_ref().is_none_or(|newest| step.now > newest.sampled_at + step.rules.fresh);
+        let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));
+        if stale && !known && !matches!(self.closing, Closing::Settle(_)) {
+            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
+        }
+    }
+
+    /// Handles a motor that is faster than commanded. A motor pushed by an obstacle is fast as well: in a motion it is
+    /// rolled back; a robot driven at rest is no contact.
+    fn handle_excess_speed(&mut self, what: String, step: &mut SuperviseStep) {
+        if self.is_moving() && self.token == step.gate.token() {
+            self.roll_back(Cause::BoardFault(what), step);
+        } else if self.status != Status::Holding(Hold::BoardFault) && self.closing != Closing::Reflex {
+            self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), step);
+        }
+    }
+
+    /// Ends the robot's motions in order: it comes to rest, and remains there.
+    fn shut_down(&mut self, step: &mut SuperviseStep) {
+        self.shutdown = true;
+        let closed = self.closing == Closing::Yielded;
+        if closed || self.is_moving() || self.status == Status::Rest {
+            self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), step);
+        }
+    }
+
+    /// Ends the robot's motions without waiting for rest: the outcome is that shown by the newest reading.
+    fn abandon(&mut self, step: &mut SuperviseStep) {
+        self.shutdown = true;
+        if self.closing != Closing::No || self.is_moving() {
+            self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), step);
+            self.end(None, step);
+            self.closing = Closing::No;
+        }
     }
 
     /// Returns whether the robot rests with every outcome given, and no retry is pending. A robot without further

@@ -77,16 +77,8 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
         Event::Amended { robot, id, .. } => (robot, Info, format!("#{} amended", id.0)),
         Event::Refused { robot, agent, refusal } => (robot, Warn, format!("refused {agent}: {refusal}")),
         Event::Outcome { robot, id, outcome, cause, .. } => {
-            let because = cause.as_ref().map(|c| format!(": {}", why(c))).unwrap_or_default();
-            match outcome {
-                Outcome::Committed => (robot, Info, format!("#{} committed", id.0)),
-                // An orderly end is not an error.
-                Outcome::Faulted if *cause == Some(Cause::Asked) => {
-                    (robot, Info, format!("#{} aborted: {}", id.0, why(&Cause::Asked)))
-                }
-                Outcome::RolledBack => (robot, Warn, format!("#{} rolled back{because}", id.0)),
-                Outcome::Faulted => (robot, Error, format!("#{} faulted{because}", id.0)),
-            }
+            let (level, text) = outcome_text(*outcome, cause.as_ref());
+            (robot, level, format!("#{} {text}", id.0))
         }
         Event::CommandDropped { robot, writer, reason, .. } => {
             (robot, Warn, format!("command of {writer:?} discarded: {reason}"))
@@ -127,12 +119,7 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
             (robot, Info, if *acts { "its own agent acts again" } else { "its own agent yields" }.to_owned())
         }
         Event::Swap { robot: name, part, step } | Event::SwapBeside { name, part, step } => {
-            let level = match step {
-                SwapStep::Reverted { .. } => Error,
-                SwapStep::Refused { .. } => Warn,
-                _ => Info,
-            };
-            (name, level, format!("swap of the {part}: {step}"))
+            (name, swap_level(step), format!("swap of the {part}: {step}"))
         }
         Event::Shadow { .. } | Event::Sighted { .. } | Event::Located { .. } => return None,
         Event::Stale { sensor, object } => ("system", Warn, format!("{sensor} does not see {object} any more")),
@@ -146,6 +133,27 @@ pub(crate) fn line<'a>(event: &'a Event, vertex: &dyn Fn(&str, u32) -> String) -
         }
         Event::Ended { reason } => ("system", Info, format!("ended: {reason}")),
     })
+}
+
+/// Level and text of an outcome.
+fn outcome_text(outcome: Outcome, cause: Option<&Cause>) -> (Level, String) {
+    let because = cause.map(|c| format!(": {}", why(c))).unwrap_or_default();
+    match outcome {
+        Outcome::Committed => (Level::Info, "committed".to_owned()),
+        // An orderly end is not an error.
+        Outcome::Faulted if cause == Some(&Cause::Asked) => (Level::Info, format!("aborted{because}")),
+        Outcome::RolledBack => (Level::Warn, format!("rolled back{because}")),
+        Outcome::Faulted => (Level::Error, format!("faulted{because}")),
+    }
+}
+
+/// Level of a step of a swap.
+fn swap_level(step: &SwapStep) -> Level {
+    match step {
+        SwapStep::Reverted { .. } => Level::Error,
+        SwapStep::Refused { .. } => Level::Warn,
+        _ => Level::Info,
+    }
 }
 
 fn note_line<'a>(robot: &'a str, note: &Note, vertex: &dyn Fn(u32) -> String) -> Option<(&'a str, Level, String)> {

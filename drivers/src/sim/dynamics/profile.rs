@@ -165,93 +165,104 @@ const CONTACT_EFFORT: (f64, f64) = (0.1, 0.6);
 /// Stiffness of a contact between links of metal or hard plastic, N/m.
 const CONTACT: f64 = 30_000.0;
 
+/// Plausible arm, not a real one: critically damped servos of 35 rad/s, between an iCub's and a UR5's; inertia and
+/// torque of an arm of 8 kg.
+const ARM: ArmNumbers = ArmNumbers {
+    stiffness: &[1200.0, 1200.0, 750.0, 370.0, 120.0],
+    damping: &[70.0, 70.0, 43.0, 21.0, 7.0],
+    torque: &[80.0, 80.0, 60.0, 30.0, 12.0],
+    inertia: &[1.0, 1.0, 0.6, 0.3, 0.1],
+    friction: &[0.8, 0.8, 0.6, 0.3, 0.1],
+    rotor: 0.05,
+    lead: 0.9,
+    mass: 8.0,
+    compensated: 1.0,
+    resolution_deg: 360.0 / 65_536.0,
+    noise_deg: 0.001,
+    stop: StopRule::Commanded,
+    reports: EffortReport::External,
+};
+
+/// Torques: iCub arm data sheet (shoulder 40, elbow 20, wrist 0.65 N m); stiffness and inertia estimated.
+const ICUB: ArmNumbers = ArmNumbers {
+    stiffness: &[800.0, 800.0, 500.0, 300.0, 60.0],
+    damping: &[40.0, 40.0, 25.0, 15.0, 3.0],
+    torque: &[40.0, 40.0, 40.0, 20.0, 8.0],
+    inertia: &[0.6, 0.6, 0.3, 0.15, 0.02],
+    friction: &[1.0, 1.0, 0.6, 0.4, 0.05],
+    rotor: 0.05,
+    lead: 1.0,
+    mass: 8.0,
+    compensated: 1.0,
+    resolution_deg: 0.01,
+    noise_deg: 0.005,
+    stop: StopRule::Commanded,
+    reports: EffortReport::External,
+};
+
+/// MuJoCo Menagerie, franka_emika_panda: gains, force ranges, armature 0.1; link inertia estimated.
+const PANDA: ArmNumbers = ArmNumbers {
+    stiffness: &[4500.0, 4500.0, 3500.0, 3500.0, 2000.0],
+    damping: &[450.0, 450.0, 350.0, 350.0, 200.0],
+    torque: &[87.0, 87.0, 87.0, 87.0, 12.0],
+    inertia: &[1.2, 1.2, 0.8, 0.6, 0.2],
+    friction: &[0.5, 0.5, 0.5, 0.5, 0.2],
+    rotor: 0.1,
+    lead: 1.0,
+    mass: 16.0,
+    compensated: 1.0,
+    resolution_deg: 0.0005,
+    noise_deg: 0.0005,
+    stop: StopRule::Commanded,
+    reports: EffortReport::External,
+};
+
+/// MuJoCo Menagerie, universal_robots_ur5e: gains and force ranges of its size3 and size1 joints;
+/// link inertia estimated.
+const UR5: ArmNumbers = ArmNumbers {
+    stiffness: &[2000.0, 2000.0, 2000.0, 500.0],
+    damping: &[400.0, 400.0, 400.0, 100.0],
+    torque: &[150.0, 150.0, 150.0, 28.0],
+    inertia: &[2.0, 2.0, 1.0, 0.2],
+    friction: &[2.0, 2.0, 2.0, 0.5],
+    rotor: 0.1,
+    lead: 1.0,
+    mass: 18.0,
+    compensated: 1.0,
+    resolution_deg: 0.001,
+    noise_deg: 0.001,
+    stop: StopRule::Commanded,
+    reports: EffortReport::External,
+};
+
+/// STS3215: 4,096 counts, stall torque 2.9 N m at 12 V; gain and armature of the SO-101's MuJoCo model.
+const SO101: ArmNumbers = ArmNumbers {
+    stiffness: &[17.8],
+    damping: &[1.1],
+    torque: &[2.9],
+    inertia: &[0.05, 0.05, 0.04, 0.03],
+    friction: &[0.05],
+    rotor: 0.028,
+    lead: 0.0,
+    mass: 0.5,
+    compensated: 0.0,
+    resolution_deg: 360.0 / 4096.0,
+    noise_deg: 0.0,
+    stop: StopRule::Measured,
+    reports: EffortReport::Load,
+};
+
 impl ArmProfile {
     /// Its numbers; `None` for kinematic joints.
     pub fn numbers(self) -> Option<ArmNumbers> {
-        Some(match self {
-            ArmProfile::Ideal => return None,
-            // not a real arm: critically damped servos of 35 rad/s, between an iCub's and a UR5's; inertia
-            // and torque of an arm of 8 kg
-            ArmProfile::Arm => ArmNumbers {
-                stiffness: &[1200.0, 1200.0, 750.0, 370.0, 120.0],
-                damping: &[70.0, 70.0, 43.0, 21.0, 7.0],
-                torque: &[80.0, 80.0, 60.0, 30.0, 12.0],
-                inertia: &[1.0, 1.0, 0.6, 0.3, 0.1],
-                friction: &[0.8, 0.8, 0.6, 0.3, 0.1],
-                rotor: 0.05,
-                lead: 0.9,
-                mass: 8.0,
-                compensated: 1.0,
-                resolution_deg: 360.0 / 65_536.0,
-                noise_deg: 0.001,
-                stop: StopRule::Commanded,
-                reports: EffortReport::External,
-            },
-            // torques: iCub arm data sheet (shoulder 40, elbow 20, wrist 0.65 N m); stiffness and inertia estimated
-            ArmProfile::Icub => ArmNumbers {
-                stiffness: &[800.0, 800.0, 500.0, 300.0, 60.0],
-                damping: &[40.0, 40.0, 25.0, 15.0, 3.0],
-                torque: &[40.0, 40.0, 40.0, 20.0, 8.0],
-                inertia: &[0.6, 0.6, 0.3, 0.15, 0.02],
-                friction: &[1.0, 1.0, 0.6, 0.4, 0.05],
-                rotor: 0.05,
-                lead: 1.0,
-                mass: 8.0,
-                compensated: 1.0,
-                resolution_deg: 0.01,
-                noise_deg: 0.005,
-                stop: StopRule::Commanded,
-                reports: EffortReport::External,
-            },
-            // MuJoCo Menagerie, franka_emika_panda: gains, force ranges, armature 0.1; link inertia estimated
-            ArmProfile::Panda => ArmNumbers {
-                stiffness: &[4500.0, 4500.0, 3500.0, 3500.0, 2000.0],
-                damping: &[450.0, 450.0, 350.0, 350.0, 200.0],
-                torque: &[87.0, 87.0, 87.0, 87.0, 12.0],
-                inertia: &[1.2, 1.2, 0.8, 0.6, 0.2],
-                friction: &[0.5, 0.5, 0.5, 0.5, 0.2],
-                rotor: 0.1,
-                lead: 1.0,
-                mass: 16.0,
-                compensated: 1.0,
-                resolution_deg: 0.0005,
-                noise_deg: 0.0005,
-                stop: StopRule::Commanded,
-                reports: EffortReport::External,
-            },
-            // MuJoCo Menagerie, universal_robots_ur5e: gains and force ranges of its size3 and size1 joints; link inertia estimated
-            ArmProfile::Ur5 => ArmNumbers {
-                stiffness: &[2000.0, 2000.0, 2000.0, 500.0],
-                damping: &[400.0, 400.0, 400.0, 100.0],
-                torque: &[150.0, 150.0, 150.0, 28.0],
-                inertia: &[2.0, 2.0, 1.0, 0.2],
-                friction: &[2.0, 2.0, 2.0, 0.5],
-                rotor: 0.1,
-                lead: 1.0,
-                mass: 18.0,
-                compensated: 1.0,
-                resolution_deg: 0.001,
-                noise_deg: 0.001,
-                stop: StopRule::Commanded,
-                reports: EffortReport::External,
-            },
-            // STS3215: 4,096 counts, stall torque 2.9 N m at 12 V; gain and armature of the SO-101's MuJoCo model
-            ArmProfile::So101 => ArmNumbers {
-                stiffness: &[17.8],
-                damping: &[1.1],
-                torque: &[2.9],
-                inertia: &[0.05, 0.05, 0.04, 0.03],
-                friction: &[0.05],
-                rotor: 0.028,
-                lead: 0.0,
-                mass: 0.5,
-                compensated: 0.0,
-                resolution_deg: 360.0 / 4096.0,
-                noise_deg: 0.0,
-                stop: StopRule::Measured,
-                reports: EffortReport::Load,
-            },
-        })
+        match self {
+            ArmProfile::Ideal => None,
+            ArmProfile::Arm => Some(ARM),
+            ArmProfile::Icub => Some(ICUB),
+            ArmProfile::Panda => Some(PANDA),
+            ArmProfile::Ur5 => Some(UR5),
+            ArmProfile::So101 => Some(SO101),
+        }
     }
 }
 
