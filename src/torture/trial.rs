@@ -173,7 +173,7 @@ impl Sink for Watch {
                 }
             }
             Entry::Picture { .. } => {}
-            Entry::Scene(scene) => self.witness.scene(scene),
+            Entry::Scene(scene) => self.witness.scene(at, scene),
         }
         self.sinks.iter_mut().try_for_each(|sink| sink.write(at, entry))
     }

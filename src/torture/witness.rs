@@ -45,6 +45,8 @@ const DISTURBANCE_TIME: Duration = Duration::from_secs(3);
 #[derive(Debug, Default)]
 pub struct Witness {
     scene: Option<Arc<Scene>>,
+    /// Time of its last edit: a reading from before shows no contact with an object that was added then.
+    edited: Time,
     poses: Vec<Pose>,
     robots: Vec<WatchedRobot>,
     /// Tracks the true distances between robots, also between readings.
@@ -188,8 +190,9 @@ impl WatchedRobot {
 }
 
 impl Witness {
-    /// Sets the scene after an edit.
-    pub fn scene(&mut self, scene: &Arc<Scene>) {
+    /// Sets the scene after an edit at this time.
+    pub fn scene(&mut self, at: Time, scene: &Arc<Scene>) {
+        self.edited = at;
         self.poses.resize_with(scene.robots().len(), || Vec::new().into());
         for (pose, home) in self.poses.iter_mut().zip(scene.home()) {
             if pose.is_empty() {
@@ -382,7 +385,7 @@ impl Witness {
             seen.near = None;
             return;
         };
-        let near = *seen.near.get_or_insert(at);
+        let near = *seen.near.get_or_insert(at.max(self.edited));
         if at.since(near) > seen.period * RESPONSE_PERIODS {
             let a = scene.label(contact.pair.0);
             let b = scene.label(contact.pair.1);

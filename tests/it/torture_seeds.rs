@@ -151,6 +151,8 @@ fn seeds_that_were_red_are_green() {
     // the retreat was as slow as those (I22)
     seeds(ARMS, 980_095, 1, "");
     seeds(STREAMS, 982_524, 1, "all");
+    // the readings that a stalled model passed on were from before an object appeared (I19)
+    seeds(ARMS, 990_311, 1, "");
     // an agent died as its group ended, and was to be started again (a panic)
     seeds(CONSTRAINTS, 900_230, 1, "");
     // supervise stalled as the agent died, and carried out first what the agent had sent before (I18)

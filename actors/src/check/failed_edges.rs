@@ -104,6 +104,8 @@ impl Invariant for FailedEdges {
             {
                 let walk = self.robots.entry(robot.clone()).or_default();
                 walk.late = walk.drives.is_some();
+                // A stalled agent may redirect its motion after its end, before the notification arrives.
+                walk.stop_requested |= matches!(&line.event, Event::Refused { refusal: Refusal::Over, .. });
                 None
             }
             // A motion that is redirected no longer drives the edge.

@@ -795,6 +795,8 @@ fn i23_an_edge_that_failed_and_stayed_or_one_that_had_not() {
         (end, refused(Refusal::Closed), 0),
         (end, refused(Refusal::Busy), 1),
         (end + 1, refused(Refusal::Closed), 1),
+        // a stalled agent redirects its motion after the end, and before the notification
+        (end + 1, refused(Refusal::Over), 0),
         // the wish may have been lost with the one, and not with the other
         (end, died("edge/supervise"), 0),
         (end, died("edge/reflex"), 1),

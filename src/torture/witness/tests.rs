@@ -2,6 +2,8 @@ use super::*;
 use crate::compose::compose;
 use crate::config::Config;
 use mobee_contract::CommitId;
+use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
+use nalgebra::Isometry3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -33,7 +35,7 @@ fn arms_that_meet_on_the_retreat_of_both_break_i14() {
     };
     let seen = |before: bool, events: Vec<Event>| {
         let mut witness = Witness::default();
-        witness.scene(&scene);
+        witness.scene(Time::ZERO, &scene);
         witness.robots =
             ["left", "right"].map(|r| WatchedRobot::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
         let truth: Vec<Vec<f64>> = poses.iter().map(|q| q.to_vec()).collect();
@@ -63,7 +65,7 @@ fn arms_that_meet_on_the_retreat_of_both_break_i14() {
     // a board that was late then, and one that was long before
     let slow = |from: f64, to: f64| {
         let mut witness = Witness::default();
-        witness.scene(&scene);
+        witness.scene(Time::ZERO, &scene);
         witness.robots =
             ["left", "right"].map(|r| WatchedRobot::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
         witness.late_boards(vec![vec![], vec![(Time::from_secs(from), Time::from_secs(to))]]);
@@ -75,6 +77,32 @@ fn arms_that_meet_on_the_retreat_of_both_break_i14() {
     let with = |more: Vec<Event>| both().into_iter().chain(more).collect::<Vec<Event>>();
     assert!(!seen(false, with(vec![stop()])));
     assert!(seen(false, with(vec![stop(), sets_out("right", vec![])])));
+}
+
+/// I19: readings that a stalled model passes on late are from before the object that appeared meanwhile.
+#[test]
+fn a_contact_with_a_new_object_counts_from_its_appearance() {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/torture.toml");
+    let (config, source) = Config::load(&file, &[]).unwrap();
+    let scene = compose(config, &source).unwrap().scene;
+    let home: Vec<Pose> = scene.home();
+    let shapes = vec![Primitive { shape: Shape::Sphere { radius: 5.0 }, pose: Isometry3::identity() }];
+    let (name, class, pose) = ("ball".into(), ObjectClass::Obstacle, Isometry3::identity());
+    let ball = Object { name, class, persistent: false, pose, shapes, color: None };
+    let edited = Arc::new(scene.edit(&Edit::Add(ball)).unwrap());
+    // readings from 1.0 to 1.1 s, passed on after the edit at `appeared`
+    let broken = |appeared: f64| {
+        let mut witness = Witness::default();
+        witness.scene(Time::ZERO, &Arc::new(scene.clone()));
+        let rules = (0.01, Duration::from_millis(20), 0.02);
+        witness.robots = ["left", "right"].map(|r| WatchedRobot::new(r, rules, Time::ZERO)).into();
+        (witness.robots[0].open, witness.robots[0].status) = (true, Status::Moving);
+        witness.scene(Time::from_secs(appeared), &edited);
+        (0..20).for_each(|k| witness.pose(0, Time::from_secs(1.0 + 0.005 * f64::from(k)), &home[0]));
+        witness.found.iter().any(|(invariant, _)| *invariant == "I19")
+    };
+    assert!(broken(1.0));
+    assert!(!broken(1.1));
 }
 
 /// I32: a motor that is held and pushed on, with the filter open, for longer than it takes to be noticed.
