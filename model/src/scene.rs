@@ -293,8 +293,8 @@ impl<E: Engine> Scene<E> {
     }
     /// All solid shapes, those of the robots before those of the obstacles, on frames numbered as in
     /// [`Scene::skeletons`].
-    pub fn colliders(&self) -> impl Iterator<Item = &Collider> {
-        self.world.solids.iter().map(|solid| &solid.collider)
+    pub fn colliders(&self) -> impl ExactSizeIterator<Item = &Collider> {
+        (0..self.world.solids.len()).map(|i| &self.world.solids[i].collider)
     }
     /// The reflex pairs that can move relative to each other, as indices into [`Scene::colliders`]; every query tests
     /// these.
@@ -314,6 +314,11 @@ impl<E: Engine> Scene<E> {
     pub fn robot_colliders(&self) -> usize {
         self.bodies.solids.len()
     }
+    /// The robots' colliders that are tested against objects unless a rule omits the pair, in order: all that can move
+    /// but those of bases.
+    pub fn tested_colliders(&self) -> &[u32] {
+        &self.bodies.tested
+    }
     /// The robots' colliders that are tested against an object's collider: of [`Scene::pairs`] those with this second
     /// index, in order.
     pub fn tested_against(&self, object: u32) -> Cow<'_, [u32]> {
@@ -326,6 +331,10 @@ impl<E: Engine> Scene<E> {
         } else {
             Cow::Borrowed(tested)
         }
+    }
+    /// True if both scenes have the same rules for pairs, and the same robots as [`Scene::has_robots_of`].
+    pub fn differs_in_objects_only(&self, other: &Self) -> bool {
+        (Arc::ptr_eq(&self.rules, &other.rules) || self.rules == other.rules) && self.has_robots_of(other)
     }
     /// True if both scenes consist of the same robots (not equal ones) at the same base poses.
     pub fn has_robots_of(&self, other: &Self) -> bool {
