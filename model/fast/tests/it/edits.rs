@@ -75,6 +75,8 @@ fn compare(name: &str, robot: Arc<Robot>, seed: u64, clearance: f64) {
     });
     let rules: Vec<PairRule> = rule.flatten().into_iter().collect();
     let poses: Vec<f64> = random_poses(&robot, seed).take(64).flatten().collect();
+    let mut first = (scene.clone(), patched.clone());
+    let at_first = answers(&first.0, &mut first.1, &poses);
     for round in 0..12 {
         for number in 0..1 + round % 3 {
             scene = scene.edit(&change(&mut dice, &scene, 10 * round + number)).unwrap_or(scene);
@@ -98,14 +100,15 @@ fn compare(name: &str, robot: Arc<Robot>, seed: u64, clearance: f64) {
         assert_eq!(answers(&scene, &mut patched, &poses), expected, "{name}, round {round}: patched");
         assert_eq!(answers(&scene, &mut shared, &poses), expected, "{name}, round {round}: shared");
     }
+    assert_eq!(answers(&first.0, &mut first.1, &poses), at_first, "{name}: a clone is independent of edits");
 }
 
 #[test]
 fn a_patched_scene_gives_the_results_of_a_new_one() {
     for seed in 0..4 {
         compare("made up", made_up("r", seed), seed, 0.004 * seed as f64);
-        compare("with hulls", hulled(&made_up("r", seed), seed), seed + 10, 0.01);
     }
+    compare("with hulls", hulled(&made_up("r", 1), 1), 10, 0.01);
     compare("katana", shipped("katana"), 3, 0.0);
     compare("icub", shipped("icub"), 5, 0.012);
 }
