@@ -135,6 +135,12 @@ pub trait Engine: Clone + Debug + Send + Sync + 'static {
     /// Prepares the shapes. Pairs refer to them by their index in this list. Called once per scene, so it may be slow.
     fn prepare(colliders: &[Collider]) -> Self;
 
+    /// As [`Engine::prepare`], given an engine that was prepared with the first `kept` of these shapes, perhaps among
+    /// others: an engine may share what it derived from them.
+    fn prepare_after<'a>(&self, _kept: usize, colliders: impl Iterator<Item = &'a Collider>) -> Self {
+        Self::prepare(&colliders.cloned().collect::<Vec<_>>())
+    }
+
     /// Places all shapes, given `world_from_frame` of all frames.
     fn place(&self, world_from_frame: &[Isometry3<f64>], placement: &mut Self::Placement);
 

@@ -34,6 +34,7 @@ mod printable;
 mod robot;
 mod scene;
 mod shape;
+mod shared_list;
 mod spelling;
 mod srdf;
 mod surface;

@@ -7,6 +7,7 @@ mod bodies;
 mod edit;
 mod label;
 mod line;
+mod pair_lists;
 mod pair_rules;
 mod queries;
 mod report;
@@ -19,17 +20,19 @@ pub(crate) use bodies::{Bodies, MAX_PAIRS};
 pub use edit::{Edit, SceneError};
 pub use label::Labels;
 pub use line::LineVerdict;
+pub(crate) use pair_lists::PairGroup;
 pub use pair_rules::PairRule;
 use pair_rules::ResolvedRule;
 pub use report::{ContactKind, ReportedContact};
 pub use skeleton::{Hinge, Skeleton};
 pub use travel::Lever;
-pub(crate) use world::{PairGroup, SolidWorld};
+pub(crate) use world::SolidWorld;
 
 use crate::engine::{Collider, DefaultEngine, Engine, IndexPair};
 use crate::robot::Robot;
 use crate::shape::Primitive;
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -204,7 +207,7 @@ pub struct Scene<E: Engine = DefaultEngine> {
     bodies: Arc<Bodies>,
     /// Rules for pairs, of queries such as a pick: see [`Scene::with_pair_rules`].
     rules: Arc<[ResolvedRule]>,
-    /// Rebuilt by each edit.
+    /// Derived from the old one by each edit.
     world: Arc<SolidWorld<E>>,
 }
 
@@ -230,7 +233,7 @@ impl<E: Engine> Scene<E> {
     /// As [`Scene::new`].
     pub fn with_engine(robots: Vec<(Arc<Robot>, Isometry3<f64>)>, objects: Vec<Object>) -> Result<Self, SceneError> {
         let bodies = Arc::new(Bodies::new(robots)?);
-        let world = Arc::new(SolidWorld::new(&bodies, &[], &[]));
+        let world = Arc::new(SolidWorld::alone(&bodies));
         let empty = Scene { epoch: 0, next_object: 0, objects: Vec::new(), bodies, rules: Arc::new([]), world };
         let mut scene = empty.with(|scene| objects.into_iter().try_for_each(|object| scene.add(object)))?;
         scene.epoch = 0;
@@ -290,13 +293,13 @@ impl<E: Engine> Scene<E> {
     }
     /// All solid shapes, those of the robots before those of the obstacles, on frames numbered as in
     /// [`Scene::skeletons`].
-    pub fn colliders(&self) -> impl Iterator<Item = &Collider> {
-        self.world.solids.iter().map(|solid| &solid.collider)
+    pub fn colliders(&self) -> impl ExactSizeIterator<Item = &Collider> {
+        (0..self.world.solids.len()).map(|i| &self.world.solids[i].collider)
     }
     /// The reflex pairs that can move relative to each other, as indices into [`Scene::colliders`]; every query tests
     /// these.
     pub fn pairs(&self) -> &[IndexPair] {
-        &self.world.pairs
+        &self.world.lists.pairs
     }
     /// The clearance that applies to one of [`Scene::pairs`] if `clearance` meters apply in general: the lower one if
     /// the pair has a clearance of its own. All queries use it, so a pair that is near by design is no contact.
@@ -306,6 +309,41 @@ impl<E: Engine> Scene<E> {
     /// The identity of a collider's shape.
     pub fn shape_id(&self, collider: u32) -> Option<ShapeId> {
         self.world.solids.get(collider as usize).map(|solid| solid.id)
+    }
+    /// Number of the robots' colliders, which precede those of the objects.
+    pub fn robot_colliders(&self) -> usize {
+        self.bodies.solids.len()
+    }
+    /// The robots' colliders that are tested against objects unless a rule omits the pair, in order: all that can move
+    /// but those of bases.
+    pub fn tested_colliders(&self) -> &[u32] {
+        &self.bodies.tested
+    }
+    /// The robots' colliders that are tested against an object's collider: of [`Scene::pairs`] those with this second
+    /// index, in order.
+    pub fn tested_against(&self, object: u32) -> Cow<'_, [u32]> {
+        let (tested, lists) = (&self.bodies.tested, &self.world.lists);
+        let objects = self.robot_colliders()..self.world.solids.len();
+        if !objects.contains(&(object as usize)) {
+            Cow::Borrowed(&[])
+        } else if lists.omits_objects {
+            Cow::Owned(tested.iter().copied().filter(|i| lists.pairs.binary_search(&(*i, object)).is_ok()).collect())
+        } else {
+            Cow::Borrowed(tested)
+        }
+    }
+    /// True if both scenes have the same rules for pairs, and the same robots as [`Scene::has_robots_of`].
+    pub fn differs_in_objects_only(&self, other: &Self) -> bool {
+        (Arc::ptr_eq(&self.rules, &other.rules) || self.rules == other.rules) && self.has_robots_of(other)
+    }
+    /// True if both scenes consist of the same robots (not equal ones) at the same base poses.
+    pub fn has_robots_of(&self, other: &Self) -> bool {
+        let is_same = || {
+            let robots = self.robots().iter().zip(other.robots());
+            self.robots().len() == other.robots().len()
+                && robots.enumerate().all(|(r, (a, b))| Arc::ptr_eq(a, b) && self.base(r) == other.base(r))
+        };
+        Arc::ptr_eq(&self.bodies, &other.bodies) || is_same()
     }
     /// The engine, with all solid shapes prepared in the order of [`Scene::colliders`].
     pub fn engine(&self) -> &E {

@@ -256,23 +256,23 @@ impl<E: Engine> Watch<E> {
         let world = scene.world();
         let unknown = MotorTrack { last_q: f64::NAN, turning_point: 0.0, traveled: 0.0, since_turn: 0.0, fastest: 0.0 };
         self.motors = vec![unknown; motors];
-        for term in world.groups.iter().flat_map(|g| &g.travel) {
+        for term in world.lists.groups.iter().flat_map(|g| &g.travel) {
             let motor = &mut self.motors[term.motor as usize];
             motor.fastest = motor.fastest.max(term.reach);
         }
         // All pairs are due at once, since nothing has been measured yet.
         let ever = f64::NEG_INFINITY;
-        self.groups = world.groups.iter().map(|g| Expiries::since(ever, g.pairs.len())).collect();
+        self.groups = world.lists.groups.iter().map(|g| Expiries::since(ever, g.pairs.len())).collect();
         // All pairs of a group have the same two frames, so its first pair represents it. Groups that are never due are
         // never checked.
         let robot = |k: u32| world.solids[k as usize].id.robot();
         let apart = |(i, j): &IndexPair| robot(*i).is_some() && robot(*j).is_some() && robot(*i) != robot(*j);
         let counts = |group: &PairGroup| !self.between || group.pairs.first().is_some_and(apart);
-        let groups = (0..).zip(&world.groups).filter(|(_, group)| counts(group));
+        let groups = (0..).zip(&world.lists.groups).filter(|(_, group)| counts(group));
         self.due = groups.map(|(group, _)| Reverse(DueGroup { at: WatchClock(ever), group })).collect();
         self.of_robot = vec![Vec::new(); scene.robots().len()];
         for Reverse(DueGroup { group, .. }) in &self.due {
-            let pair = world.groups[*group as usize].pairs.first();
+            let pair = world.lists.groups[*group as usize].pairs.first();
             let robots = pair.map_or([None; 2], |(i, j)| [robot(*i), robot(*j)]);
             let other = robots[1].filter(|other| robots[0] != Some(*other));
             for robot in [robots[0], other].into_iter().flatten() {
@@ -381,7 +381,7 @@ impl<E: Engine> Watch<E> {
         let scene = self.scene.clone();
         let mut near = Vec::new();
         for g in &groups {
-            let travel = &scene.world().groups[*g as usize].travel;
+            let travel = &scene.world().lists.groups[*g as usize].travel;
             let range = |motor: u32| ranges.get(motor as usize).copied().unwrap_or_default();
             let range: f64 = travel.iter().map(|term| term.reach * range(term.motor)).sum();
             let (first, clock) = self.check_group(*g, (within, Some(range)), poses, &mut placed);
@@ -408,7 +408,7 @@ impl<E: Engine> Watch<E> {
     ) -> (f64, f64) {
         let bodies = self.scene.bodies();
         let world = self.scene.world();
-        let group = &world.groups[g as usize];
+        let group = &world.lists.groups[g as usize];
         let expiries = &mut self.groups[g as usize];
         let mut clock = 0.0;
         let mut stray = 0.0;

@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// Straight lines that shortcuts may have judged, at most.
 const SHORTCUTS: u64 = 10_000;
@@ -61,7 +62,7 @@ impl PyPlan {
 /// Attributes
 /// ----------
 /// code : str
-///     ``blocked`` or ``limits`` (an end can't be stood at), or ``exhausted`` (the budget is spent; there may be a path all the same).
+///     ``blocked`` or ``limits`` (an end can't be stood at), or ``exhausted`` (the budget or the time is spent; there may be a path all the same).
 /// reason : str
 ///     In words; if none of several goals can be stood at, of the first one.
 #[pyclass(name = "NoPlan", module = "mobee", frozen, get_all)]
@@ -90,6 +91,7 @@ pub(crate) struct PathSearch {
     pub goals: Vec<Vec<f64>>,
     pub seed: u64,
     pub budget: u64,
+    pub time_limit: Option<Duration>,
     pub shorten: bool,
     /// Rules for pairs; their names are those of the robot that moves.
     pub rules: Vec<PairRule>,
@@ -104,10 +106,11 @@ pub(crate) struct FoundPath {
 }
 
 impl PathSearch {
-    /// Searches from the start and all goals at once, until one is reached or the budget is spent.
+    /// Searches from the start and all goals at once, until one is reached, or the budget or the time is spent.
     ///
     /// # Errors
     /// If more than one robot would move, or a rule has an unknown name.
+    #[expect(clippy::disallowed_methods, reason = "how long Python waits; a plan that is found does not depend on it")]
     pub fn run(&self, cancelled: &Cancelled) -> Result<Result<FoundPath, PyNoPlan>, Failure> {
         let (robot, columns) = self.mover()?;
         let motors: Vec<usize> = (0..columns.len()).collect();
@@ -120,10 +123,18 @@ impl PathSearch {
             seed: self.seed,
             budget: self.budget,
         };
-        let mut watch = |_| if cancelled.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        let begun = Instant::now();
+        let is_late = || self.time_limit.is_some_and(|limit| begun.elapsed() > limit);
+        let mut watch =
+            |_| if cancelled.is_set() || is_late() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
         let path = match RrtConnect::default().plan(&mut space, &problem, &mut watch) {
             Ok(path) if self.shorten => shorten(&mut space, path, self.seed, SHORTCUTS.min(self.budget)),
             Ok(path) => path,
+            Err(NoPath::Cancelled) => {
+                let reason =
+                    "the time limit is reached; there may be a path: give more time, or another seed".to_owned();
+                return Ok(Err(PyNoPlan { code: code(&NoPath::Cancelled), reason }));
+            }
             Err(why) => return Ok(Err(PyNoPlan { code: code(&why), reason: why.text(&scene, robot) })),
         };
         let whole = |own: &Vec<f64>| {
@@ -176,6 +187,16 @@ pub(crate) fn pair_rules(may_touch: &[String], clearances: &BTreeMap<String, f64
     let touching = may_touch.iter().map(|names| pair("may_touch", names, PairRule::may_touch(names)));
     let near = clearances.iter().map(|(names, m)| pair("pair_clearances", names, PairRule::near(names, *m)));
     touching.chain(near).collect()
+}
+
+/// A time limit.
+///
+/// # Errors
+/// Not a positive number of seconds.
+pub(crate) fn seconds(seconds: f64) -> Result<Duration, Failure> {
+    let limit = Duration::try_from_secs_f64(seconds).ok().filter(|limit| !limit.is_zero());
+    let wrong = || Failure::new("bounds", format!("{seconds} s is not above zero"), "give seconds, such as 1.5");
+    limit.ok_or_else(|| wrong().at("time_limit"))
 }
 
 fn slice<'a>(pose: &'a [f64], own: &Range<usize>) -> &'a [f64] {

@@ -4,7 +4,7 @@ use crate::arrays::{Rows, array, reserved};
 use crate::failure::Failure;
 use crate::joints::{Beyond, JointTable};
 use crate::place::bases_of;
-use crate::plan::{FoundPath, PathSearch, PyPlan, pair_rules};
+use crate::plan::{FoundPath, PathSearch, PyPlan, pair_rules, seconds};
 use crate::results::{PyBlocked, PyContact, PyFree, PyUnproved};
 use crate::robot::PyRobot;
 use crate::wait::{background, chunks};
@@ -447,6 +447,8 @@ impl PyScene {
     ///     Seed of everything random: equal seeds, equal paths.
     /// budget : int
     ///     Straight lines that may be judged, for all goals together, at most.
+    /// time_limit : float or None
+    ///     Seconds after which the search ends without a plan, at most. A plan that is found does not depend on it.
     /// shorten : bool
     ///     Make the path shorter by shortcuts.
     /// may_touch : sequence of str
@@ -464,7 +466,7 @@ impl PyScene {
     /// ------
     /// MobeeError
     ///     code ``robots`` (more than one would move), ``pair`` (an unknown name), ``limits``, ``bounds``, and as `free`.
-    #[pyo3(signature = (start, goal, *, seed=0, budget=20_000, shorten=true, may_touch=Vec::new(), pair_clearances=None))]
+    #[pyo3(signature = (start, goal, *, seed=0, budget=20_000, time_limit=None, shorten=true, may_touch=Vec::new(), pair_clearances=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python method")]
     fn plan<'py>(
         &self,
@@ -473,11 +475,13 @@ impl PyScene {
         goal: &Bound<'py, PyAny>,
         seed: u64,
         budget: u64,
+        time_limit: Option<f64>,
         shorten: bool,
         may_touch: Vec<String>,
         pair_clearances: Option<BTreeMap<String, f64>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let rules = pair_rules(&may_touch, &pair_clearances.unwrap_or_default())?;
+        let time_limit = time_limit.map(seconds).transpose()?;
         let mut ends: Vec<Vec<f64>> = Vec::new();
         for (what, given, most) in [("start", start, 1), ("goal", goal, MAX_GOALS)] {
             let rows = Rows::configurations(what, given, &self.joints)?;
@@ -498,6 +502,7 @@ impl PyScene {
             goals: ends,
             seed,
             budget,
+            time_limit,
             shorten,
             rules,
         };

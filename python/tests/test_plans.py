@@ -75,6 +75,14 @@ def test_what_cannot_be_planned_has_a_reason(scene: mobee.Scene, ur5: mobee.Robo
     assert blocked.code == "blocked" and "too near" in blocked.reason
     exhausted = scene.plan(START, GOAL, budget=5)
     assert isinstance(exhausted, mobee.NoPlan) and exhausted.code == "exhausted"
+    late = scene.plan(START, GOAL, time_limit=1e-9)
+    assert isinstance(late, mobee.NoPlan) and late.code == "exhausted" and "time limit" in late.reason
+    in_time = scene.plan(START, GOAL, time_limit=60.0)
+    assert (in_time.path == scene.plan(START, GOAL).path).all()
+    for wrong in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(mobee.MobeeError) as caught:
+            scene.plan(START, GOAL, time_limit=wrong)
+        assert caught.value.place == "time_limit"
     with pytest.raises(mobee.MobeeError):
         scene.plan(np.stack([START, START]), GOAL)
 

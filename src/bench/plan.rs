@@ -17,8 +17,10 @@ use mobee_contract::suggestion;
 use problems::{InputFault, Problem, read_problems};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use trial::{Trial, TrialSettings};
 
 /// The arguments of `mobee bench plan`.
@@ -47,6 +49,9 @@ pub struct PlanBenchArgs {
     /// Times are the least of this number of runs.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
+    /// Problems that are planned at once, each by a thread; default: one per processor. Times are processor times.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
     /// Judge each path by brute force, too, at steps of this many radians (or meters of a sliding joint), such as 0.000244.
     #[arg(long, value_name = "RAD", value_parser = check_step)]
     check: Option<f64>,
@@ -85,11 +90,12 @@ pub(super) fn command(args: &PlanBenchArgs) -> Result<ExitCode, Report> {
         check_step: args.check,
         rounds: args.rounds,
     };
-    let planner = args.planner.planner()?;
+    // Before any file is read: wrong arguments need no work.
+    args.planner.planner()?;
     let mut refuted = 0;
     let mut all = Map::new();
     for path in &args.files {
-        let (notes, trials) = run_file(path, args, planner.as_ref(), &settings)?;
+        let (notes, trials) = run_file(path, args, &settings)?;
         refuted += trials.iter().filter(|t| t.refuted == Some(true)).count();
         if args.json {
             let totals = totals(&trials);
@@ -111,12 +117,7 @@ pub(super) fn command(args: &PlanBenchArgs) -> Result<ExitCode, Report> {
 }
 
 /// Runs the problems of a file that are asked for; returns the notes about its robot as well.
-fn run_file(
-    path: &Path,
-    args: &PlanBenchArgs,
-    planner: &dyn Planner,
-    settings: &TrialSettings,
-) -> Result<(Vec<String>, Vec<Trial>), Report> {
+fn run_file(path: &Path, args: &PlanBenchArgs, settings: &TrialSettings) -> Result<(Vec<String>, Vec<Trial>), Report> {
     let file = read_problems(path).map_err(complaint)?;
     let known: Vec<&str> = file.scenes.keys().map(String::as_str).collect();
     if let Some(unknown) = args.scenes.iter().find(|s| !known.contains(&s.as_str())) {
@@ -132,14 +133,44 @@ fn run_file(
     if chosen.is_empty() {
         return Err(miette!(help = "give a file with problems", "{} has no problem to plan", path.display()));
     }
+    let planners = (0..threads(args).min(chosen.len())).map(|_| args.planner.planner());
+    let planners: Vec<Box<dyn Planner + Send>> = planners.collect::<Result<_, _>>()?;
+    let trials = run_all(planners, &chosen, |planner, (scene, problem)| {
+        trial::run((&arm, &alone), planner, scene, problem, settings)
+    });
+    Ok((arm.notes, trials.map_err(complaint)?))
+}
+
+/// Number of threads.
+fn threads(args: &PlanBenchArgs) -> usize {
+    args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
+}
+
+/// Runs problems, each on the next thread that is free; results are in the order of the problems, and do not depend on
+/// the threads.
+fn run_all<P: Sync>(
+    planners: Vec<Box<dyn Planner + Send>>,
+    problems: &[P],
+    run: impl Fn(&dyn Planner, &P) -> Result<Trial, InputFault> + Sync,
+) -> Result<Vec<Trial>, InputFault> {
     let bar = Steps::new();
     bar.step("plans");
-    let mut trials = Vec::with_capacity(chosen.len());
-    for (i, (scene, problem)) in chosen.iter().enumerate() {
-        bar.show(i as f64 / chosen.len() as f64);
-        trials.push(trial::run((&arm, &alone), planner, scene, problem, settings).map_err(complaint)?);
-    }
-    Ok((arm.notes, trials))
+    let next = AtomicUsize::new(0);
+    let work = &|planner: Box<dyn Planner + Send>| {
+        let mut done = Vec::new();
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(problem) = problems.get(i) else { return done };
+            bar.show(i as f64 / problems.len() as f64);
+            done.push((i, run(planner.as_ref(), problem)));
+        }
+    };
+    let mut all: Vec<(usize, Result<Trial, InputFault>)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = planners.into_iter().map(|planner| scope.spawn(move || work(planner))).collect();
+        workers.into_iter().flat_map(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    });
+    all.sort_by_key(|(i, _)| *i);
+    all.into_iter().map(|(_, trial)| trial).collect()
 }
 
 /// What a row of the table shows: a name, and a number of a problem that was solved.

@@ -9,7 +9,7 @@ use crate::program::{FlatClause, Program};
 pub(crate) fn violated(program: &Program, block: &Block) -> (LaneMask, LaneMask) {
     let mut violated = 0;
     let mut doubtful = 0;
-    for clause in &program.clauses {
+    for clause in program.clauses.iter() {
         let value = clause_value(clause, &block.motors);
         for (i, value) in value.0.iter().enumerate() {
             violated |= LaneMask::from(*value < -clause.doubt) << i;

@@ -59,7 +59,7 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     live: LaneMask,
     motion: L,
 ) -> PairResult {
-    let (a, b) = (placed::<L>(program, block, pair.a), placed::<L>(program, block, pair.b));
+    let (a, b) = (placed::<L>(program, block, pair.a as usize), placed::<L>(program, block, pair.b as usize));
     let between = a.center.minus(b.center);
     let mut near = within::<L, MOVES>(between.squared(), pair.ball_squared, motion) & live;
     if near == 0 {

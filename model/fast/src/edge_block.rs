@@ -45,7 +45,7 @@ impl FastScene {
             if let Some(pair) = pair
                 && state.blocked.is_none_or(|b| at < b.at)
             {
-                let (a, b) = self.program.pairs[pair].ids;
+                let (a, b) = self.program.ids(pair);
                 let ids = self.reference.shape_id(a).zip(self.reference.shape_id(b));
                 state.blocked = Some(Obstruction { at, pair: ids });
             }
@@ -90,7 +90,7 @@ impl FastScene {
                         self.reference.place(pose);
                         is_placed = true;
                     }
-                    let ids = self.program.pairs[*pair].ids;
+                    let ids = self.program.ids(*pair);
                     let clearance = self.reference.clearance(ids, self.clearance);
                     let margin = clearance + f64::from(motion.0[lane]) + REFERENCE;
                     self.figures.stuck += 1;
@@ -122,7 +122,7 @@ impl FastScene {
         self.pose_at(edges, edge, at, pose);
         let doubts = self.intervals.doubts.iter().filter(|(_, lanes)| lanes >> lane & 1 != 0);
         let mut pairs = doubts.map(|(pair, _)| *pair);
-        pairs.find(|p| self.reference.any_touches(pose, [self.program.pairs[*p].ids].into_iter(), self.clearance))
+        pairs.find(|p| self.reference.any_touches(pose, [self.program.ids(*p)].into_iter(), self.clearance))
     }
 }
 

@@ -103,9 +103,10 @@ pub(crate) struct Edges {
 }
 
 impl Edges {
-    pub fn new(program: &Program) -> Self {
-        let units = program.units.len();
-        Edges { lanes: vec![0; units], wanted: vec![0; units.div_ceil(64)], ..Edges::default() }
+    /// Fits the buffers to a program.
+    pub fn fit(&mut self, program: &Program) {
+        self.lanes.resize(program.units.len(), 0);
+        self.wanted.resize(program.units.len().div_ceil(64), 0);
     }
 }
 

@@ -1,29 +1,21 @@
 //! A scene compiled for testing many poses.
 
-use crate::compile::{Compiled, RobotFacts, compile};
 use crate::edges::Edges;
 use crate::intervals::Intervals;
 use crate::isa::{InstructionSet, Runner, checked};
 use crate::kernel::Block;
 use crate::lanes::{LaneMask, WIDTH};
 use crate::limits::within_limits;
+use crate::objects::Objects;
 use crate::program::Program;
 use crate::reference::Reference;
-use mobee_model::{IndexPair, Scene, random_poses};
+use crate::robots::{RobotProgram, RobotPrograms, RobotTests};
+use mobee_model::Scene;
 use std::sync::Arc;
 
-/// Maximum number of sample poses for the order of tests, and the number per pair: a few pairs need only a few.
-const SAMPLE: usize = 4096;
-const SAMPLE_PAIR: usize = 8;
-/// Number of sample poses for the order of tests with obstacles, if that of the robots' own pairs is already
-/// determined.
-const SAMPLE_WITH_OBSTACLES: usize = 256;
 /// Minimum number of poses of a block that satisfy the constraints for it to be processed at once; fewer wait for
 /// others.
 const MIN_BLOCK_POSES: u32 = 12;
-/// Seed of the samples: equal scenes have equal programs.
-const SAMPLE_SEED: u64 = 1;
-
 /// Reason why a scene was not compiled, or poses not checked.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -102,8 +94,10 @@ pub struct FastScene {
     pub(crate) intervals: Intervals,
     pub(crate) edges: Edges,
     pub(crate) reference: Reference,
-    /// Facts about the robots, independent of the obstacles.
-    facts: Arc<RobotFacts>,
+    /// Programs of the robots, independent of the obstacles.
+    programs: Arc<RobotPrograms>,
+    robots: Arc<RobotProgram>,
+    objects: Objects,
     /// Per cut of the program: the poses that wait there for a full block.
     waiting: Vec<Vec<usize>>,
     pub(crate) figures: FastFigures,
@@ -120,7 +114,8 @@ impl FastScene {
     /// If the clearance is negative or not finite.
     ///
     /// # Performance
-    /// Ten to thirty milliseconds for a humanoid. Compile again when the world changes.
+    /// Ten to thirty milliseconds for a humanoid, more with hulls. When the world changes, use
+    /// [`FastScene::set_scene`] or [`FastScene::among`].
     pub fn new(scene: &Scene, clearance: f64) -> Result<Self, FastError> {
         Self::with_instructions(scene, clearance, best())
     }
@@ -130,7 +125,7 @@ impl FastScene {
     /// # Errors
     /// As [`FastScene::new`], and if the processor lacks the instructions.
     pub fn with_instructions(scene: &Scene, clearance: f64, set: InstructionSet) -> Result<Self, FastError> {
-        Self::compiled(scene, scene.pairs().to_vec(), clearance, set, RobotFacts::default())
+        Self::compiled(scene, &|_, _| true, clearance, set, Arc::default())
     }
 
     /// As [`FastScene::new`], for some pairs only: a robot with itself, with the world, or with one object. Limits and
@@ -138,101 +133,91 @@ impl FastScene {
     ///
     /// # Arguments
     /// * `select`: true for a pair that is checked, given two indices into [`Scene::colliders`] (see
-    ///   [`Scene::shape_id`]). Called for each of [`Scene::pairs`].
+    ///   [`Scene::shape_id`]) of [`Scene::pairs`].
     ///
     /// # Errors
     /// As [`FastScene::new`].
     pub fn of_pairs(scene: &Scene, clearance: f64, select: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
-        let selected = scene.pairs().iter().copied().filter(|(a, b)| select(*a, *b)).collect();
-        Self::compiled(scene, selected, clearance, best(), RobotFacts::default())
+        Self::compiled(scene, &select, clearance, best(), Arc::default())
     }
 
-    /// The same robots among other obstacles, as [`FastScene::of_pairs`]: reuses the facts about the robots themselves,
-    /// which are most of the work. Compiles from scratch if the robots or their base poses differ.
+    /// The same robots among other obstacles, as [`FastScene::of_pairs`]: the program of the robots is shared, and only
+    /// the objects are added to it. Compiles from scratch if the robots or their base poses differ.
     ///
     /// # Errors
     /// As [`FastScene::of_pairs`].
     pub fn among(&self, scene: &Scene, select: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
+        let is_same = scene.has_robots_of(self.reference.scene());
+        let programs = if is_same { self.programs.clone() } else { Arc::default() };
+        Self::compiled(scene, &select, self.clearance, self.runner.set(), programs)
+    }
+
+    /// Continues with another scene, such as one after an edit: equals [`FastScene::among`], but only what belongs to
+    /// changed objects is replaced, if the scenes differ in objects only. Cheap unless a clone shares the program.
+    ///
+    /// # Arguments
+    /// * `select`: as for [`FastScene::of_pairs`]; same results as before for unchanged objects.
+    ///
+    /// # Errors
+    /// As [`FastScene::of_pairs`].
+    pub fn set_scene(&mut self, scene: &Scene, select: impl Fn(u32, u32) -> bool) -> Result<(), FastError> {
+        let has_objects = |scene: &Scene| scene.colliders().len() > scene.robot_colliders();
         let before = self.reference.scene();
-        let robots = scene.robots();
-        let others = before.robots();
-        let is_same = robots.len() == others.len()
-            && robots.iter().zip(others).all(|(a, b)| Arc::ptr_eq(a, b))
-            && (0..robots.len()).all(|r| scene.base(r) == before.base(r));
-        let facts = if is_same { RobotFacts::clone(&self.facts) } else { RobotFacts::default() };
-        let selected = scene.pairs().iter().copied().filter(|(a, b)| select(*a, *b)).collect();
-        Self::compiled(scene, selected, self.clearance, self.runner.set(), facts)
+        if !scene.differs_in_objects_only(before) || has_objects(scene) != has_objects(before) {
+            *self = self.among(scene, select)?;
+            return Ok(());
+        }
+        let program = Arc::make_mut(&mut self.program);
+        if !self.objects.update(&self.robots, program, &mut self.block, scene, &select) {
+            *self = self.among(scene, select)?;
+            return Ok(());
+        }
+        self.reference.set_scene(scene);
+        self.refit();
+        Ok(())
     }
 
     fn compiled(
         scene: &Scene,
-        selected: Vec<IndexPair>,
+        select: &impl Fn(u32, u32) -> bool,
         clearance: f64,
         set: InstructionSet,
-        mut facts: RobotFacts,
+        programs: Arc<RobotPrograms>,
     ) -> Result<Self, FastError> {
         if !(0.0..f64::INFINITY).contains(&clearance) {
             return Err(FastError::Clearance(clearance));
         }
         let runner = checked(set).ok_or(FastError::Instructions(set))?;
-        let Compiled { program, layout, pruned, mut movers } = compile(scene, &selected, clearance, &mut facts);
-        let figures = FastFigures { pairs: selected.len(), pruned, ..FastFigures::default() };
-        let block = Block::new(&program);
-        let reference = Reference::new(scene, selected);
-        let program = Arc::new(program);
-        let (intervals, edges) = Default::default();
-        let waiting = Vec::new();
-        let facts = Arc::new(facts);
-        let mut fast =
-            FastScene { program, clearance, runner, block, intervals, edges, reference, facts, waiting, figures };
-        let decided = fast.count_decisions(scene);
-        let program = Arc::make_mut(&mut fast.program);
-        layout.write(program, &decided);
-        layout.write_motions(program, &mut movers);
-        fast.waiting = vec![Vec::new(); program.cuts.len()];
-        fast.intervals = Intervals::new(program);
-        fast.edges = Edges::new(program);
+        let robots = programs.program(scene, RobotTests::of(scene, clearance, select), clearance, runner);
+        let mut program = robots.program.clone();
+        let mut block = Block::new(&program);
+        let mut objects = Objects::default();
+        objects.update(&robots, &mut program, &mut block, scene, select);
+        let mut fast = FastScene {
+            clearance,
+            runner,
+            block,
+            intervals: Intervals::new(&program),
+            edges: Edges::default(),
+            program: Arc::new(program),
+            reference: Reference::new(scene),
+            programs,
+            robots,
+            objects,
+            waiting: Vec::new(),
+            figures: FastFigures::default(),
+        };
+        fast.refit();
         Ok(fast)
     }
 
-    /// Number of lanes that each pair decided, at random poses.
-    fn count_decisions(&mut self, scene: &Scene) -> Vec<u32> {
-        self.block.decided = vec![0; self.program.pairs.len()];
-        let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SAMPLE_SEED)).collect();
-        // Without cuts, so that every block runs to the end with all of its lanes.
-        Arc::make_mut(&mut self.program).cuts = vec![0, self.program.units.len()];
-        let most = if self.facts.decided.is_empty() { SAMPLE } else { SAMPLE_WITH_OBSTACLES };
-        let poses = most.min(SAMPLE_PAIR * self.program.pairs.len());
-        for _ in 0..poses / WIDTH {
-            for lane in 0..WIDTH {
-                let pose: Vec<f64> = robots.iter_mut().filter_map(Iterator::next).flatten().collect();
-                self.load(lane, &pose);
-            }
-            let (violated, _) = self.runner.violated(&self.program, &self.block);
-            let requested = !violated;
-            self.runner.judge(&self.program, &mut self.block, requested, 0);
-        }
-        let mut decided = std::mem::take(&mut self.block.decided);
-        self.share_decisions(scene, &mut decided, poses);
-        decided
-    }
-
-    /// Stores the counts of the robots' own pairs, or replaces those from a small sample by the stored ones. Counts are
-    /// scaled to [`SAMPLE`] poses.
-    fn share_decisions(&mut self, scene: &Scene, decided: &mut [u32], poses: usize) {
-        let pairs = self.program.pairs.iter().map(|pair| pair.ids).zip(decided.iter_mut());
-        if !self.facts.decided.is_empty() {
-            let more = SAMPLE / poses.max(1);
-            for (pair, lanes) in pairs {
-                *lanes = self.facts.decided(pair).unwrap_or(*lanes * more as u32);
-            }
-            return;
-        }
-        let is_robot = |shape: u32| scene.shape_id(shape).is_some_and(|id| id.robot().is_some());
-        let own = pairs.filter(|((a, b), _)| is_robot(*a) && is_robot(*b));
-        let mut known: Vec<(IndexPair, u32)> = own.map(|(pair, lanes)| (pair, *lanes)).collect();
-        known.sort_unstable();
-        Arc::make_mut(&mut self.facts).decided = known;
+    /// Fits buffers and figures to a changed program.
+    fn refit(&mut self) {
+        self.waiting.resize(self.program.cuts.len(), Vec::new());
+        self.edges.fit(&self.program);
+        let (selected, kept) = self.objects.pairs();
+        self.figures.pairs = self.robots.tests.pairs.len() + selected;
+        self.figures.pruned = self.robots.pruned + selected - kept;
     }
 
     /// The instruction set in use.
@@ -274,7 +259,10 @@ impl FastScene {
             for (lane, i) in block.iter().enumerate() {
                 if (!finite | doubtful) & !(finite & violated) & 1 << lane != 0 {
                     self.figures.doubtful += 1;
-                    free[*i] = self.reference.free(&poses[i * motors..(i + 1) * motors], self.clearance);
+                    free[*i] = {
+                        let pairs = self.program.tested_pairs();
+                        self.reference.free(&poses[i * motors..(i + 1) * motors], pairs, self.clearance)
+                    };
                 }
             }
             let requested = finite & !violated & !doubtful;
@@ -349,7 +337,7 @@ impl FastScene {
     /// True if a pair that is in doubt in this lane touches.
     pub(crate) fn doubt_touches(&mut self, pose: &[f64], lane: LaneMask) -> bool {
         let doubts = self.block.doubts.iter().filter(|(_, lanes)| lanes & lane != 0);
-        let pairs = doubts.map(|(pair, _)| self.program.pairs[*pair].ids);
+        let pairs = doubts.map(|(pair, _)| self.program.ids(*pair));
         self.reference.any_touches(pose, pairs, self.clearance)
     }
 

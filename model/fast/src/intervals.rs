@@ -116,7 +116,8 @@ fn take_steps<L: Lanes>(
 ) -> (LaneMask, LaneMask) {
     let mut hit = 0;
     let mut open = 0;
-    let steps = program.units[unit].steps.clone();
+    let UnitTest { steps, is_object, .. } = &program.units[unit];
+    let (code, first) = program.code(*is_object);
     // Stack of open steps: the lanes that are near, and the step at which each ends; at most four are nested.
     let mut scopes = [(near, steps.end); 5];
     let mut depth = 0;
@@ -126,8 +127,8 @@ fn take_steps<L: Lanes>(
             depth -= 1;
         }
         let lanes = scopes[depth].0 & !hit;
-        let step = &program.steps[at];
-        let motions = &program.step_motions[at];
+        let step = &code.steps[at];
+        let motions = &code.motions[at];
         at += 1;
         match *step {
             Step::Near { a, b, within_squared, skip } => {
@@ -164,9 +165,10 @@ fn take_steps<L: Lanes>(
                 if lanes == 0 {
                     continue;
                 }
-                let pair = &program.pairs[index];
+                let pair = &code.pairs[index];
+                let index = first + index;
                 sum_up::<L>(program, &mut intervals.motions, motions);
-                let (a, b) = (program.balls.len() + pair.a, program.balls.len() + pair.b);
+                let [a, b] = [pair.a, pair.b].map(|solid| program.balls.len() + solid as usize);
                 let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
                 let found: PairResult = test_pair::<L, true>(program, block, pair, lanes, motion);
                 open |= found.open & !found.stuck;

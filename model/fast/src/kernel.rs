@@ -8,7 +8,6 @@ use crate::distance::{beside, test_pair};
 use crate::lanes::{LaneMask, Lanes, Row, WIDTH, WideRow};
 use crate::program::{Bend, Joint, Motion, Program, Step, UnitTest};
 use crate::vector::{LaneVector, Rows3};
-use std::ops::Range;
 
 /// Number of unit pairs per batch of ball tests.
 const BATCH: usize = 32;
@@ -66,7 +65,25 @@ impl Block {
         for (g, _) in program.groups.iter().enumerate().filter(|(_, group)| group.fixed) {
             place_group::<crate::lanes::Portable>(program, &mut block, g);
         }
+        (program.robot_solids..program.solids.len()).for_each(|solid| block.place_object(program, solid));
         block
+    }
+
+    /// Makes room for more objects and joints of a changed program.
+    pub fn resize(&mut self, program: &Program) {
+        self.centers.resize(program.balls.len() + program.solids.len(), Default::default());
+        self.axes.resize(program.axes, Default::default());
+        self.forget(program);
+    }
+
+    /// Places a solid of an object.
+    pub fn place_object(&mut self, program: &Program, index: usize) {
+        let solid = &program.solids[index];
+        let rows = |point: &[f32; 3]| point.map(|x| Row([x; WIDTH]));
+        self.centers[program.balls.len() + index] = rows(&solid.center);
+        for (axis, own) in solid.used_axes().iter().zip(&mut self.axes[solid.first_axis..]) {
+            *own = rows(axis);
+        }
     }
 
     /// Resets: from now on any motor may move from block to block.
@@ -122,7 +139,7 @@ fn judge_units<L: Lanes>(program: &Program, block: &mut Block, units: &[UnitTest
     for (i, lanes) in &near[..count] {
         // Some lanes may have been decided since.
         if lanes & live != 0 {
-            live = take_steps::<L>(program, block, units[*i].steps.clone(), live);
+            live = take_steps::<L>(program, block, &units[*i], live);
         }
     }
     live
@@ -147,10 +164,11 @@ fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32) -> L
 
 /// Executes the steps of two units; returns the lanes that are still live.
 #[inline(always)]
-fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize>, mut live: LaneMask) -> LaneMask {
-    let mut at = steps.start;
-    while at < steps.end {
-        let step = &program.steps[at];
+fn take_steps<L: Lanes>(program: &Program, block: &mut Block, unit: &UnitTest, mut live: LaneMask) -> LaneMask {
+    let (code, first) = program.code(unit.is_object);
+    let mut at = unit.steps.start;
+    while at < unit.steps.end {
+        let step = &code.steps[at];
         at += 1;
         match *step {
             Step::Near { a, b, within_squared, skip } => {
@@ -169,13 +187,13 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
             }
             Step::Group(group) => place_group::<L>(program, block, group),
             Step::Pair(index) => {
-                let found = test_pair::<L, false>(program, block, &program.pairs[index], live, L::splat(0.0));
+                let found = test_pair::<L, false>(program, block, &code.pairs[index], live, L::splat(0.0));
                 if found.touching | found.doubtful != 0 {
                     live = if block.one_decides && found.touching != 0 { 0 } else { live & !found.touching };
                     if found.doubtful != 0 {
-                        block.doubts.push((index, found.doubtful));
+                        block.doubts.push((first + index, found.doubtful));
                     }
-                    if let Some(count) = block.decided.get_mut(index) {
+                    if let Some(count) = block.decided.get_mut(first + index) {
                         *count += found.touching.count_ones();
                     }
                     if live == 0 {
@@ -297,7 +315,7 @@ pub(crate) fn place_group<L: Lanes>(program: &Program, block: &mut Block, group:
         let solid = &program.solids[s];
         let [x, y, z, origin] = axes_and_origin::<L>(&block.frames[solid.frame]);
         moved(origin, [x, y, z], solid.center).store(&mut block.centers[program.balls.len() + s]);
-        for (axis, rows) in solid.axes.iter().zip(&mut block.axes[solid.first_axis..]) {
+        for (axis, rows) in solid.used_axes().iter().zip(&mut block.axes[solid.first_axis..]) {
             moved(zero, [x, y, z], *axis).store(rows);
         }
     }

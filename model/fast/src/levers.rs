@@ -28,6 +28,29 @@ pub(crate) struct Mover {
     pub ends: Vec<Sphere>,
 }
 
+/// Maximum distance of these balls' points from the origin of their frame, meters.
+pub(crate) fn far(ends: &[Sphere]) -> f64 {
+    ends.iter().map(|e| e.center.norm() + e.radius).fold(0.0, f64::max)
+}
+
+/// Maxima over the robots that bound the error of a point's velocity.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Slip {
+    /// Distance of a mover's points from the origin of its frame, meters.
+    size: f64,
+    reach: f64,
+    turn: f64,
+    place: f64,
+}
+
+impl Slip {
+    /// The bound, with objects whose points are no farther than this from the world's origin, meters.
+    pub fn among(&self, objects: f64) -> f64 {
+        let across = (2.0 * (self.reach + self.size.max(objects))).max(1.0);
+        2.0 * self.turn * across + 2.0 * self.place + 1024.0 * U * across
+    }
+}
+
 /// All movers of a scene, and the sums computed so far.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Movers {
@@ -54,14 +77,18 @@ impl Movers {
         Relative { sums, common: common.unwrap_or(self.frames.len() - 1) as u32 }
     }
 
+    /// The motion of a mover relative to the world.
+    pub fn in_world(&mut self, mover: usize) -> Relative {
+        // The world is the last frame.
+        Relative { sums: [self.sum(mover, None), 0], common: (self.frames.len() - 1) as u32 }
+    }
+
     /// Error bound of a point's velocity in the lanes, per radian or meter of joint motion: from the frames' errors,
     /// and from rounding along the chain.
-    pub fn slip(&self) -> f64 {
-        let far = |mover: &Mover| mover.ends.iter().map(|e| e.center.norm() + e.radius).fold(0.0, f64::max);
-        let size = self.movers.iter().map(far).fold(0.0, f64::max);
+    pub fn slip(&self) -> Slip {
+        let size = self.movers.iter().map(|mover| far(&mover.ends)).fold(0.0, f64::max);
         let most = |of: fn(&LaneFrame) -> f64| self.frames.iter().map(of).fold(0.0, f64::max);
-        let across = (2.0 * (most(|f| f.bound.reach) + size)).max(1.0);
-        2.0 * most(|f| f.bound.turn) * across + 2.0 * most(|f| f.bound.place) + 1024.0 * U * across
+        Slip { size, reach: most(|f| f.bound.reach), turn: most(|f| f.bound.turn), place: most(|f| f.bound.place) }
     }
 
     fn sum(&mut self, mover: usize, to: Option<usize>) -> u32 {

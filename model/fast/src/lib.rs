@@ -26,6 +26,8 @@
 //! * **Balls** (`steps.rs`, `write.rs`): two hands, two links, then two shapes are tested only if their balls meet in a
 //!   lane. A finger is not even placed unless the ball that contains it, in the hand's frame, is near something. The
 //!   tests that decided most often in a seeded sample, relative to their cost, come first.
+//! * **Objects** (`robots.rs`, `objects.rs`): the robots are compiled once. Each shape of an object adds units of its
+//!   own, rated by the unit's positions at sample poses; a changed object replaces only these.
 //! * **Two shapes** (`distance.rs`): capsules and balls by the closed form of two segments; cylinders and boxes by
 //!   alternating projections. Each result is *verified*: two near points prove a contact, a separating direction
 //!   disproves it. For a hull the surrounding shape and an inner capsule are tested; the cases between are in
@@ -56,11 +58,14 @@ mod lanes;
 mod levers;
 mod limits;
 mod motion;
+mod objects;
 mod program;
 mod proof;
 mod reference;
 mod regions;
+mod robots;
 mod samples;
+mod solids;
 mod steps;
 mod sweep;
 #[cfg(test)]

@@ -9,6 +9,7 @@ const LIMIT_TOLERANCE_RAD: f64 = 1e-9;
 
 /// Adds the limits and constraints of all robots of a scene.
 pub(crate) fn constraints(program: &mut Program, scene: &Scene) {
+    let mut clauses = Vec::new();
     for robot in scene.robots() {
         let first = program.limits.len();
         program.limits.extend(robot.motors.iter().map(|m| (m.min, m.max)));
@@ -22,9 +23,10 @@ pub(crate) fn constraints(program: &mut Program, scene: &Scene) {
                 terms.iter().map(|(m, a)| a.abs() * most(*m)).sum::<f64>() + b.abs()
             };
             let doubt = 1e-12 * members.iter().map(size).fold(1.0, f64::max);
-            program.clauses.push(FlatClause { members, doubt });
+            clauses.push(FlatClause { members, doubt });
         }
     }
+    program.clauses = clauses.into();
 }
 
 /// True if a motor is within its limits, rad of encoder.
@@ -64,7 +66,7 @@ impl FastScene {
     /// linear, so each clause is violated on one interval.
     pub(crate) fn first_violation(&self, from: &[f64], to: &[f64]) -> Option<(f64, bool)> {
         let mut first: Option<(f64, bool)> = None;
-        for clause in &self.program.clauses {
+        for clause in self.program.clauses.iter() {
             let mut enter = 0.0_f64;
             let mut leave = 1.0_f64;
             for (terms, constant) in &clause.members {

@@ -6,7 +6,7 @@
 //! whole.
 
 use crate::chain::{Carried, LaneFrame};
-use crate::compile::Sized;
+use crate::solids::Sized;
 use crate::sweep::{Sphere, above, common};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;

@@ -9,13 +9,16 @@ pub(crate) struct Reference {
     scene: Scene,
     placement: <ScalarEngine as Engine>::Placement,
     frames: Vec<Isometry3<f64>>,
-    /// All pairs to check.
-    pairs: Vec<IndexPair>,
 }
 
 impl Reference {
-    pub fn new(scene: &Scene, pairs: Vec<IndexPair>) -> Self {
-        Reference { scene: scene.clone(), placement: Default::default(), frames: Vec::new(), pairs }
+    pub fn new(scene: &Scene) -> Self {
+        Reference { scene: scene.clone(), placement: Default::default(), frames: Vec::new() }
+    }
+
+    /// Replaces the scene by one of the same robots.
+    pub fn set_scene(&mut self, scene: &Scene) {
+        self.scene = scene.clone();
     }
 
     /// The scene.
@@ -38,12 +41,9 @@ impl Reference {
         })
     }
 
-    /// True if the pose is free, checked completely by the scalar engine.
-    pub fn free(&mut self, pose: &[f64], clearance: f64) -> bool {
-        let pairs = std::mem::take(&mut self.pairs);
-        let free = self.satisfies_constraints(pose) && !self.any_touches(pose, pairs.iter().copied(), clearance);
-        self.pairs = pairs;
-        free
+    /// True if the pose satisfies all constraints and these pairs are free, checked by the scalar engine.
+    pub fn free(&mut self, pose: &[f64], pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
+        self.satisfies_constraints(pose) && !self.any_touches(pose, pairs, clearance)
     }
 
     /// True if the pose satisfies all constraints.

@@ -1,7 +1,7 @@
 //! Hands and fingers: subtrees that are small at every pose, so that each is tested as a whole.
 
 use crate::chain::LaneFrame;
-use crate::compile::Sized;
+use crate::solids::Sized;
 use crate::sweep::Sphere;
 use std::ops::Range;
 

@@ -2,7 +2,7 @@
 
 use crate::bound::U;
 use crate::chain::LaneFrame;
-use crate::compile::{Compiled, RobotFacts, compile};
+use crate::compile::{Compiled, RobotFacts};
 use crate::isa::{InstructionSet, checked};
 use crate::kernel::{Block, place_group, place_region, sine_cosine, start_placing};
 use crate::lanes::{LaneMask, Lanes, Portable, Row, WIDTH, WideRow};
@@ -26,10 +26,15 @@ fn scene(name: &str) -> (Arc<Robot>, Scene) {
     (robot, scene)
 }
 
+/// The robots of a scene without objects.
+fn compiled(scene: &Scene, clearance: f64) -> Compiled {
+    crate::compile::compile(scene, scene.pairs(), &[], clearance, &mut RobotFacts::new(scene))
+}
+
 /// Calls `look` with the poses in the lanes, and the block in which they were tested, for each instruction set.
 fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &Block, &[usize])) {
     let (robot, scene) = scene(name);
-    let mut compiled = compile(&scene, scene.pairs(), 10.0, &mut RobotFacts::default());
+    let mut compiled = compiled(&scene, 10.0);
     // At a clearance of ten meters everything is near, but without units nothing ends the block: only the frames matter
     // here.
     compiled.program.units.clear();
@@ -88,7 +93,7 @@ fn frames_stay_within_their_bounds() {
 fn a_pair_has_at_least_the_proved_distance() {
     for name in ["icub", "katana"] {
         let (robot, scene) = scene(name);
-        let frames = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).movers.frames;
+        let frames = compiled(&scene, 0.0).movers.frames;
         let balls: Vec<(usize, Sphere)> = scene
             .colliders()
             .map(|c| {
@@ -118,9 +123,11 @@ fn a_pair_has_at_least_the_proved_distance() {
 fn motion_stays_within_its_bound() {
     for name in ["icub", "katana", "panda"] {
         let (robot, scene) = scene(name);
-        let Compiled { mut program, layout, mut movers, .. } =
-            compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default());
-        layout.write_motions(&mut program, &mut movers);
+        let Compiled { mut program, layout, mut movers, .. } = compiled(&scene, 0.0);
+        layout.write_motions(&mut program, &mut movers, false);
+        program.slips = vec![0.0; program.limits.len()];
+        let slip = movers.slip().among(0.0);
+        program.joints.iter().for_each(|j| program.slips[j.motor] += (slip * j.gain.abs()) as f32);
         let mut block = Block::new(&program);
         let mut motions = Motions::new(&program);
         let mut poses = random_poses(&robot, 6);
@@ -157,9 +164,10 @@ fn motion_stays_within_its_bound() {
             };
             let placed: Vec<Vec<_>> =
                 (0..WIDTH).map(|lane| [0.0, 0.5, 1.0].map(|way| frames(lane, way)).to_vec()).collect();
-            for (step, relative) in program.steps.iter().zip(&program.step_motions) {
+            for (step, relative) in program.robots.steps.iter().zip(&program.robots.motions) {
                 let Step::Pair(pair) = *step else { continue };
-                let [a, b] = [program.pairs[pair].a, program.pairs[pair].b].map(|solid| program.balls.len() + solid);
+                let pair = &program.robots.pairs[pair];
+                let [a, b] = [pair.a, pair.b].map(|solid| program.balls.len() + solid as usize);
                 sum_up::<Portable>(&program, &mut motions, relative);
                 let mut fine_row = Row::default();
                 let mut coarse_row = Row::default();
@@ -212,7 +220,7 @@ fn a_ball_contains_the_balls_inside_it() {
 #[test]
 fn fingers_are_regions_of_their_own() {
     let (_, scene) = scene("icub");
-    let program = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).program;
+    let program = compiled(&scene, 0.0).program;
     let fingers = program.regions.iter().skip(1).filter(|joints| (3..=4).contains(&joints.len())).count();
     assert_eq!(fingers, 10, "two hands: {:?}", program.regions);
     // A finger's ball is tested before the finger is placed: it is on the frame that carries the finger.
@@ -229,12 +237,7 @@ fn omitted_pairs_stay_apart() {
     for (name, least) in [("icub", 70), ("katana", 0), ("panda", 0)] {
         let (robot, scene) = scene(name);
         for clearance in [0.0, 0.02] {
-            let selected: BTreeSet<IndexPair> = compile(&scene, scene.pairs(), clearance, &mut RobotFacts::default())
-                .program
-                .pairs
-                .iter()
-                .map(|pair| pair.ids)
-                .collect();
+            let selected: BTreeSet<IndexPair> = compiled(&scene, clearance).program.tested_pairs().collect();
             let left: Vec<Pair> = scene
                 .pairs()
                 .iter()
@@ -263,7 +266,7 @@ fn omitted_pairs_stay_apart() {
 fn a_point_crosses_joints_within_its_bound() {
     for name in ["icub", "panda"] {
         let (robot, scene) = scene(name);
-        let frames = compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).movers.frames;
+        let frames = compiled(&scene, 0.0).movers.frames;
         let proofs = Proofs::new(&frames, &[], 0.0);
         let mut ways = 0;
         let mut worst = 0.0f64;
@@ -305,7 +308,7 @@ fn a_point_crosses_joints_within_its_bound() {
 #[test]
 fn sine_and_cosine_stay_within_their_bound() {
     let (_, scene) = scene("katana");
-    let mut joint = Some(compile(&scene, scene.pairs(), 0.0, &mut RobotFacts::default()).program.joints[0].clone());
+    let mut joint = Some(compiled(&scene, 0.0).program.joints[0].clone());
     let mut worst = 0.0f64;
     for turns in [0.0, 1.0, -1000.0] {
         let joint = joint.as_mut().expect("a joint");

@@ -29,7 +29,7 @@ impl<'a> StepWriter<'a> {
         for (g, range) in layout.groups.iter().enumerate() {
             group[range.clone()].fill(g);
         }
-        let pairs = program.pairs.iter().map(|pair| [pair.a, pair.b]).collect();
+        let pairs = program.robots.pairs.iter().map(|pair| [pair.a as usize, pair.b as usize]).collect();
         StepWriter { layout, pairs, decided, group, balls: program.balls.len(), steps: Vec::new() }
     }
 
@@ -192,8 +192,9 @@ impl<'a> StepWriter<'a> {
 
     /// Test if a ball is near the bounding capsule of a solid; its end is not set yet.
     fn beside(&self, ball: usize, of: usize) -> Step {
-        let within_squared = self.layout.beside_squared(ball, of);
-        let half = self.layout.solids[of].half as f32;
+        let solid = &self.layout.solids[of];
+        let within_squared = self.layout.beside_squared(self.layout.ball(ball), solid);
+        let half = solid.half as f32;
         Step::Beside { ball: ball as u32, of: of as u32, half, within_squared, skip: 0 }
     }
 }

@@ -15,6 +15,7 @@ pub(crate) use support::distances_from_hull;
 
 use super::{Collider, Engine, IndexPair, Near, Proximity};
 use crate::shape::Shape;
+use crate::shared_list::SharedList;
 use closed::{Segment, segments_squared};
 
 use exact::distance_within;
@@ -25,7 +26,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 #[derive(Clone, Debug)]
 pub struct ScalarEngine {
     /// In the order of the colliders; pairs are indices into this list.
-    solids: Vec<PreparedSolid>,
+    solids: SharedList<PreparedSolid>,
 }
 
 /// A prepared collider.
@@ -39,6 +40,18 @@ struct PreparedSolid {
     pose: Isometry3<f64>,
     /// Half the axis of its outer capsule, in its frame: rotated once here instead of at every configuration.
     half_axis: Vector3<f64>,
+}
+
+impl PreparedSolid {
+    fn new(c: &Collider) -> Self {
+        let form = Form::new(&c.shape);
+        let form = match c.hull() {
+            Some(hull) => form.hollowed(hull, &c.pose.inverse(), c.inner_capsule()),
+            None => form,
+        };
+        let half_axis = c.pose.rotation * form.outer.half_axis;
+        PreparedSolid { form, frame: c.frame, pose: c.pose, half_axis }
+    }
 }
 
 /// The solids of a [`ScalarEngine`] at one configuration.
@@ -55,16 +68,14 @@ impl Engine for ScalarEngine {
     type Placement = Placement;
 
     fn prepare(colliders: &[Collider]) -> Self {
-        let solid = |c: &Collider| {
-            let form = Form::new(&c.shape);
-            let form = match c.hull() {
-                Some(hull) => form.hollowed(hull, &c.pose.inverse(), c.inner_capsule()),
-                None => form,
-            };
-            let half_axis = c.pose.rotation * form.outer.half_axis;
-            PreparedSolid { form, frame: c.frame, pose: c.pose, half_axis }
-        };
-        ScalarEngine { solids: colliders.iter().map(solid).collect() }
+        ScalarEngine { solids: SharedList::new(colliders.iter().map(PreparedSolid::new)) }
+    }
+
+    fn prepare_after<'a>(&self, kept: usize, colliders: impl Iterator<Item = &'a Collider>) -> Self {
+        if kept == self.solids.shared_len() {
+            return ScalarEngine { solids: self.solids.followed_by(colliders.skip(kept).map(PreparedSolid::new)) };
+        }
+        ScalarEngine { solids: SharedList::new(colliders.map(PreparedSolid::new)) }
     }
 
     fn place(&self, world_from_frame: &[Isometry3<f64>], placement: &mut Placement) {

@@ -52,6 +52,13 @@ pub(crate) struct Bodies {
     pub moving: Vec<IndexPair>,
     /// Reflex pairs within and between robots that can't move relative to each other; indices, sorted.
     pub fixed: Vec<IndexPair>,
+    /// Solids that are tested against objects, and can move relative to them; sorted. A base is not tested against the
+    /// world that it stands on.
+    pub tested: Vec<u32>,
+    /// The same for solids that can't move.
+    pub tested_fixed: Vec<u32>,
+    /// Per frame: bound of the motion of its shapes in the world.
+    pub world_travel: Vec<Terms>,
 }
 
 impl Bodies {
@@ -73,6 +80,9 @@ impl Bodies {
             solids: Vec::new(),
             moving: Vec::new(),
             fixed: Vec::new(),
+            tested: Vec::new(),
+            tested_fixed: Vec::new(),
+            world_travel: Vec::new(),
         };
         for (robot, base) in robots {
             check(&robot, &base)?;
@@ -83,6 +93,11 @@ impl Bodies {
         }
         bodies.moving.sort_unstable();
         bodies.fixed.sort_unstable();
+        for (i, solid) in bodies.solids.iter().enumerate().filter(|(_, solid)| !solid.near_root) {
+            let list = if solid.fixed { &mut bodies.tested_fixed } else { &mut bodies.tested };
+            list.push(i as u32);
+        }
+        bodies.world_travel = (0..bodies.frames).map(|f| bodies.travel(f, bodies.frames)).collect();
         Ok(bodies)
     }
 

@@ -141,8 +141,8 @@ impl<E: Engine> Scene<E> {
             let local = (term.motor as usize).checked_sub(first_motor);
             term.reach * local.and_then(|m| change.get(m)).map_or(0.0, |d| d.abs())
         };
-        let mut pairs = Vec::with_capacity(self.world().pairs.len());
-        for group in &self.world().groups {
+        let mut pairs = Vec::with_capacity(self.world().lists.pairs.len());
+        for group in &self.world().lists.groups {
             let speed = group.travel.iter().map(moved).sum::<f64>() / f64::from(steps);
             let own = group.pairs.iter().filter(|pair| self.is_of(robot, **pair));
             pairs.extend(own.map(|pair| SweptPair { pair: *pair, speed, own: self.world().own_clearance(*pair) }));

@@ -43,6 +43,17 @@ impl PairRule {
     }
 }
 
+/// Pairs that other rules may change.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum RuleChange {
+    /// None: the rules are the same.
+    None,
+    /// Pairs with objects.
+    Objects,
+    /// Pairs of the robots, too.
+    Robots,
+}
+
 /// A rule with the shapes that it is about.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ResolvedRule {
@@ -54,6 +65,15 @@ impl ResolvedRule {
     fn concerns(&self, (a, b): (ShapeId, ShapeId)) -> bool {
         let [one, other] = &self.sides;
         (one.has(a) && other.has(b)) || (one.has(b) && other.has(a))
+    }
+
+    fn has_object(&self) -> bool {
+        self.sides.iter().any(|side| matches!(side, RuleSide::Object(_)))
+    }
+
+    /// True if the shape belongs to one of its two things.
+    pub fn names(&self, id: ShapeId) -> bool {
+        self.sides.iter().any(|side| side.has(id))
     }
 }
 
@@ -145,8 +165,11 @@ impl<E: Engine> Scene<E> {
         if rules == self.rules {
             return self.clone();
         }
-        let objects: Vec<_> = self.objects.clone();
-        let world = Arc::new(super::SolidWorld::new(&self.bodies, &objects, &rules));
+        let of_robots = |rules: &[ResolvedRule]| -> Vec<ResolvedRule> {
+            rules.iter().filter(|rule| !rule.has_object()).cloned().collect()
+        };
+        let change = if of_robots(&rules) == of_robots(&self.rules) { RuleChange::Objects } else { RuleChange::Robots };
+        let world = Arc::new(self.world.among(&self.bodies, &self.objects, (&rules, change), |_| false));
         Scene { rules, world, ..self.clone() }
     }
 

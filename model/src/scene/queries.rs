@@ -21,7 +21,7 @@ impl<E: Engine> Scene<E> {
     /// [`Scene::free`].
     pub fn contacts<P: AsRef<[f64]>>(&self, poses: &[P], within: f64) -> Vec<Contact> {
         let world = self.world();
-        let found = world.engine.contacts(&self.placement(poses), &world.pairs, within);
+        let found = world.engine.contacts(&self.placement(poses), &world.lists.pairs, within);
         let near = found.into_iter().filter(|n| world.is_near(n.pair, n.proximity.distance, within));
         near.map(|near| world.contact(near)).collect()
     }
@@ -51,7 +51,7 @@ impl<E: Engine> Scene<E> {
             return false;
         }
         let world = self.world();
-        world.free(&self.placement(poses), world.pairs.iter().copied(), clearance)
+        world.free(&self.placement(poses), world.lists.pairs.iter().copied(), clearance)
     }
 
     /// Intersection test of one robot, with itself, the others and objects: true if each of its reflex pairs is farther
@@ -66,7 +66,7 @@ impl<E: Engine> Scene<E> {
             return false;
         }
         let world = self.world();
-        let own = world.pairs.iter().copied().filter(|pair| self.is_of(robot, *pair));
+        let own = world.lists.pairs.iter().copied().filter(|pair| self.is_of(robot, *pair));
         world.free(&self.placement(poses), own, clearance)
     }
 

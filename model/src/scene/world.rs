@@ -1,99 +1,115 @@
-//! The objects of a scene, prepared, with the tested pairs: rebuilt by each edit.
+//! The solids of a scene, prepared, with the tested pairs: each edit derives a new one.
 
 use super::bodies::{Bodies, Solid};
-use super::pair_rules::{PairPolicy, ResolvedRule, rule_of};
-use super::travel::Terms;
+use super::pair_lists::PairLists;
+use super::pair_rules::{ResolvedRule, RuleChange};
 use super::{Contact, Object, ObjectClass, ShapeId};
 use crate::engine::{Collider, Engine, IndexPair, Near, PairProximity};
-use std::collections::BTreeMap;
+use crate::shared_list::SharedList;
 use std::sync::Arc;
 
 /// All solids of a scene, and the pairs that the reflex monitors.
 #[derive(Debug)]
 pub(crate) struct SolidWorld<E> {
     /// Those of the robots, then those of the obstacles, in order of their ids.
-    pub solids: Vec<Solid>,
+    pub solids: SharedList<Solid>,
     /// The solids, prepared.
     pub engine: E,
-    /// Reflex pairs that can move relative to each other: indices, smaller first, sorted.
-    pub pairs: Vec<IndexPair>,
-    /// The same pairs, grouped by their two frames.
-    pub groups: Vec<PairGroup>,
-    /// Pairs with a clearance of their own, meters; sorted.
-    pub near: Vec<(IndexPair, f64)>,
+    /// Tested pairs of the robots alone.
+    robots: Arc<PairLists>,
+    /// Tested pairs.
+    pub lists: Arc<PairLists>,
     /// Touching pairs that can't move relative to each other.
     pub fixed_contacts: Vec<Contact>,
 }
 
-/// Pairs of solids with the same relative motion: those of the same two frames.
-#[derive(Clone, Debug)]
-pub(crate) struct PairGroup {
-    /// Bound of their relative motion.
-    pub travel: Terms,
-    /// The pairs.
-    pub pairs: Vec<IndexPair>,
-}
-
 impl<E: Engine> SolidWorld<E> {
-    /// Prepares the robots together with the obstacles among the objects: targets and ghosts never collide.
-    pub fn new(bodies: &Bodies, objects: &[(u32, Arc<Object>)], rules: &[ResolvedRule]) -> Self {
-        let mut solids = bodies.solids.clone();
-        let mut sorted: Vec<_> = objects.iter().filter(|(_, o)| o.class == ObjectClass::Obstacle).collect();
-        // In order of ids, so that pairs of indices sort as pairs of ids do, and contacts come out sorted.
-        sorted.sort_unstable_by_key(|(id, _)| *id);
-        for (id, object) in sorted {
-            for (s, primitive) in object.shapes.iter().enumerate() {
-                let pose = object.pose * primitive.pose;
-                solids.push(Solid {
-                    id: ShapeId::Object { object: *id, shape: s as u16 },
-                    collider: Collider::new(primitive.shape, bodies.frames, pose),
-                    fixed: true,
-                    near_root: false,
-                });
-            }
-        }
-        let own = bodies.solids.len();
-        let mut pairs = bodies.moving.clone();
-        let mut fixed = bodies.fixed.clone();
-        // A base is not tested against the world that it stands on.
-        for (i, solid) in bodies.solids.iter().enumerate().filter(|(_, s)| !s.near_root) {
-            let list = if solid.fixed { &mut fixed } else { &mut pairs };
-            list.extend((own..solids.len()).map(|j| (i as u32, j as u32)));
-        }
-        pairs.sort_unstable();
-        let mut near = Vec::new();
-        if !rules.is_empty() || bodies.robots.iter().any(|robot| !robot.near.is_empty()) {
-            pairs.retain(|&(i, j)| {
-                let ids = (solids[i as usize].id, solids[j as usize].id);
-                match rule_of(&bodies.robots, rules, ids) {
-                    PairPolicy::General => true,
-                    PairPolicy::Near(clearance) => {
-                        near.push(((i, j), clearance));
-                        true
-                    }
-                    PairPolicy::MayTouch => false,
-                }
-            });
-        }
-        // One motion bound serves all pairs of two frames, and a group that is not due is skipped as a whole.
-        let mut by_frames = BTreeMap::<(usize, usize), Vec<IndexPair>>::new();
-        for &(i, j) in &pairs {
-            let f = solids[i as usize].collider.frame;
-            let g = solids[j as usize].collider.frame;
-            by_frames.entry((f.min(g), f.max(g))).or_default().push((i, j));
-        }
-        let groups =
-            by_frames.into_iter().map(|((f, g), pairs)| PairGroup { travel: bodies.travel(f, g), pairs }).collect();
+    /// Prepares robots without objects.
+    pub fn alone(bodies: &Bodies) -> Self {
+        let solids = SharedList::new(bodies.solids.iter().cloned());
+        let robots = Arc::new(PairLists::of_robots(bodies, &[]));
         let engine = E::prepare(&solids.iter().map(|s| s.collider.clone()).collect::<Vec<_>>());
-        let mut world = SolidWorld { solids, engine, pairs, groups, near, fixed_contacts: Vec::new() };
-        // These contacts are the same at every configuration; home is used here.
+        let lists = robots.clone();
+        let mut world = SolidWorld { solids, engine, robots, lists, fixed_contacts: Vec::new() };
+        world.fixed_contacts = world.contacts_at_home(bodies, &bodies.fixed);
+        world
+    }
+
+    /// The same robots with the obstacles among other objects: targets and ghosts never collide. What is independent
+    /// of the changed objects is shared with this world.
+    ///
+    /// # Arguments
+    /// * `objects`: in order of their ids, so that pairs of indices sort as pairs of ids do, and contacts come out
+    ///   sorted.
+    /// * `rules`: with their difference from the present ones.
+    /// * `is_changed`: true for the id of an object that is new or changed.
+    pub fn among(
+        &self,
+        bodies: &Bodies,
+        objects: &[(u32, Arc<Object>)],
+        (rules, change): (&[ResolvedRule], RuleChange),
+        is_changed: impl Fn(u32) -> bool,
+    ) -> Self {
+        debug_assert!(objects.is_sorted_by_key(|(id, _)| *id), "ids grow with every object");
+        let obstacles = objects.iter().filter(|(_, o)| o.class == ObjectClass::Obstacle);
+        let shapes = obstacles.flat_map(|(id, object)| (0..).zip(&object.shapes).map(move |s| (*id, object, s)));
+        let solids = self.solids.followed_by(shapes.map(|(id, object, (s, primitive))| Solid {
+            id: ShapeId::Object { object: id, shape: s },
+            collider: Collider::new(primitive.shape, bodies.frames, object.pose * primitive.pose),
+            fixed: true,
+            near_root: false,
+        }));
+        let is_same = |(a, b): (&Solid, &Solid)| a.id == b.id;
+        let are_same = solids.len() == self.solids.len() && solids.own().iter().zip(self.solids.own()).all(is_same);
+        let robots = match change {
+            RuleChange::Robots => Arc::new(PairLists::of_robots(bodies, rules)),
+            RuleChange::None | RuleChange::Objects => self.robots.clone(),
+        };
+        let lists = if are_same && change == RuleChange::None {
+            self.lists.clone()
+        } else if solids.own().is_empty() {
+            robots.clone()
+        } else {
+            Arc::new(robots.among(bodies, solids.own(), rules))
+        };
+        let engine = self.engine.prepare_after(self.solids.shared_len(), solids.iter().map(|s| &s.collider));
+        let mut world = SolidWorld { solids, engine, robots, lists, fixed_contacts: Vec::new() };
+        world.fixed_contacts = self.fixed_contacts_among(bodies, &world, is_changed);
+        world
+    }
+
+    /// The fixed contacts of this world that remain in the next, and those with changed objects.
+    fn fixed_contacts_among(&self, bodies: &Bodies, next: &Self, is_changed: impl Fn(u32) -> bool) -> Vec<Contact> {
+        let remains = |contact: &&Contact| match contact.pair.1 {
+            ShapeId::Robot { .. } => true,
+            ShapeId::Object { object, .. } => {
+                !is_changed(object) && next.solids.own().iter().any(|solid| solid.id == contact.pair.1)
+            }
+        };
+        let mut all: Vec<Contact> = self.fixed_contacts.iter().filter(remains).copied().collect();
+        if bodies.tested_fixed.is_empty() {
+            return all;
+        }
+        let is_new = |solid: &Solid| matches!(solid.id, ShapeId::Object { object, .. } if is_changed(object));
+        let changed = (bodies.solids.len() as u32..).zip(next.solids.own()).filter(|(_, solid)| is_new(solid));
+        let pairs: Vec<IndexPair> =
+            changed.flat_map(|(j, _)| bodies.tested_fixed.iter().map(move |i| (*i, j))).collect();
+        all.extend(next.contacts_at_home(bodies, &pairs));
+        all.sort_by_key(|contact| (matches!(contact.pair.1, ShapeId::Object { .. }), contact.pair));
+        all
+    }
+
+    /// Contacts of pairs that can't move relative to each other: the same at every configuration; home is used here.
+    fn contacts_at_home(&self, bodies: &Bodies, pairs: &[IndexPair]) -> Vec<Contact> {
+        if pairs.is_empty() {
+            return Vec::new();
+        }
         let mut frames = Vec::new();
         let mut placement = E::Placement::default();
         bodies.place::<&[f64]>(&[], &mut frames);
-        world.engine.place(&frames, &mut placement);
-        let touching = world.engine.contacts(&placement, &fixed, 0.0);
-        world.fixed_contacts = touching.into_iter().map(|near| world.contact(near)).collect();
-        world
+        self.engine.place(&frames, &mut placement);
+        let touching = self.engine.contacts(&placement, pairs, 0.0);
+        touching.into_iter().map(|near| self.contact(near)).collect()
     }
 
     /// The clearance of a pair: its own, if that is lower than the given one.
@@ -103,8 +119,8 @@ impl<E: Engine> SolidWorld<E> {
 
     /// The pair's own clearance, if it has one.
     pub fn own_clearance(&self, pair: IndexPair) -> Option<f64> {
-        let at = self.near.binary_search_by_key(&pair, |(pair, _)| *pair).ok()?;
-        self.near.get(at).map(|(_, own)| *own)
+        let at = self.lists.near.binary_search_by_key(&pair, |(pair, _)| *pair).ok()?;
+        self.lists.near.get(at).map(|(_, own)| *own)
     }
 
     /// True if a measured pair counts as near: it is closer than the clearance that applies to it, or touches.
@@ -114,7 +130,7 @@ impl<E: Engine> SolidWorld<E> {
 
     /// True if all of these pairs are farther apart than the clearance that applies to each.
     pub fn free(&self, placement: &E::Placement, pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
-        if self.near.is_empty() {
+        if self.lists.near.is_empty() {
             return self.engine.free(placement, pairs, clearance);
         }
         let mut own = Vec::new();
@@ -129,16 +145,17 @@ impl<E: Engine> SolidWorld<E> {
 
     /// The nearest pair within `cap` meters. A pair with a clearance of its own counts only if it is closer than that.
     pub fn nearest(&self, placement: &E::Placement, cap: f64) -> Option<PairProximity> {
-        if self.near.is_empty() {
-            return self.engine.clearance(placement, &self.pairs, cap);
+        if self.lists.near.is_empty() {
+            return self.engine.clearance(placement, &self.lists.pairs, cap);
         }
         let general: Vec<IndexPair> =
-            self.pairs.iter().copied().filter(|pair| self.own_clearance(*pair).is_none()).collect();
+            self.lists.pairs.iter().copied().filter(|pair| self.own_clearance(*pair).is_none()).collect();
         let nearest = self.engine.clearance(placement, &general, cap);
-        let own = self.near.iter().filter_map(|(pair, own)| match self.engine.near(placement, *pair, own.min(cap)) {
-            Near::Within(proximity) => Some(PairProximity { pair: *pair, proximity }),
-            Near::Beyond(_) => None,
-        });
+        let own =
+            self.lists.near.iter().filter_map(|(pair, own)| match self.engine.near(placement, *pair, own.min(cap)) {
+                Near::Within(proximity) => Some(PairProximity { pair: *pair, proximity }),
+                Near::Beyond(_) => None,
+            });
         nearest.into_iter().chain(own).min_by(|a, b| a.proximity.distance.total_cmp(&b.proximity.distance))
     }
 

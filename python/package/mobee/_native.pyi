@@ -211,6 +211,7 @@ class Scene:
         *,
         seed: int = 0,
         budget: int = 20_000,
+        time_limit: float | None = None,
         shorten: bool = True,
         may_touch: Sequence[str] = ...,
         pair_clearances: Mapping[str, float] | None = None,

@@ -120,7 +120,7 @@ impl SeenWorld {
             let moves = |i: u32| carried.get(i as usize).is_some_and(|body| *body > 0);
             let is_it =
                 |i: u32| matches!(self.scene.shape_id(i), Some(ShapeId::Object { object: o, .. }) if o == object);
-            ObjectPairs::new(&self.scene, self.clearance, |i, j| (moves(i) && is_it(j)) || (moves(j) && is_it(i)))
+            self.own.among(&self.scene, |i, j| (moves(i) && is_it(j)) || (moves(j) && is_it(i)))
         });
         checker.certify(&mut self.poses, ways)
     }
@@ -171,6 +171,11 @@ struct ObjectPairs(Option<FastScene>);
 impl ObjectPairs {
     fn new(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> ObjectPairs {
         ObjectPairs(FastScene::of_pairs(scene, clearance, keep).ok())
+    }
+
+    /// Other pairs of the same robots.
+    fn among(&self, scene: &Scene, keep: impl Fn(u32, u32) -> bool) -> ObjectPairs {
+        ObjectPairs(self.0.as_ref().and_then(|fast| fast.among(scene, keep).ok()))
     }
 
     /// Certifies edges, each given by the positions of the map's motors at its start and then at

@@ -2,5 +2,6 @@
 //! holds for every pose on it.
 
 mod edges;
+mod edits;
 mod scenes;
 mod verdicts;
