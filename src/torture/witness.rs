@@ -34,6 +34,8 @@ const STOP_TIME: Duration = Duration::from_millis(1500);
 const BLIND_STOP_TIME: Duration = Duration::from_millis(700);
 /// Ratio to the rest speed above which a motor is in motion.
 const MOTION_SPEED_RATIO: f64 = 4.0;
+/// Distance within which a motor counts as resting behind equal readings, rad.
+const AT_REST_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// Time for which motors may move behind bitwise equal readings, and the distance that they may move after it, rad.
 const EQUAL_READINGS_LIMIT: (Duration, f64) = (Duration::from_millis(1500), std::f64::consts::PI / 180.0);
 /// Gap between events or speed samples after which the process counts as suspended.
@@ -112,9 +114,10 @@ struct WatchedRobot {
     honest: bool,
     /// During an escape: the pairs that were close at its start, and the time of the start.
     escape: (Option<Vec<Contact>>, Time),
-    /// The newest reading that differed from the previous one, and the time since which the present motion shows it
-    /// unchanged.
+    /// The newest reading that differed from the previous one, and the time since which a motor moves behind it.
     news: Option<(Pose, Time)>,
+    /// The true positions of the motors at that reading, or as the motion set out.
+    rested: Option<Vec<f64>>,
     /// The true positions of the motors when the reading had been unchanged for too long.
     late: Option<Vec<f64>>,
     /// Times at which its board will report a fault.
@@ -150,6 +153,7 @@ impl WatchedRobot {
             honest: true,
             escape: (None, at),
             news: None,
+            rested: None,
             late: None,
             faults: Vec::new(),
             fault: None,
@@ -160,7 +164,7 @@ impl WatchedRobot {
     /// Starts a motion: readings may have been equal while the robot rested.
     fn sets_out(&mut self, now: Time) {
         self.news.iter_mut().for_each(|(_, since)| *since = now);
-        self.late = None;
+        (self.rested, self.late) = (None, None);
     }
 
     /// The promise to check now, and the distance below which a new contact breaks it.
@@ -326,24 +330,28 @@ impl Witness {
         // a robot with wrong encoders is not where its readings are
         seen.honest &=
             q.len() == truth.len() && q.iter().zip(truth).all(|(q, is)| (q - is).abs() <= MAX_ENCODER_ERROR_RAD);
-        match &seen.news {
+        let moved = |from: &[f64]| from.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        match &mut seen.news {
             Some((last, since)) if *last == *q => {
+                // The recorded path of a retreat may begin with a rest, whose readings are equal.
+                if seen.late.is_none() && moved(seen.rested.get_or_insert_with(|| truth.to_vec())) <= AT_REST_RAD {
+                    *since = at;
+                }
                 if at.since(*since) <= EQUAL_READINGS_LIMIT.0 {
                     return;
                 }
-                let then = seen.late.get_or_insert_with(|| truth.to_vec());
-                let way = then.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                let way = moved(seen.late.get_or_insert_with(|| truth.to_vec()));
                 if way > EQUAL_READINGS_LIMIT.1 {
                     let name = &seen.name;
                     let way = seen.units.told(way, 1);
                     let more = EQUAL_READINGS_LIMIT.0.as_secs_f64();
                     let what = format!(
-                        "{name}: the readings are equal since {since}, and {more} s later a motor goes on by {way} at {at}"
+                        "{name}: a motor moves behind equal readings since {since}, and {more} s later it goes on by {way} at {at}"
                     );
                     self.found.push(("I26", what));
                 }
             }
-            _ => (seen.news, seen.late) = (Some((q.clone(), at)), None),
+            _ => (seen.news, seen.rested, seen.late) = (Some((q.clone(), at)), None, None),
         }
     }
 

@@ -164,6 +164,8 @@ fn seeds_that_were_red_are_green() {
     }
     // one of two is led on for a moment by a reflex that stalls, its readings stay away, and the other can't see where it is (I9)
     seeds("configs/behaviors/conflict.toml", 985_027, 1, "");
+    // encoders froze as a retreat began whose recorded path starts with a rest of more than a second (I26)
+    seeds("configs/behaviors/conflict.toml", 997_092, 1, "");
     // a board that refused the stop it was reached with was never told again, and its robot lost for good (I15)
     seeds(YARP, 37, 1, "");
     // a robot that was told to move at every fault of another board was to give back its references meanwhile (I30); a board ignored
