@@ -300,13 +300,14 @@ impl FollowService {
             if boundary.is_none() && (follower.is_ready() || now >= began + READY_TIMEOUT) {
                 boundary = Some(now);
             }
-            if boundary.is_some_and(|boundary| now >= boundary) {
+            if let Some(due) = boundary.filter(|due| now >= *due) {
                 if let Some((reply, answer)) = open.take() {
                     let _ = reply.try_send(answer);
                 }
                 let Some(request) = self.line.wait(&self.cancelled) else { return Ok(()) };
                 if let Some(answer) = follower.obey(&request, now).await? {
-                    boundary = Some(now + request.span);
+                    // counted from when it was due: the clock goes in milliseconds
+                    boundary = Some(due + request.span);
                     open = Some((request.reply, answer));
                 }
                 if request.span.is_zero() {

@@ -24,6 +24,8 @@ use std::time::{Duration, Instant};
 const SEND_PATIENCE: Duration = Duration::from_millis(4);
 /// Time for the verdict on a command that can't be withdrawn any more.
 const VERDICT_PATIENCE: Duration = Duration::from_millis(100);
+/// Time in which a run that no longer replies ends.
+const END_PATIENCE: Duration = Duration::from_secs(5);
 /// Time in which the robot must become ready.
 const READY_PATIENCE: Duration = Duration::from_secs(30);
 /// Distance that plans keep beyond the margin, m.
@@ -81,6 +83,8 @@ impl PyFollowing {
                 state.check(py)?;
                 let q = self.line.latest().map(|latest| latest.q.to_vec()).unwrap_or_default();
                 if q.is_empty() {
+                    state.note(py, END_PATIENCE)?;
+                    state.check(py)?;
                     let what = "the connection to the robot is being restarted";
                     return Err(Failure::new("not_ready", what, "try again").into());
                 }
@@ -210,7 +214,7 @@ impl FollowingState {
             match py.detach(|| ticket.wait(SIGNAL_PERIOD)) {
                 Ok(reply) => return Ok(Some(reply)),
                 Err(RecvTimeoutError::Disconnected) => {
-                    self.note(py, SIGNAL_PERIOD)?;
+                    self.note(py, END_PATIENCE)?;
                     return Ok(None);
                 }
                 Err(RecvTimeoutError::Timeout) => {

@@ -5,8 +5,6 @@ use std::time::Duration;
 
 /// Share of a motor's greatest speed that a course may use: supervise writes set-points at no more.
 const SPEED_SHARE: f64 = 0.95;
-/// Acceleration of set-points, relative to that with which a motor is certain to brake: servos smooth what is faster.
-const AGILITY: f64 = 4.0;
 
 /// Configurations with their times, the first at the present.
 #[derive(Clone, Debug)]
@@ -95,16 +93,36 @@ impl FollowLimits {
         clipped
     }
 
-    /// Velocities of the motors, rad/s, with which a period of `secs` leads from `from` toward `to`, from the velocities `before`.
-    /// `share`: of the velocities that would lead there.
-    pub fn velocities(&self, (from, before): (&[f64], &[f64]), to: &[f64], share: f64, secs: f64) -> Vec<f64> {
-        let motors = self.axes.iter().zip(from).zip(before).zip(to);
-        let each = motors.map(|(((axis, from), before), to)| {
-            let way = to - from;
-            let push = AGILITY * axis.max_acceleration;
-            let most = (SPEED_SHARE * self.speed * axis.max_speed).min((2.0 * push * way.abs()).sqrt());
-            let wanted = share * (way / secs).clamp(-most, most);
-            wanted.clamp(before - push * secs, before + push * secs)
+    /// Velocities of the motors, rad/s, with which a period of `secs` leads from `from` toward `to`, no faster than the motors can
+    /// accelerate from the velocities `before`, and can brake to those with which `to` moves on.
+    ///
+    /// # Arguments
+    /// * `share`: of the velocities that would lead there.
+    pub fn velocities(
+        &self,
+        (from, before): (&[f64], &[f64]),
+        (to, on): (&[f64], &[f64]),
+        share: f64,
+        secs: f64,
+    ) -> Vec<f64> {
+        let each = |(j, axis): (usize, &Axis)| {
+            let of = |all: &[f64]| all.get(j).copied().unwrap_or_default();
+            let (way, before, on) = (of(to) - of(from), of(before), of(on));
+            let change = axis.max_acceleration * secs;
+            // the steps by which the velocity falls end with the way
+            let most = 0.5 * change * ((1.0 + 8.0 * way.abs() / (change * secs).max(1e-9)).sqrt() - 1.0);
+            let wanted = share * (way / secs).clamp(on.min(0.0) - most, on.max(0.0) + most);
+            let top = SPEED_SHARE * self.speed * axis.max_speed;
+            wanted.clamp(-top, top).clamp(before - change, before + change)
+        };
+        self.axes.iter().enumerate().map(each).collect()
+    }
+
+    /// Velocities with which a program's set-point moves on, rad/s: zero for a jump.
+    pub fn moves_on(&self, before: &[f64], goal: &[f64], secs: f64) -> Vec<f64> {
+        let each = self.axes.iter().zip(before).zip(goal).map(|((axis, a), b)| {
+            let v = (b - a) / secs;
+            if v.abs() <= SPEED_SHARE * self.speed * axis.max_speed { v } else { 0.0 }
         });
         each.collect()
     }
@@ -116,12 +134,15 @@ impl FollowLimits {
         to
     }
 
-    /// Configuration in which the motors would stop that pass `from` at these velocities: they brake at their own acceleration, after the
-    /// reaction.
+    /// Configuration in which the motors would stop that pass `from` at these velocities. As the controller's look-ahead predicts it: they
+    /// accelerate until the stop takes effect, for they lag behind their set-points, and then brake.
     pub fn stop(&self, from: &[f64], velocities: &[f64]) -> Vec<f64> {
         let each = from.iter().zip(velocities).zip(&self.axes);
         let stop = |((q, v), axis): ((&f64, &f64), &Axis)| {
-            q + v * self.reaction + v * v.abs() / (2.0 * axis.max_acceleration.max(1e-3))
+            let a = axis.max_acceleration.max(1e-3);
+            let gain = if v.abs() < 1e-9 { 0.0 } else { a * self.reaction };
+            let then = v.abs() + gain;
+            q + v.signum() * (self.reaction * (v.abs() + 0.5 * gain) + then * then / (2.0 * a))
         };
         let mut stop: Vec<f64> = each.map(stop).collect();
         self.clip(&mut stop);

@@ -25,6 +25,9 @@ const MAX_MORE: usize = 100;
 const ARRIVED: f64 = 1e-6;
 /// Distance between the reading at rest and the last set-point within which the set-point is continued, beyond the hold error, rad of encoder.
 const SAME_PLACE: f64 = 0.02;
+/// Speed below which readings show by how much the robot sags, rad/s of encoder; and the time constant of that, s.
+const SLOW: f64 = 0.1;
+const SAG_S: f64 = 0.2;
 /// Distance that plans keep beyond the margin, m: contacts end there.
 const ALLOWANCE_M: f64 = 0.002;
 
@@ -42,6 +45,11 @@ pub(super) struct Follower {
     course: Option<FollowCourse>,
     /// The last set-point that was streamed, rad of encoder.
     last: Option<Vec<f64>>,
+    /// Difference between the readings and the set-points, rad of encoder, while the robot is slow: an arm without gravity compensation
+    /// hangs below its set-points.
+    sag: Vec<f64>,
+    /// The last set-point of a program that sends them one by one, and its time.
+    wanted: Option<(Time, Vec<f64>)>,
     /// True if the filter has closed on the stream: it must be silent for a while.
     interrupted: bool,
     silent_until: Time,
@@ -66,10 +74,12 @@ impl Follower {
         Self {
             agent: format!("{}/follow", robot.name()).into(),
             motors: (0..board.axes.len()).collect(),
+            sag: vec![0.0; board.axes.len()],
             guard: FollowGuard::new(robot.index(), settings.margin + ALLOWANCE_M),
             limits,
             course: None,
             last: None,
+            wanted: None,
             interrupted: false,
             silent_until: Time::ZERO,
             rests: VecDeque::new(),
@@ -106,6 +116,7 @@ impl Follower {
         if latest.status == Status::Rest && latest.ready && latest.contacts.is_empty() && self.course.is_none() {
             self.remember(&latest.q);
         }
+        self.learn_sag(&latest, now);
         let Some(course) = &self.course else { return };
         if now >= course.end() + self.settings.hold_after {
             // the program stalls: the stream ends by its silence, and the robot holds
@@ -117,6 +128,24 @@ impl Follower {
             self.course = None;
             self.interrupted |= refusal == Refusal::Closed;
         }
+    }
+
+    /// Compares the readings with the set-points, while both are slow.
+    fn learn_sag(&mut self, latest: &Latest, now: Time) {
+        let slow =
+            self.course.as_ref().is_none_or(|c| c.velocities(now, Duration::ZERO).iter().all(|v| v.abs() < SLOW));
+        let Some(last) = self.last.as_ref().filter(|_| slow && latest.status != Status::Starting) else { return };
+        let share = (self.settings.tick.as_secs_f64() / SAG_S).min(1.0);
+        for ((sag, axis), (q, last)) in self.sag.iter_mut().zip(&self.limits.axes).zip(latest.q.iter().zip(last)) {
+            *sag += share * ((q - last).clamp(-axis.hold_error, axis.hold_error) - *sag);
+        }
+    }
+
+    /// Configuration in which an arm hangs at these set-points, rad of encoder.
+    fn hanging(&self, q: &[f64]) -> Vec<f64> {
+        let mut q: Vec<f64> = q.iter().zip(&self.sag).map(|(q, sag)| q + sag).collect();
+        self.limits.clip(&mut q);
+        q
     }
 
     /// Ends the stream of a robot that something else moves.
@@ -235,8 +264,8 @@ impl Follower {
         }
     }
 
-    /// Configuration at which a new course begins, rad of encoder: that under way; else the last set-point, if the robot rests there;
-    /// else where it rests.
+    /// Set-point at which a new course begins, rad of encoder: that of the course under way; else the last one, if the robot rests there;
+    /// else the one that holds it where it rests.
     fn base(&self, latest: &Latest, now: Time) -> Vec<f64> {
         if let Some(course) = &self.course {
             return course.at(now);
@@ -245,7 +274,8 @@ impl Follower {
             let each = last.iter().zip(latest.q.iter()).zip(&self.limits.axes);
             each.into_iter().all(|((a, b), axis)| (a - b).abs() <= axis.hold_error + SAME_PLACE)
         };
-        let mut q = self.last.as_ref().filter(near).cloned().unwrap_or_else(|| latest.q.to_vec());
+        let holding = || latest.q.iter().zip(&self.sag).map(|(q, sag)| q - sag).collect();
+        let mut q = self.last.as_ref().filter(near).cloned().unwrap_or_else(holding);
         self.limits.clip(&mut q);
         q
     }
@@ -261,6 +291,8 @@ impl Follower {
     ) -> (Option<&'static str>, Option<String>) {
         let poses: Vec<Pose> = self.running.robots().iter().map(|robot| robot.latest().q).collect();
         let (mut limited, mut before) = (None, velocities);
+        let secs = period.as_secs_f64();
+        let recent = self.wanted.take().filter(|(at, _)| course.end().since(*at) < period * 2);
         // a chunk goes on until its last set-point is reached
         let more = if goals.len() > 1 { MAX_MORE } else { 0 };
         let last = goals.last().into_iter().cycle().take(more);
@@ -272,7 +304,16 @@ impl Follower {
             if self.limits.clip(&mut goal) {
                 limited = limited.or(Some("limits"));
             }
-            let (to, next, blocked) = self.step(course.goal(), &before, &goal, (period, &poses));
+            // set-points of a program move on as they did, those of a chunk as they will
+            let on = match (&recent, goals.get(k + 1)) {
+                (_, Some(later)) => self.limits.moves_on(&goal, later, secs),
+                (Some((_, before)), None) if goals.len() == 1 => self.limits.moves_on(before, &goal, secs),
+                _ => vec![0.0; goal.len()],
+            };
+            if goals.len() == 1 {
+                self.wanted = Some((course.end(), goal.clone()));
+            }
+            let (to, next, blocked) = self.step((course.goal(), &before), (&goal, &on), (period, &poses));
             if to.iter().zip(&goal).any(|(a, b)| (a - b).abs() > ARRIVED) {
                 limited = limited.or(Some("speed"));
             }
@@ -292,9 +333,8 @@ impl Follower {
     /// motors would stop after it is free; if there is no such period, they brake on the way that was tested before.
     fn step(
         &mut self,
-        from: &[f64],
-        before: &[f64],
-        goal: &[f64],
+        (from, before): (&[f64], &[f64]),
+        goal: (&[f64], &[f64]),
         (period, poses): (Duration, &[Pose]),
     ) -> (Vec<f64>, Vec<f64>, Option<String>) {
         let secs = period.as_secs_f64();
@@ -306,7 +346,10 @@ impl Follower {
             let free = match blocked {
                 // the way on was tested before, and there is nothing better
                 Some(_) if share == 0.0 => Ok(()),
-                _ => self.guard.test(poses, from, &stop),
+                _ => {
+                    let (from, stop) = (self.hanging(from), self.hanging(&stop));
+                    self.guard.test(poses, &from, &stop)
+                }
             };
             match free {
                 Ok(()) => return (to, velocities, blocked),
