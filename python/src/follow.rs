@@ -150,6 +150,8 @@ struct LineState {
 struct LineSlot {
     request: Option<FollowRequest>,
     access: Option<(Arc<dyn Running>, Arc<dyn Filtered>)>,
+    /// Why the last chunk was ended early.
+    cut: Option<String>,
 }
 
 impl FollowLine {
@@ -170,6 +172,11 @@ impl FollowLine {
     /// Newest reading and state; `None` while the service is not running.
     pub fn latest(&self) -> Option<Latest> {
         self.lock().access.as_ref().map(|(_, robot)| robot.latest())
+    }
+
+    /// Why the last chunk was ended early, if it was.
+    pub fn cut(&self) -> Option<String> {
+        self.lock().cut.clone()
     }
 
     /// Returns whether a transaction has ended; true if the service is not running.
@@ -261,7 +268,8 @@ impl FollowService {
         loop {
             let now = running.now();
             if now >= tick {
-                follower.tick(now).await;
+                follower.tick(now).await?;
+                self.line.lock().cut.clone_from(&follower.cut);
                 tick = (tick + self.settings.tick).max(now);
             }
             let request = self.line.lock().request.take();
@@ -294,7 +302,8 @@ impl FollowService {
         loop {
             let now = running.now();
             if now >= tick {
-                follower.tick(now).await;
+                follower.tick(now).await?;
+                self.line.lock().cut.clone_from(&follower.cut);
                 tick = tick + self.settings.tick;
             }
             if boundary.is_none() && (follower.is_ready() || now >= began + READY_TIMEOUT) {

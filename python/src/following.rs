@@ -350,6 +350,11 @@ impl PyFollowing {
         self.book.outcomes()
     }
 
+    /// Why the last chunk was ended early, if it was.
+    fn cut(&self) -> Option<String> {
+        self.line.cut()
+    }
+
     /// Names of the joints.
     fn joint_names(&self) -> Vec<String> {
         self.joints.names.clone()

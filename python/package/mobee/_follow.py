@@ -183,6 +183,7 @@ class Follow:
         self._counts: dict[str, int] = {"sent": 0, "limited": 0, "held": 0}
         self._codes: dict[str, int] = {}
         self._run: Run | None = None
+        self._warned = ""
 
     @staticmethod
     def joints(
@@ -224,8 +225,9 @@ class Follow:
         """Sends set-points, each a period after the one before: one transaction, simulated ahead as a whole.
 
         It replaces what is left of the chunk before, and continues its transaction if that is under way. What is too fast is followed as
-        fast as the motors can, to the last set-point. If the way is not free, the chunk ends in front of the obstacle. In virtual time the
-        clock stands: see `sleep`, `Chunk.wait`.
+        fast as the motors can, to the last set-point. If the way is not free, the chunk ends in front of the obstacle. Each set-point is
+        tested again when it is due: if an object has moved into the way, the robot brakes (``info["cut"]``). In virtual time the clock
+        stands: see `sleep`, `Chunk.wait`.
 
         Parameters
         ----------
@@ -287,11 +289,14 @@ class Follow:
             The same as a sentence, or empty.
         ``id``
             Number of the transaction in the journal, or None.
-        ``robot``
-            State of the filter: ``rest``, ``moving``, ``stopping``, ``retreating``, ``settling``, ``holding``, ``escaping``, ``over``.
+        ``robot``, ``hold``
+            State of the filter: ``rest``, ``moving``, ``stopping``, ``retreating``, ``settling``, ``holding``, ``escaping``, ``over``; and
+            why it holds, or None.
         ``last``
             Account of the last transaction that has ended: ``id``, ``outcome`` (``committed``, ``rolled_back``, ``faulted``),
             ``cause``, ``contacts``, ``depth`` (m), ``retreat_s``; or None.
+        ``cut``
+            Why the last chunk was ended early, as the way was not free any more; or None.
         ``counts``
             Numbers of calls by status, of their codes, and of outcomes; ``held_share``: the share of calls that sent nothing.
         """
@@ -306,7 +311,7 @@ class Follow:
             "faulted": faulted,
             "held_share": self._counts["held"] / calls,
         }
-        return {**self._last, "robot": status, "hold": hold, "last": self._native.last(), "counts": counts}
+        return {**self._last, "robot": status, "hold": hold, "last": self._native.last(), "cut": self._native.cut(), "counts": counts}
 
     def close(self) -> Run | None:
         """Ends the run in order: the robot stops, and goes to its rest pose if the file has one. Once more is no error.
@@ -344,9 +349,11 @@ class Follow:
         return view.q
 
     def _note(self, status: Any, code: str, reason: str, number: int | None) -> None:
-        if (status, code) != (self._last["status"], self._last["code"]):
-            text = f"{status}: {code}: {reason}" if code else status
-            _LOG.log(logging.WARNING if status == "held" or code == "blocked" else logging.DEBUG, text)
+        if status == "sent":
+            self._warned = ""
+        elif (status == "held" or code == "blocked") and reason != self._warned:
+            self._warned = reason
+            _LOG.warning("%s: %s: %s", status, code, reason)
         self._last = {"status": status, "code": code, "reason": reason, "id": number}
         self._counts[status] += 1
         if code:

@@ -6,6 +6,11 @@ use std::time::Duration;
 /// Share of a motor's greatest speed that a course may use: supervise writes set-points at no more.
 const SPEED_SHARE: f64 = 0.95;
 
+/// Share of a motor's greatest acceleration that a course may use: the rest lets a board catch up.
+const ACCELERATION_SHARE: f64 = 0.6;
+/// Speed of a motor, relative to that of its set-points: a servo that lags catches up.
+const SPEED_RESERVE: f64 = 1.2;
+
 /// Configurations with their times, the first at the present.
 #[derive(Clone, Debug)]
 pub(super) struct FollowCourse {
@@ -98,21 +103,22 @@ impl FollowLimits {
     ///
     /// # Arguments
     /// * `share`: of the velocities that would lead there.
+    /// * `top`: greatest velocity, rad/s.
     pub fn velocities(
         &self,
         (from, before): (&[f64], &[f64]),
         (to, on): (&[f64], &[f64]),
-        share: f64,
+        (share, top): (f64, f64),
         secs: f64,
     ) -> Vec<f64> {
         let each = |(j, axis): (usize, &Axis)| {
             let of = |all: &[f64]| all.get(j).copied().unwrap_or_default();
             let (way, before, on) = (of(to) - of(from), of(before), of(on));
-            let change = axis.max_acceleration * secs;
+            let change = ACCELERATION_SHARE * axis.max_acceleration * secs;
             // the steps by which the velocity falls end with the way
             let most = 0.5 * change * ((1.0 + 8.0 * way.abs() / (change * secs).max(1e-9)).sqrt() - 1.0);
             let wanted = share * (way / secs).clamp(on.min(0.0) - most, on.max(0.0) + most);
-            let top = SPEED_SHARE * self.speed * axis.max_speed;
+            let top = top.min(SPEED_SHARE * self.speed * axis.max_speed);
             wanted.clamp(-top, top).clamp(before - change, before + change)
         };
         self.axes.iter().enumerate().map(each).collect()
@@ -140,9 +146,10 @@ impl FollowLimits {
         let each = from.iter().zip(velocities).zip(&self.axes);
         let stop = |((q, v), axis): ((&f64, &f64), &Axis)| {
             let a = axis.max_acceleration.max(1e-3);
-            let gain = if v.abs() < 1e-9 { 0.0 } else { a * self.reaction };
-            let then = v.abs() + gain;
-            q + v.signum() * (self.reaction * (v.abs() + 0.5 * gain) + then * then / (2.0 * a))
+            let speed = SPEED_RESERVE * v.abs();
+            let gain = if speed < 1e-9 { 0.0 } else { a * self.reaction };
+            let then = speed + gain;
+            q + v.signum() * (self.reaction * (speed + 0.5 * gain) + then * then / (2.0 * a))
         };
         let mut stop: Vec<f64> = each.map(stop).collect();
         self.clip(&mut stop);

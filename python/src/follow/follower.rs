@@ -27,7 +27,9 @@ const ARRIVED: f64 = 1e-6;
 const SAME_PLACE: f64 = 0.02;
 /// Speed below which readings show by how much the robot sags, rad/s of encoder; and the time constant of that, s.
 const SLOW: f64 = 0.1;
-const SAG_S: f64 = 0.2;
+const SAG_S: f64 = 0.1;
+/// Time for which a robot first moves slowly, until that is known.
+const FIRST_SAG: Duration = Duration::from_millis(400);
 /// Distance that plans keep beyond the margin, m: contacts end there.
 const ALLOWANCE_M: f64 = 0.002;
 
@@ -48,6 +50,10 @@ pub(super) struct Follower {
     /// Difference between the readings and the set-points, rad of encoder, while the robot is slow: an arm without gravity compensation
     /// hangs below its set-points.
     sag: Vec<f64>,
+    /// Time for which it has been measured.
+    measured: Duration,
+    /// Why the last chunk was ended early.
+    pub cut: Option<String>,
     /// The last set-point of a program that sends them one by one, and its time.
     wanted: Option<(Time, Vec<f64>)>,
     /// True if the filter has closed on the stream: it must be silent for a while.
@@ -75,10 +81,17 @@ impl Follower {
             agent: format!("{}/follow", robot.name()).into(),
             motors: (0..board.axes.len()).collect(),
             sag: vec![0.0; board.axes.len()],
+            // a board that holds its position has nothing to measure
+            measured: if board.axes.iter().all(|axis| axis.hold_error < SAME_PLACE) {
+                FIRST_SAG
+            } else {
+                Duration::ZERO
+            },
             guard: FollowGuard::new(robot.index(), settings.margin + ALLOWANCE_M),
             limits,
             course: None,
             last: None,
+            cut: None,
             wanted: None,
             interrupted: false,
             silent_until: Time::ZERO,
@@ -98,7 +111,10 @@ impl Follower {
     }
 
     /// Streams the set-point that is due, or notes that the robot was stopped.
-    pub async fn tick(&mut self, now: Time) {
+    ///
+    /// # Errors
+    /// If the scene can't be compiled.
+    pub async fn tick(&mut self, now: Time) -> Result<(), String> {
         let latest = self.robot.latest();
         match latest.status {
             Status::Rest => {
@@ -117,33 +133,37 @@ impl Follower {
             self.remember(&latest.q);
         }
         self.learn_sag(&latest, now);
-        let Some(course) = &self.course else { return };
+        self.look_again(now)?;
+        let Some(course) = &self.course else { return Ok(()) };
         if now >= course.end() + self.settings.hold_after {
             // the program stalls: the stream ends by its silence, and the robot holds
             self.course = None;
-            return;
+            return Ok(());
         }
         let q = course.at(now + self.settings.tick);
         if let Err(refusal) = self.stream(q, now).await {
             self.course = None;
             self.interrupted |= refusal == Refusal::Closed;
         }
+        Ok(())
     }
 
     /// Compares the readings with the set-points, while both are slow.
     fn learn_sag(&mut self, latest: &Latest, now: Time) {
         let slow =
-            self.course.as_ref().is_none_or(|c| c.velocities(now, Duration::ZERO).iter().all(|v| v.abs() < SLOW));
+            self.course.as_ref().is_none_or(|c| c.velocities(now, Duration::ZERO).iter().all(|v| v.abs() < 1.1 * SLOW));
         let Some(last) = self.last.as_ref().filter(|_| slow && latest.status != Status::Starting) else { return };
         let share = (self.settings.tick.as_secs_f64() / SAG_S).min(1.0);
+        self.measured = (self.measured + self.settings.tick).min(FIRST_SAG);
         for ((sag, axis), (q, last)) in self.sag.iter_mut().zip(&self.limits.axes).zip(latest.q.iter().zip(last)) {
             *sag += share * ((q - last).clamp(-axis.hold_error, axis.hold_error) - *sag);
         }
     }
 
-    /// Configuration in which an arm hangs at these set-points, rad of encoder.
-    fn hanging(&self, q: &[f64]) -> Vec<f64> {
-        let mut q: Vec<f64> = q.iter().zip(&self.sag).map(|(q, sag)| q + sag).collect();
+    /// Configuration in which an arm hangs at these set-points, rad of encoder. `sags`: 1, or 2 after a stop, by which a board may hold the
+    /// reading: the arm then hangs below it again.
+    fn hanging(&self, q: &[f64], sags: f64) -> Vec<f64> {
+        let mut q: Vec<f64> = q.iter().zip(&self.sag).map(|(q, sag)| q + sags * sag).collect();
         self.limits.clip(&mut q);
         q
     }
@@ -206,8 +226,7 @@ impl Follower {
         if let Err((code, reason)) = self.available(&latest, goals, now) {
             return Ok(Some(self.held(&latest, now, code, reason)));
         }
-        let clearance = self.settings.margin.max(self.book.braking_clearance()) + ALLOWANCE_M + self.settings.extra;
-        self.guard.set(&self.running.scene(), clearance)?;
+        self.set_scene()?;
         let velocities = match &self.course {
             Some(course) => course.velocities(now, self.settings.period / 2),
             None => vec![0.0; self.motors.len()],
@@ -229,6 +248,7 @@ impl Follower {
             Ok(id) => {
                 let q = course.goals().flatten().copied().collect();
                 self.course = Some(course);
+                self.cut = None;
                 let (status, code) = match (&blocked, limited) {
                     (Some(_), _) => (FollowStatus::Limited, "blocked"),
                     (None, Some(code)) => (FollowStatus::Limited, code),
@@ -289,9 +309,9 @@ impl Follower {
         period: Duration,
         velocities: Vec<f64>,
     ) -> (Option<&'static str>, Option<String>) {
-        let poses: Vec<Pose> = self.running.robots().iter().map(|robot| robot.latest().q).collect();
+        let poses = self.poses();
         let (mut limited, mut before) = (None, velocities);
-        let secs = period.as_secs_f64();
+        let (secs, begins) = (period.as_secs_f64(), course.end());
         let recent = self.wanted.take().filter(|(at, _)| course.end().since(*at) < period * 2);
         // a chunk goes on until its last set-point is reached
         let more = if goals.len() > 1 { MAX_MORE } else { 0 };
@@ -313,7 +333,9 @@ impl Follower {
             if goals.len() == 1 {
                 self.wanted = Some((course.end(), goal.clone()));
             }
-            let (to, next, blocked) = self.step((course.goal(), &before), (&goal, &on), (period, &poses));
+            let known = course.end() >= begins + (FIRST_SAG - self.measured);
+            let top = if known { f64::INFINITY } else { SLOW };
+            let (to, next, blocked) = self.step((course.goal(), &before), (&goal, &on), (period, &poses), top);
             if to.iter().zip(&goal).any(|(a, b)| (a - b).abs() > ARRIVED) {
                 limited = limited.or(Some("speed"));
             }
@@ -336,20 +358,18 @@ impl Follower {
         (from, before): (&[f64], &[f64]),
         goal: (&[f64], &[f64]),
         (period, poses): (Duration, &[Pose]),
+        top: f64,
     ) -> (Vec<f64>, Vec<f64>, Option<String>) {
         let secs = period.as_secs_f64();
         let mut blocked = None;
         for share in SHARES {
-            let velocities = self.limits.velocities((from, before), goal, share, secs);
+            let velocities = self.limits.velocities((from, before), goal, (share, top), secs);
             let to = self.limits.after(from, &velocities, secs);
             let stop = self.limits.stop(&to, &velocities);
             let free = match blocked {
                 // the way on was tested before, and there is nothing better
                 Some(_) if share == 0.0 => Ok(()),
-                _ => {
-                    let (from, stop) = (self.hanging(from), self.hanging(&stop));
-                    self.guard.test(poses, &from, &stop)
-                }
+                _ => self.test(poses, from, &stop),
             };
             match free {
                 Ok(()) => return (to, velocities, blocked),
@@ -357,6 +377,55 @@ impl Follower {
             }
         }
         (from.to_vec(), vec![0.0; from.len()], blocked)
+    }
+
+    /// Tests the way from a set-point to the configuration of a stop.
+    fn test(&mut self, poses: &[Pose], from: &[f64], stop: &[f64]) -> Result<(), String> {
+        let (from, stop) = (self.hanging(from, 1.0), self.hanging(stop, 2.0));
+        self.guard.test(poses, &from, &stop)
+    }
+
+    /// Tests the next period of a chunk again, with the objects and the sag of now. If it is not free any more, the robot brakes.
+    ///
+    /// # Errors
+    /// If the scene can't be compiled.
+    fn look_again(&mut self, now: Time) -> Result<(), String> {
+        let Some(course) = self.course.as_ref().filter(|course| course.len() > 1 && now < course.end()) else {
+            return Ok(());
+        };
+        let period = self.settings.period;
+        let (from, next) = (course.at(now), course.at(now + period));
+        let (before, velocities) =
+            (course.velocities(now, Duration::ZERO), course.velocities(now + period, Duration::ZERO));
+        let stop = self.limits.stop(&next, &velocities);
+        self.set_scene()?;
+        let poses = self.poses();
+        let Err(why) = self.test(&poses, &from, &stop) else { return Ok(()) };
+        let mut brakes = FollowCourse::begin(now, from);
+        let mut before = before;
+        for _ in 0..MAX_MORE {
+            let here = brakes.goal().to_vec();
+            before =
+                self.limits.velocities((&here, &before), (&here, &before), (0.0, f64::INFINITY), period.as_secs_f64());
+            let to = self.limits.after(&here, &before, period.as_secs_f64());
+            brakes.push(brakes.end() + period, to);
+            if before.iter().all(|v| v.abs() < 1e-6) {
+                break;
+            }
+        }
+        self.course = Some(brakes);
+        self.cut = Some(why);
+        Ok(())
+    }
+
+    fn set_scene(&mut self) -> Result<(), String> {
+        let clearance = self.settings.margin.max(self.book.braking_clearance()) + ALLOWANCE_M + self.settings.extra;
+        self.guard.set(&self.running.scene(), clearance)
+    }
+
+    /// Configurations of all robots.
+    fn poses(&self) -> Vec<Pose> {
+        self.running.robots().iter().map(|robot| robot.latest().q).collect()
     }
 
     /// Reply for a command that is not carried out, with the configuration that is held.
