@@ -28,7 +28,7 @@ world.file = "table.xml"
 name = "so101"
 model = {model!r}
 controller = {{ period_ms = 10, history = 6000 }}
-driver = {{ kind = "sim", profile = "so101" }}
+driver = {{ kind = "sim", profile = "so101", max_speed_deg_per_s = 60, max_acceleration_deg_per_s2 = 400 }}
 """
 KINDS = ("random", "table", "itself", "stale", "nan", "fast")
 RATE, POINTS = 30, 15
@@ -115,7 +115,7 @@ def main() -> None:
     print(f"held: {held / periods:.1%} of the time; nearest {1e3 * nearest:.1f} mm")
     counters = run.summary["counters"]
     pushed = [event["newtons"] for event in run.journal.of("pushed")]
-    print(f"contacts within the margin: {counters['contacts']}, hard: {counters['hard_contacts']}, forces: {pushed or 'none'}; failed by {counters['failed_by']}")
+    print(f"contacts within the margin: {counters['contacts']}, hard: {counters['hard_contacts']}, forces: {pushed or 'none'}; failed by {counters.get('failed_by', {})}")
     print(f"invariants: {'hold' if verdict else verdict.violations}; {run.folder}")
 
 

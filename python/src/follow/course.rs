@@ -9,7 +9,9 @@ const SPEED_SHARE: f64 = 0.95;
 /// Share of a motor's greatest acceleration that a course may use: the rest lets a board catch up.
 const ACCELERATION_SHARE: f64 = 0.6;
 /// Speed of a motor, relative to that of its set-points: a servo that lags catches up.
-const SPEED_RESERVE: f64 = 1.2;
+const SPEED_RESERVE: f64 = 1.1;
+/// Share of a stopping way by which its prediction may be wrong, as the controller assumes.
+const FAST_ERROR: f64 = 0.1;
 
 /// Configurations with their times, the first at the present.
 #[derive(Clone, Debug)]
@@ -142,17 +144,29 @@ impl FollowLimits {
 
     /// Configuration in which the motors would stop that pass `from` at these velocities. As the controller's look-ahead predicts it: they
     /// accelerate until the stop takes effect, for they lag behind their set-points, and then brake.
-    pub fn stop(&self, from: &[f64], velocities: &[f64]) -> Vec<f64> {
+    ///
+    /// # Arguments
+    /// * `caution`: factor on the way, from 1.
+    pub fn stop(&self, from: &[f64], velocities: &[f64], caution: f64) -> Vec<f64> {
         let each = from.iter().zip(velocities).zip(&self.axes);
         let stop = |((q, v), axis): ((&f64, &f64), &Axis)| {
-            let a = axis.max_acceleration.max(1e-3);
-            let speed = SPEED_RESERVE * v.abs();
-            let gain = if speed < 1e-9 { 0.0 } else { a * self.reaction };
-            let then = speed + gain;
-            q + v.signum() * (self.reaction * (speed + 0.5 * gain) + then * then / (2.0 * a))
+            let way = self.stopping_way(axis, SPEED_RESERVE * v.abs());
+            let beyond = axis.overshoot / self.stopping_way(axis, axis.max_speed).max(1e-6);
+            q + v.signum() * way * (caution + FAST_ERROR + beyond)
         };
         let mut stop: Vec<f64> = each.map(stop).collect();
         self.clip(&mut stop);
         stop
+    }
+
+    /// Way on which a motor stops that has this speed, rad/s.
+    fn stopping_way(&self, axis: &Axis, speed: f64) -> f64 {
+        if speed < 1e-9 {
+            return 0.0;
+        }
+        let a = axis.max_acceleration.max(1e-3);
+        let gain = a * self.reaction;
+        let then = speed + gain;
+        self.reaction * (speed + 0.5 * gain) + then * then / (2.0 * a)
     }
 }

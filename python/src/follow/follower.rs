@@ -25,6 +25,10 @@ const MAX_MORE: usize = 100;
 const ARRIVED: f64 = 1e-6;
 /// Distance between the reading at rest and the last set-point within which the set-point is continued, beyond the hold error, rad of encoder.
 const SAME_PLACE: f64 = 0.02;
+/// Factor on the caution at a stop, its greatest value, and the time constant with which it falls, s.
+const MORE_CAUTION: f64 = 1.3;
+const MAX_CAUTION: f64 = 3.0;
+const CAUTION_S: f64 = 60.0;
 /// Speed below which readings show by how much the robot sags, rad/s of encoder; and the time constant of that, s.
 const SLOW: f64 = 0.1;
 const SAG_S: f64 = 0.1;
@@ -52,6 +56,8 @@ pub(super) struct Follower {
     sag: Vec<f64>,
     /// Time for which it has been measured.
     measured: Duration,
+    /// Factor on predicted stopping ways: raised when the filter closes on the stream, as the controller then predicts longer ones, too.
+    caution: f64,
     /// Why the last chunk was ended early.
     pub cut: Option<String>,
     /// The last set-point of a program that sends them one by one, and its time.
@@ -91,6 +97,7 @@ impl Follower {
             limits,
             course: None,
             last: None,
+            caution: 1.0,
             cut: None,
             wanted: None,
             interrupted: false,
@@ -132,6 +139,7 @@ impl Follower {
         if latest.status == Status::Rest && latest.ready && latest.contacts.is_empty() && self.course.is_none() {
             self.remember(&latest.q);
         }
+        self.caution += (1.0 - self.caution) * self.settings.tick.as_secs_f64() / CAUTION_S;
         self.learn_sag(&latest, now);
         self.look_again(now)?;
         let Some(course) = &self.course else { return Ok(()) };
@@ -143,7 +151,9 @@ impl Follower {
         let q = course.at(now + self.settings.tick);
         if let Err(refusal) = self.stream(q, now).await {
             self.course = None;
-            self.interrupted |= refusal == Refusal::Closed;
+            if refusal == Refusal::Closed {
+                self.closed();
+            }
         }
         Ok(())
     }
@@ -170,8 +180,17 @@ impl Follower {
 
     /// Ends the stream of a robot that something else moves.
     fn interrupt(&mut self) {
-        self.interrupted |= self.course.take().is_some();
+        if self.course.take().is_some() {
+            self.closed();
+        }
         self.last = None;
+    }
+
+    /// Notes that the filter has closed on the stream.
+    fn closed(&mut self) {
+        if !std::mem::replace(&mut self.interrupted, true) {
+            self.caution = (self.caution * MORE_CAUTION).min(MAX_CAUTION);
+        }
     }
 
     fn remember(&mut self, q: &[f64]) {
@@ -241,7 +260,9 @@ impl Follower {
         }
         Ok(Some(match self.stream(course.at(now + self.settings.tick), now).await {
             Err(refusal) => {
-                self.interrupted |= refusal == Refusal::Closed && self.course.take().is_some();
+                if refusal == Refusal::Closed && self.course.take().is_some() {
+                    self.closed();
+                }
                 let reason = format!("{refusal}; {}", refusal.remedy());
                 self.held(&self.robot.latest(), now, refusal.code(), reason)
             }
@@ -365,7 +386,7 @@ impl Follower {
         for share in SHARES {
             let velocities = self.limits.velocities((from, before), goal, (share, top), secs);
             let to = self.limits.after(from, &velocities, secs);
-            let stop = self.limits.stop(&to, &velocities);
+            let stop = self.limits.stop(&to, &velocities, self.caution);
             let free = match blocked {
                 // the way on was tested before, and there is nothing better
                 Some(_) if share == 0.0 => Ok(()),
@@ -379,10 +400,12 @@ impl Follower {
         (from.to_vec(), vec![0.0; from.len()], blocked)
     }
 
-    /// Tests the way from a set-point to the configuration of a stop.
+    /// Tests the way from a set-point to the configuration of a stop. Where even a stop at once would be too near, only the way itself.
     fn test(&mut self, poses: &[Pose], from: &[f64], stop: &[f64]) -> Result<(), String> {
-        let (from, stop) = (self.hanging(from, 1.0), self.hanging(stop, 2.0));
-        self.guard.test(poses, &from, &stop)
+        let (here, stopped) = (self.hanging(from, 1.0), self.hanging(from, 2.0));
+        let sags = if self.guard.test(poses, &here, &stopped).is_ok() { 2.0 } else { 1.0 };
+        let stop = self.hanging(stop, sags);
+        self.guard.test(poses, &here, &stop)
     }
 
     /// Tests the next period of a chunk again, with the objects and the sag of now. If it is not free any more, the robot brakes.
@@ -397,7 +420,7 @@ impl Follower {
         let (from, next) = (course.at(now), course.at(now + period));
         let (before, velocities) =
             (course.velocities(now, Duration::ZERO), course.velocities(now + period, Duration::ZERO));
-        let stop = self.limits.stop(&next, &velocities);
+        let stop = self.limits.stop(&next, &velocities, self.caution);
         self.set_scene()?;
         let poses = self.poses();
         let Err(why) = self.test(&poses, &from, &stop) else { return Ok(()) };
