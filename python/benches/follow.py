@@ -27,8 +27,9 @@ world.file = "table.xml"
 [[robot]]
 name = "so101"
 model = {model!r}
-controller = {{ period_ms = 10, history = 6000 }}
-driver = {{ kind = "sim", profile = "so101", max_speed_deg_per_s = 60, max_acceleration_deg_per_s2 = 400 }}
+controller = {{ period_ms = 10, history = 6000, reserve_mm = 10 }}
+# speeds and stops as those of the driver `feetech`
+driver = {{ kind = "sim", profile = "so101", servo = {{ stop = "commanded" }}, max_speed_deg_per_s = 60, max_acceleration_deg_per_s2 = 400 }}
 """
 KINDS = ("random", "table", "itself", "stale", "nan", "fast")
 RATE, POINTS = 30, 15
@@ -110,7 +111,7 @@ def main() -> None:
         ends = {end: n for (of, end), n in sorted(outcomes.items()) if of == kind}
         print(f"{kind:>7}: {answers} -> {ends}")
     if not steps:
-        print(f"outcomes: {sum(outcomes.values())} of {count}; plan of a chunk: median {1e3 * np.median(wall):.1f} ms, most {1e3 * max(wall):.1f} ms")
+        print(f"outcomes: {sum(outcomes.values())} of {count}; simulation of a chunk: median {1e3 * np.median(wall):.1f} ms, p99 {1e3 * np.quantile(wall, 0.99):.1f} ms, most {1e3 * max(wall):.1f} ms")
     print(f"transactions: {info['counts']['committed']} committed, {info['counts']['rolled_back']} rolled back, {info['counts']['faulted']} faulted")
     print(f"held: {held / periods:.1%} of the time; nearest {1e3 * nearest:.1f} mm")
     counters = run.summary["counters"]

@@ -57,6 +57,8 @@ pub(crate) enum FollowCommand {
     Chunk(Vec<Vec<f64>>, Duration),
     /// Nothing: the state is replied.
     Pause,
+    /// The robot brakes, and its transaction ends.
+    Finish,
 }
 
 /// How much of a command is carried out.
@@ -264,6 +266,7 @@ impl FollowService {
         running: Arc<dyn Running>,
         mut until: Answer<()>,
     ) -> Result<(), String> {
+        follower.set_scene()?;
         let mut tick = running.now();
         loop {
             let now = running.now();

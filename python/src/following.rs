@@ -22,6 +22,10 @@ use std::time::{Duration, Instant};
 
 /// Time for which a program waits for the reply by a real clock: then the command is withdrawn.
 const SEND_PATIENCE: Duration = Duration::from_millis(4);
+/// The same for a chunk.
+const CHUNK_PATIENCE: Duration = Duration::from_secs(2);
+/// Time in which a robot comes to rest before its run is ended.
+const REST_PATIENCE: Duration = Duration::from_secs(3);
 /// Time for the verdict on a command that can't be withdrawn any more.
 const VERDICT_PATIENCE: Duration = Duration::from_millis(100);
 /// Time in which a run that no longer replies ends.
@@ -75,8 +79,11 @@ impl PyFollowing {
     fn command(&self, py: Python<'_>, command: FollowCommand, span: Duration) -> PyResult<FollowReply> {
         let mut state = self.lock()?;
         state.check(py)?;
+        let is_step = matches!(command, FollowCommand::Target(_));
         let ticket = self.line.send(command, span);
-        let reply = if self.real { py.detach(|| self.reply(&ticket)) } else { state.virtual_reply(py, &ticket)? };
+        let patience = if is_step { SEND_PATIENCE } else { CHUNK_PATIENCE };
+        let reply =
+            if self.real { py.detach(|| self.reply(&ticket, patience)) } else { state.virtual_reply(py, &ticket)? };
         match reply {
             Some(reply) => Ok(reply),
             None => {
@@ -88,15 +95,15 @@ impl PyFollowing {
                     let what = "the connection to the robot is being restarted";
                     return Err(Failure::new("not_ready", what, "try again").into());
                 }
-                let reason = format!("no reply within {} ms; the set-point was withdrawn", SEND_PATIENCE.as_millis());
+                let reason = format!("no reply within {} ms; what was sent is withdrawn", patience.as_millis());
                 Ok(FollowReply { q, status: FollowStatus::Held, code: "late", reason, id: None })
             }
         }
     }
 
     /// The reply by a real clock; `None` if the command was withdrawn.
-    fn reply(&self, ticket: &FollowTicket) -> Option<FollowReply> {
-        match ticket.wait(SEND_PATIENCE) {
+    fn reply(&self, ticket: &FollowTicket, patience: Duration) -> Option<FollowReply> {
+        match ticket.wait(patience) {
             Ok(reply) => Some(reply),
             Err(_) if ticket.withdraw() => None,
             Err(_) => ticket.wait(VERDICT_PATIENCE).ok(),
@@ -368,6 +375,22 @@ impl PyFollowing {
     /// Warnings about the configuration.
     fn warnings(&self) -> PyResult<Vec<String>> {
         Ok(self.lock()?.session.as_ref().map(|session| session.warnings.clone()).unwrap_or_default())
+    }
+
+    /// Lets the robot come to rest, so that its transaction ends by itself.
+    fn finish(&self, py: Python<'_>) -> PyResult<()> {
+        self.command(py, FollowCommand::Finish, Duration::ZERO)?;
+        let mut waited = Duration::ZERO;
+        while waited < REST_PATIENCE && self.line.latest().is_some_and(|latest| latest.status == Status::Moving) {
+            if self.real {
+                py.detach(|| std::thread::sleep(SIGNAL_PERIOD));
+                py.check_signals()?;
+            } else {
+                self.command(py, FollowCommand::Pause, SIGNAL_PERIOD)?;
+            }
+            waited += SIGNAL_PERIOD;
+        }
+        Ok(())
     }
 
     /// Ends the run in order, and waits for its end: the folder and the summary. Once more is no error.

@@ -22,14 +22,17 @@ world.file = "table.xml"
 [[robot]]
 name = "so101"
 model = {model!r}
-controller = {{ period_ms = 10, history = 6000 {controller} }}
-driver = {{ kind = "sim", profile = "{profile}" {driver} }}
+controller = {{ period_ms = 10, history = 6000, reserve_mm = 10 {controller} }}
+driver = {{ kind = "sim", profile = "{profile}", max_speed_deg_per_s = 60, max_acceleration_deg_per_s2 = 400 {driver} }}
 """
 
 
 def written(folder: Path, profile: str = "so101", driver: str = "", controller: str = "") -> Path:
     (folder / "table.xml").write_text(WORLD)
     file = folder / "so101.toml"
+    if profile == "so101":
+        # as that of the driver `feetech`
+        driver += ', servo = { stop = "commanded" }'
     file.write_text(FILE.format(model=str(ROBOT), profile=profile, driver=driver, controller=controller))
     return file
 
@@ -58,7 +61,7 @@ def test_set_points_are_followed(robot: mobee.Follow) -> None:
         q = start.q.copy()
         q[0] += 0.3 * (1 - np.cos(0.1 * k))
         sent = robot.send(q)
-        assert k < 30 or np.allclose(sent, q, atol=0.02), "slowly at first, until it is known by how much the arm sags"
+        assert k < 45 or np.allclose(sent, q, atol=0.02), "slowly at first, until it is known by how much the arm sags"
     assert robot.info["counts"]["held"] == 0 and robot.view.at == pytest.approx(start.at + 2.0, abs=0.02)
     assert robot.info["robot"] == "moving" and robot.info["last"] is None
     assert np.allclose(robot.view.q, sent, atol=0.12), "an arm that lags and sags"
@@ -110,7 +113,7 @@ def test_jumps_are_shortened_to_what_the_motors_can_do(robot: mobee.Follow) -> N
         steps.append(robot.send(goal))
         assert len(steps) < 90
     moved = np.abs(np.diff(np.array(steps)[:, 0]))
-    assert moved.max() <= np.radians(100) / 30 and robot.info["counts"]["codes"]["speed"] > 10
+    assert moved.max() <= np.radians(60) / 30 and robot.info["counts"]["codes"]["speed"] > 10
     far = robot.send(goal + 100)
     assert np.all(far <= robot.robot.upper + 1e-9) and robot.info["code"] == "limits"
 

@@ -314,7 +314,7 @@ class Follow:
         return {**self._last, "robot": status, "hold": hold, "last": self._native.last(), "cut": self._native.cut(), "counts": counts}
 
     def close(self) -> Run | None:
-        """Ends the run in order: the robot stops, and goes to its rest pose if the file has one. Once more is no error.
+        """Ends the run in order: the robot comes to rest, and goes to its rest pose if the file has one. Once more is no error.
 
         Returns
         -------
@@ -322,6 +322,11 @@ class Follow:
             The run with its journal; None if it did not end in time.
         """
         if self._finalizer.detach() is not None:
+            try:
+                self._native.finish()
+            except MobeeError:
+                # the run is over
+                pass
             folder, summary = self._native.close(_CLOSE_S)
             if folder is not None:
                 self._run = Run(folder)

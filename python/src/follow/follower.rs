@@ -238,6 +238,11 @@ impl Follower {
     pub async fn obey(&mut self, request: &FollowRequest, now: Time) -> Result<Option<FollowReply>, String> {
         let (goals, period) = match &request.command {
             FollowCommand::Pause => return Ok(Some(self.held(&self.robot.latest(), now, "waited", String::new()))),
+            FollowCommand::Finish => {
+                self.brake(now);
+                self.settings.hold_after = Duration::ZERO;
+                return Ok(Some(self.held(&self.robot.latest(), now, "finished", String::new())));
+            }
             FollowCommand::Target(q) => (std::slice::from_ref(q), self.settings.period),
             FollowCommand::Chunk(goals, period) => (goals.as_slice(), *period),
         };
@@ -418,18 +423,26 @@ impl Follower {
         };
         let period = self.settings.period;
         let (from, next) = (course.at(now), course.at(now + period));
-        let (before, velocities) =
-            (course.velocities(now, Duration::ZERO), course.velocities(now + period, Duration::ZERO));
+        let velocities = course.velocities(now + period, Duration::ZERO);
         let stop = self.limits.stop(&next, &velocities, self.caution);
         self.set_scene()?;
         let poses = self.poses();
         let Err(why) = self.test(&poses, &from, &stop) else { return Ok(()) };
-        let mut brakes = FollowCourse::begin(now, from);
-        let mut before = before;
+        self.brake(now);
+        self.cut = Some(why);
+        Ok(())
+    }
+
+    /// Ends the course under way as soon as the motors can.
+    fn brake(&mut self, now: Time) {
+        let Some(course) = &self.course else { return };
+        let period = self.settings.period;
+        let mut brakes = FollowCourse::begin(now, course.at(now));
+        let mut before = course.velocities(now, Duration::ZERO);
         for _ in 0..MAX_MORE {
             let here = brakes.goal().to_vec();
-            before =
-                self.limits.velocities((&here, &before), (&here, &before), (0.0, f64::INFINITY), period.as_secs_f64());
+            let none = (0.0, f64::INFINITY);
+            before = self.limits.velocities((&here, &before), (&here, &before), none, period.as_secs_f64());
             let to = self.limits.after(&here, &before, period.as_secs_f64());
             brakes.push(brakes.end() + period, to);
             if before.iter().all(|v| v.abs() < 1e-6) {
@@ -437,11 +450,13 @@ impl Follower {
             }
         }
         self.course = Some(brakes);
-        self.cut = Some(why);
-        Ok(())
     }
 
-    fn set_scene(&mut self) -> Result<(), String> {
+    /// Takes over the scene and the clearance of now.
+    ///
+    /// # Errors
+    /// If the scene can't be compiled.
+    pub fn set_scene(&mut self) -> Result<(), String> {
         let clearance = self.settings.margin.max(self.book.braking_clearance()) + ALLOWANCE_M + self.settings.extra;
         self.guard.set(&self.running.scene(), clearance)
     }
