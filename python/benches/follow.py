@@ -47,11 +47,11 @@ def targets(robot: mobee.Robot, rng: np.random.Generator) -> dict[str, NDArray[n
 
 def chunk(kind: str, q: NDArray[np.float64], some: dict[str, NDArray[np.float64]], rng: np.random.Generator) -> NDArray[np.float64]:
     goals = some.get(kind, some["random"])
-    goal = goals[rng.integers(len(goals))]
+    goal: NDArray[np.float64] = goals[rng.integers(len(goals))]
     share = np.linspace(0, 1, POINTS + 1)[1:, None]
     if kind == "fast":
         share = np.minimum(5 * share, 1.0)
-    points = q + share * (goal - q)
+    points: NDArray[np.float64] = q + share * (goal - q)
     if kind == "nan":
         points[rng.integers(POINTS), rng.integers(len(q))] = rng.choice([np.nan, np.inf, -np.inf])
     return points

@@ -217,8 +217,8 @@ class Follow:
         if seen_at is not None and (held := self._stale(seen_at)) is not None:
             self.sleep(1.0 / self.rate if not self.is_real else 0.0)
             return held
-        sent, *why = self._native.send(q)
-        self._note(*why)
+        sent, status, code, reason, number = self._native.send(q)
+        self._note(status, code, reason, number)
         return sent
 
     def send_chunk(self, q: ArrayLike, *, period: float | None = None, seen_at: float | None = None) -> Chunk:
@@ -247,9 +247,8 @@ class Follow:
         if seen_at is not None and (held := self._stale(seen_at)) is not None:
             return Chunk(held[:0].reshape(0, len(held)), given, "held", "stale", str(self._last["reason"]), None, self)
         each = 1.0 / self.rate if period is None else _within("period", period, 1e-3, 10.0)
-        sent, *why = self._native.chunk(q, each)
-        self._note(*why)
-        status, code, reason, number = why
+        sent, status, code, reason, number = self._native.chunk(q, each)
+        self._note(status, code, reason, number)
         return Chunk(sent, given, status, code, reason, number, self)
 
     def sleep(self, seconds: float) -> None:
