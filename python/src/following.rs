@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Time for which a program waits for the reply by a real clock: then the command is withdrawn.
 const SEND_PATIENCE: Duration = Duration::from_millis(4);
@@ -153,25 +153,23 @@ impl PyFollowing {
         if !self.real {
             self.command(py, FollowCommand::Pause, Duration::ZERO)?;
         }
-        #[expect(clippy::disallowed_methods, reason = "how long Python waits, which no run depends on")]
-        let until = Instant::now() + READY_PATIENCE;
+        let mut waited = Duration::ZERO;
         loop {
             let latest = self.line.latest();
             if latest.as_ref().is_some_and(|latest| latest.ready && latest.status == Status::Rest) {
                 return Ok(());
             }
             self.lock()?.check(py)?;
-            #[expect(clippy::disallowed_methods, reason = "how long Python waits, which no run depends on")]
-            let late = Instant::now() >= until;
-            if late || !self.real {
+            if waited >= READY_PATIENCE || !self.real {
                 let state = latest.map_or("the controller does not start".to_owned(), |latest| match latest.status {
                     Status::Holding(hold) => format!("the robot holds: {hold}"),
                     status => format!("the robot is not ready: {}", status.word()),
                 });
                 return Err(Failure::new("not_ready", state, "see `mobee doctor` and the run's journal").into());
             }
-            py.detach(|| std::thread::sleep(SIGNAL_PERIOD));
+            self.lock()?.note(py, SIGNAL_PERIOD)?;
             py.check_signals()?;
+            waited += SIGNAL_PERIOD;
         }
     }
 }
@@ -383,7 +381,7 @@ impl PyFollowing {
         let mut waited = Duration::ZERO;
         while waited < REST_PATIENCE && self.line.latest().is_some_and(|latest| latest.status == Status::Moving) {
             if self.real {
-                py.detach(|| std::thread::sleep(SIGNAL_PERIOD));
+                self.lock()?.note(py, SIGNAL_PERIOD)?;
                 py.check_signals()?;
             } else {
                 self.command(py, FollowCommand::Pause, SIGNAL_PERIOD)?;
@@ -403,15 +401,11 @@ impl PyFollowing {
         }
         if let Some(session) = &state.session {
             session.end(false);
-            #[expect(clippy::disallowed_methods, reason = "how long Python waits, which no run depends on")]
-            let until = Instant::now() + Duration::from_secs_f64(patience);
-            while state.over.is_none() {
+            let mut left = Duration::from_secs_f64(patience);
+            while state.over.is_none() && !left.is_zero() {
                 state.note(py, SIGNAL_PERIOD)?;
                 py.check_signals()?;
-                #[expect(clippy::disallowed_methods, reason = "how long Python waits, which no run depends on")]
-                if Instant::now() >= until {
-                    break;
-                }
+                left = left.saturating_sub(SIGNAL_PERIOD);
             }
         }
         state.session = None;

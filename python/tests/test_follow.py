@@ -256,4 +256,5 @@ def test_by_a_real_clock_no_call_waits_for_the_robot(tmp_path: Path) -> None:
     assert max(took) < 0.2, f"median {np.median(took):.4f} s, most {max(took):.4f} s: a rollback takes a second"
     assert len(set(views)) > 100 and views == sorted(views), "the newest reading from another thread"
     assert counts["sent"] + counts["limited"] > 50, counts
-    assert run is not None and run.check() and run.summary["counters"]["hard_contacts"] == 0
+    assert run is not None and run.check(), run.check().violations
+    assert run.summary["counters"]["hard_contacts"] == 0
