@@ -190,7 +190,7 @@ class Mobee(Robot):
         return observation
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Sends an action and returns what was really sent, within 5 ms. Joints that it does not name stay.
+        """Sends an action and returns what was really sent; waits for at most 4 ms. Joints that it does not name stay.
 
         Nothing is sent if it is not free, not finite, or while a motion is rolled back: then the configuration that is held is returned, and
         `info` and the log have the reason.

@@ -195,7 +195,7 @@ class Follow:
         return Following.joints(path, set=assignments, robot=name, class_="mobee.Follow")
 
     def send(self, q: ArrayLike, *, seen_at: float | None = None) -> NDArray[np.float64]:
-        """Sends a set-point, to be reached within a period. By a real clock it returns within 5 ms, whatever the robot does.
+        """Sends a set-point, to be reached within a period. By a real clock it waits for at most 4 ms, whatever the robot does.
 
         Parameters
         ----------
