@@ -3,9 +3,10 @@
 //! ```text
 //! Python ──arrays, place──> checked numbers ──joints──> rad of encoder ──> model, fast engine ──> results ──> Python
 //! run on a thread of its own ──relay──Question──> session ──serve──> agent in Python ──intent──> Reply ──> run
+//! policy in Python ──following──set-point──> follow, a service of the run ──stream──> run
 //! ```
 //!
-//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`; `relay`, `session`, `slots`, `motion_book`) never name the
+//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`; `relay`, `session`, `slots`, `motion_book`, `follow`) never name the
 //! interpreter: a run has no thread that waits for its lock. Of these the first five are tested by `tests/`, all others by pytest. No call panics, whatever
 //! its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
 //!
@@ -14,6 +15,8 @@
 mod arrays;
 mod chain;
 mod failure;
+mod follow;
+mod following;
 mod intent;
 mod inverse;
 mod joints;
@@ -42,6 +45,8 @@ use pyo3::prelude::*;
 /// The compiled part of `mobee`.
 #[pymodule]
 mod _native {
+    #[pymodule_export]
+    use crate::following::PyFollowing;
     #[pymodule_export]
     use crate::load::load;
     #[pymodule_export]

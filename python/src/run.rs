@@ -63,7 +63,8 @@ pub(crate) fn conduct(
     let _nested = Nested::enter()?;
     let mut agents = PyAgents::read(agents)?;
     let origin = if replay { RunOrigin::Replay(path) } else { RunOrigin::File { file: path, set } };
-    let request = RunRequest { origin, out, agents: agents.classes(), account: None, only_virtual: false };
+    let request =
+        RunRequest { origin, out, agents: agents.classes(), account: None, only_virtual: false, follow: None };
     let session = background(py, None, move |_, _| Session::start(request))?;
     let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
     let mut interrupted: Option<PyErr> = None;

@@ -1,6 +1,7 @@
 //! A run on a thread of its own, and the messages between it and Python. No Python here.
 
 use crate::failure::Failure;
+use crate::follow::{FollowLine, FollowService, FollowSettings};
 use crate::motion_book::MotionBook;
 use crate::relay::{RelayAgent, RelayLine, RunMessage};
 use crate::slots::with_passed;
@@ -26,6 +27,10 @@ use tokio::sync::mpsc;
 const MAX_MESSAGES: usize = 64;
 /// Controls that may wait for the run.
 const MAX_CONTROLS: usize = 16;
+/// Least time between two set-points: supervise accepts 250 commands a second.
+const MIN_TICK: Duration = Duration::from_millis(5);
+/// Events that may wait for the account of motions by a real clock: no part of the run waits for it.
+const REAL_CAPACITY: usize = 4096;
 
 /// Source of a run.
 pub(crate) enum RunOrigin {
@@ -45,6 +50,8 @@ pub(crate) struct RunRequest {
     pub account: Option<String>,
     /// Refuses real clocks.
     pub only_virtual: bool,
+    /// The robot that follows set-points from outside; an account of its motions is written.
+    pub follow: Option<FollowSettings>,
 }
 
 /// A run that has ended.
@@ -71,6 +78,10 @@ pub(crate) struct Session {
     pub seeds: Vec<u64>,
     pub warnings: Vec<String>,
     pub book: Option<MotionBook>,
+    /// The connection to the robot that follows.
+    pub line: Option<FollowLine>,
+    /// True if the run has a real clock.
+    pub real: bool,
 }
 
 /// Result of waiting for a message.
@@ -87,7 +98,7 @@ impl Session {
     /// # Errors
     /// All that is wrong with the configuration; nothing runs then.
     pub fn start(request: RunRequest) -> Result<Self, Failure> {
-        let RunRequest { origin, out, agents, account, only_virtual } = request;
+        let RunRequest { origin, out, agents, account, only_virtual, follow } = request;
         let passed: BTreeSet<String> = agents.keys().cloned().collect();
         let (mut composition, recorded) = match origin {
             RunOrigin::File { file, set } => (with_passed(&passed, || from_file(&file, &set, &agents))?, None),
@@ -114,7 +125,14 @@ impl Session {
         let names = composition.robots.iter().map(|robot| robot.name.as_str());
         let seeds = names.map(|name| mobee::compose::derive_seed(seed, &format!("{name}/agent"))).collect();
         let book = account.map(|robot| MotionBook::new(&robot, scene.clone()));
-        let sinks: Vec<SinkSpec> = book.iter().map(sink).collect();
+        let mut sinks: Vec<SinkSpec> = book.iter().map(sink).collect();
+        if real {
+            sinks.iter_mut().for_each(|sink| sink.capacity = REAL_CAPACITY);
+        }
+        let line = match (follow, &book) {
+            (Some(settings), Some(book)) => Some(serve(&mut composition, settings, book, &cancelled)?),
+            _ => None,
+        };
         let (controls, receiver) = mpsc::channel(MAX_CONTROLS);
         let to_run = controls.clone();
         let work = move || {
@@ -126,7 +144,7 @@ impl Session {
             Failure::new("threads", format!("no thread could be started: {e}"), "end other threads, or raise the limit")
         })?;
         let pid = std::process::id();
-        Ok(Self { messages: Mutex::new(messages), controls, cancelled, pid, scene, seeds, warnings, book })
+        Ok(Self { messages: Mutex::new(messages), controls, cancelled, pid, scene, seeds, warnings, book, line, real })
     }
 
     /// Tests that this process started the run: the threads of a run do not exist in a child that was forked from it.
@@ -157,6 +175,27 @@ impl Drop for Session {
     fn drop(&mut self) {
         self.end(false);
     }
+}
+
+/// Adds the service through which a program moves a robot, in place of the robot's agent.
+fn serve(
+    composition: &mut Composition,
+    settings: FollowSettings,
+    book: &MotionBook,
+    cancelled: &Cancelled,
+) -> Result<FollowLine, Failure> {
+    let real = composition.config.clock == ClockMode::Real;
+    let robot = composition.robots.iter_mut().find(|robot| robot.name == settings.robot);
+    let robot = robot.ok_or_else(|| {
+        Failure::new("robots", format!("there is no robot {}", settings.robot), "name one of the file").at("robot")
+    })?;
+    robot.agent = None;
+    let period = Duration::from_secs_f64(robot.controller.period_s.clamp(1e-3, 1.0));
+    let settings = FollowSettings { tick: period.max(MIN_TICK), margin: robot.controller.margin_m, ..settings };
+    let line = FollowLine::default();
+    let (book, cancelled) = (book.clone(), cancelled.clone());
+    composition.services.push(Arc::new(FollowService { line: line.clone(), settings, book, cancelled, real }));
+    Ok(line)
 }
 
 fn sink(book: &MotionBook) -> SinkSpec {
@@ -196,6 +235,15 @@ pub(crate) fn robot_names(origin: &RunOrigin) -> Result<Vec<String>, Failure> {
         RunOrigin::File { file, set } => Ok(names(&Source::load(file, set)?)),
         RunOrigin::Replay(folder) => Ok(names(RecordedRun::open(folder).map_err(of_report)?.source())),
     }
+}
+
+/// The scene of a configuration with an agent from outside.
+pub(crate) fn scene_of(origin: &RunOrigin, agents: &BTreeMap<String, String>) -> Result<Scene, Failure> {
+    let RunOrigin::File { file, set } = origin else {
+        return Err(Failure::new("file", "this is the folder of a run", "give a configuration file"));
+    };
+    let passed = agents.keys().cloned().collect();
+    Ok(with_passed(&passed, || from_file(file, set, agents))?.scene)
 }
 
 fn from_file(file: &Path, set: &[String], agents: &BTreeMap<String, String>) -> Result<Composition, Failure> {

@@ -13,6 +13,9 @@
 
     run = mobee.run("explore.toml", agent=Wave(), seed=1, for_s=60)
 
+    with mobee.Follow("so101.toml", rate=30) as robot:
+        sent = robot.send(policy(robot.view.q))
+
 Units are radians, meters and seconds, as ``float64``; a prismatic joint's position is meters. Poses are 4x4 arrays. Every query takes one
 configuration ``(dof,)`` or a batch ``(N, dof)``. Batches release the interpreter's lock, and Ctrl-C ends a call within 0.1 s.
 
@@ -22,6 +25,7 @@ Errors are `MobeeError`; arguments of another type than stated are `TypeError` o
 
 from ._agent import Agent, Done, MoveTo, Stop, Stream, Wait
 from ._error import MobeeError
+from ._follow import Chunk, Follow
 from ._native import (
     Blocked,
     Box,
@@ -51,10 +55,12 @@ __all__ = [
     "Blocked",
     "Box",
     "Capsule",
+    "Chunk",
     "Contact",
     "Cylinder",
     "Done",
     "Event",
+    "Follow",
     "Free",
     "Hull",
     "Ik",

@@ -283,6 +283,11 @@ def run(
         After Ctrl-C, once the robots rest and the journal is closed; a second Ctrl-C stops them at once. Its ``run_folder`` is the
         folder, for ``Run``.
     """
+    assignments = _assignments(seed, clock, for_s, set, record)
+    return _conduct(Path(fspath(file)), agent, agents, assignments, out, replay=False)
+
+
+def _assignments(seed: Any, clock: Any, for_s: Any, set: Sequence[str], record: bool) -> list[str]:
     assignments = list(_texts("set", set))
     if seed is not None:
         assignments.append(f"seed={_number('seed', seed, int)}")
@@ -293,7 +298,7 @@ def run(
     if for_s is not None:
         assignments.append(f"for_s={float(_number('for_s', for_s, float))!r}")
     assignments.append(f"record.enabled={'true' if record else 'false'}")
-    return _conduct(Path(fspath(file)), agent, agents, assignments, out, replay=False)
+    return assignments
 
 
 def replay(

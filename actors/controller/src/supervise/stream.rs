@@ -169,18 +169,21 @@ impl SuperviseCore {
         false
     }
 
-    /// Returns whether the readings have been equal bit for bit while the set-points moved on (I26). Velocities move
+    /// Returns whether the readings have been equal bit for bit while the set-points moved on for [`FROZEN_TIME`] (I26). Velocities move
     /// the set-points by their time, positions by their steps.
     pub(super) fn is_stream_frozen(&mut self, pulse: &Pulse) -> bool {
         let Some(stream) = &mut self.motion.stream else { return false };
         let sampled_at = pulse.sample.at;
         if stream.freeze_watch.since != pulse.unchanged {
-            stream.freeze_watch = StreamFreezeWatch { since: pulse.unchanged, moved: 0.0 };
+            stream.freeze_watch = StreamFreezeWatch::begin(pulse.unchanged);
         } else {
             stream.freeze_watch.moved += stream.fastest() * sampled_at.since(stream.seen).as_secs_f64();
         }
         stream.seen = sampled_at;
-        sampled_at.since(stream.freeze_watch.since) >= FROZEN_TIME && stream.freeze_watch.moved > FROZEN_TRAVEL
+        let watch = &mut stream.freeze_watch;
+        watch.count(sampled_at, FROZEN_TIME);
+        let long = watch.began.is_some_and(|began| sampled_at.since(began) >= FROZEN_TIME);
+        long && watch.moved > FROZEN_TRAVEL
     }
 
     /// Ends the stream of a robot at rest. Its target becomes the configuration at rest, or the last set-point if the

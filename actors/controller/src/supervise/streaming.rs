@@ -38,14 +38,40 @@ pub(super) struct OpenStream {
     pub(super) seen: Time,
 }
 
-/// Detects frozen encoders during a stream: duration of equal readings, and the motion of the set-points in that
-/// time.
+/// Detects frozen encoders during a stream: the motion of the set-points while readings are equal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StreamFreezeWatch {
     /// Time since which the readings are equal bit for bit, from the history.
     pub(super) since: Time,
     /// Motion of the set-points since then, rad: that of the motor with the longest way.
     pub(super) moved: f64,
+    /// The same at the last reading.
+    pub(super) counted: f64,
+    /// Time of the reading since which the set-points have moved, without a long pause; `None`: they rest.
+    pub(super) began: Option<Time>,
+    /// Time of the last reading at which they had moved.
+    pub(super) moved_at: Time,
+}
+
+impl StreamFreezeWatch {
+    /// Begins with readings that are equal since this time.
+    pub(super) fn begin(since: Time) -> StreamFreezeWatch {
+        StreamFreezeWatch { since, moved: 0.0, counted: 0.0, began: None, moved_at: since }
+    }
+
+    /// Counts the motion since the last reading. A robot that rested for long is not expected to have moved before its
+    /// set-points did, so a pause of this length begins a new count.
+    pub(super) fn count(&mut self, sampled_at: Time, pause: Duration) {
+        if self.moved <= self.counted {
+            return;
+        }
+        if self.began.is_none() || sampled_at.since(self.moved_at) >= pause {
+            self.began = Some(sampled_at);
+            self.moved -= self.counted;
+        }
+        self.counted = self.moved;
+        self.moved_at = sampled_at;
+    }
 }
 
 /// Set-points of one motor: positions, rad, or velocities, rad/s.
@@ -80,7 +106,7 @@ impl OpenStream {
             velocities: writing,
             last_request: now,
             braking: None,
-            freeze_watch: StreamFreezeWatch { since: now, moved: 0.0 },
+            freeze_watch: StreamFreezeWatch::begin(now),
             seen: now,
         }
     }

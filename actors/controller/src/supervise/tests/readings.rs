@@ -19,7 +19,7 @@ fn readings_that_stay_away_close_the_filter_in_time() {
 /// A stream of velocities with frozen encoders ends after half a second, or the time for a degree.
 #[test]
 fn a_stream_behind_frozen_encoders_is_ended() {
-    let ended = |speed: f64, frozen: bool| {
+    let ended = |speed: f64, equal_since: Option<Time>| {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
         cell.apply(Op::Stream(speed, 20));
@@ -31,15 +31,19 @@ fn a_stream_behind_frozen_encoders_is_ended() {
             let sample =
                 Sample { seq: 1000 + u64::from(*k), at, q: vec![q].into(), done: vec![false], ..Sample::default() };
             let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
-            (pulse.speed, pulse.unchanged) = (speed, if frozen { begun } else { at });
+            (pulse.speed, pulse.unchanged) = (speed, equal_since.map_or(at, |since| since.min(begun)));
             cell.on(SuperviseIn::Pulse(&pulse), at);
             cell.supervise.status() == Status::Holding(Hold::Stale)
         })
     };
     let ms = |at: Option<u32>| at.map(|k| 10 * k);
-    assert!(ms(ended(0.5, true)).is_some_and(|ms| (500..540).contains(&ms)), "{:?}", ended(0.5, true));
-    assert!(ms(ended(0.01, true)).is_some_and(|ms| (1740..1800).contains(&ms)), "{:?}", ended(0.01, true));
-    assert_eq!(ended(0.5, false), None);
+    let frozen = Some(Time(u64::MAX));
+    assert!(ms(ended(0.5, frozen)).is_some_and(|ms| (500..540).contains(&ms)), "{:?}", ended(0.5, frozen));
+    assert!(ms(ended(0.01, frozen)).is_some_and(|ms| (1740..1800).contains(&ms)), "{:?}", ended(0.01, frozen));
+    assert_eq!(ended(0.5, None), None);
+    // The readings of a robot that rests are equal, too: only the time in which set-points move counts.
+    let rested = Some(Time::ZERO);
+    assert!(ms(ended(0.5, rested)).is_some_and(|ms| (500..540).contains(&ms)), "{:?}", ended(0.5, rested));
 }
 
 /// A robot at rest that is moved by half of the tolerance is reported once; beyond the tolerance its filter closes,
