@@ -1,12 +1,12 @@
 //! The command line: parses the arguments, calls the library, and turns errors into exit code 2.
 
 use crate::config::{ClockMode, ConfigError};
-use crate::new_robot::NewDriver;
+use crate::new_robot::{ArmArgs, NewDriver};
 use crate::robot_import::ImportArgs;
 use crate::{
-    agent, bench, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare, model_convert,
-    model_eval, model_info, model_view, new, new_crate, new_robot, plan, replay, roadmap, run, schema, sim, terminal,
-    torture, view, yarp,
+    agent, bench, calibrate, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare,
+    model_convert, model_eval, model_info, model_view, new, new_crate, new_robot, plan, replay, roadmap, run, schema,
+    sim, terminal, torture, view, yarp,
 };
 use clap::{Parser, Subcommand};
 use miette::Report;
@@ -123,6 +123,8 @@ enum Command {
     /// Run a network of a detector of the kind `onnx`, for the process that starts this one.
     #[command(hide = true)]
     OnnxWorker,
+    /// Make the calibration of an arm of servos, whose joints you move by hand.
+    Calibrate(calibrate::CalibrateArgs),
     /// Use YARP: a name server, and tools to inspect, read, write and connect ports.
     Yarp(yarp::YarpArgs),
 }
@@ -148,6 +150,8 @@ struct NewArgs {
     /// The kind of driver.
     #[arg(long, value_name = "DRIVER", value_enum, default_value_t, requires = "robot", conflicts_with = "crate_name")]
     driver: NewDriver,
+    #[command(flatten)]
+    arm: ArmArgs,
     #[command(flatten)]
     import: Box<ImportArgs>,
 }
@@ -392,22 +396,24 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
                 Ok(ExitCode::FAILURE)
             }
         },
+        Command::Calibrate(args) => calibrate::command(&args),
         Command::Yarp(args) => Ok(yarp::command(args)),
     }
 }
 
 /// `mobee new`: a behavior, a robot with a behavior, or a crate.
 fn write_new(args: NewArgs) -> Result<ExitCode, Report> {
-    let NewArgs { name, crate_name, mobee, from, robot, driver, import } = args;
+    let NewArgs { name, crate_name, mobee, from, robot, driver, arm, import } = args;
     if robot.is_none() && import.is_given() {
         let what = "options of the import are given, and no URDF to import";
         return Err(ConfigError::plain(what, "name it by --robot FILE, or leave the options out").into());
     }
     let name = name.unwrap_or_default();
-    let text = match (crate_name, robot) {
-        (Some(name), _) => new_crate::command(&name, mobee.as_deref())?,
-        (None, Some(urdf)) => new_robot::command(&name, &from, &urdf, driver, &import)?,
-        (None, None) => new::write(&name, &from)?.iter().map(|file| format!("{}\n", file.display())).collect(),
+    let text = match (crate_name, robot, arm.write(&name)) {
+        (Some(name), ..) => new_crate::command(&name, mobee.as_deref())?,
+        (None, Some(urdf), _) => new_robot::command(&name, &from, &urdf, driver, &import)?,
+        (None, None, Some(written)) => written?,
+        (None, None, None) => new_robot::files_text(&new::write(&name, &from)?),
     };
     terminal::out(&text);
     Ok(ExitCode::SUCCESS)

@@ -13,7 +13,7 @@ use crate::compose::{compose, driver_of};
 use crate::config::{Config, Source};
 use crate::new::save_all;
 use crate::roadmap::may_write;
-use mobee_contract::{JointLimits, suggestion};
+use mobee_contract::{Hardware, JointLimits, Time, suggestion};
 use mobee_drivers::{YARP, YarpDriverSettings};
 use mobee_model::JointMotion;
 use mobee_yarp::Network;
@@ -158,7 +158,7 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
 }
 
 /// The path by which a new file includes this one: its name in the same folder, or the full path.
-fn included(file: &Path, new: &Path) -> Result<String, miette::Report> {
+pub(crate) fn included(file: &Path, new: &Path) -> Result<String, miette::Report> {
     let whole = |path: &Path| {
         let why = |e: std::io::Error| miette::Report::msg(format!("can't find {}: {e}", path.display()));
         path.canonicalize().map_err(why)
@@ -238,10 +238,27 @@ fn configuration(file: &Path, set: &[String]) -> CheckedFile {
                 let motors = settings.parts.iter().map(|p| of(&p.part).unwrap_or_default()).collect();
                 robots.push(YarpRobot { name: robot.name.clone(), settings, motors });
             }
-            None => found.push(Finding::ok(format!("{} is simulated: there is nothing to reach", robot.name))),
+            None => found.extend(composition.robots.get(i).map(|setup| seen(&robot.name, setup.hardware.as_ref()))),
         }
     }
     CheckedFile { found, robots, motors }
+}
+
+/// Reads a robot that is not behind YARP, if there is something to read; nothing moves.
+fn seen(name: &str, hardware: &dyn Hardware) -> Finding {
+    let Some(look) = hardware.look() else {
+        return Finding::ok(format!("{name} is simulated: there is nothing to reach"));
+    };
+    match look.and_then(|mut driver| Ok((driver.sample(Time::ZERO)?, driver))) {
+        Err(e) => Finding::bad(format!("{name}: {e}"), "nothing was moved; see the guide of its driver"),
+        Ok((None, _)) => Finding::ok(format!("{name} answers")),
+        Ok((Some(sample), driver)) => {
+            let motors = driver.board().axes.iter().zip(sample.q.iter());
+            let motors: Vec<String> =
+                motors.map(|(axis, q)| format!("{} {}", axis.name, axis.motion.told(*q, 1))).collect();
+            Finding::ok(format!("{name} is at {}", motors.join(", ")))
+        }
+    }
 }
 
 fn remote(source: &Source, robot: usize, driver: &serde_json::Value) -> Option<YarpDriverSettings> {

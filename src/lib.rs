@@ -18,7 +18,9 @@ use mobee_mujoco as _;
 pub mod terminal;
 
 pub mod agent;
+mod arms;
 pub mod bench;
+pub mod calibrate;
 pub mod check;
 pub mod cli;
 pub mod compose;

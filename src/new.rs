@@ -71,7 +71,15 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
     let mut files = vec![(dir.join(format!("{stem}.toml")), text(template, &stem))];
     files.extend(template.files.iter().map(|(_, name, text)| (dir.join(name), beside(template, text))));
     files.push((dir.join(SCHEMA), crate::schema::text()));
-    // existing files with the same text stay; the behavior itself must be new
+    save_new(files)
+}
+
+/// Writes the files that are missing, all or none, and returns them. The first must be new; others that are there stay if their text is
+/// the same.
+///
+/// # Errors
+/// If a file would be overwritten, or can't be written.
+pub(crate) fn save_new(files: Vec<(PathBuf, String)>) -> Result<Vec<PathBuf>, ConfigError> {
     let mut missing = Vec::new();
     for (i, (file, text)) in files.into_iter().enumerate() {
         match read_text(&file, MIB) {

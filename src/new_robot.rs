@@ -1,10 +1,14 @@
-//! `mobee new --robot`: a behavior for your own robot, from its URDF.
+//! `mobee new --robot` and `--arm`: a behavior for your own robot, from its URDF, or for an arm whose model is shipped.
 
 mod chain;
 mod driver;
+#[cfg(feature = "feetech")]
+mod own_arm;
 
 pub use driver::NewDriver;
 
+use crate::arms;
+use crate::config::ConfigError;
 use crate::model_convert;
 use crate::new::{SCHEMA, file_stem, save_all};
 use crate::robot_import::ImportArgs;
@@ -14,7 +18,7 @@ use miette::{Report, miette};
 use mobee_model::{Imported, JointMotion, Robot, plain_name};
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Minimum number of motors of an SRDF group that counts as an arm.
 const MIN_ARM_MOTORS: usize = 3;
@@ -66,6 +70,50 @@ pub fn command(name: &str, from: &str, urdf: &Path, driver: NewDriver, import: &
     out += &driver.note;
     texts.iter().for_each(|(file, _)| out += &format!("{}\n", file.display()));
     Ok(out + &format!("now: mobee run {}\n", behavior.display()))
+}
+
+/// Options of a behavior for an arm of servos.
+#[derive(clap::Args)]
+pub struct ArmArgs {
+    /// An arm of servos on a serial bus, such as so101: a behavior that explores with it, its model and its table.
+    #[arg(long, value_name = "ARM", conflicts_with_all = ["crate_name", "robot", "from"])]
+    arm: Option<String>,
+    /// The serial port of the arm, such as /dev/ttyACM0.
+    #[arg(long, value_name = "PORT", requires = "arm")]
+    port: Option<String>,
+    /// The arm's calibration: that of LeRobot, or of `mobee calibrate`.
+    #[arg(long, value_name = "FILE.json", requires = "arm")]
+    calibration: Option<PathBuf>,
+}
+
+impl ArmArgs {
+    /// Writes the behavior; `None` if no arm is given.
+    ///
+    /// # Errors
+    /// If the arm is unknown, there is no port, this program lacks the driver, or as for [`command`].
+    pub fn write(&self, name: &str) -> Option<Result<String, Report>> {
+        self.arm.as_ref().map(|arm| self.write_arm(name, arm))
+    }
+
+    fn write_arm(&self, name: &str, arm: &str) -> Result<String, Report> {
+        let arm = arms::known(arm)?;
+        let Some(port) = self.port.as_deref().filter(|port| !port.trim().is_empty()) else {
+            let help = "--port /dev/ttyACM0, for example: ls /dev/ttyACM* /dev/ttyUSB* lists the ports that are there";
+            return Err(ConfigError::plain(format!("{} needs the serial port it is at", arm.name), help).into());
+        };
+        #[cfg(feature = "feetech")]
+        return own_arm::command(name, arm, port, self.calibration.as_deref());
+        #[cfg(not(feature = "feetech"))]
+        Err({
+            let _ = (name, port, &self.calibration);
+            arms::lacks_driver().into()
+        })
+    }
+}
+
+/// A line for each written file.
+pub(crate) fn files_text(files: &[PathBuf]) -> String {
+    files.iter().map(|file| format!("{}\n", file.display())).collect()
 }
 
 /// The line about the motors of the exploration: their origin, the first and the last, and the excluded fingers.

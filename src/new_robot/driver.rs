@@ -3,6 +3,7 @@
 
 use super::{EXPLORE_SPEED, PERIOD_MS};
 use crate::compose::clearance_needed;
+use mobee_contract::Axis;
 use mobee_controller::look_ahead::braking_clearance;
 use mobee_drivers::{ArmProfile, SimSettings};
 use mobee_model::Robot;
@@ -43,7 +44,9 @@ pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str)
         ArmProfile::Icub => ["icub", "", "an iCub"],
         ArmProfile::Arm | ArmProfile::Ideal => ["arm", "", "an arm of no particular make"],
     };
-    let (reserve, remark) = reserve(robot, profile, margin_mm);
+    let settings = SimSettings { profile, ..SimSettings::default() };
+    let reaction = settings.latency() + Duration::from_millis(PERIOD_MS) * 2;
+    let (reserve, remark) = reserve(robot, &settings.axes(robot), reaction, margin_mm, EXPLORE_SPEED);
     let controller = reserve + controller;
     match driver {
         NewDriver::Sim => DriverText {
@@ -68,16 +71,19 @@ pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str)
     }
 }
 
-/// The braking clearance of an exploring arm, as a setting of its controller and a comment. The default is that of full
-/// speed, and grows with the speed: the reflex then tracks pairs that are far apart, at many times the processor time.
-/// Empty if the margin is too small for it.
-fn reserve(robot: &Robot, profile: ArmProfile, margin_mm: f64) -> (String, String) {
-    let settings = SimSettings { profile, ..SimSettings::default() };
-    let axes = settings.axes(robot);
-    let reaction = settings.latency() + Duration::from_millis(PERIOD_MS) * 2;
-    let needed = |speed: f64| clearance_needed(robot, &axes, reaction, speed) * 1e3;
-    let usual = braking_clearance(robot, &axes, reaction, margin_mm * 1e-3) * 1e3;
-    let exact = usual.max(needed(EXPLORE_SPEED));
+/// The braking clearance of an arm that explores at this share of its full speed, as a setting of its controller and a comment. The
+/// default is that of full speed, and grows with the speed: the reflex then tracks pairs that are far apart, at many times the processor
+/// time. Empty if the margin is too small for it. `reaction` is the time from a reading to the effect of a command.
+pub(super) fn reserve(
+    robot: &Robot,
+    axes: &[Axis],
+    reaction: Duration,
+    margin_mm: f64,
+    explores: f64,
+) -> (String, String) {
+    let needed = |speed: f64| clearance_needed(robot, axes, reaction, speed) * 1e3;
+    let usual = braking_clearance(robot, axes, reaction, margin_mm * 1e-3) * 1e3;
+    let exact = usual.max(needed(explores));
     if exact > margin_mm + 1e-6 {
         return (String::new(), String::new());
     }
@@ -87,7 +93,7 @@ fn reserve(robot: &Robot, profile: ArmProfile, margin_mm: f64) -> (String, Strin
         Some(1.0) => String::new(),
         fast => format!(
             "# `reserve_mm` is the braking clearance up to speed = {}. Without it, it grows with the speed, at many times the processor time.\n",
-            fast.unwrap_or(EXPLORE_SPEED)
+            fast.unwrap_or(explores)
         ),
     };
     (format!(", reserve_mm = {mm}"), remark)

@@ -21,6 +21,7 @@ mod looking_ahead;
 mod map_cache;
 mod measuring_boards;
 mod new_behavior;
+mod own_arms;
 mod planning;
 mod planted_defects;
 mod private_runs;

@@ -3,7 +3,7 @@
 //! ```sh
 //! cargo run --release -p mobee-conformance --example servos -- /tmp/so101
 //! ```
-//! Lines on standard input: `block ID COUNT`, `free ID`, `sag ID COUNTS`, `drop ID`, `back ID`, `brown ID`, `damage SHARE`, `lose SHARE`, `late MS`,
+//! Lines on standard input: `block ID COUNT`, `free ID`, `hand ID COUNT` (moves a limp joint), `sag ID COUNTS`, `drop ID`, `back ID`, `brown ID`, `damage SHARE`, `lose SHARE`, `late MS`,
 //! `unplug`, `plug`, `state`, `quit`.
 
 #[cfg(unix)]
@@ -41,6 +41,7 @@ fn act(terminal: &ServoTerminal, words: &[&str]) {
         "drop" => Some(|servo, _| servo.answers = false),
         "back" => Some(|servo, _| servo.answers = true),
         "brown" => Some(|servo, _| servo.brown_out()),
+        "hand" => Some(|servo, count| servo.place(count)),
         _ => None,
     };
     terminal.with(|world| match (words.first().copied().unwrap_or_default(), change) {
@@ -54,7 +55,8 @@ fn act(terminal: &ServoTerminal, words: &[&str]) {
         ("state", _) => {
             for servo in world.servos() {
                 let (id, at, load) = (servo.id(), servo.position(), servo.load());
-                println!("{id}: {at:.1} counts, load {load:.0}, torque {}", servo.has_torque());
+                let reported = servo.reported();
+                println!("{id}: {at:.1} counts, reports {reported:.0}, load {load:.0}, torque {}", servo.has_torque());
             }
         }
         (word, _) => eprintln!("unknown word `{word}`"),

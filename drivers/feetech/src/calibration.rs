@@ -15,7 +15,7 @@ use std::path::Path;
 
 /// The largest calibration file that is read.
 const MAX_FILE_BYTES: u64 = MIB;
-/// A joint that turns by less, counts, was not moved while its range was recorded: 5 degrees.
+/// A joint that turns by less, counts, is no joint of an arm: 5 degrees.
 const LEAST_RANGE: i32 = 57;
 /// The greatest magnitude of an offset that a servo stores.
 const MAX_OFFSET: i32 = 2047;
@@ -149,46 +149,94 @@ impl<'de> Deserialize<'de> for UniqueMotors {
     }
 }
 
+/// A motor whose range is recorded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SweptMotor {
+    /// Its name in the robot model.
+    pub name: String,
+    /// The servo's id.
+    pub id: u8,
+    /// The offset of the frame in which it is recorded.
+    pub homing_offset: i32,
+    /// The least range of a joint that was moved to both of its ends, counts; `None` if it turns without end, and is not moved.
+    pub least_range: Option<i32>,
+}
+
+/// The range of one motor so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SweptRange {
+    /// Least, newest and greatest position, counts; `None` before the first reading.
+    pub counts: Option<[i32; 3]>,
+    /// True if the count has jumped from one end of the encoder's turn to the other.
+    pub wrapped: bool,
+}
+
 /// Records the range of each joint while a person moves the limp arm, and makes a calibration of it.
 #[derive(Clone, Debug)]
 pub struct RangeRecorder {
-    /// Name, id and stored offset of each motor.
-    motors: Vec<(String, u8, i32)>,
-    ranges: Vec<Option<(i32, i32)>>,
+    motors: Vec<SweptMotor>,
+    ranges: Vec<SweptRange>,
 }
 
 impl RangeRecorder {
-    /// A recorder of these motors: name, id and the offset that the servo stores.
-    pub fn new(motors: Vec<(String, u8, i32)>) -> RangeRecorder {
-        let ranges = vec![None; motors.len()];
+    /// A recorder of these motors.
+    pub fn new(motors: Vec<SweptMotor>) -> RangeRecorder {
+        let ranges = vec![SweptRange::default(); motors.len()];
         RangeRecorder { motors, ranges }
+    }
+
+    /// The motors, each with its range so far.
+    pub fn ranges(&self) -> impl Iterator<Item = (&SweptMotor, &SweptRange)> {
+        self.motors.iter().zip(&self.ranges)
     }
 
     /// Takes one reading, counts of each motor.
     pub fn record(&mut self, positions: &[i32]) {
         for (range, position) in self.ranges.iter_mut().zip(positions) {
-            let (least, most) = range.unwrap_or((*position, *position));
-            *range = Some((least.min(*position), most.max(*position)));
+            let [least, last, most] = range.counts.unwrap_or([*position; 3]);
+            range.wrapped |= (position - last).abs() > TURN_COUNTS / 2;
+            range.counts = Some([least.min(*position), *position, most.max(*position)]);
         }
     }
 
     /// The calibration.
     ///
     /// # Errors
-    /// A motor that was not moved, or passed the end of its encoder's turn.
+    /// All motors that were not moved far enough, or passed the end of the encoder's turn.
     pub fn finish(&self) -> Result<ArmCalibration, KindError> {
-        let mut all = BTreeMap::new();
-        for ((name, id, homing_offset), range) in self.motors.iter().zip(&self.ranges) {
-            let Some((range_min, range_max)) = *range else {
-                return Err(KindError::new("", format!("`{name}` gave no reading"), "check its cable"));
-            };
-            let motor =
-                ServoCalibration { id: *id, drive_mode: 0, homing_offset: *homing_offset, range_min, range_max };
-            all.insert(name.clone(), motor);
-        }
-        let calibration = ArmCalibration(all);
-        calibration.check().map_err(|e| KindError { help: "move each joint through its whole range".into(), ..e })?;
+        let found = KindError::gather(self.ranges().map(|(motor, range)| motor.calibration(range)))?;
+        let calibration = ArmCalibration(self.motors.iter().map(|m| m.name.clone()).zip(found).collect());
+        calibration.check().map_err(|e| KindError { help: "calibrate again".into(), ..e })?;
         Ok(calibration)
+    }
+}
+
+impl SweptMotor {
+    fn calibration(&self, range: &SweptRange) -> Result<ServoCalibration, KindError> {
+        let SweptMotor { name, id, homing_offset, least_range } = self;
+        let wrong = |what: String, help: &str| Err(KindError::new("", format!("`{name}` {what}"), help));
+        let Some([min, _, max]) = range.counts else {
+            return wrong("gave no reading".into(), "check its cable");
+        };
+        let [range_min, range_max] = match least_range {
+            None => [0, TURN_COUNTS - 1],
+            Some(_) if range.wrapped => {
+                let help = "its range must not contain the end of the encoder's turn: put every joint at its middle, and calibrate \
+                            with --write-offsets";
+                return wrong("has jumped from one end of its encoder's turn to the other".into(), help);
+            }
+            Some(least) if max - min < *least => {
+                let deg = |counts: i32| f64::from(counts) * 360.0 / f64::from(TURN_COUNTS - 1);
+                let what = format!(
+                    "was moved by {:.0} deg, and half of its model's range is {:.0} deg",
+                    deg(max - min),
+                    deg(*least)
+                );
+                return wrong(what, "move it slowly to both of its ends");
+            }
+            Some(_) => [min, max],
+        };
+        Ok(ServoCalibration { id: *id, drive_mode: 0, homing_offset: *homing_offset, range_min, range_max })
     }
 }
 
@@ -231,17 +279,37 @@ mod tests {
         assert!(refused(&format!("{{{one}, {}}}", one.replace("pan", "lift"))).contains("is the id of `lift`, too"));
     }
 
+    fn swept(name: &str, id: u8, least_range: Option<i32>) -> SweptMotor {
+        SweptMotor { name: name.into(), id, homing_offset: -12, least_range }
+    }
+
     #[test]
     fn recorded_ranges_make_a_file_that_is_read() {
-        let mut recorder = RangeRecorder::new(vec![("pan".into(), 1, -12), ("lift".into(), 2, 40)]);
-        assert!(recorder.finish().unwrap_err().what.contains("gave no reading"));
-        [[2000, 1000], [2100, 900], [900, 3000]].iter().for_each(|reading| recorder.record(reading));
+        let motors = vec![swept("pan", 1, Some(1000)), swept("lift", 2, Some(1000)), swept("roll", 5, None)];
+        let mut recorder = RangeRecorder::new(motors);
+        assert!(recorder.finish().unwrap_err().what.contains("`pan` gave no reading"));
+        [[2000, 1000, 4090], [2100, 900, 3], [900, 2400, 7]].iter().for_each(|reading| recorder.record(reading));
         let calibration = recorder.finish().unwrap();
-        assert_eq!(calibration.0["pan"].range_max, 2100);
+        assert_eq!((calibration.0["pan"].range_min, calibration.0["pan"].range_max), (900, 2100));
+        assert_eq!((calibration.0["roll"].range_min, calibration.0["roll"].range_max), (0, 4095));
         assert_eq!(ArmCalibration::parse(&calibration.to_json()).unwrap(), calibration);
-        let mut still = RangeRecorder::new(vec![("pan".into(), 1, 0)]);
-        still.record(&[2000]);
-        assert!(still.finish().unwrap_err().help.contains("whole range"));
+    }
+
+    /// A joint that was hardly moved, or whose count jumped, is refused by its name.
+    #[test]
+    fn a_range_that_is_not_the_joints_is_refused() {
+        let refused = |readings: &[i32]| {
+            let mut recorder = RangeRecorder::new(vec![swept("pan", 1, Some(1251))]);
+            readings.iter().for_each(|count| recorder.record(&[*count]));
+            recorder.finish().unwrap_err()
+        };
+        let short = refused(&[2000, 3000]);
+        assert!(
+            short.what.contains("`pan` was moved by 88 deg, and half of its model's range is 110 deg"),
+            "{short:?}"
+        );
+        let wrapped = refused(&[1000, 3, 4090, 3000]);
+        assert!(wrapped.what.contains("`pan` has jumped") && wrapped.help.contains("--write-offsets"), "{wrapped:?}");
     }
 
     proptest! {

@@ -7,10 +7,10 @@
 //!   sample <──────────── ArmCore
 //! ```
 //!
-//! * Owns: the packets ([`packet`]), the bus ([`bus`]), the registers ([`registers`]), LeRobot's calibration files ([`calibration`]), and the
-//!   driver ([`FeetechHardware`], kind `feetech`).
+//! * Owns: the packets ([`packet`]), the bus ([`bus`]), the registers ([`registers`]), LeRobot's calibration files ([`calibration`]) and
+//!   their making ([`ArmCalibrator`]), and the driver ([`FeetechHardware`], kind `feetech`).
 //! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s, with load as torque; faults with a name and a remedy.
-//! * Promises: nothing that a servo stores is written; goals are never more than `lead_deg` ahead of the readings, beyond the offset
+//! * Promises: nothing that a servo stores is written, but by [`ArmCalibrator::store`]; goals are never more than `lead_deg` ahead of the readings, beyond the offset
 //!   at which weight held the joint before the motion; torque is released only
 //!   if the settings say so and the arm rests at `rest_deg`; a late answer is never taken for another; the same joint limits hold for
 //!   every command.
@@ -30,15 +30,18 @@
 
 pub mod bus;
 pub mod calibration;
+mod calibrator;
 mod core;
 mod driver;
 mod hardware;
+mod identity;
 mod joint;
 pub mod packet;
 pub mod registers;
 mod settings;
 mod worker;
 
+pub use calibrator::ArmCalibrator;
 pub use driver::FeetechDriver;
 pub use hardware::{FEETECH, FeetechHardware};
 pub use settings::{BusMotorSettings, FeetechSettings};

@@ -22,12 +22,14 @@ pub const ACCELERATION: u8 = 41;
 pub const GOAL: u8 = 42;
 /// First and last byte of the state: torque to current.
 pub const STATE: (u8, u8) = (40, 70);
+/// Lock of the stored registers: at 0 their values survive a loss of the supply.
+pub const LOCK: u8 = 55;
 /// The acceleration that the driver sets: the fastest ramp, since it streams its own trajectory.
 pub const FASTEST_RAMP: u8 = 254;
 /// Counts in a turn.
 pub const TURN_COUNTS: i32 = 4096;
 
-/// The first register of EEPROM is 0, the first of RAM this one: the driver writes nothing below it.
+/// The first register of EEPROM is 0, the first of RAM this one: only a calibration writes below it.
 pub const FIRST_RAM: u8 = 40;
 
 /// Decodes a value with the sign in this bit.

@@ -7,11 +7,9 @@
 
 use crate::bus::{BusError, SerialLine, ServoBus, monotonic, open_port};
 use crate::core::{ArmCore, ConnectionStage, SILENCE};
+use crate::identity::StoredSettings;
 use crate::joint::ServoJoint;
-use crate::registers::{
-    ACCELERATION, FASTEST_RAMP, GOAL, IDENTITY_BYTES, LIMITS, MODEL, OFFSET, OPERATING_MODE, STS3215, ServoState,
-    TORQUE, sign_magnitude, signed, word,
-};
+use crate::registers::{ACCELERATION, FASTEST_RAMP, GOAL, ServoState, TORQUE, sign_magnitude};
 use crate::settings::{FeetechSettings, PERIOD};
 use mobee_contract::{AnswerTime, Time};
 use std::collections::VecDeque;
@@ -24,8 +22,6 @@ const REOPEN: Duration = Duration::from_millis(200);
 const REARM: Duration = Duration::from_secs(1);
 /// Time between two requests while servos are silent.
 const SILENT_PERIOD: Duration = Duration::from_millis(50);
-/// Attempts to identify a servo.
-const ATTEMPTS: usize = 3;
 /// Longest time in which the arm brakes at the end.
 const MAX_ENDING: Duration = Duration::from_secs(2);
 /// Cycles whose duration is stored.
@@ -241,13 +237,8 @@ impl BusWorker {
     fn identify(&self, bus: &mut ServoBus) -> Result<(), String> {
         let mut silent = Vec::new();
         for joint in &self.joints {
-            let read = (0..ATTEMPTS).find_map(|_| match bus.read(joint.id, 0, IDENTITY_BYTES) {
-                Err(BusError::Silent { .. }) => None,
-                other => Some(other),
-            });
-            match read {
-                Some(Ok(answer)) => check_identity(joint, &answer.data)?,
-                Some(Err(e)) => return Err(e.to_string()),
+            match StoredSettings::read(bus, joint.id).map_err(|e| e.to_string())? {
+                Some(stored) => stored.check(joint)?,
                 None => silent.push(joint),
             }
         }
@@ -445,40 +436,6 @@ impl BusWorker {
             tracing::warn!("the arm is not at `rest_deg`: its servos hold it with torque");
         }
     }
-}
-
-/// Checks what a servo stores against the settings.
-fn check_identity(joint: &ServoJoint, stored: &[u8]) -> Result<(), String> {
-    let ServoJoint { name, id, .. } = joint;
-    let at = |register: u8| word(stored, usize::from(register)).unwrap_or_default();
-    let model = at(MODEL);
-    if model != STS3215 {
-        return Err(format!("motor {name} (id {id}) is a servo of model {model}, not an STS3215 ({STS3215})"));
-    }
-    let mode = stored.get(usize::from(OPERATING_MODE)).copied().unwrap_or_default();
-    if mode != 0 {
-        return Err(format!(
-            "motor {name} (id {id}) is in operating mode {mode}, not in position mode: set register 33 to 0 by Feetech's tool"
-        ));
-    }
-    let offset = signed(at(OFFSET), 11);
-    if joint.homing_offset.is_some_and(|expected| expected != offset) {
-        return Err(format!(
-            "motor {name} (id {id}) stores homing offset {offset}, the calibration has {}: this is another arm's file, or the arm was \
-             calibrated since; give its newest calibration",
-            joint.homing_offset.unwrap_or_default()
-        ));
-    }
-    let (low, high) = (i32::from(at(LIMITS)), i32::from(at(LIMITS + 2)));
-    // equal limits mean none
-    if high > low && (joint.range.0 < low || joint.range.1 > high) {
-        let (first, last) = joint.range;
-        return Err(format!(
-            "motor {name} (id {id}) allows counts {low} to {high}, less than its range {first} to {last}: calibrate the arm again, or \
-             narrow the range"
-        ));
-    }
-    Ok(())
 }
 
 /// Reports a thread that ends unasked.

@@ -16,6 +16,12 @@ const NO_RAMP: f64 = 50_000.0;
 const STEP: Duration = Duration::from_millis(4);
 /// The first register that is not stored.
 const FIRST_RAM: usize = 40;
+/// Offset between the magnet's angle and the reported position, 2 bytes, sign in bit 11.
+const OFFSET: usize = 31;
+/// While this is 1, writes to stored registers are lost when the supply is.
+const LOCK: usize = 55;
+/// Counts of a turn: reported positions wrap.
+const TURN: f64 = 4096.0;
 const OVERLOADED: u8 = 0x20;
 
 /// Registers that are not zero when a servo leaves the factory, or has just been switched on.
@@ -48,8 +54,10 @@ const DEFAULTS: [(usize, u8); 22] = [
 #[derive(Clone, Debug)]
 pub struct SimulatedServo {
     registers: [u8; 128],
+    /// The registers that survive a loss of the supply.
+    stored: [u8; FIRST_RAM],
     id: u8,
-    /// Position, counts.
+    /// Angle of the magnet, counts: what it reports is this less the offset.
     position: f64,
     speed: f64,
     /// The servo's own trajectory, counts and counts/s.
@@ -66,6 +74,10 @@ pub struct SimulatedServo {
     pub noise: f64,
     /// True if it answers and takes commands.
     pub answers: bool,
+    /// True if it falls silent, unchanged, at the next write to a stored register.
+    pub mute_when_written: bool,
+    /// True if it stores an offset, and counts on without it.
+    pub ignores_offset: bool,
     /// Error bits beside those of an overload.
     pub alarm: u8,
     /// Writes to registers that a servo stores.
@@ -77,6 +89,7 @@ impl SimulatedServo {
     pub fn new(id: u8) -> SimulatedServo {
         let mut servo = SimulatedServo {
             registers: [0; 128],
+            stored: [0; FIRST_RAM],
             id,
             position: 2048.0,
             speed: 0.0,
@@ -89,6 +102,8 @@ impl SimulatedServo {
             sag: 0.0,
             noise: 0.0,
             answers: true,
+            mute_when_written: false,
+            ignores_offset: false,
             alarm: 0,
             stored_writes: 0,
         };
@@ -96,6 +111,7 @@ impl SimulatedServo {
             servo.set(at, value);
         }
         servo.set(5, id);
+        servo.preserve();
         servo.reset();
         servo
     }
@@ -105,9 +121,15 @@ impl SimulatedServo {
         self.id
     }
 
-    /// Position, counts.
+    /// Angle of the magnet, counts: the reported position if the offset is 0.
     pub fn position(&self) -> f64 {
         self.position
+    }
+
+    /// The position that it reports, counts: the magnet's angle less the stored offset, within one turn.
+    pub fn reported(&self) -> f64 {
+        let offset = if self.ignores_offset { 0 } else { signed(self.word(OFFSET), 11) };
+        (self.position - f64::from(offset)).rem_euclid(TURN)
     }
 
     /// The goal register.
@@ -125,20 +147,27 @@ impl SimulatedServo {
         self.alarm | if self.overloaded { OVERLOADED } else { 0 }
     }
 
-    /// Puts it elsewhere, as a hand does with a limp arm.
+    /// Puts its magnet elsewhere, as a hand does with a limp arm.
     pub fn place(&mut self, count: f64) {
         (self.position, self.target, self.speed, self.target_speed) = (count, count, 0.0, 0.0);
-        self.set_word(42, sign_magnitude(count, 15));
+        self.set_word(42, sign_magnitude(self.reported(), 15));
     }
 
     /// Stores a value, as a tool does that calibrates it.
     pub fn store(&mut self, at: usize, value: u16) {
         self.set_word(at, value);
+        self.preserve();
+    }
+
+    /// Makes the values of the stored registers survive a loss of the supply.
+    fn preserve(&mut self) {
+        self.stored.copy_from_slice(self.registers.get(..FIRST_RAM).unwrap_or(&[0; FIRST_RAM]));
     }
 
     /// Its supply breaks down for a moment: it starts again without torque.
     pub fn brown_out(&mut self) {
-        self.registers.iter_mut().skip(FIRST_RAM).for_each(|register| *register = 0);
+        let stored = self.stored.into_iter().chain(std::iter::repeat(0));
+        self.registers.iter_mut().zip(stored).for_each(|(register, value)| *register = value);
         for (at, value) in DEFAULTS.into_iter().filter(|(at, _)| *at >= FIRST_RAM) {
             self.set(at, value);
         }
@@ -148,7 +177,7 @@ impl SimulatedServo {
     fn reset(&mut self) {
         (self.target, self.target_speed, self.speed) = (self.position, 0.0, 0.0);
         (self.pressed, self.overloaded) = (0.0, false);
-        self.set_word(42, sign_magnitude(self.position, 15));
+        self.set_word(42, sign_magnitude(self.reported(), 15));
         self.publish(0.0);
     }
 
@@ -159,13 +188,19 @@ impl SimulatedServo {
 
     /// Writes registers; those that it measures can't be written.
     pub fn write(&mut self, at: usize, data: &[u8]) {
-        if at < FIRST_RAM && !data.is_empty() {
-            self.stored_writes += 1;
+        let stores = at < FIRST_RAM && !data.is_empty();
+        if stores && self.mute_when_written {
+            self.answers = false;
+            return;
         }
+        self.stored_writes += u64::from(stores);
         for (i, value) in data.iter().enumerate() {
             if at + i < 56 {
                 self.set(at + i, *value);
             }
+        }
+        if stores && self.get(LOCK) == 0 {
+            self.preserve();
         }
     }
 
@@ -181,7 +216,7 @@ impl SimulatedServo {
 
     fn publish(&mut self, flicker: f64) {
         let load = self.load();
-        self.set_word(56, sign_magnitude((self.position + flicker).round(), 15));
+        self.set_word(56, sign_magnitude((self.reported() + flicker).round(), 15));
         self.set_word(58, sign_magnitude(self.speed, 15));
         self.set_word(60, sign_magnitude(load, 10));
         self.set(62, 74);
@@ -229,6 +264,8 @@ impl SimulatedServo {
         let limits = (f64::from(self.word(9)), f64::from(self.word(11)));
         let goal = f64::from(self.goal());
         let goal = if limits.1 > limits.0 { goal.clamp(limits.0, limits.1) } else { goal };
+        // goals are in the reported frame
+        let goal = goal + self.position - self.reported();
         let speed = f64::from(signed(self.word(46), 15)).abs();
         let speed = if speed > 0.0 { speed } else { TOP_SPEED };
         let ramp = f64::from(self.get(41)) * ACCELERATION_UNIT;
@@ -283,7 +320,8 @@ fn signed(raw: u16, bit: u16) -> i32 {
 fn sign_magnitude(value: f64, bit: u16) -> u16 {
     let most = (1u16 << bit) - 1;
     let magnitude = (value.abs().round() as u16).min(most);
-    if value < 0.0 { magnitude | 1 << bit } else { magnitude }
+    // there is no negative zero
+    if value < 0.0 && magnitude > 0 { magnitude | 1 << bit } else { magnitude }
 }
 
 #[cfg(test)]
@@ -334,5 +372,25 @@ mod tests {
         servo.brown_out();
         assert!(!servo.has_torque() && servo.goal() == 2560 && servo.read(3, 2) == [9, 3]);
         assert_eq!(servo.stored_writes, 0);
+    }
+
+    /// Reported positions and goals are those of the magnet less the offset; unlocked, the offset survives a loss of the supply.
+    #[test]
+    fn an_offset_shifts_positions_and_goals_and_is_stored_where_it_is_unlocked() {
+        for (lock, reported) in [(1, 2048.0), (0, 1948.0)] {
+            let mut servo = SimulatedServo::new(1);
+            servo.write(LOCK, &[lock]);
+            servo.write(OFFSET, &100u16.to_le_bytes());
+            servo.advance(Duration::from_millis(1), 0.0);
+            assert_eq!((servo.reported(), servo.read(56, 2)), (1948.0, 1948u16.to_le_bytes().to_vec()));
+            let [low, high] = 2000u16.to_le_bytes();
+            servo.write(41, &[254, low, high]);
+            servo.write(40, &[1]);
+            servo.advance(Duration::from_secs(1), 0.0);
+            assert!((servo.position() - 2100.0).abs() < 1.0, "{}", servo.position());
+            servo.place(2048.0);
+            servo.brown_out();
+            assert_eq!(servo.reported(), reported);
+        }
     }
 }

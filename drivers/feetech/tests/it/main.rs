@@ -3,5 +3,6 @@
 #![cfg(unix)]
 
 mod arm;
+mod calibrating;
 mod real_time;
 mod settings;
