@@ -1,4 +1,4 @@
-"""Robot models, kinematics, collision queries, certified edges, and runs with agents in Python.
+"""Robot models, kinematics, collision queries, certified edges, and runs with agents and drivers in Python.
 
     import mobee
 
@@ -21,6 +21,7 @@ Errors are `MobeeError`; arguments of another type than stated are `TypeError` o
 """
 
 from ._agent import Agent, Done, MoveTo, Stop, Stream, Wait
+from ._driver import Axis, Driver, Sample
 from ._error import MobeeError
 from ._native import (
     Blocked,
@@ -48,12 +49,14 @@ from ._run import Event, Journal, MobeeWarning, Run, Verdict, Violation, replay,
 
 __all__ = [
     "Agent",
+    "Axis",
     "Blocked",
     "Box",
     "Capsule",
     "Contact",
     "Cylinder",
     "Done",
+    "Driver",
     "Event",
     "Free",
     "Hull",
@@ -67,6 +70,7 @@ __all__ = [
     "Plan",
     "Robot",
     "Run",
+    "Sample",
     "Scene",
     "Shape",
     "Sphere",
