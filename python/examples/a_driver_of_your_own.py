@@ -52,7 +52,7 @@ if __name__ == "__main__":
     out = sys.argv[2] if len(sys.argv) > 2 else None
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arm.toml"
-        file.write_text(f'[[robot]]\nname = "arm"\nmodel = "{model}"\ncontroller = {{ period_ms = 20, history = 6000 }}\n')
+        file.write_text(f'[[robot]]\nname = "arm"\nmodel = "{model}"\ncontroller = {{ period_ms = 20, history = 6000, stale_ms = 200 }}\n')
         run = mobee.run(file, agent=Fold(), driver=MyArm(mobee.load(model)), clock="real", for_s=30, out=out)
     for event in run.journal.of("outcome"):
         print(f"{event.at:7.2f} s  {event['outcome']}")

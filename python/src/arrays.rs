@@ -88,13 +88,13 @@ pub(crate) fn fixed<const N: usize>(
 pub(crate) fn vector(what: &str, value: &Bound<'_, PyAny>, width: usize, remedy: &str) -> PyResult<Vec<f64>> {
     let array = numbers(what, value)?;
     if array.shape() != [width] {
-        let message = format!("{what} has shape {}", shape_text(array.shape()));
+        let message = format!("it has shape {}", shape_text(array.shape()));
         return Err(Failure::new("shape", message, remedy).at(what).into());
     }
     let view = array.try_readonly().map_err(|e| changed(&e.to_string()))?;
     let all = view.as_slice().map_err(|e| changed(&e.to_string()))?.to_vec();
     if let Some((i, x)) = all.iter().enumerate().find(|(_, x)| !x.is_finite()) {
-        let message = format!("{what}[{i}] is {x}");
+        let message = format!("number {i} is {x}");
         return Err(Failure::new("not_finite", message, "give finite numbers").at(what).into());
     }
     Ok(all)

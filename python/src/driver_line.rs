@@ -7,6 +7,7 @@ use crate::intent::type_name;
 use crate::serve::in_words;
 use mobee_model::JointMotion;
 use numpy::PyArrayDyn;
+use pyo3::exceptions::PyBaseException;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyString, PyType};
@@ -116,9 +117,9 @@ impl PyDriverLine {
     }
 
     /// Reports an exception of the driver.
-    fn fail(&self, py: Python<'_>, error: Bound<'_, PyAny>) -> PyResult<()> {
+    fn fail(&self, py: Python<'_>, error: Bound<'_, PyBaseException>) -> PyResult<()> {
         let line = self.own()?;
-        let text = in_words(py, &PyErr::from_value(error));
+        let text = in_words(py, &PyErr::from_value(error.into_any()));
         line.fail(last_line(&text), &text);
         Ok(())
     }

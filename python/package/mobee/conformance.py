@@ -12,6 +12,8 @@ The robot moves: up to three motors, each by 8 degrees at up to 10 deg/s, and on
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from ._driver import Driver, start
 from ._error import MobeeError
@@ -26,7 +28,7 @@ PROMISES: tuple[str, ...] = tuple(promises())
 _STALL_S = 0.005
 
 
-def check(driver: type[Driver] | Callable[[], Driver], promise: str | None = None, *, attempts: int = 5) -> None:
+def check(driver: type[Driver] | Callable[[], Driver], promise: str | None = None, *, attempts: int = 5, at_once: int = 1) -> None:
     """Checks the promises of a driver, each with a new object.
 
     Parameters
@@ -37,6 +39,8 @@ def check(driver: type[Driver] | Callable[[], Driver], promise: str | None = Non
         One of `PROMISES`; default: all of them.
     attempts : int
         A promise that fails while the machine is too busy for real time is tried again, so often in all.
+    at_once : int
+        Promises checked at the same time; more than 1 only for drivers of simulated arms.
 
     Raises
     ------
@@ -47,18 +51,20 @@ def check(driver: type[Driver] | Callable[[], Driver], promise: str | None = Non
         raise MobeeError("type", "driver is an object, and each promise needs a new one", "driver", "give the class")
     if isinstance(promise, str) and promise not in PROMISES:
         raise MobeeError("promise", f"there is no promise {promise!r}", "promise", "give one of mobee.conformance.PROMISES")
-    broken = []
-    for name in PROMISES if promise is None else (promise,):
-        seen, cause = _attempts(driver, name, max(1, attempts))
-        if seen is not None:
-            broken.append((f"{name}: {seen}", cause))
+    names = PROMISES if promise is None else (promise,)
+    one = partial(_attempts, driver, max(1, attempts))
+    if at_once <= 1:
+        results = [one(name) for name in names]
+    else:
+        with ThreadPoolExecutor(at_once) as pool:
+            results = list(pool.map(one, names))
+    broken = [f"{name}: {seen}" for name, (seen, _) in zip(names, results, strict=True) if seen is not None]
     if broken:
-        text = "\n".join(seen for seen, _ in broken)
-        cause = next((cause for _, cause in broken if cause is not None), None)
-        raise MobeeError("conformance", text, None, "see docs/python.md, drivers") from cause
+        cause = next((cause for _, cause in results if cause is not None), None)
+        raise MobeeError("conformance", "\n".join(broken), None, "correct the driver; docs/python.md has its rules") from cause
 
 
-def _attempts(driver: Callable[[], Driver], promise: str, attempts: int) -> tuple[str | None, BaseException | None]:
+def _attempts(driver: Callable[[], Driver], attempts: int, promise: str) -> tuple[str | None, BaseException | None]:
     seen: str | None = None
     cause: BaseException | None = None
     for _ in range(attempts):
