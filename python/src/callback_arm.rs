@@ -208,13 +208,17 @@ impl CallbackArm {
 
     /// From now on its motors follow the trajectory, which rests where they are.
     ///
+    /// # Arguments
+    /// * `held`: the positions that the motors hold, rad of encoder; empty if the driver can't tell.
+    ///
     /// # Errors
     /// A joint that is outside its limits: to drive it would move it.
-    pub fn take_over(&mut self) -> Result<(), String> {
+    pub fn take_over(&mut self, held: &[f64]) -> Result<(), String> {
         let Some((_, measured)) = self.recent.back() else { return Err("it has not been read".into()) };
-        let before: Vec<Option<f64>> = match self.engaged {
-            true => self.plant.positions().map(Some).collect(),
-            false => vec![None; self.axes.len()],
+        let before: Vec<Option<f64>> = match (held.len() == self.axes.len(), self.engaged) {
+            (true, _) => held.iter().copied().map(Some).collect(),
+            (false, true) => self.plant.positions().map(Some).collect(),
+            (false, false) => vec![None; self.axes.len()],
         };
         let mut start = Vec::with_capacity(self.axes.len());
         for ((axis, q), before) in self.axes.iter().zip(measured).zip(before) {

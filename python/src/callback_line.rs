@@ -58,6 +58,17 @@ pub(crate) struct CallbackSpec {
     pub patience: Duration,
 }
 
+/// A reading in the driver's own order.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LineReading {
+    /// Positions, rad or m.
+    pub q: Vec<f64>,
+    /// External torques, N m or N; empty: not measured.
+    pub external: Vec<f64>,
+    /// The positions that the motors hold, rad or m; empty: the driver can't tell.
+    pub held: Vec<f64>,
+}
+
 /// What the Python thread has to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LineCall {
@@ -111,6 +122,8 @@ struct LineState {
     restarts: bool,
     failure: Option<LineFailure>,
     news: Option<String>,
+    /// True once a late cycle was reported.
+    has_warned: bool,
     ended: Option<Time>,
     /// True once the Python thread has ended.
     is_gone: bool,
@@ -150,6 +163,7 @@ impl CallbackLine {
             restarts: false,
             failure: None,
             news: None,
+            has_warned: false,
             ended: None,
             is_gone: false,
             cycles: 0,
@@ -239,12 +253,12 @@ impl CallbackLine {
         }
     }
 
-    /// A reading of the driver, rad or m (N m or N) in its own order: the positions for its motors, rad or m, and whether they are to be
-    /// stopped afterwards.
+    /// Takes a reading of the driver; returns the positions for its motors, rad or m in its own order, and whether they are to be stopped
+    /// afterwards.
     ///
     /// # Errors
     /// A joint that can't be driven where it is.
-    pub fn reply(&self, q: &[f64], external: &[f64]) -> Result<CycleTargets, String> {
+    pub fn reply(&self, reading: &LineReading) -> Result<CycleTargets, String> {
         let mut state = self.lock();
         let now = self.now();
         state.watch(now, self.max_answer());
@@ -253,13 +267,14 @@ impl CallbackLine {
             return Ok(CycleTargets::default());
         };
         if let Some(asked) = asked.filter(|_| !is_late) {
-            let scaled = |values: &[f64], scale: fn(JointMotion, f64) -> f64| -> Vec<f64> {
+            let encoder = |values: &[f64]| -> Vec<f64> {
                 let each = order.iter().filter_map(|i| values.get(*i).zip(self.spec.axes.get(*i)));
-                each.map(|(value, axis)| scale(axis.motion, *value)).collect()
+                each.map(|(value, axis)| axis.motion.encoder(*value)).collect()
             };
-            arm.take_reading(asked, scaled(q, JointMotion::encoder), scaled(external, |_, torque| torque));
+            let external = order.iter().filter_map(|i| reading.external.get(*i).copied()).collect();
+            arm.take_reading(asked, encoder(&reading.q), external);
             if drives && !arm.is_driven() {
-                arm.take_over()?;
+                arm.take_over(&encoder(&reading.held))?;
                 *was_driven = true;
             }
         }
@@ -414,12 +429,19 @@ impl CallbackAxis {
 }
 
 impl LineState {
-    /// Looks whether the cycle under way is late.
+    /// Looks whether the cycle under way is late; the first one that is late is reported.
     fn watch(&mut self, now: Time, max_answer: Duration) {
         let is_over = self.asked.is_some_and(|asked| now.since(asked) > max_answer);
         if is_over && !self.is_late && self.called == Some(LineCall::Cycle) {
             self.is_late = true;
             self.lost += 1;
+            if !std::mem::replace(&mut self.has_warned, true) {
+                self.news = Some(format!(
+                    "`read` and `command` of the driver took longer than {:.0} ms: the reading is lost, and the arm brakes; make them shorter, \
+                     and let no other code hold the interpreter's lock for so long",
+                    1e3 * max_answer.as_secs_f64()
+                ));
+            }
             if let Some(arm) = &mut self.arm {
                 arm.lose_reading();
             }

@@ -1,7 +1,7 @@
 //! The line to a driver in Python, as its thread uses it.
 
 use crate::arrays::{array, vector};
-use crate::callback_line::{CallbackAxis, CallbackLine, CallbackSpec, LineCall};
+use crate::callback_line::{CallbackAxis, CallbackLine, CallbackSpec, LineCall, LineReading};
 use crate::failure::Failure;
 use crate::intent::type_name;
 use crate::serve::in_words;
@@ -102,13 +102,15 @@ impl PyDriverLine {
             return Err(Failure::new("type", message, "return mobee.Sample(q)").at(place).into());
         }
         let remedy = format!("give ({n},): one number for each of axes, in their order");
-        let q = vector(&format!("{place}: q"), &sample.getattr("q")?, n, &remedy)?;
-        let external = sample.getattr("external")?;
-        let external = match external.is_none() {
-            true => Vec::new(),
-            false => vector(&format!("{place}: external"), &external, n, &remedy)?,
+        let numbers = |what: &str| {
+            let value = sample.getattr(what)?;
+            if value.is_none() && what != "q" {
+                return Ok(Vec::new());
+            }
+            vector(&format!("{place}: {what}"), &value, n, &remedy)
         };
-        let targets = line.reply(&q, &external).map_err(|what| {
+        let reading = LineReading { q: numbers("q")?, external: numbers("external")?, held: numbers("held")? };
+        let targets = line.reply(&reading).map_err(|what| {
             let (what, remedy) = what.split_once(": ").unwrap_or((&what, ""));
             PyErr::from(Failure::new("limits", what, remedy).at(place))
         })?;

@@ -272,7 +272,7 @@ def drivers(calls: int, seed: int) -> None:
 
     def sample() -> Any:
         q = lambda: numbers(rng, robot) if rng.random() < 0.7 else anything(rng, good)  # noqa: E731
-        return mobee.Sample(q(), rng.choice([None, q()])) if rng.random() < 0.9 else anything(rng, good)
+        return mobee.Sample(q(), rng.choice([None, q()]), rng.choice([None, q()])) if rng.random() < 0.9 else anything(rng, good)
 
     def seconds() -> Any:
         return rng.choice([0.01, 0.01, 0.01, anything(rng, good)])

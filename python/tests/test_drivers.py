@@ -86,10 +86,19 @@ def outcomes(run: mobee.Run) -> list[str]:
     return [event["outcome"] for event in run.journal.of("outcome")]
 
 
+def is_late(run: mobee.Run) -> bool:
+    """Whether a cycle was late: the machine was busy, or the driver was slow."""
+    return any("took longer than" in event["text"] for event in run.journal.of("warning"))
+
+
 def test_motions_commit_and_roll_back_by_the_wall_clock(file: File, tmp_path: Path) -> None:
-    motors = Motors()
-    # folded so far, the arm touches itself
-    run = mobee.run(file("ur5.xml"), agent=Goals(1.9, 2.9, 1.6), driver=motors, clock="real", for_s=30, out=tmp_path / "run")
+    for attempt in range(4):
+        motors = Motors()
+        # folded so far, the arm touches itself
+        agent = Goals(1.9, 2.9, 1.6)
+        run = mobee.run(file("ur5.xml"), agent=agent, driver=motors, clock="real", for_s=30, out=tmp_path / f"run-{attempt}")
+        if not is_late(run):
+            break
     assert outcomes(run) == ["committed", "rolled_back", "committed"] and run.check() and run.ok
     assert run.errors == [] and run.warnings == []
     assert abs(motors.q[ELBOW] - 1.6) < 1e-3
@@ -125,7 +134,7 @@ def test_an_exception_is_a_fault_of_the_board_and_the_driver_is_connected_again(
 def test_a_late_cycle_is_a_lost_reading_and_the_arm_brakes(file: File, tmp_path: Path) -> None:
     motors = Motors(sleeps(0.08))
     run = mobee.run(file("ur5.xml"), agent=Goals(0.5, 0.1), driver=motors, clock="real", for_s=20, out=tmp_path / "run")
-    assert outcomes(run) == ["rolled_back", "committed"] and run.check() and run.errors == []
+    assert outcomes(run) == ["rolled_back", "committed"] and run.check() and run.errors == [] and is_late(run)
     assert motors.greatest_step < 0.025
 
 
@@ -418,12 +427,15 @@ def so101() -> mobee.Robot:
 
 
 def test_a_guarded_follower_commits_and_rolls_back(so101: mobee.Robot, file: File, tmp_path: Path) -> None:
-    follower = FakeFollower()
-    arm = mobee.lerobot.Guarded(follower, so101)
     elbow = so101.joint_names.index("elbow_flex")
-    # with the elbow at 90 degrees the arm touches itself
-    agent = Goals(*np.radians([30.0, 90.0]), joint=elbow, speed=0.8)
-    run = mobee.run(file("so101.xml"), agent=agent, driver=arm, clock="real", for_s=20, out=tmp_path / "run")
+    for attempt in range(4):
+        follower = FakeFollower()
+        arm = mobee.lerobot.Guarded(follower, so101)
+        # with the elbow at 90 degrees the arm touches itself
+        agent = Goals(*np.radians([30.0, 90.0]), joint=elbow, speed=0.8)
+        run = mobee.run(file("so101.xml"), agent=agent, driver=arm, clock="real", for_s=20, out=tmp_path / f"run-{attempt}")
+        if not is_late(run):
+            break
     assert outcomes(run) == ["committed", "rolled_back"] and run.check()
     assert abs(follower.at["elbow_flex.pos"] - 30.0) < 0.3 and abs(follower.at["gripper.pos"] - 50.0) < 0.1
     farthest = arm._units.positions(np.array([list(action.values()) for action in follower.sent]))

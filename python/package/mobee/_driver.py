@@ -65,10 +65,14 @@ class Sample:
         Measured positions in the order of `Driver.axes`, rad or m.
     external : array (dof,), optional
         External torques, N m or N, positive in the direction in which they push the joint, without the weight that the arm compensates.
+    held : array (dof,), optional
+        The positions that the motors hold, rad or m, if the hardware can tell. The first `command` begins there: a motor that rests beside
+        its target under weight would sag if its measured position became the target.
     """
 
     q: ArrayLike
     external: ArrayLike | None = None
+    held: ArrayLike | None = None
 
 
 class Driver:

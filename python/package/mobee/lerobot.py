@@ -189,6 +189,7 @@ class Guarded(Driver):
             raise MobeeError("lerobot", what, "robot.config.disable_torque_on_disconnect", remedy)
         self._robot = robot
         self._connects = not robot.is_connected
+        self._is_sent = False
         names = list(model.joint_names)
         given = dict(axes or {})
         renamed = dict(motors or {})
@@ -224,10 +225,20 @@ class Guarded(Driver):
         except (KeyError, TypeError, ValueError) as e:
             what = f"the observation has no number for each joint: {type(e).__name__} {e}"
             raise MobeeError("lerobot", what, "robot.get_observation", f"its keys must be {', '.join(self._keys)}") from None
-        return Sample(self._units.positions(values))
+        return Sample(self._units.positions(values), held=None if self._is_sent else self._held())
+
+    def _held(self) -> NDArray[np.float64] | None:
+        """The goals of motors on a bus of LeRobot, before the first action."""
+        sync_read = getattr(getattr(self._robot, "bus", None), "sync_read", None)
+        if sync_read is None:
+            return None
+        goals = sync_read("Goal_Position")
+        values = np.array([float(goals[key.removesuffix(".pos")]) for key in self._keys])
+        return self._units.positions(values)
 
     def command(self, targets: NDArray[np.float64]) -> None:
         """An action of the follower."""
+        self._is_sent = True
         values = self._units.values(targets)
         self._robot.send_action(dict(zip(self._keys, values.tolist(), strict=True)))
 
