@@ -183,10 +183,15 @@ impl CallbackArm {
         self.unread = Some(Sample { seq: self.seq, at, q: q.into(), done, external, ..Sample::default() });
     }
 
-    /// A reading was lost: the trajectory brakes.
+    /// A cycle was late, and its reading is lost: the trajectory brakes.
     pub fn lose_reading(&mut self) {
         self.seq += 1;
         self.brake();
+    }
+
+    /// A reading was lost in time: the motors continue.
+    pub fn miss_reading(&mut self) {
+        self.seq += 1;
     }
 
     fn rests(&self, motor: usize) -> bool {

@@ -253,12 +253,12 @@ impl CallbackLine {
         }
     }
 
-    /// Takes a reading of the driver; returns the positions for its motors, rad or m in its own order, and whether they are to be stopped
+    /// Takes a reading of the driver, or none if it was lost; returns the positions for its motors, rad or m in its own order, and whether they are to be stopped
     /// afterwards.
     ///
     /// # Errors
     /// A joint that can't be driven where it is.
-    pub fn reply(&self, reading: &LineReading) -> Result<CycleTargets, String> {
+    pub fn reply(&self, reading: Option<&LineReading>) -> Result<CycleTargets, String> {
         let mut state = self.lock();
         let now = self.now();
         state.watch(now, self.max_answer());
@@ -266,7 +266,10 @@ impl CallbackLine {
         let LineState { arm: Some(arm), order, was_driven, .. } = &mut *state else {
             return Ok(CycleTargets::default());
         };
-        if let Some(asked) = asked.filter(|_| !is_late) {
+        if reading.is_none() {
+            arm.miss_reading();
+        }
+        if let Some((asked, reading)) = asked.filter(|_| !is_late).zip(reading) {
             let encoder = |values: &[f64]| -> Vec<f64> {
                 let each = order.iter().filter_map(|i| values.get(*i).zip(self.spec.axes.get(*i)));
                 each.map(|(value, axis)| axis.motion.encoder(*value)).collect()
@@ -523,7 +526,8 @@ impl CallbackHardware {
             Some(failure) => DriverFault::Hardware(failure.line.clone()),
             None if state.was_driven => DriverFault::Lost,
             None => DriverFault::Hardware(format!(
-                "the driver {class} gives no reading within {:.1} s; see whether its `connect` or `read` blocks, or raise its connect_s",
+                "the driver {class} gives no reading within {:.1} s; see whether its `connect` or `read` blocks or `read` returns None, or \
+                 raise its connect_s",
                 line.spec.patience.as_secs_f64()
             )),
         })

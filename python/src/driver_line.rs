@@ -91,15 +91,17 @@ impl PyDriverLine {
         })
     }
 
-    /// Passes a sample on: the positions for the motors, rad or m, or None while they are only read; and whether to stop them afterwards.
+    /// Passes a sample on, or None if it was lost: the positions for the motors, rad or m, or None while they are only read; and whether to stop them afterwards.
     fn reply<'py>(&self, py: Python<'py>, sample: &Bound<'py, PyAny>) -> PyResult<LineReply<'py>> {
         let line = self.own()?;
         let spec = &line.spec;
         let (place, n) = (format!("{}.read", spec.class), spec.axes.len());
         let [_, class] = classes(py)?;
-        if !sample.is_instance(class.bind(py))? {
+        if !sample.is_none() && !sample.is_instance(class.bind(py))? {
             let message = format!("read returned {}", type_name(sample));
-            return Err(Failure::new("type", message, "return mobee.Sample(q)").at(place).into());
+            return Err(Failure::new("type", message, "return mobee.Sample(q), or None for a reading that was lost")
+                .at(place)
+                .into());
         }
         let remedy = format!("give ({n},): one number for each of axes, in their order");
         let numbers = |what: &str| {
@@ -109,8 +111,11 @@ impl PyDriverLine {
             }
             vector(&format!("{place}: {what}"), &value, n, &remedy)
         };
-        let reading = LineReading { q: numbers("q")?, external: numbers("external")?, held: numbers("held")? };
-        let targets = line.reply(&reading).map_err(|what| {
+        let reading = match sample.is_none() {
+            true => None,
+            false => Some(LineReading { q: numbers("q")?, external: numbers("external")?, held: numbers("held")? }),
+        };
+        let targets = line.reply(reading.as_ref()).map_err(|what| {
             let (what, remedy) = what.split_once(": ").unwrap_or((&what, ""));
             PyErr::from(Failure::new("limits", what, remedy).at(place))
         })?;

@@ -52,7 +52,7 @@ class Motors(mobee.Driver):
     def connect(self) -> None:
         self.calls.append("connect")
 
-    def read(self) -> mobee.Sample:
+    def read(self) -> mobee.Sample | None:
         if self.fault is not None and abs(self.q[ELBOW]) > 0.15:
             fault, self.fault = self.fault, None
             sample: mobee.Sample = fault(self)
@@ -138,6 +138,20 @@ def test_a_late_cycle_is_a_lost_reading_and_the_arm_brakes(file: File, tmp_path:
     assert motors.greatest_step < 0.025
 
 
+def test_a_reading_that_is_lost_stops_nothing(file: File, tmp_path: Path) -> None:
+    class Loses(Motors):
+        count = 0
+
+        def read(self) -> mobee.Sample | None:
+            self.count += 1
+            return None if self.count % 4 == 3 else super().read()
+
+    run = mobee.run(file("ur5.xml"), agent=Goals(0.5), driver=Loses, clock="real", for_s=20, out=tmp_path / "run")
+    assert outcomes(run) == ["committed"] or is_late(run)
+    with pytest.raises(mobee.MobeeError, match="`read` returns None"):
+        mobee.run(file("ur5.xml"), agent=Goals(0.5), driver=type("Never", (Reads,), {"connect_s": 0.2})(None), clock="real")
+
+
 def test_a_stalled_driver_is_lost_and_makes_no_step_afterwards(file: File, tmp_path: Path) -> None:
     motors = Motors(sleeps(0.6))
     run = mobee.run(file("ur5.xml"), agent=Goals(0.5, 0.0), driver=motors, clock="real", for_s=20, out=tmp_path / "run")
@@ -155,7 +169,7 @@ class Reads(Motors):
         super().__init__()
         self.given = given
 
-    def read(self) -> mobee.Sample:
+    def read(self) -> mobee.Sample | None:
         sample: mobee.Sample = self.given
         return sample
 
@@ -166,7 +180,7 @@ class Hostile:
 
 
 BAD_SAMPLES: dict[str, tuple[Any, str]] = {
-    "nothing": (None, "read returned NoneType"),
+    "text alone": ("q", "read returned str"),
     "array": (np.zeros(6), "read returned ndarray"),
     "nan": (mobee.Sample([0, 0, np.nan, 0, 0, 0]), "number 2 is NaN"),
     "infinite": (mobee.Sample([0, 0, 0, -np.inf, 0, 0]), "number 3 is -inf"),
@@ -396,6 +410,7 @@ class FakeFollower:
         self.at = dict.fromkeys(self.action_features, 0.0) | {"gripper.pos": 50.0}
         self.calls: list[str] = []
         self.sent: list[dict[str, float]] = []
+        self.reads = 0
 
     @property
     def action_features(self) -> dict[str, type]:
@@ -408,6 +423,9 @@ class FakeFollower:
 
     def get_observation(self) -> dict[str, Any]:
         assert self.is_connected
+        self.reads += 1
+        if self.reads % 10 == 0:
+            raise ConnectionError("There is no status packet!")
         return {**self.at, "temperature": 30}
 
     def send_action(self, action: dict[str, float]) -> dict[str, float]:

@@ -107,8 +107,8 @@ class Driver:
     def connect(self) -> None:
         """Opens the hardware, and moves nothing. Called before the first `read`, and again after an exception."""
 
-    def read(self) -> Sample:
-        """Measures all motors. Called once in each period."""
+    def read(self) -> Sample | None:
+        """Measures all motors. Called once in each period. None: this reading was lost; the arm goes on, for 0.2 s at most."""
         raise NotImplementedError(f"{type(self).__name__} has no method `read`")
 
     def command(self, targets: NDArray[np.float64]) -> None:

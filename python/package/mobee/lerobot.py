@@ -189,7 +189,7 @@ class Guarded(Driver):
             raise MobeeError("lerobot", what, "robot.config.disable_torque_on_disconnect", remedy)
         self._robot = robot
         self._connects = not robot.is_connected
-        self._is_sent = False
+        self._is_calibrated = self._is_sent = False
         names = list(model.joint_names)
         given = dict(axes or {})
         renamed = dict(motors or {})
@@ -214,18 +214,26 @@ class Guarded(Driver):
         """Connects the follower, unless it is connected."""
         if not self._robot.is_connected:
             self._robot.connect(calibrate=False)
-        if not self._robot.is_calibrated:
+        # asked once: a disturbed bus would deny it
+        if not (self._is_calibrated or self._robot.is_calibrated):
             raise MobeeError("lerobot", "the follower is not calibrated", "robot", "calibrate it: lerobot-calibrate")
+        self._is_calibrated = True
 
-    def read(self) -> Sample:
-        """The follower's observation."""
-        seen = self._robot.get_observation()
+    def read(self) -> Sample | None:
+        """The follower's observation; None if its bus does not answer."""
+        try:
+            seen = self._robot.get_observation()
+            held = None if self._is_sent else self._held()
+        except ConnectionError:
+            if not self._robot.is_connected:
+                raise
+            return None
         try:
             values = np.array([float(seen[key]) for key in self._keys])
         except (KeyError, TypeError, ValueError) as e:
             what = f"the observation has no number for each joint: {type(e).__name__} {e}"
             raise MobeeError("lerobot", what, "robot.get_observation", f"its keys must be {', '.join(self._keys)}") from None
-        return Sample(self._units.positions(values), held=None if self._is_sent else self._held())
+        return Sample(self._units.positions(values), held=held)
 
     def _held(self) -> NDArray[np.float64] | None:
         """The goals of motors on a bus of LeRobot, before the first action."""
