@@ -241,8 +241,13 @@ impl CallbackArm {
             let holds = |target: &f64| (target - q).abs() <= axis.hold_error.max(RESUME_WITHIN);
             start.push(before.filter(holds).unwrap_or(*q));
         }
+        let modes = self.plant.modes();
         self.plant = Plant::new(self.axes.clone(), &start, Profile::MinimumJerk);
         self.path_time = Time::ZERO;
+        // a board outlives the loss of its readings, and a retreat continues in the modes that it set
+        for (motor, mode) in modes.into_iter().enumerate() {
+            self.plant.command(self.path_time, &Command::Mode { motors: vec![motor], mode }, Duration::ZERO)?;
+        }
         self.ticked = None;
         self.lease = None;
         self.ended.fill(None);

@@ -15,7 +15,7 @@ mod pose;
 use callback_arm::{CallbackArm, CycleTargets};
 use chain::Chain;
 use joints::{Beyond, JointTable};
-use mobee_contract::{Axis, Command, Move, Time};
+use mobee_contract::{Axis, Command, ControlMode, Move, Time};
 use mobee_model::{Robot, Scene, Skeleton, load_robot, parse_robot, random_poses};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::fmt::Write;
@@ -256,7 +256,9 @@ fn an_arm_outside_its_limits_is_not_driven_and_one_that_was_moved_resumes_where_
     for _ in 0..100 {
         arm.cycle(PERIOD);
     }
-    // it sags by two degrees, and resumes at its target
+    // it sags by two degrees, and resumes at its target and in its mode
+    let direct = Command::Mode { motors: vec![0], mode: ControlMode::PositionDirect };
+    arm.arm.command(arm.now, &direct).expect("a mode");
     arm.arm.release();
     arm.q -= 0.03;
     arm.cycle(PERIOD);
@@ -264,6 +266,7 @@ fn an_arm_outside_its_limits_is_not_driven_and_one_that_was_moved_resumes_where_
     arm.arm.lease(arm.now, arm.now + Duration::from_secs(1));
     arm.cycle(PERIOD);
     assert!((arm.q - 0.5).abs() < 1e-6);
+    assert_eq!(arm.arm.modes(), [ControlMode::PositionDirect]);
     // moved by hand, it resumes there
     arm.arm.release();
     arm.q = -0.5;

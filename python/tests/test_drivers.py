@@ -26,8 +26,9 @@ File = Callable[[str], Path]
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> File:
-    """A configuration of one robot without a driver."""
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> File:
+    """A configuration of one robot without a driver; runs are written beside it."""
+    monkeypatch.chdir(tmp_path)
 
     def write(robot: str) -> Path:
         path = tmp_path / "arm.toml"
