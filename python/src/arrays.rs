@@ -81,6 +81,25 @@ pub(crate) fn fixed<const N: usize>(
     <[f64; N]>::try_from(all).map_err(|e| changed(&e.to_string()))
 }
 
+/// A row of finite numbers.
+///
+/// # Errors
+/// Another shape or type, or numbers that are not finite.
+pub(crate) fn vector(what: &str, value: &Bound<'_, PyAny>, width: usize, remedy: &str) -> PyResult<Vec<f64>> {
+    let array = numbers(what, value)?;
+    if array.shape() != [width] {
+        let message = format!("it has shape {}", shape_text(array.shape()));
+        return Err(Failure::new("shape", message, remedy).at(what).into());
+    }
+    let view = array.try_readonly().map_err(|e| changed(&e.to_string()))?;
+    let all = view.as_slice().map_err(|e| changed(&e.to_string()))?.to_vec();
+    if let Some((i, x)) = all.iter().enumerate().find(|(_, x)| !x.is_finite()) {
+        let message = format!("number {i} is {x}");
+        return Err(Failure::new("not_finite", message, "give finite numbers").at(what).into());
+    }
+    Ok(all)
+}
+
 /// Rows of three numbers, at most `most` of them.
 ///
 /// # Errors

@@ -267,7 +267,8 @@ impl PyFollowing {
             margin: 0.0,
         };
         let account = Some(robot.clone());
-        let request = RunRequest { origin, out, agents, account, only_virtual: false, follow: Some(settings) };
+        let drivers = BTreeMap::new();
+        let request = RunRequest { origin, out, agents, drivers, account, only_virtual: false, follow: Some(settings) };
         let session = background(py, None, move |_, _| Session::start(request))?;
         let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
         let (line, book) = session.line.clone().zip(session.book.clone()).ok_or_else(internal)?;

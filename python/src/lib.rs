@@ -1,19 +1,25 @@
-//! The Python package `mobee`: models, kinematics, collision queries, certified edges, runs with agents in Python, environments.
+//! The Python package `mobee`: models, kinematics, collision queries, certified edges, runs with agents and drivers in Python,
+//! environments.
 //!
 //! ```text
 //! Python ──arrays, place──> checked numbers ──joints──> rad of encoder ──> model, fast engine ──> results ──> Python
 //! run on a thread of its own ──relay──Question──> session ──serve──> agent in Python ──intent──> Reply ──> run
 //! policy in Python ──following──set-point──> follow, a service of the run ──stream──> run
+//! driver actor ──callback_line──> positions ──driver_line──> driver in Python ──sample──> callback_line ──> driver actor
 //! ```
 //!
-//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`; `relay`, `session`, `slots`, `motion_book`, `follow`) never name the
-//! interpreter: a run has no thread that waits for its lock. Of these the first five are tested by `tests/`, all others by pytest. No call panics, whatever
+//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`; `relay`, `session`, `slots`, `motion_book`, `follow`, `callback_arm`,
+//! `callback_line`) never name the interpreter: a run has no thread that waits for its lock. Of these the first five are tested by `tests/`, all others by pytest. No call panics, whatever
 //! its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
 //!
 //! Units toward Python: radians, or meters for prismatic joints; the model counts "rad of encoder" (`mobee_model::Motor`).
 
 mod arrays;
+mod callback_arm;
+mod callback_line;
 mod chain;
+mod conform;
+mod driver_line;
 mod failure;
 mod follow;
 mod following;
@@ -45,6 +51,10 @@ use pyo3::prelude::*;
 /// The compiled part of `mobee`.
 #[pymodule]
 mod _native {
+    #[pymodule_export]
+    use crate::conform::{keep_promise, promises};
+    #[pymodule_export]
+    use crate::driver_line::PyDriverLine;
     #[pymodule_export]
     use crate::following::PyFollowing;
     #[pymodule_export]

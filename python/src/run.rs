@@ -1,5 +1,6 @@
 //! `mobee.run`, `mobee.replay` and the journal of a run.
 
+use crate::driver_line::drivers_of;
 use crate::failure::Failure;
 use crate::relay::RunMessage;
 use crate::serve::PyAgents;
@@ -51,11 +52,12 @@ type RunParts = (PathBuf, String, bool, Vec<String>, Option<u64>, Option<String>
 
 /// Runs a file, or replays a folder; calls agents in this thread.
 #[pyfunction]
-#[pyo3(signature = (path, agents, *, set, out, replay))]
+#[pyo3(signature = (path, agents, drivers, *, set, out, replay))]
 pub(crate) fn conduct(
     py: Python<'_>,
     path: PathBuf,
     agents: &Bound<'_, PyDict>,
+    drivers: &Bound<'_, PyDict>,
     set: Vec<String>,
     out: Option<PathBuf>,
     replay: bool,
@@ -63,8 +65,9 @@ pub(crate) fn conduct(
     let _nested = Nested::enter()?;
     let mut agents = PyAgents::read(agents)?;
     let origin = if replay { RunOrigin::Replay(path) } else { RunOrigin::File { file: path, set } };
+    let drivers = drivers_of(drivers)?;
     let request =
-        RunRequest { origin, out, agents: agents.classes(), account: None, only_virtual: false, follow: None };
+        RunRequest { origin, out, agents: agents.classes(), drivers, account: None, only_virtual: false, follow: None };
     let session = background(py, None, move |_, _| Session::start(request))?;
     let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
     let mut interrupted: Option<PyErr> = None;

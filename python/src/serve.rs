@@ -51,12 +51,7 @@ impl PyAgents {
                 let what = format!("the agent of {name} is {}", type_name(&given));
                 return Err(wrong(what, "give an object of a class that derives from mobee.Agent, or such a class"));
             }
-            let class = match given.cast::<PyType>() {
-                Ok(class) => class.clone(),
-                Err(_) => given.get_type(),
-            };
-            let module: String = class.getattr("__module__").and_then(|m| m.extract()).unwrap_or_default();
-            let class = format!("{module}.{}", class.qualname().map(|n| n.to_string()).unwrap_or_default());
+            let class = class_name(&given);
             all.insert(name, Given { given: given.unbind(), is_maker, class, instance: None });
         }
         if all.len() > MAX_AGENTS {
@@ -145,8 +140,18 @@ impl Given {
     }
 }
 
+/// The name of a class, or of an object's class, with its module.
+pub(crate) fn class_name(given: &Bound<'_, PyAny>) -> String {
+    let class = match given.cast::<PyType>() {
+        Ok(class) => class.clone(),
+        Err(_) => given.get_type(),
+    };
+    let module: String = class.getattr("__module__").and_then(|m| m.extract()).unwrap_or_default();
+    format!("{module}.{}", class.qualname().map(|n| n.to_string()).unwrap_or_default())
+}
+
 /// An exception with its traceback, without addresses in memory, which differ from run to run.
-fn in_words(py: Python<'_>, e: &PyErr) -> String {
+pub(crate) fn in_words(py: Python<'_>, e: &PyErr) -> String {
     let words = || {
         let parts = (e.get_type(py), e.value(py), e.traceback(py));
         let lines: Vec<String> = py.import("traceback")?.call_method1("format_exception", parts)?.extract()?;

@@ -1,10 +1,11 @@
 //! A run on a thread of its own, and the messages between it and Python. No Python here.
 
+use crate::callback_line::CallbackLine;
 use crate::failure::Failure;
 use crate::follow::{FollowLine, FollowService, FollowSettings};
 use crate::motion_book::MotionBook;
 use crate::relay::{RelayAgent, RelayLine, RunMessage};
-use crate::slots::with_passed;
+use crate::slots::{PassedParts, with_passed};
 use crate::wait::Cancelled;
 use mobee::compose::{Composition, from_source};
 use mobee::config::{ClockMode, Complaints, ConfigError, Source};
@@ -15,7 +16,7 @@ use mobee_actors::record::tap::SinkSpec;
 use mobee_actors::system::Control;
 use mobee_contract::Agent;
 use mobee_model::Scene;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -46,6 +47,8 @@ pub(crate) struct RunRequest {
     pub out: Option<PathBuf>,
     /// Robots with an agent in Python, each with the name of its class.
     pub agents: BTreeMap<String, String>,
+    /// Drivers in Python, by robot.
+    pub drivers: BTreeMap<String, Arc<CallbackLine>>,
     /// Robot for which a [`MotionBook`] is written.
     pub account: Option<String>,
     /// Refuses real clocks.
@@ -98,10 +101,13 @@ impl Session {
     /// # Errors
     /// All that is wrong with the configuration; nothing runs then.
     pub fn start(request: RunRequest) -> Result<Self, Failure> {
-        let RunRequest { origin, out, agents, account, only_virtual, follow } = request;
-        let passed: BTreeSet<String> = agents.keys().cloned().collect();
+        let RunRequest { origin, out, agents, drivers, account, only_virtual, follow } = request;
+        let passed = PassedParts { agents: agents.keys().cloned().collect(), drivers };
         let (mut composition, recorded) = match origin {
-            RunOrigin::File { file, set } => (with_passed(&passed, || from_file(&file, &set, &agents))?, None),
+            RunOrigin::File { file, set } => {
+                let source = source(&file, &set, &agents, &passed)?;
+                (with_passed(&passed, || from_source(&source))?, None)
+            }
             RunOrigin::Replay(folder) => {
                 let recorded = RecordedRun::open(&folder).map_err(of_report)?;
                 let composition = with_passed(&passed, || recorded.compose()).map_err(of_report)?;
@@ -115,7 +121,7 @@ impl Session {
         }
         let (questions, messages) = sync_channel(MAX_MESSAGES);
         let cancelled = Cancelled::default();
-        for robot in composition.robots.iter_mut().filter(|robot| passed.contains(&robot.name)) {
+        for robot in composition.robots.iter_mut().filter(|robot| passed.agents.contains(&robot.name)) {
             let line = RelayLine::new(questions.clone(), cancelled.clone(), real);
             robot.agent = Some(Arc::new(move || Ok(Box::new(RelayAgent::new(&line)) as Box<dyn Agent>)));
         }
@@ -242,17 +248,29 @@ pub(crate) fn scene_of(origin: &RunOrigin, agents: &BTreeMap<String, String>) ->
     let RunOrigin::File { file, set } = origin else {
         return Err(Failure::new("file", "this is the folder of a run", "give a configuration file"));
     };
-    let passed = agents.keys().cloned().collect();
-    Ok(with_passed(&passed, || from_file(file, set, agents))?.scene)
+    let passed = PassedParts { agents: agents.keys().cloned().collect(), drivers: BTreeMap::new() };
+    let source = source(file, set, agents, &passed)?;
+    Ok(with_passed(&passed, || from_source(&source))?.scene)
 }
 
-fn from_file(file: &Path, set: &[String], agents: &BTreeMap<String, String>) -> Result<Composition, Failure> {
+/// A configuration file with the parts in Python in place of its own.
+fn source(
+    file: &Path,
+    set: &[String],
+    agents: &BTreeMap<String, String>,
+    passed: &PassedParts,
+) -> Result<Source, Failure> {
     let mut source = Source::load(file, set)?;
-    for (robot, class) in agents {
+    let drivers = passed.drivers.iter().map(|(robot, line)| (robot, "driver", &line.spec.class));
+    for (robot, role, class) in agents.iter().map(|(robot, class)| (robot, "agent", class)).chain(drivers) {
         let class = serde_json::Value::String(class.clone());
-        source.set(&format!("robot.{robot}.agent={{ kind = \"{PYTHON}\", class = {class} }}"))?;
+        source.set(&format!("robot.{robot}.{role}={{ kind = \"{PYTHON}\", class = {class} }}"))?;
     }
-    Ok(from_source(&source)?)
+    if !passed.drivers.is_empty() && source.value.get("clock").and_then(serde_json::Value::as_str) != Some("real") {
+        let what = "a driver in Python runs by the wall clock, and this file's clock is virtual";
+        return Err(Failure::new("clock", what, "pass clock=\"real\"").at("clock"));
+    }
+    Ok(source)
 }
 
 impl From<ConfigError> for Failure {

@@ -157,14 +157,9 @@ impl PySteps {
     ) -> PyResult<Self> {
         let agents = BTreeMap::from([(robot.clone(), class_)]);
         let origin = RunOrigin::File { file: path, set };
-        let request = RunRequest {
-            origin,
-            out: Some(out),
-            agents,
-            account: Some(robot.clone()),
-            only_virtual: true,
-            follow: None,
-        };
+        let account = Some(robot.clone());
+        let drivers = BTreeMap::new();
+        let request = RunRequest { origin, out: Some(out), agents, drivers, account, only_virtual: true, follow: None };
         let session = background(py, None, move |_, _| Session::start(request))?;
         let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
         let mut inner = StepsState { state: StepPhase::Moving, session: Some(session), robots, robot, folder: None };

@@ -1,6 +1,7 @@
 """Random calls with hostile arguments: `python fuzz.py CALLS SEED`. Prints what became of them.
 
 `python fuzz.py agents RUNS SEED`: runs whose agents give hostile answers.
+`python fuzz.py drivers CALLS SEED`: drivers with hostile descriptions and readings.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import collections
 import random
 import sys
 import tempfile
+import threading
 import warnings
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ from typing import Any
 import numpy as np
 
 import mobee
+import mobee.conformance
+from mobee._native import DriverLine, keep_promise
 
 ROBOTS = Path(__file__).parents[2] / "configs/robots"
 EXPECTED = (mobee.MobeeError, TypeError, OverflowError)
@@ -252,8 +256,55 @@ def agents(runs: int, seed: int) -> None:
     print(f"{runs} runs:", dict(outcomes.most_common()))
 
 
+def drivers(calls: int, seed: int) -> None:
+    rng = random.Random(seed)
+    robot = mobee.load(ROBOTS / "ur5.xml")
+    outcomes: collections.Counter[str] = collections.Counter()
+    good = [mobee.Axis(name, lower=-1.0, upper=1.0) for name in robot.joint_names]
+    # a board under test, whose driver is this thread
+    driven = DriverLine("Driven", good, period=0.002, latency=0.04, connect_s=0.1)
+    for promise in mobee.conformance.PROMISES[:1]:
+        threading.Thread(target=keep_promise, args=(driven, promise), daemon=True).start()
+
+    def axis() -> mobee.Axis:
+        odd = lambda value: value if rng.random() < 0.8 else anything(rng, good)  # noqa: E731
+        return mobee.Axis(odd("a"), *(odd(1.0) for _ in range(4)), odd("rad"), *(odd(0.1) for _ in range(3)))
+
+    def sample() -> Any:
+        q = lambda: numbers(rng, robot) if rng.random() < 0.7 else anything(rng, good)  # noqa: E731
+        return mobee.Sample(q(), rng.choice([None, q()]), rng.choice([None, q()])) if rng.random() < 0.9 else anything(rng, good)
+
+    def seconds() -> Any:
+        return rng.choice([0.01, 0.01, 0.01, anything(rng, good)])
+
+    calls_of = {
+        "describe": lambda: DriverLine(
+            "Arm",
+            rng.choice([[axis() for _ in range(rng.randrange(4))], anything(rng, good), Sly(good)]),
+            period=seconds(),
+            latency=seconds(),
+            connect_s=seconds(),
+        ),
+        "reply": lambda: driven.reply(sample()),
+        "extreme": lambda: driven.reply(mobee.Sample([rng.choice([0.0, 1e300, -1e308, 5e-324]) for _ in good])),
+        "fail": lambda: driven.fail(rng.choice([Raises(), OSError(Raises()), KeyboardInterrupt(), None])),
+        "wait": lambda: driven.wait() if rng.random() < 0.1 else None,
+    }
+    for _ in range(calls):
+        kind = rng.choice(list(calls_of))
+        try:
+            calls_of[kind]()
+            outcomes[f"{kind}: fine"] += 1
+        except Exception as e:
+            outcomes[f"{kind}: {type(e).__name__}"] += 1
+    driven.end()
+    print(f"{calls} calls:", dict(outcomes.most_common()))
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "agents":
         agents(int(sys.argv[2]), int(sys.argv[3]))
+    elif sys.argv[1] == "drivers":
+        drivers(int(sys.argv[2]), int(sys.argv[3]))
     else:
         main(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,6 +1,8 @@
 //! What needs no Python, and the table of verdicts that pytest compares with.
 #![allow(dead_code)] // of each file only a part is tested here
 
+#[path = "../src/callback_arm.rs"]
+mod callback_arm;
 #[path = "../src/chain.rs"]
 mod chain;
 #[path = "../src/failure.rs"]
@@ -10,12 +12,15 @@ mod joints;
 #[path = "../src/pose.rs"]
 mod pose;
 
+use callback_arm::{CallbackArm, CycleTargets};
 use chain::Chain;
 use joints::{Beyond, JointTable};
+use mobee_contract::{Axis, Command, ControlMode, Move, Time};
 use mobee_model::{Robot, Scene, Skeleton, load_robot, parse_robot, random_poses};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::fmt::Write;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// One joint that slides 0 to 200 mm, one that turns -90 to 90 degrees.
 fn arm() -> Robot {
@@ -154,4 +159,131 @@ fn the_table_of_verdicts_is_the_engines() {
     }
     let kept = std::fs::read_to_string(path).expect("the table");
     assert!(kept.lines().eq(table.lines()), "the engine's verdicts changed: MOBEE_WRITE=1 writes them anew");
+}
+
+const PERIOD: Duration = Duration::from_millis(10);
+
+/// An arm of one joint, in cycles in which its motor is where it is sent.
+struct Cycles {
+    arm: CallbackArm,
+    now: Time,
+    q: f64,
+}
+
+impl Cycles {
+    /// Driven, at rest at zero, with a lease.
+    fn new() -> Cycles {
+        let axis = Axis { min: -2.0, max: 2.0, max_speed: 1.0, max_acceleration: 10.0, ..Axis::default() };
+        let mut arm = CallbackArm::new(vec![axis], PERIOD);
+        let now = Time::from_secs(1.0);
+        arm.take_reading(now, vec![0.0], Vec::new());
+        assert_eq!(arm.tick(now), CycleTargets::default(), "it is only read");
+        arm.take_over(&[]).expect("it is within its limits");
+        arm.lease(now, now + Duration::from_secs(60));
+        Cycles { arm, now, q: 0.0 }
+    }
+
+    fn move_to(&mut self, q: f64) {
+        let to = Move { motors: vec![0], q: vec![q], relative: false, speed: Some(vec![1.0]), acceleration: None };
+        self.arm.command(self.now, &Command::Move(to)).expect("a move under a lease");
+    }
+
+    /// One cycle, so long after the last; the distance of its step, and whether the motor is to be stopped.
+    fn cycle(&mut self, after: Duration) -> (f64, bool) {
+        self.now = self.now + after;
+        self.arm.take_reading(self.now, vec![self.q], Vec::new());
+        let targets = self.arm.tick(self.now);
+        let q = targets.q.map_or(self.q, |q| q[0]);
+        let step = q - self.q;
+        self.q = q;
+        (step, targets.stop)
+    }
+}
+
+#[test]
+fn a_late_cycle_makes_no_step() {
+    let mut arm = Cycles::new();
+    arm.move_to(1.0);
+    for _ in 0..40 {
+        arm.cycle(PERIOD);
+    }
+    let (usual, _) = arm.cycle(PERIOD);
+    let (late, _) = arm.cycle(100 * PERIOD);
+    assert!(usual > 0.003 && late <= 2.0 * 0.0101, "{usual} {late}");
+}
+
+#[test]
+fn a_lost_reading_brakes_and_the_next_motion_begins_from_there() {
+    let mut arm = Cycles::new();
+    arm.move_to(1.0);
+    for _ in 0..40 {
+        arm.cycle(PERIOD);
+    }
+    arm.arm.lose_reading();
+    let at = arm.q;
+    for _ in 0..100 {
+        arm.cycle(PERIOD);
+    }
+    // 1 rad/s at 10 rad/s^2
+    assert!(arm.q > at && arm.q < at + 0.06, "it went on from {at} to {}", arm.q);
+    assert!(arm.arm.take_sample().expect("a sample").done[0]);
+    arm.move_to(0.0);
+    for _ in 0..300 {
+        arm.cycle(PERIOD);
+    }
+    assert!(arm.q.abs() < 1e-6);
+}
+
+#[test]
+fn an_arm_without_a_lease_brakes_and_its_motors_are_stopped_once() {
+    let mut arm = Cycles::new();
+    arm.move_to(1.0);
+    for _ in 0..40 {
+        arm.cycle(PERIOD);
+    }
+    arm.arm.lease(arm.now, Time::ZERO);
+    let stops: Vec<bool> = (0..100).map(|_| arm.cycle(PERIOD).1).collect();
+    assert_eq!(stops.iter().filter(|stop| **stop).count(), 1);
+    assert!(arm.q < 0.6 && arm.arm.is_at_rest());
+    let to = Move { motors: vec![0], q: vec![1.0], relative: false, speed: None, acceleration: None };
+    assert!(arm.arm.command(arm.now, &Command::Move(to)).is_err());
+}
+
+#[test]
+fn an_arm_outside_its_limits_is_not_driven_and_one_that_was_moved_resumes_where_it_is() {
+    let mut arm = Cycles::new();
+    arm.move_to(0.5);
+    for _ in 0..100 {
+        arm.cycle(PERIOD);
+    }
+    // it sags by two degrees, and resumes at its target and in its mode
+    let direct = Command::Mode { motors: vec![0], mode: ControlMode::PositionDirect };
+    arm.arm.command(arm.now, &direct).expect("a mode");
+    arm.arm.release();
+    arm.q -= 0.03;
+    arm.cycle(PERIOD);
+    arm.arm.take_over(&[]).expect("within its limits");
+    arm.arm.lease(arm.now, arm.now + Duration::from_secs(1));
+    arm.cycle(PERIOD);
+    assert!((arm.q - 0.5).abs() < 1e-6);
+    assert_eq!(arm.arm.modes(), [ControlMode::PositionDirect]);
+    // moved by hand, it resumes there
+    arm.arm.release();
+    arm.q = -0.5;
+    arm.cycle(PERIOD);
+    arm.arm.take_over(&[]).expect("within its limits");
+    arm.arm.lease(arm.now, arm.now + Duration::from_secs(1));
+    arm.cycle(PERIOD);
+    assert!((arm.q + 0.5).abs() < 1e-6);
+    // its hardware holds another position than it measures
+    arm.arm.release();
+    arm.cycle(PERIOD);
+    arm.arm.take_over(&[-0.47]).expect("within its limits");
+    arm.arm.lease(arm.now, arm.now + Duration::from_secs(1));
+    arm.cycle(PERIOD);
+    assert!((arm.q + 0.47).abs() < 1e-6);
+    arm.arm.release();
+    arm.q = 2.1;
+    arm.cycle(PERIOD);
+    assert!(arm.arm.take_over(&[]).expect_err("outside").contains("outside its limits"));
 }

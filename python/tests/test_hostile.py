@@ -23,3 +23,10 @@ def test_no_answer_of_an_agent_aborts(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, f"{done.returncode}: {done.stderr[-2000:]}"
     assert f"{RUNS} runs" in done.stdout
+
+
+def test_no_driver_aborts(tmp_path: Path) -> None:
+    program = Path(__file__).with_name("fuzz.py")
+    done = subprocess.run([sys.executable, str(program), "drivers", "3000", "1"], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, f"{done.returncode}: {done.stderr[-2000:]}"
+    assert "3000 calls" in done.stdout and "reply: fine" in done.stdout

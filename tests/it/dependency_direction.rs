@@ -22,7 +22,19 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-controller", &["mobee-contract", "mobee-model"]),
     ("mobee-actors", &["mobee-contract", "mobee-controller", "mobee-model"]),
     ("mobee-recorder", &["mobee-contract", "mobee-model"]),
-    ("mobee-python", &["mobee", "mobee-actors", "mobee-behaviors", "mobee-contract", "mobee-fast", "mobee-model"]),
+    (
+        "mobee-python",
+        &[
+            "mobee",
+            "mobee-actors",
+            "mobee-behaviors",
+            "mobee-conformance",
+            "mobee-contract",
+            "mobee-drivers",
+            "mobee-fast",
+            "mobee-model",
+        ],
+    ),
     // as a crate outside of this repository
     ("my_arm", &["mobee", "mobee-contract", "mobee-drivers"]),
     (

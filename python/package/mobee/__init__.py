@@ -1,4 +1,4 @@
-"""Robot models, kinematics, collision queries, certified edges, and runs with agents in Python.
+"""Robot models, kinematics, collision queries, certified edges, and runs with agents and drivers in Python.
 
     import mobee
 
@@ -24,6 +24,7 @@ Errors are `MobeeError`; arguments of another type than stated are `TypeError` o
 """
 
 from ._agent import Agent, Done, MoveTo, Stop, Stream, Wait
+from ._driver import Axis, Driver, Sample
 from ._error import MobeeError
 from ._follow import Chunk, Follow
 from ._native import (
@@ -52,6 +53,7 @@ from ._run import Event, Journal, MobeeWarning, Run, Verdict, Violation, replay,
 
 __all__ = [
     "Agent",
+    "Axis",
     "Blocked",
     "Box",
     "Capsule",
@@ -59,6 +61,7 @@ __all__ = [
     "Contact",
     "Cylinder",
     "Done",
+    "Driver",
     "Event",
     "Follow",
     "Free",
@@ -73,6 +76,7 @@ __all__ = [
     "Plan",
     "Robot",
     "Run",
+    "Sample",
     "Scene",
     "Shape",
     "Sphere",

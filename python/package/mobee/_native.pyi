@@ -17,6 +17,7 @@ __all__ = [
     "Capsule",
     "Contact",
     "Cylinder",
+    "DriverLine",
     "Following",
     "Free",
     "Hull",
@@ -36,7 +37,9 @@ __all__ = [
     "WorldObject",
     "check_run",
     "conduct",
+    "keep_promise",
     "load",
+    "promises",
     "robots_of",
 ]
 
@@ -319,6 +322,7 @@ class WorldObject:
 def conduct(
     path: PathLike[str],
     agents: dict[str, Any],
+    drivers: dict[str, DriverLine],
     *,
     set: list[str],
     out: PathLike[str] | None,
@@ -334,6 +338,20 @@ class JournalLines:
     def __iter__(self) -> JournalLines: ...
     def __next__(self) -> tuple[int, float, str]: ...
 
+@final
+class DriverLine:
+    def __new__(
+        cls, class_: str, axes: Sequence[object], *, period: float, latency: float, connect_s: float
+    ) -> DriverLine: ...
+    def wait(self) -> Literal["connect", "cycle", "again"] | None: ...
+    def reply(self, sample: object) -> tuple[NDArray[np.float64] | None, bool]: ...
+    def fail(self, error: BaseException) -> None: ...
+    def end(self) -> None: ...
+    def leave(self) -> None: ...
+    def cycles(self) -> tuple[int, int, float, float, float]: ...
+
+def promises() -> list[str]: ...
+def keep_promise(line: DriverLine, promise: str) -> tuple[str | None, float]: ...
 @final
 class Steps:
     def __new__(

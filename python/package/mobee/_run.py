@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ._agent import Agent
+from ._driver import Driver, DriverLike, serving
 from ._error import MobeeError
 from ._native import JournalLines, check_run, conduct, robots_of
 
 # 1 mm of a joint that slides counts as 1 degree of its encoder
 _ENCODER_PER_M = 1000.0 * 0.017453292519943295
+_TRACEBACK = "Traceback (most recent call last)"
 _POSES = ("q", "target", "safe")
 
 
@@ -219,8 +221,10 @@ class Run:
 
     @property
     def errors(self) -> list[str]:
-        """Tracebacks of agents that died, and the reasons of other actors' deaths, in order."""
-        return [str(event["reason"]) for event in self.journal.of("died")]
+        """Tracebacks of agents that died and of drivers that failed, and the reasons of other actors' deaths, in order."""
+        died = [(event.n, str(event["reason"])) for event in self.journal.of("died")]
+        failed = [(event.n, str(event["text"])) for event in self.journal.of("warning") if _TRACEBACK in str(event["text"])]
+        return [text for _, text in sorted(died + failed)]
 
     def check(self) -> Verdict:
         """Checks the journal's hashes and the invariants, as ``mobee check``."""
@@ -239,6 +243,11 @@ def run(
     *,
     agent: Agent | type[Agent] | Callable[[], Agent] | None = None,
     agents: Mapping[str, Agent | type[Agent] | Callable[[], Agent]] | None = None,
+    driver: Driver
+    | type[Driver]
+    | Callable[[], Driver]
+    | Mapping[str, Driver | type[Driver] | Callable[[], Driver]]
+    | None = None,
     seed: int | None = None,
     clock: Literal["virtual", "real"] | None = None,
     for_s: float | None = None,
@@ -257,6 +266,8 @@ def run(
         object is called again.
     agents : dict from robot to agent
         The same for several robots. Robots that are not named have the agents of the file.
+    driver : Driver, class or function without arguments that makes one, or dict from robot to these
+        In place of the file's driver. Needs ``clock="real"``.
     seed : int, optional
         Seed of all randomness; ``view.seed`` follows from it.
     clock : "virtual" or "real", optional
@@ -284,7 +295,7 @@ def run(
         folder, for ``Run``.
     """
     assignments = _assignments(seed, clock, for_s, set, record)
-    return _conduct(Path(fspath(file)), agent, agents, assignments, out, replay=False)
+    return _conduct(Path(fspath(file)), agent, agents, driver, assignments, out, replay=False)
 
 
 def _assignments(seed: Any, clock: Any, for_s: Any, set: Sequence[str], record: bool) -> list[str]:
@@ -324,13 +335,14 @@ def replay(
     Run
         ``equal`` is the number of equal events; ``difference`` the first difference, if there is one.
     """
-    return _conduct(Path(fspath(folder)), agent, agents, [], out, replay=True)
+    return _conduct(Path(fspath(folder)), agent, agents, None, [], out, replay=True)
 
 
 def _conduct(
     path: Path,
     agent: _AgentLike | None,
     agents: Mapping[str, _AgentLike] | None,
+    driver: DriverLike | Mapping[str, DriverLike] | None,
     assignments: list[str],
     out: str | PathLike[str] | None,
     replay: bool,
@@ -339,13 +351,23 @@ def _conduct(
     if agent is not None:
         if agents is not None:
             raise MobeeError("twice", "both agent and agents are given", "agent", "give one of the two")
-        given = {_only_robot(path, assignments, replay): agent}
-    parts = conduct(path, given, set=assignments, out=None if out is None else Path(fspath(out)), replay=replay)
+        given = {_only_robot(path, assignments, replay, "agent", "agents={...}"): agent}
+    drivers: dict[str, Any] = {}
+    if isinstance(driver, Mapping):
+        drivers = dict(zip(_texts("driver", driver), driver.values(), strict=True))
+    elif driver is not None:
+        drivers = {_only_robot(path, assignments, replay, "driver", "driver={...}"): driver}
+    folder_of_run = None if out is None else Path(fspath(out))
+    with serving(drivers) as lines:
+        parts = conduct(path, given, lines, set=assignments, out=folder_of_run, replay=replay)
     folder, summary, _, notes, equal, difference = parts
     done = Run(folder)
     done.summary, done.warnings, done.equal, done.difference = json.loads(summary), notes, equal, difference
     for note in notes:
         warnings.warn(note, MobeeWarning, stacklevel=3)
+    for event in done.journal.of("warning") if drivers else []:
+        if _TRACEBACK in (text := str(event["text"])):
+            warnings.warn(f"a driver failed at {event.at:.3f} s: {_last(text)} (its traceback: Run.errors)", MobeeWarning, stacklevel=3)
     if given:
         for event in done.journal.of("died"):
             if any(event["actor"] == f"{robot}/agent" for robot in given):
@@ -361,12 +383,11 @@ def _last(reason: str) -> str:
     return lines[-1] if lines else reason
 
 
-def _only_robot(path: Path, assignments: list[str], replay: bool) -> str:
+def _only_robot(path: Path, assignments: list[str], replay: bool, what: str, remedy: str) -> str:
     robots = robots_of(path, set=assignments, replay=replay)
     if len(robots) != 1:
         names = ", ".join(robots) or "none"
-        remedy = "name the robot: agents={...}"
-        raise MobeeError("robots", f"the robots of this file are {names}", "agent", remedy)
+        raise MobeeError("robots", f"the robots of this file are {names}", what, f"name the robot: {remedy}")
     return robots[0]
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from ._error import MobeeError
 from ._native import Robot, Scene, World, load
+from .lerobot import JointUnits
 
 # a measured position exceeds a limit by noise: of the range of the joint
 _LIMIT_TOLERANCE = 0.01
@@ -54,12 +55,11 @@ def audit(
         code ``dataset`` or ``joints``: a file or column that can't be read, or that does not fit the robot; ``unit``:
         most frames are beyond the limits.
     """
-    if unit not in ("degrees", "range"):
-        raise MobeeError("unit", f"there is no unit {unit!r}", "unit", "give degrees or range")
+    units = JointUnits(robot, unit, percent)
     if not 0.0 <= margin < 10.0:
         raise MobeeError("bounds", f"margin is {margin}", "margin", "give m, from 0 to below 10")
     names, frames = _names(dataset, column)
-    order = _order(names, robot, percent)
+    order = _order(names, robot)
     scene = Scene(robot, world)
     report: dict[str, Any] = {"frames": 0, "contact": 0, "near": 0, "beyond_limits": 0, "margin_m": margin, "pairs": {}, "episodes": {}}
     files = sorted(dataset.glob("data/*/*.parquet"))
@@ -67,7 +67,7 @@ def audit(
         raise MobeeError("dataset", "there is no data/*/*.parquet", str(dataset), "give the folder of a LeRobotDataset v3")
     for file in files:
         given, episodes = _read(file, column, len(names))
-        q = _positions(given[:, order], robot, unit, percent)
+        q = units.positions(given[:, order])
         tolerance = _LIMIT_TOLERANCE * (robot.upper - robot.lower)
         beyond = ((q < robot.lower - tolerance) | (q > robot.upper + tolerance)).any(axis=1)
         report["beyond_limits"] += int(beyond.sum())
@@ -116,10 +116,7 @@ def _names(dataset: Path, column: str) -> tuple[list[str], int]:
     return [name.removesuffix(".pos") for name in names], frames
 
 
-def _order(names: list[str], robot: Robot, percent: Sequence[str]) -> list[int]:
-    for name in percent:
-        if name not in robot.joint_names:
-            raise MobeeError("joints", f"the robot has no joint {name!r}", "percent", f"give some of {', '.join(robot.joint_names)}")
+def _order(names: list[str], robot: Robot) -> list[int]:
     if sorted(names) != sorted(robot.joint_names):
         what = f"the dataset has {', '.join(names)}; the robot has {', '.join(robot.joint_names)}"
         raise MobeeError("joints", what, "features.names", "give the dataset's robot; names must be equal")
@@ -143,18 +140,6 @@ def _read(file: Path, column: str, width: int) -> tuple[Any, list[int]]:
         row = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
         raise MobeeError("dataset", f"row {row} of {column} is not finite", str(file), "remove its episode")
     return given, episodes
-
-
-def _positions(given: Any, robot: Robot, unit: str, percent: Sequence[str]) -> Any:
-    """To rad and m."""
-    q = np.empty_like(given)
-    for i, (name, angle) in enumerate(zip(robot.joint_names, robot.units, strict=True)):
-        share = given[:, i] / 100.0 if name in percent else (given[:, i] + 100.0) / 200.0
-        if name in percent or unit == "range":
-            q[:, i] = robot.lower[i] + share * (robot.upper[i] - robot.lower[i])
-        else:
-            q[:, i] = given[:, i] / 1000.0 if angle == "m" else np.radians(given[:, i])
-    return q
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
