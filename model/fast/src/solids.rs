@@ -190,7 +190,7 @@ pub(crate) fn pair_test(a: (usize, &PairSide), b: (usize, &PairSide), clearance:
             inner: ((round_radii + clearance - measured) * (1.0 - 4.0 * U)) as f32,
             apart: up(round_radii + clearance + measured),
         }),
-        held: (x.hull || y.hull).then(|| InnerCapsules {
+        held: (x.hull || y.hull).then_some(InnerCapsules {
             half: [x.inner.0 as f32, y.inner.0 as f32],
             inner: ((x.inner.1 + y.inner.1 + clearance - band) * (1.0 - 4.0 * U)) as f32,
         }),

@@ -68,7 +68,7 @@ pub(super) enum Transition {
     /// The robot did not come to rest in time. It is stopped again before this report.
     StopAgain(ReflexReport),
     /// The last set-point was written.
-    Settle(SettlingPhase),
+    Settle(Box<SettlingPhase>),
     /// The robot rests at its safe pose.
     Arrive,
     /// The retreat group has changed: the robot stops and requests another path.
@@ -229,14 +229,14 @@ impl RetreatingPhase {
         if !self.retreat.is_over() {
             return Transition::Stay;
         }
-        Transition::Settle(SettlingPhase {
+        Transition::Settle(Box::new(SettlingPhase {
             token: self.token,
             since: self.retreat.arrival(step.now),
             retreat: self.retreat.clone(),
             job: self.job.clone(),
             violated: self.violated,
             yielding: self.yielding,
-        })
+        }))
     }
 
     /// Begins the watch anew when a reading differs from the one before. On the first segment, joints that are hooked

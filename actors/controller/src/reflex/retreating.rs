@@ -55,7 +55,7 @@ impl ReflexCore {
                 self.enter_stop(token, AfterStop::Report(report), step);
             }
             Transition::Settle(phase) => {
-                self.enter(ReflexPhase::Settling(phase), step);
+                self.enter(ReflexPhase::Settling(*phase), step);
                 step.out.push(ReflexOut::ReflexReport(ReflexReport::Settling));
             }
             Transition::Arrive => {

@@ -71,7 +71,7 @@ fn compare(name: &str, robot: Arc<Robot>, seed: u64, clearance: f64) {
     let mut patched = FastScene::new(&scene, clearance).expect("it compiles");
     let rule = robot.parts.first().map(|part| {
         let names = format!("{}:o1", part.name);
-        if seed % 2 == 0 { PairRule::may_touch(&names) } else { PairRule::near(&names, clearance / 2.0) }
+        if seed.is_multiple_of(2) { PairRule::may_touch(&names) } else { PairRule::near(&names, clearance / 2.0) }
     });
     let rules: Vec<PairRule> = rule.flatten().into_iter().collect();
     let poses: Vec<f64> = random_poses(&robot, seed).take(64).flatten().collect();
