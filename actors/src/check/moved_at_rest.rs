@@ -3,7 +3,8 @@
 //! with the filter open.
 //!
 //! Needs the measured configurations. The place of a rest is its first reading; one or two readings that jump
-//! are noise.
+//! are noise. A motor of a board that does not hold exactly may also move by its hold error, as the load changes with
+//! the motion of the others.
 
 use super::{FoundViolations, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
@@ -24,6 +25,8 @@ struct RestWatch {
     names: Vec<String>,
     units: MotorUnits,
     tolerance: f64,
+    /// Distance by which a changed load moves a motor, rad.
+    hold_error: f64,
     open: bool,
     rest: Option<RobotAtRest>,
 }
@@ -41,7 +44,7 @@ impl RestWatch {
         let place = rest.place.get_or_insert_with(|| q.clone());
         let ways = q.iter().zip(place.iter()).map(|(q, place)| (q - place).abs()).enumerate();
         let (motor, by) = ways.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
-        if by <= self.tolerance {
+        if by <= self.tolerance + self.hold_error {
             rest.away = None;
             return None;
         }
@@ -60,10 +63,17 @@ impl RestWatch {
 impl Invariant for MovedAtRest {
     fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, sliding, tolerance, .. } => {
+            Event::Robot { robot, motors, sliding, tolerance, hold_error, .. } => {
                 let units = MotorUnits::new(motors.len(), sliding);
                 let open = self.robots.get(robot).is_some_and(|r| r.open);
-                let state = RestWatch { names: motors.clone(), units, tolerance: *tolerance, open, rest: None };
+                let state = RestWatch {
+                    names: motors.clone(),
+                    units,
+                    tolerance: *tolerance,
+                    hold_error: *hold_error,
+                    open,
+                    rest: None,
+                };
                 self.robots.insert(robot.clone(), state);
             }
             Event::State { robot, status } => {

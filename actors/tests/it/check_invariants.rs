@@ -703,6 +703,11 @@ fn a_journal_on_disk_is_checked_and_summed_up() {
 /// A run of one motion with its readings 20 ms apart: commits to `motors` at 1 s, which the filter ends at 3 s; where both motors are at
 /// a time is `q`.
 fn moved(motors: &[(usize, f64)], q: impl Fn(f64) -> [f64; 2]) -> Vec<Violation> {
+    moved_on(robot(), motors, q)
+}
+
+/// [`moved`] on the board of this description.
+fn moved_on(robot: Event, motors: &[(usize, f64)], q: impl Fn(f64) -> [f64; 2]) -> Vec<Violation> {
     let (mut checker, mut n) = (Checker::default(), 0);
     let mut tell = |checker: &mut Checker, at: f64, event: Event| {
         checker.on(&JournalLine { line: n + 1, n, at: Time::from_secs(at), event, hash: String::new() });
@@ -710,7 +715,7 @@ fn moved(motors: &[(usize, f64)], q: impl Fn(f64) -> [f64; 2]) -> Vec<Violation>
     };
     let events = [
         (0.0, started()),
-        (0.0, robot()),
+        (0.0, robot),
         (1.9, safe(&q(1.9))),
         (1.9, enabled(1)),
         (2.0, commit_of(1, &q(4.0), motors)),
@@ -844,6 +849,16 @@ fn i31_a_robot_that_is_moved_at_rest_and_stays_open() {
     assert!(found.iter().any(|v| v.what.contains("motor b was moved by 0.172 deg at rest")), "{found:?}");
     assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], pushed(0.0015, 2.0)), "I31"), 0, "within the tolerance");
     assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], pushed(0.003, 0.4)), "I31"), 0, "there is time to close");
+    // a board that holds within 0.005 rad: a changed load moves a motor by that much
+    let compliant = || {
+        let mut robot = robot();
+        if let Event::Robot { hold_error, .. } = &mut robot {
+            *hold_error = 0.005;
+        }
+        robot
+    };
+    let found = |by: f64| of(&moved_on(compliant(), &[(0, 0.2), (1, 0.2)], pushed(by, 2.0)), "I31");
+    assert_eq!((found(0.006), found(0.009)), (0, 1));
 }
 
 #[test]
