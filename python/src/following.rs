@@ -1,6 +1,7 @@
 //! The run behind `mobee.Follow`: set-points of a program, and what was sent of them.
 
 use crate::arrays::{Rows, array};
+use crate::driver_line::drivers_of;
 use crate::failure::Failure;
 use crate::follow::{FollowCommand, FollowLine, FollowReply, FollowSettings, FollowStatus, FollowTicket};
 use crate::joints::JointTable;
@@ -236,13 +237,14 @@ impl FollowingState {
 
 #[pymethods]
 impl PyFollowing {
-    /// Starts a run and waits until its robot is ready.
+    /// Starts a run and waits until its robot is ready. `drivers`: lines of drivers in Python, by their robots.
     #[new]
-    #[pyo3(signature = (path, *, set, out, robot, class_, period, speed, hold_after, clearance, recover))]
+    #[pyo3(signature = (path, drivers, *, set, out, robot, class_, period, speed, hold_after, clearance, recover))]
     #[expect(clippy::too_many_arguments, reason = "named arguments of one call in the package")]
     fn new(
         py: Python<'_>,
         path: PathBuf,
+        drivers: &Bound<'_, PyDict>,
         set: Vec<String>,
         out: Option<PathBuf>,
         robot: String,
@@ -267,7 +269,7 @@ impl PyFollowing {
             margin: 0.0,
         };
         let account = Some(robot.clone());
-        let drivers = BTreeMap::new();
+        let drivers = drivers_of(drivers)?;
         let request = RunRequest { origin, out, agents, drivers, account, only_virtual: false, follow: Some(settings) };
         let session = background(py, None, move |_, _| Session::start(request))?;
         let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));

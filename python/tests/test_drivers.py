@@ -511,3 +511,20 @@ def test_followers_that_do_not_fit_are_refused(so101: mobee.Robot, ur5: mobee.Ro
     with pytest.raises(mobee.MobeeError, match="no number for each joint"):
         mobee.run(file("so101.xml"), agent=Goals(0.1), driver=mobee.lerobot.Guarded(follower, so101), clock="real")
     assert follower.calls[-1] == "disconnect"
+
+
+def test_a_driver_behind_set_points(file: File) -> None:
+    arm = Motors()
+    with mobee.Follow(file("ur5.xml"), driver=arm, clock="real", rate=30, out=Path("follow")) as robot:
+        goal = robot.view.q.copy()
+        goal[ELBOW] += 0.2
+        for _ in range(40):
+            sent = robot.send(goal)
+            robot.sleep(1 / 30)
+        assert abs(sent[ELBOW] - goal[ELBOW]) < 1e-6
+        assert abs(arm.q[ELBOW] - goal[ELBOW]) < 1e-3
+    assert arm.calls[0] == "connect" and arm.calls[-1] == "close"
+    run = robot.close()
+    assert run is not None and run.summary["counters"]["committed"] == 1 and not run.check().violations
+    with pytest.raises(mobee.MobeeError, match="wall clock"):
+        mobee.Follow(file("ur5.xml"), driver=Motors(), clock="virtual")

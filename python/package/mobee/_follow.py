@@ -8,6 +8,7 @@ import time
 import warnings
 import weakref
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._driver import DriverLike, serving
 from ._error import MobeeError
 from ._native import Following
 from ._run import MobeeWarning, Run, _assignments, _only_robot
@@ -115,6 +117,8 @@ class Follow:
         A configuration as for `mobee.run`; the agent of the robot is replaced.
     robot : str, optional
         The robot, if there are several; the others have the agents of the file.
+    driver : Driver, class or function without arguments that makes one, optional
+        In place of the file's driver, such as `mobee.lerobot.Guarded`. Needs ``clock="real"``.
     rate : float
         Set-points per second.
     speed : float
@@ -141,6 +145,7 @@ class Follow:
         file: str | PathLike[str],
         *,
         robot: str | None = None,
+        driver: DriverLike | None = None,
         rate: float = 30.0,
         speed: float = 1.0,
         hold_after: float = 0.5,
@@ -159,20 +164,27 @@ class Follow:
         path = Path(fspath(file))
         assignments = _assignments(seed, clock, for_s, set, record)
         name = robot if robot is not None else _only_robot(path, assignments, replay=False)
-        self._native = Following(
-            path,
-            set=assignments,
-            out=None if out is None else Path(fspath(out)),
-            robot=name,
-            class_="mobee.Follow",
-            period=1.0 / self.rate,
-            speed=_within("speed", speed, 1e-3, 1.0),
-            hold_after=_within("hold_after", hold_after, 0.0, 60.0),
-            clearance=_within("clearance", clearance, 0.0, 1.0),
-            recover=bool(recover),
-        )
+        speed = _within("speed", speed, 1e-3, 1.0)
+        hold_after = _within("hold_after", hold_after, 0.0, 60.0)
+        clearance = _within("clearance", clearance, 0.0, 1.0)
+        with ExitStack() as served:
+            self._native = Following(
+                path,
+                served.enter_context(serving({} if driver is None else {name: driver})),
+                set=assignments,
+                out=None if out is None else Path(fspath(out)),
+                robot=name,
+                class_="mobee.Follow",
+                period=1.0 / self.rate,
+                speed=speed,
+                hold_after=hold_after,
+                clearance=clearance,
+                recover=bool(recover),
+            )
+            #: Ends the driver in Python, after the run.
+            self._served = served.pop_all()
         # also at garbage collection and at the end of the interpreter
-        self._finalizer = weakref.finalize(self, _release, self._native, os.getpid())
+        self._finalizer = weakref.finalize(self, _release, self._native, self._served, os.getpid())
         for note in self._native.warnings():
             warnings.warn(note, MobeeWarning, stacklevel=2)
         #: Names of the joints, in the order of configurations.
@@ -326,7 +338,10 @@ class Follow:
             except MobeeError:
                 # the run is over
                 pass
-            folder, summary = self._native.close(_CLOSE_S)
+            try:
+                folder, summary = self._native.close(_CLOSE_S)
+            finally:
+                self._served.close()
             if folder is not None:
                 self._run = Run(folder)
                 self._run.summary = json.loads(summary or "{}")
@@ -364,7 +379,7 @@ class Follow:
             self._codes[code] = self._codes.get(code, 0) + 1
 
 
-def _release(native: Following, pid: int) -> None:
+def _release(native: Following, served: ExitStack, pid: int) -> None:
     # a forked child leaves its parent's run alone
     if pid == os.getpid():
         try:
@@ -372,6 +387,7 @@ def _release(native: Following, pid: int) -> None:
         except MobeeError:
             # another thread is in it, and ends it
             pass
+        served.close()
 
 
 def _within(what: str, given: Any, least: float, most: float) -> float:

@@ -370,6 +370,7 @@ class Following:
     def __new__(
         cls,
         path: PathLike[str],
+        drivers: dict[str, DriverLine],
         *,
         set: list[str],
         out: PathLike[str] | None,
