@@ -59,15 +59,15 @@ impl StreamFreezeWatch {
         StreamFreezeWatch { since, moved: 0.0, counted: 0.0, began: None, moved_at: since }
     }
 
-    /// Counts the motion since the last reading. A robot that rested for long is not expected to have moved before its
-    /// set-points did, so a pause of this length begins a new count.
+    /// Notes whether the set-points have moved since the last reading. A robot that rested for long is not expected to
+    /// have moved before its set-points did, so the time begins again after a pause of this length. The motion does not:
+    /// steps with pauses between them add up.
     pub(super) fn count(&mut self, sampled_at: Time, pause: Duration) {
         if self.moved <= self.counted {
             return;
         }
         if self.began.is_none() || sampled_at.since(self.moved_at) >= pause {
             self.began = Some(sampled_at);
-            self.moved -= self.counted;
         }
         self.counted = self.moved;
         self.moved_at = sampled_at;
@@ -373,3 +373,24 @@ fn before_limit(axis: &Axis, q: f64, v: f64, rules: &Rules) -> f64 {
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod tests {
+    use super::StreamFreezeWatch;
+    use mobee_contract::Time;
+    use std::time::Duration;
+
+    /// I26: an agent that moves in small steps, with pauses between them, behind frozen encoders.
+    #[test]
+    fn steps_with_pauses_between_them_add_up() {
+        let pause = Duration::from_millis(500);
+        let mut watch = StreamFreezeWatch::begin(Time::ZERO);
+        for second in 1..=3 {
+            watch.moved += 0.01;
+            watch.count(Time::from_secs(f64::from(second)), pause);
+            watch.count(Time::from_secs(f64::from(second) + 0.4), pause);
+        }
+        assert_eq!(watch.began, Some(Time::from_secs(3.0)));
+        assert!(watch.moved > 0.029);
+    }
+}
