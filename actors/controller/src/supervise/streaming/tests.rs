@@ -178,3 +178,17 @@ fn motors_follow_the_last_command_that_names_them() {
     stream.leave(&[0]);
     assert_eq!(stream.named(), [1]);
 }
+
+/// I26: an agent that moves in small steps, with pauses between them, behind frozen encoders.
+#[test]
+fn steps_with_pauses_between_them_add_up() {
+    let pause = Duration::from_millis(500);
+    let mut watch = StreamFreezeWatch::begin(Time::ZERO);
+    for second in 1..=3 {
+        watch.moved += 0.01;
+        watch.count(Time::from_secs(f64::from(second)), pause);
+        watch.count(Time::from_secs(f64::from(second) + 0.4), pause);
+    }
+    assert_eq!(watch.began, Some(Time::from_secs(3.0)));
+    assert!(watch.moved > 0.029);
+}
