@@ -16,7 +16,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 #[cfg(test)]
-mod documented_commands;
+mod tests;
 
 /// Modular Behavioral Environment: robots that explore, collide, undo their motion and plan again.
 ///

@@ -34,9 +34,9 @@ const STOP_TIME: Duration = Duration::from_millis(1500);
 const BLIND_STOP_TIME: Duration = Duration::from_millis(700);
 /// Ratio to the rest speed above which a motor is in motion.
 const MOTION_SPEED_RATIO: f64 = 4.0;
-/// Distance within which a motor counts as resting behind equal readings, rad.
-const AT_REST_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// Time for which motors may move behind bitwise equal readings, and the distance that they may move after it, rad.
+/// Distance that motors may move behind bitwise equal readings before that can be noticed, rad.
+const UNNOTICED_RAD: f64 = std::f64::consts::PI / 180.0;
+/// Time for which motors may move on behind them, and the distance that they may move after it, rad.
 const EQUAL_READINGS_LIMIT: (Duration, f64) = (Duration::from_millis(1500), std::f64::consts::PI / 180.0);
 /// Gap between events or speed samples after which the process counts as suspended.
 const SUSPENSION_GAP: Duration = Duration::from_millis(100);
@@ -333,8 +333,8 @@ impl Witness {
         let moved = |from: &[f64]| from.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         match &mut seen.news {
             Some((last, since)) if *last == *q => {
-                // The recorded path of a retreat may begin with a rest, whose readings are equal.
-                if seen.late.is_none() && moved(seen.rested.get_or_insert_with(|| truth.to_vec())) <= AT_REST_RAD {
+                // The recorded path of a retreat may begin with a rest, or a slow part, whose readings are equal.
+                if seen.late.is_none() && moved(seen.rested.get_or_insert_with(|| truth.to_vec())) <= UNNOTICED_RAD {
                     *since = at;
                 }
                 if at.since(*since) <= EQUAL_READINGS_LIMIT.0 {
