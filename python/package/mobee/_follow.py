@@ -163,7 +163,7 @@ class Follow:
         self.max_age = _within("max_age", max_age, 0.0, 1e6)
         path = Path(fspath(file))
         assignments = _assignments(seed, clock, for_s, set, record)
-        name = robot if robot is not None else _only_robot(path, assignments, replay=False)
+        name = robot if robot is not None else _only_robot(path, assignments, False, "robot", "robot=...")
         speed = _within("speed", speed, 1e-3, 1.0)
         hold_after = _within("hold_after", hold_after, 0.0, 60.0)
         clearance = _within("clearance", clearance, 0.0, 1.0)
@@ -203,7 +203,7 @@ class Follow:
     ) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64], list[str]]:
         """Names, lower and upper limits (rad or m) and units (``rad``, ``m``) of the joints, without a run."""
         path, assignments = Path(fspath(file)), _assignments(None, None, None, set, False)
-        name = robot if robot is not None else _only_robot(path, assignments, replay=False)
+        name = robot if robot is not None else _only_robot(path, assignments, False, "robot", "robot=...")
         return Following.joints(path, set=assignments, robot=name, class_="mobee.Follow")
 
     def send(self, q: ArrayLike, *, seen_at: float | None = None) -> NDArray[np.float64]:
