@@ -341,6 +341,8 @@ def test_ctrl_c_ends_a_run_in_order(tmp_path: Path, where: str) -> None:
     program = f"""
 import os, signal, sys, threading, time
 import mobee
+# a shell may start what is in its background with Ctrl-C ignored
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sent = []
 def interrupt():
     time.sleep(0.3)
