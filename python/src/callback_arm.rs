@@ -214,7 +214,7 @@ impl CallbackArm {
     /// From now on its motors follow the trajectory, which rests where they are.
     ///
     /// # Arguments
-    /// * `held`: the positions that the motors hold, rad of encoder; empty if the driver can't tell.
+    /// * `held`: the positions that the motors hold, rad of encoder; empty if unknown to the driver.
     ///
     /// # Errors
     /// A joint that is outside its limits: to drive it would move it.

@@ -38,7 +38,7 @@ pub(crate) struct FollowSettings {
     pub speed: f64,
     /// Age of the last set-point after which the stream ends.
     pub hold_after: Duration,
-    /// Distance to be kept beyond that of the controller, m.
+    /// Distance beyond that of the controller, m.
     pub extra: f64,
     /// Repeats failed retreats, and escapes from contacts.
     pub recover: bool,
@@ -61,7 +61,7 @@ pub(crate) enum FollowCommand {
     Finish,
 }
 
-/// How much of a command is carried out.
+/// Share of a command that is carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FollowStatus {
     /// All.
@@ -88,7 +88,7 @@ pub(crate) struct FollowReply {
     /// The configurations that were sent, one after the other, or the one that is held; rad of encoder.
     pub q: Vec<f64>,
     pub status: FollowStatus,
-    /// Why it is not all, in a word; else empty.
+    /// Reason for which it is not all, in a word; else empty.
     pub code: &'static str,
     /// The same as a sentence.
     pub reason: String,
@@ -152,7 +152,7 @@ struct LineState {
 struct LineSlot {
     request: Option<FollowRequest>,
     access: Option<(Arc<dyn Running>, Arc<dyn Filtered>)>,
-    /// Why the last chunk was ended early.
+    /// Reason for which the last chunk was ended early.
     cut: Option<String>,
 }
 
@@ -176,7 +176,7 @@ impl FollowLine {
         self.lock().access.as_ref().map(|(_, robot)| robot.latest())
     }
 
-    /// Why the last chunk was ended early, if it was.
+    /// Reason for which the last chunk was ended early, if it was.
     pub fn cut(&self) -> Option<String> {
         self.lock().cut.clone()
     }

@@ -33,14 +33,14 @@ const VERDICT_PATIENCE: Duration = Duration::from_millis(100);
 const END_PATIENCE: Duration = Duration::from_secs(5);
 /// Time in which the robot must become ready.
 const READY_PATIENCE: Duration = Duration::from_secs(30);
-/// Distance that plans keep beyond the margin, m.
+/// Distance of plans beyond the margin, m.
 const ALLOWANCE_M: f64 = 0.002;
 /// Set-points of a chunk at most.
 const MAX_CHUNK: usize = 10_000;
 
 struct FollowingState {
     session: Option<Session>,
-    /// Why the run is over.
+    /// Reason for the end of the run.
     over: Option<String>,
     folder: Option<PathBuf>,
     summary: Option<String>,

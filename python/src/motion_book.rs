@@ -11,7 +11,7 @@ const MAX_CONTACTS: usize = 64;
 /// Motions whose accounts are stored.
 const MAX_ACCOUNTS: usize = 256;
 /// Time in which an event that has been emitted must arrive.
-const PATIENCE: Duration = Duration::from_secs(2);
+const ACCOUNT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Account of the last motion.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -86,7 +86,7 @@ impl MotionBook {
     pub fn account_of(&self, id: CommitId) -> Option<MotionAccount> {
         let of = |account: &MotionAccount| account.id == Some(id);
         let later = |account: &mut Account| account.accounts.back().is_none_or(|newest| newest.id < Some(id));
-        let waited = self.account.1.wait_timeout_while(self.lock(), PATIENCE, later);
+        let waited = self.account.1.wait_timeout_while(self.lock(), ACCOUNT_TIMEOUT, later);
         let (account, _) = waited.unwrap_or_else(PoisonError::into_inner);
         account.accounts.iter().rev().find(|account| of(account)).cloned()
     }
@@ -103,7 +103,7 @@ impl MotionBook {
 
     /// Braking clearance of the controller, m; zero if it does not look ahead.
     pub fn braking_clearance(&self) -> f64 {
-        let waited = self.account.1.wait_timeout_while(self.lock(), PATIENCE, |a| a.braking_clearance.is_none());
+        let waited = self.account.1.wait_timeout_while(self.lock(), ACCOUNT_TIMEOUT, |a| a.braking_clearance.is_none());
         let (account, _) = waited.unwrap_or_else(PoisonError::into_inner);
         account.braking_clearance.unwrap_or_default()
     }

@@ -34,7 +34,7 @@ const SLOW: f64 = 0.1;
 const SAG_S: f64 = 0.1;
 /// Time for which a robot first moves slowly, until that is known.
 const FIRST_SAG: Duration = Duration::from_millis(400);
-/// Distance that plans keep beyond the margin, m: contacts end there.
+/// Distance of plans beyond the margin, m: contacts end there.
 const ALLOWANCE_M: f64 = 0.002;
 
 /// A robot that follows set-points.
@@ -58,7 +58,7 @@ pub(super) struct Follower {
     measured: Duration,
     /// Factor on predicted stopping ways: raised when the filter closes on the stream, as the controller then predicts longer ones, too.
     caution: f64,
-    /// Why the last chunk was ended early.
+    /// Reason for which the last chunk was ended early.
     pub cut: Option<String>,
     /// The last set-point of a program that sends them one by one, and its time.
     wanted: Option<(Time, Vec<f64>)>,

@@ -45,7 +45,7 @@ impl FollowGuard {
     /// A robot that is nearer to something than the clearance may only go away from it.
     ///
     /// # Errors
-    /// What is in the way, in words.
+    /// Description of the obstacle.
     pub fn test(&mut self, poses: &[Pose], from: &[f64], to: &[f64]) -> Result<(), String> {
         let Some((scene, fast)) = &mut self.compiled else { return Err("the scene is not compiled yet".into()) };
         self.edge.clear();
