@@ -19,10 +19,10 @@
 #![allow(clippy::disallowed_methods)] // measures processor time
 
 use mobee::compose::read;
-use mobee_actors::record::tap::Taps;
-use mobee_actors::system::{Setup, run};
 use mobee_contract::{Axis, Cause, Entry, Event, Outcome, Pose, Sink, Status, Time};
 use mobee_model::{Contact, Pair, Scene, ShapeId, Sweep};
+use mobee_runtime::system::{Setup, run};
+use mobee_runtime::tap::Taps;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{BTreeMap, BTreeSet};

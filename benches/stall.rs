@@ -12,10 +12,10 @@
 //! 600 and 60)
 
 use mobee::compose::read;
-use mobee_actors::record::tap::Taps;
-use mobee_actors::system::{Setup, run};
 use mobee_contract::{Cause, Context, Entry, Event, Outcome, Sink, Time};
-use mobee_drivers::{Fault, SimHardware, SimSettings};
+use mobee_runtime::system::{Setup, run};
+use mobee_runtime::tap::Taps;
+use mobee_sim::{Fault, SimHardware, SimSettings};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeSet;

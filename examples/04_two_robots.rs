@@ -4,8 +4,8 @@
 //! `cargo run --release --example 04_two_robots`
 
 use mobee::run::example_in;
-use mobee_actors::record::journal;
 use mobee_contract::Event;
+use mobee_journal::journal;
 
 const BEHAVIOR: &str = "configs/behaviors/collect.toml";
 

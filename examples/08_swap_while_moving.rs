@@ -5,13 +5,13 @@
 
 use mobee::compose::compose;
 use mobee::config::Config;
-use mobee_actors::check::check_events;
-use mobee_actors::record::tap::Taps;
-use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::system::{Control, NewPart, PartOffer, Setup, run_under};
-use mobee_actors::wiring::{Maker, SwapRequest};
 use mobee_contract::{Agent, Event, Intent, MotionEnd, Refusal, Snapshot, SwapStep, Time, View};
 use mobee_controller::ControllerSettings;
+use mobee_journal::check::check_events;
+use mobee_runtime::swap::SwapPolicy;
+use mobee_runtime::system::{Control, NewPart, PartOffer, Setup, run_under};
+use mobee_runtime::tap::Taps;
+use mobee_runtime::wiring::{Maker, SwapRequest};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;

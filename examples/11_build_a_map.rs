@@ -5,11 +5,11 @@
 //! cargo run --release --example 11_build_a_map
 //! ```
 
-use mobee::roadmap::read_settings;
-use mobee_behaviors::map_file::{StoredVerdict, certify};
-use mobee_behaviors::roadmap::{Roadmap, Vertex};
-use mobee_behaviors::table_map::{Growth, PoseSearch};
+use mobee::compose::maps::read_settings;
 use mobee_model::{Scene, load_robot, load_world};
+use mobee_planning::map_file::{StoredVerdict, certify};
+use mobee_planning::roadmap::{Roadmap, Vertex};
+use mobee_planning::table_map::{Growth, PoseSearch};
 use nalgebra::Isometry3;
 use std::path::Path;
 use std::sync::Arc;

@@ -15,8 +15,8 @@ use mobee_contract::{
     Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, Kind, KindError, Registered, Sample,
     Time,
 };
-use mobee_drivers::{Plant, path::Profile};
 use mobee_model::Motor;
+use mobee_sim::{Plant, path::Profile};
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};

@@ -1,4 +1,4 @@
-"""OMPL's RRT-Connect as a peer of `cargo bench -p mobee-behaviors --bench planning -- rrt`: see README.md beside this file.
+"""OMPL's RRT-Connect as a peer of `cargo bench -p mobee-planning --bench planning -- rrt`: see README.md beside this file.
 
 usage: ompl_peer.py FOLDER
   FOLDER/scene.json    joints, shapes and pairs, as written by the benchmark

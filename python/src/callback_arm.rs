@@ -9,7 +9,7 @@
 //! The trajectory's time advances with the cycles alone, and by no more than two periods at once: a late cycle makes no step.
 
 use mobee_contract::{Axis, Command, ControlMode, Sample, Time};
-use mobee_drivers::{Plant, path::Profile};
+use mobee_sim::{Plant, path::Profile};
 use std::collections::VecDeque;
 use std::time::Duration;
 

@@ -1,7 +1,8 @@
 //! Failures of calls, as `mobee.MobeeError` carries them. No Python here.
 
 use mobee_fast::FastError;
-use mobee_model::{FileError, ImportError, SceneError};
+use mobee_import::ImportError;
+use mobee_model::{FileError, SceneError};
 
 /// A failed call, in the words of the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 //! Inverse kinematics of a frame: damped least squares from a seed, then from random starts. No Python here.
 
 use crate::chain::Chain;
-use mobee_behaviors::inverse_kinematics::{MotorGroup, PER_METER};
 use mobee_model::{Robot, random_poses};
+use mobee_planning::inverse_kinematics::{MotorGroup, PER_METER};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Two solutions are one if no motor is farther apart than this, rad of encoder.

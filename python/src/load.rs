@@ -3,11 +3,9 @@
 use crate::failure::Failure;
 use crate::robot::PyRobot;
 use crate::wait::{Reports, background};
+use mobee_import::{FitOptions, ImportOptions, UrdfOptions, plain_name, ros_package_folders};
 use mobee_model::file::{MIB, read_text};
-use mobee_model::{
-    FitOptions, ImportOptions, Loaded, UrdfOptions, load_robot, parse_robot, plain_name, ros_package_folders,
-    write_robot,
-};
+use mobee_model::{Loaded, load_robot, parse_robot, write_robot};
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::io::Write;

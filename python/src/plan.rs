@@ -3,8 +3,8 @@
 use crate::arrays::array;
 use crate::failure::Failure;
 use crate::wait::Cancelled;
-use mobee_behaviors::planners::{JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
 use mobee_model::{PairRule, Robot, Scene};
+use mobee_planning::planners::{JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use std::collections::BTreeMap;

@@ -7,8 +7,8 @@ use crate::serve::PyAgents;
 use crate::session::{Finished, RunOrigin, RunRequest, Session, SessionWait, robot_names};
 use crate::view::RunRobots;
 use crate::wait::{SIGNAL_PERIOD, background};
-use mobee_actors::check::{check, judged};
-use mobee_actors::record::journal::{self, JournalError, JournalLines};
+use mobee_journal::check::{check, judged};
+use mobee_journal::journal::{self, JournalError, JournalLines};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::cell::Cell;
@@ -162,7 +162,7 @@ type CheckParts = (u64, String, Option<String>, Vec<(String, u64, f64, String)>,
 #[pyfunction]
 pub(crate) fn check_run(py: Python<'_>, path: PathBuf) -> PyResult<CheckParts> {
     let report = background(py, None, move |_, _| check(&path).map_err(Failure::from))?;
-    let violation = |v: &mobee_actors::check::Violation| (v.invariant.to_owned(), v.line, v.at.secs(), v.what.clone());
+    let violation = |v: &mobee_journal::check::Violation| (v.invariant.to_owned(), v.line, v.at.secs(), v.what.clone());
     let violations = report.violations.iter().map(violation).collect();
     let mut damage = report.files.damage.clone();
     damage.extend(report.truncated.as_ref().map(ToString::to_string));

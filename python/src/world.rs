@@ -4,9 +4,8 @@ use crate::arrays::{fixed, points};
 use crate::failure::Failure;
 use crate::place::{PoseArguments, PoseParts};
 use crate::wait::background;
-use mobee_model::{
-    FitOptions, Hull, Mesh, Object, ObjectClass, Primitive, Scene, SceneError, Shape, fit_link, load_mesh, load_world,
-};
+use mobee_import::{FitOptions, fit_link, load_mesh};
+use mobee_model::{Hull, Mesh, Object, ObjectClass, Primitive, Scene, SceneError, Shape, load_world};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use pyo3::prelude::*;
 use std::f64::consts::FRAC_PI_2;

@@ -4,11 +4,11 @@
 mod sensors;
 
 use mobee::run::{Folder, run};
-use mobee_actors::check::check;
-use mobee_actors::system::RunCounts;
 use mobee_contract::{Agent, Hardware, kinds};
 use mobee_controller::Drive;
+use mobee_journal::check::check;
 use mobee_model::load_robot;
+use mobee_runtime::system::RunCounts;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};

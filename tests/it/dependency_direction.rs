@@ -9,55 +9,88 @@ use std::process::Command;
 
 /// Crate, and the crates of ours that it may use.
 const ALLOWED: &[(&str, &[&str])] = &[
-    ("mobee-model", &[]),
-    ("mobee-fast", &["mobee-model"]),
-    ("mobee-contract", &["mobee-model"]),
-    ("mobee-behaviors", &["mobee-contract", "mobee-fast", "mobee-model"]),
+    ("mobee-text", &[]),
     ("mobee-yarp", &[]),
-    ("mobee-drivers", &["mobee-contract", "mobee-model", "mobee-yarp"]),
-    ("mobee-bridge", &["mobee-contract", "mobee-model", "mobee-yarp"]),
-    ("mobee-conformance", &["mobee-contract"]),
-    ("mobee-feetech", &["mobee-contract", "mobee-drivers", "mobee-model"]),
-    ("mobee-mujoco", &["mobee-contract", "mobee-drivers", "mobee-model"]),
+    ("mobee-model", &["mobee-text"]),
+    ("mobee-fast", &["mobee-model"]),
+    ("mobee-import", &["mobee-model", "mobee-text"]),
+    ("mobee-contract", &["mobee-model"]),
     ("mobee-controller", &["mobee-contract", "mobee-model"]),
-    ("mobee-actors", &["mobee-contract", "mobee-controller", "mobee-model"]),
-    ("mobee-recorder", &["mobee-contract", "mobee-model"]),
+    ("mobee-journal", &["mobee-contract", "mobee-model"]),
+    ("mobee-planning", &["mobee-contract", "mobee-fast", "mobee-model"]),
+    ("mobee-agents", &["mobee-contract", "mobee-fast", "mobee-model", "mobee-planning"]),
+    ("mobee-sensing", &["mobee-contract", "mobee-model"]),
+    ("mobee-sim", &["mobee-contract", "mobee-model"]),
+    // its boards in virtual time, and those of `mobee sim`, are simulated arms
+    ("mobee-driver-yarp", &["mobee-contract", "mobee-model", "mobee-sim", "mobee-yarp"]),
+    ("mobee-feetech", &["mobee-contract", "mobee-model", "mobee-sim"]),
+    ("mobee-mujoco", &["mobee-contract", "mobee-model", "mobee-sim"]),
+    ("mobee-conformance", &["mobee-contract"]),
+    ("mobee-filter", &["mobee-contract", "mobee-model"]),
+    ("mobee-bridge-yarp", &["mobee-contract", "mobee-filter", "mobee-model", "mobee-yarp"]),
+    ("mobee-runtime", &["mobee-contract", "mobee-controller", "mobee-journal", "mobee-model"]),
+    // the surfaces of an imported robot are drawn as its file has them
+    ("mobee-recorder", &["mobee-contract", "mobee-import", "mobee-model"]),
+    (
+        "mobee-compose",
+        &[
+            "mobee-agents",
+            "mobee-bridge-yarp",
+            "mobee-contract",
+            "mobee-controller",
+            "mobee-driver-yarp",
+            "mobee-model",
+            "mobee-planning",
+            "mobee-runtime",
+            "mobee-sensing",
+            "mobee-sim",
+        ],
+    ),
+    (
+        "mobee-cli",
+        &[
+            "mobee-agents",
+            "mobee-bridge-yarp",
+            "mobee-compose",
+            "mobee-contract",
+            "mobee-controller",
+            "mobee-driver-yarp",
+            "mobee-feetech",
+            "mobee-import",
+            "mobee-journal",
+            "mobee-model",
+            "mobee-mujoco",
+            "mobee-planning",
+            "mobee-recorder",
+            "mobee-runtime",
+            "mobee-sensing",
+            "mobee-sim",
+            "mobee-yarp",
+        ],
+    ),
+    ("mobee", &["mobee-cli", "mobee-compose"]),
     (
         "mobee-python",
         &[
             "mobee",
-            "mobee-actors",
-            "mobee-behaviors",
             "mobee-conformance",
             "mobee-contract",
-            "mobee-drivers",
             "mobee-fast",
+            "mobee-import",
+            "mobee-journal",
             "mobee-model",
+            "mobee-planning",
+            "mobee-runtime",
+            "mobee-sim",
         ],
     ),
     // as a crate outside of this repository
-    ("my_arm", &["mobee", "mobee-contract", "mobee-drivers"]),
-    (
-        "mobee",
-        &[
-            "mobee-model",
-            "mobee-contract",
-            "mobee-behaviors",
-            "mobee-drivers",
-            "mobee-feetech",
-            "mobee-mujoco",
-            "mobee-bridge",
-            "mobee-yarp",
-            "mobee-controller",
-            "mobee-actors",
-            "mobee-recorder",
-        ],
-    ),
+    ("my_arm", &["mobee", "mobee-contract", "mobee-sim"]),
 ];
 
 /// Crate, and a dependency that no line of it names: it is there for the features that it asks for.
 const UNNAMED: &[(&str, &str)] = &[
-    ("mobee", "bytemuck"),
+    ("mobee-cli", "bytemuck"),
     ("mobee-recorder", "getrandom"),
     ("mobee-recorder", "libc"),
     ("mobee-model", "num-complex"),
@@ -98,7 +131,38 @@ fn crates_use_only_what_the_table_allows() {
 }
 
 /// The pure crates: what decides has no mailbox, no thread and no socket, whatever comes later.
-const PURE: &[&str] = &["mobee-model", "mobee-fast", "mobee-contract", "mobee-controller", "mobee-behaviors"];
+const PURE: &[&str] = &[
+    "mobee-agents",
+    "mobee-contract",
+    "mobee-controller",
+    "mobee-fast",
+    "mobee-filter",
+    "mobee-import",
+    "mobee-journal",
+    "mobee-model",
+    "mobee-planning",
+    "mobee-sensing",
+    "mobee-text",
+];
+
+/// Libraries of a program's terminal and of its recording, which the crates that a program embeds must not bring along.
+const TERMINAL: &[&str] = &["clap", "miette", "indicatif", "rerun"];
+
+/// `mobee-compose` is for programs that print as they like: with its default features it brings no command line and no
+/// recorder along, however deep in its dependencies.
+#[test]
+fn what_a_program_embeds_has_no_terminal() {
+    let out = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "--package=mobee-compose", "--edges=normal", "--prefix=none", "--format={p}"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo tree runs");
+    let tree = String::from_utf8(out.stdout).expect("text");
+    let names: BTreeSet<&str> = tree.lines().filter_map(|line| line.split(' ').next()).collect();
+    assert!(names.contains("mobee-runtime"), "{tree}{}", String::from_utf8_lossy(&out.stderr));
+    let found: Vec<&&str> = TERMINAL.iter().filter(|name| names.contains(*name)).collect();
+    assert!(found.is_empty(), "{found:?}");
+}
 
 #[test]
 fn pure_crates_know_no_actor_library_and_no_runtime() {

@@ -56,7 +56,7 @@ fn pictures_masks_and_table_agree_and_a_seed_gives_them_again() {
     }
     // the views are those of the table's rows, in the columns that locators learn from
     let views = std::fs::read_to_string(at("first").join("views.csv")).expect("views");
-    let views = mobee_behaviors::locators::rows::parse(&views).expect("a table of views");
+    let views = mobee_sensing::locators::rows::parse(&views).expect("a table of views");
     assert!(views.has_boxes);
     for view in &views.known {
         let is_it = |row: &&Vec<String>| {

@@ -3,8 +3,8 @@
 
 use super::common::{answer, complaint, text};
 use mobee::run::{example_in, in_order};
-use mobee_actors::record::journal;
 use mobee_contract::{Event, Region, Time};
+use mobee_journal::journal;
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -2,10 +2,10 @@
 //! remedy.
 
 use super::common::{answer, complaint, text};
-use mobee_behaviors::locators::head::HeadKind;
-use mobee_behaviors::locators::lens::Lens;
-use mobee_behaviors::locators::model::HeadModel;
-use mobee_behaviors::locators::parameters::PlaceFrame;
+use mobee_sensing::locators::head::HeadKind;
+use mobee_sensing::locators::lens::Lens;
+use mobee_sensing::locators::model::HeadModel;
+use mobee_sensing::locators::parameters::PlaceFrame;
 use nalgebra::{Matrix3, Vector3};
 use std::fmt::Write;
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! A resumed run believes nothing that its journal contradicts, and one that died in contact goes on from there.
 
 use super::common::{EDGE, events, mobee_in, said, text};
-use mobee_actors::record::ring;
 use mobee_contract::{Entry, Sink, Time};
+use mobee_journal::ring;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;

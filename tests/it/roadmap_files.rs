@@ -2,10 +2,10 @@
 //! none, refused with place and remedy.
 
 use super::common::{answer, complaint, text};
-use mobee::roadmap::read_settings;
-use mobee_behaviors::map_file::{MapFile, TriedMotion};
-use mobee_behaviors::roadmap::Roadmap;
+use mobee::compose::maps::read_settings;
 use mobee_model::load_robot;
+use mobee_planning::map_file::{MapFile, TriedMotion};
+use mobee_planning::roadmap::Roadmap;
 use std::path::{Path, PathBuf};
 
 const ROBOT: &str = "configs/robots/icub.xml";

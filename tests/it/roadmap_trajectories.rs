@@ -1,9 +1,9 @@
 //! `mobee roadmap path --csv` and `--json`: joint values with times that another program can drive.
 
 use super::common::{answer, complaint, mobee_here, text};
-use mobee_behaviors::map_file::MapFile;
-use mobee_behaviors::roadmap::{Roadmap, Vertex};
 use mobee_model::load_robot;
+use mobee_planning::map_file::MapFile;
+use mobee_planning::roadmap::{Roadmap, Vertex};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 

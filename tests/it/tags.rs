@@ -2,14 +2,14 @@
 //! sure as it says; and none where there is none. And their pictures, as `mobee detector tag` makes them.
 
 use super::common::{answer, complaint, text};
-use mobee_behaviors::detectors::picture::{Picture, read_picture};
-use mobee_behaviors::detectors::tag::{TagDetector, TagFamilyName, TagSeeker};
 use mobee_contract::{BodyState, Context, Detector, Kind, KindError, Locator, Region, Sighting, Time, Truth, kinds};
-use mobee_drivers::eyes::{
+use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot};
+use mobee_sensing::detectors::picture::{Picture, read_picture};
+use mobee_sensing::detectors::tag::{TagDetector, TagFamilyName, TagSeeker};
+use mobee_sim::eyes::{
     BoxSide, DistractorSettings, LensSettings, ScenerySettings, SimulatedCameraSettings, SimulatedEye, StickerSettings,
     project,
 };
-use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot};
 use nalgebra::{Isometry3, Matrix3, Matrix6, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -16,18 +16,14 @@ const CALLS: &[&str] = &[
 
 /// Files that may: the file, the call, and why.
 const ALLOWED: &[(&str, &str, &str)] = &[
-    ("model/src/file.rs", ".read(true)", "this is the one that opens users' files"),
-    (
-        "drivers/yarp/src/config.rs",
-        "fs::read_to_string(",
-        "it looks at the file's kind before, and may not use the model",
-    ),
-    ("src/ctl/listener.rs", "File::open(", "a folder of ours, for a short name of it"),
-    ("src/run/folder.rs", "File::open(", "the run's own folder, to hold on to it"),
-    ("actors/src/record/journal.rs", "File::open(", "the run's own folder, to hold on to it"),
-    ("src/signals.rs", "fs::read_to_string(", "the system's own file"),
-    ("src/torture/memory.rs", "fs::read_to_string(", "the system's own file"),
-    ("src/run/resource_limits.rs", "fs::read_to_string(", "the system's own file"),
+    ("model/text/src/file.rs", ".read(true)", "this is the one that opens users' files"),
+    ("yarp/src/config.rs", "fs::read_to_string(", "it looks at the file's kind before, and may not use the model"),
+    ("app/cli/src/ctl/listener.rs", "File::open(", "a folder of ours, for a short name of it"),
+    ("app/cli/src/run/folder.rs", "File::open(", "the run's own folder, to hold on to it"),
+    ("actors/journal/src/journal.rs", "File::open(", "the run's own folder, to hold on to it"),
+    ("app/cli/src/signals.rs", "fs::read_to_string(", "the system's own file"),
+    ("app/cli/src/torture/memory.rs", "fs::read_to_string(", "the system's own file"),
+    ("app/cli/src/run/resource_limits.rs", "fs::read_to_string(", "the system's own file"),
 ];
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {

@@ -109,7 +109,7 @@ pub fn plant(root: &Path, defects: &[Defect]) -> Result<BTreeMap<String, String>
         }
         planted.insert(file.to_string(), text);
     }
-    let shared = "model/src/lib.rs";
+    let shared = "model/core/src/lib.rs";
     let own = || fs::read_to_string(root.join(shared)).map_err(|e| e.to_string());
     let text = planted.remove(shared).map_or_else(own, Ok)?;
     planted.insert(shared.into(), text + SWITCH);
@@ -118,7 +118,7 @@ pub fn plant(root: &Path, defects: &[Defect]) -> Result<BTreeMap<String, String>
 
 impl Edit {
     fn replacement(&self, name: &str) -> String {
-        let place = if self.file.starts_with("model/src/") { "crate" } else { "mobee_model" };
+        let place = if self.file.starts_with("model/core/src/") { "crate" } else { "mobee_model" };
         self.new.join("\n").replace("PLANTED", &format!("{place}::planted({name:?})"))
     }
 }

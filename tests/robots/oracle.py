@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Asks independent readers what the robots of tests/robots/install.sh are, for model/tests/it/robots_corpus.rs:
+"""Asks independent readers what the robots of tests/robots/install.sh are, for model/import/tests/it/robots_corpus.rs:
 
-    python3 -m venv V && V/bin/pip install pin==4.1.0 && V/bin/python tests/robots/oracle.py model/tests/data
+    python3 -m venv V && V/bin/pip install pin==4.1.0 && V/bin/python tests/robots/oracle.py model/import/tests/data
 
 robot_meshes.csv.gz: the bounding box and number of triangles of each mesh file, as coal reads it (with assimp).
 robot_frames.csv.gz: per robot its joints, each with the range that poses are taken from, then per pose two sums over all links

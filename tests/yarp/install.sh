@@ -2,7 +2,7 @@
 # Builds the real YARP 3.5.0 that our YARP is tested against, once, under $MOBEE_YARP (default
 # ~/.cache/mobee/yarp-3.5.0): build/bin/{yarp,yarpserver,yarpdev}, build/share/yarp, and our C++ test programs in
 # programs/. About 3 minutes on two idle cores, because nothing is optimized: the tests check what YARP says, not how fast.
-# To compare speeds (drivers/yarp/examples/wire.rs), build a second one:
+# To compare speeds (yarp/examples/wire.rs), build a second one:
 #
 #   MOBEE_YARP=~/.cache/mobee/yarp-fast MOBEE_YARP_FLAGS="-O3 -DNDEBUG" tests/yarp/install.sh
 #

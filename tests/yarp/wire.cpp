@@ -1,4 +1,4 @@
-// One end of a connection on the real YARP, for the comparison in drivers/yarp/examples/wire.rs, which has the same roles.
+// One end of a connection on the real YARP, for the comparison in yarp/examples/wire.rs, which has the same roles.
 
 #include <yarp/os/all.h>
 #include <yarp/sig/Image.h>

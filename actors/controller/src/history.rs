@@ -10,11 +10,10 @@ mod at;
 mod bridge;
 
 pub use at::Unrecorded;
-pub use bridge::{BridgedGap, CommandedPath, MAX_BRIDGED_TIME};
+pub use bridge::{BridgedGap, CommandedPath};
 
-use crate::distance;
 use crate::pulse::Pulse;
-use mobee_contract::{Axis, Pose, Sample, Time};
+use mobee_contract::{Axis, MAX_BRIDGED_TIME, Pose, Sample, Time, distance};
 use std::collections::VecDeque;
 use std::time::Duration;
 

@@ -2,7 +2,7 @@
 //! they share.
 //!
 //! This crate depends on no actor library, clock, file, socket or agent. Each core takes inputs and the time, and
-//! returns the actions to perform. `mobee-actors` gives each core a mailbox.
+//! returns the actions to perform. `mobee-runtime` gives each core a mailbox.
 //! |---|---|---|
 //! | [`history`] | Algorithm 4 | records configurations, estimates the speed and detects gaps |
 //! | [`supervise`] | Algorithm 5 | admits commits, maintains transactions, opens the filter |
@@ -53,6 +53,6 @@ pub mod trajectory;
 
 pub use fields::{FieldRules, FieldsSettings};
 pub use kinds::{DEFAULT_KIND, RollbackSettings};
-pub use rules::{DEEPER, FRESH_PERIODS, RELEASE, Rules, clamped, distance, play, within};
+pub use rules::{DEEPER, FRESH_PERIODS, RELEASE, Rules, clamped, within};
 pub use settings::{ControllerSettings, Drive};
 pub use shared::Shared;

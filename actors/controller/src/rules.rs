@@ -8,7 +8,7 @@ use crate::history::is_coarse;
 use crate::look_ahead::{FastClearance, braking_clearance};
 use crate::settings::{ControllerSettings, Drive};
 use mobee_contract::{Axis, Board, Event, MotorUnits, Pose};
-use mobee_model::{Clause, JointMotion, Robot};
+use mobee_model::{Clause, Robot};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -17,8 +17,6 @@ pub const RELEASE: f64 = 0.002;
 /// Smallest decrease of a distance that counts as a deeper contact, meters: a touched surface yields a little as the
 /// robot starts to move out, and encoders are noisy.
 pub const DEEPER: f64 = 0.001;
-/// Displacement of a prismatic joint, a gripper's finger, by the arm's acceleration, m.
-const PLAY_M: f64 = 0.002;
 /// Number of control periods for which a reading stays fresh and a lease lasts, unless the settings state otherwise.
 /// With fewer, a late thread closes the filter; with more, an unsupervised robot moves on for longer.
 pub const FRESH_PERIODS: u32 = 5;
@@ -224,23 +222,9 @@ impl Rules {
     }
 }
 
-/// Play of a joint, rad of encoder: zero for a revolute joint, 2 mm for a prismatic joint.
-pub fn play(motion: JointMotion) -> f64 {
-    if motion.is_turn() { 0.0 } else { motion.encoder(PLAY_M) }
-}
-
 /// Resolution of the coarsest encoder, rad.
 fn coarsest(axes: &[Axis]) -> f64 {
     axes.iter().map(|axis| axis.resolution).fold(0.0, f64::max)
-}
-
-/// Greatest difference of any motor between two configurations, rad. Infinite if their lengths differ, so that
-/// neither counts as reached.
-pub fn distance(a: &[f64], b: &[f64]) -> f64 {
-    if a.len() != b.len() {
-        return f64::INFINITY;
-    }
-    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
 /// Clamps a configuration to the motor limits. Readings near a limit may be beyond it by noise; commands never are

@@ -31,6 +31,7 @@ mod stalled;
 mod stream;
 mod streaming;
 
+use crate::Rules;
 use crate::effort::EffortWatch;
 use crate::gate::Gate;
 use crate::ledger::TransactionState;
@@ -41,10 +42,10 @@ use crate::reflex::ReflexReport;
 use crate::shared::Shared;
 use crate::stall::{StallWatch, TrackedCommands};
 use crate::stop::Stop;
-use crate::{Rules, distance};
 use credit::Credits;
 use mobee_contract::{
     Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Pose, Refusal, Setpoints, Status, Time, Verdict, Writer,
+    distance,
 };
 use std::collections::BTreeSet;
 use std::sync::Arc;

@@ -5,7 +5,7 @@
 //! ```
 //! use mobee_contract::{Axis, Driver, Hardware, Time};
 //! use mobee_conformance as conformance;
-//! use mobee_drivers::{SimHardware, SimSettings};
+//! use mobee_sim::{SimHardware, SimSettings};
 //!
 //! struct Sim(SimHardware, Time);
 //! impl conformance::Bench for Sim {

@@ -14,7 +14,7 @@ mod faults;
 use crate::joint::ServoJoint;
 use crate::registers::ServoState;
 use mobee_contract::{Axis, Command, ControlMode, Sample, Time};
-use mobee_drivers::{Plant, path::Profile};
+use mobee_sim::{Plant, path::Profile};
 use std::collections::VecDeque;
 use std::time::Duration;
 

@@ -2,9 +2,9 @@
 
 use crate::mjcf::{STEP_S, actuator_name, geom_name, joint_name, leaders, write};
 use mobee_contract::KindError;
-use mobee_drivers::path::State;
-use mobee_drivers::{ArmBody, ArmParts, ArmPhysics, Physics, PhysicsEngine, Pushes, Servo, StepClock};
 use mobee_model::{Hinge, Scene};
+use mobee_sim::path::State;
+use mobee_sim::{ArmBody, ArmParts, ArmPhysics, Physics, PhysicsEngine, Pushes, Servo, StepClock};
 use mujoco_rs::prelude::{MjData, MjModel};
 use mujoco_rs::wrappers::mj_model::MjtObjBase;
 use nalgebra::{Isometry3, Matrix3, Vector3};
@@ -280,8 +280,8 @@ fn refused(why: &dyn std::fmt::Display) -> KindError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mobee_drivers::SimSettings;
     use mobee_model::load_robot;
+    use mobee_sim::SimSettings;
     use nalgebra::Point3;
     use std::path::Path;
 

@@ -8,7 +8,7 @@
 //!   the arm simulated by MuJoCo.
 //! * Promises: shapes, joints, limits and the pairs that may touch are those of the robot model; the same commands give the same motion,
 //!   bit for bit.
-//! * The board in front of the arm (moves, stops, leases, encoders, faults) is that of `mobee-drivers`: the
+//! * The board in front of the arm (moves, stops, leases, encoders, faults) is that of `mobee-sim`: the
 //!   two kinds of physics differ in nothing else.
 //!
 //! Source: Todorov, Erez, Tassa, "MuJoCo: A physics engine for model-based control", IROS 2012, doi:10.1109/IROS.2012.6386109.

@@ -3,8 +3,8 @@
 //! Bodies are the moving frames of the robot's skeleton, geoms its collision shapes and the obstacles of the scene. Only the pairs that the
 //! scene tests may touch. The mass is spread over the moving shapes by volume.
 
-use mobee_drivers::{ArmPhysics, Servo};
 use mobee_model::{Collider, Hinge, JointMotion, Robot, Scene, Shape};
+use mobee_sim::{ArmPhysics, Servo};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;

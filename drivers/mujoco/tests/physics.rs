@@ -3,9 +3,9 @@
 #![cfg(feature = "mujoco")]
 
 use mobee_contract::{Command, Context, Hardware, KindError, Move, Time};
-use mobee_drivers::{SimHardware, SimSettings};
 use mobee_model::{Robot, Scene, load_robot};
 use mobee_mujoco as _;
+use mobee_sim::{SimHardware, SimSettings};
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use std::path::Path;

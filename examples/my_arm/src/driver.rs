@@ -10,7 +10,7 @@ use mobee_contract::{
     Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, Kind, KindError, Known, Registered,
     Sample, Time, settings,
 };
-use mobee_drivers::{Plant, path::Profile};
+use mobee_sim::{Plant, path::Profile};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use serde_json::{Value, json};

@@ -1,10 +1,10 @@
 //! Pictures of a red square and a tag, the masks of the square, and what finds them: for detectors of every kind.
 
-#[path = "../../../behaviors/tests/it/onnx/written.rs"]
+#[path = "../../../behaviors/sensing/tests/it/onnx/written.rs"]
 mod written;
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use mobee_behaviors::detectors::tag::TagFamilyName;
+use mobee_sensing::detectors::tag::TagFamilyName;
 use std::ops::Range;
 use std::path::Path;
 use written::{Graph, constant, input, node, node_with_body, whole};

@@ -5,10 +5,10 @@ use super::{Cell, in_turn, judge, robots};
 use crate::common::pictures::{self, Shown};
 use crate::common::{answer, text};
 use crate::locator_files::table;
-use mobee_actors::record::journal;
 use mobee_contract::{Agent, AnyKind, Camera, Detector, Entry, Event, Locator, SeenPicture, Time, kinds};
-use mobee_drivers::eyes::{FolderCamera, FolderCameraSettings, KeptFrames, LensSettings};
+use mobee_journal::journal;
 use mobee_model::{Robot, load_robot};
+use mobee_sim::eyes::{FolderCamera, FolderCameraSettings, KeptFrames, LensSettings};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -175,7 +175,7 @@ fn cells(robots: &[PathBuf], made: &Made) -> (Vec<Cell>, Vec<Expected>) {
 
 /// Whether the robot has the head that locators learn.
 fn has_head(robot: &Robot) -> bool {
-    mobee_behaviors::locators::head::JOINTS.iter().all(|name| robot.motor_index(name).is_some())
+    mobee_sensing::locators::head::JOINTS.iter().all(|name| robot.motor_index(name).is_some())
 }
 
 /// Whether what a cell came to is what it should.

@@ -4,14 +4,10 @@
 //! camera image is located by it, and other robots count as unrecorded there.
 
 use super::{MAX_BRIDGED_MOTION, Recorded};
-use crate::distance;
-use mobee_contract::{Pose, Time};
+use mobee_contract::{MAX_BRIDGED_TIME, Pose, Time, distance};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Longest gap that is bridged: the pauses of a busy laptop take up to 0.3 s. In half a second a motion is still the
-/// commanded one; an obstacle that stops or deflects it within that time shows at the next reading.
-pub const MAX_BRIDGED_TIME: Duration = Duration::from_millis(500);
 /// Greatest number of stored set-points: half a second at 1 kHz.
 const MAX_SET_POINTS: usize = 512;
 /// Greatest number of configurations of a bridge.

@@ -13,8 +13,8 @@ mod straight;
 
 use crate::history::Recorded;
 use crate::ledger::{Places, SafePose, home};
-use crate::{RELEASE, Rules, distance};
-use mobee_contract::{Axis, Pose, Time};
+use crate::{RELEASE, Rules};
+use mobee_contract::{Axis, Pose, Time, distance};
 use mobee_model::{Contact, Robot, Scene, ShapeId, Sweep};
 use std::sync::Arc;
 

@@ -1,8 +1,7 @@
 //! An open transaction and its end: its kind of motion, the motors it names, and the outcome that a measured
 //! configuration shows (I2).
 
-use crate::distance;
-use mobee_contract::{Cause, CommitId, Event, MotionEnd, Outcome, Pose, Time};
+use mobee_contract::{Cause, CommitId, Event, MotionEnd, Outcome, Pose, Time, distance};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 

@@ -9,10 +9,10 @@ use super::yielding::{RetreatYield, YieldDecision, another};
 use super::{
     AfterStop, FROZEN_TIME, FROZEN_TRAVEL, FrozenEncoderWatch, Names, ReflexOut, ReflexReport, ReflexStep, RetreatJob,
 };
+use crate::Rules;
 use crate::pulse::Pulse;
 use crate::stop::Stop;
-use crate::{Rules, distance};
-use mobee_contract::{Event, Hold, Time};
+use mobee_contract::{Event, Hold, Time, distance};
 use mobee_model::Contact;
 use std::time::Duration;
 

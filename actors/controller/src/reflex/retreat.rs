@@ -7,8 +7,8 @@
 
 use super::FROZEN_TRAVEL;
 use crate::joint_retreat::{JointRetreat, RetreatPath};
-use crate::{Rules, distance, within};
-use mobee_contract::{Command, ControlMode, Sample, Target, Time};
+use crate::{Rules, within};
+use mobee_contract::{Command, ControlMode, Sample, Target, Time, distance};
 use std::time::Duration;
 
 /// Greatest retreat speed relative to the recorded speed, for a robot that is behind its group. Without catching up

@@ -5,10 +5,10 @@
 
 use super::check::{check, check_speeds};
 use super::{Closing, ExpectedProgress, MotionState, StoredReading, SuperviseCore, SuperviseOut, SuperviseStep};
+use crate::Rules;
 use crate::ledger::{Extent, Motion, Open, SafePose};
-use crate::{Rules, distance};
 use mobee_contract::{
-    Command, Commit, CommitId, Event, Hold, Move, Pose, Refusal, Status, Target, Time, Verdict, Writer,
+    Command, Commit, CommitId, Event, Hold, Move, Pose, Refusal, Status, Target, Time, Verdict, Writer, distance,
 };
 use std::sync::Arc;
 use std::time::Duration;

@@ -3,10 +3,10 @@
 //! back: agents plan from the assumed configuration of the robot.
 
 use super::{Closing, SuperviseCore, SuperviseStep};
+use crate::Rules;
 use crate::gate::Gate;
 use crate::pulse::Pulse;
-use crate::{Rules, play};
-use mobee_contract::{Cause, Event, Hold, Status};
+use mobee_contract::{Cause, Event, Hold, Status, play};
 
 /// Number of consecutive readings that must show a displacement: noise shows it in one. Three take 30 ms at the usual
 /// rate, in which a motor that was released has not moved far.

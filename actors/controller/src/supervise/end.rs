@@ -10,8 +10,8 @@ use crate::history::BridgedGap;
 use crate::ledger::{Open, SafePose, TransactionState};
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN_TIME, FROZEN_TRAVEL};
-use crate::{Rules, distance, hold_offset};
-use mobee_contract::{Cause, Command, Event, Hold, Outcome, Status, Target, Time, Writer};
+use crate::{Rules, hold_offset};
+use mobee_contract::{Cause, Command, Event, Hold, Outcome, Status, Target, Time, Writer, distance};
 use std::time::Duration;
 
 /// Time for which the board may report "done" away from the target, by the times of the readings. Some boards report

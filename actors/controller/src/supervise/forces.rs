@@ -14,8 +14,8 @@ use super::streaming::OpenStream;
 use super::{MotionState, StoredReading, SuperviseCore, SuperviseStep};
 use crate::pulse::Pulse;
 use crate::trajectory::ReferenceTrajectory;
-use crate::{FieldRules, Rules, clamped, distance};
-use mobee_contract::{Cause, ControlMode, Hold, Pose, Status, Time};
+use crate::{FieldRules, Rules, clamped};
+use mobee_contract::{Cause, ControlMode, Hold, Pose, Status, Time, distance};
 
 /// Motion under forces in progress.
 #[derive(Clone, Debug)]

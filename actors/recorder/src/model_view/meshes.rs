@@ -4,7 +4,8 @@ use crate::body::{RobotEntities, entity};
 use crate::palette;
 use crate::stream::{EntityStream, Written};
 use crate::surface::mesh3d;
-use mobee_model::{LinkSurface, Robot};
+use mobee_import::LinkSurface;
+use mobee_model::Robot;
 use nalgebra::Translation3;
 use rerun::components::AlbedoFactor;
 

@@ -1,6 +1,8 @@
 //! A recording of a robot model contains its shapes, its meshes and the near pairs while one motor moves.
 
-use mobee_model::{LinkSurface, Mesh, Robot, parse_robot};
+use mobee_import::LinkSurface;
+
+use mobee_model::{Mesh, Robot, parse_robot};
 use mobee_recorder::{Contents, ModelView, Settings, view_model};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::path::Path;

@@ -1,10 +1,10 @@
-//! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
+//! Tests of this package from outside, one module per promise, in one binary.
 
-mod board_words;
-mod common;
-mod exchanges;
-mod fuzz_corpus;
-mod name_server;
-mod ports;
+mod arms;
+mod cameras;
+mod net;
 mod real_time;
-mod vectors;
+mod way;
+mod yarp_left_behind;
+mod yarp_slides;
+mod yarp_virtual;

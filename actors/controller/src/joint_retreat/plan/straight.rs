@@ -2,9 +2,8 @@
 //! bent its joints and shaken them, so the recording of that time is no path to retreat on.
 
 use super::{Participant, RetreatPath};
-use crate::distance;
 use crate::history::Recorded;
-use mobee_contract::{Axis, Pose};
+use mobee_contract::{Axis, Pose, distance};
 use std::time::Duration;
 
 /// Distance from the stop within which a robot that pushes an unknown obstacle retreats on a straight line, rad:

@@ -1,15 +1,15 @@
 //! The whole system moves an arm of servos: driver actor, history, model, reflex and supervise, in real time.
 
 use crate::arm::{Arm, robot};
-use mobee_actors::check::check_events;
-use mobee_actors::record::tap::Taps;
-use mobee_actors::runtime::clock::ClockKind;
-use mobee_actors::system::{AgentMaker, Control, RobotSetup, Setup, run_under};
 use mobee_contract::{
     Agent, Event, Hardware, Intent, MotionEnd, Outcome, Refusal, Snapshot, Summary, Target, Time, View,
 };
 use mobee_controller::ControllerSettings;
+use mobee_journal::check::check_events;
 use mobee_model::Scene;
+use mobee_runtime::clock::ClockKind;
+use mobee_runtime::system::{AgentMaker, Control, RobotSetup, Setup, run_under};
+use mobee_runtime::tap::Taps;
 use std::sync::Arc;
 use std::time::Duration;
 
