@@ -258,12 +258,16 @@ mod tests {
     fn objects_that_only_a_simulated_world_has_are_recorded() {
         let robot = |driver: serde_json::Value| -> RobotConfig {
             let controller = serde_json::json!({ "period_ms": 20, "history": 100 });
-            let robot = serde_json::json!({ "name": "arm", "model": "arm.xml", "driver": driver, "controller": controller });
+            let robot =
+                serde_json::json!({ "name": "arm", "model": "arm.xml", "driver": driver, "controller": controller });
             serde_json::from_value(robot).unwrap()
         };
         let boxes = serde_json::json!([{ "name": "post", "size_m": [0.1, 0.2, 0.3], "at_m": [0.5, 0.0, 0.3] }]);
         let objects = unknown_objects(&robot(serde_json::json!({ "kind": "sim", "unknown": boxes })));
-        assert_eq!(objects.iter().map(|o| (o.name.as_str(), o.pose.translation.z)).collect::<Vec<_>>(), [("post", 0.3)]);
+        assert_eq!(
+            objects.iter().map(|o| (o.name.as_str(), o.pose.translation.z)).collect::<Vec<_>>(),
+            [("post", 0.3)]
+        );
         assert!(unknown_objects(&robot(serde_json::json!({ "kind": "sim" }))).is_empty());
         assert!(unknown_objects(&robot(serde_json::json!({ "kind": "replay", "unknown": boxes }))).is_empty());
     }
