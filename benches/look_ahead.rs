@@ -63,7 +63,7 @@ fn write_files(dir: &Path, seed: u64, speed: f64, reserve: &str, secs: f64) {
     let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icub.xml");
     let behavior = format!(
         "seed = {seed}\nworld.file = \"world.xml\"\n[[robot]]\nname = \"icub\"\nmodel = {:?}\n\
-         controller = {{ period_ms = 20, history = 6000{reserve} }}\ndriver = {{ kind = \"sim\" }}\n\
+         controller = {{ period_ms = 20, history = 6000{reserve} }}\ndriver = {{ kind = \"sim\", profile = \"ideal\" }}\n\
          agent = {{ kind = \"random\", motors = [\"torso\", \"right_arm\"], count = 0, speed = {speed}, checked = true }}\n{script}",
         robots.display().to_string()
     );

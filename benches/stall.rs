@@ -178,7 +178,7 @@ fn main() {
     let random = dir.path().join("random.toml");
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icub.xml");
     let behavior = format!(
-        "[[robot]]\nname = \"icub\"\nmodel = {:?}\ncontroller = {{ period_ms = 20, history = 6000, reserve_mm = 0 }}\ndriver = {{ kind = \"sim\" }}\n\
+        "[[robot]]\nname = \"icub\"\nmodel = {:?}\ncontroller = {{ period_ms = 20, history = 6000, reserve_mm = 0 }}\ndriver = {{ kind = \"sim\", profile = \"ideal\" }}\n\
          agent = {{ kind = \"random\", motors = [\"torso\", \"right_arm\"], count = 0, checked = true }}\n",
         model.display().to_string()
     );
@@ -190,7 +190,7 @@ fn main() {
             [of(&format!("controller.stall_deg={deg}")), of(&format!("controller.tolerance_deg={}", 0.2 * deg))];
         [vec![format!("seed={seed}"), of(&format!("agent.speed={speed}"))], controller.to_vec()].concat()
     };
-    let usual = SimSettings::default();
+    let usual = SimSettings::ideal();
     let text =
         |s: &str| serde_json::from_value::<SimSettings>(serde_json::from_str(s).expect("JSON")).expect("settings");
     let boards = [
@@ -198,9 +198,9 @@ fn main() {
         (
             "three times the noise, 60 ms late, a reading each 20 ms",
             STALL_DEG,
-            text(r#"{"noise_deg":0.015,"resolution_deg":0.03,"latency_ms":60,"rate_hz":50}"#),
+            text(r#"{"profile":"ideal","noise_deg":0.015,"resolution_deg":0.03,"latency_ms":60,"rate_hz":50}"#),
         ),
-        ("constant acceleration", STALL_DEG, text(r#"{"profile":"trapezoidal"}"#)),
+        ("constant acceleration", STALL_DEG, text(r#"{"profile":"ideal","move_profile":"trapezoidal"}"#)),
         // Its moves end within a degree.
         ("as iCub_SIM", 10.0 * STALL_DEG, text(r#"{"imitates":"iCub_SIM"}"#)),
     ];

@@ -139,6 +139,7 @@ speed = 0.2
 name = "katana"
 model = "MODEL"
 controller = { period_ms = 20, history = 6000 }
+driver = { kind = "sim", profile = "ideal" }
 "#;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -83,7 +83,7 @@ fn behavior(configs: &Path, poses: &[NamedPose], mode: &str, queries: usize) -> 
     let path = |file: &str| format!("{:?}", configs.join(file).to_string_lossy());
     let mut text = format!(
         "seed = {SEED}\nworld.file = {}\nrecord.enabled = false\n[[robot]]\nname = \"icub\"\nmodel = {}\n\
-         controller = {{ period_ms = 20, history = 6000 }}\n[robot.agent]\nkind = \"roadmap\"\nspeed = 0.1\n\
+         controller = {{ period_ms = 20, history = 6000 }}\ndriver = {{ kind = \"sim\", profile = \"ideal\" }}\n[robot.agent]\nkind = \"roadmap\"\nspeed = 0.1\n\
          neighbors = 8\nvalidation = {mode:?}\n",
         path("worlds/explore.xml"),
         path("robots/icub.xml")

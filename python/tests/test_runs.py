@@ -271,7 +271,7 @@ def test_the_view_has_robot_objects_and_queries(out: Out) -> None:
 def test_units_of_joints_that_slide_are_meters(out: Out, rail: mobee.Robot, tmp_path: Path) -> None:
     rail.save(tmp_path / "rail.xml")
     file = tmp_path / "rail.toml"
-    file.write_text('[[robot]]\nname = "rail"\nmodel = "rail.xml"\ncontroller = { period_ms = 20, history = 6000 }\n')
+    file.write_text('[[robot]]\nname = "rail"\nmodel = "rail.xml"\ncontroller = { period_ms = 20, history = 6000 }\ndriver = { kind = "sim", profile = "ideal" }\n')
     slides = [i for i, unit in enumerate(rail.units) if unit == "m"]
     target = rail.home.copy()
     target[slides[0]] += 0.05 if rail.home[slides[0]] + 0.05 < rail.upper[slides[0]] else -0.05

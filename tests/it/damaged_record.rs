@@ -10,6 +10,7 @@ const BEHAVIOR: &str = r#"[[robot]]
 name = "edge"
 model = "robot.xml"
 controller = { period_ms = 20, history = 500 }
+driver = { kind = "sim", profile = "ideal" }
 agent = { kind = "random", motors = ["base"], count = 1000, speed = 0.5 }
 "#;
 

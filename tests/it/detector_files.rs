@@ -40,7 +40,7 @@ fn mcc(detector: &Path, images: &Path) -> f64 {
 fn behavior(file: &Path, detectors: &[&str]) {
     let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/katana.xml");
     let arm = format!(
-        "name = \"arm\"\nmodel = {robot:?}\ncontroller = {{ period_ms = 20, history = 6000 }}\ndriver = {{ kind = \"sim\" }}\n"
+        "name = \"arm\"\nmodel = {robot:?}\ncontroller = {{ period_ms = 20, history = 6000 }}\ndriver = {{ kind = \"sim\", profile = \"ideal\" }}\n"
     );
     let head = format!("[[robot]]\n{arm}[[sensor]]\nname = \"eyes\"\n");
     let eye = |(k, detector): (usize, &&str)| {

@@ -15,7 +15,7 @@ fn behavior(folder: &Path, pose: &str, agent: &str) -> std::path::PathBuf {
     let file = folder.join("there.toml");
     let toml = format!(
         "[world]\nfile = \"{root}/configs/worlds/ball.xml\"\n[[robot]]\nname = \"icub\"\nmodel = \"{root}/configs/robots/icub.xml\"\n\
-         controller = {{ period_ms = 20, history = 6000 }}\n[robot.agent]\n{agent}\nspeed = 0.3\nposes = [{{ {pose} }}]\n"
+         controller = {{ period_ms = 20, history = 6000 }}\ndriver = {{ kind = \"sim\", profile = \"ideal\" }}\n[robot.agent]\n{agent}\nspeed = 0.3\nposes = [{{ {pose} }}]\n"
     );
     std::fs::write(&file, toml).expect("written");
     file

@@ -24,7 +24,7 @@ impl Eye {
         let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/katana.xml");
         let text = format!(
             "[[robot]]\nname = \"arm\"\nmodel = {robot:?}\ncontroller = {{ period_ms = 20, history = 6000 }}\n\
-             driver = {{ kind = \"sim\" }}\n[[sensor]]\nname = \"eyes\"\n[[sensor.eye]]\nname = \"left\"\n\
+             driver = {{ kind = \"sim\", profile = \"ideal\" }}\n[[sensor]]\nname = \"eyes\"\n[[sensor.eye]]\nname = \"left\"\n\
              camera = {camera}\ndetector = {detector}\n"
         );
         std::fs::write(dir.path().join("eye.toml"), text).expect("written");

@@ -26,7 +26,7 @@ fn folder() -> tempfile::TempDir {
     };
     let behavior = format!(
         "world.file = \"{0}/worlds/table.xml\"\n[[robot]]\nname = \"icub\"\nmodel = \"{0}/robots/icub.xml\"\n\
-         controller = {{ period_ms = 20, history = 6000 }}\n\
+         controller = {{ period_ms = 20, history = 6000 }}\ndriver = {{ kind = \"sim\", profile = \"ideal\" }}\n\
          agent = {{ kind = \"roadmap\", map = \"right.toml\", goals = [\"5\", \"0\"], speed = 0.3, \
          poses = [{{ name = \"home\", q_deg = {{ r_elbow = 60 }} }}], edges = [[\"home\", \"0\"]] }}\n",
         configs.display()

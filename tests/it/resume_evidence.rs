@@ -12,6 +12,7 @@ const BEHAVIOR: &str = r#"world.file = "world.xml"
 name = "edge"
 model = "robot.xml"
 controller = { period_ms = 20, history = 500 }
+driver = { kind = "sim", profile = "ideal" }
 agent = { kind = "random", motors = ["base"], count = 40, speed = 0.5 }
 "#;
 const WORLD: &str =

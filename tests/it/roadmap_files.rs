@@ -74,7 +74,7 @@ fn a_map_is_built_interrupted_resumed_validated_planned_on_merged_and_shown() {
     let root = env!("CARGO_MANIFEST_DIR");
     let tour = format!(
         "[world]\nfile = \"{root}/{WORLD}\"\n[[robot]]\nname = \"icub\"\nmodel = \"{root}/{ROBOT}\"\n\
-         controller = {{ period_ms = 20, history = 6000 }}\n\
+         controller = {{ period_ms = 20, history = 6000 }}\ndriver = {{ kind = \"sim\", profile = \"ideal\" }}\n\
          agent = {{ kind = \"roadmap\", map = \"whole.json\", goals = [\"5\", \"0\"], speed = 0.3, \
          poses = [{{ name = \"home\", q_deg = {{ r_elbow = 60 }} }}], edges = [[\"home\", \"0\"]] }}\n"
     );

@@ -10,7 +10,7 @@ pub(crate) const TEXT: &str = "\
 - small red dots: places where contacts began so far
 - bright lines: the way the hands went during the last half minute
 - solid objects are obstacles or targets, see-through ones are ghosts
-
+- solid **orange** objects are in the simulated world only: the arm touches them, and the model does not contain them
 - pyramids of thin lines: cameras, with what they see; what a detector takes for its object is tinted, and boxed in **red**
 
 **Roadmap** (flat: the hand's places as seen from the front)

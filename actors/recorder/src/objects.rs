@@ -1,7 +1,7 @@
 //! The world's objects: shown, moved, recolored and removed as the scene is edited.
 
 use crate::body::entity;
-use crate::palette;
+use crate::palette::{self, Rgba};
 use crate::shapes::{DrawnSolid, Shapes, quaternion, vec3};
 use crate::stream::{EntityStream, Written};
 use mobee_model::{Object, ObjectClass, Scene, Shape, ShapeId};
@@ -30,7 +30,7 @@ impl Objects {
             match self.shown.get_mut(&id) {
                 Some((old, _)) if Arc::ptr_eq(old, object) || *old == *object => {}
                 Some((old, _)) if looks_alike(old, object) => {
-                    place(stream, id, object)?;
+                    place(stream, &path(id, object), object)?;
                     *old = Arc::clone(object);
                 }
                 _ => {
@@ -58,15 +58,39 @@ fn path(id: u32, object: &Object) -> String {
     format!("world/objects/{}_{id}", entity(&object.name))
 }
 
-fn place(stream: &EntityStream, id: u32, object: &Object) -> Written {
+fn place(stream: &EntityStream, path: &str, object: &Object) -> Written {
     let Isometry3 { rotation, translation } = object.pose;
     let at = Transform3D::from_translation_rotation(vec3(&translation.vector), quaternion(&rotation));
-    stream.log(&path(id, object), &at)
+    stream.log(path, &at)
 }
 
 /// Shows an object by its class: solid if it can be touched, transparent if it is a ghost.
 fn show(stream: &EntityStream, id: u32, object: &Object) -> Result<Shapes, String> {
-    place(stream, id, object)?;
+    let word = match object.class {
+        ObjectClass::Obstacle => object.name.clone(),
+        ObjectClass::Target => format!("{} (target)", object.name),
+        ObjectClass::Ghost => format!("{} (ghost)", object.name),
+    };
+    draw(stream, (&path(id, object), id), object, (palette::object(object), word))
+}
+
+/// Shows the objects that only the simulated world has. They never change: no contact of the model has their shapes.
+pub(crate) fn show_unknown(stream: &EntityStream, objects: &[Object]) -> Written {
+    for (id, object) in (0..).zip(objects) {
+        let path = format!("world/unknown/{}_{id}", entity(&object.name));
+        draw(stream, (&path, id), object, (palette::UNKNOWN, format!("{} (not in the model)", object.name)))?;
+    }
+    Ok(())
+}
+
+/// Draws an object at its pose, with its name.
+fn draw(
+    stream: &EntityStream,
+    (path, id): (&str, u32),
+    object: &Object,
+    (color, word): (Rgba, String),
+) -> Result<Shapes, String> {
+    place(stream, path, object)?;
     let fill = match object.class {
         ObjectClass::Obstacle | ObjectClass::Target => FillMode::Solid,
         ObjectClass::Ghost => FillMode::TransparentFillMajorWireframe,
@@ -80,19 +104,14 @@ fn show(stream: &EntityStream, id: u32, object: &Object) -> Result<Shapes, Strin
             primitive,
             hull: None,
             frame_from_node: Isometry3::identity(),
-            color: palette::object(object),
+            color,
         })
         .collect();
     let mut shapes = Shapes::default();
-    shapes.add(stream, &path(id, object), &solids, fill)?;
-    let word = match object.class {
-        ObjectClass::Obstacle => object.name.clone(),
-        ObjectClass::Target => format!("{} (target)", object.name),
-        ObjectClass::Ghost => format!("{} (ghost)", object.name),
-    };
+    shapes.add(stream, path, &solids, fill)?;
     // The viewer writes a label below its point: below the object, it hides nothing.
     let name = Points3D::new([below(object)]).with_labels([word]).with_show_labels(true).with_radii([0.001]);
-    stream.log(&format!("{}/name", path(id, object)), &name.with_colors([0xC8D0DCFFu32]))?;
+    stream.log(&format!("{path}/name"), &name.with_colors([0xC8D0DCFFu32]))?;
     Ok(shapes)
 }
 

@@ -18,6 +18,8 @@ pub(crate) const PAST_CONTACT: Rgba = 0xF0322DC0;
 pub(crate) const VERTEX: Rgba = 0xE8ECF4FF;
 /// The plan that is followed.
 pub(crate) const PLAN: Rgba = 0xFF3B30FF;
+/// An object that only the simulated world has.
+pub(crate) const UNKNOWN: Rgba = 0xFF9A1FFF;
 /// The frustum of a camera.
 pub(crate) const FRUSTUM: Rgba = 0x6FE3FFA0;
 /// The meshes that shapes were fitted to.

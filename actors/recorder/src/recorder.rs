@@ -4,7 +4,7 @@ use crate::blueprint::{Page, open_plot};
 use crate::body::{entities, entity};
 use crate::eyes::Eye;
 use crate::front::Front;
-use crate::objects::Objects;
+use crate::objects::{Objects, show_unknown};
 use crate::palette;
 use crate::recording::{RecorderError, Recording, SEND_INTERVAL, Settings};
 use crate::shadow::DrawnRobot;
@@ -91,6 +91,7 @@ impl Recorder {
         if self.front.is_none() {
             self.front = Some(Front::of(scene));
             self.lay_out()?;
+            show_unknown(&self.stream, &self.recording.unknown)?;
         }
         self.objects.update(&self.stream, scene)?;
         if self.scene.is_none() {

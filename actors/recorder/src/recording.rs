@@ -8,7 +8,7 @@ use crate::legend;
 use crate::recorder::Recorder;
 use crate::roadmap::DrawnPose;
 use crate::stream::{EntityStream, Written};
-use mobee_model::Robot;
+use mobee_model::{Object, Robot};
 use rerun::external::arrow::array::StringArray;
 use rerun::log::ChunkBatcherConfig;
 use rerun::sink::SinkFlushError;
@@ -43,6 +43,8 @@ pub struct Settings {
     pub index: bool,
     /// Names of poses: a vertex of a roadmap at one of them is labeled with it.
     pub names: Vec<PoseName>,
+    /// Objects that only the simulated world has, and no scene; shown in a color of their own.
+    pub unknown: Vec<Object>,
 }
 
 /// A named pose of a robot.
@@ -87,6 +89,8 @@ pub struct Recording {
     pages: Arc<Mutex<Vec<Page>>>,
     is_live: bool,
     names: Arc<[PoseName]>,
+    /// Objects that no scene has.
+    pub(crate) unknown: Arc<[Object]>,
     /// Error that ended the writing of the file.
     trouble: DiskTrouble,
 }
@@ -129,7 +133,8 @@ impl Recording {
         let began = property(&rec, "config", &settings.config).and_then(|()| property(&rec, "build", &settings.build));
         began.map_err(|why| file(&why))?;
         let names = settings.names.clone().into();
-        Ok(Recording { rec, pages: Arc::default(), is_live: settings.live.is_some(), names, trouble })
+        let unknown = settings.unknown.clone().into();
+        Ok(Recording { rec, pages: Arc::default(), is_live: settings.live.is_some(), names, unknown, trouble })
     }
 
     /// Creates a recorder that draws below the entity `name`, or at the root if that is empty, as for the only

@@ -98,7 +98,8 @@ impl ServedRobots {
 fn place(robots: &[cameras::RobotBoards], config: &Config, source: &Source) -> Result<(), Report> {
     let scene = compose(cameras::bare(config), source)?.scene;
     for (i, boards) in robots.iter().enumerate() {
-        for board in boards {
+        // all boards of an arm share it, and kinematic joints touch nothing
+        if let Some(board) = boards.first() {
             let at = format!("robot[{i}].driver");
             board.place(&scene, i).map_err(|e| source.error(&format!("{at}.{}", e.path), e.what, e.help))?;
         }

@@ -50,5 +50,6 @@ pub(crate) fn recording_settings(path: &Path, name: &str, source: &Path) -> Sett
         live: None,
         index: true,
         names: Vec::new(),
+        unknown: Vec::new(),
     }
 }

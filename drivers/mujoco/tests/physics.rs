@@ -122,6 +122,6 @@ fn numbers_that_mujoco_does_not_use_are_refused() {
         let settings = json!({ "profile": "panda", "physics": "mujoco", "servo": { key: number } });
         assert_eq!(arm(&panda, &settings).unwrap_err().path, format!("servo.{key}"));
     }
-    let kinematic: SimSettings = serde_json::from_value(json!({ "physics": "mujoco" })).unwrap();
+    let kinematic: SimSettings = serde_json::from_value(json!({ "profile": "ideal", "physics": "mujoco" })).unwrap();
     assert_eq!(kinematic.validate().unwrap_err().path, "physics");
 }

@@ -76,7 +76,7 @@ impl ReplayHardware {
         })?;
         let table = PoseTable::parse(&text, &context.robot)
             .map_err(|(line, what, help)| KindError::new("file", format!("{name}:{line}: {what}"), help))?;
-        Ok(ReplayHardware::new(table, SimSettings::default().axes(&context.robot), settings.encoder_hz))
+        Ok(ReplayHardware::new(table, SimSettings::ideal().axes(&context.robot), settings.encoder_hz))
     }
 
     /// Creates a robot with these axes that follows the table, with this number of readings per second: from 1 to

@@ -74,6 +74,7 @@ impl SimHardware {
     /// The first setting that can't be used.
     pub fn new(settings: &SimSettings, context: &Context) -> Result<SimHardware, KindError> {
         settings.validate()?;
+        let settings = &settings.for_robot(&context.robot);
         let start = settings.start(&context.robot)?;
         let hardware = SimHardware::with_axes(settings.axes(&context.robot), &start, settings, context.seed);
         if let Some(numbers) = settings.arm() {
@@ -93,9 +94,12 @@ impl SimHardware {
         Ok(SimHardware { start: Some(start).filter(|_| !settings.start_deg.is_empty()), ..hardware })
     }
 
-    /// Builds a simulation of motors without a robot model. The limits of `axes` apply, not those of the
-    /// settings, which are not validated.
+    /// Builds a simulation of motors without a robot model, whose joints are kinematic. The limits of `axes`
+    /// apply, not those of the settings, which are not validated.
     pub fn with_axes(axes: Vec<Axis>, start: &[f64], settings: &SimSettings, seed: u64) -> SimHardware {
+        // a profile in the settings determines the accuracy of the encoders only
+        let profile = settings.profile.or(Some(ArmProfile::Ideal));
+        let settings = &SimSettings { profile, ..settings.clone() };
         let facts = contract::Board {
             axes: axes.clone(),
             period: settings.period(),

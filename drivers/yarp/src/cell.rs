@@ -429,6 +429,7 @@ pub fn describe(
             axis.resolution = settings.resolution_deg.unwrap_or(measured).to_radians();
             if axis.motion.is_turn() {
                 axis.hold_error = settings.hold_error_deg.to_radians();
+                axis.deflection = settings.deflection_deg.to_radians();
             }
             if board.torques().is_some() {
                 axis.contact_effort = Axis::UNRATED;

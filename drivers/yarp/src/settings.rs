@@ -54,6 +54,11 @@ pub struct YarpDriverSettings {
     /// have none. 0: the boards bring joints to their targets, as an integral term does.
     #[serde(default)]
     pub hold_error_deg: f64,
+    /// Greatest distance by which a push moves a joint from its commanded position, deg: the greatest torque over
+    /// the stiffness of its servo. Joints that no command names but a contact has bent then join the retreat.
+    /// Prismatic joints are assumed not to give way. 0: the joints do not give way, or it is unknown.
+    #[serde(default)]
+    pub deflection_deg: f64,
     /// Resolution of the encoders, deg or mm: one count, or four standard deviations of their noise. Default:
     /// estimated from the states at the connection, which can't detect a coarse encoder that rests on one
     /// count (a turn of 4,096 counts: 0.088).
@@ -140,6 +145,7 @@ impl YarpDriverSettings {
             max_speed_deg_per_s: max_speed(),
             max_acceleration_deg_per_s2: max_acceleration(),
             hold_error_deg: 0.0,
+            deflection_deg: 0.0,
             resolution_deg: None,
             position_direct: true,
             moves: Moves::Position,
@@ -160,6 +166,7 @@ impl YarpDriverSettings {
             ("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 10_000.0),
             ("max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e6),
             ("hold_error_deg", self.hold_error_deg, 0.0, 30.0),
+            ("deflection_deg", self.deflection_deg, 0.0, 90.0),
             ("resolution_deg", self.resolution_deg.unwrap_or_default(), 0.0, 10.0),
         ];
         let number = |(name, value, least, most): (&str, f64, f64, f64)| {

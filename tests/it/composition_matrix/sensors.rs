@@ -159,7 +159,7 @@ fn cells(robots: &[PathBuf], made: &Made) -> (Vec<Cell>, Vec<Expected>) {
                         config: json!({
                             "for_s": SECONDS, "record": { "enabled": false },
                             "robot": [{
-                                "name": "robot", "model": path, "driver": { "kind": "sim" }, "agent": planner,
+                                "name": "robot", "model": path, "driver": { "kind": "sim", "profile": "ideal" }, "agent": planner,
                                 "controller": { "period_ms": 20, "history": 6000 },
                             }],
                             "sensor": [sensor],

@@ -121,7 +121,8 @@ fn behavior(dir: &Path, name: &str, agent: &str) -> std::path::PathBuf {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let robot = root.join("configs/robots/icub.xml");
     let text = format!(
-        "[[robot]]\nname = \"icub\"\nmodel = {robot:?}\n[robot.controller]\nperiod_ms = 20\nhistory = 6000\n{agent}"
+        "[[robot]]\nname = \"icub\"\nmodel = {robot:?}\ndriver = {{ kind = \"sim\", profile = \"ideal\" }}\n\
+         [robot.controller]\nperiod_ms = 20\nhistory = 6000\n{agent}"
     );
     let path = dir.join(name);
     std::fs::write(&path, text).expect("a file");

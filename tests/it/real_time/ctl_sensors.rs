@@ -11,7 +11,7 @@ fn behavior(dir: &Path, name: &str, detector: &str) -> std::path::PathBuf {
     let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/katana.xml");
     let text = format!(
         "[[robot]]\nname = \"arm\"\nmodel = {robot:?}\ncontroller = {{ period_ms = 20, history = 6000 }}\n\
-         driver = {{ kind = \"sim\" }}\n[[sensor]]\nname = \"eyes\"\n[[sensor.eye]]\nname = \"left\"\n\
+         driver = {{ kind = \"sim\", profile = \"ideal\" }}\n[[sensor]]\nname = \"eyes\"\n[[sensor.eye]]\nname = \"left\"\n\
          camera = {{ kind = \"folder\", path = \"pics\", fps = 10, repeat = true }}\ndetector = {detector}\n"
     );
     let path = dir.join(name);

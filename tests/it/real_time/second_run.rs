@@ -52,7 +52,7 @@ fn until(what: &str, there: impl Fn() -> bool) {
 
 /// A second run, and one that resumes the first, of a robot behind boards.
 fn refused(network: &Network) {
-    let sim = behavior(network, "sim.toml", "", "{ kind = \"sim\" }", "");
+    let sim = behavior(network, "sim.toml", "", "{ kind = \"sim\", profile = \"ideal\" }", "");
     let mut served = network.command(MOBEE);
     served.args(["sim", text(&sim), "--prefix", "/edgeSim"]).stdout(Stdio::null());
     let _served = Process(served.spawn().expect("mobee starts"));
@@ -101,7 +101,7 @@ fn a_refused_second_run_leaves_the_first_alone_under_yarpserver() {
 #[test]
 fn a_bridge_whose_port_names_are_taken_is_refused_at_the_start() {
     let network = network();
-    let file = behavior(&network, "run.toml", "[yarp]", "{ kind = \"sim\" }", "");
+    let file = behavior(&network, "run.toml", "[yarp]", "{ kind = \"sim\", profile = \"ideal\" }", "");
     let mut first = Run::with(&network, text(&file), "edge", &[]);
     first.wait_for_port("/MoBeE/edge/base/rpc:i");
     first.wait_for_port("/MoBeE/world");
@@ -132,7 +132,7 @@ fn a_bridge_that_loses_its_ports_is_visible() {
     let mut server = network.command(MOBEE);
     server.args(["yarp", "server", "--read"]).stdout(Stdio::null());
     let _server = Process(server.spawn().expect("mobee starts"));
-    let file = behavior(&network, "run.toml", "[yarp]", "{ kind = \"sim\" }", "");
+    let file = behavior(&network, "run.toml", "[yarp]", "{ kind = \"sim\", profile = \"ideal\" }", "");
     let out = network.path().join("run");
     let mut first = network.command(MOBEE);
     first.args(["run", text(&file), "--for", "12", "--no-record", "--json", "--out", text(&out)]);

@@ -93,6 +93,21 @@ fn everything_that_happened_is_in_it() {
     assert!(contents.until.secs() > end.secs() - 1.0, "ends at {} of {end}", contents.until);
 }
 
+/// Objects that only the simulated world has are shown beside those of the scene, once.
+#[test]
+fn objects_that_the_model_does_not_contain_are_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    let unknown = vec![ball("post", ObjectClass::Obstacle, [0.4, 0.0, 0.3])];
+    let settings = Settings { path: path.clone(), unknown, ..Settings::default() };
+    let mut recorder = Recorder::new(&settings).unwrap();
+    staged::play(&stage(), &mut recorder).unwrap();
+    drop(recorder);
+    let rows = Contents::read(&path).unwrap().rows;
+    assert_eq!(rows.get("/world/unknown/post_0/name"), Some(&1), "{rows:#?}");
+    assert!(rows.contains_key("/world/unknown/post_0/spheres") && rows.contains_key("/world/objects/post_0/spheres"));
+}
+
 #[test]
 fn a_joint_that_rests_costs_nothing() {
     let folder = tempfile::tempdir().unwrap();

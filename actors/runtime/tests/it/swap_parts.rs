@@ -246,7 +246,7 @@ fn a_part_that_breaks_in_a_contact_is_reverted_as_any() {
 #[test]
 fn another_robot_is_refused() {
     let swaps = |_: &SimHardware| {
-        let settings = SimSettings::default();
+        let settings = SimSettings::ideal();
         let other = SimHardware::new(&settings, &Context { robot: arm(), seed: 7 }).unwrap();
         vec![(Duration::from_secs(2), driver(&other, Nothing, 1.0))]
     };

@@ -45,7 +45,7 @@ fn collide(history: usize, left: &[(f64, f64, f64)], right: &[(f64, f64, f64)]) 
         let robot = Arc::new(parse_robot("arm.xml", &text).map(|l| l.value).unwrap());
         let base = Isometry3::new(Vector3::new(x, 0.0, 0.0), Vector3::new(0.0, 0.0, turned.to_radians()));
         stands.push((robot.clone(), base));
-        let hardware = SimHardware::new(&SimSettings::default(), &Context { robot, seed: 1 }).unwrap();
+        let hardware = SimHardware::new(&SimSettings::ideal(), &Context { robot, seed: 1 }).unwrap();
         let steps: VecDeque<_> = plan.iter().map(|(s, deg, v)| (Duration::from_secs_f64(*s), *deg, *v)).collect();
         robots.push(RobotSetup {
             name: name.into(),

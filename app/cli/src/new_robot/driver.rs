@@ -35,7 +35,7 @@ pub(super) struct DriverText {
 
 /// The driver of a robot named `name` in the behavior, with the file name `model` and this margin.
 pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str), margin_mm: f64) -> DriverText {
-    let profile = profile([robot.name.as_str(), model]);
+    let profile = ArmProfile::of_robot([robot.name.as_str(), model]);
     let [word, controller, like] = match profile {
         // hobby servos lag by degrees: a greater lag is a stall
         ArmProfile::So101 => ["so101", ", stall_deg = 8", "an SO-101"],
@@ -44,7 +44,7 @@ pub(super) fn text(driver: NewDriver, robot: &Robot, (name, model): (&str, &str)
         ArmProfile::Icub => ["icub", "", "an iCub"],
         ArmProfile::Arm | ArmProfile::Ideal => ["arm", "", "an arm of no particular make"],
     };
-    let settings = SimSettings { profile, ..SimSettings::default() };
+    let settings = SimSettings { profile: Some(profile), ..SimSettings::default() };
     let reaction = settings.latency() + Duration::from_millis(PERIOD_MS) * 2;
     let (reserve, remark) = reserve(robot, &settings.axes(robot), reaction, margin_mm, EXPLORE_SPEED);
     let controller = reserve + controller;
@@ -124,52 +124,5 @@ fn yarp(robot: &Robot, name: &str) -> DriverText {
             parts.join(", ")
         ),
         note: "  driver: control boards behind YARP; give their ports in the file\n".into(),
-    }
-}
-
-/// The profile of the arm that one of these names belongs to.
-fn profile(names: [&str; 2]) -> ArmProfile {
-    let of = |name: &str| {
-        let name = name.to_lowercase();
-        let plain: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
-        let starts = |words: &[&str]| {
-            let tokens = || name.split(|c: char| !c.is_ascii_alphanumeric());
-            words.iter().any(|word| tokens().any(|token| token == *word))
-        };
-        if plain.contains("icub") {
-            Some(ArmProfile::Icub)
-        } else if plain.contains("panda") || starts(&["fr3"]) {
-            Some(ArmProfile::Panda)
-        } else if plain.contains("so100") || plain.contains("so101") || plain.contains("soarm10") {
-            Some(ArmProfile::So101)
-        } else if starts(&["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20", "ur30"]) {
-            Some(ArmProfile::Ur5)
-        } else {
-            None
-        }
-    };
-    names.into_iter().find_map(of).unwrap_or(ArmProfile::Arm)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{ArmProfile, profile};
-
-    #[test]
-    fn known_arms_are_found_by_name() {
-        let known = [
-            ("panda", ArmProfile::Panda),
-            ("franka-fr3", ArmProfile::Panda),
-            ("ur5e_robot", ArmProfile::Ur5),
-            ("UR10", ArmProfile::Ur5),
-            ("so101_new_calib", ArmProfile::So101),
-            ("SO_ARM100", ArmProfile::So101),
-            ("iCubGenova01", ArmProfile::Icub),
-            ("z1", ArmProfile::Arm),
-            ("contour5", ArmProfile::Arm),
-        ];
-        for (name, expected) in known {
-            assert_eq!(profile(["robot", name]), expected, "{name}");
-        }
     }
 }

@@ -13,10 +13,11 @@ use mobee_compose::config::{ClockMode, Config, RobotConfig};
 use mobee_journal::journal::Journal;
 use mobee_journal::ring::Rings;
 use mobee_journal::track::Tracks;
-use mobee_model::Scene;
+use mobee_model::{Object, Scene};
 use mobee_recorder::{PoseName, Recorder};
 use mobee_runtime::tap::{OpenSink, Pictures, SinkSpec};
 use mobee_sim::eyes::KeptFrames;
+use mobee_sim::{SIM, UnknownBox};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -205,7 +206,15 @@ pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recor
         // a real robot may run for days
         index: config.clock == ClockMode::Virtual,
         names: config.robot.iter().flat_map(pose_names).collect(),
+        unknown: config.robot.iter().flat_map(unknown_objects).collect(),
     }
+}
+
+/// Objects that only the world of a simulated robot has.
+fn unknown_objects(robot: &RobotConfig) -> Vec<Object> {
+    let boxes = robot.driver.get("unknown").filter(|_| robot.driver_kind() == SIM);
+    let boxes: Option<Vec<UnknownBox>> = boxes.and_then(|boxes| serde_json::from_value(boxes.clone()).ok());
+    boxes.iter().flatten().map(UnknownBox::object).collect()
 }
 
 /// The poses that an agent's settings name, for labels: `poses = [{ name = "left", q_deg = { ... } }]`. Skips other
@@ -244,5 +253,22 @@ mod tests {
         robot.agent = agent(poses);
         let q_deg = [("elbow".to_owned(), 30.0), ("wrist".to_owned(), -1.5)].into();
         assert_eq!(pose_names(&robot), [PoseName { robot: "arm".into(), name: "left".into(), q_deg }]);
+    }
+    #[test]
+    fn objects_that_only_a_simulated_world_has_are_recorded() {
+        let robot = |driver: serde_json::Value| -> RobotConfig {
+            let controller = serde_json::json!({ "period_ms": 20, "history": 100 });
+            let robot =
+                serde_json::json!({ "name": "arm", "model": "arm.xml", "driver": driver, "controller": controller });
+            serde_json::from_value(robot).unwrap()
+        };
+        let boxes = serde_json::json!([{ "name": "post", "size_m": [0.1, 0.2, 0.3], "at_m": [0.5, 0.0, 0.3] }]);
+        let objects = unknown_objects(&robot(serde_json::json!({ "kind": "sim", "unknown": boxes })));
+        assert_eq!(
+            objects.iter().map(|o| (o.name.as_str(), o.pose.translation.z)).collect::<Vec<_>>(),
+            [("post", 0.3)]
+        );
+        assert!(unknown_objects(&robot(serde_json::json!({ "kind": "sim" }))).is_empty());
+        assert!(unknown_objects(&robot(serde_json::json!({ "kind": "replay", "unknown": boxes }))).is_empty());
     }
 }

@@ -46,13 +46,12 @@ impl Driven {
             yarp.validate().map_err(wrong)?;
             let speed = yarp.max_speed_deg_per_s;
             let acceleration = yarp.max_acceleration_deg_per_s2;
-            robot.driver =
-                json!({ "kind": SIM, "max_speed_deg_per_s": speed, "max_acceleration_deg_per_s2": acceleration });
+            robot.driver = json!({ "kind": SIM, "profile": "ideal", "max_speed_deg_per_s": speed, "max_acceleration_deg_per_s2": acceleration });
             return Ok(Driven::Yarp(yarp));
         }
         if kind != SIM {
             robot.driver = simulated();
-            return Ok(Driven::Sim(SimSettings::default()));
+            return Ok(Driven::Sim(SimSettings::ideal()));
         }
         Ok(Driven::Sim(mobee_contract::settings(&settings).map_err(wrong)?))
     }

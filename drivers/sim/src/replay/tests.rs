@@ -17,7 +17,7 @@ fn a_robot_follows_its_table_and_ignores_commands() {
     let home = robot.home()[1].to_degrees();
     let text = format!("{}\n0.5,{home}\n1.5,{}\n", heading(&robot), home + 1.0);
     let table = PoseTable::parse(&text, &robot).unwrap();
-    let hardware = ReplayHardware::new(table, SimSettings::default().axes(&robot), 100.0);
+    let hardware = ReplayHardware::new(table, SimSettings::ideal().axes(&robot), 100.0);
     let mut driver = hardware.connect().unwrap();
     let mut now = Time::ZERO;
     let mut seen = Vec::new();
@@ -40,7 +40,7 @@ fn any_rate_is_played() {
     let robot = robot();
     for (rate, ms) in [(f64::NAN, 1000), (f64::NEG_INFINITY, 1000), (0.0, 1000), (100.0, 10), (f64::INFINITY, 1)] {
         let table = PoseTable::parse(&format!("{}\n0,0\n", heading(&robot)), &robot).unwrap();
-        let hardware = ReplayHardware::new(table, SimSettings::default().axes(&robot), rate);
+        let hardware = ReplayHardware::new(table, SimSettings::ideal().axes(&robot), rate);
         assert_eq!(hardware.known().period, Some(Duration::from_millis(ms)), "{rate}");
     }
 }

@@ -36,7 +36,7 @@ pub struct UnknownBox {
 
 impl UnknownBox {
     /// Converts to an obstacle of a scene.
-    pub(crate) fn object(&self) -> Object {
+    pub fn object(&self) -> Object {
         let [x, y, z] = self.at_m;
         let shape = Shape::Box { size: Vector3::from(self.size_m) };
         Object {
@@ -64,8 +64,10 @@ pub struct SimSettings {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imitates: Option<Imitated>,
     /// Kind of arm: `ideal` (kinematic joints), or `arm` (generic), `icub`, `panda`, `ur5`, `so101` with
-    /// servos, weight and elastic contact.
-    pub profile: ArmProfile,
+    /// servos, weight and elastic contact. Default: the profile of the robot's name, or `arm`; with `imitates`,
+    /// `ideal`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile: Option<ArmProfile>,
     /// Physics that moves the arm: `builtin`, or `mujoco`; not with kinematic joints.
     #[serde(skip_serializing_if = "is_builtin")]
     pub physics: Physics,
@@ -102,7 +104,7 @@ impl Default for SimSettings {
     fn default() -> SimSettings {
         SimSettings {
             imitates: None,
-            profile: ArmProfile::Ideal,
+            profile: None,
             physics: Physics::Builtin,
             servo: None,
             unknown: Vec::new(),
@@ -120,6 +122,21 @@ impl Default for SimSettings {
 }
 
 impl SimSettings {
+    /// Defaults with kinematic joints.
+    pub fn ideal() -> SimSettings {
+        SimSettings { profile: Some(ArmProfile::Ideal), ..SimSettings::default() }
+    }
+
+    /// Same settings with the profile of this robot, unless they name one.
+    pub fn for_robot(&self, robot: &Robot) -> SimSettings {
+        let own = || match self.imitates {
+            // what is imitated has kinematic joints
+            Some(_) => ArmProfile::Ideal,
+            None => ArmProfile::of_robot([robot.name.as_str()]),
+        };
+        SimSettings { profile: Some(self.profile.unwrap_or_else(own)), ..self.clone() }
+    }
+
     /// Same settings without noise, resolution and jitter: exact encoders.
     pub fn exact(self) -> SimSettings {
         SimSettings { resolution_deg: Some(0.0), noise_deg: Some(0.0), jitter_ms: 0.0, ..self }
@@ -212,7 +229,8 @@ impl SimSettings {
 
     /// The robot's axes under these settings.
     pub fn axes(&self, robot: &Robot) -> Vec<Axis> {
-        let servos = self.servos(robot);
+        let settings = self.for_robot(robot);
+        let servos = settings.servos(robot);
         let axis = |(i, m): (usize, &mobee_model::Motor)| {
             let axis = Axis {
                 name: m.name.clone(),
@@ -221,7 +239,7 @@ impl SimSettings {
                 max_speed: m.limit_speed(self.max_speed_deg_per_s.to_radians()),
                 max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
                 motion: m.motion,
-                ..self.shows(m, servos.as_ref().and_then(|servos| servos.get(i)))
+                ..settings.shows(m, servos.as_ref().and_then(|servos| servos.get(i)))
             };
             match self.imitates {
                 Some(robot) => robot.axis(axis),
@@ -233,7 +251,8 @@ impl SimSettings {
 
     /// Servos of a robot's motors; `None` for kinematic joints.
     pub fn servos(&self, robot: &Robot) -> Option<Vec<Servo>> {
-        Some(self.servo.clone().unwrap_or_default().servos(&self.arm()?, robot))
+        let numbers = self.for_robot(robot).arm()?;
+        Some(self.servo.clone().unwrap_or_default().servos(&numbers, robot))
     }
 
     /// Accuracy of the readings and of the servo of this motor; defaults for kinematic joints.
@@ -279,9 +298,14 @@ impl SimSettings {
         if self.imitates == Some(Imitated::ICubSim) { Profile::Gain } else { self.move_profile }
     }
 
-    /// Numbers of the arm's profile; `None` for kinematic joints.
+    /// Numbers of the arm's profile, which is that of an unnamed robot if they name none; `None` for kinematic
+    /// joints.
     pub fn arm(&self) -> Option<ArmNumbers> {
-        self.profile.numbers()
+        match (self.profile, self.imitates) {
+            (Some(profile), _) => profile.numbers(),
+            (None, Some(_)) => None,
+            (None, None) => ArmProfile::Arm.numbers(),
+        }
     }
 
     /// Resolution of the encoders, deg.

@@ -48,7 +48,7 @@ fn failures(settings: &SimSettings, wrap: Wrap) -> Vec<(&'static str, String)> {
 #[test]
 fn the_simulated_robot_keeps_every_promise() {
     for profile in [Profile::MinimumJerk, Profile::Trapezoidal] {
-        let settings = SimSettings { move_profile: profile, ..SimSettings::default() };
+        let settings = SimSettings { move_profile: profile, ..SimSettings::ideal() };
         for variant in [
             settings.clone(),
             settings.clone().exact(),
@@ -193,7 +193,7 @@ fn the_suite_notices_every_planted_defect() {
         Repeats, Restart, Mute, Unit, Stale, Standing, Fast
     ];
     for (name, wrap) in defects {
-        let seen = failures(&SimSettings::default(), wrap);
+        let seen = failures(&SimSettings::ideal(), wrap);
         eprintln!("{name}: {} promises broken: {:?}", seen.len(), seen.iter().map(|(n, _)| n).collect::<Vec<_>>());
         assert!(!seen.is_empty(), "the suite does not notice the defect {name}");
     }

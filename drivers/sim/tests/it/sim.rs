@@ -99,7 +99,7 @@ fn settings_that_make_no_sense_are_refused_with_their_path() {
         (json!({"profile": "wild"}), "profile"),
         (json!({"move_profile": "wild"}), "move_profile"),
         (json!({"profile": "so101", "servo": {"torque_nm": []}}), "servo.torque_nm"),
-        (json!({"servo": {"lead": 0.5}}), "servo"),
+        (json!({"profile": "ideal", "servo": {"lead": 0.5}}), "servo"),
         (json!({"start_deg": {"nose": 1}}), "start_deg.nose"),
         (json!({"start_deg": {motor.name.clone(): outside}}), &format!("start_deg.{}", motor.name)),
     ];
@@ -109,13 +109,13 @@ fn settings_that_make_no_sense_are_refused_with_their_path() {
         assert!(!e.help.is_empty());
     }
     assert!(refused(json!({"latency": 3})).what.contains("latency_ms"));
-    let nan = SimSettings { noise_deg: Some(f64::NAN), ..SimSettings::default() };
+    let nan = SimSettings { noise_deg: Some(f64::NAN), ..SimSettings::ideal() };
     assert_eq!(nan.validate().unwrap_err().path, "noise_deg");
 }
 
 #[test]
 fn readings_at_rest_are_within_a_tenth_of_a_degree_and_unbiased() {
-    let hardware = small(&SimSettings::default());
+    let hardware = small(&SimSettings::ideal());
     let mut driver = hardware.connect().unwrap();
     let mut now = Time::ZERO;
     let all = positions(run(driver.as_mut(), &mut now, 100.0));
@@ -135,7 +135,7 @@ fn the_same_seed_and_calls_give_the_same_readings() {
     let once = |seed| {
         let axis =
             Axis { name: "a".into(), min: -1.0, max: 1.0, max_speed: 1.7, max_acceleration: 3.5, ..Default::default() };
-        let hardware = SimHardware::with_axes(vec![axis.clone(), axis], &[0.0, 0.2], &SimSettings::default(), seed);
+        let hardware = SimHardware::with_axes(vec![axis.clone(), axis], &[0.0, 0.2], &SimSettings::ideal(), seed);
         let mut driver = hardware.connect().unwrap();
         let mut now = Time::ZERO;
         run(driver.as_mut(), &mut now, 0.1);
@@ -149,7 +149,7 @@ fn the_same_seed_and_calls_give_the_same_readings() {
 
 #[test]
 fn frozen_encoders_keep_saying_what_they_said() {
-    let hardware = small(&SimSettings::default().exact());
+    let hardware = small(&SimSettings::ideal().exact());
     let mut driver = hardware.connect().unwrap();
     let mut now = Time::ZERO;
     run(driver.as_mut(), &mut now, 0.1);
@@ -164,7 +164,7 @@ fn frozen_encoders_keep_saying_what_they_said() {
 
 #[test]
 fn encoders_that_freeze_in_motion_tell_the_truth_until_the_motors_have_moved_for_a_while() {
-    let hardware = small(&SimSettings::default().exact());
+    let hardware = small(&SimSettings::ideal().exact());
     let mut driver = hardware.connect().unwrap();
     let mut now = Time::ZERO;
     let fault = hardware.faults().start(Fault::FrozenInMotion { after: Duration::from_millis(500) });
@@ -180,7 +180,7 @@ fn encoders_that_freeze_in_motion_tell_the_truth_until_the_motors_have_moved_for
 
 #[test]
 fn a_lost_connection_lets_the_lease_run_out_and_comes_back_without_a_jump() {
-    let hardware = small(&SimSettings::default().exact());
+    let hardware = small(&SimSettings::ideal().exact());
     let mut driver = hardware.connect().unwrap();
     let mut now = Time::ZERO;
     run(driver.as_mut(), &mut now, 0.1);
@@ -202,7 +202,7 @@ fn a_lost_connection_lets_the_lease_run_out_and_comes_back_without_a_jump() {
 
 #[test]
 fn a_planned_loss_ends_by_itself() {
-    let hardware = small(&SimSettings::default());
+    let hardware = small(&SimSettings::ideal());
     let mut driver = hardware.connect().unwrap();
     hardware.faults().plan(Fault::Lost, Time::from_secs(1.0), Time::from_secs(2.0));
     let mut now = Time::ZERO;
@@ -214,7 +214,7 @@ fn a_planned_loss_ends_by_itself() {
 
 #[test]
 fn silence_slowness_lies_and_reported_faults_are_what_they_say() {
-    let hardware = small(&SimSettings::default().exact());
+    let hardware = small(&SimSettings::ideal().exact());
     let faults = hardware.faults();
     let mut driver = hardware.connect().unwrap();
     let mut now = Time::ZERO;
@@ -256,7 +256,7 @@ fn a_run_of_ninety_minutes_is_read_out() {
         max_acceleration: 3.5,
         ..Default::default()
     };
-    let hardware = SimHardware::with_axes((0..41).map(axis).collect(), &[0.0; 41], &SimSettings::default(), 3);
+    let hardware = SimHardware::with_axes((0..41).map(axis).collect(), &[0.0; 41], &SimSettings::ideal(), 3);
     let mut driver = hardware.connect().unwrap();
     let (mut now, mut count) = (Time::ZERO, 0u32);
     while now < Time::from_secs(5400.0) {
@@ -281,7 +281,7 @@ fn a_recorded_motion_streamed_backwards_keeps_to_its_path() {
         .to_vec();
     // at full speed the recording uses the whole acceleration, and its noise asks for more than the motors have
     for share in [0.1, 0.5, 0.8] {
-        let hardware = SimHardware::with_axes(axes.clone(), &[-0.5, 0.9], &SimSettings::default(), 3);
+        let hardware = SimHardware::with_axes(axes.clone(), &[-0.5, 0.9], &SimSettings::ideal(), 3);
         let mut driver = hardware.connect().unwrap();
         let mut now = Time::ZERO;
         run(driver.as_mut(), &mut now, 0.05);

@@ -14,7 +14,7 @@ fn icub() -> Arc<mobee_model::Robot> {
 #[test]
 fn the_path_is_reaction_and_braking_times_reach() {
     let robot = icub();
-    let hardware = SimHardware::new(&SimSettings::default(), &Context { robot: robot.clone(), seed: 1 }).unwrap();
+    let hardware = SimHardware::new(&SimSettings::ideal(), &Context { robot: robot.clone(), seed: 1 }).unwrap();
     let board = hardware.connect().unwrap().board().clone();
     let path = |share| stopping_path(&robot, &board, Duration::from_millis(20), share);
     let slow = path(0.1);
@@ -33,7 +33,7 @@ fn the_path_is_reaction_and_braking_times_reach() {
 #[test]
 fn no_motor_needs_longer_to_stop_than_is_foreseen() {
     let robot = icub();
-    let settings = SimSettings::default().exact();
+    let settings = SimSettings::ideal().exact();
     let hardware = SimHardware::new(&settings, &Context { robot: robot.clone(), seed: 1 }).unwrap();
     let mut driver = hardware.connect().unwrap();
     let axes = driver.board().axes.clone();

@@ -7,6 +7,7 @@ use super::super::layout::Patch;
 use super::*;
 
 use mobee_contract::{Axis, Move};
+use mobee_model::JointMotion;
 use mobee_yarp::board::{AxisFacts, JointKind, RemoteState, mode};
 use mobee_yarp::{JointData, JointField};
 
@@ -327,6 +328,25 @@ async fn what_a_torque_means_is_for_the_settings_to_state() {
     let board = describe(&layout(), &inner.boards, &settings()).unwrap().unwrap();
     let stated: Vec<f64> = board.axes.iter().map(|axis| axis.contact_effort).collect();
     assert_eq!(stated, [0.0, 0.0, 0.0, Axis::UNRATED, Axis::UNRATED]);
+}
+
+/// No board reports how far a push moves its joints, so the settings state it; prismatic joints do not give way.
+#[tokio::test(start_paused = true)]
+async fn joints_give_way_as_the_settings_state() {
+    let rig = rig();
+    let inner = rig.cell.lock();
+    let stated = |deflection_deg: f64, kind: JointMotion| {
+        let motions = vec![JointMotion::Turn, JointMotion::Turn, JointMotion::Turn, JointMotion::Turn, kind];
+        let layout = Layout { motions, ..Layout::clone(&layout()) };
+        let settings = YarpDriverSettings { deflection_deg, ..settings() };
+        let board = describe(&layout, &inner.boards, &settings).unwrap().unwrap();
+        board.axes.iter().map(|axis| axis.deflection.to_degrees().round()).collect::<Vec<f64>>()
+    };
+    // the motor in the middle has no board
+    assert_eq!(stated(3.0, JointMotion::Turn), [3.0, 3.0, 0.0, 3.0, 3.0]);
+    assert_eq!(stated(3.0, JointMotion::Slide), [3.0, 3.0, 0.0, 3.0, 0.0]);
+    assert_eq!(stated(0.0, JointMotion::Turn), [0.0; 5]);
+    assert!(YarpDriverSettings { deflection_deg: -1.0, ..settings() }.validate().is_err());
 }
 
 /// The narrower limits and the lower speeds apply; limits without a common range are an error.

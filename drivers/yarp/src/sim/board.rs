@@ -1,8 +1,8 @@
 //! YARP control board of one part of a simulated robot: the device behind the ports of `mobee sim`.
 //!
 //! ```text
-//! rpc:i, command:i ──> SimBoard ──Command──> the simulated board of one part (SimHardware)
-//! state:o, stateExt:o <── Shadow <── its readings
+//! rpc:i, command:i ──> SimBoard ──Command──> the motors of one part (SimHardware)
+//! state:o, stateExt:o <── Shadow <── their readings
 //! ```
 //! The model uses millimeters for prismatic joints; boards, and so this one, use meters
 //! ([`SimBoard::counting`]). It behaves as real boards do: it moves on command without a lease, in its
@@ -16,7 +16,8 @@ use mobee_yarp::board::{
     Ask, Device, Get, JointKind, Joints, Quantity, Reply, Set, Shadow, ShadowAxis, Streamed, Units, mode, reply,
 };
 use mobee_yarp::{Bottle, Dialect, JointData, Message, Stamp, Vocab};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -60,67 +61,71 @@ impl SimClock {
     }
 }
 
-struct SimBoardState {
+/// The hardware behind one board, or behind all boards of an arm with servos.
+struct BoardArm {
     hardware: SimHardware,
     driver: Box<dyn Driver>,
-    shadow: Shadow,
+    /// Newest reading, which all its boards share.
     last: Option<Sample>,
+}
+
+struct SimBoardState {
+    arm: Arc<Mutex<BoardArm>>,
+    /// Motors of the arm that this board moves.
+    motors: Range<usize>,
+    shadow: Shadow,
     answers: Stamp,
     states: Stamp,
 }
 
 impl SimBoard {
-    /// Creates the boards of all parts of a robot, under the settings of the driver kind `sim`.
+    /// Creates the boards of all parts of a robot, under the settings of the driver kind `sim`. The joints of an arm
+    /// with servos push each other across parts, so all its boards share one arm; it has neither weight nor contacts
+    /// until [`SimBoard::place`].
     ///
     /// # Errors
     /// The first setting that can't be used.
     pub fn all(settings: &SimSettings, context: &Context, clock: SimClock) -> Result<Vec<SimBoard>, KindError> {
         settings.validate()?;
-        if settings.arm().is_some() {
-            return SimBoard::arm(settings, context, clock).map(|board| vec![board]);
-        }
+        let settings = &settings.for_robot(&context.robot);
+        let lost = |e: DriverFault| KindError::new("", e.to_string(), "");
+        let whole = match settings.arm() {
+            Some(_) => Some(BoardArm::connect(SimHardware::new(settings, context)?).map_err(lost)?),
+            None => None,
+        };
         let axes = settings.axes(&context.robot);
         let start = settings.start(&context.robot)?;
         let mut boards = Vec::new();
         for (i, part) in context.robot.parts.iter().enumerate() {
-            let (Some(axes), Some(start)) = (axes.get(part.motors.clone()), start.get(part.motors.clone())) else {
+            let motors = part.motors.clone();
+            let (Some(axes), Some(start)) = (axes.get(motors.clone()), start.get(motors.clone())) else {
                 continue;
             };
             if axes.is_empty() {
                 continue;
             }
-            let seed = context.seed.wrapping_add(i as u64);
-            let hardware = SimHardware::with_axes(axes.to_vec(), start, settings, seed);
-            let lost = |e: DriverFault| KindError::new("", e.to_string(), "");
-            let motors = context.robot.motors.get(part.motors.clone()).unwrap_or_default();
-            let units = Units::new(motors.iter().map(|m| joint_kind(m.motion)));
-            boards.push(SimBoard::new(&part.name, hardware, clock).map_err(lost)?.counting(&units));
+            let units = context.robot.motors.get(motors.clone()).unwrap_or_default();
+            let units = Units::new(units.iter().map(|m| joint_kind(m.motion)));
+            let board = match &whole {
+                Some(arm) => SimBoard::of(&part.name, arm.clone(), motors, clock),
+                None => {
+                    let seed = context.seed.wrapping_add(i as u64);
+                    let hardware = SimHardware::with_axes(axes.to_vec(), start, settings, seed);
+                    SimBoard::new(&part.name, hardware, clock).map_err(lost)?
+                }
+            };
+            boards.push(board.counting(&units));
         }
         Ok(boards)
     }
 
-    /// Creates the board of an arm with servos, which has neither weight nor contacts until
-    /// [`SimBoard::place`].
-    fn arm(settings: &SimSettings, context: &Context, clock: SimClock) -> Result<SimBoard, KindError> {
-        let mut parts = context.robot.parts.iter().filter(|part| !part.motors.is_empty());
-        let (Some(part), None) = (parts.next(), parts.next()) else {
-            let what = "`mobee sim` serves each part as a board of its own, and the joints of this profile push each other across parts";
-            let help = "give `mobee sim` kinematic joints (--set robot.NAME.driver.profile=ideal), or let `mobee run` simulate the arm: only a robot of one part can have a profile here";
-            return Err(KindError::new("profile", what, help));
-        };
-        let lost = |e: DriverFault| KindError::new("", e.to_string(), "");
-        let units = Units::new(context.robot.motors.iter().map(|m| joint_kind(m.motion)));
-        let hardware = SimHardware::new(settings, context)?;
-        Ok(SimBoard::new(&part.name, hardware, clock).map_err(lost)?.counting(&units))
-    }
-
-    /// Places its arm among the objects of a scene, in which it is robot `robot`; kinematic joints touch
-    /// nothing.
+    /// Places its arm, with the joints of all its boards, among the objects of a scene, in which it is robot `robot`;
+    /// kinematic joints touch nothing.
     ///
     /// # Errors
     /// A scene that the physics can't simulate.
     pub fn place(&self, scene: &Scene, robot: usize) -> Result<(), KindError> {
-        self.lock().hardware.place(scene, robot)
+        lock(&self.lock().arm).hardware.place(scene, robot)
     }
 
     /// Creates a simulated board for a part.
@@ -128,19 +133,26 @@ impl SimBoard {
     /// # Errors
     /// A board that already has a fault.
     pub fn new(part: &str, hardware: SimHardware, clock: SimClock) -> Result<SimBoard, DriverFault> {
-        let driver = hardware.connect()?;
-        let q = hardware.positions(clock.now());
+        let motors = 0..hardware.axes().len();
+        Ok(SimBoard::of(part, BoardArm::connect(hardware)?, motors, clock))
+    }
+
+    /// Creates the board of some motors of an arm.
+    fn of(part: &str, arm: Arc<Mutex<BoardArm>>, motors: Range<usize>, clock: SimClock) -> SimBoard {
         let axis = |(a, q): (&mobee_contract::Axis, &f64)| {
             let [min, max, speed, q] = [a.min, a.max, a.max_speed, *q].map(f64::to_degrees);
             ShadowAxis { ref_acc: a.max_acceleration.to_degrees(), ..ShadowAxis::at_rest(&a.name, min, max, speed, q) }
         };
-        let mut shadow = Shadow { axes: driver.board().axes.iter().zip(&q).map(axis).collect() };
-        if let Some(robot) = hardware.imitates() {
+        let whole = lock(&arm);
+        let q = whole.hardware.positions(clock.now());
+        let axes = whole.hardware.axes().iter().zip(&q).map(axis);
+        let mut shadow = Shadow { axes: axes.skip(motors.start).take(motors.len()).collect() };
+        if let Some(robot) = whole.hardware.imitates() {
             shadow.axes.iter_mut().enumerate().for_each(|(j, axis)| axis.name = robot.joint(j));
         }
-        let state =
-            SimBoardState { hardware, driver, shadow, last: None, answers: Stamp::default(), states: Stamp::default() };
-        Ok(SimBoard { part: part.to_owned(), state: Mutex::new(state), clock })
+        drop(whole);
+        let state = SimBoardState { arm, motors, shadow, answers: Stamp::default(), states: Stamp::default() };
+        SimBoard { part: part.to_owned(), state: Mutex::new(state), clock }
     }
 
     /// Sets the joint kinds, which the board then reports; prismatic joints use meters.
@@ -158,16 +170,19 @@ impl SimBoard {
 
     /// True positions of its motors, rad (prismatic ones in the model's unit).
     pub fn positions(&self) -> Vec<f64> {
-        self.lock().hardware.positions(self.clock.now())
+        let state = self.lock();
+        let mut q = lock(&state.arm).hardware.positions(self.clock.now());
+        state.own(&mut q);
+        q
     }
 
     /// Period at which it publishes its state.
     pub fn publishes(&self) -> Duration {
-        self.lock().hardware.imitates().map_or(PUBLISHES, Imitated::publishes)
+        lock(&self.lock().arm).hardware.imitates().map_or(PUBLISHES, Imitated::publishes)
     }
 
     fn lock(&self) -> MutexGuard<'_, SimBoardState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     /// Answers a request.
@@ -179,7 +194,7 @@ impl SimBoard {
         let stamp = state.answers.next(self.clock.wall(now));
         let parsed = Ask::parse(request);
         // iCub_SIM can neither read nor set accelerations
-        if state.hardware.imitates().is_some()
+        if lock(&state.arm).hardware.imitates().is_some()
             && matches!(
                 parsed,
                 Some(Ask::Get(Get::Values(Quantity::ReferenceAcceleration, _)) | Ask::Set(Set::Acceleration(..)))
@@ -258,29 +273,63 @@ impl Device for SimBoard {
         let mut state = self.lock();
         state.look(now);
         // the stamp is the time at which the encoders were read, not published
-        let read = state.last.as_ref().map_or(now, |s| s.at);
+        let read = lock(&state.arm).last.as_ref().map_or(now, |s| s.at);
         let stamp = state.states.next(self.clock.wall(read));
         state.states = stamp;
         Some((stamp, state.shadow.joint_data()))
     }
 }
 
-impl SimBoardState {
-    /// Updates the shadow from the simulated hardware.
-    fn look(&mut self, now: Time) {
+fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl BoardArm {
+    /// Connects to the hardware.
+    fn connect(hardware: SimHardware) -> Result<Arc<Mutex<BoardArm>>, DriverFault> {
+        let driver = hardware.connect()?;
+        Ok(Arc::new(Mutex::new(BoardArm { hardware, driver, last: None })))
+    }
+
+    /// Renews the lease and fetches the newest reading. True if the hardware has a fault.
+    fn look(&mut self, now: Time) -> bool {
         self.driver.lease(now, now + FOR_EVER);
         let sample = self.driver.sample(now);
         let faulty = matches!(sample, Err(DriverFault::Hardware(_)));
         if let Ok(Some(sample)) = sample {
             self.last = Some(sample);
         }
-        let speeds = self.hardware.speeds(now);
-        let done = self.hardware.done(now);
-        let modes = self.driver.modes();
-        let q = self.last.as_ref().map(|s| s.q.clone());
-        let external = self.last.as_ref().map(|s| s.external.clone()).unwrap_or_default();
+        faulty
+    }
+}
+
+impl SimBoardState {
+    /// Reduces a list of values per motor of the arm to those of this board.
+    fn own<T>(&self, all: &mut Vec<T>) {
+        all.truncate(self.motors.end);
+        all.drain(..self.motors.start.min(all.len()));
+    }
+
+    /// Indices of some of its joints in the arm.
+    fn in_arm(&self, joints: &[usize]) -> Vec<usize> {
+        joints.iter().map(|j| j + self.motors.start).collect()
+    }
+
+    /// Updates the shadow from the simulated hardware.
+    fn look(&mut self, now: Time) {
+        let mut arm = lock(&self.arm);
+        let faulty = arm.look(now);
+        let mut speeds = arm.hardware.speeds(now);
+        let mut done = arm.hardware.done(now);
+        let mut modes = arm.driver.modes();
+        let mut q = arm.last.as_ref().map(|s| s.q.to_vec()).unwrap_or_default();
+        let mut external = arm.last.as_ref().map(|s| s.external.clone()).unwrap_or_default();
+        drop(arm);
+        [&mut speeds, &mut q, &mut external].into_iter().for_each(|all| self.own(all));
+        self.own(&mut done);
+        self.own(&mut modes);
         for (i, axis) in self.shadow.axes.iter_mut().enumerate() {
-            if let Some(q) = q.as_ref().and_then(|q| q.get(i)) {
+            if let Some(q) = q.get(i) {
                 axis.q = axis.kind.to_wire(q.to_degrees());
             }
             axis.speed = axis.kind.to_wire(speeds.get(i).copied().unwrap_or_default().to_degrees());
@@ -293,7 +342,7 @@ impl SimBoardState {
     }
 
     fn give(&mut self, now: Time, command: &Command) -> Option<()> {
-        self.driver.command(now, command).ok()
+        lock(&self.arm).driver.command(now, command).ok()
     }
 
     /// True if all these joints are in this mode.
@@ -323,7 +372,10 @@ impl SimBoardState {
             Set::Velocity(values) => self.velocity(now, &Joints::All.on(axes)?, values),
             Set::Stop(joints) => {
                 let joints = joints.on(axes)?;
-                self.give(now, &Command::Stop { motors: joints.clone() })?;
+                // a stop without motors is one of the whole arm
+                if !joints.is_empty() {
+                    self.give(now, &Command::Stop { motors: self.in_arm(&joints) })?;
+                }
                 let q: Vec<f64> = joints.iter().filter_map(|j| self.shadow.axes.get(*j)).map(|a| a.q).collect();
                 self.note(&joints, &q, |a| &mut a.target);
                 self.note(&joints, &vec![0.0; joints.len()], |a| &mut a.vel_ref);
@@ -334,7 +386,7 @@ impl SimBoardState {
             Set::Mode(joints, modes) => {
                 let known: Vec<ControlMode> = modes.iter().map(|m| control(*m)).collect::<Option<_>>()?;
                 for (j, mode) in joints.on(axes)?.into_iter().zip(known) {
-                    self.give(now, &Command::Mode { motors: vec![j], mode })?;
+                    self.give(now, &Command::Mode { motors: self.in_arm(&[j]), mode })?;
                     // setpoints begin at the present position
                     let axis = self.shadow.axes.get_mut(j)?;
                     axis.direct_ref = axis.q;
@@ -366,7 +418,7 @@ impl SimBoardState {
                     return None;
                 }
                 let q = self.radians(&motors, values);
-                self.give(now, &Command::Direct { motors: motors.clone(), q })?;
+                self.give(now, &Command::Direct { motors: self.in_arm(&motors), q })?;
                 self.note(&motors, values, |a| &mut a.direct_ref);
                 Some(())
             }
@@ -378,7 +430,7 @@ impl SimBoardState {
             return None;
         }
         let q = self.radians(joints, values);
-        let command = Move { motors: joints.to_vec(), q, relative, speed: None, acceleration: None };
+        let command = Move { motors: self.in_arm(joints), q, relative, speed: None, acceleration: None };
         self.give(now, &Command::Move(command))?;
         let base = |j: &usize| self.shadow.axes.get(*j).filter(|_| relative).map_or(0.0, |a| a.q);
         let targets: Vec<f64> = joints.iter().zip(values).map(|(j, v)| base(j) + v).collect();
@@ -391,7 +443,7 @@ impl SimBoardState {
             return None;
         }
         let speed = self.radians(joints, values);
-        self.give(now, &Command::Velocity { motors: joints.to_vec(), speed })?;
+        self.give(now, &Command::Velocity { motors: self.in_arm(joints), speed })?;
         self.note(joints, values, |a| &mut a.vel_ref);
         Some(())
     }
@@ -412,7 +464,7 @@ impl SimBoardState {
         };
         let speed = of(|a| a.ref_speed);
         let acceleration = of(|a| a.ref_acc);
-        let given = self.give(now, &Command::Reference { motors: joints.to_vec(), speed, acceleration });
+        let given = self.give(now, &Command::Reference { motors: self.in_arm(joints), speed, acceleration });
         if given.is_none() {
             self.shadow = before;
         }

@@ -4,8 +4,8 @@ use mobee_contract::{Command, Context, Driver, Hardware, Move, Time};
 use mobee_driver_yarp::{SimBoard, SimClock};
 use mobee_model::{Robot, Scene};
 use mobee_sim::SimHardware;
-use mobee_yarp::JointField;
 use mobee_yarp::board::Device;
+use mobee_yarp::{Bottle, Dialect, JointField, Message};
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -169,7 +169,9 @@ fn an_unknown_box_is_pushed_with_the_servo_s_force() {
     let effort = hardware.efforts(now).unwrap()[0];
     assert!(effort > 10.0 && effort <= 87.0, "{effort} N m");
     // kinematic joints touch nothing
-    let refused = SimHardware::build(&json!({ "unknown": unknown }), &Context { robot: katana, seed: 1 }).unwrap_err();
+    let refused =
+        SimHardware::build(&json!({ "profile": "ideal", "unknown": unknown }), &Context { robot: katana, seed: 1 })
+            .unwrap_err();
     assert_eq!(refused.path, "unknown");
 }
 
@@ -225,10 +227,73 @@ async fn a_served_arm_sags_and_publishes_its_torques() {
     }
 }
 
-/// Joints of one arm push each other, wherever its boards are cut: boards of several parts can't simulate that.
+/// Sends a request to a board.
+async fn request(board: &SimBoard, words: &str) {
+    let payload = Bottle::parse(words, Dialect::V3).unwrap().into();
+    let request = Message { payload, envelope: None, from: "/test".into(), connection: 0, wants_reply: true };
+    let answer = board.rpc(request).await.bottle(Dialect::V3).unwrap().to_string();
+    assert!(answer.contains("[ok]"), "{words}: {answer}");
+}
+
+/// Joints of one arm push each other, wherever its boards are cut: one arm is behind all boards of a robot. Each board moves its
+/// own motors.
 #[tokio::test(start_paused = true)]
-async fn a_robot_of_several_boards_has_kinematic_joints_there() {
-    let refused = boards("icub", json!({ "profile": "icub" })).await.err().unwrap();
-    assert!(refused.contains("the joints of this profile push each other across parts"), "{refused}");
-    assert!(boards("icub", json!({})).await.unwrap().len() > 1);
+async fn boards_of_several_parts_move_one_arm() {
+    // half of the weight is compensated, so that the torque of a shoulder depends on the torso's posture
+    let boards = boards("icub", json!({ "profile": "icub", "servo": { "compensated": 0.5 } })).await.unwrap();
+    let icub = robot("icub");
+    assert_eq!(boards.len(), icub.parts.len());
+    let named = |name: &str| boards.iter().find(|board| board.part() == name).unwrap();
+    let (torso, arm) = (named("torso"), named("right_arm"));
+    let part = icub.parts.iter().find(|part| part.name == "right_arm").unwrap();
+    assert_eq!(arm.positions().len(), part.motors.len());
+    tokio::time::advance(Duration::from_secs(2)).await;
+    let torques = || arm.state().unwrap().1.torque.valid().unwrap().to_vec();
+    let (before, leaned, held) = (torques(), torso.positions(), arm.positions());
+    let pitch = icub.motors.iter().position(|m| m.name == "torso_pitch").unwrap();
+    request(torso, &format!("[set] [vel] {pitch} 20.0")).await;
+    request(torso, &format!("[set] [pos] {pitch} 30.0")).await;
+    tokio::time::advance(Duration::from_secs(5)).await;
+    let after = torques();
+    assert!((torso.positions()[pitch].to_degrees() - 30.0).abs() < 2.0, "{:?} from {leaned:?}", torso.positions());
+    assert!(most(&moved(&held, &arm.positions())) < 2.0, "no other board moves its motors");
+    let changed = before.iter().zip(&after).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(changed > 0.1, "the weight of the arm acts across parts: {before:?} {after:?}");
+    // a motor of a later part has another index in the arm than at its board
+    let held = torso.positions();
+    let from = arm.positions();
+    let elbow = icub.motors.iter().position(|m| m.name == "r_elbow").unwrap() - part.motors.start;
+    request(arm, &format!("[set] [vel] {elbow} 20.0")).await;
+    request(arm, &format!("[set] [pos] {elbow} 90.0")).await;
+    tokio::time::advance(Duration::from_secs(1)).await;
+    request(arm, "[set] [stos]").await;
+    tokio::time::advance(Duration::from_secs(5)).await;
+    let went = moved(&from, &arm.positions());
+    assert!(went[elbow].abs() > 5.0 && (arm.positions()[elbow].to_degrees() - 90.0).abs() > 5.0, "stopped: {went:?}");
+    assert!(went.iter().enumerate().all(|(j, deg)| j == elbow || deg.abs() < 2.0), "{went:?}");
+    assert!(most(&moved(&held, &torso.positions())) < 2.0);
+}
+
+/// Without a profile, a robot has that of its name, and any other is a plausible arm; what is imitated has kinematic joints.
+#[test]
+fn a_robot_without_a_profile_is_a_plausible_arm() {
+    let built = |name: &str, settings: Value| {
+        let hardware = arm(&robot(name), settings);
+        let mut driver = hardware.connect().unwrap();
+        driver.lease(Time::ZERO, Time::from_secs(0.2));
+        let home = robot(name).home()[0];
+        driver.command(Time::ZERO, &to(0, home + 0.2, 0.5)).unwrap();
+        pass(driver.as_mut(), 0.0, 0.3, 0.01);
+        (driver.board().axes.clone(), hardware.positions(Time::from_secs(0.3)))
+    };
+    for (name, profile) in [("katana", "arm"), ("icub", "icub"), ("panda", "panda"), ("ur5", "ur5"), ("so101", "so101")]
+    {
+        let default = built(name, json!({}));
+        assert_eq!(default, built(name, json!({ "profile": profile })), "{name}");
+        assert_ne!(default.1, built(name, json!({ "profile": "ideal" })).1, "{name} lags");
+    }
+    let imitates = json!({ "imitates": "iCub_SIM" });
+    let context = Context { robot: robot("icub"), seed: 5 };
+    let hardware = SimHardware::build(&imitates, &context).unwrap();
+    assert_eq!(hardware.efforts(Time::ZERO), None, "kinematic joints");
 }

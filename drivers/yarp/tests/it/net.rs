@@ -183,7 +183,7 @@ fn simulated(robot: &Robot, part: &str) -> SimHardware {
     };
     let motors = &robot.motors[motors];
     let start: Vec<f64> = motors.iter().map(|m| m.home).collect();
-    SimHardware::with_axes(motors.iter().map(axis).collect(), &start, &SimSettings::default(), 11)
+    SimHardware::with_axes(motors.iter().map(axis).collect(), &start, &SimSettings::ideal(), 11)
 }
 
 impl Drop for Net {

@@ -210,7 +210,7 @@ impl Trial {
         let (tell, controls) = tokio::sync::mpsc::channel(4);
         let robot = arm();
         let hardware =
-            SimHardware::new(&SimSettings::default(), &Context { robot: robot.clone(), seed: self.seed }).unwrap();
+            SimHardware::new(&SimSettings::ideal(), &Context { robot: robot.clone(), seed: self.seed }).unwrap();
         let further = prepare(&hardware);
         let scene = Scene::new(vec![(robot, Isometry3::identity())], self.objects).unwrap();
         let (taps, told) = if self.sinks.is_empty() { Taps::collect() } else { behind(self.clock, self.sinks) };

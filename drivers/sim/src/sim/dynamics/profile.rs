@@ -41,11 +41,10 @@ impl Servo {
 }
 
 /// Model of an arm.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ArmProfile {
     /// Kinematic joints: always at the commanded position, without weight, lag or force.
-    #[default]
     Ideal,
     /// Generic arm: weight compensated, servos of 5 to 6 Hz that lag a little, a 16-bit encoder.
     Arm,
@@ -253,6 +252,31 @@ const SO101: ArmNumbers = ArmNumbers {
 };
 
 impl ArmProfile {
+    /// Profile of the robot with one of these names, of which the first has priority; [`ArmProfile::Arm`] if none
+    /// belongs to a robot with a profile of its own.
+    pub fn of_robot<'a>(names: impl IntoIterator<Item = &'a str>) -> ArmProfile {
+        let of = |name: &str| {
+            let name = name.to_lowercase();
+            let plain: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
+            let has = |words: &[&str]| {
+                let mut tokens = name.split(|c: char| !c.is_ascii_alphanumeric());
+                tokens.any(|token| words.contains(&token))
+            };
+            if plain.contains("icub") {
+                Some(ArmProfile::Icub)
+            } else if plain.contains("panda") || has(&["fr3"]) {
+                Some(ArmProfile::Panda)
+            } else if plain.contains("so100") || plain.contains("so101") || plain.contains("soarm10") {
+                Some(ArmProfile::So101)
+            } else if has(&["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20", "ur30"]) {
+                Some(ArmProfile::Ur5)
+            } else {
+                None
+            }
+        };
+        names.into_iter().find_map(of).unwrap_or(ArmProfile::Arm)
+    }
+
     /// Its numbers; `None` for kinematic joints.
     pub fn numbers(self) -> Option<ArmNumbers> {
         match self {
@@ -411,5 +435,28 @@ impl ServoSettings {
         ];
         let single = single.into_iter().filter_map(|(name, x, a, b)| Some((format!("servo.{name}"), x?, a, b)));
         self.lists().into_iter().flat_map(of_list).chain(single).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ArmProfile;
+
+    #[test]
+    fn known_arms_are_found_by_name() {
+        let known = [
+            ("panda", ArmProfile::Panda),
+            ("franka-fr3", ArmProfile::Panda),
+            ("ur5e_robot", ArmProfile::Ur5),
+            ("UR10", ArmProfile::Ur5),
+            ("so101_new_calib", ArmProfile::So101),
+            ("SO_ARM100", ArmProfile::So101),
+            ("iCubGenova01", ArmProfile::Icub),
+            ("z1", ArmProfile::Arm),
+            ("contour5", ArmProfile::Arm),
+        ];
+        for (name, expected) in known {
+            assert_eq!(ArmProfile::of_robot(["robot", name]), expected, "{name}");
+        }
     }
 }
