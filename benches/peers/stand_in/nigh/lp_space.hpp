@@ -1,0 +1,2 @@
+#pragma once
+#include <nigh/nigh_forward.hpp>
