@@ -208,6 +208,12 @@ def test_what_is_wrong_is_named(arguments: Any, options: Any, code: str, place: 
     assert (caught.value.code, caught.value.place) == (code, place) and caught.value.remedy
 
 
+def test_the_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(mobee.MobeeError, match="Ray is not installed"):
+        mobee.sweep(square, [1], backend="ray")
+
+
 def test_a_result_that_is_no_row_is_a_failure() -> None:
     for result in ({"seed": 1}, {1: 2}, object(), [{1j}]):
         (row,) = mobee.sweep(lambda seed, result=result: result, [1])  # type: ignore[misc]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 import multiprocessing
 import os
@@ -156,6 +157,7 @@ def _results(path: str | PathLike[str] | None, name: str) -> Iterator[tuple[dict
         file.truncate(len(whole.encode()))
         if not whole:
             file.write(json.dumps({"sweep": name}) + "\n")
+            file.flush()
         yield rows, file
 
 
@@ -262,13 +264,18 @@ def _processors() -> int:
 
 
 def _threads(fn: Callable[[int], Any], seeds: Sequence[int], workers: int | None) -> _Rows:
-    pool = ThreadPoolExecutor(min(workers or _processors(), len(seeds)), "mobee-sweep")
+    many = min(workers or _processors(), len(seeds))
+    pool = ThreadPoolExecutor(many, "mobee-sweep")
+    left = list(reversed(seeds))
     try:
-        pending: set[Future[_Row]] = {pool.submit(_one, fn, seed) for seed in seeds}
+        # a thread has its next seed when the row of its last one is stored
+        pending: set[Future[_Row]] = {pool.submit(_one, fn, left.pop()) for _ in range(many)}
         while pending:
             done, pending = wait(pending, return_when=FIRST_COMPLETED)
             for future in done:
                 yield future.result()
+                if left:
+                    pending.add(pool.submit(_one, fn, left.pop()))
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -370,10 +377,10 @@ def _heard(worker: _Worker) -> tuple[_Row | None, bool]:
 
 def _ray(fn: Callable[[int], Any], seeds: Sequence[int], workers: int | None) -> _Rows:
     try:
-        import ray as module  # type: ignore[import-untyped,import-not-found,unused-ignore]
+        # not by `import`: type checks need not have it
+        ray: Any = importlib.import_module("ray")
     except ImportError:
-        raise MobeeError("import", "Ray is not installed", "backend", "pip install ray") from None
-    ray: Any = module
+        raise MobeeError("import", "Ray is not installed", "backend", "pip install 'mobee[ray]'") from None
     started = not ray.is_initialized()
     if started:
         ray.init(log_to_driver=False, include_dashboard=False)
