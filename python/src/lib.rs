@@ -19,6 +19,7 @@ mod callback_arm;
 mod callback_line;
 mod chain;
 mod conform;
+mod drawing;
 mod driver_line;
 mod failure;
 mod follow;
@@ -53,6 +54,8 @@ use pyo3::prelude::*;
 mod _native {
     #[pymodule_export]
     use crate::conform::{keep_promise, promises};
+    #[pymodule_export]
+    use crate::drawing::{shape_poses, shapes_of};
     #[pymodule_export]
     use crate::driver_line::PyDriverLine;
     #[pymodule_export]

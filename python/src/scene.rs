@@ -47,7 +47,7 @@ const MAX_CONTACTS: usize = 1_000_000;
 #[pyclass(name = "Scene", module = "mobee", frozen)]
 pub(crate) struct PyScene {
     pub scene: Arc<Scene>,
-    joints: JointTable,
+    pub joints: JointTable,
     pub clearance: f64,
     robots: Vec<Py<PyRobot>>,
     /// Compiled: one for each call that is under way, the rest to be used again. The lock is held with the interpreter's.
@@ -123,7 +123,7 @@ impl PyScene {
     }
 
     /// Answers each row of a batch by the scalar engine.
-    fn each_row<T: Send>(
+    pub fn each_row<T: Send>(
         &self,
         py: Python<'_>,
         rows: &Rows<'_>,
@@ -516,6 +516,42 @@ impl PyScene {
                 Ok(Bound::new(py, PyPlan { path, rows, goal, length, evaluations })?.into_any())
             }
         }
+    }
+
+    /// Draws configurations, or a path as an animation, in the Rerun viewer, a notebook or a file. Shapes that are nearer than the
+    /// clearance are red. Needs the viewer's package: ``pip install 'mobee[show]'``.
+    ///
+    /// Parameters
+    /// ----------
+    /// q : array (dof,) or (N, dof), optional
+    ///     Configurations, rad or m, within the limits, one after the other on the timeline ``row``; default: all robots at home.
+    /// path : array (N, dof) or Plan, optional
+    ///     A path in place of them: its straight edges are animated on the timeline ``time``, the fastest joint at 1 rad or m per
+    ///     second, and the shape that moves farthest leaves a trace.
+    /// to : "viewer", "notebook", path or rerun.RecordingStream, optional
+    ///     The viewer, which is started; the notebook's output; a file ``.rrd``; or a recording of your own. Default: the
+    ///     notebook in a notebook, else the viewer.
+    /// name : str
+    ///     Name of the recording.
+    ///
+    /// Returns
+    /// -------
+    /// rerun.RecordingStream
+    ///     To add what you like: the scene is below ``/world``, in meters.
+    ///
+    /// Raises
+    /// ------
+    /// MobeeError
+    ///     code ``import`` (rerun-sdk is not installed), ``twice`` (q and path), ``file``, ``too_many``, ``limits``, and as `free`.
+    #[pyo3(signature = (q=None, path=None, *, to=None, name="mobee"))]
+    fn show<'py>(
+        slf: &Bound<'py, Self>,
+        q: Option<&Bound<'py, PyAny>>,
+        path: Option<&Bound<'py, PyAny>>,
+        to: Option<&Bound<'py, PyAny>>,
+        name: &str,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("mobee._show")?.getattr("show")?.call1((slf, q, path, to, name))
     }
 
     fn __repr__(&self) -> String {

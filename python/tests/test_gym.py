@@ -33,7 +33,7 @@ def actions(seed: int, count: int) -> Any:
     return np.random.default_rng(seed).uniform(-1, 1, (count, len(ARM))).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", ["mobee/Reach-v0", "mobee/Explore-v0"])
+@pytest.mark.parametrize("name", ["mobee/Reach-v0", "mobee/Track-v0", "mobee/Explore-v0"])
 def test_the_checker_of_gymnasium_has_no_complaint(name: str) -> None:
     from gymnasium.utils.env_checker import check_env
 
@@ -44,11 +44,12 @@ def test_the_checker_of_gymnasium_has_no_complaint(name: str) -> None:
         env.close()
 
 
-def test_the_checker_of_stable_baselines_has_no_complaint() -> None:
+@pytest.mark.parametrize("task", ["reach", "track", "explore"])
+def test_the_checker_of_stable_baselines_has_no_complaint(task: Any) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="stable-baselines3 is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = mobee.gym.make(EXPLORE, "explore", joints=ARM)
+        env = mobee.gym.make(EXPLORE, task, joints=ARM)
         checker.check_env(env)
         env.close()
 
@@ -98,6 +99,31 @@ def test_equal_seeds_and_actions_give_equal_runs(tmp_path: Path) -> None:
     assert hashes[0] == hashes[1] and hashes[0][1] == hashes[0][2]
 
 
+def test_the_target_moves_at_its_speed_where_the_frame_can_be() -> None:
+    env = gymnasium.make("mobee/Track-v0", config=EXPLORE, joints=ARM, target_speed=0.1, period=0.5)
+    k = len(ARM)
+    seen, ats = [env.reset(seed=3)[0]], [env.unwrapped.view.at]
+    assert np.allclose(seen[0][k : k + 3], seen[0][k + 3 : k + 6], atol=1e-5), "it starts at the frame"
+    for action in actions(4, 30) * 0.1:
+        observation, reward, terminated, _, info = env.step(action)
+        seen.append(observation)
+        ats.append(info["at"])
+        assert not terminated and info["on_target"] == (info["distance"] < 0.05)
+        assert reward == pytest.approx(info["on_target"] - info["distance"])
+        distance = np.linalg.norm(observation[k : k + 3] - observation[k + 3 : k + 6])
+        assert distance == pytest.approx(info["distance"], abs=1e-5)
+    assert (np.diff(ats) > 0.47).all(), "the target moves on while the robot rests (a period of the controller less)"
+    task = env.unwrapped._task
+    lengths = np.linalg.norm(np.diff(task.points, axis=0), axis=1)
+    moving = lengths > 0
+    assert np.allclose(lengths[moving] / np.diff(task.times)[moving], 0.1) and moving.any()
+    velocities = np.linalg.norm([observation[k + 6 :] for observation in seen], axis=1)
+    assert (np.isclose(velocities, 0.1, atol=1e-4) | (velocities == 0.0)).all()
+    again = [env.reset(seed=3)[0], *(env.step(action)[0] for action in actions(4, 30) * 0.1)]
+    assert np.array_equal(seen, again)
+    env.close()
+
+
 def test_a_task_of_ones_own() -> None:
     class Lift(mobee.gym.Task):
         size = 1
@@ -145,6 +171,7 @@ def test_what_is_wrong_is_named() -> None:
         dict(speed=2),
         dict(step=0),
         dict(tolerance=0),
+        dict(attempts=0),
         dict(robot="nobody"),
         dict(set=["robot.icub.margin=3"]),
     ):
@@ -152,6 +179,12 @@ def test_what_is_wrong_is_named() -> None:
             mobee.gym.make(EXPLORE, "reach", **options)
     with pytest.raises(mobee.MobeeError, match="task"):
         mobee.gym.make(EXPLORE, "fly")  # type: ignore[arg-type]
+    for options in (dict(target_speed=0), dict(period=-1), dict(tolerance=np.inf), dict(cell=0.1)):
+        with pytest.raises((mobee.MobeeError, TypeError)):
+            mobee.gym.make(EXPLORE, "track", **options)
+    for task, count in (("reach", 0), ("reach", 2.0), ("fly", 1), (mobee.gym.Reach(), 1)):
+        with pytest.raises(mobee.MobeeError, match="num_envs|task"):
+            mobee.gym.make_vec(EXPLORE, task, count)  # type: ignore[arg-type]
     env = reach(frame="nose")
     with pytest.raises(mobee.MobeeError, match="nose"):
         env.reset()
@@ -236,9 +269,59 @@ print("ended")
     assert done.returncode == 0 and done.stdout == "ended\n", done.stderr
 
 
-def test_vector_environments_by_threads_of_their_own() -> None:
-    vector = gymnasium.vector.SyncVectorEnv([lambda: reach() for _ in range(2)])
+@pytest.mark.parametrize("mode", list(gymnasium.vector.AutoresetMode))
+def test_environments_in_threads_equal_those_one_after_the_other(mode: Any) -> None:
+    def one() -> Any:
+        return mobee.gym.make(EXPLORE, "reach", joints=ARM, max_steps=3)
+
+    alone = gymnasium.vector.SyncVectorEnv([one] * 2, autoreset_mode=mode)
+    together = mobee.gym.make_vec(EXPLORE, "reach", 2, joints=ARM, max_steps=3, autoreset_mode=mode)
+    assert together.metadata["autoreset_mode"] == mode
+    assert np.array_equal(alone.reset(seed=1)[0], together.reset(seed=1)[0])
+    for row in actions(5, 12).reshape(6, 2, -1):
+        (a, rewards, ended, cut, infos), (b, *rest, info) = alone.step(row), together.step(row)
+        assert np.array_equal(a, b) and all(map(np.array_equal, (rewards, ended, cut), rest))
+        assert np.array_equal(infos["at"], info["at"]) and infos.keys() == info.keys()
+        if mode == gymnasium.vector.AutoresetMode.DISABLED and (over := ended | cut).any():
+            again = [vector.reset(options={"reset_mask": over.copy()})[0] for vector in (alone, together)]
+            assert np.array_equal(*again)
+    alone.close()
+    together.close()
+    together.close()
+
+
+def test_an_error_in_a_thread_leaves_the_others_in_order() -> None:
+    class Fragile(mobee.gym.Task):
+        def reward(self, env: mobee.gym.Env, view: mobee.View, info: dict[str, Any]) -> tuple[float, bool]:
+            if info["at"] > 1.0 and not hasattr(self, "failed"):
+                self.failed = True
+                raise ArithmeticError("no reward")
+            return 0.0, False
+
+    before = threading.active_count()
+    vector = mobee.gym.make_vec(EXPLORE, Fragile, 2, joints=ARM)
+    vector.reset(seed=1)
+    failures = 0
+    for row in actions(5, 16).reshape(8, 2, -1):
+        try:
+            observations = vector.step(row)[0]
+        except ArithmeticError:
+            failures += 1
+        else:
+            rests = np.array([env.unwrapped._observation(env.unwrapped.view) for env in vector.envs])
+            assert np.array_equal(observations, rests), "the results are of this step"
+    assert 1 <= failures <= 2
+    vector.close()
+    assert threading.active_count() <= before
+    with pytest.raises(mobee.MobeeError, match="nose"):
+        mobee.gym.make_vec(EXPLORE, "reach", 2, joints=["nose"])
+    assert threading.active_count() <= before
+
+
+def test_registered_vector_environments_are_those_in_threads() -> None:
+    vector = gymnasium.make_vec("mobee/Track-v0", num_envs=2, config=EXPLORE, joints=ARM, max_episode_steps=2)
     observations, _ = vector.reset(seed=1)
-    assert observations.shape[0] == 2
-    vector.step(np.stack([actions(0, 1)[0]] * 2))
+    assert observations.shape == (2, 12) and vector.num_envs == 2
+    vector.step(np.zeros((2, 3), np.float32))
+    assert vector.step(np.zeros((2, 3), np.float32))[3].all()
     vector.close()

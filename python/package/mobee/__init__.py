@@ -50,6 +50,7 @@ from ._native import (
     load,
 )
 from ._run import Event, Journal, MobeeWarning, Run, Verdict, Violation, replay, run
+from ._sweep import sweep
 
 __all__ = [
     "Agent",
@@ -92,4 +93,5 @@ __all__ = [
     "load",
     "replay",
     "run",
+    "sweep",
 ]

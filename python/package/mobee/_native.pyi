@@ -41,6 +41,8 @@ __all__ = [
     "load",
     "promises",
     "robots_of",
+    "shape_poses",
+    "shapes_of",
 ]
 
 def load(
@@ -220,6 +222,14 @@ class Scene:
         may_touch: Sequence[str] = ...,
         pair_clearances: Mapping[str, float] | None = None,
     ) -> Plan | NoPlan: ...
+    def show(
+        self,
+        q: ArrayLike | None = None,
+        path: ArrayLike | Plan | None = None,
+        *,
+        to: str | PathLike[str] | Any | None = None,
+        name: str = "mobee",
+    ) -> Any: ...
 
 @final
 class Plan:
@@ -317,7 +327,10 @@ class WorldObject:
     @property
     def is_stale(self) -> bool: ...
 
-# For the package itself: `mobee.run`, `mobee.replay`, `mobee.Run`, `mobee.gym`, `mobee.Follow`.
+# For the package itself: `mobee.run`, `mobee.replay`, `mobee.Run`, `mobee.gym`, `mobee.Follow`, `Scene.show`.
+
+def shapes_of(scene: Scene) -> list[tuple[str, Literal["box", "sphere", "cylinder", "capsule"], list[float]]]: ...
+def shape_poses(scene: Scene, q: ArrayLike) -> NDArray[np.float64]: ...
 
 def conduct(
     path: PathLike[str],

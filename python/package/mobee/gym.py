@@ -20,7 +20,7 @@ import os
 import shutil
 import tempfile
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, SupportsFloat
@@ -33,7 +33,7 @@ try:
 except ImportError:
     raise ImportError("mobee.gym needs gymnasium: pip install 'mobee[gym]'") from None
 
-from ._agent import MoveTo
+from ._agent import MoveTo, Wait
 from ._error import MobeeError
 from ._native import Steps, robots_of
 from ._run import _texts
@@ -41,10 +41,14 @@ from ._run import _texts
 if TYPE_CHECKING:
     from ._native import Robot, View
 
-__all__ = ["Env", "Explore", "Reach", "Task", "make"]
+__all__ = ["Env", "Explore", "Reach", "Task", "Track", "make", "make_vec"]
 
 _Array = NDArray[np.float32]
 _MOST_FLOAT32 = float(np.finfo(np.float32).max)
+# steps of an episode
+_MAX_STEPS = 100
+# points of the target's path on an edge
+_POINTS_OF_EDGE = 32
 
 
 class Task:
@@ -57,9 +61,12 @@ class Task:
     ----------
     size : int
         Length of what `observe` returns.
+    period : float
+        Least duration of a step, s of the run, to a period of the controller: after a shorter motion the robot rests until then.
     """
 
     size: int = 0
+    period: float = 0.0
 
     def begin(self, env: Env, view: View, rng: np.random.Generator) -> None:
         """Starts an episode. Take all randomness from `rng`."""
@@ -92,34 +99,21 @@ class Reach(Task):
     size = 6
 
     def __init__(self, frame: str | None = None, tolerance: float = 0.05, attempts: int = 100) -> None:
-        if not 0.0 < float(tolerance) < 100.0:
-            raise MobeeError("bounds", f"tolerance is {tolerance}", "tolerance", "give meters, above 0")
-        if not 1 <= int(attempts) <= 1_000_000:
-            raise MobeeError("bounds", f"attempts is {attempts}", "attempts", "give 1 to 1000000")
         self.frame = frame
-        self.tolerance = float(tolerance)
-        self.attempts = int(attempts)
+        self.tolerance = _between("tolerance", tolerance, 0.0, 100.0, "m")
+        self.attempts = _attempts(attempts)
         self.goal: NDArray[np.float64] = np.zeros(3)
 
     def begin(self, env: Env, view: View, rng: np.random.Generator) -> None:
-        robot = view.model
         if self.frame is None:
-            self.frame = _farthest(robot)
-        names = list(view.configurations)
-        whole = np.concatenate([view.configurations[name] for name in names])
-        first = sum(len(view.configurations[name]) for name in names[: names.index(view.robot)])
-        q = np.tile(view.q, (self.attempts, 1))
-        q[:, env.columns] = rng.uniform(env.lower, env.upper, (self.attempts, len(env.columns)))
-        all_robots = np.tile(whole, (self.attempts, 1))
-        all_robots[:, first : first + q.shape[1]] = q
-        free = np.flatnonzero(np.asarray(view.scene.free(all_robots)))
-        chosen = q[free[0] if len(free) else -1]
-        self.goal = robot.fk(np.clip(chosen, robot.lower, robot.upper), self.frame)[:3, 3]
+            self.frame = _farthest(view.model)
+        q = _random(env, view.q, rng, self.attempts)
+        free = np.flatnonzero(np.asarray(view.scene.free(_in_scene(view, q))))
+        self.goal = _positions(view.model, self.frame, q[free[0] if len(free) else -1])
 
     def _position(self, view: View) -> NDArray[np.float64]:
-        robot = view.model
         assert self.frame is not None
-        return robot.fk(np.clip(view.q, robot.lower, robot.upper), self.frame)[:3, 3]
+        return _positions(view.model, self.frame, view.q)
 
     def observe(self, env: Env, view: View) -> NDArray[Any]:
         return np.concatenate([self._position(view), self.goal])
@@ -130,6 +124,90 @@ class Reach(Task):
         info["distance"] = distance
         info["is_success"] = reached
         return (1.0 if reached else 0.0) - distance, reached
+
+
+class Track(Task):
+    """Follows a moving target with a frame.
+
+    The target moves where the frame can be: along edges between random configurations that are proved free of contact
+    (`mobee.Scene.edge`), at a constant speed. It waits 1 s where none of the tried edges is proved. Observed are the positions of
+    frame and target in the robot's base, m, and the velocity of the target, m/s (9 numbers). The reward of a step is the negative
+    distance at its end, m, and 1 more within the tolerance; ``info["distance"]`` and ``info["on_target"]`` have both. The episode
+    never terminates.
+
+    Parameters
+    ----------
+    frame : str, optional
+        One of the robot's frames; default: the one that is farthest from the base.
+    tolerance : float
+        Distance at which the frame counts as on target, m.
+    target_speed : float
+        Speed of the target, m/s.
+    period : float
+        Least duration of a step, s of the run: the target moves on while the robot does not.
+    attempts : int
+        Random configurations that are tried for the next edge.
+    """
+
+    size = 9
+
+    def __init__(
+        self, frame: str | None = None, tolerance: float = 0.05, target_speed: float = 0.05, period: float = 0.5, attempts: int = 100
+    ) -> None:
+        self.frame = frame
+        self.tolerance = _between("tolerance", tolerance, 0.0, 100.0, "m")
+        self.target_speed = _between("target_speed", target_speed, 0.0, 100.0, "m/s")
+        self.period = _between("period", period, 0.0, 100.0, "s")
+        self.attempts = _attempts(attempts)
+        #: Times of the run at which the target is at `points`, s and m; it moves straight between them.
+        self.times: NDArray[np.float64] = np.zeros(1)
+        self.points: NDArray[np.float64] = np.zeros((1, 3))
+
+    def begin(self, env: Env, view: View, rng: np.random.Generator) -> None:
+        if self.frame is None:
+            self.frame = _farthest(view.model)
+        self._rng = rng
+        self._q = view.q
+        self.times = np.array([view.at])
+        self.points = _positions(view.model, self.frame, view.q)[None]
+
+    def _extend(self, env: Env, view: View) -> None:
+        """Adds an edge to the target's path, or a pause if none is proved."""
+        assert self.frame is not None
+        candidates = _random(env, self._q, self._rng, self.attempts)
+        rows = _in_scene(view, np.vstack([self._q[None], candidates]))
+        for i in np.flatnonzero(np.asarray(view.scene.free(rows[1:]))):
+            if not view.scene.edge(rows[0], rows[i + 1]):
+                continue
+            shares = np.linspace(0.0, 1.0, _POINTS_OF_EDGE + 1)[1:, None]
+            points = _positions(view.model, self.frame, self._q + shares * (candidates[i] - self._q))
+            lengths = np.linalg.norm(np.diff(np.vstack([self.points[-1:], points]), axis=0), axis=1)
+            if lengths.sum() > 1e-3:
+                self._q = candidates[i]
+                times = self.times[-1] + np.cumsum(np.maximum(lengths / self.target_speed, 1e-9))
+                self.times, self.points = np.append(self.times, times), np.vstack([self.points, points])
+                return
+        self.times = np.append(self.times, self.times[-1] + 1.0)
+        self.points = np.vstack([self.points, self.points[-1:]])
+
+    def target(self, env: Env, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Position (m) and velocity (m/s) of the target at the time of a view, in the robot's base."""
+        while self.times[-1] <= view.at:
+            self._extend(env, view)
+        i = max(int(np.searchsorted(self.times, view.at, side="right")) - 1, 0)
+        velocity = (self.points[i + 1] - self.points[i]) / (self.times[i + 1] - self.times[i])
+        return self.points[i] + velocity * (view.at - self.times[i]), velocity
+
+    def observe(self, env: Env, view: View) -> NDArray[Any]:
+        assert self.frame is not None
+        return np.concatenate([_positions(view.model, self.frame, view.q), *self.target(env, view)])
+
+    def reward(self, env: Env, view: View, info: dict[str, Any]) -> tuple[float, bool]:
+        assert self.frame is not None
+        distance = float(np.linalg.norm(_positions(view.model, self.frame, view.q) - self.target(env, view)[0]))
+        info["distance"] = distance
+        info["on_target"] = distance < self.tolerance
+        return (1.0 if info["on_target"] else 0.0) - distance, False
 
 
 class Explore(Task):
@@ -353,6 +431,11 @@ class Env(gymnasium.Env[_Array, _Array]):
         # a joint that rests beyond its limit by noise may stay there
         target = np.clip(q + self._step * shares, self.lower, self.upper)
         after, info = steps.step(MoveTo(target, speed=self._speed, joints=self.joints))
+        left = 0.0 if after is None else self._task.period - (after.at - view.at)
+        if left > 0.0:
+            after, rested = steps.step(Wait(left))
+            if after is None:
+                info.update(outcome=rested["outcome"], reason=rested["reason"])
         seen = after if after is not None else view
         info["at"] = seen.at
         if after is None:
@@ -399,6 +482,42 @@ def _release(held: list[Steps], scratch: Path | None, pid: int) -> None:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
+def _between(what: str, given: Any, above: float, below: float, unit: str) -> float:
+    if not above < float(given) < below:
+        raise MobeeError("bounds", f"{what} is {given}", what, f"give {unit}, above {above:g} and below {below:g}")
+    return float(given)
+
+
+def _attempts(given: Any) -> int:
+    if not 1 <= int(given) <= 1_000_000:
+        raise MobeeError("bounds", f"attempts is {given}", "attempts", "give 1 to 1000000")
+    return int(given)
+
+
+def _random(env: Env, q: NDArray[np.float64], rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Configurations (count, dof) of the robot, in which the environment's joints are random."""
+    rows = np.tile(q, (count, 1))
+    rows[:, env.columns] = rng.uniform(env.lower, env.upper, (count, len(env.columns)))
+    return rows
+
+
+def _in_scene(view: View, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Configurations of the robot as those of the whole scene, with the other robots where they are. Measured positions exceed
+    limits by noise: beyond a limit nothing is free."""
+    names = list(view.configurations)
+    first = sum(len(view.configurations[name]) for name in names[: names.index(view.robot)])
+    rows: NDArray[np.float64] = np.tile(np.concatenate([view.configurations[name] for name in names]), (len(q), 1))
+    rows[:, first : first + q.shape[1]] = q
+    robots = view.scene.robots
+    return np.clip(rows, np.concatenate([robot.lower for robot in robots]), np.concatenate([robot.upper for robot in robots]))
+
+
+def _positions(robot: Robot, frame: str, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions of a frame in the robot's base, m. A measured position exceeds a limit by noise."""
+    positions: NDArray[np.float64] = robot.fk(np.clip(q, robot.lower, robot.upper), frame)[..., :3, 3]
+    return positions
+
+
 def _farthest(robot: Robot) -> str:
     frames = robot.frames
     if not frames:
@@ -406,15 +525,17 @@ def _farthest(robot: Robot) -> str:
     return max(frames, key=lambda frame: (round(float(np.linalg.norm(robot.fk(robot.home, frame)[:3, 3])), 9), frame))
 
 
-def make(config: str | PathLike[str], task: Literal["reach", "explore"] | Task, *, max_steps: int = 100, **options: Any) -> gymnasium.Env[_Array, _Array]:
+def make(
+    config: str | PathLike[str], task: Literal["reach", "track", "explore"] | Task, *, max_steps: int = 100, **options: Any
+) -> gymnasium.Env[_Array, _Array]:
     """Makes an environment of a configuration file and a task.
 
     Parameters
     ----------
     config : path
         A configuration as for `mobee.run`; its clock becomes virtual.
-    task : "reach", "explore" or Task
-        `Reach`, `Explore`, or one of your own.
+    task : "reach", "track", "explore" or Task
+        `Reach`, `Track`, `Explore`, or one of your own.
     max_steps : int
         Steps after which an episode is truncated.
     robot : str, optional
@@ -429,21 +550,66 @@ def make(config: str | PathLike[str], task: Literal["reach", "explore"] | Task, 
         Assignments as of ``mobee run --set``.
     out : path, optional
         Folder in which the run of each episode is kept; default: none is.
-    frame, tolerance, attempts, cell
-        Of `Reach` and `Explore`.
+    frame, tolerance, target_speed, period, attempts, cell
+        Of `Reach`, `Track` and `Explore`.
     """
     made = _env(config, task, options)
     return gymnasium.wrappers.TimeLimit(made, int(max_steps))
 
 
-_TASKS: dict[str, type[Reach] | type[Explore]] = {"reach": Reach, "explore": Explore}
-_OPTIONS = {"reach": ("frame", "tolerance", "attempts"), "explore": ("cell",)}
+def make_vec(
+    config: str | PathLike[str],
+    task: Literal["reach", "track", "explore"] | Callable[[], Task],
+    num_envs: int,
+    *,
+    max_steps: int = 100,
+    autoreset_mode: gymnasium.vector.AutoresetMode | str = gymnasium.vector.AutoresetMode.NEXT_STEP,
+    out: str | PathLike[str] | None = None,
+    **options: Any,
+) -> gymnasium.vector.VectorEnv[_Array, _Array, _Array]:
+    """Makes several environments that step at the same time, each in a thread of its own and without the interpreter's lock.
+
+    ``gymnasium.make_vec("mobee/Reach-v0", num_envs=4, config=...)`` makes the same.
+
+    Parameters
+    ----------
+    task : "reach", "track", "explore", or a class or function without arguments that makes a Task
+        Each environment has a task of its own.
+    num_envs : int
+        Number of environments, 1 to 1024.
+    autoreset_mode : gymnasium.vector.AutoresetMode
+        When an environment whose episode is over is reset: as of ``gymnasium.vector.SyncVectorEnv``.
+    out : path, optional
+        Folder in which the runs are kept, in a folder for each environment.
+    max_steps, options
+        As of `make`.
+    """
+    if not isinstance(num_envs, int) or not 1 <= num_envs <= 1024:
+        raise MobeeError("bounds", f"num_envs is {num_envs!r}", "num_envs", "give 1 to 1024")
+    if not isinstance(task, str) and not callable(task):
+        raise MobeeError("type", f"task is {type(task).__name__}", "task", "give a name, or a class or function that makes a Task")
+
+    def one(i: int) -> Callable[[], gymnasium.Env[_Array, _Array]]:
+        folder = None if out is None else Path(fspath(out)) / f"env-{i}"
+        return lambda: make(config, task if isinstance(task, str) else task(), max_steps=max_steps, out=folder, **options)
+
+    from ._threads import ThreadVectorEnv
+
+    return ThreadVectorEnv([one(i) for i in range(num_envs)], autoreset_mode)
+
+
+_TASKS: dict[str, type[Reach] | type[Track] | type[Explore]] = {"reach": Reach, "track": Track, "explore": Explore}
+_OPTIONS = {
+    "reach": ("frame", "tolerance", "attempts"),
+    "track": ("frame", "tolerance", "target_speed", "period", "attempts"),
+    "explore": ("cell",),
+}
 
 
 def _env(config: str | PathLike[str], task: str | Task, options: dict[str, Any]) -> Env:
     if isinstance(task, str):
         if task not in _TASKS:
-            raise MobeeError("unknown", f"there is no task {task!r}", "task", 'give "reach", "explore" or a Task')
+            raise MobeeError("unknown", f"there is no task {task!r}", "task", 'give "reach", "track", "explore" or a Task')
         own = {name: options.pop(name) for name in _OPTIONS[task] if name in options}
         task = _TASKS[task](**own)
     return Env(config, task, **options)
@@ -453,10 +619,27 @@ def _reach(config: str | PathLike[str], render_mode: None = None, **options: Any
     return _env(config, "reach", options)
 
 
+def _track(config: str | PathLike[str], render_mode: None = None, **options: Any) -> Env:
+    return _env(config, "track", options)
+
+
 def _explore(config: str | PathLike[str], render_mode: None = None, **options: Any) -> Env:
     return _env(config, "explore", options)
 
 
-for _id, _entry in (("mobee/Reach-v0", _reach), ("mobee/Explore-v0", _explore)):
+def _vec(task: Any) -> Callable[..., gymnasium.vector.VectorEnv[_Array, _Array, _Array]]:
+    def entry(num_envs: int, config: str | PathLike[str], max_episode_steps: int | None = None, **options: Any) -> Any:
+        options.pop("render_mode", None)
+        return make_vec(config, task, num_envs, max_steps=max_episode_steps or _MAX_STEPS, **options)
+
+    return entry
+
+
+for _id, _entry, _name in (
+    ("mobee/Reach-v0", _reach, "reach"),
+    ("mobee/Track-v0", _track, "track"),
+    ("mobee/Explore-v0", _explore, "explore"),
+):
     if _id not in gymnasium.registry:
-        gymnasium.register(_id, entry_point=f"mobee.gym:{_entry.__name__}", max_episode_steps=100)
+        entry = f"mobee.gym:{_entry.__name__}"
+        gymnasium.register(_id, entry_point=entry, vector_entry_point=_vec(_name), max_episode_steps=_MAX_STEPS)
