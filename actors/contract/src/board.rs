@@ -41,6 +41,10 @@ pub struct Axis {
     /// board reports none. [`Axis::UNRATED`]: it reports torques, but its driver has no threshold for a contact.
     #[serde(default)]
     pub contact_effort: f64,
+    /// True if a stop makes the position that its encoder reads the commanded one: a joint that sags under its load then
+    /// sinks below that position.
+    #[serde(default)]
+    pub stop_sinks: bool,
 }
 
 impl Axis {

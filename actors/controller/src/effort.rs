@@ -6,10 +6,13 @@
 //! escape leads out of, counts only by its change.
 //!
 //! The load reported by a servo includes the arm's weight. Its threshold is high, and a slow arm pushes for seconds
-//! before it is reached. But weight changes with the configuration, and a contact with time. Therefore a load that
+//! before it is reached. Where the weight is known ([`crate::load_model`]), what it leaves unexplained is compared with
+//! a low threshold. Until then: weight changes with the configuration, and a contact with time. Therefore a load that
 //! rises within a second by more than the arm's motion explains is a contact, too.
 
 use crate::Rules;
+use crate::load_model::Unexplained;
+use crate::pulse::Pulse;
 use mobee_contract::{Pose, Sample, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -34,8 +37,9 @@ const MAX_STORED: usize = 512;
 pub struct EffortWatch {
     /// Number of consecutive readings beyond the threshold, per motor.
     beyond: Vec<u32>,
-    /// Torques of the last reading before the motion.
+    /// Torques of the last reading before the motion; and those that the arm's weight left unexplained.
     before: Vec<f64>,
+    unexplained_before: Vec<f64>,
     /// Readings of the longest window, oldest first: torques and positions.
     window: VecDeque<(Time, Vec<f64>, Pose)>,
 }
@@ -52,11 +56,14 @@ pub struct Pushed {
 impl EffortWatch {
     /// Processes a reading. Returns the motor that is pushed most, relative to its threshold. `moving`: whether a
     /// motion is in progress. NaN torques are ignored.
-    pub fn read(&mut self, sample: &Sample, moving: bool, rules: &Rules) -> Option<Pushed> {
+    pub fn read(&mut self, pulse: &Pulse, moving: bool, rules: &Rules) -> Option<Pushed> {
+        let Pulse { sample, unexplained, .. } = pulse;
         self.beyond.resize(sample.external.len(), 0);
         if !moving {
             self.beyond.fill(0);
             self.before.clone_from(&sample.external);
+            let torque = |of: &Option<Unexplained>| of.map_or(0.0, |of| of.torque);
+            self.unexplained_before = unexplained.iter().map(torque).collect();
             self.window.clear();
             return None;
         }
@@ -73,8 +80,13 @@ impl EffortWatch {
         };
         let before = |motor: usize| self.before.get(motor).copied().filter(|torque| torque.is_finite()).unwrap_or(0.0);
         let share = |(motor, torque): (usize, &f64)| {
+            let watched = rules.contact_effort(motor);
+            if let (Some(of), Some(_)) = (unexplained.get(motor).copied().flatten(), watched) {
+                let before = self.unexplained_before.get(motor).copied().unwrap_or_default();
+                return (motor, of.torque, of.torque.abs().min((of.torque - before).abs()) / of.limit);
+            }
             let counts = torque.abs().min((torque - before(motor)).abs());
-            let share = rules.contact_effort(motor).map_or(0.0, |limit| (counts / limit).max(rises(motor, limit)));
+            let share = watched.map_or(0.0, |limit| (counts / limit).max(rises(motor, limit)));
             (motor, *torque, share)
         };
         let shares = sample.external.iter().enumerate().map(share);
@@ -144,12 +156,17 @@ mod tests {
         Rules::new("r", vec![], &ControllerSettings { contact_nm, ..ControllerSettings::default() }, &board)
     }
 
+    fn pulse(sample: Sample) -> Pulse {
+        Pulse::new(sample, &Vec::new().into())
+    }
+
     /// Indices of the readings in which the first motor counts as pushed; the second, whose board reports none, never
     /// does.
     fn pushed(rules: &Rules, torques: &[f64]) -> Vec<usize> {
         let mut watch = EffortWatch::default();
         let shows = |torque: f64| Sample { external: vec![torque, 1e6], ..Sample::default() };
-        let read = |(k, torque): (usize, &f64)| watch.read(&shows(*torque), true, rules).map(|pushed| (k, pushed));
+        let read =
+            |(k, torque): (usize, &f64)| watch.read(&pulse(shows(*torque)), true, rules).map(|pushed| (k, pushed));
         let found: Vec<(usize, Pushed)> = torques.iter().enumerate().filter_map(read).collect();
         assert!(found.iter().all(|(_, pushed)| pushed.motor == 0));
         found.into_iter().map(|(k, _)| k).collect()
@@ -185,7 +202,7 @@ mod tests {
             let external = vec![1.0 + per_second * secs, 0.0];
             let q = vec![own * secs, other * secs].into();
             let sample = Sample { at: Time(ms * 1_000_000), external, q, ..Sample::default() };
-            watch.read(&sample, moving, &rules).is_some()
+            watch.read(&pulse(sample), moving, &rules).is_some()
         };
         assert!(!read(0, false));
         (10..1200).step_by(10).find(|ms| read(*ms, true))
@@ -209,8 +226,8 @@ mod tests {
         let rules = rules(None);
         let mut watch = EffortWatch::default();
         let shows = |torque: f64| Sample { external: vec![torque, 0.0], ..Sample::default() };
-        assert_eq!(watch.read(&shows(8.0), false, &rules), None);
-        let mut read = |torque: f64| (0..5).filter_map(|_| watch.read(&shows(torque), true, &rules)).count();
+        assert_eq!(watch.read(&pulse(shows(8.0)), false, &rules), None);
+        let mut read = |torque: f64| (0..5).filter_map(|_| watch.read(&pulse(shows(torque)), true, &rules)).count();
         assert_eq!([8.0, 12.5, 0.0].map(&mut read), [0; 3]);
         assert_eq!([13.5, -6.0].map(&mut read), [3, 5]);
     }

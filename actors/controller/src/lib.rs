@@ -10,6 +10,7 @@
 //! | [`joint_retreat`] | | retreats several robots on one clock |
 //! | [`look_ahead`] | | predicts the configuration in which a robot would stop, and the contacts there |
 //! | [`hold_offset`] | | offset of the commanded position from the target so that the joint rests at the target |
+//! | [`load_model`] | | weight of an arm whose servos report their own load |
 //! | [`effort`] | | detects pushed motors by the torques that the board reports |
 //! | [`stall`] | | detects motors that do not follow their commands |
 //! | [`simultaneous`] | | distances between robots at common instants |
@@ -38,6 +39,7 @@ pub mod hold_offset;
 pub mod joint_retreat;
 pub mod kinds;
 pub mod ledger;
+pub mod load_model;
 pub mod look_ahead;
 pub mod pulse;
 mod pushing;

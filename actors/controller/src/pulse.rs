@@ -10,6 +10,7 @@
 //! watchdog would have to be as trustworthy as the chain it watches.
 
 use crate::history::BridgedGap;
+use crate::load_model::Unexplained;
 use crate::look_ahead::Foreseen;
 use crate::simultaneous::note;
 use mobee_contract::{AnswerTime, Sample, Time};
@@ -23,6 +24,8 @@ pub struct Pulse {
     pub sample: Sample,
     /// Recent answer time of the board, if it is measured (driver).
     pub answers: Option<AnswerTime>,
+    /// Load of each motor that the arm's weight does not explain, where the board reports loads (driver).
+    pub unexplained: Arc<[Option<Unexplained>]>,
     /// Greatest motor speed over the last readings, rad/s; infinite while there are too few readings (history).
     pub speed: f64,
     /// BridgedGap over the gap before this reading, if there was one (history).
@@ -69,6 +72,7 @@ impl Pulse {
         Pulse {
             sample,
             answers: None,
+            unexplained: Arc::default(),
             speed: f64::INFINITY,
             bridged: None,
             unchanged,

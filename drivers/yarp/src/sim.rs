@@ -94,7 +94,7 @@ impl YarpSim {
             // differences between them
             rate_hz: if imitates.is_some() { 500.0 } else { SimSettings::default().rate_hz },
             max_speed_deg_per_s: settings.max_speed_deg_per_s,
-            max_acceleration_deg_per_s2: settings.max_acceleration_deg_per_s2,
+            max_acceleration_deg_per_s2: Some(settings.max_acceleration_deg_per_s2),
             ..SimSettings::ideal()
         };
         let axes = sim.axes(&context.robot);

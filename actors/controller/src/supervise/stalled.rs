@@ -46,7 +46,7 @@ impl SuperviseCore {
     /// there is no motion to roll back.
     pub(super) fn watch_effort(&mut self, pulse: &Pulse, step: &mut SuperviseStep) -> bool {
         let moving = self.is_moving() && step.gate.token() == self.token;
-        let pushed = self.effort.read(&pulse.sample, moving, step.rules);
+        let pushed = self.effort.read(pulse, moving, step.rules);
         let Some(Pushed { motor: index, torque }) = pushed else { return false };
         let (motor, motion) = named(index, step);
         self.roll_back_for_obstacle(index, Cause::ExternalTorque { motor, torque, motion }, step);

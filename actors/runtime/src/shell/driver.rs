@@ -46,7 +46,8 @@ impl Actor for DriverActor {
     ) -> Result<DriverState, ActorProcessingErr> {
         let plug = context.parts.lock().plug.clone();
         let guard = CommandGuard::new(context.rules());
-        let offsets = HoldOffsets::new(&context.rules());
+        let (rules, model) = (context.rules(), context.parts.lock().model.clone());
+        let offsets = HoldOffsets::new(&rules).with_weight(&rules, &model);
         let mut state = DriverState {
             shared,
             context,
@@ -167,13 +168,14 @@ impl DriverState {
         }
         self.beyond = beyond.is_some();
         if !self.invalid && !self.beyond {
+            let unexplained = self.offsets.unexplained(&sample);
             let learned = self.offsets.learn(&sample);
             if !learned.is_empty() {
                 self.context.hold_offsets.lock().extend(learned);
             }
             let answers = self.driver.as_ref().and_then(|driver| driver.answer_time());
             *self.context.answers.lock() = answers;
-            self.context.to_history.push(Pulse { answers, ..Pulse::new(sample, &self.shared.none) });
+            self.context.to_history.push(Pulse { answers, unexplained, ..Pulse::new(sample, &self.shared.none) });
         }
     }
 
@@ -205,9 +207,12 @@ impl DriverState {
             return self.drop_command(token, writer, DriverFault::Lost.to_string());
         };
         driver.lease(now, Time(self.context.lease.load(Ordering::SeqCst)));
+        let hold = self.offsets.hold_after(command);
         let sent = if self.offsets.are_used() { &self.offsets.apply(command, now) } else { command };
         match driver.command(now, sent) {
             Ok(()) => {
+                // Part of the stop. A board that does not accept it holds what it measured.
+                hold.into_iter().for_each(|hold| drop(driver.command(now, &hold)));
                 self.guard.leads = driver.leads();
                 for event in self.guard.took(token, writer, command, now) {
                     self.shared.emit(event);

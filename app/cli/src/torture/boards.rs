@@ -3,9 +3,10 @@
 use super::faults::FaultAction;
 use super::plan::Planned;
 use mobee_compose::config::{Config, ConfigError, RobotConfig, Source, simulated};
+use mobee_compose::derive_seed;
 use mobee_contract::{Context, Hardware, KindError, Time};
 use mobee_driver_yarp::{YARP, YarpDriverSettings, YarpSim};
-use mobee_sim::{SIM, SimHardware, SimSettings};
+use mobee_sim::{ArmProfile, DoneRule, SIM, SimHardware, SimSettings, StopRule};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
@@ -70,10 +71,26 @@ impl Driven {
     /// The first setting that can't be used.
     pub fn boards(&self, context: &Context) -> Result<Boards, KindError> {
         Ok(match self {
-            Driven::Sim(settings) => Boards::Sim(SimHardware::new(settings, context)?),
+            Driven::Sim(settings) => Boards::Sim(SimHardware::new(&drawn(settings, context.seed), context)?),
             Driven::Yarp(settings) => Boards::Yarp(Arc::new(YarpSim::new(settings, context)?)),
         })
     }
+}
+
+/// The settings of a simulated robot in the run of this seed. Real boards with servos differ in what a stop holds, when
+/// a move is done, and whether they honor accelerations: what the file leaves open is drawn.
+fn drawn(settings: &SimSettings, seed: u64) -> SimSettings {
+    let mut settings = settings.clone();
+    if settings.profile == ArmProfile::Ideal {
+        return settings;
+    }
+    let mut servo = settings.servo.take().unwrap_or_default();
+    let bit = |k: u32| derive_seed(seed, "board") >> k & 1 == 1;
+    servo.stop.get_or_insert(if bit(0) { StopRule::Measured } else { StopRule::Commanded });
+    servo.done.get_or_insert(if bit(1) { DoneRule::Arrived } else { DoneRule::Trajectory });
+    servo.honors_acceleration.get_or_insert(bit(2));
+    settings.servo = Some(servo);
+    settings
 }
 
 /// The boards of one robot in one run.
@@ -136,6 +153,7 @@ impl Boards {
 mod tests {
     use super::*;
     use crate::torture::report::Tally;
+    use mobee_sim::ServoSettings;
     use std::path::Path;
 
     #[test]
@@ -147,5 +165,17 @@ mod tests {
         assert_eq!(replaced, [("left".to_owned(), "replay".to_owned())], "and not the simulated one");
         let report = Tally { replaced, ..Tally::default() }.to_string();
         assert!(report.contains("left was simulated: its driver `replay` was not tested"), "{report}");
+    }
+
+    #[test]
+    fn boards_with_servos_are_drawn_by_the_seed_and_keep_what_the_file_states() {
+        let of = |profile, seed| drawn(&SimSettings { profile, ..SimSettings::default() }, seed).servo;
+        assert!((0..20).all(|seed| of(ArmProfile::Ideal, seed).is_none()));
+        let stops: Vec<_> = (0..20).filter_map(|seed| of(ArmProfile::So101, seed)?.stop).collect();
+        assert!(stops.len() == 20 && stops.contains(&StopRule::Measured) && stops.contains(&StopRule::Commanded));
+        let servo = ServoSettings { stop: Some(StopRule::Commanded), ..ServoSettings::default() };
+        let stated = SimSettings { profile: ArmProfile::So101, servo: Some(servo), ..SimSettings::default() };
+        let stop = |seed| drawn(&stated, seed).servo.and_then(|servo| servo.stop);
+        assert!((0..20).all(|seed| stop(seed) == Some(StopRule::Commanded)));
     }
 }

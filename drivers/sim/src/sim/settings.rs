@@ -5,7 +5,7 @@ mod imitated;
 pub use imitated::Imitated;
 
 use crate::sim::body::Physics;
-use crate::sim::dynamics::{ArmNumbers, ArmProfile, Servo, ServoSettings};
+use crate::sim::dynamics::{ArmNumbers, ArmProfile, Servo, ServoSettings, StopRule};
 use crate::sim::path::Profile;
 use mobee_contract::{Axis, KindError, suggestion};
 use mobee_model::{JointMotion, Object, ObjectClass, Primitive, Robot, Shape};
@@ -15,6 +15,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+/// Acceleration of a motor whose profile states none, deg/s^2.
+const ACCELERATION_DEG: f64 = 200.0;
 /// Resolution of the encoders of kinematic joints, deg.
 const RESOLUTION_DEG: f64 = 0.01;
 /// Noise of the encoders of kinematic joints, deg.
@@ -81,8 +83,9 @@ pub struct SimSettings {
     pub move_profile: Profile,
     /// Maximum speed of every motor, deg/s. A lower `maxSpeed` of a motor in the robot file has priority.
     pub max_speed_deg_per_s: f64,
-    /// Maximum acceleration of every motor, also in braking, deg/s^2.
-    pub max_acceleration_deg_per_s2: f64,
+    /// Maximum acceleration of every motor, also in braking, deg/s^2. Default: 200, or the profile's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_acceleration_deg_per_s2: Option<f64>,
     /// Time from a command to its effect, ms.
     pub latency_ms: f64,
     /// Encoder readings per second.
@@ -110,7 +113,7 @@ impl Default for SimSettings {
             unknown: Vec::new(),
             move_profile: Profile::default(),
             max_speed_deg_per_s: 100.0,
-            max_acceleration_deg_per_s2: 200.0,
+            max_acceleration_deg_per_s2: None,
             latency_ms: 20.0,
             rate_hz: 100.0,
             resolution_deg: None,
@@ -149,7 +152,7 @@ impl SimSettings {
     pub fn validate(&self) -> Result<(), KindError> {
         let ranges = [
             ("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 10_000.0),
-            ("max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e6),
+            ("max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2.unwrap_or(1.0), 0.1, 1e6),
             ("latency_ms", self.latency_ms, 0.0, 10_000.0),
             ("rate_hz", self.rate_hz, 0.1, 10_000.0),
             ("resolution_deg", self.resolution(), 0.0, 10.0),
@@ -237,9 +240,9 @@ impl SimSettings {
                 min: m.min,
                 max: m.max,
                 max_speed: m.limit_speed(self.max_speed_deg_per_s.to_radians()),
-                max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
+                max_acceleration: settings.acceleration(robot, i),
                 motion: m.motion,
-                ..settings.shows(m, servos.as_ref().and_then(|servos| servos.get(i)))
+                ..settings.shows(m, servos.as_ref().and_then(|servos| servos.get(i)), settings.acceleration(robot, i))
             };
             match self.imitates {
                 Some(robot) => robot.axis(axis),
@@ -249,22 +252,35 @@ impl SimSettings {
         robot.motors.iter().enumerate().map(axis).collect()
     }
 
+    /// Greatest acceleration of a motor, rad/s^2.
+    fn acceleration(&self, robot: &Robot, motor: usize) -> f64 {
+        let of_joint = |arm: ArmNumbers| {
+            let motor_of = robot.motors.get(motor).filter(|m| m.motion.is_turn())?;
+            let first = robot.parts.get(motor_of.part).map_or(0, |part| part.motors.start);
+            arm.acceleration_deg(motor.saturating_sub(first))
+        };
+        let profile = || self.arm().and_then(of_joint).unwrap_or(ACCELERATION_DEG);
+        self.max_acceleration_deg_per_s2.unwrap_or_else(profile).to_radians()
+    }
+
     /// Servos of a robot's motors; `None` for kinematic joints.
     pub fn servos(&self, robot: &Robot) -> Option<Vec<Servo>> {
         let numbers = self.for_robot(robot).arm()?;
         Some(self.servo.clone().unwrap_or_default().servos(&numbers, robot))
     }
 
-    /// Accuracy of the readings and of the servo of this motor; defaults for kinematic joints.
-    fn shows(&self, motor: &mobee_model::Motor, servo: Option<&Servo>) -> Axis {
+    /// Accuracy of the readings and of the servo of this motor, which accelerates by this, rad/s^2; defaults for
+    /// kinematic joints.
+    fn shows(&self, motor: &mobee_model::Motor, servo: Option<&Servo>, acceleration: f64) -> Axis {
         let (Some(numbers), Some(joint)) = (self.arm(), servo) else { return Axis::default() };
         let resolution = self.resolution().max(NOISE_SPREAD * self.noise()).to_radians();
         let turns = motor.motion == JointMotion::Turn;
         let servo = self.servo.clone().unwrap_or_default();
         let (deflection, contact_effort) = servo.contact(&numbers, joint);
         let (hold_error, deflection) = if turns { (servo.hold_error(&numbers), deflection) } else { (0.0, 0.0) };
-        let overshoot = joint.overshoot(self.max_acceleration_deg_per_s2.to_radians());
-        Axis { resolution, hold_error, deflection, contact_effort, overshoot, ..Axis::default() }
+        let overshoot = joint.overshoot(acceleration);
+        let stop_sinks = hold_error > 0.0 && servo.rules(&numbers).stop == StopRule::Measured;
+        Axis { resolution, hold_error, deflection, contact_effort, overshoot, stop_sinks, ..Axis::default() }
     }
 
     /// Start configuration of the robot, rad.

@@ -1,13 +1,15 @@
 //! External torques on an arm: weight and contacts.
 
-use mobee_model::{Object, ObjectClass, Scene, SceneError, ShapeId, Watch};
+use mobee_model::{Contact, NodePairs, Object, ObjectClass, Robot, Scene, SceneError, ShapeId, Watch};
 use nalgebra::{Isometry3, Vector3};
 use std::sync::Arc;
 
 /// Gravity, m/s^2.
 const GRAVITY: f64 = 9.81;
-/// Distance below which a pair is tracked between two evaluations, m.
+/// Distance below which a link and an object are tracked between two evaluations, m.
 const TRACKING_DISTANCE_M: f64 = 0.03;
+/// The same for two links, m: they count only from the evaluation on that finds them in contact.
+const SELF_TRACKING_DISTANCE_M: f64 = 0.001;
 
 /// Surroundings of an arm, and its physical parameters.
 #[derive(Clone, Debug)]
@@ -59,7 +61,8 @@ struct Gap {
 #[derive(Clone, Debug)]
 pub struct ExternalTorques {
     physics: ArmPhysics,
-    watch: Watch,
+    /// Pairs of a link and an object, and pairs of links.
+    watches: [Watch; 2],
     weights: Vec<PartWeight>,
     /// Last evaluation: joint positions, their torques by weight, and the close pairs.
     seen: Vec<f64>,
@@ -79,8 +82,16 @@ impl ExternalTorques {
         let per_volume = if all > 0.0 { physics.mass * physics.felt * GRAVITY / all } else { 0.0 };
         let weight = |(node, at, volume)| PartWeight { node, at, newtons: volume * per_volume };
         let motors = robot.motors.len();
+        let alone = |robot: Robot, objects: Vec<Object>| {
+            let scene = Scene::new(vec![(Arc::new(robot), physics.scene.base(0))], objects);
+            scene.map_or_else(|_| physics.scene.clone(), Arc::new)
+        };
+        // most links are always near each other, and far from all objects
+        let objects = physics.scene.objects().map(|(_, object)| object.as_ref().clone()).collect();
+        let outside = alone(Robot { pairs: NodePairs::default(), ..Robot::clone(robot) }, objects);
+        let inside = alone(Robot::clone(robot), Vec::new());
         Some(ExternalTorques {
-            watch: Watch::new(physics.scene.clone(), TRACKING_DISTANCE_M),
+            watches: [Watch::new(outside, TRACKING_DISTANCE_M), Watch::new(inside, SELF_TRACKING_DISTANCE_M)],
             weights: shapes.into_iter().map(weight).filter(|w| w.newtons > 0.0).collect(),
             seen: vec![0.0; motors],
             weight: vec![0.0; motors],
@@ -103,11 +114,13 @@ impl ExternalTorques {
             let point = frame * inside * nalgebra::Point3::from(w.at);
             skeleton.add_torques(&frames, w.node, &point, &(-Vector3::z() * w.newtons), &mut self.weight);
         }
-        let near = self.watch.update(&[q]);
         let object = |id: ShapeId| matches!(id, ShapeId::Object { .. });
-        let touches = near.iter().filter(|c| object(c.pair.1) || c.distance < 0.0);
-        self.gaps =
-            touches.map(|c| Gap { distance: c.distance, gradient: scene.distance_gradient(0, c, &frames) }).collect();
+        self.gaps.clear();
+        for watch in &mut self.watches {
+            let touches = watch.update(&[q]).iter().filter(|c| object(c.pair.1) || c.distance < 0.0);
+            let gap = |c: &Contact| Gap { distance: c.distance, gradient: scene.distance_gradient(0, c, &frames) };
+            self.gaps.extend(touches.map(gap));
+        }
     }
 
     /// Adds the torques of weight and contacts, N m per joint. Returns the greatest contact force, N.

@@ -145,6 +145,8 @@ pub struct ArmNumbers {
     lead: f64,
     mass: f64,
     compensated: f64,
+    /// Greatest accelerations, deg/s^2; empty if they are not known.
+    acceleration: &'static [f64],
     /// Encoder resolution, deg.
     pub resolution_deg: f64,
     /// Encoder noise, deg.
@@ -176,6 +178,7 @@ const ARM: ArmNumbers = ArmNumbers {
     lead: 0.9,
     mass: 8.0,
     compensated: 1.0,
+    acceleration: &[],
     resolution_deg: 360.0 / 65_536.0,
     noise_deg: 0.001,
     stop: StopRule::Commanded,
@@ -193,13 +196,15 @@ const ICUB: ArmNumbers = ArmNumbers {
     lead: 1.0,
     mass: 8.0,
     compensated: 1.0,
+    acceleration: &[],
     resolution_deg: 0.01,
     noise_deg: 0.005,
     stop: StopRule::Commanded,
     reports: EffortReport::External,
 };
 
-/// MuJoCo Menagerie, franka_emika_panda: gains, force ranges, armature 0.1; link inertia estimated.
+/// MuJoCo Menagerie, franka_emika_panda: gains, force ranges, armature 0.1; link inertia estimated. Accelerations:
+/// the limits of the Franka Control Interface.
 const PANDA: ArmNumbers = ArmNumbers {
     stiffness: &[4500.0, 4500.0, 3500.0, 3500.0, 2000.0],
     damping: &[450.0, 450.0, 350.0, 350.0, 200.0],
@@ -210,6 +215,7 @@ const PANDA: ArmNumbers = ArmNumbers {
     lead: 1.0,
     mass: 16.0,
     compensated: 1.0,
+    acceleration: &[859.0, 429.0, 572.0, 716.0, 859.0, 1145.0],
     resolution_deg: 0.0005,
     noise_deg: 0.0005,
     stop: StopRule::Commanded,
@@ -228,6 +234,7 @@ const UR5: ArmNumbers = ArmNumbers {
     lead: 1.0,
     mass: 18.0,
     compensated: 1.0,
+    acceleration: &[],
     resolution_deg: 0.001,
     noise_deg: 0.001,
     stop: StopRule::Commanded,
@@ -245,6 +252,7 @@ const SO101: ArmNumbers = ArmNumbers {
     lead: 0.0,
     mass: 0.5,
     compensated: 0.0,
+    acceleration: &[],
     resolution_deg: 360.0 / 4096.0,
     noise_deg: 0.0,
     stop: StopRule::Measured,
@@ -287,6 +295,13 @@ impl ArmProfile {
             ArmProfile::Ur5 => Some(UR5),
             ArmProfile::So101 => Some(SO101),
         }
+    }
+}
+
+impl ArmNumbers {
+    /// Greatest acceleration of a joint, by its number from the base, deg/s^2; `None` if it is not known.
+    pub fn acceleration_deg(&self, joint: usize) -> Option<f64> {
+        self.acceleration.get(joint).or(self.acceleration.last()).copied()
     }
 }
 
