@@ -28,6 +28,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
+pub use cached::built;
+pub use improve::{ImproveSettings, improve};
 pub use settings::{read as read_settings, read_table};
 
 /// Maximum size of a map file, bytes.
