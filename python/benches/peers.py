@@ -10,6 +10,7 @@ bound for all calls from Python: `cargo bench -p mobee-python --bench engine`, w
 
 from __future__ import annotations
 
+import importlib
 import resource
 import tempfile
 import threading
@@ -75,9 +76,8 @@ def rate(count: int, call: Callable[[], object]) -> float:
 
 def coal_free(folder: Path) -> tuple[Callable[[np.ndarray], bool], Callable[[np.ndarray], bool]]:
     """Pinocchio with coal: pair by pair, and by the broad phase."""
-    import coal
-    import pinocchio as pin
-
+    coal: Any = importlib.import_module("coal")
+    pin: Any = importlib.import_module("pinocchio")
     model = pin.buildModelFromUrdf(str(folder / "ur5e.urdf"))
     shapes = pin.buildGeomFromUrdf(model, str(folder / "ur5e.urdf"), pin.GeometryType.COLLISION)
     for name, size, at in OBSTACLES:
@@ -113,9 +113,8 @@ def poses(robot: mobee.Robot, scene: mobee.Scene, folder: Path) -> None:
     except ImportError as e:
         print(f"without pin and coal: {e}")
     try:
-        import vamp
-
-        vamp_ur5: Any = vamp.ur5
+        vamp: Any = importlib.import_module("vamp")
+        vamp_ur5 = vamp.ur5
         environment = vamp.Environment()
         for _, size, at in OBSTACLES:
             environment.add_cuboid(vamp.Cuboid(list(at), [0, 0, 0], [edge / 2 for edge in size]))
@@ -130,8 +129,13 @@ def poses(robot: mobee.Robot, scene: mobee.Scene, folder: Path) -> None:
         own = q[0] if count == 1 else batch
         figures = [median(lambda: rate(count, lambda: scene.free(own)))]
         # a loop over a million takes as long per pose as one over ten thousand
-        figures += [median(lambda one=one: rate(min(count, 10_000), in_a_loop(one, batch[:10_000]))) for one in peers.values()]
+        some = batch[:10_000]
+        figures += [of_peer(one, some) for one in peers.values()]
         print(f"{count:>9} {figures[0]:>10.0f}/s" + "".join(f"{figure:>26.0f}/s" for figure in figures[1:]))
+
+
+def of_peer(one: Callable[[np.ndarray], bool], q: np.ndarray) -> float:
+    return median(lambda: rate(len(q), in_a_loop(one, q)))
 
 
 def median(measure: Callable[[], float]) -> float:

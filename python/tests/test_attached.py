@@ -21,10 +21,10 @@ def carrying(touch: list[str] = WRIST, **pose: object) -> mobee.World:
 
 
 def along_link(at: float = 0.3) -> np.ndarray:
-    """The rod lengthens the flange, whose axis is x."""
+    """The rod lengthens the flange, whose axis is y in a frame of a robot file."""
     pose = np.eye(4)
-    pose[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
-    pose[0, 3] = at
+    pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+    pose[1, 3] = at
     return pose
 
 
@@ -78,12 +78,16 @@ def test_it_is_put_down_where_one_says(ur5: mobee.Robot) -> None:
     with pytest.raises(mobee.MobeeError, match="attached to ee_link") as error:
         world.move("rod", position=(1, 1, 1))
     assert error.value.code == "attached"
-    at = ur5.fk(REST, LINK) @ along_link()
-    scene = mobee.Scene(ur5, world)
+    at = ur5.fk(REST + 0.5, LINK) @ along_link()
+    carried = mobee.Scene(ur5, world)
     world.detach("rod", at)
     assert world.attached == {}
-    lying = mobee.Scene(ur5, world)
-    assert scene.free(REST) and not lying.free(REST + 0.01) == scene.free(REST + 0.01)
+    added = mobee.World()
+    added.add("floor", mobee.Box((4, 4, 0.1)), position=(0, 0, -0.3))
+    added.add("rod", mobee.Box((0.04, 0.04, 0.5)), at)
+    q = np.random.default_rng(3).uniform(ur5.lower, ur5.upper, (2000, ur5.dof))
+    free = mobee.Scene(ur5, world).free(q)
+    assert np.array_equal(free, mobee.Scene(ur5, added).free(q)) and not np.array_equal(free, carried.free(q))
     with pytest.raises(mobee.MobeeError, match="not attached"):
         world.detach("rod")
 

@@ -61,14 +61,14 @@ def test_a_map_outlives_its_file(roadmap: mobee.Roadmap, ur5: mobee.Robot, rail:
     roadmap.save(file)
     read = mobee.Roadmap.load(file, ur5)
     assert np.allclose(read.q, roadmap.q, atol=1e-8) and np.array_equal(read.edges, roadmap.edges)
-    assert read.free is not None and np.array_equal(read.free, roadmap.free)
+    assert read.free is not None and roadmap.free is not None and np.array_equal(read.free, roadmap.free)
     with pytest.raises(mobee.MobeeError, match="exists already"):
         roadmap.save(file)
     with pytest.raises(mobee.MobeeError) as error:
         mobee.Roadmap.load(file, rail)
     assert error.value.code == "file" and str(file) in (error.value.place or "")
     file.write_text(file.read_text()[:-200])
-    with pytest.raises(mobee.MobeeError, match="") as error:
+    with pytest.raises(mobee.MobeeError) as error:
         mobee.Roadmap.load(file, ur5)
     assert error.value.code == "file"
 
@@ -88,7 +88,7 @@ def test_the_map_of_a_table_is_built(repository: Path) -> None:
     assert valid.free is not None and valid.free.any()
     with pytest.raises(mobee.MobeeError) as error:
         mobee.Roadmap.build(settings, set=["vertices=0"])
-    assert error.value.code == "config" and "table.toml" in (error.value.place or "") + error.value.message
+    assert error.value.code == "config" and "vertices" in error.value.message
 
 
 def test_what_is_no_vertex_and_what_has_no_verdicts(roadmap: mobee.Roadmap, ur5: mobee.Robot, rail: mobee.Robot) -> None:

@@ -85,7 +85,7 @@ def test_a_detector_gets_frames_and_its_regions_are_in_the_journal(out: Out) -> 
     assert run.ok and run.check() and run.errors == []
     assert run.journal[0]["config"]["sensor"][0]["eye"][0]["detector"]["kind"] == "python"
     seen = [event for event in run.journal.of("sighted") if event["camera"] == "eyes/left"]
-    assert 20 <= len(seen) <= 30 == round(3 * 10) and len(seen) == len(left.frames)
+    assert 20 <= len(seen) <= 31 and len(seen) == len(left.frames), "ten a second, for three seconds"
     assert any(event["regions"] for event in seen), "the cup is in view"
     frame = left.frames[0]
     assert frame.camera == "eyes/left" and {f.camera for f in right.frames} == {"eyes/right"}
@@ -95,7 +95,7 @@ def test_a_detector_gets_frames_and_its_regions_are_in_the_journal(out: Out) -> 
     assert frame.intrinsics.matrix.shape == (3, 3) and frame.intrinsics.focal[0] > 0
     # each frame is exposed at the camera's period, and its regions come `takes` later
     assert np.allclose(np.diff([f.at for f in left.frames]), 0.1, atol=0.021)
-    assert all(event.at - event["exposed"] >= 0.03 - 1e-9 for event in seen)
+    assert all(event.at - event["exposed"] * 1e-9 >= 0.03 - 1e-9 for event in seen)
 
 
 def test_a_locator_gets_sightings_and_the_robot_at_the_exposure(out: Out) -> None:
@@ -137,7 +137,7 @@ def test_what_a_detector_takes_passes_in_virtual_time(out: Out) -> None:
     run = look(out, detectors={"eyes/left": Slow})
     at = [event for event in run.journal.of("sighted") if event["camera"] == "eyes/left"]
     assert 10 <= len(at) <= 13, "four frames a second, of ten"
-    assert all(event.at - event["exposed"] >= 0.25 - 1e-9 for event in at)
+    assert all(event.at - event["exposed"] * 1e-9 >= 0.25 - 1e-9 for event in at)
 
 
 class Broken(Orange):
@@ -205,10 +205,10 @@ def test_what_a_detector_must_not_return(out: Out, answer: Any, words: str) -> N
 
 
 def test_names_that_are_not_in_the_file_are_refused(out: Out) -> None:
-    with pytest.raises(mobee.MobeeError, match="no camera 'eyes/middle'") as error:
+    with pytest.raises(mobee.MobeeError, match='no camera "eyes/middle"') as error:
         look(out, detectors={"eyes/middle": Orange})
-    assert error.value.code == "unknown" and error.value.place == "detectors"
-    with pytest.raises(mobee.MobeeError, match="no sensor 'ears'"):
+    assert error.value.code == "unknown" and error.value.place == "detectors" and "eyes/left" in (error.value.remedy or "")
+    with pytest.raises(mobee.MobeeError, match='no sensor "ears"'):
         look(out, locators={"ears": OnTable})
     with pytest.raises(mobee.MobeeError, match="detector of eyes is int"):
         look(out, detectors={"eyes": 3})

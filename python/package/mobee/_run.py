@@ -385,7 +385,8 @@ def _conduct(
     ours += tuple(f"{key}/" for key in (*senses[0], *senses[1]))
     if ours:
         for event in done.journal.of("died"):
-            if str(event["actor"]).startswith(ours):
+            actor = str(event["actor"])
+            if actor.startswith(ours) and not actor.endswith("/sensor"):
                 last = _last(str(event["reason"]))
                 text = f"{event['actor']} died at {event.at:.3f} s: {last} (its traceback: Run.errors)"
                 warnings.warn(text, MobeeWarning, stacklevel=3)
