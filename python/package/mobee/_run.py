@@ -381,12 +381,12 @@ def _conduct(
     for event in done.journal.of("warning") if drivers else []:
         if _TRACEBACK in (text := str(event["text"])):
             warnings.warn(f"a driver failed at {event.at:.3f} s: {_last(text)} (its traceback: Run.errors)", MobeeWarning, stacklevel=3)
-    ours = tuple(f"{robot}/agent" for robot in given)
-    ours += tuple(f"{key}/" for key in (*senses[0], *senses[1]))
-    if ours:
+    agents_here = {f"{robot}/agent" for robot in given}
+    senses_here = tuple(f"{key}/" for key in (*senses[0], *senses[1]))
+    if agents_here or senses_here:
         for event in done.journal.of("died"):
             actor = str(event["actor"])
-            if actor.startswith(ours) and not actor.endswith("/sensor"):
+            if actor in agents_here or (actor.startswith(senses_here) and actor.endswith(("/detector", "/locator"))):
                 last = _last(str(event["reason"]))
                 text = f"{event['actor']} died at {event.at:.3f} s: {last} (its traceback: Run.errors)"
                 warnings.warn(text, MobeeWarning, stacklevel=3)
